@@ -1,0 +1,77 @@
+"""Poses and axis-aligned boxes in the plane: metres and radians, x to the right, y up."""
+
+import math
+from typing import NamedTuple, Self
+
+
+def wrap_angle(angle_rad: float) -> float:
+    """The same direction within [-pi, pi), radians."""
+    return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
+
+
+class Pose2D(NamedTuple):
+    """Where a frame's origin lies in a parent frame and which way its x axis points."""
+
+    x: float
+    """metres"""
+    y: float
+    """metres"""
+    yaw: float
+    """radians, counter-clockwise from the parent's x axis"""
+
+    def compose(self, local: "Pose2D") -> "Pose2D":
+        """``local``, given in this pose's frame, in the parent frame; its yaw is not wrapped."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return Pose2D(
+            self.x + c * local.x - s * local.y, self.y + s * local.x + c * local.y, self.yaw + local.yaw
+        )
+
+    def inverse(self) -> "Pose2D":
+        """The parent's pose in this frame."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return Pose2D(-c * self.x - s * self.y, s * self.x - c * self.y, -self.yaw)
+
+    def distance_to(self, other: "Pose2D") -> float:
+        """The distance between the two origins, metres."""
+        return math.hypot(other.x - self.x, other.y - self.y)
+
+
+class Box(NamedTuple):
+    """An axis-aligned rectangle, metres, ``x_min <= x < x_max`` and ``y_min <= y < y_max``."""
+
+    x_min: float
+    y_min: float
+    x_max: float
+    y_max: float
+
+    @classmethod
+    def square(cls, x: float, y: float, side_m: float) -> Self:
+        """The square of side ``side_m`` centred on (x, y)."""
+        half = side_m / 2.0
+        return cls(x - half, y - half, x + half, y + half)
+
+    @property
+    def area(self) -> float:
+        """Square metres; 0 for an empty box."""
+        return max(0.0, self.x_max - self.x_min) * max(0.0, self.y_max - self.y_min)
+
+    @property
+    def center(self) -> tuple[float, float]:
+        """(x, y) of the middle, metres."""
+        return (self.x_min + self.x_max) / 2.0, (self.y_min + self.y_max) / 2.0
+
+    def intersection_area(self, other: "Box") -> float:
+        """The area both cover, square metres; 0 when they share an edge or nothing."""
+        width = min(self.x_max, other.x_max) - max(self.x_min, other.x_min)
+        height = min(self.y_max, other.y_max) - max(self.y_min, other.y_min)
+        return width * height if width > 0.0 and height > 0.0 else 0.0
+
+    def distance_to_point(self, x: float, y: float) -> float:
+        """From (x, y) to the nearest point of the box, metres; 0 inside."""
+        return math.hypot(max(self.x_min - x, 0.0, x - self.x_max), max(self.y_min - y, 0.0, y - self.y_max))
+
+    def shrunk(self, margin_m: float) -> "Box":
+        """This box with ``margin_m`` taken off every side, never past its own centre."""
+        dx = min(margin_m, (self.x_max - self.x_min) / 2.0)
+        dy = min(margin_m, (self.y_max - self.y_min) / 2.0)
+        return Box(self.x_min + dx, self.y_min + dy, self.x_max - dx, self.y_max - dy)
