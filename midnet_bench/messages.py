@@ -1,0 +1,69 @@
+"""What a robot's sensors say, in the shape of the ROS messages of the same names."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.geometry import Pose2D
+
+
+@dataclass(frozen=True)
+class LidarGeometry:
+    """How a planar LiDAR's beams leave its axis; all of one scan at one instant."""
+
+    beams: int
+    angle_min_rad: float
+    angle_increment_rad: float
+    range_min_m: float
+    range_max_m: float
+    mount: Pose2D
+    """the sensor in the robot's base frame"""
+
+    @property
+    def angles_rad(self) -> npt.NDArray[np.float64]:
+        """(beams,) direction of each beam in the sensor frame, radians."""
+        return self.angle_min_rad + self.angle_increment_rad * np.arange(self.beams)
+
+
+class Odometry(NamedTuple):
+    """nav_msgs/Odometry in the plane: pose in the odom frame, velocities in the body frame."""
+
+    pose: Pose2D
+    linear_mps: float
+    angular_radps: float
+
+
+class Imu(NamedTuple):
+    """sensor_msgs/Imu in the plane."""
+
+    yaw_rad: float
+    yaw_rate_radps: float
+    acceleration_x_mps2: float
+
+
+class Command(NamedTuple):
+    """geometry_msgs/Twist in the plane, body frame."""
+
+    linear_mps: float
+    angular_radps: float
+
+
+STOP = Command(0.0, 0.0)
+
+
+def burger_lds_01() -> LidarGeometry:
+    """The LDS-01 on a TurtleBot3 Burger: 360 beams one degree apart, 0.12 to 3.5 m, 32 mm behind the axle.
+
+    The spacing is the driver's 2 pi / 360; Gazebo's last beam repeats its first (turtlebot3 facts).
+    """
+    return LidarGeometry(
+        beams=360,
+        angle_min_rad=0.0,
+        angle_increment_rad=2.0 * math.pi / 360,
+        range_min_m=0.12,
+        range_max_m=3.5,
+        mount=Pose2D(-0.032, 0.0, 0.0),
+    )
