@@ -1,0 +1,30 @@
+"""The experiments by name: the parameters each one takes and the function that runs one trial of it."""
+
+from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.experiments.parameters import DetectionParameters, GuardParameters, LabyrinthParameters
+from midnet_bench.experiments.trial import TrialResult, TrialSpec
+
+_PARAMETERS: dict[str, type[GuardParameters]] = {
+    "detection": DetectionParameters,
+    "labyrinth": LabyrinthParameters,
+}
+
+
+def parameters_model(experiment: str) -> type[GuardParameters]:
+    """The pydantic model of an experiment's parameters. Raises InputError on an unknown name."""
+    if experiment not in _PARAMETERS:
+        raise InputError(f"experiment: unknown name '{experiment}'{nearest_name(experiment, _PARAMETERS)}")
+    return _PARAMETERS[experiment]
+
+
+def run_trial(spec: TrialSpec) -> TrialResult:
+    """The tables of one trial, a pure function of ``spec``. Imports the simulator on first use."""
+    parameters = parameters_model(spec.experiment).model_validate(dict(spec.parameters))
+    if isinstance(parameters, DetectionParameters):
+        from midnet_bench.experiments.detection import run_detection
+
+        return run_detection(parameters, spec.seed)
+    from midnet_bench.experiments.labyrinth import run_labyrinth
+
+    assert isinstance(parameters, LabyrinthParameters)
+    return run_labyrinth(parameters, spec.seed)
