@@ -22,7 +22,7 @@ class GuardParameters(Spec):
     odometry: Literal["world", "encoder"] = Field("world", description="exact, or wheels that slip")
     lidar_noise: Literal["gazebo", "datasheet", "none"] = Field("gazebo", description="LDS-01 range noise")
     robot_profile: Literal["urdf", "disc"] = Field(
-        "urdf", description="what a beam sees of a Burger; item 28"
+        "urdf", description="what beams see of a Burger; item 28"
     )
 
     thresh_local: int = Field(99, ge=1, le=100, description="Eq. 1 on the local costmap; item 1")

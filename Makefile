@@ -1,0 +1,43 @@
+# Two commands on a fresh machine: `make detection` prints the paper's table, `make test` passes the tests.
+
+# PyBullet's newest ready wheels are for CPython 3.11, so that one is taken where it is installed.
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+BIN := .venv/bin
+RUN := $(BIN)/midnet-bench
+export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: detection labyrinth smoke test lint bench clean
+
+detection: .venv/ready
+	$(RUN) detection
+
+labyrinth: .venv/ready
+	$(RUN) labyrinth --trials 20
+
+smoke: .venv/ready
+	$(RUN) smoke
+
+test: .venv/ready
+	$(BIN)/pytest
+
+lint: .venv/ready
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: .venv/ready
+	$(BIN)/python -m benchmarks
+
+clean:
+	rm -rf .venv build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+.venv/ready: pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
+	sys.exit(0 if v == (3, 11) else "midnet-bench simulates with PyBullet, whose ready wheels are for Python 3.11, and \
+	this is Python %d.%d: install 3.11, or name it: make PYTHON=/path/to/python3.11" % v)'
+	@echo "setting up .venv (about a minute) ..."
+	@$(PYTHON) -m venv .venv
+	@$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@touch $@

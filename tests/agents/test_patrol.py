@@ -1,0 +1,73 @@
+import math
+
+import numpy as np
+import pytest
+
+from midnet_bench.agents.patrol import Patrol, points_clear_of_walls, safe_distance
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.rng import stream
+
+
+def room(side_m: float) -> OccupancyGrid:
+    cells = round(side_m / 0.05)
+    data = np.zeros((cells, cells), np.int8)
+    data[[0, -1], :] = 100
+    data[:, [0, -1]] = 100
+    return OccupancyGrid(data, 0.05, (-side_m / 2, -side_m / 2))
+
+
+def points(side_m: float = 6.0) -> np.ndarray:
+    grid = room(side_m)
+    return points_clear_of_walls(grid, np.ones(grid.data.shape, bool))
+
+
+@pytest.mark.parametrize(
+    ("diagonal_m", "robots", "z_m"),
+    [(20 * math.sqrt(2), 1, 14.14), (20 * math.sqrt(2), 5, 2.83), (6 * math.sqrt(2), 1, 4.24)],
+)
+def test_z_is_equation_12(diagonal_m: float, robots: int, z_m: float) -> None:
+    assert safe_distance(diagonal_m, robots) == pytest.approx(z_m, abs=0.005)
+
+
+def test_points_keep_forty_centimetres_from_occupied_cells() -> None:
+    drawn = points()
+    assert np.abs(drawn).max() <= 3.0 - 0.025 - 0.4 + 1e-9
+    assert np.abs(drawn).max() > 3.0 - 0.025 - 0.4 - 0.05
+
+
+def test_unreachable_cells_are_no_patrol_points() -> None:
+    grid = room(6.0)
+    reachable = np.zeros(grid.data.shape, bool)
+    reachable[:, :60] = True
+    assert points_clear_of_walls(grid, reachable)[:, 0].max() < 0.0
+
+
+def test_conditions_hold_when_they_can_be_met() -> None:
+    patrol = Patrol(points(), safe_distance(6 * math.sqrt(2), 5), stream(1, "patrol"))
+    others = [(1.0, 1.0), (-1.5, 0.5), (0.0, -2.0)]
+    for _ in range(50):
+        goal = patrol.next_point((2.0, 2.0), others)
+        assert min(math.dist(goal, other) for other in [(2.0, 2.0), *others]) >= patrol.z_m
+    assert patrol.relaxations == 0
+
+
+def test_one_robot_at_the_centre_has_no_goal_until_z_is_relaxed() -> None:
+    patrol = Patrol(points(), safe_distance(6 * math.sqrt(2), 1), stream(1, "patrol"))
+    goal = patrol.next_point((0.0, 0.0), [])
+    # 4.24 m is past the farthest corner (3.64 m): two shrinkings make 3.44 m
+    assert patrol.relaxations >= 2
+    assert math.hypot(*goal) >= patrol.z_m * 0.9**patrol.relaxations
+
+
+def test_a_crowd_that_leaves_no_room_still_gets_a_goal() -> None:
+    crowd = [(x, y) for x in np.arange(-3, 3, 0.2) for y in np.arange(-3, 3, 0.2)]
+    assert Patrol(points(), 2.0, stream(1, "patrol")).next_point((0.0, 0.0), crowd)
+
+
+def test_the_seed_decides_the_points() -> None:
+    def drawn(seed: int) -> list[tuple[float, float]]:
+        patrol = Patrol(points(), 1.0, stream(seed, "patrol"))
+        return [patrol.next_point((0.0, 0.0), []) for _ in range(5)]
+
+    assert drawn(1) == drawn(1)
+    assert drawn(1) != drawn(2)
