@@ -7,9 +7,13 @@ from collections.abc import Iterable
 class MidnetBenchError(Exception):
     """A failure that its message explains in full: what happened, where, and what to do next."""
 
+    exit_code = 1
+
 
 class InputError(MidnetBenchError):
-    """What the user gave cannot be used (exit code 2). The message names the file and the key."""
+    """What the user gave cannot be used. The message names the file and the key."""
+
+    exit_code = 2
 
 
 def nearest_name(name: str, valid: Iterable[str]) -> str:
