@@ -1,0 +1,1 @@
+"""Where a robot believes it is."""

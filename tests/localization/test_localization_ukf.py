@@ -1,0 +1,229 @@
+import functools
+import math
+
+import numpy as np
+import pytest
+
+from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
+from midnet_bench.messages import Imu, Odometry
+from midnet_bench.rng import stream
+
+DT_S = 0.1
+SUBSTEPS = 10
+
+
+def drive(commands):
+    """(pose, v, w) at the end of each 0.1 s step of a robot whose velocities ramp at 1 m/s2 and 3 rad/s2."""
+    pose, v, w = Pose2D(0.0, 0.0, 0.0), 0.0, 0.0
+    dt = DT_S / SUBSTEPS
+    for v_goal, w_goal in commands:
+        for _ in range(SUBSTEPS):
+            v += float(np.clip(v_goal - v, -1.0 * dt, 1.0 * dt))
+            w += float(np.clip(w_goal - w, -3.0 * dt, 3.0 * dt))
+            middle = pose.yaw + 0.5 * w * dt
+            pose = Pose2D(
+                pose.x + v * dt * math.cos(middle), pose.y + v * dt * math.sin(middle), pose.yaw + w * dt
+            )
+        yield pose, v, w
+
+
+@functools.cache
+def driven_square(laps):
+    """The truth of squares of 2 m: straight on, stop, a quarter turn on the spot."""
+    side = [(0.2, 0.0)] * 100 + [(0.0, 0.0)] * 5
+    turn = [(0.0, math.pi / 4.0)] * 20 + [(0.0, 0.0)] * 5
+    return tuple(drive((side + turn) * 4 * laps))
+
+
+class SlippingWheels:
+    """Odometry that integrates two wheels, each with a fixed scale error and noise of its own."""
+
+    SEPARATION_M = 0.16
+
+    def __init__(self, rng):
+        self.rng = rng
+        self.scale = 1.0 + rng.normal(0.0, 0.02, size=2)
+        self.pose = Pose2D(0.0, 0.0, 0.0)
+
+    def read(self, v, w):
+        half = 0.5 * self.SEPARATION_M
+        rims = np.array([v - half * w, v + half * w])
+        left, right = rims * self.scale * (1.0 + self.rng.normal(0.0, 0.05, size=2))
+        v_read, w_read = float(left + right) / 2.0, float(right - left) / self.SEPARATION_M
+        step = Pose2D(v_read * DT_S, 0.0, w_read * DT_S)
+        self.pose = self.pose.compose(step)
+        return Odometry(self.pose, v_read, w_read)
+
+
+def noisy_imu(pose, w, rng):
+    return Imu(wrap_angle(pose.yaw + rng.normal(0.0, 0.005)), w + rng.normal(0.0, 0.002), 0.0)
+
+
+def exact(pose, v, w):
+    return Odometry(pose, v, w), Imu(wrap_angle(pose.yaw), w, 0.0)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_error_is_under_half_of_raw_odometrys_on_a_driven_square(seed):
+    rng = stream(seed, "slip")
+    wheels = SlippingWheels(rng)
+    ukf = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings.for_odometry("encoder"))
+    filtered, raw = [], []
+    for truth, v, w in driven_square(laps=3):
+        odometry = wheels.read(v, w)
+        filtered.append(ukf.step(odometry, noisy_imu(truth, w, rng), DT_S).distance_to(truth))
+        raw.append(odometry.pose.distance_to(truth))
+    rms_filtered, rms_raw = (math.sqrt(np.mean(np.square(errors))) for errors in (filtered, raw))
+    assert rms_raw > 0.05
+    assert rms_filtered < 0.5 * rms_raw
+
+
+@pytest.mark.parametrize("source", ["world", "encoder"])
+def test_noise_free_messages_lead_along_the_truth(source):
+    ukf = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings.for_odometry(source))
+    for truth, v, w in driven_square(laps=5):
+        estimate = ukf.step(*exact(truth, v, w), DT_S)
+        assert estimate.distance_to(truth) < 0.006
+        assert abs(wrap_angle(estimate.yaw - truth.yaw)) < 1e-3
+    assert ukf.velocity == pytest.approx((v, w), abs=1e-3)
+
+
+def test_a_moving_robot_is_not_left_half_a_step_behind():
+    ukf = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings())
+    for truth, v, w in drive([(0.22, 0.0)] * 50):
+        estimate = ukf.step(*exact(truth, v, w), DT_S)
+    assert abs(estimate.x - truth.x) < 0.002  # half a step is 0.011
+
+
+def test_an_hour_of_driving_stays_finite_and_positive_definite():
+    rng = stream(7, "hour")
+    wheels = SlippingWheels(rng)
+    ukf = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings.for_odometry("encoder"))
+    v = w = yaw = 0.0
+    for step in range(36_000):
+        if step % 50 == 0:
+            v, w = float(rng.uniform(-0.1, 0.22)), float(rng.uniform(-1.5, 1.5))
+        yaw += w * DT_S
+        ukf.step(wheels.read(v, w), noisy_imu(Pose2D(0.0, 0.0, yaw), w, rng), DT_S)
+        if step % 20 == 0:
+            assert np.linalg.eigvalsh(ukf.covariance)[0] > 0.0
+    assert np.all(np.isfinite(ukf.pose))
+    assert np.all(np.isfinite(ukf.velocity))
+    assert -math.pi <= ukf.pose.yaw < math.pi
+    assert abs(wrap_angle(ukf.pose.yaw - yaw)) < 0.05
+
+
+class PlainUkf:
+    """The unscented transform and the textbook correction written out, with the two yaw rates kept apart."""
+
+    def __init__(self, x, variance, alpha, beta, kappa):
+        self.x, self.P = np.array(x), variance * np.eye(6)
+        lam = alpha**2 * (6 + kappa) - 6
+        self.spread = 6 + lam
+        self.mean_weights = np.full(13, 0.5 / self.spread)
+        self.cov_weights = self.mean_weights.copy()
+        self.mean_weights[0] = lam / self.spread
+        self.cov_weights[0] = lam / self.spread + 1.0 - alpha**2 + beta
+
+    def points(self):
+        root = np.linalg.cholesky(self.spread * self.P)
+        return [self.x, *(self.x + root[:, k] for k in range(6)), *(self.x - root[:, k] for k in range(6))]
+
+    def moments(self, points):
+        mean = sum(w * p for w, p in zip(self.mean_weights, points, strict=True))
+        return mean, [p - mean for p in points]
+
+    def predict(self, dt, rates):
+        yaw = self.x[2]
+        moved = []
+        for x, y, th, vx, vy, om in self.points():
+            rotation = np.array([[math.cos(th), -math.sin(th)], [math.sin(th), math.cos(th)]])
+            moved.append(np.array([*([x, y] + rotation @ [vx, vy] * dt), th + om * dt, vx, vy, om]))
+        self.x, deviations = self.moments(moved)
+        self.P = sum(w * np.outer(d, d) for w, d in zip(self.cov_weights, deviations, strict=True))
+        turn = np.eye(3)
+        turn[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
+        reach = np.vstack((0.5 * dt * turn, np.eye(3)))
+        self.P += reach @ np.diag(rates[3:]) @ reach.T * dt + np.diag([*rates[:3], 0.0, 0.0, 0.0]) * dt
+
+    def correct(self, z, R, picks):
+        points = self.points()
+        _, deviations = self.moments(points)
+        mean_z, deviations_z = self.moments([p[picks] for p in points])
+        S = R + sum(w * np.outer(d, d) for w, d in zip(self.cov_weights, deviations_z, strict=True))
+        cross = sum(
+            w * np.outer(d, e) for w, d, e in zip(self.cov_weights, deviations, deviations_z, strict=True)
+        )
+        gain = np.linalg.solve(S, cross.T).T
+        self.x = self.x + gain @ (np.array(z) - mean_z)
+        self.P = self.P - gain @ S @ gain.T
+
+
+def test_steps_agree_with_a_plain_filter_that_fuses_message_by_message():
+    settings = UkfSettings(
+        twist_variance=(4e-4, 1e-4, 1e-2), imu_yaw_variance=1e-4, imu_yaw_rate_variance=1e-3
+    )
+    ukf = PlanarUkf(Pose2D(1.0, -2.0, 0.5), settings)
+    plain = PlainUkf([1.0, -2.0, 0.5, 0.0, 0.0, 0.0], settings.initial_variance, 1.0, 2.0, 0.0)
+    rng = stream(0, "steps")
+    yaw = 0.5
+    for _ in range(12):
+        v, w, gyro = rng.uniform(-0.2, 0.2), rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0)
+        yaw += w * DT_S
+        ukf.step(Odometry(Pose2D(9.0, 9.0, 9.0), v, w), Imu(yaw, gyro, 0.0), DT_S)
+        plain.predict(DT_S, settings.process_noise)
+        plain.correct([v, 0.0, w], np.diag(settings.twist_variance), [3, 4, 5])
+        plain.correct([yaw, gyro], np.diag([1e-4, 1e-3]), [2, 5])
+        np.testing.assert_allclose([*ukf.pose], [*plain.x[:2], wrap_angle(plain.x[2])], atol=1e-9)
+        np.testing.assert_allclose(ukf.velocity, plain.x[[3, 5]], atol=1e-9)
+        np.testing.assert_allclose(ukf.covariance, plain.P, atol=1e-9)
+
+    covariance = np.array([[0.01, 0.002, 0.0], [0.002, 0.02, 0.001], [0.0, 0.001, 0.005]])
+    measured = Pose2D(1.3, -1.8, yaw + 0.1 + 4.0 * math.pi)
+    corrected = ukf.correct_pose(measured, covariance)
+    plain.correct([1.3, -1.8, yaw + 0.1], covariance, [0, 1, 2])
+    np.testing.assert_allclose([*corrected], [*plain.x[:2], wrap_angle(plain.x[2])], atol=1e-9)
+    np.testing.assert_allclose(ukf.covariance, plain.P, atol=1e-9)
+
+
+def test_the_packages_small_alpha_gives_the_same_estimates():
+    ours = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings.for_odometry("encoder"))
+    theirs = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings(twist_variance=(4e-4, 1e-4, 1e-2), alpha=0.001))
+    for truth, v, w in driven_square(laps=1):
+        messages = exact(truth, v, w)
+        assert ours.step(*messages, DT_S).distance_to(theirs.step(*messages, DT_S)) < 1e-4
+
+
+def test_heading_stays_with_the_imu_through_many_turns():
+    ukf = PlanarUkf(Pose2D(0.0, 0.0, 3.0), UkfSettings())
+    yaw = 3.0
+    for _ in range(300):
+        yaw += 2.0 * DT_S
+        pose = ukf.step(Odometry(Pose2D(0.0, 0.0, 0.0), 0.0, 2.0), Imu(wrap_angle(yaw), 2.0, 0.0), DT_S)
+        assert abs(wrap_angle(pose.yaw - yaw)) < 0.01
+        assert -math.pi <= pose.yaw < math.pi
+
+
+def test_a_firm_pose_correction_takes_over_and_a_vague_one_does_not():
+    ukf = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings())
+    for _ in range(50):
+        ukf.step(Odometry(Pose2D(0.0, 0.0, 0.0), 0.0, 0.0), Imu(0.0, 0.0, 0.0), DT_S)
+    assert ukf.correct_pose(Pose2D(0.3, 0.0, 0.0), 1e6 * np.eye(3)).x == pytest.approx(0.0, abs=1e-3)
+    assert ukf.correct_pose(Pose2D(0.3, -0.2, 0.0), 1e-8 * np.eye(3))[:2] == pytest.approx(
+        (0.3, -0.2), abs=1e-3
+    )
+    assert np.linalg.eigvalsh(ukf.covariance)[0] > 0.0
+
+
+def test_the_covariance_handed_out_is_a_copy():
+    ukf = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings())
+    ukf.covariance[:] = -1.0
+    assert np.linalg.eigvalsh(ukf.covariance)[0] > 0.0
+
+
+@pytest.mark.parametrize("dt_s", [0.0, -0.1, math.nan])
+def test_time_must_go_forward(dt_s):
+    ukf = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings())
+    with pytest.raises(ValueError, match="dt_s"):
+        ukf.step(Odometry(Pose2D(0.0, 0.0, 0.0), 0.0, 0.0), Imu(0.0, 0.0, 0.0), dt_s)
