@@ -1,0 +1,1 @@
+"""Arenas, TurtleBot3 Burgers and their sensors in PyBullet."""
