@@ -1,0 +1,135 @@
+"""Section IV.B.1: the part of the prior map that a robot's local grid covers.
+
+Grids have row 0 at the lowest y, so the paper's left-top corner is the lowest x and y (item 17). Its
+H and h are the extents in y (item 13). Lattices are compared by whole cells; a local grid that lies a
+fraction of a cell off is shifted by up to one cell, and the fatter prior map has to cover that.
+"""
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OccupancyGrid
+
+Align = Literal["floor", "origin"]
+
+# saved maps round their resolution to six decimals, ROS messages to 32 bits
+RESOLUTION_TOLERANCE = 1e-4
+
+
+class Window(NamedTuple):
+    """Where the local grid lies on the prior map, in its cells; half-open, and may reach outside."""
+
+    x1: int
+    y1: int
+    x2: int
+    y2: int
+
+
+class Crop(NamedTuple):
+    """Half-open ranges of cells, equal in size, of the local grid and of the prior map; all 0 if empty."""
+
+    x1_lmap: int
+    y1_lmap: int
+    x2_lmap: int
+    y2_lmap: int
+    x1_gmap: int
+    y1_gmap: int
+    x2_gmap: int
+    y2_gmap: int
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the window has no cell on the prior map."""
+        return self.x1_lmap == self.x2_lmap
+
+    def of_local(self, data: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+        """The covered part of the local grid, a view."""
+        return data[self.y1_lmap : self.y2_lmap, self.x1_lmap : self.x2_lmap]
+
+    def of_prior(self, data: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+        """The covered part of the prior map, a view."""
+        return data[self.y1_gmap : self.y2_gmap, self.x1_gmap : self.x2_gmap]
+
+
+EMPTY_CROP = Crop(0, 0, 0, 0, 0, 0, 0, 0)
+
+
+def robot_cell(pose: Pose2D, prior: OccupancyGrid) -> tuple[int, int]:
+    """(x_c, y_c) of Eq. 4: the (column, row) of the prior map where the robot is, by floor (item 16)."""
+    return prior.cell_at(pose.x, pose.y)
+
+
+def window_around(cell: tuple[int, int], width: int, height: int) -> Window:
+    """The window of Eqs. 2 and 3, ``width`` x ``height`` cells about the robot's cell.
+
+    Half of an odd size is rounded down: [c - w // 2, c - w // 2 + w) (item 16).
+    """
+    x1 = cell[0] - width // 2
+    y1 = cell[1] - height // 2
+    return Window(x1, y1, x1 + width, y1 + height)
+
+
+def window_at_origin(costmap: OccupancyGrid, prior: OccupancyGrid) -> Window:
+    """The window by the costmap's own origin, to the nearest cell of the prior map.
+
+    costmap_2d keeps the robot up to two cells off the window's middle, since its window moves by
+    whole cells and lags; this window is where the costmap says it is, not where Eqs. 2 and 3 put it.
+    """
+    x1 = math.floor((costmap.origin[0] - prior.origin[0]) / prior.resolution + 0.5)
+    y1 = math.floor((costmap.origin[1] - prior.origin[1]) / prior.resolution + 0.5)
+    return Window(x1, y1, x1 + costmap.width, y1 + costmap.height)
+
+
+def cropping_coordinates(window: Window, prior_width: int, prior_height: int) -> Crop:
+    """Algorithm 1, Find Cropping Coordinates: what the window and the prior map have in common.
+
+    The algorithm sets only coordinates that are out of bounds; the others start as the whole local
+    grid and the whole window (item 14). A window wholly outside gives an empty crop (item 15).
+    """
+    width, height = window.x2 - window.x1, window.y2 - window.y1
+    x1_lmap, y1_lmap, x2_lmap, y2_lmap = 0, 0, width, height
+    x1_gmap, y1_gmap, x2_gmap, y2_gmap = window
+    if window.x1 < 0:
+        x1_lmap = abs(window.x1)
+        x1_gmap = 0
+    if window.y1 < 0:
+        y1_lmap = abs(window.y1)
+        y1_gmap = 0
+    if window.x2 > prior_width:
+        x2_lmap = width - (window.x2 - prior_width)
+        x2_gmap = prior_width
+    if window.y2 > prior_height:
+        y2_lmap = height - (window.y2 - prior_height)
+        y2_gmap = prior_height
+    if x1_lmap >= x2_lmap or y1_lmap >= y2_lmap:
+        return EMPTY_CROP
+    return Crop(x1_lmap, y1_lmap, x2_lmap, y2_lmap, x1_gmap, y1_gmap, x2_gmap, y2_gmap)
+
+
+def crop_to_prior(costmap: OccupancyGrid, prior: OccupancyGrid, pose: Pose2D, align: Align = "floor") -> Crop:
+    """Section IV.B.1 in full: the cells that the local grid and the prior map have in common.
+
+    Args:
+        costmap: the local grid; only its place and shape matter here.
+        prior: the prior map.
+        pose: of the robot, map frame.
+        align: ``floor``, Eqs. 2 to 4 from the pose; ``origin``, from the costmap's own origin.
+
+    Raises:
+        InputError: the two grids differ in resolution (item 19).
+    """
+    if not math.isclose(costmap.resolution, prior.resolution, rel_tol=RESOLUTION_TOLERANCE):
+        raise InputError(
+            f"costmap: resolution {costmap.resolution:g} m differs from the prior map's"
+            f" {prior.resolution:g} m; give both the same"
+        )
+    if align == "origin":
+        window = window_at_origin(costmap, prior)
+    else:
+        window = window_around(robot_cell(pose, prior), costmap.width, costmap.height)
+    return cropping_coordinates(window, prior.width, prior.height)
