@@ -1,0 +1,130 @@
+"""The TurtleBot3 Burger: its measures, its body in PyBullet, its drive."""
+
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.geometry import Pose2D
+from midnet_bench.messages import Command
+from midnet_bench.simulation.engine import bullet
+
+URDF = Path(__file__).parent / "burger.urdf"
+
+WHEEL_RADIUS_M = 0.033
+WHEEL_SEPARATION_M = 0.160
+MAX_LINEAR_MPS = 0.22
+MAX_ANGULAR_RADPS = 2.84
+RIM_ACCELERATION_MPS2 = 1.0
+"""How fast the Gazebo plugin lets the speed of a wheel's rim change (its wheelAcceleration)."""
+WHEEL_TORQUE_NM = 10.0
+BASE_LINK_HEIGHT_M = 0.010
+
+RobotProfile = Literal["urdf", "disc"]
+"""What beams see of a robot (item 28): the LDS-01's housing, as in the URDF, or a disc of the whole robot."""
+
+
+class Profile(NamedTuple):
+    """A disc in the scan plane."""
+
+    link: str
+    radius_m: float
+    offset_x_m: float
+    """its centre ahead of the axle"""
+
+
+PROFILES: dict[str, Profile] = {"urdf": Profile("lds", 0.055, -0.017), "disc": Profile("disc", 0.105, 0.0)}
+
+# Collision groups: what a shape is, and with which groups it collides. A ray acts as group 1.
+RAY, ROBOT, STATIC, SCAN, FLOOR = 1, 2, 4, 8, 16
+
+
+class Burger(NamedTuple):
+    """One robot in a PyBullet client."""
+
+    body: int
+    wheels: tuple[int, int]
+    """joints, left and right"""
+
+
+def load_burger(client: int, pose: Pose2D, profile: RobotProfile) -> Burger:
+    """A Burger with its base_footprint at ``pose``, wheels braked; beams see ``profile`` of it only."""
+    body = bullet.loadURDF(
+        str(URDF),
+        [pose.x, pose.y, BASE_LINK_HEIGHT_M],
+        bullet.getQuaternionFromEuler([0.0, 0.0, pose.yaw]),
+        flags=bullet.URDF_USE_INERTIA_FROM_FILE,
+        physicsClientId=client,
+    )
+    links = {"base_link": -1}
+    for joint in range(bullet.getNumJoints(body, physicsClientId=client)):
+        links[bullet.getJointInfo(body, joint, physicsClientId=client)[12].decode()] = joint
+    wheels = (links["wheel_left"], links["wheel_right"])
+    for name, link in links.items():
+        group, mask = ROBOT, ROBOT | STATIC | FLOOR
+        if link in wheels:
+            mask = FLOOR
+        elif name == PROFILES[profile].link:
+            group, mask = SCAN, RAY
+        elif name in ("lds", "disc"):
+            group, mask = 0, 0
+        bullet.setCollisionFilterGroupMask(body, link, group, mask, physicsClientId=client)
+        bullet.changeDynamics(body, link, contactProcessingThreshold=0.0, physicsClientId=client)
+    return Burger(body, wheels)
+
+
+class Drive:
+    """The wheel motors of several Burgers: clamps commands and ramps each wheel towards its target.
+
+    The ramp is the Gazebo plugin's wheelAcceleration, applied at every physics step. The plugin skips
+    the ramp of both wheels as soon as one of them is near its target; that jump is not copied.
+    """
+
+    def __init__(self, robots: list[Burger], client: int, step_s: float) -> None:
+        self._robots = robots
+        self._client = client
+        self._most = RIM_ACCELERATION_MPS2 * step_s
+        self._targets = np.zeros((len(robots), 2))
+        self._speeds = np.zeros((len(robots), 2))
+        for number in range(len(robots)):
+            self._set_motors(number)
+
+    def command(self, number: int, command: Command) -> None:
+        """Take a new command; it is held until the next one, as the plugin holds it."""
+        linear = min(max(command.linear_mps, -MAX_LINEAR_MPS), MAX_LINEAR_MPS)
+        angular = min(max(command.angular_radps, -MAX_ANGULAR_RADPS), MAX_ANGULAR_RADPS)
+        half = angular * WHEEL_SEPARATION_M / 2.0
+        self._targets[number] = (linear - half, linear + half)
+
+    def step(self) -> None:
+        """Move every wheel's speed one physics step closer to its target."""
+        missing = self._targets - self._speeds
+        late = np.flatnonzero(missing.any(axis=1)).tolist()
+        if late:
+            ramped = self._speeds + np.clip(missing, -self._most, self._most)
+            self._speeds = np.where(np.abs(missing) <= self._most, self._targets, ramped)
+            for number in late:
+                self._set_motors(number)
+
+    def forget(self, number: int) -> None:
+        """Never touch that robot's motors again."""
+        self._targets[number] = self._speeds[number]
+
+    def _set_motors(self, number: int) -> None:
+        robot = self._robots[number]
+        bullet.setJointMotorControlArray(
+            robot.body,
+            robot.wheels,
+            bullet.VELOCITY_CONTROL,
+            targetVelocities=(self._speeds[number] / WHEEL_RADIUS_M).tolist(),
+            forces=(WHEEL_TORQUE_NM, WHEEL_TORQUE_NM),
+            physicsClientId=self._client,
+        )
+
+
+def disc_centers(poses: npt.NDArray[np.float64], profile: RobotProfile) -> npt.NDArray[np.float64]:
+    """(n, 2) centres in the map frame of the discs that beams see of robots at (n, 3) poses."""
+    offset = PROFILES[profile].offset_x_m
+    yaw = poses[:, 2]
+    return poses[:, :2] + offset * np.column_stack((np.cos(yaw), np.sin(yaw)))

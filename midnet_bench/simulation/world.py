@@ -1,0 +1,260 @@
+"""``World``: one trial's Burgers, walls and intruders in a PyBullet client of their own."""
+
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Annotated, Any, Self
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from midnet_bench.geometry import Box
+from midnet_bench.messages import Command
+from midnet_bench.rng import stream
+from midnet_bench.simulation import lidar
+from midnet_bench.simulation.burger import PROFILES, Drive, RobotProfile, disc_centers, load_burger
+from midnet_bench.simulation.engine import bullet
+from midnet_bench.simulation.free_space import cells_near
+from midnet_bench.simulation.layout import Layout
+from midnet_bench.simulation.stage import add_floor, add_solids
+from midnet_bench.spec import Spec
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+NOTHING, WALL = -1, -2
+"""What a beam met when it was no body: nothing, a wall."""
+TOO_NEAR_M = 0.0
+"""The range of a beam that ends before the sensor's least range, as the LDS-01's driver reports it."""
+
+_SETTLE_S = 1.0
+_SOLIDS_NEAR_M, _ROBOTS_NEAR_M = 0.20, 0.30
+"""From axle to surface and from axle to axle: beyond these nothing can be within a sensor's least range."""
+_CONTACT_HZ = 10
+_EPISODE_GAP_S = 1.0
+
+
+class WorldSettings(Spec):
+    """How the world is stepped and sensed."""
+
+    step_hz: Annotated[int, Field(ge=30, le=1000, multiple_of=10)] = 60
+    solver_iterations: Annotated[int, Field(ge=1, le=1000)] = 50
+    robot_profile: RobotProfile = "urdf"
+    lidar_noise: lidar.LidarNoise = "gazebo"
+
+
+class World:
+    """Security robots (index 0 up) and, after them, mobile intruders, in the layout's order.
+
+    Time is ``tick`` / ``settings.step_hz`` and starts at 0 once the robots have settled on their wheels.
+    Two worlds made alike and driven alike agree bit for bit, in any process, next to any other world.
+    Arrays come back read-only and are fresh per tick. Close it, or use it as a context manager.
+    """
+
+    def __init__(self, layout: Layout, settings: WorldSettings | None = None) -> None:
+        self.layout = layout
+        self.settings = settings or WorldSettings()
+        self.tick = 0
+        starts = layout.robots + layout.intruders
+        self._client = bullet.connect(bullet.DIRECT)
+        bullet.setPhysicsEngineParameter(
+            fixedTimeStep=1.0 / self.settings.step_hz,
+            numSolverIterations=self.settings.solver_iterations,
+            deterministicOverlappingPairs=1,
+            physicsClientId=self._client,
+        )
+        bullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
+        self._floor = add_floor(self._client)
+        self._static = add_solids(self._client, layout.solids)
+        self._burgers = [load_burger(self._client, pose, self.settings.robot_profile) for pose in starts]
+        self._drive = Drive(self._burgers, self._client, 1.0 / self.settings.step_hz)
+        self._active = np.ones(len(starts), dtype=np.bool_)
+        self._lidar_scales = np.array(
+            [lidar.draw_scale(stream(layout.seed, "lidar scale", i)) for i in range(len(starts))]
+        )
+        self._near_solids = cells_near(layout.arena, layout.solids, _SOLIDS_NEAR_M)
+        self._collisions = np.zeros(len(starts), dtype=np.int64)
+        self._last_contact = np.full(len(starts), -(10**9), dtype=np.int64)
+        self._poses: Floats | None = None
+        self._velocities: Floats | None = None
+        for _ in range(round(_SETTLE_S * self.settings.step_hz)):
+            bullet.stepSimulation(physicsClientId=self._client)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Give the client back; more than once does no harm."""
+        if self._client >= 0:
+            bullet.disconnect(physicsClientId=self._client)
+            self._client = -1
+
+    @property
+    def active(self) -> npt.NDArray[np.bool_]:
+        """(n,) whether each robot is still in the arena."""
+        return self._active.copy()
+
+    def drive(self, index: int, command: Command) -> None:
+        """Give a robot its new velocity; held until the next one. Clamped to the Burger's limits."""
+        self._require(index)
+        self._drive.command(index, command)
+
+    def step(self) -> None:
+        """Let one tick of 1 / ``step_hz`` seconds pass."""
+        self._drive.step()
+        bullet.stepSimulation(physicsClientId=self._client)
+        self.tick += 1
+        self._poses = self._velocities = None
+        if self.tick % (self.settings.step_hz // _CONTACT_HZ) == 0:
+            self._count_collisions()
+
+    def poses(self) -> Floats:
+        """(n, 3) true x, y, yaw of every base_footprint (under the axle), map frame; NaN once removed."""
+        if self._poses is None:
+            poses = np.full((len(self._burgers), 3), np.nan)
+            states = self._states(bullet.getBasePositionAndOrientation)
+            if states:
+                x, y, z, w = np.array([state[1] for state in states]).T
+                poses[self._active, :2] = [state[0][:2] for state in states]
+                poses[self._active, 2] = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+            poses.flags.writeable = False
+            self._poses = poses
+        return self._poses
+
+    def velocities(self) -> Floats:
+        """(n, 2) true forward speed (m/s) and yaw rate (rad/s) of every robot; NaN once removed."""
+        if self._velocities is None:
+            velocities = np.full((len(self._burgers), 2), np.nan)
+            states = self._states(bullet.getBaseVelocity)
+            if states:
+                yaw = self.poses()[self._active, 2]
+                linear = np.array([state[0] for state in states])
+                velocities[self._active, 0] = linear[:, 0] * np.cos(yaw) + linear[:, 1] * np.sin(yaw)
+                velocities[self._active, 1] = [state[1][2] for state in states]
+            velocities.flags.writeable = False
+            self._velocities = velocities
+        return self._velocities
+
+    def wheel_angles(self) -> Floats:
+        """(n, 2) how far the left and right wheel of every robot have turned, radians; NaN once removed."""
+        angles = np.full((len(self._burgers), 2), np.nan)
+        for index in self._active.nonzero()[0].tolist():
+            body, wheels = self._burgers[index]
+            states = bullet.getJointStates(body, wheels, physicsClientId=self._client)
+            angles[index] = [state[0] for state in states]
+        return angles
+
+    def scan(self, indices: Sequence[int], rngs: Sequence[np.random.Generator]) -> Floats:
+        """(len(indices), beams) ranges of those robots' LiDARs at this tick, metres, in one batch of rays.
+
+        inf where nothing reflects within range; 0 (``TOO_NEAR_M``) where something stands closer than
+        the sensor's least range. ``rngs`` are the robots' noise generators, one per index.
+        """
+        return self._scan(indices, rngs)[0]
+
+    def scan_and_bodies(
+        self, indices: Sequence[int], rngs: Sequence[np.random.Generator]
+    ) -> tuple[Floats, Ints]:
+        """What ``scan`` gives, and beside it what each beam met, both (len(indices), beams).
+
+        Bodies are indices of this world (security robots, then mobile intruders), after them the layout's
+        stationary intruders in order; ``WALL``, or ``NOTHING`` where there is no range.
+        """
+        ranges, true_ranges, hits = self._scan(indices, rngs)
+        poses = self.poses()[list(indices)]
+        axes, directions = lidar.beam_origins_and_directions(poses)
+        ids = np.array([hit[0] for hit in hits], dtype=np.int64).reshape(ranges.shape)
+        bodies = np.full(ranges.shape, NOTHING, dtype=np.int64)
+        static = ids == self._static
+        bodies[static] = WALL
+        points = (axes[:, None, :] + np.where(static, true_ranges, 0.0)[..., None] * directions)[static]
+        places = bodies[static]
+        for number, solid in enumerate(self.layout.stationary):
+            places[np.abs(solid.distance_to(points)) < 0.005] = len(self._burgers) + number
+        bodies[static] = places
+        for index, burger in enumerate(self._burgers):
+            bodies[ids == burger.body] = index
+        bodies[ranges == TOO_NEAR_M] = NOTHING
+        return ranges, bodies
+
+    def _scan(
+        self, indices: Sequence[int], rngs: Sequence[np.random.Generator]
+    ) -> tuple[Floats, Floats, list[lidar.Hit]]:
+        for index in indices:
+            self._require(index)
+        rows = list(indices)
+        poses = self.poses()[rows]
+        axes, directions = lidar.beam_origins_and_directions(poses)
+        low, high = lidar.LDS_01.range_min_m, lidar.LDS_01.range_max_m
+        true_ranges, hits = lidar.cast(self._client, axes, directions, low, high)
+        ranges = lidar.add_noise(true_ranges, self.settings.lidar_noise, self._lidar_scales[rows], rngs)
+        for row in self._something_near(rows).nonzero()[0].tolist():
+            # Rays start past the robot's own housing, so what stands nearer than that needs rays of its own.
+            near, _ = lidar.cast(self._client, axes[row : row + 1], directions[row : row + 1], 0.0, low)
+            ranges[row, np.isfinite(near[0])] = TOO_NEAR_M
+        return ranges, true_ranges, hits
+
+    def scan_outline(self, index: int) -> Box:
+        """The true box, map frame, of what beams see of a robot (item 45); NaN once it is removed."""
+        x, y = disc_centers(self.poses()[index : index + 1], self.settings.robot_profile)[0].tolist()
+        return Box.square(x, y, 2.0 * PROFILES[self.settings.robot_profile].radius_m)
+
+    def remove(self, index: int) -> None:
+        """Take a robot out of the arena for good, as a caught intruder is."""
+        self._require(index)
+        self.poses()
+        bullet.removeBody(self._burgers[index].body, physicsClientId=self._client)
+        self._drive.forget(index)
+        self._active[index] = False
+        self._poses = self._velocities = None
+
+    def collisions(self) -> Ints:
+        """(n,) how often each robot has run into something so far, looked at ten times a second.
+
+        Touching counts once until a second has passed without it.
+        """
+        return self._collisions.copy()
+
+    def _require(self, index: int) -> None:
+        if not 0 <= index < len(self._burgers) or not self._active[index]:
+            raise ValueError(
+                f"robot {index} is not in this world (it has {len(self._burgers)}, or it was removed)"
+            )
+
+    def _states(self, getter: Callable[..., Any]) -> list[Any]:
+        """What a PyBullet getter says of every robot that is still here, in order."""
+        client = self._client
+        return [
+            getter(burger.body, physicsClientId=client)
+            for burger, active in zip(self._burgers, self._active.tolist(), strict=True)
+            if active
+        ]
+
+    def _something_near(self, rows: list[int]) -> npt.NDArray[np.bool_]:
+        """(len(rows),) whether anything may stand within the least range of those robots' sensors."""
+        points = self.poses()[:, :2]
+        near = np.zeros(len(rows), dtype=np.bool_)
+        grid = self._near_solids
+        for place, row in enumerate(rows):
+            x, y = points[row].tolist()
+            column, line = grid.cell_at(x, y)
+            others = np.hypot(points[:, 0] - x, points[:, 1] - y) < _ROBOTS_NEAR_M
+            in_view = grid.contains_cell(column, line) and bool(grid.data[line, column])
+            near[place] = in_view or int(others.sum()) > 1
+        return near
+
+    def _count_collisions(self) -> None:
+        gap = _EPISODE_GAP_S * self.settings.step_hz
+        for index in self._active.nonzero()[0].tolist():
+            contacts = bullet.getContactPoints(
+                bodyA=self._burgers[index].body, linkIndexA=-1, physicsClientId=self._client
+            )
+            if any(contact[2] != self._floor and contact[8] <= 0.0 for contact in contacts):
+                if self.tick - self._last_contact[index] > gap:
+                    self._collisions[index] += 1
+                self._last_contact[index] = self.tick
