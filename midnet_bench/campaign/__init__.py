@@ -1,0 +1,1 @@
+"""What to run, where it runs, and the store that keeps every finished trial."""

@@ -1,0 +1,94 @@
+"""Trials on a Dask cluster, through joblib's Dask backend. Needs the extra ``midnet-bench[dask]``."""
+
+import logging
+from collections.abc import Callable, Generator, Iterator, Sequence
+
+import joblib
+
+from midnet_bench.campaign.pools import WorkersLost, abandoning_quietly
+from midnet_bench.campaign.worker import Outcome, RunTrial, attempt
+from midnet_bench.errors import InputError, MidnetBenchError
+from midnet_bench.experiments.trial import TrialSpec
+
+try:
+    import distributed
+    from joblib._dask import DaskDistributedBackend
+except ImportError as error:
+    raise InputError("--backend dask needs Dask's scheduler: pip install 'midnet-bench[dask]'") from error
+
+CONNECT_TIMEOUT_S = 5
+
+
+class _Backend(DaskDistributedBackend):  # type: ignore[misc]
+    """joblib's backend, which calls back for results alone: a task that Dask gave up would be waited for."""
+
+    def submit(self, func: object, callback: Callable[[object], None]) -> object:
+        future = super().submit(func, callback)
+        future.add_done_callback(lambda done: callback(done.exception()) if done.exception() else None)
+        return future
+
+    def retrieve_result_callback(self, out: object) -> object:
+        if isinstance(out, BaseException):
+            raise out
+        return super().retrieve_result_callback(out)
+
+
+class DaskPool:
+    """The workers behind one Dask scheduler; they do best with one thread each (``--nthreads 1``).
+
+    Raises:
+        InputError: nobody answers at the address, or there are no workers.
+    """
+
+    def __init__(self, scheduler: str) -> None:
+        self._scheduler = scheduler
+        logger = logging.getLogger("distributed")
+        level = logger.level
+        logger.setLevel(logging.CRITICAL)  # the reason is in the one line below
+        try:
+            self._client = distributed.Client(  # type: ignore[no-untyped-call]
+                scheduler, timeout=CONNECT_TIMEOUT_S, set_as_default=False
+            )
+        except (OSError, ValueError, TypeError) as error:
+            raise InputError(
+                f"--scheduler {scheduler}: no Dask scheduler answers there within {CONNECT_TIMEOUT_S} s"
+                " (expected an address such as tcp://127.0.0.1:8786)"
+            ) from error
+        finally:
+            logger.setLevel(level)
+
+    def outcomes(
+        self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool
+    ) -> Generator[Outcome, None, None]:
+        """See :meth:`Pool.outcomes`. Dask itself tries a task on several workers before it gives it up."""
+        in_flight: dict[str, str] = {}
+
+        def tasks() -> Iterator[object]:
+            for spec in specs:
+                in_flight[spec.trial_id] = ""
+                yield joblib.delayed(attempt)(run_trial, spec, limit_s, None)
+
+        backend = _Backend(client=self._client, wait_for_workers_timeout=CONNECT_TIMEOUT_S)
+        with joblib.parallel_config(backend=backend, n_jobs=-1):
+            parallel = joblib.Parallel(
+                pre_dispatch=1 if one_at_a_time else "2 * n_jobs",
+                batch_size=1,
+                return_as="generator_unordered",
+            )
+            try:
+                for outcome in abandoning_quietly(parallel(tasks())):
+                    in_flight.pop(outcome.trial_id)
+                    yield outcome
+            except distributed.KilledWorker as error:
+                raise WorkersLost(str(error), in_flight) from error
+            except TimeoutError as error:
+                raise InputError(f"--scheduler {self._scheduler}: the scheduler has no workers") from error
+            except Exception as error:
+                raise MidnetBenchError(
+                    f"--scheduler {self._scheduler}: the cluster cannot go on: {type(error).__name__}:"
+                    f" {' '.join(str(error).split())}; the same command resumes"
+                ) from error
+
+    def close(self) -> None:
+        """Leaves the cluster, which drops what it was still running for us."""
+        self._client.close(timeout=CONNECT_TIMEOUT_S)  # type: ignore[no-untyped-call]

@@ -1,0 +1,110 @@
+"""What a store was made for, and how much of it another campaign may change."""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import yaml
+
+from midnet_bench.campaign.spec import Campaign, Experiments, cells
+from midnet_bench.experiments import registry
+from midnet_bench.experiments.trial import Scalar
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A campaign with nothing left to defaults, so that its store can be read without the experiments."""
+
+    experiment: str
+    base_seed: int
+    trials: int
+    grid: dict[str, list[Scalar]]
+    parameters: dict[str, Scalar]
+    """every parameter that is not a factor of the grid, defaults filled in"""
+    inputs: dict[str, list[str]]
+    """parameter that names files -> a digest of each one's contents"""
+
+    def to_json(self) -> str:
+        """The text that :meth:`from_json` reads."""
+        return json.dumps(asdict(self), separators=(",", ":"))
+
+    @classmethod
+    def from_json(cls, text: str) -> "Definition":
+        """The definition that :meth:`to_json` wrote."""
+        return cls(**json.loads(text))
+
+    @property
+    def cells(self) -> int:
+        """How many cells the grid has."""
+        return math.prod(len(values) for values in self.grid.values())
+
+    def cell_of(self, parameters: Mapping[str, Scalar]) -> dict[str, Scalar]:
+        """The factors' values among the ``parameters`` of a trial: which cell it belongs to."""
+        return {factor: parameters[factor] for factor in self.grid}
+
+
+def definition_of(campaign: Campaign, experiments: Experiments = registry) -> Definition:
+    """What ``campaign`` runs, resolved. A parameter that names a file counts by the file's contents."""
+    resolved = cells(campaign, experiments)
+    grid = {factor: list(dict.fromkeys(cell[factor] for cell in resolved)) for factor in campaign.grid}
+    parameters = {name: value for name, value in resolved[0].items() if name not in grid}
+    values = grid | {name: [value] for name, value in parameters.items()}
+    inputs = {name: [digest for value in values[name] if (digest := _digest(value))] for name in resolved[0]}
+    return Definition(
+        experiment=campaign.experiment,
+        base_seed=campaign.base_seed,
+        trials=campaign.trials,
+        grid=grid,
+        parameters=parameters,
+        inputs={name: digests for name, digests in inputs.items() if digests},
+    )
+
+
+def differences(old: Definition, new: Definition) -> list[str]:
+    """What forbids ``new`` to go on where ``old`` stopped; empty if it only adds trials or grid values."""
+    before, after = _flat(old), _flat(new)
+    found = []
+    for name in [*before, *(name for name in after if name not in before)]:
+        was, is_now = before.get(name, "(absent)"), after.get(name, "(absent)")
+        if name == "trials":
+            extends = new.trials >= old.trials
+        elif isinstance(was, list) and isinstance(is_now, list):
+            extends = all(value in is_now for value in was)
+        else:
+            extends = was == is_now
+        if not extends:
+            found.append(f"{name} {_show(was)} -> {_show(is_now)}")
+    return found
+
+
+def _flat(definition: Definition) -> dict[str, Scalar | list[Scalar]]:
+    return {
+        "experiment": definition.experiment,
+        "base_seed": definition.base_seed,
+        "trials": definition.trials,
+        **{f"grid.{factor}": values for factor, values in definition.grid.items()},
+        **definition.parameters,
+        **{f"contents of {name}": list(digests) for name, digests in definition.inputs.items()},
+    }
+
+
+def _show(value: Scalar | list[Scalar]) -> str:
+    return f"[{', '.join(map(str, value))}]" if isinstance(value, list) else str(value)
+
+
+def _digest(value: Scalar) -> str | None:
+    """A digest of the file that ``value`` names; of a YAML file also what it names itself (a map's image)."""
+    if not isinstance(value, str) or not Path(value).is_file():
+        return None
+    path = Path(value)
+    content = path.read_bytes()
+    digest = hashlib.sha256(content)
+    if path.suffix in (".yaml", ".yml"):
+        written = yaml.safe_load(content)
+        for name in written.values() if isinstance(written, dict) else ():
+            if isinstance(name, str) and (path.parent / name).is_file():
+                digest.update((path.parent / name).read_bytes())
+    return digest.hexdigest()[:16]

@@ -1,0 +1,90 @@
+"""Where trials run: worker processes of this machine, or a Dask cluster; both through joblib."""
+
+import os
+import shutil
+import warnings
+from collections.abc import Generator, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import joblib
+from joblib.externals.loky.process_executor import BrokenProcessPool
+
+from midnet_bench.campaign.worker import Outcome, RunTrial, attempt, marked, prepare_worker
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.trial import TrialSpec
+
+
+class WorkersLost(Exception):
+    """Workers died. What they were running is known; outcomes handed out before stay as they are.
+
+    Attributes:
+        in_flight: trial id -> the stack at the hard time limit, empty if the worker died otherwise.
+    """
+
+    def __init__(self, reason: str, in_flight: dict[str, str]) -> None:
+        super().__init__(reason)
+        self.in_flight = in_flight
+
+
+class Pool(Protocol):
+    """A place where trials run."""
+
+    def outcomes(
+        self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool
+    ) -> Generator[Outcome, None, None]:
+        """The outcomes of ``specs`` as they finish, in any order. Raises WorkersLost.
+
+        Closing the iterator abandons what is running.
+        """
+
+    def close(self) -> None:
+        """Lets go of what the pool holds."""
+
+
+class LokyPool:
+    """Worker processes of this machine. One that dies takes the others along; new ones are started."""
+
+    def __init__(self, jobs: int, marks: Path) -> None:
+        if jobs < 1:
+            raise InputError(f"--jobs {jobs}: give 1 or more")
+        self._jobs = jobs
+        self._marks = marks
+
+    def outcomes(
+        self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool
+    ) -> Generator[Outcome, None, None]:
+        """See :meth:`Pool.outcomes`."""
+        shutil.rmtree(self._marks, ignore_errors=True)
+        self._marks.mkdir(parents=True)
+        # One at a time means two processes of which one waits: given n_jobs=1, joblib would run the
+        # trials inside this process, where a crash ends the campaign.
+        one_at_a_time = one_at_a_time or self._jobs == 1
+        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+            parallel = joblib.Parallel(
+                n_jobs=max(2, self._jobs),
+                pre_dispatch=1 if one_at_a_time else "2 * n_jobs",
+                batch_size=1,
+                return_as="generator_unordered",
+                initializer=prepare_worker,
+                initargs=(os.getpid(),),
+            )
+            tasks = (joblib.delayed(attempt)(run_trial, spec, limit_s, self._marks) for spec in specs)
+            try:
+                yield from abandoning_quietly(parallel(tasks))
+            except BrokenProcessPool as error:
+                raise WorkersLost(str(error).splitlines()[0], marked(self._marks)) from error
+
+    def close(self) -> None:
+        """Removes the marks; idle workers end with this process."""
+        shutil.rmtree(self._marks, ignore_errors=True)
+
+
+def abandoning_quietly(outcomes: Generator[Outcome, None, None]) -> Generator[Outcome, None, None]:
+    """``outcomes``; when closed early, its workers are stopped without joblib's warning about lost work."""
+    try:
+        yield from outcomes
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            outcomes.close()

@@ -1,0 +1,102 @@
+"""Where numbers come from: code, libraries, machine, command and time; never a path of the machine."""
+
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+
+import midnet_bench
+
+LIBRARIES = (
+    "numpy",
+    "opencv-python-headless",
+    "pybullet",
+    "numba",
+    "scipy",
+    "filterpy",
+    "pydantic",
+    "joblib",
+)
+
+Provenance = dict[str, str | int | bool | dict[str, str] | None]
+
+
+def collect(seed: int, command: Sequence[str] | None = None) -> Provenance:
+    """What is known about this run, ready for JSON: names to text, numbers, or ``libraries`` by name.
+
+    Args:
+        seed: the base seed that everything random is derived from.
+        command: the command line, this process's own unless given.
+    """
+    commit, dirty = _commit()
+    return {
+        "midnet_bench": midnet_bench.__version__,
+        "commit": commit,
+        "uncommitted_changes": dirty,
+        "libraries": {name: version for name in LIBRARIES if (version := _version(name))},
+        "python": f"{platform.python_implementation()} {platform.python_version()}",
+        "system": f"{platform.system()} {platform.release()}",
+        "machine": platform.machine(),
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+        "command": " ".join(_without_paths(sys.argv if command is None else command)),
+        "seed": seed,
+        "started_utc": now_utc(),
+    }
+
+
+def now_utc() -> str:
+    """The present in UTC, ISO 8601, to the second."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _version(library: str) -> str | None:
+    try:
+        return metadata.version(library)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def _commit() -> tuple[str | None, bool | None]:
+    """The commit of the checkout that this package runs from, and whether files were changed since."""
+    checkout = Path(midnet_bench.__file__).parent.parent
+    if not (checkout / ".git").exists():  # installed: a repository around site-packages is somebody else's
+        return None, None
+    try:
+        commit = _git(checkout, "rev-parse", "HEAD")
+        return commit, bool(_git(checkout, "status", "--porcelain", "--untracked-files=no"))
+    except (OSError, subprocess.SubprocessError):
+        return None, None
+
+
+def _git(checkout: Path, *arguments: str) -> str:
+    command = ["git", "-C", str(checkout), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
+
+
+def _processor() -> str:
+    """The processor's name; Linux tells it in /proc alone."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor()
+
+
+def _without_paths(command: Sequence[str]) -> list[str]:
+    """The command with the program's bare name, and absolute paths cut to where they differ from here."""
+    here = Path.cwd()
+    shown = ["midnet-bench"]
+    for argument in command[1:]:
+        option, equals, value = argument.rpartition("=")
+        path = Path(value)
+        if path.is_absolute():
+            value = str(path.relative_to(here)) if path.is_relative_to(here) else path.name
+        shown.append(f"{option}{equals}{value}")
+    return shown

@@ -1,0 +1,146 @@
+"""One trial inside a worker process: limited in time, its failure caught, its result made ready to store."""
+
+import contextlib
+import ctypes
+import faulthandler
+import json
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from midnet_bench.experiments.trial import Row, TrialResult, TrialSpec
+
+RunTrial = Callable[[TrialSpec], TrialResult]
+
+HARD_LIMIT_S = 2.0
+"""native code that goes on this long after the time limit is ended together with its process"""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a worker hands back; exactly one of ``payload`` and ``failure`` is there."""
+
+    trial_id: str
+    wall_s: float
+    simulated_s: float | None = None
+    payload: bytes | None = None
+    failure: str | None = None
+
+
+class TrialTimeout(BaseException):
+    """The trial's wall time is over. Not an Exception, so that no handler in a trial can swallow it."""
+
+
+def encode_tables(result: TrialResult) -> bytes:
+    """A result's tables as compressed JSON: equal results give equal bytes, columns keep their order."""
+    tables = {name: result.tables[name] for name in sorted(result.tables)}
+    return zlib.compress(json.dumps(tables, separators=(",", ":")).encode(), level=6)
+
+
+def decode_tables(payload: bytes) -> dict[str, list[Row]]:
+    """The tables that :func:`encode_tables` packed."""
+    tables: dict[str, list[Row]] = json.loads(zlib.decompress(payload))
+    return tables
+
+
+def prepare_worker(parent_pid: int) -> None:
+    """Called once in a fresh worker: Ctrl-C is the parent's business, and no worker outlives its parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def leave_with_parent() -> None:
+        while os.getppid() == parent_pid:
+            time.sleep(0.5)
+        os._exit(1)
+
+    threading.Thread(target=leave_with_parent, daemon=True).start()
+
+
+def attempt(run_trial: RunTrial, spec: TrialSpec, limit_s: float, marks: Path | None) -> Outcome:
+    """The outcome of one trial; no exception leaves it.
+
+    While the trial runs, a file of its id stands in ``marks``, so that the parent knows what a worker
+    that died was doing. A trial over its limit is interrupted; if it sits in native code that cannot be
+    interrupted, its process ends and the mark keeps the stack.
+    """
+    start_s = time.perf_counter()
+    with _mark(marks, spec.trial_id) as stack_file:
+        try:
+            with _time_limit(limit_s, stack_file):
+                _use_one_thread()
+                result = run_trial(spec)
+                payload = encode_tables(result)
+        except BaseException as error:
+            faulthandler.cancel_dump_traceback_later()
+            failure = traceback.format_exc().strip()
+            if isinstance(error, TrialTimeout):
+                failure += f": still running after its limit of {limit_s:g} s of wall time"
+            return Outcome(spec.trial_id, time.perf_counter() - start_s, failure=failure)
+    return Outcome(spec.trial_id, time.perf_counter() - start_s, float(result.simulated_s), payload)
+
+
+def marked(marks: Path) -> dict[str, str]:
+    """The trials that were running when their workers ended -> the stack at that moment, if there is one."""
+    return {path.name: path.read_text(errors="replace") for path in sorted(marks.iterdir())}
+
+
+@contextlib.contextmanager
+def _mark(marks: Path | None, trial_id: str) -> Iterator[IO[str]]:
+    try:
+        stack_file = None if marks is None else (marks / trial_id).open("w")
+    except OSError:  # no room for a mark is no reason to lose the trial
+        stack_file = None
+    if marks is None or stack_file is None:
+        yield sys.__stderr__ or sys.stderr
+        return
+    try:
+        with stack_file:
+            faulthandler.enable(stack_file)  # the stack of a crash stands in the mark as well
+            yield stack_file
+            faulthandler.enable()
+    finally:
+        (marks / trial_id).unlink()
+
+
+@contextlib.contextmanager
+def _time_limit(limit_s: float, stack_file: IO[str]) -> Iterator[None]:
+    """Raises TrialTimeout in this thread when ``limit_s`` is over; later, ends the process by force.
+
+    The interruption is CPython's asynchronous exception and not SIGALRM, because a Dask worker runs its
+    tasks outside the main thread, where signals do not arrive.
+    """
+    thread_id = ctypes.c_ulong(threading.get_ident())
+    lock = threading.Lock()
+    is_over = False
+
+    def interrupt() -> None:
+        with lock:
+            if not is_over:
+                ctypes.pythonapi.PyThreadState_SetAsyncExc(thread_id, ctypes.py_object(TrialTimeout))
+
+    timer = threading.Timer(limit_s, interrupt)
+    timer.daemon = True
+    timer.start()
+    faulthandler.dump_traceback_later(limit_s + HARD_LIMIT_S, exit=True, file=stack_file)
+    try:
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+        with lock:
+            is_over = True
+        timer.cancel()
+        time.sleep(0)  # an interruption that was already on its way arrives here, inside attempt's try
+
+
+def _use_one_thread() -> None:
+    """OpenCV's own pool would fight the other workers for the cores; BLAS and numba obey the environment."""
+    import cv2
+
+    cv2.setNumThreads(1)
