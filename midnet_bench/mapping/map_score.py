@@ -1,0 +1,135 @@
+"""How good a built map is: its coverage, its walls and their places against the arena's true grid."""
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OccupancyGrid
+
+OCCUPIED_FROM = 65
+"""Values from here on are obstacles (map_server's occupied_thresh)."""
+BURGER_RADIUS_M = 0.105
+
+SAME_FRAME = Pose2D(0.0, 0.0, 0.0)
+
+_SLACK = 1e-6
+"""Keeps cells exactly one cell apart within one cell, whatever the rounding."""
+
+
+class MapScore(NamedTuple):
+    """A map against the truth; NaN where there is nothing to count."""
+
+    free_covered: float
+    """share of the free cells a robot can reach that the map knows, 0 to 1"""
+    occupied_precision: float
+    """share of the map's occupied cells with a true occupied cell within one cell"""
+    occupied_recall: float
+    """share of the true occupied cells that face reachable space with one of the map's within one cell"""
+    wall_error_m: float
+    """mean distance from the map's occupied cells to the nearest true one, between centres, metres"""
+
+
+def score_map(
+    built: OccupancyGrid,
+    truth: OccupancyGrid,
+    start: tuple[float, float],
+    built_in_truth: Pose2D = SAME_FRAME,
+    robot_radius_m: float = BURGER_RADIUS_M,
+) -> MapScore:
+    """The four numbers for ``built``.
+
+    A reachable cell that the map takes for occupied counts as covered, because a wall's surface falls on
+    either side of a cell's edge: a wrong wall shows in the precision. Recall asks for the faces of walls
+    alone, as no LiDAR sees the inside or the far side. Within one cell: at most one of the true grid's cells
+    apart in x and in y, from centre to centre.
+
+    Args:
+        built: int8, -1 unknown, 0 to 100; occupied from 65 on.
+        truth: the same, nothing to be explored where it is -1.
+        start: (x, y) of a place in the truth's frame that the robot can stand on.
+        built_in_truth: the built map's frame in the truth's frame.
+        robot_radius_m: of the disc that the robot counts as.
+
+    Raises:
+        ValueError: if no robot can stand at ``start``.
+    """
+    reachable = reachable_free(truth, start, robot_radius_m)
+    known = _values_at(built, _centres(truth, reachable), built_in_truth.inverse()) >= 0
+
+    faces = (truth.data >= OCCUPIED_FROM) & (cv2.dilate(reachable.view(np.uint8), np.ones((3, 3))) > 0)
+    walls = _centres(truth, truth.data >= OCCUPIED_FROM)
+    found = _moved(_centres(built, built.data >= OCCUPIED_FROM), built_in_truth)
+    one_cell = truth.resolution * (1.0 + _SLACK)
+    return MapScore(
+        free_covered=_mean(known),
+        occupied_precision=_mean(_nearest(found, walls, p=math.inf) <= one_cell),
+        occupied_recall=_mean(_nearest(_centres(truth, faces), found, p=math.inf) <= one_cell),
+        wall_error_m=_mean(_nearest(found, walls, p=2.0)),
+    )
+
+
+def reachable_free(
+    truth: OccupancyGrid, start: tuple[float, float], robot_radius_m: float = BURGER_RADIUS_M
+) -> npt.NDArray[np.bool_]:
+    """(H, W) bool: the free cells that a disc can cover, driving from ``start`` and touching nothing.
+
+    Args:
+        truth: int8; occupied from 65 on, unknown counts as an obstacle.
+        start: (x, y) of the disc's centre, metres.
+        robot_radius_m: the disc's radius.
+
+    Raises:
+        ValueError: if the disc does not fit at ``start``.
+    """
+    free = (truth.data >= 0) & (truth.data < OCCUPIED_FROM)
+    # From centre to centre; an obstacle begins half a cell earlier, and so does the world beyond the grid.
+    around = cv2.distanceTransform(np.pad(free, 1).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    fits = (around[1:-1, 1:-1] - 0.5) * truth.resolution >= robot_radius_m
+    column, row = truth.cell_at(*start)
+    if not truth.contains_cell(column, row) or not fits[row, column]:
+        raise ValueError(f"no robot of radius {robot_radius_m} m fits at ({start[0]}, {start[1]})")
+    _, labels = cv2.connectedComponents(fits.view(np.uint8), connectivity=4)
+    beyond = (labels != labels[row, column]).view(np.uint8)
+    to_centres = cv2.distanceTransform(beyond, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return free & ((to_centres - 0.5) * truth.resolution <= robot_radius_m)
+
+
+def _centres(grid: OccupancyGrid, cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+    """(N, 2) x, y of the centres of the set cells, metres."""
+    rows, columns = np.nonzero(cells)
+    return (np.stack((columns, rows), axis=1) + 0.5) * grid.resolution + grid.origin
+
+
+def _moved(points: npt.NDArray[np.float64], pose: Pose2D) -> npt.NDArray[np.float64]:
+    """(N, 2) points given in the frame of ``pose``, in its parent's frame."""
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    return np.asarray(points @ np.array([[c, s], [-s, c]]) + (pose.x, pose.y), dtype=np.float64)
+
+
+def _values_at(grid: OccupancyGrid, points: npt.NDArray[np.float64], pose: Pose2D) -> npt.NDArray[np.int8]:
+    """(N,) the grid's values at points given in the frame of ``pose``; -1 off the grid."""
+    cells = np.floor((_moved(points, pose) - grid.origin) / grid.resolution + _SLACK).astype(np.int64)
+    columns, rows = cells.T
+    on_grid = (columns >= 0) & (columns < grid.width) & (rows >= 0) & (rows < grid.height)
+    values = np.full(len(points), -1, dtype=np.int8)
+    values[on_grid] = grid.data[rows[on_grid], columns[on_grid]]
+    return values
+
+
+def _nearest(
+    points: npt.NDArray[np.float64], targets: npt.NDArray[np.float64], p: float
+) -> npt.NDArray[np.float64]:
+    """(N,) from each point to the nearest target in the p-norm, metres; inf without targets."""
+    if len(points) == 0 or len(targets) == 0:
+        return np.full(len(points), np.inf)
+    distances, _ = cKDTree(targets).query(points, p=p)
+    return np.asarray(distances, dtype=np.float64)
+
+
+def _mean(values: npt.NDArray[np.bool_] | npt.NDArray[np.float64]) -> float:
+    return float(np.mean(values)) if len(values) else math.nan
