@@ -102,7 +102,8 @@ def reachable_free(
 def _centres(grid: OccupancyGrid, cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
     """(N, 2) x, y of the centres of the set cells, metres."""
     rows, columns = np.nonzero(cells)
-    return (np.stack((columns, rows), axis=1) + 0.5) * grid.resolution + grid.origin
+    cells_xy = np.stack((columns, rows), axis=1).astype(np.float64)
+    return (cells_xy + 0.5) * grid.resolution + grid.origin
 
 
 def _moved(points: npt.NDArray[np.float64], pose: Pose2D) -> npt.NDArray[np.float64]:
