@@ -1,0 +1,347 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ascii_maps import binary, costs, draw
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.midnet.boxes import Sighting
+from midnet_bench.midnet.pipeline import MIDNet, MIDNetSettings, Observation
+
+# a room of 12 x 9 cells of half a metre, its lower left corner at (-3, -2)
+ROOM = OccupancyGrid(
+    binary(
+        """
+        ############
+        #..........#
+        #..........#
+        #..........#
+        #..........#
+        #..........#
+        #..........#
+        #..........#
+        ############
+        """
+    ),
+    0.5,
+    (-3.0, -2.0),
+)
+# cells are wide here, and a robot is one of them
+SETTINGS = MIDNetSettings(ally_diameter_m=0.5)
+
+
+def room_cell(column: int, row: int) -> Pose2D:
+    return Pose2D(*ROOM.center_of(column, row), 0.0)
+
+
+def observe(column: int, row: int, drawing: str) -> Observation:
+    """A robot in a cell of the room, and its local grid; where that lies, Eqs. 2 to 4 say."""
+    return Observation(room_cell(column, row), OccupancyGrid(costs(drawing), 0.5, (0.0, 0.0)))
+
+
+# the robot is in cell (3, 2) of the room, so the local grid begins at cell (0, 0)
+LEFT = observe(
+    3,
+    2,
+    """
+    #......
+    #...##.
+    #...##.
+    #......
+    #######
+    """,
+)
+INTRUDER = Box(-1.0, -1.0, 0.0, 0.0)
+
+
+def test_intruder_is_boxed_in_metres_and_walls_are_not() -> None:
+    frame = MIDNet(ROOM, SETTINGS).update([LEFT])
+    assert frame.detections == [INTRUDER]
+    assert frame.robots == [0]
+    assert frame.explanation is None
+
+
+def test_every_intermediate_is_there_on_demand() -> None:
+    over_the_corner = observe(
+        1,
+        1,
+        """
+        ..#....
+        ..#..##
+        ..#..##
+        ..#####
+        .......
+        """,
+    )
+    frame = MIDNet(ROOM, SETTINGS).update([over_the_corner], explain=True)
+    assert frame.explanation is not None
+    (view,) = frame.explanation.views
+    assert view.crop == (2, 1, 7, 5, 0, 0, 5, 4)
+    assert draw(view.a.data) == [
+        "#....",
+        "#..##",
+        "#..##",
+        "#####",
+    ]
+    assert draw(view.b.data) == [
+        "#....",
+        "#....",
+        "#....",
+        "#####",
+    ]
+    assert draw(view.c.data) == draw(view.b.data)
+    assert draw(view.d.data, mark=255) == [
+        ".....",
+        "...##",
+        "...##",
+        ".....",
+    ]
+    for grid in (view.a, view.b, view.c, view.d):
+        assert (grid.origin, grid.resolution) == (ROOM.origin, 0.5)
+    assert view.found == view.kept == frame.detections == [Box(-1.5, -1.5, -0.5, -0.5)]
+
+
+def test_grids_of_an_explanation_lie_where_the_crop_is() -> None:
+    frame = MIDNet(ROOM, SETTINGS).update([observe(8, 5, ".....\n.....\n.....\n.....\n.....")], explain=True)
+    assert frame.explanation is not None
+    assert frame.explanation.views[0].d.origin == (0.0, -0.5)  # cell (6, 3)
+
+
+def test_intruder_that_two_robots_see_is_one_detection() -> None:
+    right = observe(
+        6,
+        2,
+        """
+        .......
+        .##....
+        .##....
+        .......
+        #######
+        """,
+    )
+    larger = observe(
+        6,
+        2,
+        """
+        .......
+        .###...
+        .###...
+        .......
+        #######
+        """,
+    )
+    midnet = MIDNet(ROOM, SETTINGS)
+    assert midnet.update([LEFT, right]).detections == [INTRUDER]
+    assert midnet.update([LEFT, right]).robots == [0]
+
+    frame = midnet.update([LEFT, larger], explain=True)
+    assert (frame.detections, frame.robots) == ([Box(-1.0, -1.0, 0.5, 0.0)], [1])
+    assert frame.explanation is not None
+    (event,) = frame.explanation.fusions
+    assert event.dropped == Sighting(INTRUDER, 0)
+    assert event.kept == Sighting(Box(-1.0, -1.0, 0.5, 0.0), 1)
+
+
+def test_ally_is_no_intruder() -> None:
+    ally = observe(
+        7,
+        2,
+        """
+        .....
+        .....
+        .....
+        .....
+        #####
+        """,
+    )
+    watching = observe(
+        5,
+        2,
+        """
+        .....
+        .....
+        ....#
+        .....
+        #####
+        """,
+    )
+    midnet = MIDNet(ROOM, SETTINGS)
+    assert midnet.update([watching]).detections == [Box(0.5, -1.0, 1.0, -0.5)]
+    frame = midnet.update([watching, ally], explain=True)
+    assert frame.detections == []
+    assert frame.explanation is not None
+    (removed,) = frame.explanation.removed
+    assert (removed.sighting.robot, removed.ally, removed.iou) == (0, 1, 1.0)
+    assert frame.explanation.views[0].found == [removed.sighting.box]
+    assert frame.explanation.views[0].kept == []
+
+
+def test_known_room_without_intruders_gives_nothing() -> None:
+    empty = OccupancyGrid(np.where(ROOM.data == 0, 100, 0).astype(np.int8), 0.5, ROOM.origin)
+    frame = MIDNet(ROOM, SETTINGS).update([Observation(room_cell(6, 4), empty)])
+    assert frame.detections == []
+
+
+def test_robot_far_outside_the_prior_map_sees_nothing_and_the_others_go_on() -> None:
+    lost = Observation(Pose2D(400.0, 400.0, 0.0), LEFT.costmap)
+    frame = MIDNet(ROOM, SETTINGS).update([lost, LEFT], explain=True)
+    assert (frame.detections, frame.robots) == ([INTRUDER], [1])
+    assert frame.explanation is not None
+    assert frame.explanation.views[0].crop.is_empty
+    assert frame.explanation.views[0].d.data.size == 0
+
+
+def test_no_robots_see_nothing() -> None:
+    assert MIDNet(ROOM).update([]).detections == []
+    assert MIDNet(ROOM).update([], explain=True).explanation is not None
+
+
+def test_alignment_by_the_costmaps_origin_follows_the_costmap() -> None:
+    moved = Observation(room_cell(4, 2), OccupancyGrid(LEFT.costmap.data, 0.5, ROOM.origin))
+    assert MIDNet(ROOM, SETTINGS).update([moved]).detections != [INTRUDER]
+    assert MIDNet(ROOM, replace(SETTINGS, align="origin")).update([moved]).detections == [INTRUDER]
+
+
+def test_settings_reach_their_steps() -> None:
+    faint = OccupancyGrid(np.where(LEFT.costmap.data == 100, 60, -1).astype(np.int8), 0.5, (0.0, 0.0))
+    seen = [Observation(LEFT.pose, faint)]
+
+    def detections(**changes: object) -> list[Box]:
+        return MIDNet(ROOM, replace(SETTINGS, **changes)).update(seen).detections  # type: ignore[arg-type]
+
+    assert detections() == []
+    assert detections(thresh_local=60) == [INTRUDER]
+    assert detections(thresh_local=60, min_area_cells=5) == []
+    assert detections(thresh_local=60, deflate_boxes_m=0.2) == [pytest.approx((-0.8, -0.8, -0.2, -0.2))]
+    # all that is unknown is an intruder now: the whole window within the walls
+    assert detections(unknown="occupied") == [Box(-2.5, -1.5, 0.5, 0.5)]
+
+
+def rotated(grid: OccupancyGrid) -> OccupancyGrid:
+    """A quarter turn to the left about the origin of the world."""
+    x, _, _, top = *grid.origin, grid.extent[2], grid.extent[3]
+    # row r, column c goes to row c, column (height - 1 - r)
+    turned = np.ascontiguousarray(grid.data.T[:, ::-1])
+    return OccupancyGrid(turned, grid.resolution, (-top, x))
+
+
+def rotated_pose(pose: Pose2D) -> Pose2D:
+    return Pose2D(-pose.y, pose.x, pose.yaw)
+
+
+@given(
+    hnp.arrays(np.uint8, (9, 12), elements=st.sampled_from([0, 255])),
+    st.lists(
+        st.tuples(
+            st.integers(-3, 14),
+            st.integers(-3, 11),
+            hnp.arrays(np.int8, (5, 7), elements=st.sampled_from([-1, 0, 100])),
+        ),
+        min_size=1,
+        max_size=3,
+    ),
+    st.sampled_from(["floor", "origin"]),
+)
+def test_turning_the_world_turns_the_boxes(
+    prior: np.ndarray, robots: list[tuple[int, int, np.ndarray]], align: str
+) -> None:
+    # odd windows about the middle of a cell, so that Eqs. 2 to 4 have nothing to round
+    world = OccupancyGrid(prior, 0.5, (-3.0, -2.0))
+    team = []
+    for column, row, data in robots:
+        pose = Pose2D(*world.center_of(column, row), 0.0)
+        team.append(Observation(pose, OccupancyGrid(data, 0.5, (pose.x - 1.75, pose.y - 1.25))))
+    turned_team = [Observation(rotated_pose(one.pose), rotated(one.costmap)) for one in team]
+    # the lists' order turns too, so no step may depend on it: all matches of an ally go
+    settings = MIDNetSettings(ally_diameter_m=0.5, ally_remove="all", align=align)  # type: ignore[arg-type]
+
+    before = MIDNet(world, settings).update(team, explain=True).explanation
+    after = MIDNet(rotated(world), settings).update(turned_team, explain=True).explanation
+    assert before is not None
+    assert after is not None
+    for view, turned in zip(before.views, after.views, strict=True):
+        np.testing.assert_array_equal(rotated(view.d).data, turned.d.data)
+        for boxes, turned_boxes in ((view.found, turned.found), (view.kept, turned.kept)):
+            expected = sorted(Box(-b.y_max, b.x_min, -b.y_min, b.x_max) for b in boxes)
+            assert sorted(turned_boxes) == expected
+
+
+@given(
+    hnp.arrays(np.uint8, (9, 12), elements=st.sampled_from([0, 255])),
+    hnp.arrays(np.int8, (6, 5), elements=st.sampled_from([-1, 0, 98, 99, 100])),
+    st.integers(-5, 16),
+    st.integers(-6, 13),
+)
+def test_foreground_is_what_is_seen_and_not_on_the_map(
+    prior: np.ndarray, local: np.ndarray, column: int, row: int
+) -> None:
+    world = OccupancyGrid(prior, 0.5, (-3.0, -2.0))
+    pose = Pose2D(*world.center_of(column, row), 0.0)
+    observation = Observation(pose, OccupancyGrid(local, 0.5, (0.0, 0.0)))
+    explanation = MIDNet(world).update([observation], explain=True).explanation
+    assert explanation is not None
+    (view,) = explanation.views
+    found = {
+        (view.crop.x1_gmap + int(c), view.crop.y1_gmap + int(r))
+        for r, c in zip(*np.nonzero(view.d.data), strict=True)
+    }
+    expected = {
+        (c, r)
+        for r in range(9)
+        for c in range(12)
+        if 0 <= r - row + 3 < 6 and 0 <= c - column + 2 < 5
+        if local[r - row + 3, c - column + 2] >= 99 and prior[r, c] == 255
+    }
+    assert found == expected
+    # every cell of the foreground is in some box, and explaining changes nothing
+    for c, r in found:
+        x, y = world.center_of(c, r)
+        assert any(box.x_min < x < box.x_max and box.y_min < y < box.y_max for box in view.found)
+    assert MIDNet(world).update([observation]).detections == view.found
+
+
+def test_grids_that_may_not_be_written_to_will_do() -> None:
+    prior, local = ROOM.data.copy(), LEFT.costmap.data.copy()
+    prior.setflags(write=False)
+    local.setflags(write=False)
+    observation = Observation(LEFT.pose, OccupancyGrid(local, 0.5, (0.0, 0.0)))
+    midnet = MIDNet(OccupancyGrid(prior, 0.5, ROOM.origin), SETTINGS)
+    assert midnet.update([observation, observation], explain=True).detections == [INTRUDER]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"thresh_local": 0}, "thresh_local: 0 is out of range; allowed: 1 to 100"),
+        ({"thresh_local": 101}, "thresh_local: 101 is out of range"),
+        ({"min_area_cells": 0}, "min_area_cells: 0 is out of range"),
+        ({"deflate_boxes_m": -0.1}, "deflate_boxes_m: -0.1 is out of range"),
+        ({"deflate_boxes_m": float("nan")}, "deflate_boxes_m: nan is out of range"),
+        ({"ally_diameter_m": 0.0}, "ally_diameter_m: 0.0 is out of range"),
+        ({"iou_ally": 0.0}, "iou_ally: 0.0 is out of range; allowed: above 0 and at most 1"),
+        ({"iou_fuse": 1.1}, "iou_fuse: 1.1 is out of range"),
+        ({"unknown": "fre"}, "unknown: no such choice 'fre'; did you mean 'free'"),
+        ({"align": "origins"}, "align: no such choice 'origins'; did you mean 'origin'"),
+        ({"ally_remove": "none"}, "ally_remove: no such choice 'none'"),
+    ],
+)
+def test_settings_out_of_range_are_refused_by_name(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message.replace(".", r"\.")):
+        MIDNetSettings(**changes)  # type: ignore[arg-type]
+
+
+def test_prior_map_that_is_not_binary_is_refused() -> None:
+    for data in (np.zeros((3, 3), np.int8), np.full((3, 3), 100, np.uint8)):
+        with pytest.raises(InputError, match="prior map: must be binary"):
+            MIDNet(OccupancyGrid(data, 0.05, (0.0, 0.0)))
+
+
+def test_costmap_of_another_resolution_is_refused_by_the_pipeline() -> None:
+    fine = Observation(LEFT.pose, OccupancyGrid(LEFT.costmap.data, 0.25, (0.0, 0.0)))
+    with pytest.raises(InputError, match=r"costmap: resolution 0\.25 m"):
+        MIDNet(ROOM).update([LEFT, fine])
