@@ -25,7 +25,7 @@ class LidarGeometry:
     @property
     def angles_rad(self) -> npt.NDArray[np.float64]:
         """(beams,) direction of each beam in the sensor frame, radians."""
-        return self.angle_min_rad + self.angle_increment_rad * np.arange(self.beams)
+        return self.angle_min_rad + self.angle_increment_rad * np.arange(self.beams, dtype=np.float64)
 
 
 class Odometry(NamedTuple):

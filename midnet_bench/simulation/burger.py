@@ -1,10 +1,9 @@
 """The TurtleBot3 Burger: its measures, its body in PyBullet, its drive."""
 
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
@@ -21,23 +20,9 @@ RIM_ACCELERATION_MPS2 = 1.0
 WHEEL_TORQUE_NM = 10.0
 BASE_LINK_HEIGHT_M = 0.010
 
-RobotProfile = Literal["urdf", "disc"]
-"""What beams see of a robot (item 28): the LDS-01's housing, as in the URDF, or a disc of the whole robot."""
-
-
-class Profile(NamedTuple):
-    """A disc in the scan plane."""
-
-    link: str
-    radius_m: float
-    offset_x_m: float
-    """its centre ahead of the axle"""
-
-
-PROFILES: dict[str, Profile] = {"urdf": Profile("lds", 0.055, -0.017), "disc": Profile("disc", 0.105, 0.0)}
-
-# Collision groups: what a shape is, and with which groups it collides. A ray acts as group 1.
-RAY, ROBOT, STATIC, SCAN, FLOOR = 1, 2, 4, 8, 16
+# Collision groups: what a shape is, and with which groups it collides. A ray acts as group 1, and sees
+# nothing but what stands still: robots are discs in the scan plane, which lidar.py intersects exactly.
+RAY, ROBOT, STATIC, FLOOR = 1, 2, 4, 8
 
 
 class Burger(NamedTuple):
@@ -48,8 +33,8 @@ class Burger(NamedTuple):
     """joints, left and right"""
 
 
-def load_burger(client: int, pose: Pose2D, profile: RobotProfile) -> Burger:
-    """A Burger with its base_footprint at ``pose``, wheels braked; beams see ``profile`` of it only."""
+def load_burger(client: int, pose: Pose2D) -> Burger:
+    """A Burger with its base_footprint at ``pose``. Its wheels touch the floor only, the rest everything."""
     body = bullet.loadURDF(
         str(URDF),
         [pose.x, pose.y, BASE_LINK_HEIGHT_M],
@@ -61,15 +46,9 @@ def load_burger(client: int, pose: Pose2D, profile: RobotProfile) -> Burger:
     for joint in range(bullet.getNumJoints(body, physicsClientId=client)):
         links[bullet.getJointInfo(body, joint, physicsClientId=client)[12].decode()] = joint
     wheels = (links["wheel_left"], links["wheel_right"])
-    for name, link in links.items():
-        group, mask = ROBOT, ROBOT | STATIC | FLOOR
-        if link in wheels:
-            mask = FLOOR
-        elif name == PROFILES[profile].link:
-            group, mask = SCAN, RAY
-        elif name in ("lds", "disc"):
-            group, mask = 0, 0
-        bullet.setCollisionFilterGroupMask(body, link, group, mask, physicsClientId=client)
+    for link in links.values():
+        mask = FLOOR if link in wheels else ROBOT | STATIC | FLOOR
+        bullet.setCollisionFilterGroupMask(body, link, ROBOT, mask, physicsClientId=client)
         bullet.changeDynamics(body, link, contactProcessingThreshold=0.0, physicsClientId=client)
     return Burger(body, wheels)
 
@@ -121,10 +100,3 @@ class Drive:
             forces=(WHEEL_TORQUE_NM, WHEEL_TORQUE_NM),
             physicsClientId=self._client,
         )
-
-
-def disc_centers(poses: npt.NDArray[np.float64], profile: RobotProfile) -> npt.NDArray[np.float64]:
-    """(n, 2) centres in the map frame of the discs that beams see of robots at (n, 3) poses."""
-    offset = PROFILES[profile].offset_x_m
-    yaw = poses[:, 2]
-    return poses[:, :2] + offset * np.column_stack((np.cos(yaw), np.sin(yaw)))

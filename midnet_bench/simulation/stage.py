@@ -16,7 +16,7 @@ def add_floor(client: int) -> int:
 
 
 def add_solids(client: int, solids: tuple[Solid, ...]) -> int:
-    """The body id of one triangle mesh of all ``solids``, seen by beams and solid to robots.
+    """The body id of one triangle mesh of all ``solids``, which beams see and robots run into.
 
     Sides only: nothing reaches a top. The mesh is passed inline, because PyBullet remembers files by name.
     """

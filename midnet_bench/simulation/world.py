@@ -12,7 +12,7 @@ from midnet_bench.geometry import Box
 from midnet_bench.messages import Command
 from midnet_bench.rng import stream
 from midnet_bench.simulation import lidar
-from midnet_bench.simulation.burger import PROFILES, Drive, RobotProfile, disc_centers, load_burger
+from midnet_bench.simulation.burger import Drive, load_burger
 from midnet_bench.simulation.engine import bullet
 from midnet_bench.simulation.free_space import cells_near
 from midnet_bench.simulation.layout import Layout
@@ -22,14 +22,14 @@ from midnet_bench.spec import Spec
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-NOTHING, WALL = -1, -2
-"""What a beam met when it was no body: nothing, a wall."""
+NOTHING, SOLID = -1, -2
+"""What a beam met that was no robot: nothing, a wall or a stationary intruder."""
 TOO_NEAR_M = 0.0
 """The range of a beam that ends before the sensor's least range, as the LDS-01's driver reports it."""
 
 _SETTLE_S = 1.0
-_SOLIDS_NEAR_M, _ROBOTS_NEAR_M = 0.20, 0.30
-"""From axle to surface and from axle to axle: beyond these nothing can be within a sensor's least range."""
+_BLIND_M = 0.20
+"""No solid this far from the middle of the axle's cell can be within the sensor's least range."""
 _CONTACT_HZ = 10
 _EPISODE_GAP_S = 1.0
 
@@ -39,7 +39,7 @@ class WorldSettings(Spec):
 
     step_hz: Annotated[int, Field(ge=30, le=1000, multiple_of=10)] = 60
     solver_iterations: Annotated[int, Field(ge=1, le=1000)] = 50
-    robot_profile: RobotProfile = "urdf"
+    robot_profile: lidar.RobotProfile = "urdf"
     lidar_noise: lidar.LidarNoise = "gazebo"
 
 
@@ -65,14 +65,14 @@ class World:
         )
         bullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
         self._floor = add_floor(self._client)
-        self._static = add_solids(self._client, layout.solids)
-        self._burgers = [load_burger(self._client, pose, self.settings.robot_profile) for pose in starts]
+        add_solids(self._client, layout.solids)
+        self._burgers = [load_burger(self._client, pose) for pose in starts]
         self._drive = Drive(self._burgers, self._client, 1.0 / self.settings.step_hz)
         self._active = np.ones(len(starts), dtype=np.bool_)
         self._lidar_scales = np.array(
             [lidar.draw_scale(stream(layout.seed, "lidar scale", i)) for i in range(len(starts))]
         )
-        self._near_solids = cells_near(layout.arena, layout.solids, _SOLIDS_NEAR_M)
+        self._blind_cells = cells_near(layout.arena, layout.solids, _BLIND_M)
         self._collisions = np.zeros(len(starts), dtype=np.int64)
         self._last_contact = np.full(len(starts), -(10**9), dtype=np.int64)
         self._poses: Floats | None = None
@@ -155,54 +155,41 @@ class World:
         inf where nothing reflects within range; 0 (``TOO_NEAR_M``) where something stands closer than
         the sensor's least range. ``rngs`` are the robots' noise generators, one per index.
         """
-        return self._scan(indices, rngs)[0]
+        return self.scan_and_bodies(indices, rngs)[0]
 
     def scan_and_bodies(
         self, indices: Sequence[int], rngs: Sequence[np.random.Generator]
     ) -> tuple[Floats, Ints]:
-        """What ``scan`` gives, and beside it what each beam met, both (len(indices), beams).
+        """What ``scan`` gives, and beside it which robot each beam met, both (len(indices), beams).
 
-        Bodies are indices of this world (security robots, then mobile intruders), after them the layout's
-        stationary intruders in order; ``WALL``, or ``NOTHING`` where there is no range.
+        ``SOLID`` where it met a wall or a stationary intruder, ``NOTHING`` where it met nothing.
         """
-        ranges, true_ranges, hits = self._scan(indices, rngs)
-        poses = self.poses()[list(indices)]
-        axes, directions = lidar.beam_origins_and_directions(poses)
-        ids = np.array([hit[0] for hit in hits], dtype=np.int64).reshape(ranges.shape)
-        bodies = np.full(ranges.shape, NOTHING, dtype=np.int64)
-        static = ids == self._static
-        bodies[static] = WALL
-        points = (axes[:, None, :] + np.where(static, true_ranges, 0.0)[..., None] * directions)[static]
-        places = bodies[static]
-        for number, solid in enumerate(self.layout.stationary):
-            places[np.abs(solid.distance_to(points)) < 0.005] = len(self._burgers) + number
-        bodies[static] = places
-        for index, burger in enumerate(self._burgers):
-            bodies[ids == burger.body] = index
-        bodies[ranges == TOO_NEAR_M] = NOTHING
-        return ranges, bodies
-
-    def _scan(
-        self, indices: Sequence[int], rngs: Sequence[np.random.Generator]
-    ) -> tuple[Floats, Floats, list[lidar.Hit]]:
         for index in indices:
             self._require(index)
-        rows = list(indices)
-        poses = self.poses()[rows]
-        axes, directions = lidar.beam_origins_and_directions(poses)
         low, high = lidar.LDS_01.range_min_m, lidar.LDS_01.range_max_m
-        true_ranges, hits = lidar.cast(self._client, axes, directions, low, high)
+        profile = lidar.PROFILES[self.settings.robot_profile]
+        rows = list(indices)
+        beams = lidar.beams_from(self.poses()[rows])
+        solids = lidar.cast_on_solids(self._client, beams, low, high)
+        for row in self._near_solids(rows):
+            # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
+            one = lidar.Beams(beams.axes[row : row + 1], beams.directions[row : row + 1])
+            solids[row] = np.minimum(solids[row], lidar.cast_on_solids(self._client, one, 0.0, low)[0])
+        discs, bodies = lidar.cast_on_discs(
+            beams, profile.centers(self.poses()), profile.radius_m, rows, high
+        )
+        bodies[solids <= discs] = SOLID
+        true_ranges = np.minimum(solids, discs)
+        bodies[np.isinf(true_ranges)] = NOTHING
         ranges = lidar.add_noise(true_ranges, self.settings.lidar_noise, self._lidar_scales[rows], rngs)
-        for row in self._something_near(rows).nonzero()[0].tolist():
-            # Rays start past the robot's own housing, so what stands nearer than that needs rays of its own.
-            near, _ = lidar.cast(self._client, axes[row : row + 1], directions[row : row + 1], 0.0, low)
-            ranges[row, np.isfinite(near[0])] = TOO_NEAR_M
-        return ranges, true_ranges, hits
+        ranges[true_ranges < low] = TOO_NEAR_M
+        return ranges, bodies
 
     def scan_outline(self, index: int) -> Box:
         """The true box, map frame, of what beams see of a robot (item 45); NaN once it is removed."""
-        x, y = disc_centers(self.poses()[index : index + 1], self.settings.robot_profile)[0].tolist()
-        return Box.square(x, y, 2.0 * PROFILES[self.settings.robot_profile].radius_m)
+        profile = lidar.PROFILES[self.settings.robot_profile]
+        x, y = profile.centers(self.poses()[index : index + 1])[0].tolist()
+        return Box.square(x, y, 2.0 * profile.radius_m)
 
     def remove(self, index: int) -> None:
         """Take a robot out of the arena for good, as a caught intruder is."""
@@ -235,18 +222,11 @@ class World:
             if active
         ]
 
-    def _something_near(self, rows: list[int]) -> npt.NDArray[np.bool_]:
-        """(len(rows),) whether anything may stand within the least range of those robots' sensors."""
-        points = self.poses()[:, :2]
-        near = np.zeros(len(rows), dtype=np.bool_)
-        grid = self._near_solids
-        for place, row in enumerate(rows):
-            x, y = points[row].tolist()
-            column, line = grid.cell_at(x, y)
-            others = np.hypot(points[:, 0] - x, points[:, 1] - y) < _ROBOTS_NEAR_M
-            in_view = grid.contains_cell(column, line) and bool(grid.data[line, column])
-            near[place] = in_view or int(others.sum()) > 1
-        return near
+    def _near_solids(self, rows: list[int]) -> list[int]:
+        """Which of ``rows``, by place, may have a solid within their sensor's least range."""
+        grid = self._blind_cells
+        cells = [grid.cell_at(x, y) for x, y in self.poses()[rows, :2].tolist()]
+        return [i for i, cell in enumerate(cells) if grid.contains_cell(*cell) and grid.data[cell[::-1]]]
 
     def _count_collisions(self) -> None:
         gap = _EPISODE_GAP_S * self.settings.step_hz

@@ -1,0 +1,80 @@
+"""What a Burger believes of its own motion: exactly, as Gazebo told it, or from its wheel encoders."""
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.messages import Odometry
+from midnet_bench.simulation.burger import WHEEL_RADIUS_M, WHEEL_SEPARATION_M
+from midnet_bench.spec import Spec
+
+TICK_RAD = 2.0 * math.pi / 4096
+"""The least turn of a wheel that its encoder tells apart."""
+
+Share = Annotated[float, Field(ge=0.0, le=0.2)]
+
+
+class OdometrySettings(Spec):
+    """Where odometry comes from and, for ``encoder``, how wrong it is."""
+
+    source: Literal["world", "encoder"] = "world"
+    """``world`` is what gazebo_ros_diff_drive published for a Burger: the true pose and velocity"""
+    radius_error: Share = 0.005
+    """standard deviation of each wheel's radius, as a share of it; drawn once per robot"""
+    separation_error: Share = 0.01
+    """standard deviation of the wheels' separation, as a share of it; drawn once per robot"""
+    slip_m_per_sqrt_m: Share = 0.002
+    """standard deviation of a wheel's slip after one metre; its variance grows with the travel"""
+
+
+def world_odometry(pose: npt.NDArray[np.float64], velocity: npt.NDArray[np.float64]) -> Odometry:
+    """Odometry without any error, from one robot's row of ``World.poses()`` and ``World.velocities()``."""
+    x, y, yaw = pose.tolist()
+    linear, angular = velocity.tolist()
+    return Odometry(Pose2D(x, y, yaw), linear, angular)
+
+
+class EncoderOdometer:
+    """Dead reckoning of one robot from its wheels' angles."""
+
+    def __init__(
+        self,
+        start: Pose2D,
+        wheel_angles_rad: npt.NDArray[np.float64],
+        settings: OdometrySettings,
+        rng: np.random.Generator,
+    ) -> None:
+        """Start at a known pose (so the odom frame is the map frame) and draw this robot's own errors."""
+        self._pose = start
+        self._ticks = _ticks(wheel_angles_rad)
+        self._rng = rng
+        self._slip = settings.slip_m_per_sqrt_m
+        self._scales = 1.0 + settings.radius_error * rng.standard_normal(2)
+        self._separation_m = WHEEL_SEPARATION_M * (1.0 + settings.separation_error * rng.standard_normal())
+
+    def update(self, wheel_angles_rad: npt.NDArray[np.float64], elapsed_s: float) -> Odometry:
+        """The pose and the mean velocity after ``elapsed_s``, from a row of ``World.wheel_angles()``.
+
+        The pose moves along the heading half-way through the turn (midpoint rule).
+        """
+        ticks = _ticks(wheel_angles_rad)
+        travel = (ticks - self._ticks) * (TICK_RAD * WHEEL_RADIUS_M) * self._scales
+        travel += self._slip * np.sqrt(np.abs(travel)) * self._rng.standard_normal(2)
+        self._ticks = ticks
+        left, right = travel.tolist()
+        forward, turn = (left + right) / 2.0, (right - left) / self._separation_m
+        heading = self._pose.yaw + turn / 2.0
+        self._pose = Pose2D(
+            self._pose.x + forward * math.cos(heading),
+            self._pose.y + forward * math.sin(heading),
+            wrap_angle(self._pose.yaw + turn),
+        )
+        return Odometry(self._pose, forward / elapsed_s, turn / elapsed_s)
+
+
+def _ticks(wheel_angles_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    return np.floor(wheel_angles_rad / TICK_RAD)
