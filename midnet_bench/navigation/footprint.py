@@ -43,3 +43,8 @@ def at_pose(corners: npt.NDArray[np.float64], pose: Pose2D) -> npt.NDArray[np.fl
     placed[:, 0] = pose.x + c * corners[:, 0] - s * corners[:, 1]
     placed[:, 1] = pose.y + s * corners[:, 0] + c * corners[:, 1]
     return placed
+
+
+def corner_array(footprint: Footprint) -> npt.NDArray[np.float64]:
+    """(N, 2) float64 corners, metres."""
+    return np.array(footprint, dtype=np.float64).reshape(-1, 2)

@@ -1,0 +1,254 @@
+"""move_base: from a goal and scans to velocities, with recoveries when the way is lost."""
+
+import enum
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.messages import STOP, Command, LidarGeometry
+from midnet_bench.navigation.cost_values import INSCRIBED, NO_INFORMATION
+from midnet_bench.navigation.costmap import GlobalCostmap, RollingCostmap
+from midnet_bench.navigation.dwa import DwaPlanner, DwaSettings
+from midnet_bench.navigation.local_planner import LocalPlanner, Plan
+from midnet_bench.navigation.navfn import potential_to
+from midnet_bench.navigation.navigator_settings import NavigatorSettings
+from midnet_bench.navigation.plan_keeper import PlanKeeper
+from midnet_bench.navigation.recovery import RotateRecovery
+from midnet_bench.navigation.stop_rotate import StopRotate
+from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
+
+
+class Status(enum.Enum):
+    """How the newest goal stands."""
+
+    IDLE = "idle"
+    ACTIVE = "active"
+    SUCCEEDED = "succeeded"
+    ABORTED = "aborted"
+
+
+class _State(enum.Enum):
+    PLANNING = enum.auto()
+    CONTROLLING = enum.auto()
+    CLEARING = enum.auto()
+
+
+class Navigator:
+    """Drives one robot to one goal at a time over a prior map (int8, -1 to 100), by its own scans.
+
+    Call ``observe`` at every scan and ``control`` at ``controller_frequency_hz``. The states, clocks and the
+    order of recoveries (clear all but a 3 m square, turn once, clear all but 1.84 m, turn once) are
+    move_base's. Departures: planning runs inside ``control``, not in a thread of its own; a goal that the
+    map alone makes impossible (off the map, in or at a wall, walled off) is aborted at once; and one that
+    stands on an obstacle that was only scanned is aborted after the first recovery did not help.
+    """
+
+    def __init__(self, prior: OccupancyGrid, settings: NavigatorSettings | None = None) -> None:
+        self.settings = settings = settings or NavigatorSettings()
+        self.local_costmap = RollingCostmap(settings.local_costmap, prior.origin)
+        self.global_costmap = GlobalCostmap(settings.global_costmap, prior)
+        self._keeper = PlanKeeper(
+            self.global_costmap, settings.allow_unknown, settings.wave_period_s, settings.change_radius_m
+        )
+        self._period_s = 1.0 / settings.controller_frequency_hz
+        self._local_planner = _local_planner(settings, self._period_s)
+        self._stop_rotate = StopRotate(self._local_planner, self._period_s)
+        self._window_m = settings.local_costmap.size_m / 2.0
+        self.status = Status.IDLE
+        self.recoveries = 0
+        self.aborts = 0
+        self.goals_reached = 0
+        self._goal: tuple[float, float] | None = None
+        self._goal_yaw: float | None = None
+        self._pose: Pose2D | None = None
+
+    @property
+    def plans(self) -> int:
+        """How often the way was computed anew from the costs, over all goals."""
+        return self._keeper.waves
+
+    @property
+    def goal(self) -> tuple[float, float] | None:
+        """Where the robot is to go, metres; None unless ACTIVE."""
+        return self._goal
+
+    def set_goal(self, x: float, y: float, yaw: float | None = None) -> None:
+        """Head for (x, y) in the map's frame, metres; any heading will do there if ``yaw`` is None."""
+        self._goal, self._goal_yaw = (x, y), yaw
+        self.status = Status.ACTIVE
+        self._state = _State.PLANNING
+        self._trigger = _State.PLANNING
+        self._recovery_index = 0
+        self._rotation: RotateRecovery | None = None
+        self._plan: Plan | None = None
+        self._started = False
+        self._checked_on_map = False
+        self._keeper.forget()
+        self._local_planner.forget()
+        self._stop_rotate.forget()
+        if self._is_blocked(self.global_costmap.static_costs):
+            self._abort()
+
+    def cancel(self) -> None:
+        """Give the goal up; the next command is to stop."""
+        self._goal = None
+        self.status = Status.IDLE
+
+    def set_static(self, static_map: OccupancyGrid) -> None:
+        """Replace the prior map by a newer or larger one; the goal stays."""
+        self.global_costmap.set_static(static_map)
+        self._keeper.doubt()
+
+    def observe(
+        self, pose: Pose2D, ranges_m: npt.NDArray[np.float64], geometry: LidarGeometry, time_s: float
+    ) -> None:
+        """Take one scan into both costmaps; ``pose``: the robot in the map's frame at that instant."""
+        sensor_pose = pose.compose(geometry.mount)
+        self.local_costmap.update(pose, sensor_pose, ranges_m, geometry, time_s)
+        self.global_costmap.update(pose, sensor_pose, ranges_m, geometry, time_s)
+
+    def control(self, pose: Pose2D, velocity: Command, time_s: float) -> Command:
+        """The velocity to drive until the next call; ``velocity`` is the present one, in the body frame."""
+        self._pose = pose
+        if self._goal is None:
+            return STOP
+        if not self._started:
+            self._started = True
+            self._planning_since_s = self._valid_command_at_s = self._moved_at_s = time_s
+            self._moved_from = pose
+        if self._state is _State.PLANNING:
+            self._make_plan(self._goal, pose, time_s)
+        if self._state is _State.CLEARING:
+            return self._recover(pose, time_s)
+        if self._state is _State.CONTROLLING and self._goal is not None:
+            return self._follow(self._goal, pose, velocity, time_s)
+        return STOP
+
+    def plan(self) -> Plan | None:
+        """(N, 2) the whole way from the robot's last pose to the goal, metres, for drawing; or None."""
+        if self._goal is None or self._pose is None:
+            return None
+        return self._keeper.whole_plan(self._pose)
+
+    def _make_plan(self, goal: tuple[float, float], pose: Pose2D, time_s: float) -> None:
+        plan = self._keeper.plan(goal, pose, time_s, self._window_m)
+        if plan is not None:
+            self._plan, self._planned_at_s = plan, time_s
+            self._state = _State.CONTROLLING
+            self._local_planner.forget()
+            if self._trigger is _State.PLANNING:
+                self._recovery_index = 0
+        elif not self._checked_on_map and self._is_walled_off(goal, pose):
+            self._abort()
+        elif time_s - self._planning_since_s > self.settings.planner_patience_s:
+            if self._recovery_index > 0 and self._is_blocked(self.global_costmap.costs):
+                self._abort()
+            else:
+                self._clear_because(_State.PLANNING)
+
+    def _follow(self, goal: tuple[float, float], pose: Pose2D, velocity: Command, time_s: float) -> Command:
+        settings = self.settings
+        command: Command | None
+        if self._stop_rotate.arrived_at(goal, pose):
+            if self._goal_yaw is None or self._stop_rotate.finished(self._goal_yaw, pose, velocity):
+                self._goal = None
+                self.status = Status.SUCCEEDED
+                self.goals_reached += 1
+                return STOP
+            command = self._stop_rotate.command(self.local_costmap, self._goal_yaw, pose, velocity)
+        elif self._oscillates(pose, time_s):
+            self._clear_because(_State.CLEARING)
+            return STOP
+        else:
+            if time_s - self._planned_at_s > 1.0 / settings.planner_frequency_hz - 1e-6:
+                plan = self._keeper.plan(goal, pose, time_s, self._window_m)
+                self._planned_at_s = time_s
+                self._plan = self._plan if plan is None else plan
+            assert self._plan is not None
+            command = self._local_planner.command(self.local_costmap, self._plan, pose, velocity)
+        if command is not None:
+            self._valid_command_at_s = time_s
+            if self._trigger is _State.CONTROLLING:
+                self._recovery_index = 0
+            return command
+        if time_s - self._valid_command_at_s > settings.controller_patience_s:
+            self._clear_because(_State.CONTROLLING)
+        else:
+            self._state = _State.PLANNING
+            self._planning_since_s = time_s
+            self._keeper.doubt()
+        return STOP
+
+    def _oscillates(self, pose: Pose2D, time_s: float) -> bool:
+        """Whether the robot has stayed within the oscillation distance for too long."""
+        if pose.distance_to(self._moved_from) >= self.settings.oscillation_distance_m:
+            self._moved_from, self._moved_at_s = pose, time_s
+            if self._trigger is _State.CLEARING:
+                self._recovery_index = 0
+        return time_s - self._moved_at_s > self.settings.oscillation_timeout_s
+
+    def _clear_because(self, trigger: _State) -> None:
+        """Begin a recovery; ``trigger`` is what failed: planning, controlling, or (CLEARING) moving on."""
+        self._trigger = trigger
+        self._state = _State.CLEARING
+
+    def _recover(self, pose: Pose2D, time_s: float) -> Command:
+        settings = self.settings
+        if self._recovery_index >= 4:
+            self._abort()
+            return STOP
+        command: Command | None = None
+        if self._recovery_index in (0, 2):
+            conservative = self._recovery_index == 0
+            side_m = settings.conservative_reset_dist_m if conservative else settings.aggressive_reset_dist_m
+            self.local_costmap.clear_outside(pose.x, pose.y, side_m)
+            self.global_costmap.clear_outside(pose.x, pose.y, side_m)
+            self._keeper.forget()
+            self.recoveries += 1
+        else:
+            if self._rotation is None:
+                local = settings.local_costmap
+                self._rotation = RotateRecovery(local.footprint, local.resolution, pose.yaw)
+                self.recoveries += 1
+            command = self._rotation.command(self.local_costmap, pose)
+        if command is not None:
+            return command
+        self._rotation = None
+        self._recovery_index += 1
+        self._state = _State.PLANNING
+        self._planning_since_s = self._moved_at_s = time_s
+        return STOP
+
+    def _abort(self) -> None:
+        self._goal = None
+        self.status = Status.ABORTED
+        self.aborts += 1
+
+    def _is_blocked(self, costs: npt.NDArray[np.uint8]) -> bool:
+        """Whether the goal's cell cannot be planned to: off the map, on its border, or in collision."""
+        assert self._goal is not None
+        x, y = self.global_costmap.layer.to_cells(*self._goal)
+        height, width = costs.shape
+        if not (1.0 <= x < width - 1 and 1.0 <= y < height - 1):
+            return True
+        cost = int(costs[int(y), int(x)])
+        return cost >= INSCRIBED and not (cost == NO_INFORMATION and self.settings.allow_unknown)
+
+    def _is_walled_off(self, goal: tuple[float, float], pose: Pose2D) -> bool:
+        """Whether even the prior map without any obstacle has no way; asked once per goal."""
+        self._checked_on_map = True
+        costmap = self.global_costmap
+        costs = OccupancyGrid(costmap.static_costs, costmap.settings.resolution, costmap.origin)
+        potential = potential_to(
+            goal, costs, near=(pose.x, pose.y), allow_unknown=self.settings.allow_unknown
+        )
+        return potential is None or potential.path_from(pose.x, pose.y) is None
+
+
+def _local_planner(settings: NavigatorSettings, period_s: float) -> LocalPlanner:
+    chosen, costmap = settings.local_planner, settings.local_costmap
+    if isinstance(chosen, DwaSettings):
+        return DwaPlanner(chosen, costmap.footprint, costmap.resolution, period_s)
+    return TrajectoryRolloutPlanner(chosen, costmap.footprint, costmap.resolution)

@@ -1,0 +1,31 @@
+"""The parameters of a navigator, with move_base's names where it has them."""
+
+from dataclasses import dataclass, field
+
+from midnet_bench.navigation.costmap_settings import CostmapSettings, burger_global, burger_local
+from midnet_bench.navigation.dwa import DwaSettings
+from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
+
+
+@dataclass(frozen=True)
+class NavigatorSettings:
+    """Defaults: turtlebot3_navigation's files for the Burger."""
+
+    local_costmap: CostmapSettings = field(default_factory=burger_local)
+    global_costmap: CostmapSettings = field(default_factory=burger_global)
+    local_planner: DwaSettings | TrajectoryRolloutSettings = field(default_factory=DwaSettings)
+    allow_unknown: bool = True
+    """plans may cross cells that nobody has seen"""
+    controller_frequency_hz: float = 10.0
+    planner_frequency_hz: float = 5.0
+    planner_patience_s: float = 5.0
+    controller_patience_s: float = 15.0
+    oscillation_timeout_s: float = 10.0
+    oscillation_distance_m: float = 0.2
+    conservative_reset_dist_m: float = 3.0
+    aggressive_reset_dist_m: float = 1.84
+    """four times move_base's own circumscribed radius (0.46 m)"""
+    wave_period_s: float = 1.0
+    """no new potential sooner than this after the last one for the same goal"""
+    change_radius_m: float = 0.3
+    """obstacles that come or go this near to the plan ahead call for a new potential"""

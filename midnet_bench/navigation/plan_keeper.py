@@ -1,0 +1,98 @@
+"""The global plan of one goal, kept up to date at the least cost."""
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.navigation.cost_values import INSCRIBED, reach_cells
+from midnet_bench.navigation.costmap import GlobalCostmap
+from midnet_bench.navigation.local_planner import Plan
+from midnet_bench.navigation.navfn import Potential, potential_to
+
+Cells = npt.NDArray[np.uint8]
+
+_LETHAL = 254
+
+
+class PlanKeeper:
+    """Plans to one goal over a global costmap.
+
+    One potential serves until there is a reason for another: none yet, no way down from where the robot is,
+    or an obstacle that came or went near the plan ahead, away from the walls of the static map (whose noise
+    changes all the time and never matters). So a robot has a plan from where it is at planner rate, as under
+    move_base, at the price of a trace each time and a wave once in several seconds.
+    """
+
+    def __init__(
+        self, costmap: GlobalCostmap, allow_unknown: bool, wave_period_s: float, change_radius_m: float
+    ) -> None:
+        self._costmap = costmap
+        self._allow_unknown = allow_unknown
+        self._wave_period_s = wave_period_s
+        self._change_cells = reach_cells(change_radius_m, costmap.settings.resolution)
+        self._potential: Potential | None = None
+        self._obstacles_then = costmap.layer.cells
+        self._wave_at_s: float | None = None
+        self._doubted = False
+        self.waves = 0
+        """potentials computed so far"""
+
+    def forget(self) -> None:
+        """Start anew: another goal, or costs that changed by more than scans."""
+        self._potential = None
+        self._wave_at_s = None
+
+    def doubt(self) -> None:
+        """Ask for another potential as soon as the wave period allows: the plan could not be followed."""
+        self._doubted = True
+
+    def plan(self, goal: tuple[float, float], pose: Pose2D, time_s: float, until_m: float) -> Plan | None:
+        """The way from the robot up to its first point farther than ``until_m``; None when there is none."""
+        path = self._potential.path_from(pose.x, pose.y, until_m) if self._potential else None
+        if path is not None and not self._doubted and not self._changed_near(path):
+            return path
+        if self._wave_at_s is not None and time_s - self._wave_at_s < self._wave_period_s:
+            return path
+        self._send_wave(goal, pose, time_s)
+        return self._potential.path_from(pose.x, pose.y, until_m) if self._potential else None
+
+    def whole_plan(self, pose: Pose2D) -> Plan | None:
+        """The way from the robot to the goal by the newest potential; for drawing."""
+        return self._potential.path_from(pose.x, pose.y) if self._potential else None
+
+    def _send_wave(self, goal: tuple[float, float], pose: Pose2D, time_s: float) -> None:
+        costmap = self._costmap
+        costs = OccupancyGrid(costmap.costs, costmap.settings.resolution, costmap.origin)
+        self._potential = potential_to(goal, costs, near=(pose.x, pose.y), allow_unknown=self._allow_unknown)
+        self._obstacles_then = costmap.layer.cells.copy()
+        self._wave_at_s = time_s
+        self._doubted = False
+        self.waves += 1
+
+    def _changed_near(self, path: Plan) -> bool:
+        now, then = self._costmap.layer.cells, self._obstacles_then
+        if now.shape != then.shape:
+            return True
+        cells = np.ascontiguousarray((path[::4] - self._costmap.origin) / self._costmap.settings.resolution)
+        return bool(changed_near(now, then, self._costmap.static_costs, cells, self._change_cells))
+
+
+@njit(cache=True)
+def changed_near(
+    now: Cells, then: Cells, static_costs: Cells, points: npt.NDArray[np.float64], radius: int
+) -> bool:
+    """Whether any cell within a square of ``radius`` cells around the points began or ceased to be lethal.
+
+    Cells whose static cost is 253 or more do not count: they are walls, or next to one. ``points``: (N, 2) in
+    cells.
+    """
+    height, width = now.shape
+    for i in range(len(points)):
+        column, row = int(points[i, 0]), int(points[i, 1])
+        for y in range(max(row - radius, 0), min(row + radius + 1, height)):
+            for x in range(max(column - radius, 0), min(column + radius + 1, width)):
+                if (now[y, x] == _LETHAL) != (then[y, x] == _LETHAL) and static_costs[y, x] < INSCRIBED:
+                    return True
+    return False

@@ -1,0 +1,187 @@
+"""base_local_planner's TrajectoryPlannerROS: Trajectory Rollout (Gerkey and Konolige 2008)."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.messages import Command
+from midnet_bench.navigation.costmap import RollingCostmap
+from midnet_bench.navigation.footprint import Footprint
+from midnet_bench.navigation.limits import LocalPlannerLimits
+from midnet_bench.navigation.local_planner import LocalGoalGrids, Plan
+from midnet_bench.navigation.rollout_kernels import turn_is_free
+from midnet_bench.navigation.trajectory_rollout_kernels import (
+    BLOCKED,
+    RolloutScales,
+    roll_out,
+    search_rollouts,
+)
+
+
+def _burger_limits() -> LocalPlannerLimits:
+    return LocalPlannerLimits(
+        max_vel_x_mps=0.18,
+        min_vel_x_mps=0.08,
+        max_vel_trans_mps=0.18,
+        min_vel_trans_mps=0.08,
+        max_vel_theta_radps=1.0,
+        min_vel_theta_radps=1.0,
+        acc_lim_x_mps2=1.0,
+        acc_lim_theta_radps2=0.6,
+        xy_goal_tolerance_m=0.10,
+        yaw_goal_tolerance_rad=0.05,
+    )
+
+
+@dataclass(frozen=True)
+class TrajectoryRolloutSettings:
+    """Parameters of TrajectoryPlannerROS (dwa false, meter_scoring false, no heading scoring).
+
+    The defaults are those of turtlebot3's base_local_planner_params.yaml, and of the package for what that
+    file leaves out.
+    """
+
+    limits: LocalPlannerLimits = field(default_factory=_burger_limits)
+    """``min_vel_theta_radps`` is min_in_place_vel_theta"""
+    sim_time_s: float = 0.8
+    sim_granularity_m: float = 0.05
+    angular_sim_granularity_rad: float = 0.025
+    vx_samples: int = 18
+    vtheta_samples: int = 20
+    path_distance_bias: float = 0.6
+    goal_distance_bias: float = 0.8
+    occdist_scale: float = 0.01
+    heading_lookahead_m: float = 0.325
+    oscillation_reset_dist_m: float = 0.05
+    escape_vel_mps: float = -0.1
+    escape_reset_dist_m: float = 0.10
+    escape_reset_theta_rad: float = math.pi / 2
+
+    def __post_init__(self) -> None:
+        names = (
+            "sim_time_s",
+            "sim_granularity_m",
+            "angular_sim_granularity_rad",
+            "vx_samples",
+            "vtheta_samples",
+        )
+        for name in names:
+            if not getattr(self, name) > 0:
+                raise InputError(
+                    f"trajectory rollout: {name} must be greater than 0 (got {getattr(self, name)})"
+                )
+
+
+class TrajectoryRolloutPlanner:
+    """Chooses among velocities that can be reached within ``sim_time_s``, ramping towards each."""
+
+    def __init__(self, settings: TrajectoryRolloutSettings, footprint: Footprint, resolution: float) -> None:
+        self.settings = settings
+        self._footprint_cells = np.array(footprint, dtype=np.float64) / resolution
+        self._grids = LocalGoalGrids()
+        self._scales = RolloutScales(
+            acc_x=float(settings.limits.acc_lim_x_mps2),
+            acc_theta=float(settings.limits.acc_lim_theta_radps2),
+            sim_time=float(settings.sim_time_s),
+            steps_per_m=1.0 / settings.sim_granularity_m,
+            steps_per_radps=1.0 / settings.angular_sim_granularity_rad,
+            cells_per_m=1.0 / resolution,
+            path=float(settings.path_distance_bias),
+            goal=float(settings.goal_distance_bias),
+            occupied=float(settings.occdist_scale),
+            lookahead_m=float(settings.heading_lookahead_m),
+            min_in_place=float(settings.limits.min_vel_theta_radps),
+        )
+        self.forget()
+
+    @property
+    def limits(self) -> LocalPlannerLimits:
+        """What the robot may do."""
+        return self.settings.limits
+
+    def forget(self) -> None:
+        """Allow turns on the spot to both sides, and end an escape."""
+        self._last_side = 0
+        self._only_side = 0
+        self._turned_at = Pose2D(math.inf, math.inf, 0.0)
+        self._escape_from: Pose2D | None = None
+
+    def command(self, costmap: RollingCostmap, plan: Plan, pose: Pose2D, velocity: Command) -> Command | None:
+        """The velocity of the cheapest rollout; else backing up, if need be with the footprint in collision.
+
+        Only a start from which the centre cannot reach the plan gives None. After backing up began, nothing
+        else is tried until the robot has moved or turned far enough.
+        """
+        settings, limits = self.settings, self.settings.limits
+        grids = self._grids.grids(costmap, plan, pose, 0.0, self._footprint_cells)
+        start = (*costmap.layer.to_cells(pose.x, pose.y), float(pose.yaw))
+        v, w = float(velocity[0]), float(velocity[1])
+        self._end_escape(pose)
+        if self._escape_from is None:
+            reach_v, reach_w = (
+                limits.acc_lim_x_mps2 * settings.sim_time_s,
+                limits.acc_lim_theta_radps2 * settings.sim_time_s,
+            )
+            to_end = math.hypot(plan[-1, 0] - pose.x, plan[-1, 1] - pose.y)
+            fastest = min(limits.max_vel_x_mps, to_end / settings.sim_time_s)
+            fastest = max(min(fastest, v + reach_v), limits.min_vel_x_mps)
+            slowest = min(max(limits.min_vel_x_mps, v - reach_v), fastest)
+            left = min(limits.max_vel_theta_radps, w + reach_w)
+            right = max(-limits.max_vel_theta_radps, w - reach_w)
+            cost, speed, turn = search_rollouts(
+                costmap.costs,
+                grids,
+                start,
+                (v, w),
+                np.linspace(slowest, fastest, settings.vx_samples),
+                np.linspace(right, left, settings.vtheta_samples),
+                (self._only_side >= 0, self._only_side <= 0),
+                self._footprint_cells,
+                self._scales,
+            )
+            if cost >= 0.0:
+                self._note(speed, turn, pose)
+                return Command(float(speed), float(turn))
+        cost, *_ = roll_out(
+            costmap.costs,
+            grids,
+            start,
+            (v, w),
+            float(settings.escape_vel_mps),
+            0.0,
+            self._footprint_cells,
+            self._scales,
+            math.inf,
+        )
+        if cost == BLOCKED:
+            return None
+        if self._escape_from is None:
+            self._escape_from = pose
+        return Command(settings.escape_vel_mps, 0.0)
+
+    def turn_is_legal(self, costmap: RollingCostmap, pose: Pose2D, turn_radps: float) -> bool:
+        """Whether turning on the spot at this rate for ``sim_time_s`` keeps the outline off obstacles."""
+        x, y = costmap.layer.to_cells(pose.x, pose.y)
+        angle = float(turn_radps) * self.settings.sim_time_s
+        return bool(turn_is_free(costmap.costs, x, y, float(pose.yaw), angle, self._footprint_cells))
+
+    def _note(self, speed: float, turn: float, pose: Pose2D) -> None:
+        """A second turn on the spot to one side forbids the other side until the robot has moved."""
+        if speed <= 0.0 and turn != 0.0:
+            side = 1 if turn > 0.0 else -1
+            if self._last_side == side:
+                self._only_side = side
+            self._last_side = side
+            self._turned_at = pose
+        elif pose.distance_to(self._turned_at) > self.settings.oscillation_reset_dist_m:
+            self._last_side = self._only_side = 0
+
+    def _end_escape(self, pose: Pose2D) -> None:
+        if self._escape_from is not None and (
+            pose.distance_to(self._escape_from) > self.settings.escape_reset_dist_m
+            or abs(wrap_angle(pose.yaw - self._escape_from.yaw)) > self.settings.escape_reset_theta_rad
+        ):
+            self._escape_from = None
