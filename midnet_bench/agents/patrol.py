@@ -7,10 +7,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 
 CLEARANCE_M = 0.4
 """Third condition of section V.B: patrol points keep this far from any occupied cell."""
+DRIVABLE_M = 0.15
+"""Where a Burger's centre may pass: its farthest corner is 0.15 m from it."""
+OCCUPIED = 100
 
 DRAWS_PER_RELAXATION = 200
 RELAXATION = 0.9
@@ -24,23 +28,40 @@ def safe_distance(diagonal_m: float, robots: int, z_factor: float = 0.5) -> floa
     return z_factor * diagonal_m / robots
 
 
-def points_clear_of_walls(
-    prior_map: OccupancyGrid, reachable: npt.NDArray[np.bool_], clearance_m: float = CLEARANCE_M
+def patrol_points(
+    prior_map: OccupancyGrid, start: Point, enclosure_m: tuple[float, float], clearance_m: float = CLEARANCE_M
 ) -> npt.NDArray[np.float64]:
-    """(n, 2) centres, metres, of the reachable cells at least ``clearance_m`` from every occupied cell.
+    """(n, 2) cell centres, metres, map frame, that a patrol may be sent to.
 
-    ``prior_map`` holds published occupancy (100 occupied); ``reachable`` is a mask of its shape. Distance
-    runs from centre to centre.
+    They lie inside the enclosure (its sides in x and y, centred on the map frame's origin), at least
+    ``clearance_m`` from the centre of every occupied cell, and where a Burger can drive from ``start``.
+
+    Args:
+        prior_map: int8 published occupancy, 100 occupied.
+        start: (x, y) of a guard.
+        enclosure_m: sides of the enclosed area.
+        clearance_m: the third condition's distance.
+
+    Raises:
+        InputError: there is no such cell.
     """
-    free = (prior_map.data != 100).astype(np.uint8)
+    free = (prior_map.data != OCCUPIED).astype(np.uint8)
     distance_m = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * prior_map.resolution
-    rows, columns = np.nonzero((distance_m >= clearance_m) & reachable)
-    return np.column_stack(
-        [
-            prior_map.origin[0] + (columns + 0.5) * prior_map.resolution,
-            prior_map.origin[1] + (rows + 0.5) * prior_map.resolution,
-        ]
-    )
+    x = prior_map.origin[0] + (np.arange(prior_map.width) + 0.5) * prior_map.resolution
+    y = prior_map.origin[1] + (np.arange(prior_map.height) + 0.5) * prior_map.resolution
+    inside = (np.abs(x) < enclosure_m[0] / 2.0) & (np.abs(y) < enclosure_m[1] / 2.0)[:, None]
+    drivable = ((distance_m >= DRIVABLE_M) & inside & (prior_map.data >= 0)).astype(np.uint8)
+    _, labels = cv2.connectedComponents(drivable, connectivity=4)
+    column, row = prior_map.cell_at(*start)
+    reachable = drivable.astype(np.bool_)
+    reachable &= labels == (labels[row, column] if prior_map.contains_cell(column, row) else -1)
+    rows, columns = np.nonzero(reachable & (distance_m >= clearance_m))
+    if not len(rows):
+        raise InputError(
+            f"prior_map: no cell is {clearance_m:g} m from walls and within reach of the guards' start "
+            f"({start[0]:g}, {start[1]:g}); is it the map of this arena?"
+        )
+    return np.column_stack([x[columns], y[rows]])
 
 
 class Patrol:

@@ -4,10 +4,11 @@ Flat on purpose: each field is a key of a campaign file, of its grid, and of ``-
 item numbers are those of the paper notes in ``docs/readings.md``.
 """
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, field_validator, model_validator
 
+from midnet_bench.experiments.inputs import arena_from, inline_arena, inline_prior_map, prior_map_from
 from midnet_bench.spec import Spec
 
 
@@ -21,9 +22,7 @@ class GuardParameters(Spec):
     localization: Literal["ukf", "truth"] = Field("ukf", description="item 10")
     odometry: Literal["world", "encoder"] = Field("world", description="exact, or wheels that slip")
     lidar_noise: Literal["gazebo", "datasheet", "none"] = Field("gazebo", description="LDS-01 range noise")
-    robot_profile: Literal["urdf", "disc"] = Field(
-        "urdf", description="what beams see of a Burger; item 28"
-    )
+    robot_profile: Literal["urdf", "disc"] = Field("urdf", description="what beams see of a Burger; item 28")
 
     thresh_local: int = Field(99, ge=1, le=100, description="Eq. 1 on the local costmap; item 1")
     thresh_global: int = Field(30, ge=1, le=100, description="Eq. 1 on the prior map's costmap; item 1")
@@ -31,6 +30,7 @@ class GuardParameters(Spec):
     inscribed_radius_m: float = Field(0.105, gt=0, le=1, description="cost 99 reaches this far; item 1")
     inflation_radius_m: float = Field(0.55, ge=0, le=3, description="costmap inflation ends here; item 1")
     unknown_in_prior: Literal["free", "occupied"] = Field("free", description="item 4")
+    resolution_m: float = Field(0.05, ge=0.02, le=0.2, description="of prior map and local costmaps; item 6")
     local_size_m: float = Field(5.0, ge=1, le=20, description="side of the local costmap; item 6")
     obstacle_range_m: float = Field(2.5, gt=0, le=10, description="marking range, usable range; item 7")
     raytrace_range_m: float = Field(3.0, gt=0, le=10, description="clearing range; item 7")
@@ -50,6 +50,21 @@ class GuardParameters(Spec):
     z_factor: float = Field(0.5, gt=0, le=2, description="z = z_factor * p / q, Eq. 12")
     goal_timeout_s: float = Field(30.0, gt=0, le=600, description="no progress: new goal; item 62")
     intruder_speed_mps: float = Field(0.22, gt=0, le=0.22, description="mobile intruders; items 49, 57")
+
+    @field_validator("arena")
+    @classmethod
+    def _take_in_the_arena(cls, value: str) -> str:
+        return inline_arena(value)
+
+    @field_validator("prior_map")
+    @classmethod
+    def _take_in_the_prior_map(cls, value: str) -> str:
+        return inline_prior_map(value)
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        prior_map_from(self.prior_map, arena_from(self.arena), self.resolution_m)
+        return self
 
 
 class DetectionParameters(GuardParameters):

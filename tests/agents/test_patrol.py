@@ -3,7 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from midnet_bench.agents.patrol import Patrol, points_clear_of_walls, safe_distance
+from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
+from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.rng import stream
 
@@ -17,8 +18,7 @@ def room(side_m: float) -> OccupancyGrid:
 
 
 def points(side_m: float = 6.0) -> np.ndarray:
-    grid = room(side_m)
-    return points_clear_of_walls(grid, np.ones(grid.data.shape, bool))
+    return patrol_points(room(side_m), (0.0, 0.0), (side_m, side_m))
 
 
 @pytest.mark.parametrize(
@@ -35,11 +35,24 @@ def test_points_keep_forty_centimetres_from_occupied_cells() -> None:
     assert np.abs(drawn).max() > 3.0 - 0.025 - 0.4 - 0.05
 
 
-def test_unreachable_cells_are_no_patrol_points() -> None:
+def test_walled_off_cells_are_no_patrol_points() -> None:
     grid = room(6.0)
-    reachable = np.zeros(grid.data.shape, bool)
-    reachable[:, :60] = True
-    assert points_clear_of_walls(grid, reachable)[:, 0].max() < 0.0
+    grid.data[:, 60] = 100
+    assert patrol_points(grid, (-1.0, 0.0), (6.0, 6.0))[:, 0].max() < 0.0
+    assert patrol_points(grid, (1.0, 0.0), (6.0, 6.0))[:, 0].min() > 0.0
+
+
+def test_a_door_does_not_lead_the_patrol_outside() -> None:
+    grid = room(8.0)
+    grid.data[20, 20:140] = grid.data[139, 20:140] = 100
+    grid.data[20:140, 20] = grid.data[20:60, 139] = grid.data[90:140, 139] = 100
+    drawn = patrol_points(grid, (0.0, 0.0), (6.0, 6.0))
+    assert np.abs(drawn).max() < 3.0
+
+
+def test_a_map_of_some_other_place_is_refused() -> None:
+    with pytest.raises(InputError, match="prior_map"):
+        patrol_points(room(6.0), (40.0, 0.0), (6.0, 6.0))
 
 
 def test_conditions_hold_when_they_can_be_met() -> None:

@@ -1,0 +1,103 @@
+"""``Fleet``: every robot of one world, stepped in lockstep on integer ticks."""
+
+from collections.abc import Sequence
+
+from midnet_bench.agents.mobile_robot import MobileRobot
+from midnet_bench.messages import Odometry
+from midnet_bench.rng import stream
+from midnet_bench.simulation.health import HealthTracker
+from midnet_bench.simulation.imu import ImuSensor
+from midnet_bench.simulation.lidar import LDS_01
+from midnet_bench.simulation.odometry import EncoderOdometer, OdometrySettings, world_odometry
+from midnet_bench.simulation.world import World
+
+CONTROL_HZ = 10
+"""Pose filter and navigator; move_base's controller_frequency in turtlebot3_navigation."""
+SCAN_HZ = 5
+"""The LDS-01, and the costmaps it feeds (paper-notes item 9)."""
+
+
+class Fleet:
+    """Drives a world's robots by their own software; robot i of the list is body i of the world."""
+
+    def __init__(
+        self, world: World, robots: Sequence[MobileRobot], odometry: OdometrySettings, seed: int
+    ) -> None:
+        """Each robot senses and controls with a phase of its own, drawn from ``seed`` (item 9)."""
+        self.world = world
+        self.robots = robots
+        self.health = HealthTracker(world.layout, world.poses())
+        hz = world.settings.step_hz
+        self._control_ticks = hz // CONTROL_HZ
+        self._scan_ticks = hz // SCAN_HZ
+        indices = range(len(robots))
+        self._phases = [int(stream(seed, "phase", i).integers(self._scan_ticks)) for i in indices]
+        self._lidar_noise = [stream(seed, "lidar", i) for i in indices]
+        self._imus = [ImuSensor("gazebo", stream(seed, "imu", i)) for i in indices]
+        self._odometers = (
+            [
+                EncoderOdometer(robot.pose, angles, odometry, stream(seed, "odometry", robot.index))
+                for robot, angles in zip(robots, world.wheel_angles(), strict=True)
+            ]
+            if odometry.source == "encoder"
+            else None
+        )
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since the trial's start."""
+        return self.world.tick / self.world.settings.step_hz
+
+    def step(self) -> None:
+        """Let one tick pass: physics, then sensors and software of the robots that are due."""
+        world = self.world
+        world.step()
+        active = world.active
+        due = [
+            robot
+            for robot in self.robots
+            if (world.tick - self._phases[robot.index]) % self._control_ticks == 0 and active[robot.index]
+        ]
+        if due:
+            self._localize(due)
+            self._scan(
+                [robot for robot in due if (world.tick - self._phases[robot.index]) % self._scan_ticks == 0]
+            )
+            self._control(due)
+        if world.tick % self._control_ticks == 0:
+            self.health.update(world.poses())
+
+    def remove(self, robot: MobileRobot) -> None:
+        """Take a robot out of the arena for good."""
+        self.world.remove(robot.index)
+
+    def _is_due(self, robot: MobileRobot, period_ticks: int) -> bool:
+        return (self.world.tick - self._phases[robot.index]) % period_ticks == 0
+
+    def _localize(self, due: Sequence[MobileRobot]) -> None:
+        poses, velocities = self.world.poses(), self.world.velocities()
+        angles = self.world.wheel_angles() if self._odometers else None
+        elapsed_s = 1.0 / CONTROL_HZ
+        for robot in due:
+            pose, velocity = poses[robot.index], velocities[robot.index]
+            odometry: Odometry = world_odometry(pose, velocity)
+            imu = self._imus[robot.index].read(
+                float(pose[2]), odometry.angular_radps, odometry.linear_mps, elapsed_s
+            )
+            if self._odometers is not None and angles is not None:
+                odometry = self._odometers[robot.index].update(angles[robot.index], elapsed_s)
+            robot.localize(odometry, imu, elapsed_s)
+
+    def _scan(self, scanning: Sequence[MobileRobot]) -> None:
+        if not scanning:
+            return
+        indices = [robot.index for robot in scanning]
+        ranges_m = self.world.scan(indices, [self._lidar_noise[i] for i in indices])
+        for robot, ranges in zip(scanning, ranges_m, strict=True):
+            robot.observe(ranges, LDS_01, self.time_s)
+
+    def _control(self, due: Sequence[MobileRobot]) -> None:
+        for robot in due:
+            x, y = self.world.poses()[robot.index, :2].tolist()
+            robot.progress.update(x, y, self.time_s, robot.goal is not None)
+            self.world.drive(robot.index, robot.control(self.time_s))

@@ -1,0 +1,204 @@
+"""``GuardedArena``: one trial in motion, advanced from MIDNet frame to MIDNet frame."""
+
+import math
+from dataclasses import replace
+from types import TracebackType
+from typing import Self
+
+from midnet_bench.agents.fleet import Fleet
+from midnet_bench.agents.guard import Guard
+from midnet_bench.agents.mobile_robot import MobileRobot, Point
+from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
+from midnet_bench.experiments.inputs import arena_from, prior_map_from
+from midnet_bench.experiments.parameters import GuardParameters
+from midnet_bench.experiments.trial import Row
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
+from midnet_bench.midnet.binary_map import binary_map
+from midnet_bench.midnet.pipeline import Frame, MIDNet, MIDNetSettings
+from midnet_bench.navigation.costmap import RollingCostmap, static_costs
+from midnet_bench.navigation.costmap_settings import CostmapSettings
+from midnet_bench.navigation.dwa import DwaSettings
+from midnet_bench.navigation.limits import LocalPlannerLimits
+from midnet_bench.navigation.navigator import Navigator
+from midnet_bench.navigation.navigator_settings import NavigatorSettings
+from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
+from midnet_bench.rng import stream
+from midnet_bench.simulation.layout import place
+from midnet_bench.simulation.lidar import LDS_01
+from midnet_bench.simulation.odometry import OdometrySettings
+from midnet_bench.simulation.world import World, WorldSettings
+
+LETHAL_PUBLISHED, INSCRIBED_PUBLISHED = 100, 99
+FRAME_HZ = 5
+"""One MIDNet frame per LiDAR period (paper-notes items 9, 42)."""
+
+
+class GuardedArena:
+    """A world with its guards, its mobile intruders, and MIDNet over them. A context manager."""
+
+    def __init__(self, parameters: GuardParameters, seed: int, mobile_intruders: int | None = None) -> None:
+        """Place everybody; time is 0. Intruders have no goals until ``intruder_goal`` is set on them."""
+        self.parameters = parameters
+        self.seed = seed
+        self.arena = arena_from(parameters.arena)
+        self.layout = place(self.arena, seed, parameters.robots, mobile_intruders)
+        self.prior_map = prior_map_from(parameters.prior_map, self.arena, parameters.resolution_m)
+        self.prior = binary_prior(self.prior_map, parameters)
+        self.midnet = MIDNet(self.prior, _midnet_settings(parameters))
+        self.patrol = self._make_patrol()
+        self.guards = [self._make_guard(i, pose) for i, pose in enumerate(self.layout.robots)]
+        first = len(self.guards)
+        self.intruders = [
+            self._make_intruder(first + i, pose) for i, pose in enumerate(self.layout.intruders)
+        ]
+        settings = WorldSettings(robot_profile=parameters.robot_profile, lidar_noise=parameters.lidar_noise)
+        self.world = World(self.layout, settings)
+        odometry = OdometrySettings(source=parameters.odometry)
+        self.fleet = Fleet(self.world, [*self.guards, *self.intruders], odometry, seed)
+        self._frame_ticks = settings.step_hz // FRAME_HZ
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.world.close()
+
+    def next_frame(self, explain: bool = False) -> Frame:
+        """MIDNet's detections 0.2 s later."""
+        for _ in range(self._frame_ticks):
+            self.fleet.step()
+        return self.midnet.update([guard.observation() for guard in self.guards], explain)
+
+    def rows_of_robots(self) -> list[Row]:
+        """``robots.csv``: one row per guard and mobile intruder, what each did so far."""
+        health, collisions = self.fleet.health, self.world.collisions()
+        return [
+            {
+                "robot": f"guard {robot.index + 1}" if isinstance(robot, Guard) else self.name_of(robot),
+                "role": "guard" if isinstance(robot, Guard) else "intruder",
+                "distance_m": float(health.distances_m[robot.index]),
+                "goals_reached": robot.progress.goals_reached,
+                "goals_given_up": robot.progress.goals_given_up,
+                "stuck_s": robot.progress.stuck_s,
+                "collisions": int(collisions[robot.index]),
+                "walls_crossed": int(health.crossings[robot.index]),
+                "recoveries": robot.navigator.recoveries,
+                "pose_error_m": self._pose_error_m(robot),
+            }
+            for robot in self.fleet.robots
+        ]
+
+    def name_of(self, intruder: MobileRobot) -> str:
+        """``intruder 1`` and so on."""
+        return f"intruder {intruder.index - len(self.guards) + 1}"
+
+    def sensor_positions(self) -> list[Point]:
+        """(x, y) of each guard's LiDAR as it truly is, map frame, metres."""
+        poses = self.world.poses()
+        return [Pose2D(*poses[guard.index].tolist()).compose(LDS_01.mount)[:2] for guard in self.guards]
+
+    def next_patrol_point(self, robot: MobileRobot) -> Point:
+        """Where MIDNet sends a guard that has nothing to do (section V.B)."""
+        others = [guard.goal for guard in self.guards if guard is not robot and guard.goal is not None]
+        return self.patrol.next_point((robot.pose.x, robot.pose.y), others)
+
+    def _pose_error_m(self, robot: MobileRobot) -> float:
+        x, y = self.world.poses()[robot.index, :2].tolist()
+        return math.hypot(robot.pose.x - x, robot.pose.y - y)
+
+    def _make_patrol(self) -> Patrol:
+        width_m, height_m = self.arena.enclosure_m
+        start = self.layout.robots[0]
+        points = patrol_points(self.prior_map, (start.x, start.y), (width_m, height_m))
+        z_m = safe_distance(math.hypot(width_m, height_m), self.parameters.robots, self.parameters.z_factor)
+        return Patrol(points, z_m, stream(self.seed, "patrol"))
+
+    def _make_guard(self, index: int, start: Pose2D) -> Guard:
+        return Guard(
+            index,
+            start,
+            self._navigator(LocalPlannerLimits()),
+            self._ukf(start),
+            self.next_patrol_point,
+            self.parameters.goal_timeout_s,
+            eyes=RollingCostmap(costmap_settings(self.parameters), self.prior_map.origin),
+        )
+
+    def _make_intruder(self, index: int, start: Pose2D) -> MobileRobot:
+        speed = self.parameters.intruder_speed_mps
+        limits = LocalPlannerLimits(
+            max_vel_x_mps=speed, min_vel_x_mps=-speed, max_vel_trans_mps=speed, min_vel_trans_mps=speed / 2.0
+        )
+        return MobileRobot(
+            index,
+            start,
+            self._navigator(limits),
+            self._ukf(start),
+            lambda robot: None,
+            self.parameters.goal_timeout_s,
+        )
+
+    def _ukf(self, start: Pose2D) -> PlanarUkf | None:
+        if self.parameters.localization == "truth":
+            return None
+        return PlanarUkf(start, UkfSettings.for_odometry(self.parameters.odometry))
+
+    def _navigator(self, limits: LocalPlannerLimits) -> Navigator:
+        planner = (
+            DwaSettings(limits=limits)
+            if self.parameters.controller == "dwa"
+            else TrajectoryRolloutSettings(limits=limits)
+        )
+        return Navigator(self.prior_map, NavigatorSettings(local_planner=planner))
+
+
+def binary_prior(prior_map: OccupancyGrid, parameters: GuardParameters) -> OccupancyGrid:
+    """The grid that MIDNet subtracts, uint8, 0 occupied: global costmap, then Eq. 1 (section II.A)."""
+    costs = static_costs(prior_map, replace(costmap_settings(parameters), track_unknown=True))
+    return costs.with_data(binary_map(costs.data, parameters.thresh_global, parameters.unknown_in_prior))
+
+
+def costmap_settings(parameters: GuardParameters) -> CostmapSettings:
+    """The one set of costmap parameters for prior map and local costmaps (item 3)."""
+    memory_s = {"persistent": math.inf, "single_scan": 0.0, "decay": parameters.decay_s}
+    return CostmapSettings(
+        resolution=parameters.resolution_m,
+        size_m=parameters.local_size_m,
+        obstacle_range_m=parameters.obstacle_range_m,
+        raytrace_range_m=parameters.raytrace_range_m,
+        inflation_radius_m=parameters.inflation_radius_m,
+        cost_scaling_factor=parameters.cost_scaling,
+        inscribed_radius_m=parameters.inscribed_radius_m,
+        footprint_clearing=parameters.footprint_clearing,
+        inf_is_valid=parameters.inf_is_valid,
+        memory_s=memory_s[parameters.local_map],
+    )
+
+
+def inflation_m(costmap: CostmapSettings, thresh: int) -> float:
+    """How far from a hit a published cost stays at ``thresh`` or above, metres (item 1)."""
+    if thresh == LETHAL_PUBLISHED:
+        return 0.0
+    least_cost = 1 + math.ceil(251 * (thresh - 1) / 97)
+    reach = costmap.inscribed_radius_m + math.log(252 / least_cost) / costmap.cost_scaling_factor
+    return min(
+        costmap.inscribed_radius_m if thresh == INSCRIBED_PUBLISHED else reach, costmap.inflation_radius_m
+    )
+
+
+def _midnet_settings(parameters: GuardParameters) -> MIDNetSettings:
+    local_m = inflation_m(costmap_settings(parameters), parameters.thresh_local)
+    return MIDNetSettings(
+        thresh_local=parameters.thresh_local,
+        align=parameters.align,
+        min_area_cells=parameters.min_area_cells,
+        deflate_boxes_m=local_m if parameters.deflate_boxes else 0.0,
+        ally_diameter_m=parameters.ally_diameter_m,
+        iou_ally=parameters.iou_ally,
+        ally_remove=parameters.ally_remove,
+        iou_fuse=parameters.iou_fuse,
+    )
