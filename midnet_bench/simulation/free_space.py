@@ -87,6 +87,7 @@ def cells_near(arena: Arena, solids: tuple[Solid, ...], distance_m: float) -> Oc
         left, right = np.searchsorted(x, (box.x_min - distance_m, box.x_max + distance_m))
         low, high = np.searchsorted(y, (box.y_min - distance_m, box.y_max + distance_m))
         mesh = np.stack(np.meshgrid(x[left:right], y[low:high]), axis=-1)
-        close = solid.distance_to(mesh.reshape(-1, 2)) < distance_m
+        # Walls put cell centres at round distances; a hair's breadth keeps rounding from deciding those.
+        close = solid.distance_to(mesh.reshape(-1, 2)) < distance_m - 1e-9
         near[low:high, left:right] |= close.reshape(mesh.shape[:2])
     return OccupancyGrid(near, RESOLUTION_M, origin)

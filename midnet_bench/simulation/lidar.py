@@ -111,7 +111,7 @@ def add_noise(
     if noise == "datasheet":
         finite = finite * scales[:, None]
         sigma = np.where(finite < 0.5, 0.010, 0.035 * finite) / 3.0
-    errors = np.stack([rng.standard_normal(ranges.shape[1]) for rng in rngs])
+    errors = np.array([rng.standard_normal(ranges.shape[1]) for rng in rngs]).reshape(ranges.shape)
     noisy = np.clip(finite + sigma * errors, LDS_01.range_min_m, LDS_01.range_max_m)
     return np.where(np.isinf(ranges), np.inf, noisy)
 

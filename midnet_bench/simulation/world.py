@@ -69,8 +69,11 @@ class World:
         self._burgers = [load_burger(self._client, pose) for pose in starts]
         self._drive = Drive(self._burgers, self._client, 1.0 / self.settings.step_hz)
         self._active = np.ones(len(starts), dtype=np.bool_)
+        # Named by side, so that an intruder's sensor does not change with the size of the team.
+        owners = [("robot", i) for i in range(len(layout.robots))]
+        owners += [("intruder", i) for i in range(len(layout.intruders))]
         self._lidar_scales = np.array(
-            [lidar.draw_scale(stream(layout.seed, "lidar scale", i)) for i in range(len(starts))]
+            [lidar.draw_scale(stream(layout.seed, "lidar scale", side, i)) for side, i in owners]
         )
         self._blind_cells = cells_near(layout.arena, layout.solids, _BLIND_M)
         self._collisions = np.zeros(len(starts), dtype=np.int64)
