@@ -20,7 +20,7 @@ class HealthTracker:
         """(n,) surfaces tunnelled through; anything but 0 says that the physics failed"""
 
     def update(self, poses: Floats) -> None:
-        """Take the (n, 3) poses of a later tick, NaN for a robot that is gone. Five times a second will do."""
+        """Take the (n, 3) poses of a later tick, NaN for a robot that is gone. Five a second will do."""
         now = poses[:, :2]
         self.distances_m = self.distances_m + np.nan_to_num(np.hypot(*(now - self._last).T))
         self.crossings = self.crossings + crossed_wall(self._surfaces, self._last, now)

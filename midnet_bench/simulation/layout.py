@@ -17,7 +17,7 @@ TEAM = 5
 """Intruders keep clear of the starts of all teams up to this size, so one seed's intruders suit them all."""
 ROBOT_CLEARANCE_M = 0.2
 """From a security robot's start to anything that stands (a Burger's corner is 0.13 m from its axle)."""
-_TRIES = 200
+_TRIES, _RESTARTS = 200, 20
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def _draw_stationary(arena: Arena, seed: int, starts: npt.NDArray[np.float64]) -
     rng = stream(seed, "arena", "stationary")
     fixed = arena.placed_solids()
     walls = arena.wall_solids()
-    for _ in range(_TRIES):
+    for _ in range(_RESTARTS):
         drawn: tuple[Solid, ...] = ()
         for _ in range(_TRIES):
             if len(drawn) == spec.count:

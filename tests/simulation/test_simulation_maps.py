@@ -96,7 +96,7 @@ def test_free_space_keeps_its_distance_exactly() -> None:
     distance = np.min([solid.distance_to(centers) for solid in layout.solids], axis=0)
     inside = np.abs(centers).max(axis=1) < 3.0
     assert np.array_equal(grid.data.ravel(), (distance >= 0.4 - 1e-9) & inside)
-    assert not free_space(MAP1, 0.4).contains(layout.stationary[0].pose.x + 3.0, 0.0)
+    assert not free.contains(*layout.stationary[0].pose[:2])
     assert free_space(MAP1, 0.4).contains(*layout.stationary[0].pose[:2]), "guards do not know of it"
 
 
