@@ -1,0 +1,85 @@
+"""Who goes after whom: MIDNet's detections send guards in pursuit (paper-notes items 53, 54)."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+from midnet_bench.agents.guard import Guard
+from midnet_bench.agents.mobile_robot import Point
+
+PursuitRule = Literal["nearest", "all", "none"]
+
+RETARGET_M = 0.25
+"""A pursuer gets a new goal once its target has moved this far: a Burger needs more than a second for it."""
+
+
+@dataclass
+class Target:
+    """Somebody who was detected, as far as MIDNet knows."""
+
+    place: Point
+    """centre of the latest box on him, map frame, metres"""
+    seen_s: float
+    pursuers: list[Guard] = field(default_factory=list)
+
+
+class Pursuit:
+    """Keeps the targets and the guards that are after them."""
+
+    def __init__(self, guards: Sequence[Guard], rule: PursuitRule, timeout_s: float) -> None:
+        """``nearest`` sends one guard after each target, ``all`` every guard after the nearest one."""
+        self.targets: dict[int, Target] = {}
+        self._guards = guards
+        self._rule = rule
+        self._timeout_s = timeout_s
+
+    def detected(self, target: int, place: Point, time_s: float) -> None:
+        """A detection at ``place`` was put down to ``target``."""
+        known = self.targets.setdefault(target, Target(place, time_s))
+        known.place, known.seen_s = place, time_s
+
+    def forget(self, target: int) -> None:
+        """Call the pursuers of a target off: caught, or gone."""
+        lost = self.targets.pop(target, None)
+        for guard in lost.pursuers if lost else ():
+            guard.stand()
+
+    def update(self, time_s: float) -> None:
+        """Give up targets that were not detected for too long, then send free guards and new goals out."""
+        for target in [
+            name for name, known in self.targets.items() if time_s - known.seen_s > self._timeout_s
+        ]:
+            self.forget(target)
+        if self._rule == "none" or not self.targets:
+            return
+        for guard, known in self._assignments():
+            known.pursuers.append(guard)
+            guard.drive_to(known.place)
+        for known in self.targets.values():
+            for guard in known.pursuers:
+                if guard.goal is None or math.dist(guard.goal, known.place) >= RETARGET_M:
+                    guard.drive_to(known.place)
+
+    def _assignments(self) -> list[tuple[Guard, Target]]:
+        """Pairs of a guard that patrols and the target he is to go after, nearest pairs first."""
+        busy = {guard.index for known in self.targets.values() for guard in known.pursuers}
+        free = [guard for guard in self._guards if guard.index not in busy]
+        if self._rule == "all":
+            return [
+                (guard, min(self.targets.values(), key=lambda known: _gap(guard, known))) for guard in free
+            ]
+        waiting = [known for known in self.targets.values() if not known.pursuers]
+        pairs = []
+        while free and waiting:
+            guard, known = min(
+                ((guard, known) for guard in free for known in waiting), key=lambda pair: _gap(*pair)
+            )
+            pairs.append((guard, known))
+            free.remove(guard)
+            waiting.remove(known)
+        return pairs
+
+
+def _gap(guard: Guard, known: Target) -> float:
+    return math.dist((guard.pose.x, guard.pose.y), known.place)
