@@ -1,7 +1,9 @@
 """Trials on a Dask cluster, through joblib's Dask backend. Needs the extra ``midnet-bench[dask]``."""
 
+import asyncio
 import logging
 from collections.abc import Callable, Generator, Iterator, Sequence
+from importlib import metadata
 
 import joblib
 
@@ -20,7 +22,11 @@ CONNECT_TIMEOUT_S = 5
 
 
 class _Backend(DaskDistributedBackend):  # type: ignore[misc]
-    """joblib's backend, which calls back for results alone: a task that Dask gave up would be waited for."""
+    """joblib's backend without two surprises.
+
+    It calls back for results alone, so a task that Dask has given up would be waited for without end; and
+    with a single core in the cluster joblib would run the trials in this very process.
+    """
 
     def submit(self, func: object, callback: Callable[[object], None]) -> object:
         future = super().submit(func, callback)
@@ -32,30 +38,48 @@ class _Backend(DaskDistributedBackend):  # type: ignore[misc]
             raise out
         return super().retrieve_result_callback(out)
 
+    def effective_n_jobs(self, n_jobs: int) -> int:
+        return max(2, super().effective_n_jobs(n_jobs))
+
 
 class DaskPool:
     """The workers behind one Dask scheduler; they do best with one thread each (``--nthreads 1``).
 
+    Workers may come and go; while there are none, trials wait.
+
     Raises:
-        InputError: nobody answers at the address, or there are no workers.
+        InputError: nobody answers at the address, or the workers lack this version of midnet-bench.
     """
 
     def __init__(self, scheduler: str) -> None:
         self._scheduler = scheduler
-        logger = logging.getLogger("distributed")
-        level = logger.level
-        logger.setLevel(logging.CRITICAL)  # the reason is in the one line below
+        self._logger = logging.getLogger("distributed.client")
+        self._log_level = self._logger.level
         try:
-            self._client = distributed.Client(  # type: ignore[no-untyped-call]
-                scheduler, timeout=CONNECT_TIMEOUT_S, set_as_default=False
-            )
-        except (OSError, ValueError, TypeError) as error:
+            # the client itself would wait without end for a server that listens and says nothing
+            answers = asyncio.run(_identity(scheduler)).get("type")
+        except (OSError, ValueError) as error:
             raise InputError(
                 f"--scheduler {scheduler}: no Dask scheduler answers there within {CONNECT_TIMEOUT_S} s"
                 " (expected an address such as tcp://127.0.0.1:8786)"
             ) from error
-        finally:
-            logger.setLevel(level)
+        if answers != "Scheduler":
+            raise InputError(f"--scheduler {scheduler}: a Dask {answers} answers there, not a scheduler")
+        self._logger.setLevel(logging.CRITICAL)  # what it logs comes up as the error in outcomes
+        self._client = distributed.Client(  # type: ignore[no-untyped-call]
+            scheduler, timeout=CONNECT_TIMEOUT_S, set_as_default=False
+        )
+        try:
+            versions = set(self._client.run(metadata.version, "midnet-bench").values())
+        except metadata.PackageNotFoundError:
+            versions = {"none"}
+        here = metadata.version("midnet-bench")
+        if versions - {here}:  # without the package they would die of the first trial
+            self.close()
+            raise InputError(
+                f"--scheduler {scheduler}: its workers have midnet-bench {', '.join(sorted(versions))},"
+                f" here it is {here}; install the same one there"
+            )
 
     def outcomes(
         self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool
@@ -92,3 +116,11 @@ class DaskPool:
     def close(self) -> None:
         """Leaves the cluster, which drops what it was still running for us."""
         self._client.close(timeout=CONNECT_TIMEOUT_S)  # type: ignore[no-untyped-call]
+        self._logger.setLevel(self._log_level)
+
+
+async def _identity(address: str) -> dict[str, str]:
+    async with asyncio.timeout(CONNECT_TIMEOUT_S):
+        async with distributed.core.rpc(address) as server:  # type: ignore[no-untyped-call]
+            identity: dict[str, str] = await server.identity()
+            return identity

@@ -189,12 +189,12 @@ def _run(
                     )
                     keep(spec, Outcome(trial_id, limit_s + HARD_LIMIT_S, failure=failure))
                 elif alone:
-                    failure = f"{stack}\nits worker died twice (crash, or killed for want of memory): {lost}"
+                    failure = f"{stack}\nits worker died twice: it crashed, or was killed for want of memory"
                     keep(spec, Outcome(trial_id, 0.0, failure=failure.strip()))
                 else:
                     suspects[trial_id] = spec
             if suspects and not alone:
-                note(f"a worker died; repeating the {len(suspects)} trials that were running, one at a time")
+                note(f"a worker died; what was running is repeated, one at a time ({len(suspects)})")
 
 
 @contextlib.contextmanager

@@ -276,6 +276,7 @@ def only_writer(directory: Path) -> Iterator[None]:
         directory.mkdir(parents=True, exist_ok=True)
         connection = sqlite3.connect(directory / "campaign.lock", timeout=0, isolation_level=None)
         with _closed_on_error(connection):
+            connection.execute("PRAGMA journal_mode = MEMORY")  # nothing to write, even on a full disk
             connection.execute("BEGIN EXCLUSIVE")
     except OSError as error:
         raise InputError(f"{directory}: cannot be used as a folder for results: {error.strerror}") from error
