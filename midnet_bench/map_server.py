@@ -256,7 +256,7 @@ def save_map(grid: OccupancyGrid, yaml_path: Path, occ: int = 65, free: int = 25
 
     header = f"P5\n# {grid.resolution:.3f} m/pix\n{grid.width} {grid.height}\n255\n"
     # a bare name, because loaders look beside the YAML file
-    name = yaml.safe_dump({"image": image.name}, allow_unicode=True, width=math.inf)
+    name = yaml.safe_dump({"image": image.name}, allow_unicode=True)
     text = (
         f"{name}"
         f"resolution: {grid.resolution:.6f}\n"

@@ -222,6 +222,48 @@ def test_settings_reach_their_steps() -> None:
     assert detections(unknown="occupied") == [Box(-2.5, -1.5, 0.5, 0.5)]
 
 
+def test_each_threshold_has_its_own_step() -> None:
+    # one cell of the ally shows in a box of two: IoU 1/2 with its square; the other robot sees half of
+    # the intruder: IoU 1/2 again
+    watching = observe(
+        5,
+        2,
+        """
+        .....
+        ##...
+        ...##
+        .....
+        #####
+        """,
+    )
+    ally = observe(
+        7,
+        2,
+        """
+        .......
+        #......
+        .......
+        .......
+        #######
+        """,
+    )
+    assert ROOM.center_of(7, 2) == (0.75, -0.75)
+
+    def detections(iou_ally: float, iou_fuse: float) -> list[Box]:
+        settings = replace(SETTINGS, iou_ally=iou_ally, iou_fuse=iou_fuse)
+        return MIDNet(ROOM, settings).update([watching, ally]).detections
+
+    seen_twice, part, on_the_ally = (
+        Box(-1.5, -0.5, -0.5, 0.0),
+        Box(-1.0, -0.5, -0.5, 0.0),
+        Box(0.0, -1.0, 1.0, -0.5),
+    )
+    assert detections(0.5, 0.5) == [seen_twice]
+    assert detections(0.5, 0.6) == [seen_twice, part]
+    assert detections(0.6, 0.5) == [seen_twice, on_the_ally]
+    assert detections(0.6, 0.6) == [seen_twice, on_the_ally, part]
+
+
 def rotated(grid: OccupancyGrid) -> OccupancyGrid:
     """A quarter turn to the left about the origin of the world."""
     x, _, _, top = *grid.origin, grid.extent[2], grid.extent[3]
