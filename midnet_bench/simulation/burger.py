@@ -20,9 +20,11 @@ RIM_ACCELERATION_MPS2 = 1.0
 WHEEL_TORQUE_NM = 10.0
 BASE_LINK_HEIGHT_M = 0.010
 
-# Collision groups: what a shape is, and with which groups it collides. A ray acts as group 1, and sees
-# nothing but what stands still: robots are discs in the scan plane, which lidar.py intersects exactly.
-RAY, ROBOT, STATIC, FLOOR = 1, 2, 4, 8
+# Collision groups: what a shape is, and (as its mask) with which groups it collides. PyBullet lets two shapes
+# collide when either one's mask names the other's group, so every mask here is answered by the other side's.
+# A ray acts as group 1, and sees nothing but what stands still: robots are discs in the scan plane, which
+# lidar.py intersects exactly.
+RAY, ROBOT, STATIC, FLOOR, ROLLER = 1, 2, 4, 8, 16
 
 
 class Burger(NamedTuple):
@@ -34,7 +36,7 @@ class Burger(NamedTuple):
 
 
 def load_burger(client: int, pose: Pose2D) -> Burger:
-    """A Burger with its base_footprint at ``pose``. Its wheels touch the floor only, the rest everything."""
+    """A Burger with its base_footprint at ``pose``. Wheels and caster touch the floor only."""
     body = bullet.loadURDF(
         str(URDF),
         [pose.x, pose.y, BASE_LINK_HEIGHT_M],
@@ -46,9 +48,10 @@ def load_burger(client: int, pose: Pose2D) -> Burger:
     for joint in range(bullet.getNumJoints(body, physicsClientId=client)):
         links[bullet.getJointInfo(body, joint, physicsClientId=client)[12].decode()] = joint
     wheels = (links["wheel_left"], links["wheel_right"])
+    rollers = (*wheels, links["caster"])
     for link in links.values():
-        mask = FLOOR if link in wheels else ROBOT | STATIC | FLOOR
-        bullet.setCollisionFilterGroupMask(body, link, ROBOT, mask, physicsClientId=client)
+        group, mask = (ROLLER, FLOOR) if link in rollers else (ROBOT, ROBOT | STATIC | FLOOR)
+        bullet.setCollisionFilterGroupMask(body, link, group, mask, physicsClientId=client)
         bullet.changeDynamics(body, link, contactProcessingThreshold=0.0, physicsClientId=client)
     return Burger(body, wheels)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from midnet_bench.simulation.burger import FLOOR, RAY, ROBOT, STATIC
+from midnet_bench.simulation.burger import FLOOR, RAY, ROBOT, ROLLER, STATIC
 from midnet_bench.simulation.engine import bullet
 from midnet_bench.simulation.solids import Solid
 
@@ -12,7 +12,7 @@ _BELOW_FLOOR_M = 0.05
 def add_floor(client: int) -> int:
     """The body id of an endless floor that robots stand on and beams do not see."""
     shape = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
-    return _add_static(client, shape, FLOOR, ROBOT)
+    return _add_static(client, shape, FLOOR, ROBOT | ROLLER)
 
 
 def add_solids(client: int, solids: tuple[Solid, ...]) -> int:

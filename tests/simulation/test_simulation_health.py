@@ -1,0 +1,71 @@
+import math
+
+import numpy as np
+import pytest
+from scenes import run, scene, silent
+
+from midnet_bench.messages import Command
+from midnet_bench.rng import stream
+from midnet_bench.simulation.arena import load_arena
+from midnet_bench.simulation.health import HealthTracker, crossed_wall, surfaces
+from midnet_bench.simulation.layout import place
+from midnet_bench.simulation.world import World
+
+
+def test_ways_through_walls_and_intruders_are_told_from_ways_past_them() -> None:
+    layout = place(load_arena("map1"), 1, 1)
+    sides = surfaces(layout)
+    solid = layout.stationary[0]
+    x, y = solid.pose.x, solid.pose.y
+    box = solid.bounding_box()
+    ways = [
+        ((2.0, 0.0), (3.5, 0.0), True),
+        ((2.8, 2.8), (3.2, 3.2), True),
+        ((2.0, 2.9), (2.9, 2.9), False),
+        ((0.0, 0.0), (0.1, 0.0), False),
+        ((box.x_min - 0.01, y), (box.x_max + 0.01, y), True),
+        ((box.x_min - 0.01, box.y_max + 0.01), (box.x_max + 0.01, box.y_max + 0.01), False),
+        ((x, y), (x, box.y_max + 0.01), True),
+        ((2.0, 0.0), (math.nan, math.nan), False),
+    ]
+    before, after = (np.array([way[end] for way in ways]) for end in (0, 1))
+    assert crossed_wall(sides, before, after).tolist() == [way[2] for way in ways]
+
+
+def test_distance_is_the_path_and_a_jump_through_a_wall_is_counted() -> None:
+    layout = scene([(0.0, 0.0, 0.0), (1.0, 1.0, 0.0)])
+    poses = np.array([(0.0, 0.0, 0.0), (1.0, 1.0, 0.0)])
+    tracker = HealthTracker(layout, poses)
+    for x in (0.5, 1.0, 0.5):
+        tracker.update(np.array([(x, 0.0, 0.0), (1.0, 1.0, 2.0)]))
+    np.testing.assert_allclose(tracker.distances_m, (1.5, 0.0))
+    assert tracker.crossings.tolist() == [0, 0]
+    tracker.update(np.array([(3.5, 0.0, 0.0), (math.nan, math.nan, math.nan)]))
+    tracker.update(np.array([(3.5, 0.0, 0.0), (math.nan, math.nan, math.nan)]))
+    np.testing.assert_allclose(tracker.distances_m, (4.5, 0.0))
+    assert tracker.crossings.tolist() == [1, 0]
+
+
+def test_ten_burgers_that_charge_about_blindly_go_through_nothing() -> None:
+    layout = place(load_arena("map1"), 6, 5)
+    rng = stream(6, "test")
+    with World(layout) as world:
+        tracker = HealthTracker(layout, world.poses())
+        for _ in range(20):
+            for index in range(10):
+                world.drive(index, Command(rng.choice((-0.22, 0.22)), rng.uniform(-1.0, 1.0)))
+            for _ in range(10):
+                run(world, 0.2)
+                tracker.update(world.poses())
+        assert world.collisions().sum() > 10
+    assert tracker.crossings.sum() == 0
+    assert tracker.distances_m.min() > 0.5
+
+
+def test_a_robot_that_stands_travels_nothing() -> None:
+    layout = scene([(0.0, 0.0, 0.0)])
+    with silent(layout) as world:
+        tracker = HealthTracker(layout, world.poses())
+        run(world, 5.0)
+        tracker.update(world.poses())
+    assert tracker.distances_m[0] == pytest.approx(0.0, abs=1e-3)
