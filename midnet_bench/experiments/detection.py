@@ -56,10 +56,7 @@ class DetectionTrial(GuardedArena):
             truths = self.truths()
             in_range = truths_in_range(truths, self.sensor_positions(), test.obstacle_range_m, test.in_range)
             if test.require_line_of_sight:
-                in_sight = self._in_sight()
-                in_range = [
-                    near and truth.name in in_sight for near, truth in zip(in_range, truths, strict=True)
-                ]
+                in_range = [near and seen for near, seen in zip(in_range, self._in_sight(), strict=True)]
             counts = count_frame(midnet.detections, truths, in_range)
             yield ScoredFrame(number, midnet, truths, in_range, counts)
 

@@ -1,0 +1,174 @@
+"""The commands that run campaigns: ``detection``, ``labyrinth``, ``run``."""
+
+from datetime import timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from midnet_bench.cli import options
+from midnet_bench.cli.app import app
+
+if TYPE_CHECKING:
+    from midnet_bench.campaign.spec import Campaign
+    from midnet_bench.experiments.trial import Scalar
+
+RESULTS = Path("results")
+
+
+@app.command(rich_help_panel="Campaigns")
+def detection(
+    robots: Annotated[str, typer.Option(help="Team sizes, separated by commas.")] = "1,5",
+    frames: Annotated[int, typer.Option(help="MIDNet frames per trial, at 5 Hz.")] = 1999,
+    seed: options.Seed = 1,
+    seeds: Annotated[int, typer.Option(min=1, help="Trials per team size, one seed each.")] = 1,
+    arena: Annotated[str, typer.Option(help="Packaged arena or YAML file.")] = "map1",
+    map_file: options.Map = None,
+    settings: options.Settings = None,
+    output: options.Output = None,
+    jobs: options.Jobs = None,
+    dry_run: options.DryRun = False,
+    fresh: options.Fresh = False,
+    retry_failed: options.RetryFailed = False,
+    as_json: options.Json = False,
+) -> None:
+    """Print the paper's detection table, from simulated scans."""
+    parameters = {"arena": arena, "frames": frames, **_map_parameter(map_file), **_parsed(settings)}
+    campaign = _campaign("detection", {"robots": _integers(robots, "--robots")}, seeds, seed, parameters)
+    _run(campaign, output, jobs, dry_run, fresh, retry_failed, as_json)
+
+
+@app.command(rich_help_panel="Campaigns")
+def labyrinth(
+    trials: Annotated[int, typer.Option(min=1, help="Trials per cell, one seed each.")] = 20,
+    robots: Annotated[str, typer.Option(help="Team sizes, separated by commas.")] = "1,2,3,4,5",
+    intruders: Annotated[str, typer.Option(help="Numbers of intruders, separated by commas.")] = "1,2,3,4,5",
+    seed: options.Seed = 1,
+    arena: Annotated[str, typer.Option(help="Packaged arena or YAML file.")] = "map2",
+    map_file: options.Map = None,
+    settings: options.Settings = None,
+    output: options.Output = None,
+    jobs: options.Jobs = None,
+    backend: options.Backend = "loky",
+    scheduler: options.Scheduler = None,
+    dry_run: options.DryRun = False,
+    fresh: options.Fresh = False,
+    retry_failed: options.RetryFailed = False,
+    as_json: options.Json = False,
+) -> None:
+    """Run the paper's labyrinth sweep; the same command again goes on where it stopped."""
+    parameters = {"arena": arena, **_map_parameter(map_file), **_parsed(settings)}
+    grid = {
+        "intruders": _integers(intruders, "--intruders"),
+        "robots": _integers(robots, "--robots"),
+    }
+    campaign = _campaign("labyrinth", grid, trials, seed, parameters)
+    _run(campaign, output, jobs, dry_run, fresh, retry_failed, as_json, backend, scheduler)
+
+
+@app.command(rich_help_panel="Campaigns")
+def run(
+    file: Annotated[Path, typer.Argument(help="A campaign file, such as campaigns/labyrinth.yaml.")],
+    trials: Annotated[int | None, typer.Option(min=1, help="Trials per cell instead of the file's.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="First seed instead of the file's.")] = None,
+    settings: options.Settings = None,
+    output: options.Output = None,
+    jobs: options.Jobs = None,
+    backend: options.Backend = "loky",
+    scheduler: options.Scheduler = None,
+    dry_run: options.DryRun = False,
+    fresh: options.Fresh = False,
+    retry_failed: options.RetryFailed = False,
+    as_json: options.Json = False,
+) -> None:
+    """Run any campaign file; the same command again goes on where it stopped."""
+    from midnet_bench.campaign.spec import load_campaign, override
+
+    campaign = override(load_campaign(file), _parsed(settings), trials=trials, base_seed=seed)
+    _run(campaign, output, jobs, dry_run, fresh, retry_failed, as_json, backend, scheduler)
+
+
+def _campaign(
+    experiment: str,
+    grid: "dict[str, list[int]]",
+    trials: int,
+    seed: int,
+    parameters: "dict[str, Scalar]",
+) -> "Campaign":
+    from midnet_bench.campaign.spec import Campaign, check
+    from midnet_bench.spec import parse
+
+    fixed = {key: value for key, value in parameters.items() if key not in grid}
+    narrowed = {key: [parameters[key]] if key in parameters else values for key, values in grid.items()}
+    values = {"experiment": experiment, "name": experiment, "grid": narrowed, "parameters": fixed}
+    campaign = parse(Campaign, {**values, "trials": trials, "base_seed": seed}, "command line")
+    check(campaign, "command line")
+    return campaign
+
+
+def _run(
+    campaign: "Campaign",
+    output: Path | None,
+    jobs: int | None,
+    dry_run: bool,
+    fresh: bool,
+    retry_failed: bool,
+    as_json: bool,
+    backend: str = "loky",
+    scheduler: str | None = None,
+) -> None:
+    from midnet_bench.campaign.plan import plan
+    from midnet_bench.campaign.progress import progress_on
+    from midnet_bench.campaign.runner import run_campaign
+
+    directory = output or RESULTS / campaign.name
+    if dry_run:
+        ahead = plan(campaign, directory, jobs=jobs, retry_failed=retry_failed, fresh=fresh)
+        basis = f"{ahead.measured_on} finished trials" if ahead.measured_on else "a rule of thumb"
+        typer.echo(
+            f"{ahead.cells} cells, {ahead.trials} trials, {ahead.to_run} of them to run; by {basis} about "
+            f"{timedelta(seconds=round(ahead.wall_s))} and {ahead.disk_bytes / 1e6:.1f} MB in {directory}"
+        )
+        return
+    outcome = run_campaign(
+        campaign,
+        directory,
+        jobs=jobs,
+        backend=backend,
+        scheduler=scheduler,
+        fresh=fresh,
+        retry_failed=retry_failed,
+        progress=progress_on(),
+    )
+    from midnet_bench.cli.reports import present
+
+    present(directory, as_json)
+    for note in outcome.notes:
+        typer.echo(f"note: {note}", err=True)
+    if outcome.failed:
+        typer.echo(
+            f"{outcome.failed} trials failed; see {directory / 'failures.csv'}; --retry-failed runs them again",
+            err=True,
+        )
+        raise typer.Exit(1)
+
+
+def _parsed(settings: list[str] | None) -> "dict[str, Scalar]":
+    from midnet_bench.campaign.spec import parse_settings
+
+    return parse_settings(settings or [])
+
+
+def _map_parameter(map_file: Path | None) -> "dict[str, Scalar]":
+    return {"prior_map": str(map_file)} if map_file else {}
+
+
+def _integers(text: str, option: str) -> list[int]:
+    from midnet_bench.errors import InputError
+
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError as error:
+        raise InputError(
+            f"{option} {text}: expected whole numbers separated by commas, such as 1,5"
+        ) from error
