@@ -29,6 +29,8 @@ class UkfSettings:
 
     twist_variance: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """odometry's vx, vy, vyaw; the default is Gazebo's ``world`` odometry: trusted fully"""
+    twist_is_mean: bool = False
+    """whether odometry's twist is the mean since the last step, as encoders give it, or of the instant"""
     imu_yaw_variance: float = 1e-6
     imu_yaw_rate_variance: float = 1e-6
     process_noise: tuple[float, float, float, float, float, float] = (0.05, 0.05, 0.06, 0.025, 0.025, 0.02)
@@ -48,7 +50,7 @@ class UkfSettings:
         """
         if source == "world":
             return cls()
-        return cls(twist_variance=(4e-4, 1e-4, 1e-2))
+        return cls(twist_variance=(1e-4, 1e-4, 1e-2), twist_is_mean=True)
 
 
 class PlanarUkf:
@@ -64,8 +66,9 @@ class PlanarUkf:
       measurement noise out of S there and keeps P too large;
     * yaw is averaged linearly, unwrapped, and the IMU's yaw is taken to the nearest turn, so the circular
       mean that drives the package to NaN at a large heading variance does not occur;
-    * velocity noise acts throughout a step, so it also reaches the position, as half a step of it. With
-      the package's diagonal noise the pose lags the robot by half a step (11 mm at 0.22 m/s and 10 Hz).
+    * a change of velocity acts within the step that it happens in, so the noise of velocities reaches the
+      position too: over half the step, or over all of it if the twist is a mean. With the package's
+      diagonal noise the pose lags the robot by that much (11 or 22 mm at 0.22 m/s and 10 Hz).
     """
 
     def __init__(self, initial: Pose2D, settings: UkfSettings) -> None:
@@ -77,6 +80,7 @@ class PlanarUkf:
         self._filter.x = np.array([initial.x, initial.y, initial.yaw, 0.0, 0.0, 0.0])
         self._filter.P = settings.initial_variance * np.eye(6)
         self._process_noise = np.array(settings.process_noise)
+        self._change_lasts = 1.0 if settings.twist_is_mean else 0.5
 
         vx, vy, wheel_rate = (max(variance, LEAST_VARIANCE) for variance in settings.twist_variance)
         yaw = max(settings.imu_yaw_variance, LEAST_VARIANCE)
@@ -137,11 +141,18 @@ class PlanarUkf:
 
     def _step_noise(self, dt_s: float) -> FloatArray:
         """(6, 6): what one step adds to the covariance."""
-        half = 0.5 * dt_s
+        lasts_s = self._change_lasts * dt_s
         yaw = float(self._filter.x[2])
-        c, s = half * math.cos(yaw), half * math.sin(yaw)
+        c, s = lasts_s * math.cos(yaw), lasts_s * math.sin(yaw)
         reach = np.array(
-            [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, half], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+            [
+                [c, -s, 0.0],
+                [s, c, 0.0],
+                [0.0, 0.0, lasts_s],
+                [1.0, 0.0, 0.0],
+                [0.0, 1.0, 0.0],
+                [0.0, 0.0, 1.0],
+            ]
         )
         noise = (reach * (dt_s * self._process_noise[3:])) @ reach.T
         noise[_POSE, _POSE] += dt_s * self._process_noise[:3]

@@ -1,5 +1,7 @@
 import functools
 import math
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -13,11 +15,22 @@ DT_S = 0.1
 SUBSTEPS = 10
 
 
+class Step(NamedTuple):
+    """The truth at the end of a step, and the mean velocities over it."""
+
+    pose: Pose2D
+    v: float
+    w: float
+    mean_v: float
+    mean_w: float
+
+
 def drive(commands):
-    """(pose, v, w) at the end of each 0.1 s step of a robot whose velocities ramp at 1 m/s2 and 3 rad/s2."""
+    """The end of each 0.1 s step of a robot whose velocities ramp at 1 m/s2 and 3 rad/s2."""
     pose, v, w = Pose2D(0.0, 0.0, 0.0), 0.0, 0.0
     dt = DT_S / SUBSTEPS
     for v_goal, w_goal in commands:
+        driven = turned = 0.0
         for _ in range(SUBSTEPS):
             v += float(np.clip(v_goal - v, -1.0 * dt, 1.0 * dt))
             w += float(np.clip(w_goal - w, -3.0 * dt, 3.0 * dt))
@@ -25,7 +38,8 @@ def drive(commands):
             pose = Pose2D(
                 pose.x + v * dt * math.cos(middle), pose.y + v * dt * math.sin(middle), pose.yaw + w * dt
             )
-        yield pose, v, w
+            driven, turned = driven + v * dt, turned + w * dt
+        yield Step(pose, v, w, driven / DT_S, turned / DT_S)
 
 
 @functools.cache
@@ -60,8 +74,9 @@ def noisy_imu(pose, w, rng):
     return Imu(wrap_angle(pose.yaw + rng.normal(0.0, 0.005)), w + rng.normal(0.0, 0.002), 0.0)
 
 
-def exact(pose, v, w):
-    return Odometry(pose, v, w), Imu(wrap_angle(pose.yaw), w, 0.0)
+def exact(step, source):
+    velocity = (step.v, step.w) if source == "world" else (step.mean_v, step.mean_w)
+    return Odometry(step.pose, *velocity), Imu(wrap_angle(step.pose.yaw), step.w, 0.0)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -70,10 +85,10 @@ def test_error_is_under_half_of_raw_odometrys_on_a_driven_square(seed):
     wheels = SlippingWheels(rng)
     ukf = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings.for_odometry("encoder"))
     filtered, raw = [], []
-    for truth, v, w in driven_square(laps=3):
-        odometry = wheels.read(v, w)
-        filtered.append(ukf.step(odometry, noisy_imu(truth, w, rng), DT_S).distance_to(truth))
-        raw.append(odometry.pose.distance_to(truth))
+    for step in driven_square(laps=3):
+        odometry = wheels.read(step.mean_v, step.mean_w)
+        filtered.append(ukf.step(odometry, noisy_imu(step.pose, step.w, rng), DT_S).distance_to(step.pose))
+        raw.append(odometry.pose.distance_to(step.pose))
     rms_filtered, rms_raw = (math.sqrt(np.mean(np.square(errors))) for errors in (filtered, raw))
     assert rms_raw > 0.05
     assert rms_filtered < 0.5 * rms_raw
@@ -82,18 +97,19 @@ def test_error_is_under_half_of_raw_odometrys_on_a_driven_square(seed):
 @pytest.mark.parametrize("source", ["world", "encoder"])
 def test_noise_free_messages_lead_along_the_truth(source):
     ukf = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings.for_odometry(source))
-    for truth, v, w in driven_square(laps=5):
-        estimate = ukf.step(*exact(truth, v, w), DT_S)
-        assert estimate.distance_to(truth) < 0.006
-        assert abs(wrap_angle(estimate.yaw - truth.yaw)) < 1e-3
-    assert ukf.velocity == pytest.approx((v, w), abs=1e-3)
+    for step in driven_square(laps=5):
+        estimate = ukf.step(*exact(step, source), DT_S)
+        assert estimate.distance_to(step.pose) < 0.006
+        assert abs(wrap_angle(estimate.yaw - step.pose.yaw)) < 1e-3
+    assert ukf.velocity == pytest.approx((step.v, step.w), abs=1e-3)
 
 
-def test_a_moving_robot_is_not_left_half_a_step_behind():
-    ukf = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings())
-    for truth, v, w in drive([(0.22, 0.0)] * 50):
-        estimate = ukf.step(*exact(truth, v, w), DT_S)
-    assert abs(estimate.x - truth.x) < 0.002  # half a step is 0.011
+@pytest.mark.parametrize("source", ["world", "encoder"])
+def test_a_moving_robot_is_not_left_a_part_of_a_step_behind(source):
+    ukf = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings.for_odometry(source))
+    for step in drive([(0.22, 0.0)] * 50):
+        estimate = ukf.step(*exact(step, source), DT_S)
+    assert abs(estimate.x - step.pose.x) < 0.002  # a step is 0.022
 
 
 def test_an_hour_of_driving_stays_finite_and_positive_definite():
@@ -134,7 +150,7 @@ class PlainUkf:
         mean = sum(w * p for w, p in zip(self.mean_weights, points, strict=True))
         return mean, [p - mean for p in points]
 
-    def predict(self, dt, rates):
+    def predict(self, dt, rates, change_lasts_s):
         yaw = self.x[2]
         moved = []
         for x, y, th, vx, vy, om in self.points():
@@ -144,7 +160,7 @@ class PlainUkf:
         self.P = sum(w * np.outer(d, d) for w, d in zip(self.cov_weights, deviations, strict=True))
         turn = np.eye(3)
         turn[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
-        reach = np.vstack((0.5 * dt * turn, np.eye(3)))
+        reach = np.vstack((change_lasts_s * turn, np.eye(3)))
         self.P += reach @ np.diag(rates[3:]) @ reach.T * dt + np.diag([*rates[:3], 0.0, 0.0, 0.0]) * dt
 
     def correct(self, z, R, picks):
@@ -160,9 +176,13 @@ class PlainUkf:
         self.P = self.P - gain @ S @ gain.T
 
 
-def test_steps_agree_with_a_plain_filter_that_fuses_message_by_message():
+@pytest.mark.parametrize(("twist_is_mean", "change_lasts_s"), [(False, 0.05), (True, 0.1)])
+def test_steps_agree_with_a_plain_filter_that_fuses_message_by_message(twist_is_mean, change_lasts_s):
     settings = UkfSettings(
-        twist_variance=(4e-4, 1e-4, 1e-2), imu_yaw_variance=1e-4, imu_yaw_rate_variance=1e-3
+        twist_variance=(4e-4, 1e-4, 1e-2),
+        imu_yaw_variance=1e-4,
+        imu_yaw_rate_variance=1e-3,
+        twist_is_mean=twist_is_mean,
     )
     ukf = PlanarUkf(Pose2D(1.0, -2.0, 0.5), settings)
     plain = PlainUkf([1.0, -2.0, 0.5, 0.0, 0.0, 0.0], settings.initial_variance, 1.0, 2.0, 0.0)
@@ -172,7 +192,7 @@ def test_steps_agree_with_a_plain_filter_that_fuses_message_by_message():
         v, w, gyro = rng.uniform(-0.2, 0.2), rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0)
         yaw += w * DT_S
         ukf.step(Odometry(Pose2D(9.0, 9.0, 9.0), v, w), Imu(yaw, gyro, 0.0), DT_S)
-        plain.predict(DT_S, settings.process_noise)
+        plain.predict(DT_S, settings.process_noise, change_lasts_s)
         plain.correct([v, 0.0, w], np.diag(settings.twist_variance), [3, 4, 5])
         plain.correct([yaw, gyro], np.diag([1e-4, 1e-3]), [2, 5])
         np.testing.assert_allclose([*ukf.pose], [*plain.x[:2], wrap_angle(plain.x[2])], atol=1e-9)
@@ -189,9 +209,9 @@ def test_steps_agree_with_a_plain_filter_that_fuses_message_by_message():
 
 def test_the_packages_small_alpha_gives_the_same_estimates():
     ours = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings.for_odometry("encoder"))
-    theirs = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings(twist_variance=(4e-4, 1e-4, 1e-2), alpha=0.001))
-    for truth, v, w in driven_square(laps=1):
-        messages = exact(truth, v, w)
+    theirs = PlanarUkf(Pose2D(0.0, 0.0, 0.0), replace(UkfSettings.for_odometry("encoder"), alpha=0.001))
+    for step in driven_square(laps=1):
+        messages = exact(step, "encoder")
         assert ours.step(*messages, DT_S).distance_to(theirs.step(*messages, DT_S)) < 1e-4
 
 
