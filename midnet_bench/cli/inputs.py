@@ -53,9 +53,9 @@ def make_map(
     """Write a prior map as ROS map_server reads it, and the binary grid that MIDNet subtracts."""
     from midnet_bench.campaign.spec import parse_settings
     from midnet_bench.errors import InputError
-    from midnet_bench.experiments.guarded_arena import binary_prior
     from midnet_bench.experiments.inputs import EXACT, arena_from, prior_map_from
     from midnet_bench.experiments.parameters import DetectionParameters
+    from midnet_bench.experiments.watch import binary_prior
     from midnet_bench.map_server import save_binary_map, save_map
     from midnet_bench.spec import parse
 

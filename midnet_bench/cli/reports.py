@@ -1,6 +1,7 @@
 """The commands that read a campaign's store: ``report``; and what a campaign prints when it ends."""
 
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,8 @@ from midnet_bench.cli.app import app
 
 if TYPE_CHECKING:
     from midnet_bench.report.tables import Table
+
+PIPE_WIDTH = 160
 
 Directory = Annotated[Path, typer.Argument(help="A campaign's folder, such as results/labyrinth.")]
 
@@ -40,7 +43,8 @@ def _print(table: "Table") -> None:
     shown = RichTable(title=table.title, title_justify="left", title_style="bold")
     for name in table.columns:
         is_text = any(isinstance(row.get(name), str) for row in table.rows)
-        shown.add_column(name, justify="left" if is_text else "right")
+        shown.add_column(name, no_wrap=True, justify="left" if is_text else "right")
     for cells in table.cells():
         shown.add_row(*cells)
-    Console().print(shown)
+    # a pipe has no width; what reads it wants whole rows
+    Console(width=None if sys.stdout.isatty() else PIPE_WIDTH).print(shown)

@@ -4,16 +4,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from midnet_bench.agents.mobile_robot import MobileRobot, Point
-from midnet_bench.experiments.guarded_arena import FRAME_HZ, GuardedArena, costmap_settings, inflation_m
+from midnet_bench.experiments.guarded_arena import FRAME_HZ, GuardedArena
 from midnet_bench.experiments.parameters import DetectionParameters
 from midnet_bench.experiments.trial import Row, TrialResult
-from midnet_bench.geometry import Box
+from midnet_bench.experiments.watch import costmap_settings, inflation_m
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import FrameCounts, TruthObject, count_frame, total, truths_in_range
 from midnet_bench.scoring.ratios import ratios
 from midnet_bench.simulation.free_space import free_space
 
+USABLE_RANGE_M = 2.5
+"""Laser scan range of section V.A, from the sensor: whom a guard could have seen."""
 GOAL_CLEARANCE_M = 0.4
 """From a mobile intruder's goal to walls and stationary intruders (paper-notes item 49)."""
 
@@ -42,11 +44,6 @@ class DetectionTrial(GuardedArena):
         self._sight_noise = [stream(seed, "sight", guard.index) for guard in self.guards]
         for robot in self.intruders:
             robot.next_goal = self._random_goal
-        self._inflation_m = (
-            inflation_m(costmap_settings(parameters), parameters.thresh_local)
-            if parameters.truth_box == "inflated"
-            else 0.0
-        )
 
     def frames(self, explain: bool = False) -> Iterator[ScoredFrame]:
         """The trial's frames, each scored against where things are at its own instant."""
@@ -54,33 +51,38 @@ class DetectionTrial(GuardedArena):
         for number in range(1, test.frames + 1):
             midnet = self.next_frame(explain)
             truths = self.truths()
-            in_range = truths_in_range(truths, self.sensor_positions(), test.obstacle_range_m, test.in_range)
-            if test.require_line_of_sight:
-                in_range = [near and seen for near, seen in zip(in_range, self._in_sight(), strict=True)]
-            counts = count_frame(midnet.detections, truths, in_range)
-            yield ScoredFrame(number, midnet, truths, in_range, counts)
+            in_range = self.in_range(truths, test)
+            yield ScoredFrame(
+                number, midnet, truths, in_range, count_frame(midnet.detections, truths, in_range)
+            )
 
-    def truths(self) -> list[TruthObject]:
-        """The intruders as they are now: the stationary ones, then the mobile ones."""
-        stationary = [
-            self._truth(f"stationary {i + 1}", solid.bounding_box())
-            for i, solid in enumerate(self.layout.stationary)
-        ]
-        return stationary + [
-            self._truth(self.name_of(robot), self.world.scan_outline(robot.index)) for robot in self.intruders
-        ]
+    def truths(self, test: DetectionParameters | None = None) -> list[TruthObject]:
+        """The intruders as they are now: the stationary ones, then the mobile ones (item 45)."""
+        test = test or self._test
+        margin_m = (
+            inflation_m(costmap_settings(test), test.thresh_local) if test.truth_box == "inflated" else 0.0
+        )
+        boxes = {
+            f"stationary {number}": solid.bounding_box()
+            for number, solid in enumerate(self.layout.stationary, 1)
+        } | {self.name_of(robot): self.world.scan_outline(robot.index) for robot in self.intruders}
+        return [TruthObject(name, box.shrunk(-margin_m), box.center) for name, box in boxes.items()]
+
+    def in_range(self, truths: list[TruthObject], test: DetectionParameters) -> list[bool]:
+        """For each truth, whether not finding it now counts as a false negative (item 46)."""
+        in_range = truths_in_range(truths, self.sensor_positions(), USABLE_RANGE_M, test.in_range)
+        if test.require_line_of_sight:
+            in_range = [near and seen for near, seen in zip(in_range, self._in_sight(), strict=True)]
+        return in_range
 
     def _in_sight(self) -> list[bool]:
         """For each truth, whether a beam of some guard would meet it within range at this instant."""
         guards = [guard.index for guard in self.guards]
         ranges_m, bodies = self.world.scan_and_bodies(guards, self._sight_noise)
-        met = set(bodies[ranges_m <= self._test.obstacle_range_m].tolist())
+        met = set(bodies[ranges_m <= USABLE_RANGE_M].tolist())
         first_stationary = len(self.fleet.robots)
         stationary = range(first_stationary, first_stationary + len(self.layout.stationary))
         return [body in met for body in (*stationary, *(robot.index for robot in self.intruders))]
-
-    def _truth(self, name: str, box: Box) -> TruthObject:
-        return TruthObject(name, box.shrunk(-self._inflation_m), box.center)
 
     def _random_goal(self, robot: MobileRobot) -> Point:
         return self._free.draw(self._goal_rngs[robot.index])

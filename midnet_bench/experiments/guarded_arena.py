@@ -1,7 +1,6 @@
 """``GuardedArena``: one trial in motion, advanced from MIDNet frame to MIDNet frame."""
 
 import math
-from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
@@ -12,13 +11,11 @@ from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
 from midnet_bench.experiments.inputs import arena_from, prior_map_from
 from midnet_bench.experiments.parameters import GuardParameters
 from midnet_bench.experiments.trial import Row
+from midnet_bench.experiments.watch import Watch
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
-from midnet_bench.midnet.binary_map import binary_map
-from midnet_bench.midnet.pipeline import Frame, MIDNet, MIDNetSettings
-from midnet_bench.navigation.costmap import RollingCostmap, static_costs
-from midnet_bench.navigation.costmap_settings import CostmapSettings
+from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.navigation.dwa import DwaSettings
 from midnet_bench.navigation.limits import LocalPlannerLimits
 from midnet_bench.navigation.navigator import Navigator
@@ -30,7 +27,6 @@ from midnet_bench.simulation.lidar import LDS_01
 from midnet_bench.simulation.odometry import OdometrySettings
 from midnet_bench.simulation.world import World, WorldSettings
 
-LETHAL_PUBLISHED, INSCRIBED_PUBLISHED = 100, 99
 FRAME_HZ = 5
 """One MIDNet frame per LiDAR period (paper-notes items 9, 42)."""
 
@@ -45,10 +41,9 @@ class GuardedArena:
         self.arena = arena_from(parameters.arena)
         self.layout = place(self.arena, seed, parameters.robots, mobile_intruders)
         self.prior_map = prior_map_from(parameters.prior_map, self.arena, parameters.resolution_m)
-        self.prior = binary_prior(self.prior_map, parameters)
-        self.midnet = MIDNet(self.prior, _midnet_settings(parameters))
         self.patrol = self._make_patrol()
         self.guards = [self._make_guard(i, pose) for i, pose in enumerate(self.layout.robots)]
+        self.watch = Watch(parameters, self.prior_map, self.guards)
         first = len(self.guards)
         self.intruders = [
             self._make_intruder(first + i, pose) for i, pose in enumerate(self.layout.intruders)
@@ -67,11 +62,16 @@ class GuardedArena:
     ) -> None:
         self.world.close()
 
+    @property
+    def prior(self) -> OccupancyGrid:
+        """The binary grid that MIDNet subtracts, uint8, 0 occupied."""
+        return self.watch.prior
+
     def next_frame(self, explain: bool = False) -> Frame:
         """MIDNet's detections 0.2 s later."""
         for _ in range(self._frame_ticks):
             self.fleet.step()
-        return self.midnet.update([guard.observation() for guard in self.guards], explain)
+        return self.watch.look(explain)
 
     def rows_of_robots(self) -> list[Row]:
         """``robots.csv``: one row per guard and mobile intruder, what each did so far."""
@@ -125,7 +125,6 @@ class GuardedArena:
             self._ukf(start),
             self.next_patrol_point,
             self.parameters.goal_timeout_s,
-            eyes=RollingCostmap(costmap_settings(self.parameters), self.prior_map.origin),
         )
 
     def _make_intruder(self, index: int, start: Pose2D) -> MobileRobot:
@@ -154,51 +153,3 @@ class GuardedArena:
             else TrajectoryRolloutSettings(limits=limits)
         )
         return Navigator(self.prior_map, NavigatorSettings(local_planner=planner))
-
-
-def binary_prior(prior_map: OccupancyGrid, parameters: GuardParameters) -> OccupancyGrid:
-    """The grid that MIDNet subtracts, uint8, 0 occupied: global costmap, then Eq. 1 (section II.A)."""
-    costs = static_costs(prior_map, replace(costmap_settings(parameters), track_unknown=True))
-    return costs.with_data(binary_map(costs.data, parameters.thresh_global, parameters.unknown_in_prior))
-
-
-def costmap_settings(parameters: GuardParameters) -> CostmapSettings:
-    """The one set of costmap parameters for prior map and local costmaps (item 3)."""
-    memory_s = {"persistent": math.inf, "single_scan": 0.0, "decay": parameters.decay_s}
-    return CostmapSettings(
-        resolution=parameters.resolution_m,
-        size_m=parameters.local_size_m,
-        obstacle_range_m=parameters.obstacle_range_m,
-        raytrace_range_m=parameters.raytrace_range_m,
-        inflation_radius_m=parameters.inflation_radius_m,
-        cost_scaling_factor=parameters.cost_scaling,
-        inscribed_radius_m=parameters.inscribed_radius_m,
-        footprint_clearing=parameters.footprint_clearing,
-        inf_is_valid=parameters.inf_is_valid,
-        memory_s=memory_s[parameters.local_map],
-    )
-
-
-def inflation_m(costmap: CostmapSettings, thresh: int) -> float:
-    """How far from a hit a published cost stays at ``thresh`` or above, metres (item 1)."""
-    if thresh == LETHAL_PUBLISHED:
-        return 0.0
-    least_cost = 1 + math.ceil(251 * (thresh - 1) / 97)
-    reach = costmap.inscribed_radius_m + math.log(252 / least_cost) / costmap.cost_scaling_factor
-    return min(
-        costmap.inscribed_radius_m if thresh == INSCRIBED_PUBLISHED else reach, costmap.inflation_radius_m
-    )
-
-
-def _midnet_settings(parameters: GuardParameters) -> MIDNetSettings:
-    local_m = inflation_m(costmap_settings(parameters), parameters.thresh_local)
-    return MIDNetSettings(
-        thresh_local=parameters.thresh_local,
-        align=parameters.align,
-        min_area_cells=parameters.min_area_cells,
-        deflate_boxes_m=local_m if parameters.deflate_boxes else 0.0,
-        ally_diameter_m=parameters.ally_diameter_m,
-        iou_ally=parameters.iou_ally,
-        ally_remove=parameters.ally_remove,
-        iou_fuse=parameters.iou_fuse,
-    )

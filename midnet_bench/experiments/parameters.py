@@ -76,6 +76,12 @@ class DetectionParameters(GuardParameters):
     truth_box: Literal["extent", "inflated"] = Field("extent", description="item 45")
 
 
+class ReadingsParameters(DetectionParameters):
+    """The detection test under many readings at once; the parameters are what each one starts from."""
+
+    readings: Literal["calibration", "items"] = Field("items", description="combinations, or one at a time")
+
+
 class LabyrinthParameters(GuardParameters):
     """Map 2, section V.B: who is caught before he escapes."""
 

@@ -1,12 +1,18 @@
 """The experiments by name: the parameters each one takes and the function that runs one trial of it."""
 
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.experiments.parameters import DetectionParameters, GuardParameters, LabyrinthParameters
+from midnet_bench.experiments.parameters import (
+    DetectionParameters,
+    GuardParameters,
+    LabyrinthParameters,
+    ReadingsParameters,
+)
 from midnet_bench.experiments.trial import TrialResult, TrialSpec
 
 _PARAMETERS: dict[str, type[GuardParameters]] = {
     "detection": DetectionParameters,
     "labyrinth": LabyrinthParameters,
+    "readings": ReadingsParameters,
 }
 
 
@@ -20,6 +26,10 @@ def parameters_model(experiment: str) -> type[GuardParameters]:
 def run_trial(spec: TrialSpec) -> TrialResult:
     """The tables of one trial, a pure function of ``spec``. Imports the simulator on first use."""
     parameters = parameters_model(spec.experiment).model_validate(dict(spec.parameters))
+    if isinstance(parameters, ReadingsParameters):
+        from midnet_bench.experiments.readings import run_readings
+
+        return run_readings(parameters, spec.seed)
     if isinstance(parameters, DetectionParameters):
         from midnet_bench.experiments.detection import run_detection
 

@@ -16,7 +16,7 @@ class TrialSpec:
     """Everything that decides a trial's outcome. Two equal specs give the same bytes anywhere."""
 
     experiment: str
-    """``detection``, ``labyrinth`` or ``mapping``"""
+    """a name that ``registry`` knows"""
     parameters: Mapping[str, Scalar]
     """every parameter of the experiment, resolved (defaults filled in)"""
     seed: int

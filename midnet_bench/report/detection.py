@@ -89,7 +89,7 @@ def comparison_table(cells: Cells) -> Table:
 
 def score_over_seeds(trials: Sequence[Row], score: str) -> statistics.Estimate:
     """The mean of one score over a cell's trials and its interval; the bootstrap has a seed of its own."""
-    values = [float(row[score]) if row[score] is not None else float("nan") for row in trials]
+    values = [value if isinstance(value := row[score], float) else float("nan") for row in trials]
     return statistics.mean(values, stream(0, "bootstrap", score))
 
 
