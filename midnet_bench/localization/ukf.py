@@ -16,6 +16,8 @@ FloatArray = npt.NDArray[np.float64]
 LEAST_VARIANCE = 1e-9
 """A smaller measurement variance, 0 included, is raised to this, as robot_localization does."""
 
+_POSE = np.arange(3)
+
 
 @dataclass(frozen=True)
 class UkfSettings:
@@ -157,9 +159,6 @@ class PlanarUkf:
         noise = (reach * (dt_s * self._process_noise[3:])) @ reach.T
         noise[_POSE, _POSE] += dt_s * self._process_noise[:3]
         return noise
-
-
-_POSE = np.arange(3)
 
 
 class _ArrayUkf(UnscentedKalmanFilter):  # type: ignore[misc]

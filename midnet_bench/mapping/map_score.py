@@ -10,9 +10,8 @@ from scipy.spatial import cKDTree
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.mapping.grid_points import OCCUPIED_FROM, cell_centres, moved, values_at
 
-OCCUPIED_FROM = 65
-"""Values from here on are obstacles (map_server's occupied_thresh)."""
 BURGER_RADIUS_M = 0.105
 
 SAME_FRAME = Pose2D(0.0, 0.0, 0.0)
@@ -59,16 +58,17 @@ def score_map(
         ValueError: if no robot can stand at ``start``.
     """
     reachable = reachable_free(truth, start, robot_radius_m)
-    known = _values_at(built, _centres(truth, reachable), built_in_truth.inverse()) >= 0
+    places = moved(cell_centres(truth, reachable), built_in_truth.inverse())
+    known = values_at(built.data, built, places, outside=-1) >= 0
 
     faces = (truth.data >= OCCUPIED_FROM) & (cv2.dilate(reachable.view(np.uint8), np.ones((3, 3))) > 0)
-    walls = _centres(truth, truth.data >= OCCUPIED_FROM)
-    found = _moved(_centres(built, built.data >= OCCUPIED_FROM), built_in_truth)
+    walls = cell_centres(truth, truth.data >= OCCUPIED_FROM)
+    found = moved(cell_centres(built, built.data >= OCCUPIED_FROM), built_in_truth)
     one_cell = truth.resolution * (1.0 + _SLACK)
     return MapScore(
         free_covered=_mean(known),
         occupied_precision=_mean(_nearest(found, walls, p=math.inf) <= one_cell),
-        occupied_recall=_mean(_nearest(_centres(truth, faces), found, p=math.inf) <= one_cell),
+        occupied_recall=_mean(_nearest(cell_centres(truth, faces), found, p=math.inf) <= one_cell),
         wall_error_m=_mean(_nearest(found, walls, p=2.0)),
     )
 
@@ -97,29 +97,6 @@ def reachable_free(
     beyond = (labels != labels[row, column]).view(np.uint8)
     to_centres = cv2.distanceTransform(beyond, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return free & ((to_centres - 0.5) * truth.resolution <= robot_radius_m)
-
-
-def _centres(grid: OccupancyGrid, cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
-    """(N, 2) x, y of the centres of the set cells, metres."""
-    rows, columns = np.nonzero(cells)
-    cells_xy = np.stack((columns, rows), axis=1).astype(np.float64)
-    return (cells_xy + 0.5) * grid.resolution + grid.origin
-
-
-def _moved(points: npt.NDArray[np.float64], pose: Pose2D) -> npt.NDArray[np.float64]:
-    """(N, 2) points given in the frame of ``pose``, in its parent's frame."""
-    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-    return np.asarray(points @ np.array([[c, s], [-s, c]]) + (pose.x, pose.y), dtype=np.float64)
-
-
-def _values_at(grid: OccupancyGrid, points: npt.NDArray[np.float64], pose: Pose2D) -> npt.NDArray[np.int8]:
-    """(N,) the grid's values at points given in the frame of ``pose``; -1 off the grid."""
-    cells = np.floor((_moved(points, pose) - grid.origin) / grid.resolution + _SLACK).astype(np.int64)
-    columns, rows = cells.T
-    on_grid = (columns >= 0) & (columns < grid.width) & (rows >= 0) & (rows < grid.height)
-    values = np.full(len(points), -1, dtype=np.int8)
-    values[on_grid] = grid.data[rows[on_grid], columns[on_grid]]
-    return values
 
 
 def _nearest(

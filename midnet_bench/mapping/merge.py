@@ -1,0 +1,208 @@
+"""multirobot_map_merge: several robots' maps in one, by features or by the places the robots started from."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.mapping.grid_points import cell_centres, moved, values_at
+from midnet_bench.mapping.map_alignment import WallMap, coarse_placements, fit, refine
+from midnet_bench.mapping.map_features import propose
+
+UNKNOWN = -1
+
+
+@dataclass(frozen=True)
+class MergeSettings:
+    """When two maps are merged and when they are refused."""
+
+    least_confidence: float = 0.7
+    """of the features; of 150 pairs of different buildings one came to 0.79, the others stayed below 0.66"""
+    greatest_scale_error: float = 0.02
+    least_agreement: float = 0.9
+    """share of shared wall in all wall that lies where the other map knows"""
+    least_overlap: float = 0.25
+    """evidence over the length of wall in the map that has less of it"""
+    greatest_rival: float = 0.3
+    """a placement elsewhere with more than this share of the best one's evidence makes it ambiguous"""
+
+
+@dataclass(frozen=True)
+class MapMatch:
+    """What came of matching a map against another: a placement, or why there is none."""
+
+    placement: Pose2D | None
+    """the second map's frame in the first map's frame; None when refused"""
+    refusal: str
+    """why not; empty when there is a placement"""
+    confidence: float
+    """inliers / (8 + 0.3 * matches) of the features; 0 without features"""
+    agreement: float
+    """share of shared wall at the best placement found, 0 to 1"""
+    evidence_m: float
+    """shared wall less weighted contradictions, metres"""
+
+
+@dataclass(frozen=True)
+class TeamMerge:
+    """The merged map of a team and how it came about."""
+
+    merged: OccupancyGrid
+    placements: tuple[Pose2D | None, ...]
+    """each map's frame in the frame of the first map that was merged; None for one that was left out"""
+    matches: Mapping[tuple[int, int], MapMatch]
+    """the outcome of every pair (first, second)"""
+
+
+def match_maps(
+    first: OccupancyGrid, second: OccupancyGrid, settings: MergeSettings | None = None
+) -> MapMatch:
+    """Where ``second`` lies in ``first``: a rigid placement, or a refusal with its reason.
+
+    Features propose a placement; the grids improve it and judge it: how much wall they share, how
+    much of one's wall stands in the other's open space, and whether the maps would fit elsewhere too.
+    A square room fits in four ways, and then none is drawn.
+
+    Not as in multirobot_map_merge: the package believes a pair whose features agree (confidence >= 1),
+    keeps the features' scale in its transform and looks neither at the grids nor for a second solution.
+
+    Args:
+        first: int8, -1 unknown, 0 to 100, occupied from 65 on.
+        second: the same.
+        settings: the defaults if None.
+    """
+    settings = settings or MergeSettings()
+    proposal = propose(first, second)
+    if proposal is None:
+        return MapMatch(None, "too few features match", 0.0, 0.0, 0.0)
+    if abs(proposal.scale - 1.0) > settings.greatest_scale_error:
+        refusal = f"features want a scale of {proposal.scale:.3f}, not 1"
+        return MapMatch(None, refusal, proposal.confidence, 0.0, 0.0)
+
+    a, b = WallMap.of(first), WallMap.of(second)
+    poses = [refine(a, b, proposal.pose)]
+    poses += [refine(a, b, pose) for pose in coarse_placements(a, b, poses[0].yaw)]
+    fits = [fit(a, b, pose) for pose in poses]
+    evidence = [found.evidence_m(settings.least_agreement) for found in fits]
+    best = int(np.argmax(evidence))
+    middle = b.walls.mean(axis=0)
+    elsewhere = [
+        value
+        for pose, value in zip(poses, evidence, strict=True)
+        if not _same_place(pose, poses[best], Pose2D(float(middle[0]), float(middle[1]), 0.0))
+    ]
+    rival = max(elsewhere, default=0.0) / evidence[best] if evidence[best] > 0.0 else 0.0
+    overlap = evidence[best] / min(a.wall_m, b.wall_m)
+    refusal = _refusal(proposal.confidence, fits[best].agreement, overlap, rival, settings)
+    placement = None if refusal else poses[best]
+    return MapMatch(placement, refusal, proposal.confidence, fits[best].agreement, evidence[best])
+
+
+def merge_by_features(maps: Sequence[OccupancyGrid], settings: MergeSettings | None = None) -> TeamMerge:
+    """The maps of a team whose start poses nobody knows, merged as far as they can be trusted.
+
+    All pairs are matched; the largest group that accepted pairs connect is drawn in the frame of its
+    first map, each map placed over the pairs with the most evidence. Maps outside the group are left
+    out, so with no accepted pair the result is the first map alone.
+
+    Args:
+        maps: at least one; int8, -1 unknown, 0 to 100.
+        settings: the defaults if None.
+    """
+    matches = {(i, j): match_maps(maps[i], maps[j], settings) for i, j in combinations(range(len(maps)), 2)}
+    by_evidence = sorted(matches.items(), key=lambda item: (-item[1].evidence_m, item[0]))
+    links = [(*pair, match.placement) for pair, match in by_evidence if match.placement is not None]
+    groups = [_grow(root, links) for root in range(len(maps))]
+    largest = max(groups, key=len)
+    merged = compose([maps[k] for k in sorted(largest)], [largest[k] for k in sorted(largest)])
+    return TeamMerge(merged, tuple(largest.get(k) for k in range(len(maps))), matches)
+
+
+def merge_by_start_poses(maps: Sequence[OccupancyGrid], start_poses: Sequence[Pose2D]) -> OccupancyGrid:
+    """The maps of robots whose start poses are known, in the frame of those poses.
+
+    Each map's frame begins where its robot started: a point of the map lies at start_pose * point,
+    in metres, with the map's own origin. The package puts metres into a transform of pixels, applies
+    the inverse, ignores origins and moves (0, 0) to the middle of the result; none of that is done here.
+
+    Args:
+        maps: at least one; int8, -1 unknown, 0 to 100.
+        start_poses: as many, in the common frame.
+    """
+    return compose(maps, start_poses)
+
+
+def compose(maps: Sequence[OccupancyGrid], placements: Sequence[Pose2D]) -> OccupancyGrid:
+    """All maps in one grid that holds them all: the largest value known of each cell, -1 where none is.
+
+    Nearest neighbour and signed maximum, as in multirobot_map_merge: known beats unknown, occupied
+    beats free, the order does not matter. Cells have the first map's resolution, and lie on its lattice if
+    its placement is not turned, so that a map alone at the identity comes back as it is.
+
+    Args:
+        maps: at least one; int8, -1 unknown, 0 to 100.
+        placements: each map's frame in the result's frame.
+    """
+    resolution = maps[0].resolution
+    corners = np.concatenate(
+        [moved(_corners(grid), pose) for grid, pose in zip(maps, placements, strict=True)]
+    )
+    anchor = moved(np.array([maps[0].origin]), placements[0])[0]
+    low = np.floor((corners.min(axis=0) - anchor) / resolution + 1e-6).astype(int)
+    high = np.ceil((corners.max(axis=0) - anchor) / resolution - 1e-6).astype(int)
+    origin_x, origin_y = (anchor + low * resolution).tolist()
+    width, height = (high - low).tolist()
+    merged = OccupancyGrid(np.full((height, width), UNKNOWN, dtype=np.int8), resolution, (origin_x, origin_y))
+    centres = cell_centres(merged, np.ones((height, width), dtype=np.bool_))
+    data = merged.data
+    for grid, pose in zip(maps, placements, strict=True):
+        values = values_at(grid.data, grid, moved(centres, pose.inverse()), outside=UNKNOWN)
+        data = np.maximum(data, values.reshape(height, width))
+    return merged.with_data(data)
+
+
+def _refusal(
+    confidence: float, agreement: float, overlap: float, rival: float, settings: MergeSettings
+) -> str:
+    """Why a match is not to be trusted; empty if it is."""
+    if confidence < settings.least_confidence:
+        return f"confidence {confidence:.2f} of the features is below {settings.least_confidence}"
+    if agreement < settings.least_agreement:
+        return f"agreement {agreement:.2f} of the grids is below {settings.least_agreement}"
+    if overlap < settings.least_overlap:
+        return (
+            f"only {overlap:.0%} of the smaller map's wall is shared, less than {settings.least_overlap:.0%}"
+        )
+    if rival > settings.greatest_rival:
+        return f"ambiguous: another placement has {rival:.0%} of the best one's evidence"
+    return ""
+
+
+def _same_place(a: Pose2D, b: Pose2D, middle: Pose2D) -> bool:
+    """Whether two placements of a map with this middle are one and the same, to 0.3 m and 0.1 rad."""
+    apart_m = a.compose(middle).distance_to(b.compose(middle))
+    return apart_m < 0.3 and abs(wrap_angle(a.yaw - b.yaw)) < 0.1
+
+
+def _grow(root: int, links: Sequence[tuple[int, int, Pose2D]]) -> dict[int, Pose2D]:
+    """Placements in the root's frame of all maps that links connect to it, strongest links first."""
+    placed = {root: Pose2D(0.0, 0.0, 0.0)}
+    while True:
+        link = next((link for link in links if (link[0] in placed) != (link[1] in placed)), None)
+        if link is None:
+            return placed
+        first, second, step = link
+        if first in placed:
+            placed[second] = placed[first].compose(step)
+        else:
+            placed[first] = placed[second].compose(step.inverse())
+
+
+def _corners(grid: OccupancyGrid) -> npt.NDArray[np.float64]:
+    """(4, 2) the outer corners of a grid, metres."""
+    x_min, y_min, x_max, y_max = grid.extent
+    return np.array([(x_min, y_min), (x_max, y_min), (x_min, y_max), (x_max, y_max)])

@@ -1,0 +1,257 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawn_buildings import Building, corridor, hull, map_of, random_frame, rooms, viewpoints
+
+from midnet_bench.geometry import Box, Pose2D, wrap_angle
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.mapping.merge import (
+    MergeSettings,
+    compose,
+    match_maps,
+    merge_by_features,
+    merge_by_start_poses,
+)
+from midnet_bench.rng import stream
+from midnet_bench.simulation.arena import load_arena
+from midnet_bench.simulation.exact_map import render_exact
+
+SAME = Pose2D(0.0, 0.0, 0.0)
+VALUES = {" ": 0, "#": 100, "?": -1, ".": 30}
+
+
+def grid(picture, resolution=1.0, origin=(0.0, 0.0)):
+    """A map drawn as text; the first line has the highest y."""
+    rows = [[VALUES[letter] for letter in line] for line in reversed(picture.strip("\n").split("\n"))]
+    return OccupancyGrid(np.array(rows, dtype=np.int8), resolution, origin)
+
+
+def drawn(merged):
+    letters = {value: letter for letter, value in VALUES.items()}
+    return ["".join(letters[int(value)] for value in row) for row in merged.data[::-1]]
+
+
+def two_views(building, rng, share, pose_error_m=0.0):
+    """Maps of the left and of the right ``share`` of a building in frames of their own, and the truth."""
+    frames = random_frame(rng), random_frame(rng)
+    left = map_of(building, viewpoints(building, rng, 0.0, share), frames[0], rng, pose_error_m)
+    right = map_of(building, viewpoints(building, rng, 1.0 - share, 1.0), frames[1], rng, pose_error_m)
+    return left, right, frames[0].inverse().compose(frames[1])
+
+
+def errors(placement, truth, placed_map):
+    """(metres at the frame's origin or at the map's middle, the worse; degrees)."""
+    x_min, y_min, x_max, y_max = placed_map.extent
+    middle = Pose2D((x_min + x_max) / 2.0, (y_min + y_max) / 2.0, 0.0)
+    off_m = max(placement.distance_to(truth), placement.compose(middle).distance_to(truth.compose(middle)))
+    return off_m, math.degrees(abs(wrap_angle(placement.yaw - truth.yaw)))
+
+
+def test_views_of_one_building_are_merged_rightly_or_refused():
+    merged = 0
+    for seed in range(20):
+        rng = stream(seed, "merge")
+        building = (rooms, corridor)[seed % 2](rng)
+        left, right, truth = two_views(building, rng, 0.75, pose_error_m=0.02)
+        match = match_maps(left, right)
+        assert (match.placement is None) == bool(match.refusal)
+        if match.placement is not None:
+            merged += 1
+            off_m, off_deg = errors(match.placement, truth, right)
+            assert off_m <= 0.1
+            assert off_deg <= 2.0
+    assert merged >= 15
+
+
+def test_views_of_different_buildings_are_refused():
+    for seed in range(20):
+        rng = stream(seed, "strangers")
+        draw = (rooms, corridor)[seed % 2]
+        maps = []
+        for _ in range(2):
+            building = draw(rng)
+            maps.append(map_of(building, viewpoints(building, rng, 0.0, 1.0), random_frame(rng), rng))
+        match = match_maps(*maps)
+        assert match.placement is None
+        assert match.refusal
+
+
+@pytest.mark.parametrize("gate", ["confidence", "agreement"])
+def test_features_and_grids_each_refuse_different_buildings(gate):
+    rng = stream(3, "strangers")
+    maps = []
+    for _ in range(2):
+        building = rooms(rng)
+        maps.append(map_of(building, viewpoints(building, rng, 0.0, 1.0), random_frame(rng), rng))
+    features_only = MergeSettings(greatest_scale_error=1e9, least_agreement=1e-9, least_overlap=-1e9)
+    grids_only = MergeSettings(greatest_scale_error=1e9, least_confidence=0.0)
+    refusal = match_maps(*maps, features_only if gate == "confidence" else grids_only).refusal
+    assert refusal.startswith(("confidence", "too few") if gate == "confidence" else ("agreement", "only"))
+
+
+def test_a_square_room_is_not_merged_with_itself_turned():
+    room = Building(hull(6.0, 6.0), 6.0, 6.0)
+    for seed in range(3):
+        left, right, _ = two_views(room, stream(seed, "square"), 1.0)
+        assert match_maps(left, right).placement is None
+
+
+def test_a_building_that_half_a_turn_leaves_as_it_is_is_ambiguous():
+    labyrinth = render_exact(load_arena("map2"))
+    match = match_maps(labyrinth, labyrinth)
+    assert match.placement is None
+    assert match.refusal.startswith("ambiguous")
+    assert match.confidence > 1.0
+    assert match.agreement > 0.99
+    believed = match_maps(labyrinth, labyrinth, MergeSettings(greatest_rival=1.1)).placement
+    assert abs(math.sin(believed.yaw)) < 0.01
+
+
+def test_one_thing_out_of_symmetry_settles_it():
+    rng = stream(0, "pillars")
+    pillars = [Box.square(1.5, 1.5, 0.6), Box.square(4.6, 1.2, 0.5), Box.square(1.8, 4.0, 0.8)]
+    room = Building(hull(6.0, 6.0) + pillars, 6.0, 6.0)
+    left, right, truth = two_views(room, rng, 1.0)
+    match = match_maps(left, right)
+    assert match.refusal == ""
+    off_m, off_deg = errors(match.placement, truth, right)
+    assert off_m <= 0.05
+    assert off_deg <= 0.5
+
+
+def test_a_match_is_repeatable_and_its_inverse_the_same_placement():
+    rng = stream(1, "twice")
+    left, right, _ = two_views(rooms(rng), rng, 0.75)
+    there, again, back = match_maps(left, right), match_maps(left, right), match_maps(right, left)
+    assert there == again
+    off_m, off_deg = errors(back.placement.inverse(), there.placement, right)
+    assert off_m < 0.03
+    assert off_deg < 0.2
+
+
+def test_maps_of_other_resolutions_are_merged_without_scale():
+    rng = stream(2, "fine")
+    building, frame = rooms(rng), random_frame(rng)
+    coarse = map_of(building, viewpoints(building, rng, 0.0, 1.0), SAME, rng)
+    fine = map_of(building, viewpoints(building, rng, 0.0, 1.0), frame, rng, resolution=0.04)
+    match = match_maps(coarse, fine)
+    assert match.refusal == ""
+    assert errors(match.placement, frame, fine)[0] <= 0.1
+
+
+@pytest.mark.parametrize("empty", ["#\n", " \n", "?\n"])
+def test_maps_with_nothing_to_match_are_refused(empty):
+    blank = OccupancyGrid(np.full((60, 60), VALUES[empty[0]], dtype=np.int8), 0.05, (0.0, 0.0))
+    rng = stream(4, "blank")
+    building = rooms(rng)
+    full = map_of(building, viewpoints(building, rng, 0.0, 1.0), SAME, rng)
+    for pair in ((blank, full), (full, blank), (blank, blank)):
+        assert match_maps(*pair).refusal
+
+
+def test_a_team_of_three_is_chained_and_a_stranger_left_out():
+    rng = stream(0, "team")
+    building, other = corridor(rng), rooms(rng)
+    shares = ((0.0, 0.5), (0.2, 0.8), (0.5, 1.0))
+    frames = [random_frame(rng) for _ in shares]
+    maps = [
+        map_of(building, viewpoints(building, rng, left, right), frame, rng)
+        for (left, right), frame in zip(shares, frames, strict=True)
+    ]
+    maps.insert(1, map_of(other, viewpoints(other, rng, 0.0, 1.0), random_frame(rng), rng))
+    frames.insert(1, None)
+    team = merge_by_features(maps)
+    assert team.placements[0] == SAME
+    assert team.placements[1] is None
+    assert all(team.matches[pair].refusal for pair in ((0, 1), (1, 2), (1, 3)))
+    for k in (2, 3):
+        off_m, off_deg = errors(team.placements[k], frames[0].inverse().compose(frames[k]), maps[k])
+        assert off_m <= 0.15
+        assert off_deg <= 2.0
+    known_m2 = np.count_nonzero(team.merged.data >= 0) * 0.05**2
+    assert known_m2 == pytest.approx(building.width_m * building.height_m, rel=0.12)
+
+
+def test_maps_that_nobody_can_place_leave_the_first_as_it_is():
+    rng = stream(5, "strangers")
+    maps = []
+    for draw in (rooms, corridor):
+        building = draw(rng)
+        maps.append(map_of(building, viewpoints(building, rng, 0.0, 1.0), random_frame(rng), rng))
+    team = merge_by_features(maps)
+    assert team.placements == (SAME, None)
+    np.testing.assert_array_equal(team.merged.data, maps[0].data)
+    assert team.merged.origin == pytest.approx(maps[0].origin)
+
+
+def test_compose_takes_the_largest_known_value():
+    first = grid("? #\n?. ")
+    second = grid("#??\n   ")
+    assert drawn(compose([first, second], [SAME, SAME])) == ["# #", " . "]
+    assert drawn(compose([second, first], [SAME, SAME])) == ["# #", " . "]
+
+
+def test_compose_makes_room_and_leaves_the_rest_unknown():
+    merged = compose([grid("#"), grid(" #", origin=(2.0, 1.0))], [SAME, SAME])
+    assert drawn(merged) == ["?? #", "#???"]
+    assert merged.origin == (0.0, 0.0)
+
+
+def test_one_map_comes_back_unchanged():
+    one = grid("? #\n?. ", resolution=0.05, origin=(-1.23, 4.56))
+    merged = compose([one], [SAME])
+    np.testing.assert_array_equal(merged.data, one.data)
+    assert merged.origin == pytest.approx(one.origin)
+    assert merged.resolution == one.resolution
+
+
+def test_start_poses_are_metres_in_the_common_frame():
+    # each robot starts at (0, 0) of its own map, half a metre from its corner, and sees a wall ahead
+    ahead = OccupancyGrid(np.kron(grid("? #").data, np.ones((5, 5), dtype=np.int8)), 0.1, (-0.5, -0.25))
+    merged = merge_by_start_poses([ahead, ahead], [Pose2D(1.0, 0.0, 0.0), Pose2D(1.0, 2.0, math.pi / 2)])
+    for x, y, value in ((1.25, 0.0, 0), (1.75, 0.0, 100), (1.0, 2.25, 0), (1.0, 2.75, 100), (1.75, 2.0, -1)):
+        column, row = merged.cell_at(x, y)
+        assert merged.data[row, column] == value
+
+
+def test_maps_of_known_starts_show_the_building_once():
+    rng = stream(6, "starts")
+    building = rooms(rng)
+    starts = [Pose2D(2.0, 2.0, 0.7), Pose2D(6.0, 3.0, -2.1)]
+    maps = [
+        map_of(building, viewpoints(building, rng, *share), start, rng)
+        for share, start in zip(((0.0, 0.6), (0.4, 1.0)), starts, strict=True)
+    ]
+    merged = merge_by_start_poses(maps, starts)
+    rows, columns = np.nonzero(merged.data == 100)
+    walls = [merged.center_of(int(column), int(row)) for column, row in zip(columns, rows, strict=True)]
+    off = [min(box.distance_to_point(x, y) for box in building.boxes) for x, y in walls]
+    assert max(off) < 0.1
+    assert np.mean(off) < 0.02
+
+
+def test_the_maps_handed_in_are_not_changed():
+    rng = stream(7, "kept")
+    building = rooms(rng)
+    maps = [map_of(building, viewpoints(building, rng, 0.0, 0.8), random_frame(rng), rng) for _ in range(2)]
+    before = [grid.data.copy() for grid in maps]
+    merge_by_features(maps)
+    for grid_after, data in zip(maps, before, strict=True):
+        np.testing.assert_array_equal(grid_after.data, data)
+
+
+def test_a_stricter_setting_refuses_what_the_default_accepts():
+    rng = stream(8, "strict")
+    left, right, _ = two_views(rooms(rng), rng, 0.75)
+    match = match_maps(left, right)
+    assert match.placement is not None
+    for stricter, word in (
+        ({"least_confidence": match.confidence + 0.1}, "confidence"),
+        ({"least_overlap": 5.0}, "only"),
+        ({"greatest_rival": -1.0}, "ambiguous"),
+        ({"greatest_scale_error": -1.0}, "features want"),
+    ):
+        refusal = match_maps(left, right, replace(MergeSettings(), **stricter)).refusal
+        assert refusal.startswith(word)
