@@ -1,0 +1,26 @@
+"""The colours of every picture: Okabe and Ito's, which colour-blind readers tell apart, on wood and floor."""
+
+RGB = tuple[int, int, int]
+
+WHITE: RGB = (255, 255, 255)
+FLOOR: RGB = (250, 249, 246)
+GROUND: RGB = (226, 226, 226)
+"""outside the walls"""
+WOOD: RGB = (190, 154, 112)
+WOOD_EDGE: RGB = (110, 80, 50)
+INK: RGB = (30, 30, 30)
+FAINT_INK: RGB = (130, 130, 130)
+
+GUARD: RGB = (0, 114, 178)
+GUARD_FAINT: RGB = (86, 180, 233)
+INTRUDER: RGB = (213, 94, 0)
+INTRUDER_FAINT: RGB = (244, 190, 150)
+"""stationary intruders, plans and escapes of mobile ones: the same family"""
+DETECTION: RGB = (0, 158, 115)
+FALSE_DETECTION: RGB = (170, 40, 130)
+"""Okabe and Ito's purple, darker, so that thin lines are seen on white"""
+
+
+def hexadecimal(color: RGB) -> str:
+    """``#rrggbb``, as matplotlib takes it."""
+    return "#{:02x}{:02x}{:02x}".format(*color)
