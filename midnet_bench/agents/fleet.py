@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from midnet_bench.agents.mobile_robot import MobileRobot
-from midnet_bench.messages import Odometry
 from midnet_bench.rng import stream
 from midnet_bench.simulation.health import HealthTracker
 from midnet_bench.simulation.imu import ImuSensor
@@ -23,20 +22,23 @@ class Fleet:
     def __init__(
         self, world: World, robots: Sequence[MobileRobot], odometry: OdometrySettings, seed: int
     ) -> None:
-        """Each robot senses and controls with a phase of its own, drawn from ``seed`` (item 9)."""
+        """Each robot senses and controls with a phase of its own, drawn from ``seed`` (item 9).
+
+        Its streams go by its name, not by its index: an intruder's noise does not depend on the team's size.
+        """
         self.world = world
         self.robots = robots
         self.health = HealthTracker(world.layout, world.poses())
         hz = world.settings.step_hz
         self._control_ticks = hz // CONTROL_HZ
         self._scan_ticks = hz // SCAN_HZ
-        indices = range(len(robots))
-        self._phases = [int(stream(seed, "phase", i).integers(self._scan_ticks)) for i in indices]
-        self._lidar_noise = [stream(seed, "lidar", i) for i in indices]
-        self._imus = [ImuSensor("gazebo", stream(seed, "imu", i)) for i in indices]
+        names = [robot.name for robot in robots]
+        self._phases = [int(stream(seed, "phase", name).integers(self._scan_ticks)) for name in names]
+        self._lidar_noise = [stream(seed, "lidar", name) for name in names]
+        self._imus = [ImuSensor("gazebo", stream(seed, "imu", name)) for name in names]
         self._odometers = (
             [
-                EncoderOdometer(robot.pose, angles, odometry, stream(seed, "odometry", robot.index))
+                EncoderOdometer(robot.pose, angles, odometry, stream(seed, "odometry", robot.name))
                 for robot, angles in zip(robots, world.wheel_angles(), strict=True)
             ]
             if odometry.source == "encoder"
@@ -54,15 +56,11 @@ class Fleet:
         world.step()
         active = world.active
         due = [
-            robot
-            for robot in self.robots
-            if (world.tick - self._phases[robot.index]) % self._control_ticks == 0 and active[robot.index]
+            robot for robot in self.robots if active[robot.index] and self._is_due(robot, self._control_ticks)
         ]
         if due:
             self._localize(due)
-            self._scan(
-                [robot for robot in due if (world.tick - self._phases[robot.index]) % self._scan_ticks == 0]
-            )
+            self._scan([robot for robot in due if self._is_due(robot, self._scan_ticks)])
             self._control(due)
         if world.tick % self._control_ticks == 0:
             self.health.update(world.poses())
@@ -80,9 +78,9 @@ class Fleet:
         elapsed_s = 1.0 / CONTROL_HZ
         for robot in due:
             pose, velocity = poses[robot.index], velocities[robot.index]
-            odometry: Odometry = world_odometry(pose, velocity)
+            odometry = world_odometry(pose, velocity)
             imu = self._imus[robot.index].read(
-                float(pose[2]), odometry.angular_radps, odometry.linear_mps, elapsed_s
+                odometry.pose.yaw, odometry.angular_radps, odometry.linear_mps, elapsed_s
             )
             if self._odometers is not None and angles is not None:
                 odometry = self._odometers[robot.index].update(angles[robot.index], elapsed_s)

@@ -17,6 +17,7 @@ class Guard(MobileRobot):
     def __init__(
         self,
         index: int,
+        name: str,
         start: Pose2D,
         navigator: Navigator,
         ukf: PlanarUkf | None,
@@ -24,7 +25,7 @@ class Guard(MobileRobot):
         goal_timeout_s: float,
     ) -> None:
         """A guard without eyes; whoever watches through it adds a costmap to ``eyes``."""
-        super().__init__(index, start, navigator, ukf, next_goal, goal_timeout_s)
+        super().__init__(index, name, start, navigator, ukf, next_goal, goal_timeout_s)
         self.eyes: list[RollingCostmap] = []
         """the separate instances of costmap_2d that section II.B spawns: MIDNet's, first of all"""
 

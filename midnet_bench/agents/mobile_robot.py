@@ -22,14 +22,19 @@ class MobileRobot:
     def __init__(
         self,
         index: int,
+        name: str,
         start: Pose2D,
         navigator: Navigator,
         ukf: PlanarUkf | None,
         next_goal: GoalSource,
         goal_timeout_s: float,
     ) -> None:
-        """A robot at rest at ``start``; without a ``ukf`` it is told its true pose (``truth``)."""
+        """A robot at rest at ``start``, body ``index`` of its world.
+
+        Without a ``ukf`` it believes its odometry as it is, which is its true pose (``localization: truth``).
+        """
         self.index = index
+        self.name = name
         self.pose = start
         self.velocity = (0.0, 0.0)
         self.goal: Point | None = None

@@ -147,7 +147,7 @@ def _run(
         typer.echo(f"note: {note}", err=True)
     if outcome.failed:
         typer.echo(
-            f"{outcome.failed} trials failed, see {directory / 'failures.csv'}; --retry-failed runs them again",
+            f"{outcome.failed} trials failed: see {directory / 'failures.csv'}; --retry-failed tries again",
             err=True,
         )
         raise typer.Exit(1)

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from midnet_bench.agents.mobile_robot import MobileRobot, Point
 from midnet_bench.experiments.guarded_arena import FRAME_HZ, GuardedArena
 from midnet_bench.experiments.parameters import DetectionParameters
@@ -13,9 +15,13 @@ from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import FrameCounts, TruthObject, count_frame, total, truths_in_range
 from midnet_bench.scoring.ratios import ratios
 from midnet_bench.simulation.free_space import free_space
+from midnet_bench.simulation.lidar import LDS_01
+from midnet_bench.simulation.world import SOLID
 
 USABLE_RANGE_M = 2.5
 """Laser scan range of section V.A, from the sensor: whom a guard could have seen."""
+ON_SURFACE_M = 0.05
+"""A noisy return this near to a stationary intruder is one of its own; walls are farther off."""
 GOAL_CLEARANCE_M = 0.4
 """From a mobile intruder's goal to walls and stationary intruders (paper-notes item 49)."""
 
@@ -40,8 +46,8 @@ class DetectionTrial(GuardedArena):
         super().__init__(parameters, seed)
         self._test = parameters
         self._free = free_space(self.arena, GOAL_CLEARANCE_M, self.layout.stationary)
-        self._goal_rngs = {robot.index: stream(seed, "goals", i) for i, robot in enumerate(self.intruders)}
-        self._sight_noise = [stream(seed, "sight", guard.index) for guard in self.guards]
+        self._goal_rngs = {robot.index: stream(seed, "goals", robot.name) for robot in self.intruders}
+        self._sight_noise = [stream(seed, "sight", guard.name) for guard in self.guards]
         for robot in self.intruders:
             robot.next_goal = self._random_goal
 
@@ -65,7 +71,7 @@ class DetectionTrial(GuardedArena):
         boxes = {
             f"stationary {number}": solid.bounding_box()
             for number, solid in enumerate(self.layout.stationary, 1)
-        } | {self.name_of(robot): self.world.scan_outline(robot.index) for robot in self.intruders}
+        } | {robot.name: self.world.scan_outline(robot.index) for robot in self.intruders}
         return [TruthObject(name, box.shrunk(-margin_m), box.center) for name, box in boxes.items()]
 
     def in_range(self, truths: list[TruthObject], test: DetectionParameters) -> list[bool]:
@@ -79,10 +85,17 @@ class DetectionTrial(GuardedArena):
         """For each truth, whether a beam of some guard would meet it within range at this instant."""
         guards = [guard.index for guard in self.guards]
         ranges_m, bodies = self.world.scan_and_bodies(guards, self._sight_noise)
-        met = set(bodies[ranges_m <= USABLE_RANGE_M].tolist())
-        first_stationary = len(self.fleet.robots)
-        stationary = range(first_stationary, first_stationary + len(self.layout.stationary))
-        return [body in met for body in (*stationary, *(robot.index for robot in self.intruders))]
+        near = ranges_m <= USABLE_RANGE_M
+        met = set(bodies[near].tolist())
+        beams = self.world.poses()[guards, 2, None] + LDS_01.angles_rad
+        ends = np.array(self.sensor_positions())[:, None] + ranges_m[..., None] * np.stack(
+            [np.cos(beams), np.sin(beams)], axis=-1
+        )
+        hits = ends[near & (bodies == SOLID)]
+        stationary = [
+            bool((solid.distance_to(hits) < ON_SURFACE_M).any()) for solid in self.layout.stationary
+        ]
+        return stationary + [robot.index in met for robot in self.intruders]
 
     def _random_goal(self, robot: MobileRobot) -> Point:
         return self._free.draw(self._goal_rngs[robot.index])

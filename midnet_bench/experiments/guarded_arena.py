@@ -50,7 +50,9 @@ class GuardedArena:
         ]
         settings = WorldSettings(robot_profile=parameters.robot_profile, lidar_noise=parameters.lidar_noise)
         self.world = World(self.layout, settings)
-        odometry = OdometrySettings(source=parameters.odometry)
+        # a robot that is told its true pose takes it from exact odometry
+        source = "world" if parameters.localization == "truth" else parameters.odometry
+        odometry = OdometrySettings(source=source)
         self.fleet = Fleet(self.world, [*self.guards, *self.intruders], odometry, seed)
         self._frame_ticks = settings.step_hz // FRAME_HZ
 
@@ -78,7 +80,7 @@ class GuardedArena:
         health, collisions = self.fleet.health, self.world.collisions()
         return [
             {
-                "robot": f"guard {robot.index + 1}" if isinstance(robot, Guard) else self.name_of(robot),
+                "robot": robot.name,
                 "role": "guard" if isinstance(robot, Guard) else "intruder",
                 "distance_m": float(health.distances_m[robot.index]),
                 "goals_reached": robot.progress.goals_reached,
@@ -91,10 +93,6 @@ class GuardedArena:
             }
             for robot in self.fleet.robots
         ]
-
-    def name_of(self, intruder: MobileRobot) -> str:
-        """``intruder 1`` and so on."""
-        return f"intruder {intruder.index - len(self.guards) + 1}"
 
     def sensor_positions(self) -> list[Point]:
         """(x, y) of each guard's LiDAR as it truly is, map frame, metres."""
@@ -120,6 +118,7 @@ class GuardedArena:
     def _make_guard(self, index: int, start: Pose2D) -> Guard:
         return Guard(
             index,
+            f"guard {index + 1}",
             start,
             self._navigator(LocalPlannerLimits()),
             self._ukf(start),
@@ -134,6 +133,7 @@ class GuardedArena:
         )
         return MobileRobot(
             index,
+            f"intruder {index - len(self.guards) + 1}",
             start,
             self._navigator(limits),
             self._ukf(start),

@@ -55,9 +55,9 @@ class LabyrinthTrial(GuardedArena):
         self._refuge_rng = stream(seed, "refuge")
         self.pursuit = Pursuit(self.guards, parameters.pursuit, parameters.pursuit_timeout_s)
         self.fates: dict[int, Fate] = {}
-        for number, robot in enumerate(self.intruders):
+        for robot in self.intruders:
             start = (robot.pose.x, robot.pose.y)
-            escape = self._free.draw(stream(seed, "escape", number), start, parameters.escape_distance_m)
+            escape = self._free.draw(stream(seed, "escape", robot.name), start, parameters.escape_distance_m)
             self.fates[robot.index] = Fate(start, escape)
             robot.next_goal = self._next_goal_of_intruder
 

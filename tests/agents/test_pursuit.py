@@ -1,0 +1,84 @@
+import numpy as np
+
+from midnet_bench.agents.guard import Guard
+from midnet_bench.agents.pursuit import RETARGET_M, Pursuit
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.navigation.navigator import Navigator
+
+FLOOR = OccupancyGrid(np.zeros((200, 200), np.int8), 0.05, (-5.0, -5.0))
+
+
+def guards(*places: tuple[float, float]) -> list[Guard]:
+    return [
+        Guard(i, f"guard {i}", Pose2D(x, y, 0.0), Navigator(FLOOR), None, lambda robot: None, 30.0)
+        for i, (x, y) in enumerate(places)
+    ]
+
+
+def test_the_nearest_guard_goes_and_the_others_patrol() -> None:
+    team = guards((-3.0, 0.0), (1.0, 0.0), (3.0, 3.0))
+    pursuit = Pursuit(team, "nearest", 3.0)
+    pursuit.detected(7, (2.0, 0.0), 0.2)
+    pursuit.update(0.2)
+    assert [guard.goal for guard in team] == [None, (2.0, 0.0), None]
+
+
+def test_two_targets_get_a_guard_each() -> None:
+    team = guards((-3.0, 0.0), (0.0, 0.0))
+    pursuit = Pursuit(team, "nearest", 3.0)
+    pursuit.detected(7, (1.0, 0.0), 0.2)
+    pursuit.detected(8, (2.0, 0.0), 0.2)
+    pursuit.update(0.2)
+    assert [guard.goal for guard in team] == [(2.0, 0.0), (1.0, 0.0)]
+
+
+def test_a_pursuer_stays_on_his_target_and_follows_it() -> None:
+    team = guards((0.0, 0.0), (3.0, 0.0))
+    pursuit = Pursuit(team, "nearest", 3.0)
+    pursuit.detected(7, (1.0, 0.0), 0.2)
+    pursuit.update(0.2)
+    pursuit.detected(7, (1.0 + 0.9 * RETARGET_M, 0.0), 0.4)
+    pursuit.update(0.4)
+    assert team[0].goal == (1.0, 0.0)
+    pursuit.detected(7, (3.0, 0.1), 0.6)
+    pursuit.update(0.6)
+    assert [guard.goal for guard in team] == [(3.0, 0.1), None]
+
+
+def test_a_target_out_of_sight_is_given_up() -> None:
+    team = guards((0.0, 0.0))
+    pursuit = Pursuit(team, "nearest", 3.0)
+    pursuit.detected(7, (1.0, 0.0), 0.2)
+    pursuit.update(0.2)
+    pursuit.update(3.2)
+    assert team[0].goal is not None
+    pursuit.update(3.4)
+    assert team[0].goal is None
+    assert not pursuit.targets
+
+
+def test_everybody_goes_after_the_nearest_one_under_all() -> None:
+    team = guards((-3.0, 0.0), (3.0, 0.0))
+    pursuit = Pursuit(team, "all", 3.0)
+    pursuit.detected(7, (-2.0, 0.0), 0.2)
+    pursuit.detected(8, (2.0, 0.0), 0.2)
+    pursuit.update(0.2)
+    assert [guard.goal for guard in team] == [(-2.0, 0.0), (2.0, 0.0)]
+
+
+def test_nobody_goes_under_none() -> None:
+    team = guards((0.0, 0.0))
+    pursuit = Pursuit(team, "none", 3.0)
+    pursuit.detected(7, (1.0, 0.0), 0.2)
+    pursuit.update(0.2)
+    assert team[0].goal is None
+
+
+def test_a_caught_target_frees_his_pursuer() -> None:
+    team = guards((0.0, 0.0))
+    pursuit = Pursuit(team, "nearest", 3.0)
+    pursuit.detected(7, (1.0, 0.0), 0.2)
+    pursuit.update(0.2)
+    pursuit.forget(7)
+    assert team[0].goal is None

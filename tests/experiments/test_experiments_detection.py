@@ -1,0 +1,127 @@
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.detection import DetectionTrial, run_detection
+from midnet_bench.experiments.parameters import DetectionParameters, ReadingsParameters
+from midnet_bench.experiments.readings import run_readings
+from midnet_bench.experiments.registry import run_trial
+from midnet_bench.experiments.trial import TrialResult, TrialSpec
+from midnet_bench.experiments.watch import binary_prior, costmap_settings, inflation_m
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.map_server import save_map
+from midnet_bench.simulation.arena import load_arena
+from midnet_bench.simulation.exact_map import render_exact
+
+
+def detection(seed: int = 3, **changes: object) -> TrialResult:
+    return run_detection(DetectionParameters(**{"robots": 2, "frames": 25, **changes}), seed)
+
+
+def as_bytes(result: TrialResult) -> bytes:
+    return json.dumps(result.tables, sort_keys=True).encode()
+
+
+def test_the_seed_decides_every_byte() -> None:
+    assert as_bytes(detection(seed=3)) == as_bytes(detection(seed=3))
+    assert as_bytes(detection(seed=3)) != as_bytes(detection(seed=4))
+
+
+def test_a_spec_says_all_that_a_trial_needs() -> None:
+    parameters = DetectionParameters(robots=2, frames=25).model_dump()
+    assert as_bytes(run_trial(TrialSpec("detection", parameters, 3))) == as_bytes(detection(seed=3))
+
+
+def test_teams_of_one_seed_meet_the_same_intruders() -> None:
+    def start(robots: int) -> tuple[object, ...]:
+        with DetectionTrial(DetectionParameters(robots=robots), 5) as trial:
+            return trial.layout.stationary, trial.layout.intruders
+
+    assert start(1) == start(5)
+
+
+def test_everybody_drives_and_eight_intruders_are_scored() -> None:
+    with DetectionTrial(DetectionParameters(robots=5, frames=100), 7) as trial:
+        frames = list(trial.frames())
+        rows = trial.rows_of_robots()
+    assert [len(frame.truths) for frame in frames] == [8] * 100
+    assert len(rows) == 10
+    assert min(row["distance_m"] for row in rows) > 1.0
+    assert all(row["walls_crossed"] == 0 for row in rows)
+    assert sum(frame.counts.tp for frame in frames) > 300
+
+
+def test_an_arena_without_intruders_has_no_detection() -> None:
+    scores = detection(arena="empty", robots=1, frames=300).tables["scores"][0]
+    assert scores["tp"] == scores["fp"] == scores["fn"] == 0
+    assert math.isnan(float(scores["recall"]))
+
+
+def test_five_guards_alone_take_each_other_for_intruders_at_most_once_in_200_frames() -> None:
+    scores = detection(arena="empty", robots=5, frames=400).tables["scores"][0]
+    assert scores["fp"] <= 2
+
+
+def test_all_readings_watch_the_simulation_that_the_detection_test_runs() -> None:
+    rows = run_readings(ReadingsParameters(robots=2, frames=25, readings="items"), 3).tables["readings"]
+    by_name = {row["reading"]: row for row in rows}
+    alone = detection(seed=3).tables["scores"][0]
+    assert {key: by_name["default"][key] for key in ("tp", "fp", "fn", "matched")} == {
+        key: alone[key] for key in ("tp", "fp", "fn", "matched")
+    }
+    single = detection(seed=3, local_map="single_scan").tables["scores"][0]
+    assert by_name["local_map=single_scan"]["tp"] == single["tp"]
+    hidden = detection(seed=3, require_line_of_sight=True).tables["scores"][0]
+    assert by_name["require_line_of_sight=true"]["fn"] == hidden["fn"] <= alone["fn"]
+
+
+@pytest.mark.parametrize(
+    ("thresh", "reach_m"),
+    [(99, 0.105), (80, 0.125), (50, 0.173), (30, 0.225), (20, 0.266), (10, 0.339), (100, 0.0)],
+)
+def test_a_threshold_stands_for_a_distance(thresh: int, reach_m: float) -> None:
+    # the figures of item 1, for k = 10 and an inscribed radius of 0.105 m
+    settings = costmap_settings(DetectionParameters())
+    assert inflation_m(replace(settings, inscribed_radius_m=0.105), thresh) == pytest.approx(
+        reach_m, abs=0.004
+    )
+
+
+def test_the_prior_map_is_fatter_than_the_local_one() -> None:
+    parameters = DetectionParameters()
+    exact = render_exact(load_arena("map1"))
+    prior = binary_prior(exact, parameters)
+    local = binary_prior(exact, parameters.model_copy(update={"thresh_global": parameters.thresh_local}))
+    assert ((local.data == 0) <= (prior.data == 0)).all()
+    assert (prior.data == 0).sum() > (local.data == 0).sum() > (exact.data == 100).sum()
+
+
+def test_a_map_from_a_file_gives_what_the_exact_one_gives(tmp_path: Path) -> None:
+    save_map(render_exact(load_arena("map1")), tmp_path / "map.yaml")
+    from_file = detection(prior_map=str(tmp_path / "map.yaml"))
+    assert as_bytes(from_file) == as_bytes(detection())
+
+
+def test_a_trial_does_not_read_its_files_again(tmp_path: Path) -> None:
+    arena = tmp_path / "mine.yaml"
+    arena.write_text(load_arena("map1").model_dump_json())
+    save_map(render_exact(load_arena("map1")), tmp_path / "map.yaml")
+    parameters = DetectionParameters(
+        robots=1, frames=5, arena=str(arena), prior_map=str(tmp_path / "map.yaml")
+    )
+    spec = TrialSpec("detection", parameters.model_dump(), 1)
+    for file in tmp_path.iterdir():
+        file.unlink()
+    assert run_trial(spec).tables["scores"]
+
+
+def test_another_resolution_than_the_local_grids_is_refused(tmp_path: Path) -> None:
+    grid = OccupancyGrid(np.zeros((80, 80), np.int8), 0.1, (-4.0, -4.0))
+    save_map(grid, tmp_path / "coarse.yaml")
+    with pytest.raises(InputError, match=r"prior_map.*0\.1"):
+        DetectionParameters(prior_map=str(tmp_path / "coarse.yaml"))

@@ -1,0 +1,77 @@
+import json
+import math
+
+import pytest
+
+from midnet_bench.experiments.labyrinth import LabyrinthTrial, run_labyrinth
+from midnet_bench.experiments.parameters import LabyrinthParameters
+
+# a long corridor with the guard's post in the middle: who goes from end to end has to pass it
+CORRIDOR = {
+    "name": "corridor",
+    "plane_m": [14.0, 4.0],
+    "enclosure_m": [12.0, 2.0],
+    "wall_thickness_m": 0.15,
+    "wall_height_m": 1.0,
+    "walls": [[[-6, -1], [6, -1], [6, 1], [-6, 1], [-6, -1]]],
+    "robots": {"center_m": [0.0, 0.0], "spacing_m": 0.5},
+    "mobile_intruders": {"count": 1, "clear_of_robots_m": 3.0},
+}
+
+
+def corridor(**changes: object) -> LabyrinthParameters:
+    values = {"arena": json.dumps(CORRIDOR), "escape_distance_m": 7.5, "time_limit_s": 90.0}
+    return LabyrinthParameters(**{**values, **changes})
+
+
+def test_a_guard_in_the_way_catches_who_has_to_pass() -> None:
+    tables = run_labyrinth(corridor(), 1).tables
+    row, intruder = tables["trial"][0], tables["intruders"][0]
+    assert (row["caught"], row["escaped"], row["success_rate"]) == (1, 0, 100.0)
+    assert 0.0 < float(intruder["detected_at_s"]) <= float(intruder["caught_at_s"]) == row["duration_s"]
+    assert math.isnan(float(intruder["escaped_at_s"]))
+    assert row["ended"] == "nobody left"
+
+
+def test_seeing_is_catching_under_the_weakest_reading() -> None:
+    intruder = run_labyrinth(corridor(capture="detected", pursuit="none"), 1).tables["intruders"][0]
+    assert intruder["detected_at_s"] == intruder["caught_at_s"]
+
+
+def test_nobody_is_caught_by_a_guard_that_cannot_come_close_enough() -> None:
+    row = run_labyrinth(corridor(capture_distance_m=0.01, pursuit="none"), 1).tables["trial"][0]
+    assert row["caught"] == 0
+    assert row["detected"] == 1
+
+
+def test_the_time_limit_ends_a_trial_and_is_no_success() -> None:
+    row = run_labyrinth(corridor(time_limit_s=2.0), 1).tables["trial"][0]
+    assert row["ended"] == "time limit"
+    assert row["duration_s"] == pytest.approx(2.0)
+    assert row["success_rate"] == 0.0
+
+
+def test_who_reaches_his_escape_is_gone() -> None:
+    with LabyrinthTrial(corridor(capture="contact", capture_distance_m=0.01, pursuit="none"), 4) as trial:
+        for _ in trial.frames():
+            pass
+        fate = trial.fates[trial.intruders[0].index]
+        if fate.outcome == "escaped":
+            assert not trial.world.active[trial.intruders[0].index]
+        assert math.dist(fate.start, fate.escape) >= 7.5
+
+
+def test_the_labyrinth_is_repeatable_and_its_cells_share_their_worlds() -> None:
+    short = LabyrinthParameters(robots=2, intruders=2, time_limit_s=6.0)
+    first, again = run_labyrinth(short, 9), run_labyrinth(short, 9)
+    assert json.dumps(first.tables) == json.dumps(again.tables)
+    more_guards = run_labyrinth(short.model_copy(update={"robots": 4}), 9)
+    straight = [[row["straight_m"] for row in result.tables["intruders"]] for result in (first, more_guards)]
+    assert straight[0] == straight[1]
+    assert min(straight[0]) >= 12.0
+
+
+def test_a_fleeing_intruder_keeps_away_longer() -> None:
+    still = run_labyrinth(corridor(evasion="none"), 2).tables["trial"][0]
+    fleeing = run_labyrinth(corridor(evasion="flee", flee_radius_m=2.5), 2).tables["trial"][0]
+    assert float(fleeing["duration_s"]) > float(still["duration_s"])
