@@ -206,8 +206,8 @@ def open_or_create(path: Path, definition: Definition) -> Store:
     with _explained(path):
         connection = sqlite3.connect(path, timeout=30, isolation_level=None)
         with _closed_on_error(connection):
-            (objects,) = connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()
-            if objects == 0 and _pragma(connection, "application_id") == 0:
+            _pragma(connection, "schema_version")  # reading takes back what a killed process left half-made
+            if path.stat().st_size == 0:
                 with _transaction(connection):
                     _migrate(connection, 0)
                     connection.execute("INSERT INTO campaign VALUES (?)", (definition.to_json(),))

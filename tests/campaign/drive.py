@@ -1,4 +1,4 @@
-"""A campaign of coins run as a process of its own: ``drive.py DIRECTORY JSON``, exits as the command would."""
+"""A campaign of coins as a process of its own: ``drive.py DIRECTORY JSON``; exits as the command would."""
 
 import json
 import sys
@@ -6,22 +6,37 @@ from pathlib import Path
 
 import coin_experiments
 
-from midnet_bench.campaign.progress import progress_on
+from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.campaign.spec import Campaign
+from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import MidnetBenchError
+
+
+class Telling(Progress):
+    """Says on stdout what happens, for a test that waits for it."""
+
+    def begin(self, total: int, done: int) -> None:
+        print("begin", total, done, flush=True)
+
+    def advance(self, outcome: Outcome) -> None:
+        print("stored", outcome.trial_id, flush=True)
+
+    def note(self, text: str) -> None:
+        print("note", text, flush=True)
 
 
 def main() -> int:
     options = json.loads(sys.argv[2])
     campaign = Campaign(experiment="coins", **options.pop("campaign"))
     try:
-        run_campaign(
-            campaign, Path(sys.argv[1]), experiments=coin_experiments, progress=progress_on(), **options
+        outcome = run_campaign(
+            campaign, Path(sys.argv[1]), experiments=coin_experiments, progress=Telling(), **options
         )
     except MidnetBenchError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
+    print("done", outcome.finished, outcome.failed, outcome.ran)
     return 0
 
 

@@ -1,0 +1,53 @@
+"""Campaigns of coins in processes of their own, for tests that interrupt and kill them."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from midnet_bench.campaign.export import export_csv
+from midnet_bench.campaign.store import open_store
+
+HERE = Path(__file__).parent
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(HERE), "PYTHONWARNINGS": "error"}
+
+
+def start(directory: Path, campaign: dict[str, object], **options: object) -> subprocess.Popen[str]:
+    """``drive.py`` on its way; a process group of its own, as a shell would give it."""
+    command = [sys.executable, str(HERE / "drive.py"), str(directory)]
+    return subprocess.Popen(
+        [*command, json.dumps({"campaign": campaign, **options})],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment(),
+        start_new_session=True,
+    )
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr."""
+    out, err = process.communicate(timeout=120)
+    return process.returncode, out, err
+
+
+def wait_for(process: subprocess.Popen[str], word: str, times: int = 1) -> None:
+    """Reads the process's lines until ``times`` of them began with ``word``."""
+    assert process.stdout is not None
+    while times > 0:
+        line = process.stdout.readline()
+        assert line, "the process ended early"
+        times -= line.startswith(word)
+
+
+def exported(directory: Path) -> dict[str, bytes]:
+    """The campaign's CSV files but for its wall times."""
+    with open_store(directory / "campaign.sqlite") as store:
+        export_csv(store, directory / "csv")
+    return {
+        path.name: path.read_bytes() for path in (directory / "csv").glob("*.csv") if path.stem != "timing"
+    }

@@ -1,0 +1,280 @@
+import csv
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TypedDict
+
+import coin_experiments as coins
+import pytest
+from campaign_process import exported
+
+import midnet_bench
+from midnet_bench.campaign.plan import plan
+from midnet_bench.campaign.progress import Progress
+from midnet_bench.campaign.runner import CampaignOutcome, run_campaign
+from midnet_bench.campaign.spec import Campaign
+from midnet_bench.campaign.store import StoredTrial, open_store
+from midnet_bench.campaign.worker import Outcome
+from midnet_bench.errors import InputError
+
+GRID = {"coins": [1, 2, 3], "table": ["wood", "glass"]}
+
+
+class Listener(Progress):
+    def __init__(self) -> None:
+        self.begun: list[tuple[int, int]] = []
+        self.outcomes: list[Outcome] = []
+        self.notes: list[str] = []
+        self.ended = 0
+
+    def begin(self, total: int, done: int) -> None:
+        self.begun.append((total, done))
+
+    def advance(self, outcome: Outcome) -> None:
+        self.outcomes.append(outcome)
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+    def end(self) -> None:
+        self.ended += 1
+
+
+class Options(TypedDict, total=False):
+    jobs: int
+    backend: str
+    scheduler: str
+    fresh: bool
+    retry_failed: bool
+    progress: Progress
+
+
+def run(directory: Path, options: Options | None = None, **keys: object) -> CampaignOutcome:
+    """A campaign of coins with ``keys`` of a campaign file, on two workers unless the options differ."""
+    campaign = Campaign.model_validate({"experiment": "coins", "grid": GRID, "trials": 3, **keys})
+    return run_campaign(campaign, directory, experiments=coins, **{"jobs": 2, **(options or {})})
+
+
+def stored(directory: Path) -> list[StoredTrial]:
+    with open_store(directory / "campaign.sqlite") as store:
+        return list(store.trials())
+
+
+def failures(directory: Path) -> dict[int, str]:
+    """Seed -> traceback; every failure of these tests is one seed's."""
+    return {trial.seed: trial.traceback for trial in stored(directory) if trial.traceback is not None}
+
+
+def test_one_worker_and_two_give_the_same_bytes(tmp_path: Path) -> None:
+    listener = Listener()
+    first = run(tmp_path / "one", {"jobs": 1})
+    second = run(tmp_path / "two", {"progress": listener})
+
+    assert (
+        (first.finished, first.failed, first.ran)
+        == (second.finished, second.failed, second.ran)
+        == (18, 0, 18)
+    )
+    assert exported(tmp_path / "one") == exported(tmp_path / "two")
+    assert set(exported(tmp_path / "one")) == {"trial.csv", "tosses.csv"}
+    assert listener.begun == [(18, 0)]
+    assert len(listener.outcomes) == 18
+    assert listener.ended == 1
+
+
+def test_another_seed_gives_other_bytes(tmp_path: Path) -> None:
+    run(tmp_path / "one")
+    run(tmp_path / "two", base_seed=100)
+
+    assert exported(tmp_path / "one")["tosses.csv"] != exported(tmp_path / "two")["tosses.csv"]
+
+
+def test_the_tidy_tables_lead_with_factors_and_seed(tmp_path: Path) -> None:
+    run(tmp_path)
+    tables = exported(tmp_path)
+    rows = list(csv.DictReader(tables["tosses.csv"].decode().splitlines()))
+
+    assert list(rows[0]) == ["coins", "table", "seed", "toss", "height_m"]
+    assert len(rows) == (1 + 2 + 3) * 2 * 3
+    world = {(row["seed"], row["toss"]): row["height_m"] for row in rows}
+    assert all(world[row["seed"], row["toss"]] == row["height_m"] for row in rows)  # cells share their worlds
+    assert tables["trial.csv"].splitlines()[1] == b"1,wood,1,0,0.0,"
+    timing = (tmp_path / "csv" / "timing.csv").read_text().splitlines()
+    assert timing[0] == "coins,table,seed,status,wall_s,simulated_s,finished_utc"
+    assert len(timing) == 19
+
+
+def test_the_same_again_runs_nothing_and_an_extension_runs_the_rest(tmp_path: Path) -> None:
+    run(tmp_path, trials=2)
+    assert run(tmp_path, trials=2).ran == 0
+    assert run(tmp_path, trials=3).ran == 6
+    run(tmp_path / "at_once", trials=3)
+    assert exported(tmp_path) == exported(tmp_path / "at_once")
+
+
+def test_starting_over_keeps_the_old_store(tmp_path: Path) -> None:
+    run(tmp_path)
+    listener = Listener()
+
+    again = run(tmp_path, {"progress": listener, "fresh": True}, parameters={"bias": 0.9})
+
+    assert again.ran == 18
+    with open_store(tmp_path / "campaign.old-1.sqlite") as old:
+        assert old.definition.parameters["bias"] == 0.5
+    assert "campaign.old-1.sqlite" in listener.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("trouble", "last_line"),
+    [
+        ("raise", "ValueError: the coin stands on its edge"),
+        ("exit", "SystemExit: 3"),
+        ("odd", "TypeError: Object of type complex is not JSON serializable"),
+    ],
+)
+def test_a_trial_that_raises_is_stored_as_failed(tmp_path: Path, trouble: str, last_line: str) -> None:
+    outcome = run(tmp_path, parameters={"trouble": trouble, "trouble_seed": 2})
+
+    assert (outcome.finished, outcome.failed) == (12, 6)
+    assert failures(tmp_path)[2].splitlines()[-1] == last_line
+    assert "Traceback" in failures(tmp_path)[2]
+    tables = exported(tmp_path)
+    assert b"\n1,wood,2," not in tables["trial.csv"]  # never counted as zero
+    assert len(tables["failures.csv"].splitlines()) == 7
+
+
+def test_failures_are_tried_again_on_request_alone(tmp_path: Path) -> None:
+    trouble = {"trouble": "first", "trouble_seed": 1, "trouble_file": str(tmp_path / "been_here")}
+    grid = {"coins": [4]}
+    assert run(tmp_path, grid=grid, parameters=trouble).failed == 1
+    assert run(tmp_path, grid=grid, parameters=trouble).ran == 0
+
+    again = run(tmp_path, {"retry_failed": True}, grid=grid, parameters=trouble)
+
+    assert (again.ran, again.finished, again.failed) == (1, 3, 0)
+    assert "failures.csv" not in exported(tmp_path)
+
+
+def test_a_worker_that_is_killed_costs_its_trial_one_repetition(tmp_path: Path) -> None:
+    listener = Listener()
+    trouble = {"trouble": "once", "trouble_seed": 2, "trouble_file": str(tmp_path / "been_here")}
+
+    outcome = run(tmp_path, {"progress": listener}, parameters=trouble)
+
+    assert (outcome.finished, outcome.failed) == (18, 0)
+    assert any("a worker died" in note for note in listener.notes)
+    run(tmp_path / "calm")
+    assert exported(tmp_path) == exported(tmp_path / "calm")
+
+
+def test_a_trial_that_always_crashes_fails_alone(tmp_path: Path) -> None:
+    outcome = run(
+        tmp_path, grid={"coins": [1]}, trials=6, parameters={"trouble": "segfault", "trouble_seed": 2}
+    )
+
+    assert (outcome.finished, outcome.failed) == (5, 1)
+    traceback = failures(tmp_path)[2]
+    assert "Segmentation fault" in traceback
+    assert "make_trouble" in traceback
+    assert traceback.splitlines()[-1].startswith("its worker died twice")
+
+
+@pytest.mark.parametrize(
+    ("trouble", "last_line", "where"),
+    [("spin", "its limit of 0.5 s", "while True"), ("sleep", "in native code", "make_trouble")],
+)
+def test_a_trial_over_its_time_fails_and_the_rest_goes_on(
+    tmp_path: Path, trouble: str, last_line: str, where: str
+) -> None:
+    outcome = run(
+        tmp_path,
+        grid={"coins": [1]},
+        trials=6,
+        trial_timeout_s=0.5,
+        parameters={"trouble": trouble, "trouble_seed": 2},
+    )
+
+    assert (outcome.finished, outcome.failed) == (5, 1)
+    assert last_line in failures(tmp_path)[2].splitlines()[-1]
+    assert where in failures(tmp_path)[2]
+
+
+def test_workers_keep_to_one_thread(tmp_path: Path) -> None:
+    run(tmp_path, grid={"table": ["threads"]}, trials=1)
+
+    (row,) = stored(tmp_path)[0].tables["threads"]
+    assert set(row.values()) == {1}
+
+
+def test_two_versions_of_the_code_in_one_store_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(tmp_path, trials=1).notes == []
+    monkeypatch.setattr(midnet_bench, "__version__", "9.9")
+
+    (note,) = run(tmp_path, trials=2).notes
+
+    assert "2 versions of the code" in note
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"jobs": 0}, "--jobs 0"),
+        ({"backend": "slurm"}, "--backend slurm: unknown; valid: dask, loky"),
+        ({"backend": "dask"}, "give the scheduler's address"),
+        ({"scheduler": "tcp://127.0.0.1:8786"}, "only with --backend dask"),
+    ],
+)
+def test_a_wrong_option_is_refused_before_anything_is_touched(
+    tmp_path: Path, options: Options, complaint: str
+) -> None:
+    run(tmp_path, trials=1)
+    before = (tmp_path / "campaign.sqlite").read_bytes()
+
+    with pytest.raises(InputError, match=complaint):
+        run(tmp_path, {"fresh": True, **options})
+
+    assert (tmp_path / "campaign.sqlite").read_bytes() == before
+
+
+def test_a_plan_counts_what_is_left(tmp_path: Path) -> None:
+    campaign = Campaign(experiment="coins", grid=GRID, trials=3)
+    ahead = plan(campaign, tmp_path, jobs=2, experiments=coins)
+    assert (ahead.cells, ahead.trials, ahead.to_run, ahead.measured_on) == (6, 18, 18, 0)
+    assert ahead.wall_s > 0
+    assert list(tmp_path.iterdir()) == []
+
+    run(tmp_path, trials=2, parameters={"work_s": 0.02})
+
+    campaign = Campaign(experiment="coins", grid=GRID, trials=3, parameters={"work_s": 0.02})
+    ahead = plan(campaign, tmp_path, jobs=2, experiments=coins)
+    assert (ahead.finished, ahead.to_run, ahead.measured_on) == (12, 6, 12)
+    assert 6 * 0.02 / 2 <= ahead.wall_s < 6
+    assert 0 < ahead.disk_bytes < 6 * 1000
+    assert plan(campaign, tmp_path, fresh=True, experiments=coins).to_run == 18
+    with pytest.raises(InputError, match="made by another campaign"):
+        plan(Campaign(experiment="coins", grid=GRID), tmp_path, experiments=coins)
+
+
+@pytest.fixture
+def running_process() -> Iterator[subprocess.Popen[bytes]]:
+    process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
+    yield process
+    process.kill()
+    process.wait()
+
+
+def test_workers_leave_with_their_parent(running_process: subprocess.Popen[bytes]) -> None:
+    """A worker whose parent is not the expected one (it was adopted after a kill) ends by itself."""
+    code = (
+        "import time; from midnet_bench.campaign.worker import prepare_worker;"
+        f"prepare_worker({running_process.pid}); time.sleep(60)"
+    )
+    assert running_process.pid != os.getpid()
+    start_s = time.monotonic()
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 1
+    assert time.monotonic() - start_s < 60

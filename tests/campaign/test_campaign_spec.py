@@ -1,0 +1,181 @@
+import itertools
+from pathlib import Path
+
+import coin_experiments as coins
+import pytest
+
+from midnet_bench.campaign.definition import Definition, definition_of, differences
+from midnet_bench.campaign.spec import Campaign, check, load_campaign, override, parse_settings, trials
+from midnet_bench.errors import InputError
+
+GOOD = """
+experiment: coins
+grid:
+  coins: [1, 2]
+  bias: [0, 0.5, 1]
+trials: 2
+base_seed: 10
+parameters:
+  table: glass
+"""
+
+
+def campaign_file(folder: Path, text: str) -> Path:
+    path = folder / "tossing.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_a_file_becomes_resolved_trials_seed_by_seed(tmp_path: Path) -> None:
+    campaign = load_campaign(campaign_file(tmp_path, GOOD), coins)
+
+    assert campaign.name == "tossing"
+    specs = list(trials(campaign, coins))
+    placed = [(spec.seed, spec.parameters["coins"], spec.parameters["bias"]) for spec in specs]
+    assert placed == list(itertools.product([10, 11], [1, 2], [0.0, 0.5, 1.0]))
+    assert all(spec.parameters["table"] == "glass" for spec in specs)
+    assert all(set(spec.parameters) == set(coins.CoinParameters.model_fields) for spec in specs)
+    assert len({spec.trial_id for spec in specs}) == 12
+
+
+def test_every_cell_meets_the_same_seeds() -> None:
+    small = Campaign(experiment="coins", grid={"coins": [1, 2]}, trials=3)
+    grown = Campaign(experiment="coins", grid={"coins": [1, 2, 3]}, trials=5)
+
+    ids = {spec.trial_id for spec in trials(small, coins)}
+    assert ids < {spec.trial_id for spec in trials(grown, coins)}
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "complaint"),
+    [
+        ("trials: 2", "trials: -2", "trials: Input should be greater than or equal to 1 (got -2)"),
+        ("trials: 2", "trials: many", "trials: Input should be a valid integer (got 'many')"),
+        ("trials: 2", "trials: true", "trials: Input should be a valid integer (got True)"),
+        ("trials: 2", "trails: 2", "trails: unknown key; did you mean 'trials'?"),
+        ("base_seed: 10", "base_seed: -1", "base_seed: Input should be greater than or equal to 0"),
+        ("experiment: coins", "experiment: coin", "unknown name 'coin'; did you mean 'coins'?"),
+        ("experiment: coins", "", "experiment: Field required"),
+        ("  coins: [1, 2]", "  coin: [1, 2]", "grid.coin: unknown key; did you mean 'coins'?"),
+        ("  coins: [1, 2]", "  coins: []", "grid: 'coins' has no values"),
+        ("  coins: [1, 2]", "  coins: 1", "grid.coins: Input should be a valid list (got 1)"),
+        ("  coins: [1, 2]", "  coins: [1, 0]", "cell coins=0, bias=0: coins: Input should be greater"),
+        ("  coins: [1, 2]", "  coins: [1, 1.0]", "grid: the cell coins=1.0, bias=0 is there twice"),
+        ("  coins: [1, 2]", "  table: [oak]", "parameters.table: also a factor of the grid"),
+        ("  table: glass", "  tabel: glass", "parameters.tabel: unknown key; did you mean 'table'?"),
+        ("  table: glass", "  work_s: -1", "parameters: work_s: Input should be greater"),
+        ("  table: glass", "  table: [a, b]", "parameters.table"),
+        (GOOD, "- coins", "(top level): a campaign is a mapping"),
+        (GOOD, "", "(top level): a campaign is a mapping"),
+        (GOOD, "experiment: [", "not valid YAML"),
+    ],
+)
+def test_a_wrong_file_is_one_line_with_file_and_key(
+    tmp_path: Path, before: str, after: str, complaint: str
+) -> None:
+    path = campaign_file(tmp_path, GOOD.replace(before, after))
+
+    with pytest.raises(InputError) as caught:
+        load_campaign(path, coins)
+    message = str(caught.value)
+    assert message.startswith(str(path))
+    assert complaint in message
+    assert "\n" not in message
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"nothing\.yaml: cannot be read: No such file"):
+        load_campaign(tmp_path / "nothing.yaml", coins)
+
+
+def test_settings_are_read_as_yaml_scalars() -> None:
+    settings = parse_settings(["a=1", "b=0.5", "c=true", "d=word", "e=", "f=x=y", "g='1'"])
+
+    assert settings == {"a": 1, "b": 0.5, "c": True, "d": "word", "e": None, "f": "x=y", "g": "1"}
+
+
+@pytest.mark.parametrize("setting", ["novalue", "=1", "a=[1, 2]", "a={", "a=2026-01-01"])
+def test_a_setting_that_cannot_be_read_is_quoted(setting: str) -> None:
+    with pytest.raises(InputError, match="--set") as caught:
+        parse_settings([setting])
+    assert setting in str(caught.value)
+
+
+def test_a_setting_given_twice_is_refused() -> None:
+    with pytest.raises(InputError, match="'a' is set twice"):
+        parse_settings(["a=1", "a=2"])
+
+
+def test_a_setting_replaces_a_parameter_or_narrows_a_factor() -> None:
+    campaign = Campaign(experiment="coins", grid={"coins": [1, 2]}, parameters={"bias": 0.1})
+
+    changed = override(campaign, {"coins": 7, "bias": 0.2}, trials=4, base_seed=0, experiments=coins)
+
+    assert changed.grid == {"coins": [7]}
+    assert changed.parameters == {"bias": 0.2}
+    assert (changed.trials, changed.base_seed) == (4, 0)
+    with pytest.raises(InputError, match=r"command line: parameters\.bais: unknown key; did you mean 'bias'"):
+        override(campaign, {"bais": 1}, experiments=coins)
+    with pytest.raises(InputError, match="command line: trials"):
+        override(campaign, {}, trials=0, experiments=coins)
+
+
+def test_a_campaign_without_a_grid_has_one_cell() -> None:
+    campaign = Campaign(experiment="coins", trials=3)
+    check(campaign, "test", coins)
+
+    assert [spec.seed for spec in trials(campaign, coins)] == [1, 2, 3]
+    assert definition_of(campaign, coins).cells == 1
+
+
+def defined(**changes: object) -> Definition:
+    values = {"experiment": "coins", "grid": {"coins": [1, 2]}, "trials": 3, "parameters": {"bias": 0.1}}
+    return definition_of(Campaign.model_validate({**values, **changes}), coins)
+
+
+def test_a_definition_survives_its_text() -> None:
+    assert Definition.from_json(defined().to_json()) == defined()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"trials": 4},
+        {"grid": {"coins": [1, 2, 3]}},
+        {"grid": {"coins": [3, 2, 1]}},
+        {"name": "other"},
+        {"trial_timeout_s": 1.0},
+        {"parameters": {"bias": 0.1, "work_s": 0.0}},  # spelling a default out changes nothing
+    ],
+)
+def test_more_trials_or_cells_extend_a_campaign(changes: dict[str, object]) -> None:
+    assert differences(defined(), defined(**changes)) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "difference"),
+    [
+        ({"trials": 2}, "trials 3 -> 2"),
+        ({"base_seed": 5}, "base_seed 1 -> 5"),
+        ({"grid": {"coins": [1, 3]}}, "grid.coins [1, 2] -> [1, 3]"),
+        ({"parameters": {"bias": 0.2}}, "bias 0.1 -> 0.2"),
+        ({"parameters": {}}, "bias 0.1 -> 0.5"),
+        ({"grid": {"coins": [1, 2], "table": ["wood"]}}, "table wood -> (absent)"),
+    ],
+)
+def test_anything_else_is_another_campaign(changes: dict[str, object], difference: str) -> None:
+    assert difference in differences(defined(), defined(**changes))
+
+
+def test_a_file_that_a_parameter_names_counts_by_its_contents(tmp_path: Path) -> None:
+    image = tmp_path / "map.pgm"
+    described = tmp_path / "map.yaml"
+    image.write_bytes(b"one")
+    described.write_text("image: map.pgm")
+    before = defined(parameters={"table": str(described)})
+    assert differences(before, defined(parameters={"table": str(described)})) == []
+
+    image.write_bytes(b"two")
+
+    assert "contents of table" in differences(before, defined(parameters={"table": str(described)}))[0]

@@ -1,0 +1,213 @@
+import sqlite3
+from pathlib import Path
+
+import coin_experiments as coins
+import pytest
+
+from midnet_bench.campaign import store as stores
+from midnet_bench.campaign.definition import Definition, definition_of
+from midnet_bench.campaign.provenance import collect
+from midnet_bench.campaign.spec import Campaign, trials
+from midnet_bench.campaign.store import Store, keep_aside, only_writer, open_or_create, open_store
+from midnet_bench.campaign.worker import Outcome, attempt, encode_tables
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.trial import TrialSpec
+
+CAMPAIGN = Campaign(experiment="coins", grid={"coins": [2, 1], "table": ["wood", "glass"]}, trials=3)
+
+
+def definition(campaign: Campaign = CAMPAIGN) -> Definition:
+    return definition_of(campaign, coins)
+
+
+def fill(store: Store, campaign: Campaign = CAMPAIGN) -> None:
+    run_id = store.begin_run(collect(campaign.base_seed))
+    for spec in reversed(list(trials(campaign, coins))):
+        store.record(run_id, spec, attempt(coins.run_trial, spec, 60.0, None))
+    store.end_run(run_id)
+
+
+@pytest.fixture
+def filled(tmp_path: Path) -> Path:
+    path = tmp_path / "campaign.sqlite"
+    with open_or_create(path, definition()) as store:
+        fill(store)
+    return path
+
+
+def test_trials_come_back_whole_and_in_the_campaigns_order(filled: Path) -> None:
+    with open_store(filled) as store:
+        stored = list(store.trials())
+        (run,) = store.runs()
+
+    assert [(trial.parameters["coins"], trial.parameters["table"], trial.seed) for trial in stored] == [
+        (count, table, seed) for count in (2, 1) for table in ("wood", "glass") for seed in (1, 2, 3)
+    ]
+    for trial in stored:
+        spec = TrialSpec("coins", trial.parameters, trial.seed)
+        assert trial.trial_id == spec.trial_id
+        assert trial.payload == encode_tables(coins.run_trial(spec))
+        assert trial.simulated_s == trial.parameters["coins"]
+        assert [row["toss"] for row in trial.tables["tosses"]] == list(range(int(trial.parameters["coins"])))
+    assert run["seed"] == 1
+    assert run["ended_utc"] is not None
+
+
+def test_a_failure_is_kept_and_a_later_success_takes_its_place(filled: Path) -> None:
+    spec = next(iter(trials(CAMPAIGN, coins)))
+    with open_store(filled) as store:
+        store.record(1, spec, Outcome(spec.trial_id, 0.1, failure="ValueError: no"))
+        assert store.statuses()[spec.trial_id] == "failed"
+        failed = next(trial for trial in store.trials() if trial.trial_id == spec.trial_id)
+        assert failed.traceback == "ValueError: no"
+        with pytest.raises(ValueError, match="has failed"):
+            _ = failed.tables
+
+        store.record(1, spec, attempt(coins.run_trial, spec, 60.0, None))
+        assert set(store.statuses().values()) == {"finished"}
+        assert len(store.statuses()) == 12
+
+
+def test_raising_trials_or_adding_values_extends_the_store(filled: Path) -> None:
+    grid = {"coins": [3, 1, 2], "table": ["wood", "glass"]}
+    more = Campaign(experiment="coins", grid=grid, trials=4)
+    with open_or_create(filled, definition(more)) as store:
+        assert store.definition == definition(more)
+        assert len(store.statuses()) == 12
+        assert [trial.parameters["coins"] for trial in store.trials()] == [1] * 6 + [2] * 6
+
+
+def test_another_campaign_is_refused_and_nothing_changes(filled: Path) -> None:
+    before = filled.read_bytes()
+    other = Campaign(**{**CAMPAIGN.model_dump(), "parameters": {"bias": 0.9}})
+
+    with pytest.raises(InputError, match=r"made by another campaign \(bias 0\.5 -> 0\.9\).*-o.*--fresh"):
+        open_or_create(filled, definition(other))
+
+    assert filled.read_bytes() == before
+
+
+def test_a_missing_store_is_not_made_by_reading(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no campaign store here"):
+        open_store(tmp_path / "campaign.sqlite")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.5, 0.9])
+def test_a_truncated_store_is_refused_and_left_alone(filled: Path, share: float) -> None:
+    content = filled.read_bytes()
+    filled.write_bytes(content[: int(len(content) * share)])
+    before = filled.read_bytes()
+
+    for attempt_to_open in (lambda: open_store(filled), lambda: open_or_create(filled, definition())):
+        with pytest.raises(InputError, match=r"campaign\.sqlite: .*damaged"):
+            attempt_to_open()
+    assert filled.read_bytes() == before
+
+
+def test_a_store_with_a_scrambled_page_is_refused(filled: Path) -> None:
+    content = bytearray(filled.read_bytes())
+    content[4096 : 2 * 4096] = b"\xa5" * 4096
+    filled.write_bytes(content)
+
+    with pytest.raises(InputError, match="damaged"):
+        open_store(filled)
+
+
+@pytest.mark.parametrize("content", [b"trial,tp,fp\n1-robot,3,4\n" * 40, b"\x00" * 5000, b"x"])
+def test_a_file_that_is_no_database_is_refused_and_left_alone(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "campaign.sqlite"
+    path.write_bytes(content)
+
+    for attempt_to_open in (lambda: open_store(path), lambda: open_or_create(path, definition())):
+        with pytest.raises(InputError, match=r"campaign\.sqlite: .*not a campaign store"):
+            attempt_to_open()
+    assert path.read_bytes() == content
+
+
+def test_another_programs_database_is_refused_and_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "campaign.sqlite"
+    connection = sqlite3.connect(path)
+    connection.execute("CREATE TABLE songs (title TEXT)")
+    connection.commit()
+    connection.close()
+    before = path.read_bytes()
+
+    for attempt_to_open in (lambda: open_store(path), lambda: open_or_create(path, definition())):
+        with pytest.raises(InputError, match="another program's SQLite file"):
+            attempt_to_open()
+    assert path.read_bytes() == before
+
+
+def test_a_newer_schema_is_refused(filled: Path) -> None:
+    connection = sqlite3.connect(filled)
+    connection.execute("PRAGMA user_version = 7")
+    connection.close()
+
+    with pytest.raises(InputError, match=r"written by a newer midnet-bench \(schema 7"):
+        open_store(filled)
+
+
+def test_an_older_schema_is_brought_up_to_date(filled: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A store of today is opened by a program that knows one more schema."""
+    added = ("ALTER TABLE trials ADD COLUMN host TEXT", "UPDATE trials SET host = 'unknown'")
+    monkeypatch.setattr(stores, "MIGRATIONS", [*stores.MIGRATIONS, added])
+
+    with open_store(filled) as store:
+        assert len(list(store.trials())) == 12
+    connection = sqlite3.connect(filled)
+    assert connection.execute("SELECT DISTINCT host FROM trials").fetchall() == [("unknown",)]
+    assert connection.execute("PRAGMA user_version").fetchone() == (2,)
+    connection.close()
+
+
+def test_a_migration_that_fails_changes_nothing(filled: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = ("ALTER TABLE trials ADD COLUMN host TEXT", "UPDATE absent SET host = 'unknown'")
+    monkeypatch.setattr(stores, "MIGRATIONS", [*stores.MIGRATIONS, broken])
+    with pytest.raises(Exception, match="no such table: absent"):
+        open_store(filled)
+    monkeypatch.undo()
+
+    with open_store(filled) as store:
+        assert len(list(store.trials())) == 12
+
+
+def test_an_empty_file_is_taken_as_no_store_yet(tmp_path: Path) -> None:
+    path = tmp_path / "campaign.sqlite"
+    path.touch()
+    with open_or_create(path, definition()) as store:
+        assert store.statuses() == {}
+
+
+def test_a_store_of_a_killed_process_is_kept_aside_with_its_journal(filled: Path) -> None:
+    content = filled.read_bytes()
+    journal = filled.with_name("campaign.sqlite-journal")
+    journal.write_bytes(b"half a transaction")
+
+    aside = keep_aside(filled)
+
+    assert aside == filled.with_name("campaign.old-1.sqlite")
+    assert aside.read_bytes() == content
+    assert aside.with_name("campaign.old-1.sqlite-journal").read_bytes() == b"half a transaction"
+    assert not filled.exists()
+    assert not journal.exists()
+    filled.touch()
+    assert keep_aside(filled) == filled.with_name("campaign.old-2.sqlite")
+    assert keep_aside(filled) is None
+
+
+def test_readers_may_look_while_a_writer_is_at_it(filled: Path) -> None:
+    with only_writer(filled.parent), open_store(filled) as writer, open_store(filled) as reader:
+        run_id = writer.begin_run(collect(1))
+        spec = next(iter(trials(CAMPAIGN, coins)))
+        writer.record(run_id, spec, Outcome(spec.trial_id, 0.1, failure="no"))
+        assert reader.statuses()[spec.trial_id] == "failed"
+
+
+def test_a_folder_that_cannot_be_used_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with (
+        pytest.raises(InputError, match=r"file.*cannot be used as a folder for results"),
+        only_writer(tmp_path / "file"),
+    ):
+        pass
