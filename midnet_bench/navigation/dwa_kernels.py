@@ -49,8 +49,8 @@ def collision_cost(
     """The highest cost that a simulated arc meets under outline and centre; -1 if a critic discards it.
 
     Points: the start, then steps - 1 Euler steps (position along the old heading, then heading). Discarded
-    are arcs with an illegal outline, a centre on a cell that path or goal grid block or do not reach, or, with
-    ``forward_cells`` > 0, a point that far ahead which lies off the window.
+    are arcs with an illegal outline, a centre on a cell that path or goal grid block or do not reach, or,
+    with ``forward_cells`` > 0, a point that far ahead which lies off the window.
     """
     height, width = costs.shape
     free_below = height * width

@@ -53,7 +53,7 @@ class LocalGoalGrids:
         forward_m: float,
         freed: npt.NDArray[np.float64] | None = None,
     ) -> npt.NDArray[np.int32]:
-        """``map_grid.distance_grids``; the plan's end is pushed ``forward_m`` away from the robot for the third.
+        """``map_grid.distance_grids``; for the third, the plan's end is pushed ahead by ``forward_m``.
 
         Cells under ``freed``, a footprint in cells, count as free where the robot stands.
         """

@@ -76,18 +76,24 @@ def potential_to(
     near: tuple[float, float] | None = None,
     margin_m: float = 2.0,
     allow_unknown: bool = True,
+    tolerance_m: float = 0.0,
 ) -> Potential | None:
     """The potential of ``goal`` over a costmap's costs (uint8); None when the goal's cell is blocked.
 
     With ``near`` (the robot) the wave ends once everything is settled that lies up to ``margin_m`` of free
-    driving farther than it; without, the whole map is covered. There is no tolerance around the goal.
+    driving farther than it; without, the whole map is covered. With ``tolerance_m`` a blocked goal gives way
+    to the centre of the nearest cell within that distance that is not; the potential's ``goal`` tells.
     """
     column, row = costs.cell_at(*goal)
     if not (0 < column < costs.width - 1 and 0 < row < costs.height - 1):
         return None
     traversal = traversal_costs(costs.data, allow_unknown)
     if traversal[row, column] >= BLOCKED:
-        return None
+        found = _nearest_open(traversal, column, row, int(tolerance_m / costs.resolution))
+        if found is None:
+            return None
+        column, row = found
+        goal = costs.center_of(column, row)
     goal_cell, start_cell, margin = row * costs.width + column, 0, float(UNREACHED)
     if near is not None:
         near_column, near_row = costs.cell_at(*near)
@@ -96,6 +102,19 @@ def potential_to(
             margin = margin_m / costs.resolution * NEUTRAL
     values, settled_below = propagate(traversal, goal_cell, start_cell, margin)
     return Potential(np.asarray(values), costs.resolution, costs.origin, goal, float(settled_below))
+
+
+def _nearest_open(
+    traversal: npt.NDArray[np.uint8], column: int, row: int, radius: int
+) -> tuple[int, int] | None:
+    """(column, row) of the nearest cell within ``radius`` cells that the wave may enter; first in a tie."""
+    x0, y0 = max(column - radius, 0), max(row - radius, 0)
+    rows, columns = np.nonzero(traversal[y0 : row + radius + 1, x0 : column + radius + 1] < BLOCKED)
+    squared = (rows + y0 - row) ** 2 + (columns + x0 - column) ** 2
+    if not len(squared) or squared.min() > radius * radius:
+        return None
+    nearest = int(np.argmin(squared))
+    return int(columns[nearest]) + x0, int(rows[nearest]) + y0
 
 
 def _traversal_table(allow_unknown: bool) -> npt.NDArray[np.uint8]:

@@ -41,8 +41,9 @@ class Navigator:
     Call ``observe`` at every scan and ``control`` at ``controller_frequency_hz``. The states, clocks and the
     order of recoveries (clear all but a 3 m square, turn once, clear all but 1.84 m, turn once) are
     move_base's. Departures: planning runs inside ``control``, not in a thread of its own; a goal that the
-    map alone makes impossible (off the map, in or at a wall, walled off) is aborted at once; and one that
-    stands on an obstacle that was only scanned is aborted after the first recovery did not help.
+    map alone makes impossible (off the map, in or at a wall, walled off) is aborted at once; one that a
+    scanned obstacle covers is approached as near as can be and aborted if it is still covered when the robot
+    has not got on for ``oscillation_timeout_s``; and the plan is traced anew after each scan, not between.
     """
 
     def __init__(self, prior: OccupancyGrid, settings: NavigatorSettings | None = None) -> None:
@@ -50,11 +51,15 @@ class Navigator:
         self.local_costmap = RollingCostmap(settings.local_costmap, prior.origin)
         self.global_costmap = GlobalCostmap(settings.global_costmap, prior)
         self._keeper = PlanKeeper(
-            self.global_costmap, settings.allow_unknown, settings.wave_period_s, settings.change_radius_m
+            self.global_costmap,
+            settings.allow_unknown,
+            settings.goal_tolerance_m,
+            settings.wave_period_s,
+            settings.change_radius_m,
         )
         self._period_s = 1.0 / settings.controller_frequency_hz
-        self._local_planner = _local_planner(settings, self._period_s)
-        self._stop_rotate = StopRotate(self._local_planner, self._period_s)
+        self.local_planner = _local_planner(settings, self._period_s)
+        self._stop_rotate = StopRotate(self.local_planner, self._period_s)
         self._window_m = settings.local_costmap.size_m / 2.0
         self.status = Status.IDLE
         self.recoveries = 0
@@ -63,6 +68,7 @@ class Navigator:
         self._goal: tuple[float, float] | None = None
         self._goal_yaw: float | None = None
         self._pose: Pose2D | None = None
+        self._has_scan = False
 
     @property
     def plans(self) -> int:
@@ -86,7 +92,7 @@ class Navigator:
         self._started = False
         self._checked_on_map = False
         self._keeper.forget()
-        self._local_planner.forget()
+        self.local_planner.forget()
         self._stop_rotate.forget()
         if self._is_blocked(self.global_costmap.static_costs):
             self._abort()
@@ -106,13 +112,17 @@ class Navigator:
     ) -> None:
         """Take one scan into both costmaps; ``pose``: the robot in the map's frame at that instant."""
         sensor_pose = pose.compose(geometry.mount)
+        self._has_scan = self._scan_is_new = True
         self.local_costmap.update(pose, sensor_pose, ranges_m, geometry, time_s)
         self.global_costmap.update(pose, sensor_pose, ranges_m, geometry, time_s)
 
     def control(self, pose: Pose2D, velocity: Command, time_s: float) -> Command:
-        """The velocity to drive until the next call; ``velocity`` is the present one, in the body frame."""
+        """The velocity to drive until the next call; ``velocity`` is the present one, in the body frame.
+
+        Before the first scan the robot stands still.
+        """
         self._pose = pose
-        if self._goal is None:
+        if self._goal is None or not self._has_scan:
             return STOP
         if not self._started:
             self._started = True
@@ -135,9 +145,9 @@ class Navigator:
     def _make_plan(self, goal: tuple[float, float], pose: Pose2D, time_s: float) -> None:
         plan = self._keeper.plan(goal, pose, time_s, self._window_m)
         if plan is not None:
-            self._plan, self._planned_at_s = plan, time_s
+            self._plan, self._planned_at_s, self._scan_is_new = plan, time_s, False
             self._state = _State.CONTROLLING
-            self._local_planner.forget()
+            self.local_planner.forget()
             if self._trigger is _State.PLANNING:
                 self._recovery_index = 0
         elif not self._checked_on_map and self._is_walled_off(goal, pose):
@@ -159,15 +169,19 @@ class Navigator:
                 return STOP
             command = self._stop_rotate.command(self.local_costmap, self._goal_yaw, pose, velocity)
         elif self._oscillates(pose, time_s):
-            self._clear_because(_State.CLEARING)
+            if self._is_blocked(self.global_costmap.costs):
+                self._abort()
+            else:
+                self._clear_because(_State.CLEARING)
             return STOP
         else:
-            if time_s - self._planned_at_s > 1.0 / settings.planner_frequency_hz - 1e-6:
+            period_s = 1.0 / settings.planner_frequency_hz
+            if self._scan_is_new and time_s - self._planned_at_s > period_s - 1e-6:
                 plan = self._keeper.plan(goal, pose, time_s, self._window_m)
-                self._planned_at_s = time_s
+                self._planned_at_s, self._scan_is_new = time_s, False
                 self._plan = self._plan if plan is None else plan
             assert self._plan is not None
-            command = self._local_planner.command(self.local_costmap, self._plan, pose, velocity)
+            command = self.local_planner.command(self.local_costmap, self._plan, pose, velocity)
         if command is not None:
             self._valid_command_at_s = time_s
             if self._trigger is _State.CONTROLLING:

@@ -16,6 +16,9 @@ class NavigatorSettings:
     local_planner: DwaSettings | TrajectoryRolloutSettings = field(default_factory=DwaSettings)
     allow_unknown: bool = True
     """plans may cross cells that nobody has seen"""
+    goal_tolerance_m: float = 0.5
+    """a goal that a scanned obstacle covers (another robot that passes) is approached up to this far; navfn's
+    default_tolerance, 0 in TurtleBot3's files, where such a goal is not approached at all"""
     controller_frequency_hz: float = 10.0
     planner_frequency_hz: float = 5.0
     planner_patience_s: float = 5.0

@@ -26,10 +26,16 @@ class PlanKeeper:
     """
 
     def __init__(
-        self, costmap: GlobalCostmap, allow_unknown: bool, wave_period_s: float, change_radius_m: float
+        self,
+        costmap: GlobalCostmap,
+        allow_unknown: bool,
+        goal_tolerance_m: float,
+        wave_period_s: float,
+        change_radius_m: float,
     ) -> None:
         self._costmap = costmap
         self._allow_unknown = allow_unknown
+        self._goal_tolerance_m = goal_tolerance_m
         self._wave_period_s = wave_period_s
         self._change_cells = reach_cells(change_radius_m, costmap.settings.resolution)
         self._potential: Potential | None = None
@@ -65,10 +71,16 @@ class PlanKeeper:
     def _send_wave(self, goal: tuple[float, float], pose: Pose2D, time_s: float) -> None:
         costmap = self._costmap
         costs = OccupancyGrid(costmap.costs, costmap.settings.resolution, costmap.origin)
-        self._potential = potential_to(goal, costs, near=(pose.x, pose.y), allow_unknown=self._allow_unknown)
+        self._potential = potential_to(
+            goal,
+            costs,
+            near=(pose.x, pose.y),
+            allow_unknown=self._allow_unknown,
+            tolerance_m=self._goal_tolerance_m,
+        )
         self._obstacles_then = costmap.layer.cells.copy()
         self._wave_at_s = time_s
-        self._doubted = False
+        self._doubted = self._potential is not None and self._potential.goal != goal
         self.waves += 1
 
     def _changed_near(self, path: Plan) -> bool:
