@@ -13,7 +13,7 @@ from midnet_bench.cli.app import app
 if TYPE_CHECKING:
     from midnet_bench.report.tables import Table
 
-PIPE_WIDTH = 160
+PIPE_WIDTH = 200
 
 Directory = Annotated[Path, typer.Argument(help="A campaign's folder, such as results/labyrinth.")]
 

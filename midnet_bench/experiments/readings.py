@@ -19,19 +19,28 @@ Readings = Mapping[str, Mapping[str, Scalar]]
 
 
 def calibration() -> Readings:
-    """What section IV leaves open about the eyes, in all combinations (items 6 and 8, and the clearing rule).
+    """What section IV leaves open about the eyes and the allies, in all combinations.
 
-    Sides of the local costmap: costmap_2d takes whole metres; 3 and 3.5 m are TurtleBot3's.
+    How long a mark is kept (item 8), the side of the local costmap (item 6: costmap_2d takes whole metres,
+    TurtleBot3 has 3.5), and what counts as an ally (items 27 and 29: radius or footprint, and t).
     """
     memories: list[Mapping[str, Scalar]] = [
         {"local_map": "persistent", "inf_is_valid": False},
         {"local_map": "persistent", "inf_is_valid": True},
-        {"local_map": "decay", "decay_s": 1.0, "inf_is_valid": False},
+        {"local_map": "decay", "decay_s": 2.0, "inf_is_valid": True},
         {"local_map": "decay", "decay_s": 1.0, "inf_is_valid": True},
-        {"local_map": "single_scan"},
+        {"local_map": "decay", "decay_s": 0.5, "inf_is_valid": True},
+        {"local_map": "single_scan", "inf_is_valid": True},
     ]
-    sizes: list[Mapping[str, Scalar]] = [{"local_size_m": size} for size in (3.0, 3.5, 4.0, 5.0)]
-    combined = [{**size, **memory} for size, memory in itertools.product(sizes, memories)]
+    sizes: list[Mapping[str, Scalar]] = [{"local_size_m": size} for size in (3.5, 4.0, 5.0)]
+    allies: list[Mapping[str, Scalar]] = [
+        {"ally_diameter_m": 0.21, "iou_ally": 0.1},
+        {"ally_diameter_m": 0.297, "iou_ally": 0.1},
+        {"ally_diameter_m": 0.297, "iou_ally": 0.05},
+    ]
+    combined = [
+        {**size, **memory, **ally} for size, memory, ally in itertools.product(sizes, memories, allies)
+    ]
     return {_name(changes): changes for changes in combined}
 
 
@@ -100,7 +109,8 @@ class ReadingsTrial(DetectionTrial):
 def run_readings(parameters: ReadingsParameters, seed: int) -> TrialResult:
     """One trial: ``readings``, a row of summed counts for each."""
     with ReadingsTrial(parameters, seed) as trial:
-        rows: list[Row] = [{"reading": name, **counts._asdict()} for name, counts in trial.counts().items()]
+        rest: Row = {"has_intruders": bool(trial.truths()), "frames": parameters.frames}
+        rows = [{"reading": name, **rest, **counts._asdict()} for name, counts in trial.counts().items()]
         return TrialResult({"readings": rows}, simulated_s=parameters.frames / FRAME_HZ)
 
 
