@@ -3,7 +3,7 @@
 import numpy as np
 
 from midnet_bench.experiments.guarded_arena import GuardedArena
-from midnet_bench.report.canvas import Picture, write
+from midnet_bench.report.canvas import Picture, text_mask, write
 from midnet_bench.report.palette import DETECTION, FALSE_DETECTION, GUARD, INK, INTRUDER, WHITE
 from midnet_bench.report.scene import Scene, title_of
 from midnet_bench.report.world_view import WorldView
@@ -37,20 +37,27 @@ class Storyboard:
                 self._scenes, self._every = self._scenes[::2], 2 * self._every
         self._offered += 1
 
-    def page(self) -> Picture:
-        """(height, width, 3) the first moment, the last one kept and those between, in reading order."""
+    def moments(self) -> list[Scene]:
+        """The first frame, the last one kept and those between at even distances; at most a dozen."""
         last = len(self._scenes) - 1
-        picked = np.linspace(0, last, min(MOMENTS, last + 1)).round().astype(int).tolist()
+        picked = np.linspace(0, last, min(MOMENTS, last + 1)).round().astype(int)
+        return [self._scenes[index] for index in picked.tolist()]
+
+    def page(self) -> Picture:
+        """(height, width, 3) the moments in reading order."""
+        moments = self.moments()
         step = TILE_PX + GAP_PX
-        height = HEAD_PX + -(-len(picked) // COLUMNS) * (step + CAPTION_PX)
+        height = HEAD_PX + -(-len(moments) // COLUMNS) * (step + CAPTION_PX)
         page = np.full((height, COLUMNS * step + GAP_PX, 3), WHITE, dtype=np.uint8)
         write(page, GAP_PX, 8, self._title, 20, INK, bold=True)
-        for column, (text, color) in enumerate(LEGEND, 1):
-            write(page, GAP_PX + column * step // 2 + 60, 12, text, 16, color, bold=True)
-        for place, index in enumerate(picked):
+        left = GAP_PX + step
+        for text, color in LEGEND:
+            write(page, left, 11, text, 16, color, bold=True)
+            left += text_mask(text, 16, True).shape[1] + 3 * GAP_PX
+        for place, scene in enumerate(moments):
             top = HEAD_PX + place // COLUMNS * (step + CAPTION_PX)
             left = GAP_PX + place % COLUMNS * step
-            write(page, left, top, f"{self._scenes[index].time_s:.1f} s", 16, INK)
+            write(page, left, top, f"{scene.time_s:.1f} s", 16, INK)
             top += CAPTION_PX
-            self._world.paint(page[top : top + TILE_PX, left : left + TILE_PX], self._scenes[index])
+            self._world.paint(page[top : top + TILE_PX, left : left + TILE_PX], scene)
         return page

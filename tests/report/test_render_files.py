@@ -1,0 +1,125 @@
+"""``render_trial`` writes files that other programs open, the same ones for the same trial."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import cv2
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+from midnet_bench.errors import InputError, MidnetBenchError
+from midnet_bench.experiments.trial import Scalar
+from midnet_bench.report.palette import WOOD
+from midnet_bench.report.render import render_trial
+from midnet_bench.report.video import VideoFile
+
+FRAMES = 12
+SMALL: dict[str, Scalar] = {"robots": 2, "frames": FRAMES}
+PICTURES = ["arena.png", "grids.png", "detections.png"]
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("rendered") / "made" / "here"
+    told: list[tuple[int, int]] = []
+    paths = render_trial("detection", SMALL, 5, folder, 8, progress=lambda done, of: told.append((done, of)))
+    assert [path.name for path in paths] == [*PICTURES, "trial.mp4", "storyboard.png"]
+    assert told == [(number, FRAMES) for number in range(1, FRAMES + 1)]
+    assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in paths)
+    return folder
+
+
+def test_pictures_open(rendered: Path) -> None:
+    for name in [*PICTURES, "storyboard.png"]:
+        picture = cv2.imread(str(rendered / name))
+        assert picture is not None
+        assert min(picture.shape[:2]) > 800
+        assert len(np.unique(picture.astype(np.int64) @ (1, 256, 65536))) > 20
+
+
+def test_the_clip_plays_anywhere_and_has_every_frame(rendered: Path) -> None:
+    film = cv2.VideoCapture(str(rendered / "trial.mp4"))
+    assert film.get(cv2.CAP_PROP_FPS) == 10.0
+    pictures = []
+    while True:
+        there, picture = film.read()
+        if not there:
+            break
+        pictures.append(picture)
+    film.release()
+    assert len(pictures) == FRAMES
+    assert {picture.shape for picture in pictures} == {(720, 1280, 3)}
+    # the middle of the western wall, blue first, through a lossy codec
+    assert pictures[-1][360, 36] == pytest.approx(np.array(WOOD[::-1]), abs=8)
+    assert (pictures[0] != pictures[-1]).any(axis=2).sum() > 500
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", str(rendered / "trial.mp4")]
+    said = subprocess.run(command, capture_output=True, text=True, check=False).stderr
+    assert re.search(r"Video: h264 .*yuv420p", said)
+    content = (rendered / "trial.mp4").read_bytes()
+    assert content.index(b"moov") < content.index(b"mdat"), "a browser cannot begin before the end"
+
+
+def test_same_seed_same_bytes_another_seed_others(rendered: Path, tmp_path: Path) -> None:
+    render_trial("detection", SMALL, 5, tmp_path / "again", 8)
+    for name in [*PICTURES, "storyboard.png"]:
+        assert (tmp_path / "again" / name).read_bytes() == (rendered / name).read_bytes()
+    paths = render_trial("detection", SMALL, 6, tmp_path / "other", 1, clip=False)
+    assert [path.name for path in paths] == PICTURES
+    assert not (tmp_path / "other" / "trial.mp4").exists()
+    for path in paths:
+        assert path.read_bytes() != (rendered / path.name).read_bytes()
+
+
+def test_speed_sets_the_pictures_per_second(tmp_path: Path) -> None:
+    render_trial("labyrinth", {"time_limit_s": 1.0}, 2, tmp_path, 2, speed=4.0)
+    film = cv2.VideoCapture(str(tmp_path / "trial.mp4"))
+    assert film.get(cv2.CAP_PROP_FPS) == 20.0
+    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == 5
+    film.release()
+
+
+@pytest.mark.parametrize(
+    ("parameters", "frame", "speed", "message"),
+    [
+        (SMALL, 0, 2.0, "frame: 0 is out of range; the trial has frames 1 to 12"),
+        (SMALL, 13, 2.0, "frame: 13 is out of range; the trial has frames 1 to 12"),
+        (SMALL, 1, 0.0, "speed: 0 is out of range"),
+        ({"robts": 2}, 1, 2.0, "detection: robts: unknown key; did you mean 'robots'"),
+        ({"robots": 0}, 1, 2.0, "detection: robots: "),
+    ],
+)
+def test_wrong_wishes_are_told_in_a_line(
+    tmp_path: Path, parameters: dict[str, Scalar], frame: int, speed: float, message: str
+) -> None:
+    with pytest.raises(InputError) as told:
+        render_trial("detection", parameters, 5, tmp_path / "new", frame, speed=speed)
+    assert message in str(told.value)
+    assert "\n" not in str(told.value)
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("here already")
+    with pytest.raises(InputError, match="cannot be made"):
+        render_trial("detection", SMALL, 5, tmp_path / "file" / "out", 1)
+
+
+def film_of_40_pictures(path: Path, fails_at: int | None = None) -> None:
+    with VideoFile(path, 640, 640, 10.0) as film:
+        for number in range(40):
+            if number == fails_at:
+                raise KeyError(number)
+            film.append(np.full((640, 640, 3), number, dtype=np.uint8))
+
+
+def test_a_clip_that_fails_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(MidnetBenchError, match="cannot be written") as told:
+        film_of_40_pictures(tmp_path / "missing" / "film.mp4")
+    assert "\n" not in str(told.value)
+    with pytest.raises(KeyError):
+        film_of_40_pictures(tmp_path / "film.mp4", fails_at=30)
+    assert list(tmp_path.iterdir()) == []
+    film_of_40_pictures(tmp_path / "film.mp4")
+    assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]
