@@ -42,8 +42,7 @@ def _print(table: "Table") -> None:
 
     shown = RichTable(title=table.title, title_justify="left", title_style="bold")
     for name in table.columns:
-        is_text = any(isinstance(row.get(name), str) for row in table.rows)
-        shown.add_column(name, no_wrap=True, justify="left" if is_text else "right")
+        shown.add_column(name, no_wrap=True, justify="left" if name == table.columns[0] else "right")
     for cells in table.cells():
         shown.add_row(*cells)
     # a pipe has no width; what reads it wants whole rows

@@ -14,7 +14,8 @@ PAPER: Mapping[str, Row] = {
     "1-robot": {"tp": 6967, "fp": 176, "fn": 1889, "precision": 0.975, "recall": 0.787, "f1": 0.871},
     "5-robot": {"tp": 14953, "fp": 1047, "fn": 619, "precision": 0.935, "recall": 0.960, "f1": 0.947},
 }
-"""The paper's only table; 1999 frames each."""
+"""The paper's only table."""
+PAPER_FRAMES = 1999
 
 SCORES = ("precision", "recall", "f1")
 
@@ -87,6 +88,23 @@ def comparison_table(cells: Cells) -> Table:
     return Table("Ours and the paper's", rows)
 
 
+def side_by_side_table(cells: Cells) -> Table:
+    """What a terminal shows: each of our rows above the paper's, intervals where there are several seeds."""
+    rows: list[Row] = []
+    for row, trials in zip(scores_table(cells).rows, cells.values(), strict=True):
+        name = str(row["trial"])
+        rows.append(row)
+        if len(trials) > 1:
+            estimates = {score: score_over_seeds(trials, score) for score in SCORES}
+            means: Row = {
+                score: f"{one.value:.3f} [{one.low:.3f}, {one.high:.3f}]" for score, one in estimates.items()
+            }
+            rows.append({"trial": f"  mean of {len(trials)} seeds", **means})
+        if name in PAPER:
+            rows.append({"trial": "  the paper", "frames": PAPER_FRAMES, **PAPER[name]})
+    return Table("Detection scores, ours and the paper's", rows)
+
+
 def score_over_seeds(trials: Sequence[Row], score: str) -> statistics.Estimate:
     """The mean of one score over a cell's trials and its interval; the bootstrap has a seed of its own."""
     values = [value if isinstance(value := row[score], float) else float("nan") for row in trials]
@@ -101,7 +119,7 @@ def write_detection_report(store: Store, directory: Path) -> list[Table]:
     matching.write(directory / "detection_matching")
     comparison.write(directory / "detection_comparison")
     by_seed_table(cells).write(directory / "scores_by_seed")
-    return [scores, comparison, matching]
+    return [side_by_side_table(cells), matching]
 
 
 def _name(store: Store, trial: StoredTrial) -> str:

@@ -13,7 +13,7 @@ from midnet_bench.scoring.ratios import ratios
 HEADINGS = {"precision": "P", "recall": "R", "f1": "F1"}
 CLEAN = "false per 200"
 CLEAN_AT_MOST = 1.0
-"""Section IV.A tunes until a run without intruders is clean; this many false boxes per 200 frames still are."""
+"""Section IV.A tunes until a run without intruders is clean: so many false boxes per 200 frames at most."""
 FRAMES = 200
 
 Runs = Mapping[str, Mapping[tuple[bool, str], Sequence[Row]]]

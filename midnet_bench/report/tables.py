@@ -27,8 +27,10 @@ class Table:
         return list(dict.fromkeys(name for row in self.rows for name in row))
 
     def cells(self) -> list[list[str]]:
-        """The rows as text, ready to print."""
-        return [[self._text(name, row.get(name)) for name in self.columns] for row in self.rows]
+        """The rows as text, ready to print; blank where a row has no such column."""
+        return [
+            [self._text(name, row[name]) if name in row else "" for name in self.columns] for row in self.rows
+        ]
 
     def to_csv(self) -> str:
         """Every digit of every number; an undefined one is an empty cell."""
