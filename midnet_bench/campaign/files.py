@@ -1,5 +1,6 @@
 """Files that are there in full or not at all."""
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -18,6 +19,6 @@ def write_atomically(path: Path, content: str | bytes) -> None:
         draft.write_bytes(content.encode() if isinstance(content, str) else content)
         os.replace(draft, path)
     except OSError as error:
+        with contextlib.suppress(OSError):
+            draft.unlink(missing_ok=True)
         raise MidnetBenchError(f"{path}: cannot be written: {error.strerror}") from error
-    finally:
-        draft.unlink(missing_ok=True)

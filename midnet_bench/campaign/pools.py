@@ -83,7 +83,8 @@ class LokyPool:
 def abandoning_quietly(outcomes: Generator[Outcome, None, None]) -> Generator[Outcome, None, None]:
     """``outcomes``; when closed early, its workers are stopped without joblib's warning about lost work."""
     try:
-        yield from outcomes
+        for outcome in outcomes:  # noqa: UP028 - yield from would close them before the finally
+            yield outcome
     finally:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)

@@ -1,0 +1,186 @@
+"""The campaign process is killed, interrupted, starved of disk: what was finished stays, the rest resumes."""
+
+import contextlib
+import os
+import random
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from campaign_process import exported, finish, start, wait_for
+
+from midnet_bench.campaign.store import open_store
+
+FORTY = {"grid": {"coins": [1, 2], "table": ["wood", "glass"]}, "trials": 10, "parameters": {"work_s": 0.05}}
+LONG = {"trials": 400, "parameters": {"work_s": 0.2}}
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    directory = tmp_path_factory.mktemp("undisturbed")
+    assert finish(start(directory, FORTY, jobs=2))[0] == 0
+    return exported(directory)
+
+
+def kill(process: subprocess.Popen[str]) -> None:
+    """The parent alone, as the kernel would; its workers are left to find out."""
+    process.kill()
+    process.communicate()
+
+
+def stored_in(directory: Path) -> int:
+    with open_store(directory / "campaign.sqlite") as store:
+        return len(store.statuses())
+
+
+@pytest.mark.slow
+def test_twenty_kills_change_nothing(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
+    """Kills fall anywhere from the process's first moment to the middle of storing; each is resumed."""
+    chance = random.Random(20)
+    moments = [-1, -1, -1, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2]
+    chance.shuffle(moments)
+    for trials_first in moments:
+        process = start(tmp_path, FORTY, jobs=2)
+        if trials_first >= 0:
+            wait_for(process, "begin")
+            wait_for(process, "stored", trials_first)
+        time.sleep(chance.uniform(0.0, 0.05 if trials_first > 0 else 0.4))
+        assert process.poll() is None, "the campaign ended before all kills were made"
+        kill(process)
+
+    before = stored_in(tmp_path)
+    code, out, _ = finish(start(tmp_path, FORTY, jobs=2))
+
+    assert code == 0
+    assert 0 < before < 40
+    assert f"done 40 0 {40 - before}" in out
+    assert exported(tmp_path) == undisturbed
+
+
+def test_workers_of_a_killed_campaign_go_away(tmp_path: Path) -> None:
+    process = start(tmp_path, LONG, jobs=2)
+    wait_for(process, "stored", 2)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    if not children.exists():
+        kill(process)
+        pytest.skip("needs Linux's /proc to find the workers")
+    workers = [int(pid) for pid in children.read_text().split()]
+    kill(process)
+
+    deadline_s = time.monotonic() + 20
+    while any(Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    assert len(workers) >= 2
+    assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
+
+
+def test_a_killed_worker_costs_nothing(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
+    process = start(tmp_path, FORTY, jobs=2)
+    wait_for(process, "stored", 3)
+    (marks,) = tmp_path.glob(".running")
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    if not children.exists():
+        kill(process)
+        pytest.skip("needs Linux's /proc to find the workers")
+    busiest = max(map(int, children.read_text().split()), key=processor_time)
+    os.kill(busiest, signal.SIGKILL)
+
+    code, out, _ = finish(process)
+
+    assert code == 0
+    assert "done 40 0 40" in out
+    assert exported(tmp_path) == undisturbed
+    assert not marks.exists()
+
+
+def processor_time(pid: int) -> int:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return int(fields[11]) + int(fields[12])
+
+
+def test_one_interrupt_keeps_what_is_finished_and_says_how_to_go_on(tmp_path: Path) -> None:
+    process = start(tmp_path, LONG, jobs=2)
+    wait_for(process, "stored", 3)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: workers get it too
+    code, _, err = finish(process)
+
+    assert code == 130
+    stored = stored_in(tmp_path)
+    assert stored >= 3
+    assert err.splitlines() == [
+        f"error: interrupted; {stored} of 400 trials are stored in {tmp_path / 'campaign.sqlite'}:"
+        " the same command goes on with the rest"
+    ]
+    assert not (tmp_path / ".running").exists()
+
+
+def test_two_interrupts_end_at_once(tmp_path: Path) -> None:
+    process = start(tmp_path, LONG, jobs=2)
+    wait_for(process, "stored", 3)
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGINT)
+    code, _, _ = finish(process)
+
+    assert code in (130, -signal.SIGINT)
+    assert stored_in(tmp_path) >= 3
+
+
+def test_a_second_process_is_refused_while_the_first_runs(tmp_path: Path) -> None:
+    first = start(tmp_path, LONG, jobs=2)
+    wait_for(first, "begin")
+    code, _, err = finish(start(tmp_path, LONG, jobs=2))
+    kill(first)
+
+    assert code == 2
+    assert "another midnet-bench is running this campaign" in err
+    assert len(err.splitlines()) == 1
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 256 KiB; the tests fill it and then make room."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(disk)]
+    mounted = os.geteuid() == 0 and subprocess.run(command, capture_output=True, check=False).returncode == 0
+    if not mounted:
+        pytest.skip("mounting a small disk needs root")
+    yield disk
+    subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_a_full_disk_is_one_line_and_resumes_when_there_is_room(tmp_path: Path, small_disk: Path) -> None:
+    noisy = {"trials": 40, "parameters": {"noise_bytes": 20_000}}
+    code, out, err = finish(start(small_disk, noisy, jobs=2))
+
+    assert code == 1
+    (line,) = err.splitlines()
+    assert "campaign.sqlite: cannot be written (database or disk is full)" in line
+    assert "make room" in line
+    stored = stored_in(small_disk)
+    assert 2 <= stored < 40
+    assert out.count("stored") == stored
+
+    code, _, err = finish(start(small_disk, noisy, jobs=2))  # still no room
+    assert code == 1
+    assert len(err.splitlines()) == 1
+    assert stored_in(small_disk) >= stored
+
+    subprocess.run(["mount", "-o", "remount,size=8m", str(small_disk)], check=True)
+    assert finish(start(small_disk, noisy, jobs=2))[0] == 0
+    assert finish(start(tmp_path / "roomy", noisy, jobs=2))[0] == 0
+    assert exported(small_disk) == exported(tmp_path / "roomy")
+
+
+def test_a_campaign_cannot_start_on_a_full_disk(small_disk: Path) -> None:
+    with contextlib.suppress(OSError), (small_disk / "ballast").open("wb", buffering=0) as ballast:
+        while True:
+            ballast.write(bytes(4096))
+    code, _, err = finish(start(small_disk / "results", FORTY, jobs=2))
+
+    assert code in (1, 2)
+    assert len(err.splitlines()) == 1
+    assert "error: " in err
