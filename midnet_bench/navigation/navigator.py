@@ -8,11 +8,9 @@ import numpy.typing as npt
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import STOP, Command, LidarGeometry
-from midnet_bench.navigation.cost_values import INSCRIBED, NO_INFORMATION
 from midnet_bench.navigation.costmap import GlobalCostmap, RollingCostmap
 from midnet_bench.navigation.dwa import DwaPlanner, DwaSettings
 from midnet_bench.navigation.local_planner import LocalPlanner, Plan
-from midnet_bench.navigation.navfn import potential_to
 from midnet_bench.navigation.navigator_settings import NavigatorSettings
 from midnet_bench.navigation.plan_keeper import PlanKeeper
 from midnet_bench.navigation.recovery import RotateRecovery
@@ -88,13 +86,12 @@ class Navigator:
         self._trigger = _State.PLANNING
         self._recovery_index = 0
         self._rotation: RotateRecovery | None = None
-        self._plan: Plan | None = None
         self._started = False
         self._checked_on_map = False
         self._keeper.forget()
         self.local_planner.forget()
         self._stop_rotate.forget()
-        if self._is_blocked(self.global_costmap.static_costs):
+        if self._keeper.is_blocked((x, y), self.global_costmap.static_costs):
             self._abort()
 
     def cancel(self) -> None:
@@ -124,6 +121,7 @@ class Navigator:
         self._pose = pose
         if self._goal is None or not self._has_scan:
             return STOP
+        has_new_scan, self._scan_is_new = self._scan_is_new, False
         if not self._started:
             self._started = True
             self._planning_since_s = self._valid_command_at_s = self._moved_at_s = time_s
@@ -133,7 +131,7 @@ class Navigator:
         if self._state is _State.CLEARING:
             return self._recover(pose, time_s)
         if self._state is _State.CONTROLLING and self._goal is not None:
-            return self._follow(self._goal, pose, velocity, time_s)
+            return self._follow(self._goal, pose, velocity, time_s, has_new_scan)
         return STOP
 
     def plan(self) -> Plan | None:
@@ -145,22 +143,25 @@ class Navigator:
     def _make_plan(self, goal: tuple[float, float], pose: Pose2D, time_s: float) -> None:
         plan = self._keeper.plan(goal, pose, time_s, self._window_m)
         if plan is not None:
-            self._plan, self._planned_at_s, self._scan_is_new = plan, time_s, False
+            self._plan, self._planned_at_s = plan, time_s
             self._state = _State.CONTROLLING
             self.local_planner.forget()
             if self._trigger is _State.PLANNING:
                 self._recovery_index = 0
-        elif not self._checked_on_map and self._is_walled_off(goal, pose):
-            self._abort()
+        elif not self._checked_on_map:
+            self._checked_on_map = True
+            if self._keeper.is_walled_off(goal, pose):
+                self._abort()
         elif time_s - self._planning_since_s > self.settings.planner_patience_s:
-            if self._recovery_index > 0 and self._is_blocked(self.global_costmap.costs):
+            if self._recovery_index > 0 and self._keeper.is_blocked(goal, self.global_costmap.costs):
                 self._abort()
             else:
                 self._clear_because(_State.PLANNING)
 
-    def _follow(self, goal: tuple[float, float], pose: Pose2D, velocity: Command, time_s: float) -> Command:
+    def _follow(
+        self, goal: tuple[float, float], pose: Pose2D, velocity: Command, time_s: float, has_new_scan: bool
+    ) -> Command:
         settings = self.settings
-        command: Command | None
         if self._stop_rotate.arrived_at(goal, pose):
             if self._goal_yaw is None or self._stop_rotate.finished(self._goal_yaw, pose, velocity):
                 self._goal = None
@@ -169,18 +170,18 @@ class Navigator:
                 return STOP
             command = self._stop_rotate.command(self.local_costmap, self._goal_yaw, pose, velocity)
         elif self._oscillates(pose, time_s):
-            if self._is_blocked(self.global_costmap.costs):
+            if self._keeper.is_blocked(goal, self.global_costmap.costs):
                 self._abort()
             else:
                 self._clear_because(_State.CLEARING)
             return STOP
         else:
-            period_s = 1.0 / settings.planner_frequency_hz
-            if self._scan_is_new and time_s - self._planned_at_s > period_s - 1e-6:
-                plan = self._keeper.plan(goal, pose, time_s, self._window_m)
-                self._planned_at_s, self._scan_is_new = time_s, False
-                self._plan = self._plan if plan is None else plan
-            assert self._plan is not None
+            planned_ago_s = time_s - self._planned_at_s
+            # Half a control period of slack locks planning to the scans' phase.
+            if has_new_scan and planned_ago_s > 1.0 / settings.planner_frequency_hz - 0.5 * self._period_s:
+                newer = self._keeper.plan(goal, pose, time_s, self._window_m)
+                self._plan = self._plan if newer is None else newer
+                self._planned_at_s = time_s
             command = self.local_planner.command(self.local_costmap, self._plan, pose, velocity)
         if command is not None:
             self._valid_command_at_s = time_s
@@ -239,26 +240,6 @@ class Navigator:
         self._goal = None
         self.status = Status.ABORTED
         self.aborts += 1
-
-    def _is_blocked(self, costs: npt.NDArray[np.uint8]) -> bool:
-        """Whether the goal's cell cannot be planned to: off the map, on its border, or in collision."""
-        assert self._goal is not None
-        x, y = self.global_costmap.layer.to_cells(*self._goal)
-        height, width = costs.shape
-        if not (1.0 <= x < width - 1 and 1.0 <= y < height - 1):
-            return True
-        cost = int(costs[int(y), int(x)])
-        return cost >= INSCRIBED and not (cost == NO_INFORMATION and self.settings.allow_unknown)
-
-    def _is_walled_off(self, goal: tuple[float, float], pose: Pose2D) -> bool:
-        """Whether even the prior map without any obstacle has no way; asked once per goal."""
-        self._checked_on_map = True
-        costmap = self.global_costmap
-        costs = OccupancyGrid(costmap.static_costs, costmap.settings.resolution, costmap.origin)
-        potential = potential_to(
-            goal, costs, near=(pose.x, pose.y), allow_unknown=self.settings.allow_unknown
-        )
-        return potential is None or potential.path_from(pose.x, pose.y) is None
 
 
 def _local_planner(settings: NavigatorSettings, period_s: float) -> LocalPlanner:

@@ -6,7 +6,7 @@ from numba import njit
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.navigation.cost_values import INSCRIBED, reach_cells
+from midnet_bench.navigation.cost_values import INSCRIBED, NO_INFORMATION, reach_cells
 from midnet_bench.navigation.costmap import GlobalCostmap
 from midnet_bench.navigation.local_planner import Plan
 from midnet_bench.navigation.navfn import Potential, potential_to
@@ -63,6 +63,23 @@ class PlanKeeper:
             return path
         self._send_wave(goal, pose, time_s)
         return self._potential.path_from(pose.x, pose.y, until_m) if self._potential else None
+
+    def is_blocked(self, goal: tuple[float, float], costs: Cells) -> bool:
+        """Whether no plan can end in the goal's own cell: off the map, on its border, or in collision."""
+        x, y = self._costmap.layer.to_cells(*goal)
+        height, width = costs.shape
+        if not (1.0 <= x < width - 1 and 1.0 <= y < height - 1):
+            return True
+        cost = int(costs[int(y), int(x)])
+        return cost >= INSCRIBED and not (cost == NO_INFORMATION and self._allow_unknown)
+
+    def is_walled_off(self, goal: tuple[float, float], pose: Pose2D) -> bool:
+        """Whether the static map alone, without any obstacle layer, has no way from the robot to the goal."""
+        costs = OccupancyGrid(
+            self._costmap.static_costs, self._costmap.settings.resolution, self._costmap.origin
+        )
+        potential = potential_to(goal, costs, near=(pose.x, pose.y), allow_unknown=self._allow_unknown)
+        return potential is None or potential.path_from(pose.x, pose.y) is None
 
     def whole_plan(self, pose: Pose2D) -> Plan | None:
         """The way from the robot to the goal by the newest potential; for drawing."""
