@@ -5,6 +5,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry
@@ -92,12 +93,11 @@ class RollingCostmap:
 
     def _window(self, pose: Pose2D) -> tuple[int, int]:
         n = self.settings.size_cells
-        x, y = self.layer.to_cells(pose.x, pose.y)
-        column, row = self.layer.column, self.layer.row
+        x, y = self.layer.to_lattice(pose.x, pose.y)
         if self.settings.centered:
-            return math.floor(x + column) - n // 2, math.floor(y + row) - n // 2
-        half = (n - 0.5) / 2.0
-        return column + int(x - half), row + int(y - half)
+            return math.floor(x) - n // 2, math.floor(y) - n // 2
+        column, row, half = self.layer.column, self.layer.row, (n - 0.5) / 2.0
+        return column + int(x - half - column), row + int(y - half - row)
 
 
 class GlobalCostmap:
@@ -119,12 +119,13 @@ class GlobalCostmap:
     def set_static(self, static_map: OccupancyGrid) -> None:
         """Put another static map (int8, -1 to 100) below the obstacle layer; marks stay where they are.
 
-        The map may have grown or moved by whole cells, as a map under construction does. Raises ValueError
+        The map may have grown or moved by whole cells, as a map under construction does. Raises InputError
         for another resolution.
         """
         if static_map.resolution != self.settings.resolution:
-            raise ValueError(
-                f"static map of {static_map.resolution} m/cell under a costmap of {self.settings.resolution}"
+            raise InputError(
+                f"prior map: resolution {static_map.resolution} differs from the global costmap's "
+                f"{self.settings.resolution}; set both to the same"
             )
         x, y = self.layer.to_cells(*static_map.origin)
         column, row = self.layer.column + round(x), self.layer.row + round(y)

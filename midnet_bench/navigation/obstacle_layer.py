@@ -52,11 +52,13 @@ class ObstacleLayer:
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
         """A point in cells from the lower-left corner of this layer, not rounded."""
+        column, row = self.to_lattice(x, y)
+        return column - self.column, row - self.row
+
+    def to_lattice(self, x: float, y: float) -> tuple[float, float]:
+        """A point in cells from the lattice's origin, not rounded."""
         resolution = self.settings.resolution
-        return (
-            (x - self.lattice_origin[0]) / resolution - self.column,
-            (y - self.lattice_origin[1]) / resolution - self.row,
-        )
+        return (x - self.lattice_origin[0]) / resolution, (y - self.lattice_origin[1]) / resolution
 
     def move_to(self, column: int, row: int, width: int, height: int) -> None:
         """Cover another rectangle of the lattice; what leaves is forgotten, what enters is unseen."""

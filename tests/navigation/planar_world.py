@@ -1,0 +1,158 @@
+"""A small world for the tests: boxes and Burgers in the plane, analytic scans, exact unicycle motion."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.messages import STOP, Command, LidarGeometry, burger_lds_01
+from midnet_bench.navigation.navigator import Navigator, Status
+
+LDS_RADIUS_M = 0.055
+LDS_CENTRE = Pose2D(-0.017, 0.0, 0.0)
+BODY = np.array(
+    [(x, y) for x in np.linspace(-0.102, 0.038, 15) for y in (-0.089, 0.089)]
+    + [(x, y) for y in np.linspace(-0.089, 0.089, 18) for x in (-0.102, 0.038)]
+)
+
+
+@dataclass
+class World:
+    """Axis-aligned walls; cells of ``occupancy`` are occupied when a wall covers their centre."""
+
+    boxes: list[Box]
+    extent: Box
+    resolution: float = 0.05
+
+    def occupancy(self) -> OccupancyGrid:
+        x0, y0, x1, y1 = self.extent
+        columns = x0 + (np.arange(round((x1 - x0) / self.resolution)) + 0.5) * self.resolution
+        rows = y0 + (np.arange(round((y1 - y0) / self.resolution)) + 0.5) * self.resolution
+        data = np.zeros((len(rows), len(columns)), dtype=np.int8)
+        for box in self.boxes:
+            inside_x = (box.x_min <= columns) & (columns < box.x_max)
+            inside_y = (box.y_min <= rows) & (rows < box.y_max)
+            data[np.ix_(inside_y, inside_x)] = 100
+        return OccupancyGrid(data, self.resolution, (x0, y0))
+
+    def scan(
+        self,
+        pose: Pose2D,
+        others: list[Pose2D],
+        geometry: LidarGeometry,
+        noise: npt.NDArray[np.float64] | float = 0.0,
+    ) -> npt.NDArray[np.float64]:
+        sensor = pose.compose(geometry.mount)
+        angles = geometry.angles_rad + sensor.yaw
+        ux, uy = np.cos(angles), np.sin(angles)
+        ranges = np.full(geometry.beams, np.inf)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for box in self.boxes:
+                near_x, far_x = (box.x_min - sensor.x) / ux, (box.x_max - sensor.x) / ux
+                near_y, far_y = (box.y_min - sensor.y) / uy, (box.y_max - sensor.y) / uy
+                entry = np.maximum(np.minimum(near_x, far_x), np.minimum(near_y, far_y))
+                leave = np.minimum(np.maximum(near_x, far_x), np.maximum(near_y, far_y))
+                hit = (entry <= leave) & (entry > 0.0)
+                ranges = np.where(hit & (entry < ranges), entry, ranges)
+        for other in others:
+            disc = other.compose(LDS_CENTRE)
+            dx, dy = disc.x - sensor.x, disc.y - sensor.y
+            along = dx * ux + dy * uy
+            off = LDS_RADIUS_M**2 - (dx * dx + dy * dy - along * along)
+            entry = along - np.sqrt(np.maximum(off, 0.0))
+            ranges = np.where((off > 0.0) & (entry > 0.0) & (entry < ranges), entry, ranges)
+        ranges = ranges + noise
+        ranges[(ranges < geometry.range_min_m) | (ranges >= geometry.range_max_m)] = np.inf
+        return ranges
+
+    def body_hits(self, pose: Pose2D, others: list[Pose2D]) -> bool:
+        points = [pose.compose(Pose2D(float(x), float(y), 0.0)) for x, y in BODY]
+        for point in points:
+            if any(b.x_min < point.x < b.x_max and b.y_min < point.y < b.y_max for b in self.boxes):
+                return True
+        for other in others:
+            if pose.distance_to(other) < 0.3:
+                back = other.inverse()
+                for point in points:
+                    p = back.compose(point)
+                    if -0.102 < p.x < 0.038 and abs(p.y) < 0.089:
+                        return True
+        return False
+
+
+def moved(pose: Pose2D, command: Command, seconds: float) -> Pose2D:
+    v, w = command
+    if abs(w) < 1e-9:
+        return Pose2D(
+            pose.x + v * seconds * math.cos(pose.yaw), pose.y + v * seconds * math.sin(pose.yaw), pose.yaw
+        )
+    yaw = pose.yaw + w * seconds
+    return Pose2D(
+        pose.x + v / w * (math.sin(yaw) - math.sin(pose.yaw)),
+        pose.y - v / w * (math.cos(yaw) - math.cos(pose.yaw)),
+        yaw,
+    )
+
+
+def ramped(velocity: Command, wanted: Command, rim_step_mps: float) -> Command:
+    """The next velocity, when no wheel's rim changes its speed by more than ``rim_step_mps``."""
+    half = 0.08
+    wheels = []
+    for side in (-1.0, 1.0):
+        now = velocity.linear_mps + side * half * velocity.angular_radps
+        target = wanted.linear_mps + side * half * wanted.angular_radps
+        wheels.append(now + min(max(target - now, -rim_step_mps), rim_step_mps))
+    return Command((wheels[0] + wheels[1]) / 2.0, (wheels[1] - wheels[0]) / (2.0 * half))
+
+
+@dataclass
+class Robot:
+    navigator: Navigator
+    pose: Pose2D
+    velocity: Command = STOP
+    travelled_m: float = 0.0
+    hits: int = 0
+
+
+def drive(
+    world: World,
+    robots: list[Robot],
+    seconds: float,
+    sigma_m: float = 0.0,
+    seed: int = 0,
+    on_idle=None,
+    extra: list[Pose2D] | None = None,
+    on_tick=None,
+) -> float:
+    """The seconds until no robot is active; control at 10 Hz, scans at 5 Hz."""
+    geometry = burger_lds_01()
+    rng = np.random.default_rng(seed)
+    for tick in range(round(seconds * 10)):
+        now = tick * 0.1
+        poses = [robot.pose for robot in robots]
+        for i, robot in enumerate(robots):
+            others = poses[:i] + poses[i + 1 :] + (extra or [])
+            if (tick + i) % 2 == 0:
+                noise = rng.normal(0.0, sigma_m, geometry.beams) if sigma_m else 0.0
+                robot.navigator.observe(
+                    robot.pose, world.scan(robot.pose, others, geometry, noise), geometry, now
+                )
+            if robot.navigator.status is not Status.ACTIVE and on_idle is not None:
+                on_idle(robot, i, now)
+            wanted = robot.navigator.control(robot.pose, robot.velocity, now)
+            robot.velocity = ramped(robot.velocity, wanted, 0.1)
+        for robot in robots:
+            before = robot.pose
+            robot.pose = moved(robot.pose, robot.velocity, 0.1)
+            robot.travelled_m += before.distance_to(robot.pose)
+        poses = [robot.pose for robot in robots]
+        for i, robot in enumerate(robots):
+            robot.hits += world.body_hits(robot.pose, poses[:i] + poses[i + 1 :] + (extra or []))
+        if on_tick is not None:
+            on_tick(now)
+        if on_idle is None and all(robot.navigator.status is not Status.ACTIVE for robot in robots):
+            return now
+    return seconds

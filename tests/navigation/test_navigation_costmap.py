@@ -1,0 +1,330 @@
+import dataclasses
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.messages import LidarGeometry, burger_lds_01
+from midnet_bench.navigation.costmap import GlobalCostmap, RollingCostmap
+from midnet_bench.navigation.costmap_kernels import clear_line, inflate
+from midnet_bench.navigation.costmap_settings import CostmapSettings
+
+ONE_BEAM = LidarGeometry(1, 0.0, 0.1, 0.12, 3.5, Pose2D(0.0, 0.0, 0.0))
+BARE = CostmapSettings(footprint_clearing=False, inflation_radius_m=0.0)
+START = Pose2D(0.025, 0.025, 0.0)
+
+
+def look(
+    costmap: RollingCostmap | GlobalCostmap, ranges: list[float], pose: Pose2D = START, time_s: float = 0.0
+) -> None:
+    geometry = dataclasses.replace(ONE_BEAM, beams=len(ranges))
+    costmap.update(pose, pose, np.array(ranges), geometry, time_s)
+
+
+def marked(costmap: RollingCostmap | GlobalCostmap) -> list[tuple[int, int]]:
+    """(column, row) of the lethal cells, counted from the lattice's origin."""
+    rows, columns = np.nonzero(costmap.costs == 254)
+    return [
+        (int(c) + costmap.layer.column, int(r) + costmap.layer.row)
+        for c, r in zip(columns, rows, strict=True)
+    ]
+
+
+def empty_map(cells: int = 20, value: int = 0) -> OccupancyGrid:
+    return OccupancyGrid(np.full((cells, cells), value, dtype=np.int8), 0.05, (0.0, 0.0))
+
+
+# Marking
+
+
+def test_a_hit_marks_its_own_cell_only() -> None:
+    costmap = RollingCostmap(BARE)
+    look(costmap, [1.0])
+    assert marked(costmap) == [(20, 0)]
+
+
+def test_a_hit_exactly_at_the_obstacle_range_is_not_marked() -> None:
+    for distance, cells in ((2.5, []), (np.nextafter(2.5, 0.0), [(50, 0)])):
+        costmap = RollingCostmap(dataclasses.replace(BARE, size_m=6.0))
+        look(costmap, [float(distance)])
+        assert marked(costmap) == cells
+
+
+def test_a_hit_off_the_window_is_not_marked() -> None:
+    costmap = RollingCostmap(dataclasses.replace(BARE, size_m=1.0))
+    look(costmap, [2.0])
+    assert marked(costmap) == []
+
+
+@pytest.mark.parametrize("distance", [0.119, 3.5, math.inf, math.nan, -1.0])
+def test_a_range_outside_the_sensor_neither_marks_nor_clears(distance: float) -> None:
+    costmap = RollingCostmap(dataclasses.replace(BARE, obstacle_range_m=4.0, size_m=8.0))
+    look(costmap, [0.5])
+    look(costmap, [distance])
+    assert marked(costmap) == [(10, 0)]
+
+
+# Clearing
+
+
+def test_a_mark_stays_until_a_beam_passes_it() -> None:
+    costmap = RollingCostmap(BARE)
+    look(costmap, [1.0])
+    look(costmap, [0.5])
+    assert marked(costmap) == [(10, 0), (20, 0)]
+    look(costmap, [1.5])
+    assert marked(costmap) == [(30, 0)]
+
+
+def test_a_ghost_remains_in_front_of_open_space_unless_inf_is_valid() -> None:
+    for valid, left in ((False, [(20, 0)]), (True, [])):
+        costmap = RollingCostmap(dataclasses.replace(BARE, inf_is_valid=valid))
+        look(costmap, [1.0])
+        look(costmap, [math.inf])
+        assert marked(costmap) == left
+
+
+def test_a_hit_beyond_the_obstacle_range_clears_its_own_cell() -> None:
+    costmap = RollingCostmap(dataclasses.replace(BARE, obstacle_range_m=1.0))
+    look(costmap, [0.9])
+    assert marked(costmap) == [(18, 0)]
+    look(costmap, [1.4], pose=Pose2D(-0.475, 0.025, 0.0))
+    assert marked(costmap) == []
+
+
+def test_beams_clear_no_farther_than_the_raytrace_range() -> None:
+    costmap = RollingCostmap(dataclasses.replace(BARE, raytrace_range_m=0.5, size_m=6.0))
+    look(costmap, [0.5])
+    look(costmap, [0.6])
+    look(costmap, [2.0])
+    assert marked(costmap) == [(12, 0), (40, 0)]
+
+
+def test_clearing_happens_before_marking_whatever_the_order_of_beams() -> None:
+    geometry = dataclasses.replace(ONE_BEAM, beams=2, angle_increment_rad=0.001)
+    costmap = RollingCostmap(BARE)
+    for ranges in ([1.0, 2.0], [2.0, 1.0]):
+        costmap.update(START, START, np.array(ranges), geometry, 0.0)
+        assert sorted(marked(costmap)) == [(20, 0), (40, 0)]
+
+
+def test_a_sensor_off_the_map_marks_but_does_not_clear() -> None:
+    costmap = GlobalCostmap(BARE, empty_map())
+    look(costmap, [0.5], pose=Pose2D(0.025, 0.525, 0.0))
+    look(costmap, [0.9], pose=Pose2D(-0.1, 0.525, 0.0))
+    assert marked(costmap) == [(10, 10), (16, 10)]
+
+
+def test_beams_that_leave_the_map_are_clipped_to_its_edge() -> None:
+    costmap = GlobalCostmap(BARE, empty_map())
+    for row in range(20):
+        look(costmap, [0.9], pose=Pose2D(0.025, 0.025 + 0.05 * row, 0.0))
+    assert len(marked(costmap)) == 20
+    # Two cells up for five to the right, from (0, 10): leaves the map in cell (19, 18), by way of (18, 18).
+    look(costmap, [3.0], pose=Pose2D(0.025, 0.525, math.atan2(0.4, 1.0)))
+    assert (18, 18) not in marked(costmap)
+    assert len(marked(costmap)) == 19
+
+
+@given(st.integers(-25, 25), st.integers(-25, 25), st.integers(0, 40))
+def test_a_cleared_line_is_bresenhams(dx: int, dy: int, limit: int) -> None:
+    cells = np.full((60, 60), 254, dtype=np.uint8)
+    clear_line(cells, 30, 30, 30 + dx, 30 + dy, limit)
+    major = max(abs(dx), abs(dy))
+    steps = int(min(1.0, limit / math.hypot(dx, dy)) * major) if major else 0
+    expected = set()
+    for i in range(steps + 1):
+        if abs(dx) >= abs(dy):
+            minor = (major // 2 + i * abs(dy)) // major if major else 0
+            expected.add((30 + int(math.copysign(i, dx)), 30 + int(math.copysign(minor, dy))))
+        else:
+            minor = (major // 2 + i * abs(dx)) // major
+            expected.add((30 + int(math.copysign(minor, dx)), 30 + int(math.copysign(i, dy))))
+    rows, columns = np.nonzero(cells == 0)
+    assert set(zip(columns.tolist(), rows.tolist(), strict=True)) == expected
+
+
+# Footprint
+
+
+def test_the_robot_frees_the_cells_it_stands_on() -> None:
+    square = ((-0.1, -0.1), (-0.1, 0.1), (0.1, 0.1), (0.1, -0.1))
+    costmap = GlobalCostmap(dataclasses.replace(BARE, footprint=square, footprint_clearing=True), empty_map())
+    costmap.layer.cells[:] = 254
+    look(costmap, [math.inf], pose=Pose2D(0.525, 0.525, 0.0))
+    rows, columns = np.nonzero(costmap.layer.cells == 0)
+    assert set(zip(columns, rows, strict=True)) == {(c, r) for c in range(8, 13) for r in range(8, 13)}
+
+
+def test_a_turned_footprint_frees_its_own_shape() -> None:
+    square = ((-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2), (0.2, -0.2))
+    costmap = GlobalCostmap(dataclasses.replace(BARE, footprint=square, footprint_clearing=True), empty_map())
+    costmap.layer.cells[:] = 254
+    look(costmap, [math.inf], pose=Pose2D(0.525, 0.525, math.pi / 4))
+    widths = (costmap.layer.cells == 0).sum(axis=1).tolist()
+    # A square on its tip: half a diagonal is 5.66 cells, so the tips lie in rows 4 and 16.
+    assert widths == [0] * 4 + [1, 3, 5, 7, 9, 11, 13, 11, 9, 7, 5, 3, 1] + [0] * 3
+
+
+def test_a_footprint_partly_off_the_map_frees_nothing() -> None:
+    costmap = GlobalCostmap(dataclasses.replace(BARE, footprint_clearing=True), empty_map())
+    costmap.layer.cells[:] = 254
+    look(costmap, [math.inf], pose=Pose2D(0.05, 0.5, 0.0))
+    assert (costmap.layer.cells == 254).all()
+    look(costmap, [math.inf], pose=Pose2D(0.5, 0.5, 0.0))
+    assert (costmap.layer.cells == 0).any()
+
+
+def test_the_static_map_stays_under_the_footprint() -> None:
+    costmap = GlobalCostmap(dataclasses.replace(BARE, footprint_clearing=True), empty_map(value=100))
+    look(costmap, [math.inf], pose=Pose2D(0.5, 0.5, 0.0))
+    assert (costmap.costs == 254).all()
+
+
+# Memory
+
+
+def test_a_memory_of_zero_keeps_the_newest_scan_only() -> None:
+    costmap = RollingCostmap(dataclasses.replace(BARE, memory_s=0.0))
+    look(costmap, [1.0], time_s=0.0)
+    look(costmap, [0.5], time_s=0.2)
+    assert marked(costmap) == [(10, 0)]
+
+
+def test_marks_decay_after_their_memory() -> None:
+    costmap = RollingCostmap(dataclasses.replace(BARE, memory_s=1.0))
+    look(costmap, [1.0], time_s=0.0)
+    look(costmap, [0.5], time_s=1.0)
+    assert marked(costmap) == [(10, 0), (20, 0)]
+    look(costmap, [0.4], time_s=1.1, pose=Pose2D(0.075, 0.025, 0.0))
+    assert marked(costmap) == [(9, 0), (10, 0)]
+
+
+# Rolling
+
+
+def window_offsets(xs: list[float], centered: bool) -> list[float]:
+    costmap = RollingCostmap(dataclasses.replace(BARE, size_m=3.0, centered=centered))
+    offsets = []
+    for x in xs:
+        look(costmap, [math.inf], pose=Pose2D(x, 0.0, 0.0))
+        offsets.append(x / 0.05 - costmap.layer.column)
+    return offsets
+
+
+def test_the_rolling_window_trails_behind_by_up_to_a_cell() -> None:
+    forth = window_offsets([10.0, 10.02, 10.04, 10.06], centered=False)
+    back = window_offsets([11.0, 10.08, 10.06, 10.04, 10.02, 10.0], centered=False)
+    assert forth[0] == pytest.approx(30.0)  # wanted 29.75, shifted by trunc(170.25) = 170 cells
+    assert back[-1] == pytest.approx(29.0)  # the same place, come from the other side
+    assert all(abs(offset - 29.75) < 1.0 + 1e-9 for offset in forth + back)
+
+
+@given(st.lists(st.floats(-5.0, 5.0), min_size=1, max_size=8))
+def test_a_centered_window_has_the_robot_in_its_middle_cell(xs: list[float]) -> None:
+    costmap = RollingCostmap(dataclasses.replace(BARE, size_m=1.0), (0.013, -0.4))
+    for x in xs:
+        look(costmap, [math.inf], pose=Pose2D(x, -x, 0.0))
+        lattice = OccupancyGrid(np.zeros((1, 1), dtype=np.int8), 0.05, (0.013, -0.4))
+        column, row = lattice.cell_at(x, -x)
+        assert (costmap.layer.column, costmap.layer.row) == (column - 10, row - 10)
+        assert costmap.origin == pytest.approx((0.013 + (column - 10) * 0.05, -0.4 + (row - 10) * 0.05))
+
+
+def test_what_leaves_the_window_is_forgotten() -> None:
+    costmap = RollingCostmap(dataclasses.replace(BARE, size_m=2.0))
+    look(costmap, [0.8])
+    look(costmap, [math.inf], pose=Pose2D(0.525, 0.025, 0.0))
+    assert marked(costmap) == [(16, 0)]
+    look(costmap, [math.inf], pose=Pose2D(2.025, 0.025, 0.0))
+    look(costmap, [math.inf])
+    assert marked(costmap) == []
+
+
+def test_a_published_window_is_a_cut_of_the_lattice() -> None:
+    costmap = RollingCostmap(CostmapSettings(), (-4.0, -4.0))
+    look(costmap, [1.0], pose=Pose2D(0.31, -1.27, 0.4))
+    grid = costmap.published()
+    assert grid.data.dtype == np.int8
+    assert (grid.width, grid.height) == (100, 100)
+    x, y = 0.31 + math.cos(0.4), -1.27 + math.sin(0.4)
+    column, row = grid.cell_at(x, y)
+    assert grid.data[row, column] == 100
+    assert ((grid.origin[0] + 4.0) / 0.05) == pytest.approx(round((grid.origin[0] + 4.0) / 0.05))
+
+
+def test_unknown_cells_become_free_only_where_beams_went() -> None:
+    costmap = RollingCostmap(dataclasses.replace(BARE, track_unknown=True, size_m=1.0))
+    look(costmap, [0.3])
+    assert (costmap.costs[10, 10:16] == 0).all()
+    assert costmap.costs[10, 16] == 254
+    assert (costmap.costs != 255).sum() == 7
+
+
+# Global
+
+
+def full_costs(costmap: GlobalCostmap) -> npt.NDArray[np.uint8]:
+    static, seen = costmap.static, costmap.layer.cells
+    base = np.where((static == 255) | ((seen != 255) & (seen > static)), seen, static).astype(np.uint8)
+    return np.asarray(inflate(base, costmap._inflation._costs, costmap._inflation.reach))
+
+
+@pytest.mark.parametrize("track_unknown", [False, True])
+def test_bounded_updates_equal_a_costmap_made_in_one_go(track_unknown: bool) -> None:
+    rng = np.random.default_rng(3)
+    data = rng.choice(np.array([0, 100, -1], dtype=np.int8), size=(150, 130), p=[0.96, 0.02, 0.02])
+    settings = CostmapSettings(
+        inflation_radius_m=0.4, track_unknown=track_unknown, obstacle_range_m=1.2, raytrace_range_m=1.5
+    )
+    costmap = GlobalCostmap(settings, OccupancyGrid(data, 0.05, (-1.0, 2.0)))
+    geometry = burger_lds_01()
+    for step in range(25):
+        pose = Pose2D(*rng.uniform((-1.2, 1.8), (5.7, 9.7)), rng.uniform(-3.0, 3.0))
+        ranges = rng.uniform(0.1, 3.6, geometry.beams)
+        costmap.update(pose, pose.compose(geometry.mount), ranges, geometry, 0.2 * step)
+        if step % 3 == 0:
+            assert np.array_equal(costmap.costs, full_costs(costmap))
+    costmap.clear_outside(2.0, 5.0, 3.0)
+    assert np.array_equal(costmap.costs, full_costs(costmap))
+
+
+def test_marks_decay_everywhere_in_a_global_costmap() -> None:
+    settings = dataclasses.replace(BARE, memory_s=0.5, obstacle_range_m=0.6, raytrace_range_m=0.6)
+    costmap = GlobalCostmap(settings, empty_map(100))
+    look(costmap, [0.5], pose=Pose2D(0.225, 0.225, 0.0))
+    assert len(marked(costmap)) == 1
+    look(costmap, [math.inf], pose=Pose2D(4.0, 4.0, 0.0), time_s=1.0)
+    assert marked(costmap) == []
+
+
+def test_clearing_keeps_what_lies_strictly_inside_the_square() -> None:
+    costmap = GlobalCostmap(BARE, empty_map(40))
+    costmap.layer.cells[:] = 254
+    costmap.clear_outside(1.025, 1.025, 0.5)
+    kept = marked(costmap)
+    # 1.025 -+ 0.25 lie in cells 15 and 25; both are outside.
+    assert {c for c, _ in kept} == {r for _, r in kept} == set(range(16, 25))
+
+
+def test_a_map_that_grows_keeps_the_marks_in_place() -> None:
+    costmap = GlobalCostmap(BARE, empty_map(20))
+    look(costmap, [0.5], pose=Pose2D(0.225, 0.525, 0.0))
+    x, y = OccupancyGrid(costmap.costs, 0.05, costmap.origin).center_of(14, 10)
+    grown = OccupancyGrid(np.full((40, 50), -1, dtype=np.int8), 0.05, (-0.5, -0.25))
+    costmap.set_static(grown)
+    assert costmap.costs.shape == (40, 50)
+    column, row = OccupancyGrid(costmap.costs, 0.05, costmap.origin).cell_at(x, y)
+    assert (column, row) == (24, 15)
+    assert np.argwhere(costmap.costs == 254).tolist() == [[15, 24]]
+
+
+def test_a_static_map_of_another_resolution_is_refused() -> None:
+    with pytest.raises(InputError, match=r"0\.1 .*0\.05"):
+        GlobalCostmap(BARE, OccupancyGrid(np.zeros((5, 5), dtype=np.int8), 0.1, (0.0, 0.0)))
