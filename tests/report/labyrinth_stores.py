@@ -1,0 +1,84 @@
+"""Stores of labyrinth campaigns that never ran: their trials are written down, so every number is known."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+from midnet_bench.campaign.definition import Definition
+from midnet_bench.campaign.provenance import collect
+from midnet_bench.campaign.store import Store, open_or_create
+from midnet_bench.campaign.worker import Outcome, encode_tables
+from midnet_bench.experiments.trial import Row, Scalar, TrialResult, TrialSpec
+
+Caught = Callable[[int, int, int], int]
+"""(intruders, robots, seed) -> how many were caught"""
+
+
+def labyrinth_store(
+    path: Path,
+    caught: Caught,
+    *,
+    seeds: int = 20,
+    grid: dict[str, list[Scalar]] | None = None,
+    failed: tuple[int, int, int] | None = None,
+) -> Store:
+    """Trials in which every intruder is detected at 10 s; caught ones at 20 s, the others escape at 60 s."""
+    grid = grid or {"intruders": [1, 2, 3, 4, 5], "robots": [1, 2, 3, 4, 5]}
+    store = open_or_create(path, Definition("labyrinth", 1, seeds, grid, {}, {}))
+    run_id = store.begin_run(collect(1))
+    cells: list[dict[str, Scalar]] = [{}]
+    for factor, values in grid.items():
+        cells = [{**cell, factor: value} for cell in cells for value in values]
+    for cell in cells:
+        intruders, robots = cell["intruders"], cell["robots"]
+        assert isinstance(intruders, int)
+        assert isinstance(robots, int)
+        for seed in range(1, seeds + 1):
+            spec = TrialSpec("labyrinth", cell, seed)
+            if (intruders, robots, seed) == failed:
+                store.record(run_id, spec, Outcome(spec.trial_id, 1.0, failure="ValueError: no"))
+                continue
+            result = labyrinth_result(intruders, robots, caught(intruders, robots, seed))
+            store.record(run_id, spec, Outcome(spec.trial_id, 6.0, result.simulated_s, encode_tables(result)))
+    return store
+
+
+def labyrinth_result(intruders: int, robots: int, caught: int) -> TrialResult:
+    duration_s = 20.0 if caught == intruders else 60.0
+    fates: list[Row] = [
+        {
+            "intruder": k,
+            "outcome": "caught" if k <= caught else "escaped",
+            "detected_at_s": 10.0,
+            "caught_at_s": 20.0 if k <= caught else math.nan,
+            "escaped_at_s": math.nan if k <= caught else 60.0,
+        }
+        for k in range(1, intruders + 1)
+    ]
+    health: list[Row] = [
+        robot_row("guard", duration_s, stuck_s=6.0, goals_given_up=1) for _ in range(robots)
+    ] + [robot_row("intruder", 20.0 if k <= caught else 60.0, stuck_s=0.0) for k in range(1, intruders + 1)]
+    trial: Row = {
+        "caught": caught,
+        "detected": intruders,
+        "escaped": intruders - caught,
+        "success_rate": 100.0 * caught / intruders,
+        "duration_s": duration_s,
+        "ended": "nobody left",
+    }
+    return TrialResult({"trial": [trial], "intruders": fates, "robots": health}, duration_s)
+
+
+def robot_row(role: str, present_s: float, stuck_s: float, goals_given_up: int = 0) -> Row:
+    return {
+        "robot": role,
+        "role": role,
+        "distance_m": 0.2 * present_s,
+        "goals_reached": 2,
+        "goals_given_up": goals_given_up,
+        "stuck_s": stuck_s,
+        "collisions": 0,
+        "walls_crossed": 0,
+        "recoveries": 0,
+        "pose_error_m": 0.01,
+    }
