@@ -20,6 +20,7 @@ from midnet_bench.report import detection
 from midnet_bench.report.labyrinth_trials import (
     Cells,
     intruder_counts,
+    number,
     rates_by_seed,
     team_sizes,
     variants_of,
