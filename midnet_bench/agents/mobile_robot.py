@@ -60,6 +60,7 @@ class MobileRobot:
     def drive_to(self, goal: Point) -> None:
         """Drop the goal at hand for another one, map frame, metres."""
         self.goal = goal
+        self.progress.new_goal()
         self.navigator.set_goal(*goal)
 
     def stand(self) -> None:
@@ -84,7 +85,7 @@ class MobileRobot:
         status = self.navigator.status
         if status is Status.SUCCEEDED:
             self.progress.goals_reached += 1
-        elif status is Status.ABORTED or time_s - self.progress.standing_since_s > self._goal_timeout_s:
+        elif status is Status.ABORTED or self.progress.without_progress_s(time_s) > self._goal_timeout_s:
             self.progress.goals_given_up += 1
         else:
             return
