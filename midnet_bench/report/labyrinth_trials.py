@@ -123,9 +123,9 @@ def pooled_time(trials: Sequence[LabyrinthTrial], times: str) -> Estimate:
     """The mean of ``capture_times_s`` or ``detection_times_s`` over intruders, seconds; trials drawn whole.
 
     It is the mean of those that were caught (or detected) alone, so a team that catches the hard ones
-    too may look slower.
+    too may look slower; trials that caught nobody have no part in it.
     """
-    each: list[tuple[float, ...]] = [getattr(trial, times) for trial in trials]
+    each: list[tuple[float, ...]] = [values for trial in trials if (values := getattr(trial, times))]
     return statistics.ratio_of_sums(
         [math.fsum(values) for values in each],
         [len(values) for values in each],

@@ -70,7 +70,7 @@ def power_report(
     with open_store(directory / FILE_NAME) as store:
         if store.definition.experiment != "labyrinth":
             raise InputError(
-                f"{directory}: power is about labyrinth campaigns, this is {store.definition.experiment}"
+                f"{directory}: a {store.definition.experiment} campaign; power takes a labyrinth"
             )
         variants = variants_of(store)
     for name, cells in variants.items():

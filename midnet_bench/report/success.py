@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from midnet_bench.campaign.files import write_atomically
-from midnet_bench.campaign.store import Store
+from midnet_bench.campaign.store import FILE_NAME, Store, open_store
+from midnet_bench.errors import InputError
 from midnet_bench.experiments.trial import Row
 from midnet_bench.report.labyrinth_trials import (
     GUARD,
@@ -52,6 +53,33 @@ def write_labyrinth_report(store: Store, directory: Path) -> list[Table]:
         for ending, content in png_and_svg(figure).items():
             write_atomically(directory / f"{stem}{ending}", content)
     return [tables[name] for name in ("success_rate", "labyrinth_health", "labyrinth_speed")]
+
+
+def write_labyrinth_comparison(directories: Sequence[Path], output: Path) -> list[Table]:
+    """Several campaigns side by side, ``success_comparison`` as a table and a figure with a panel for each.
+
+    Raises:
+        InputError: one of them is no labyrinth campaign, or two folders have one name.
+    """
+    variants: dict[str, Cells] = {}
+    for directory in directories:
+        with open_store(directory / FILE_NAME) as store:
+            if store.definition.experiment != "labyrinth":
+                raise InputError(f"{directory}: a {store.definition.experiment} campaign beside a labyrinth")
+            for name, cells in variants_of(store).items():
+                title = f"{directory.name}: {name}" if name else directory.name
+                if title in variants:
+                    raise InputError(
+                        f"{directory}: another one is named '{directory.name}' too"
+                    )
+                variants[title] = cells
+    table = success_table(variants)
+    table.write(output / "success_comparison")
+    from midnet_bench.report.success_figures import png_and_svg, success_figure
+
+    for ending, content in png_and_svg(success_figure(variants)).items():
+        write_atomically(output / f"success_comparison{ending}", content)
+    return [table]
 
 
 def success_table(variants: Mapping[str, Cells]) -> Table:

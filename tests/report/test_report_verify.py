@@ -1,0 +1,252 @@
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from labyrinth_stores import labyrinth_store
+
+from midnet_bench.campaign.definition import Definition
+from midnet_bench.campaign.provenance import collect
+from midnet_bench.campaign.store import Store, open_or_create
+from midnet_bench.campaign.worker import Outcome, encode_tables
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.trial import Row, Scalar, TrialResult, TrialSpec
+from midnet_bench.report.power import least_difference, power_report, trials_needed
+from midnet_bench.report.verify import Finding, Verdict, verify
+from midnet_bench.scoring.statistics import Estimate
+
+
+def binomial_counts(rates: list[float]) -> "dict[tuple[int, int, int], int]":
+    rng = np.random.default_rng(5)
+    return {
+        (k, q, seed): int(rng.binomial(k, rates[q - 1]))
+        for k in range(1, 6)
+        for q in range(1, 6)
+        for seed in range(1, 41)
+    }
+
+
+def campaign(folder: Path, rates: list[float], seeds: int) -> Path:
+    counts = binomial_counts(rates)
+    labyrinth_store(folder / "campaign.sqlite", lambda k, q, seed: counts[k, q, seed], seeds=seeds).close()
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "above", "below", "verdict"),
+    [
+        (0.1, 0.3, 0.0, math.inf, Verdict.REPRODUCED),
+        (0.0, 0.3, 0.0, math.inf, Verdict.CANNOT_BE_TOLD),
+        (-0.1, 0.3, 0.0, math.inf, Verdict.CANNOT_BE_TOLD),
+        (-0.3, -0.1, 0.0, math.inf, Verdict.NOT_REPRODUCED),
+        (-0.3, -0.1, -math.inf, 0.0, Verdict.REPRODUCED),
+        (0.0, 0.0, -math.inf, 0.0, Verdict.CANNOT_BE_TOLD),
+        (0.91, 0.97, 0.9, 1.0, Verdict.REPRODUCED),
+        (0.89, 0.97, 0.9, 1.0, Verdict.CANNOT_BE_TOLD),
+        (0.8, 1.1, 0.9, 1.0, Verdict.CANNOT_BE_TOLD),
+        (0.8, 0.85, 0.9, 1.0, Verdict.NOT_REPRODUCED),
+        (math.nan, math.nan, 0.9, 1.0, Verdict.CANNOT_BE_TOLD),
+    ],
+)
+def test_the_whole_interval_decides(
+    low: float, high: float, above: float, below: float, verdict: Verdict
+) -> None:
+    assert Finding("", Estimate((low + high) / 2, low, high, 20), above, below).verdict == verdict
+
+
+def verdicts(folder: Path) -> tuple[dict[Scalar, Scalar], int]:
+    table, code = verify(folder)
+    return {row["statement"]: row["verdict"] for row in table.rows}, code
+
+
+def test_a_clear_rise_is_reproduced_and_a_small_dip_cannot_be_told(tmp_path: Path) -> None:
+    found, code = verdicts(campaign(tmp_path, [0.2, 0.4, 0.6, 0.85, 0.85], seeds=20))
+
+    assert len(found) == 5 + 3 + 2
+    assert found["5 intruders: success (points) rises from 1 to 4 robots"] == "reproduced"
+    assert found["all intruders: success (points) rises from 1 to 2 robots"] == "reproduced"
+    assert found["1 intruder: success (points) dips from 4 to 5 robots"] == "cannot be told"
+    assert code == 3
+
+
+def test_a_curve_that_falls_and_then_rises_is_not_reproduced(tmp_path: Path) -> None:
+    found, code = verdicts(campaign(tmp_path, [0.9, 0.7, 0.5, 0.3, 0.9], seeds=20))
+
+    assert set(found.values()) == {"not reproduced"}
+    assert code == 4
+
+
+def test_a_real_dip_is_found_with_enough_trials(tmp_path: Path) -> None:
+    found, code = verdicts(campaign(tmp_path, [0.1, 0.4, 0.7, 1.0, 0.5], seeds=40))
+
+    assert set(found.values()) == {"reproduced"}
+    assert code == 0
+
+
+def test_a_single_trial_tells_nothing(tmp_path: Path) -> None:
+    found, code = verdicts(campaign(tmp_path, [0.1, 0.4, 0.7, 1.0, 0.5], seeds=1))
+
+    assert set(found.values()) == {"cannot be told"}
+    assert code == 3
+
+
+def test_comparisons_are_made_seed_by_seed(tmp_path: Path) -> None:
+    """Hard seeds hide a small gain from separate means; pairs of the same seed show it."""
+
+    def caught(intruders: int, robots: int, seed: int) -> int:
+        hard = seed % 2 == 0
+        return (0 if hard else 4) + (robots > 1)
+
+    grid: dict[str, list[Scalar]] = {"intruders": [5], "robots": [1, 2]}
+    labyrinth_store(tmp_path / "campaign.sqlite", caught, seeds=10, grid=grid).close()
+    table, code = verify(tmp_path)
+
+    row = table.rows[0]
+    assert (row["ours"], row["low"], row["high"]) == (20.0, 20.0, 20.0)
+    assert (row["agree"], row["n"], row["verdict"]) == ("10 of 10", 10, "reproduced")
+    assert code == 0
+
+
+def detection_campaign(folder: Path, scores: dict[int, tuple[float, float, float]], seeds: int = 20) -> Path:
+    """Scores by team size, each seed a little off, the same for both teams."""
+    grid: dict[str, list[Scalar]] = {"robots": list(scores)}
+    store: Store = open_or_create(folder / "campaign.sqlite", Definition("detection", 1, seeds, grid, {}, {}))
+    run_id = store.begin_run(collect(1))
+    for robots, values in scores.items():
+        for seed in range(1, seeds + 1):
+            off = 0.01 * math.sin(seed)
+            precision, recall, f1 = (value + off for value in values)
+            row: Row = {"tp": 1, "fp": 1, "fn": 1, "precision": precision, "recall": recall, "f1": f1}
+            spec = TrialSpec("detection", {"robots": robots}, seed)
+            payload = encode_tables(TrialResult({"scores": [row]}, 1.0))
+            store.record(run_id, spec, Outcome(spec.trial_id, 1.0, 1.0, payload))
+    store.close()
+    return folder
+
+
+def test_the_papers_own_table_is_reproduced(tmp_path: Path) -> None:
+    found, code = verdicts(detection_campaign(tmp_path, {1: (0.975, 0.787, 0.871), 5: (0.935, 0.960, 0.947)}))
+
+    assert len(found) == 6 + 3
+    assert set(found.values()) == {"reproduced"}
+    assert code == 0
+
+
+def test_a_score_far_off_and_an_order_turned_round_are_not(tmp_path: Path) -> None:
+    found, code = verdicts(detection_campaign(tmp_path, {1: (0.975, 0.6, 0.871), 5: (0.985, 0.96, 0.947)}))
+
+    assert found["1-robot recall is 0.787, within 0.05"] == "not reproduced"
+    assert found["precision falls from 1 to 5 robots"] == "not reproduced"
+    assert found["recall rises from 1 to 5 robots"] == "reproduced"
+    assert found["5-robot precision is 0.935, within 0.05"] in ("cannot be told", "not reproduced")
+    assert code == 4
+
+
+def test_one_seed_of_the_detection_test_tells_nothing(tmp_path: Path) -> None:
+    scores = {1: (0.975, 0.787, 0.871), 5: (0.935, 0.960, 0.947)}
+    assert verdicts(detection_campaign(tmp_path, scores, seeds=1))[1] == 3
+
+
+def test_a_campaign_that_the_paper_says_nothing_of_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="nothing here that the paper states"):
+        verify(detection_campaign(tmp_path, {3: (0.9, 0.9, 0.9)}))
+
+
+@pytest.mark.parametrize(
+    ("first", "dip", "intruders", "correlation", "expected"),
+    [
+        # item 70: from, dip, intruders per trial, correlation within a trial -> trials per team size
+        (0.90, 0.10, 1, 0.0, 199),
+        (0.90, 0.10, 5, 0.0, 40),
+        (0.90, 0.10, 5, 0.2, 72),
+        (0.90, 0.05, 1, 0.0, 686),
+        (0.90, 0.02, 5, 0.0, 769),
+        (0.80, 0.05, 1, 0.0, 1094),
+        (0.80, 0.02, 5, 0.2, 2344),
+    ],
+)
+def test_the_numbers_of_trials_are_those_of_the_notes(
+    first: float, dip: float, intruders: int, correlation: float, expected: int
+) -> None:
+    def variance(rate: float) -> float:
+        return rate * (1 - rate) / intruders * (1 + (intruders - 1) * correlation)
+
+    needed = trials_needed(variance(first) + variance(first - dip), dip)
+    assert needed == pytest.approx(expected, rel=0.02)
+
+
+def test_the_power_is_what_it_says_it_is() -> None:
+    """With the number of pairs that is asked for, a t test finds the difference four times in five."""
+    from scipy import stats
+
+    pairs = int(trials_needed(variance=400.0, difference=10.0))
+    rng = np.random.default_rng(3)
+    samples = rng.normal(10.0, 20.0, size=(20_000, pairs))
+    found = stats.ttest_1samp(samples, 0.0, axis=1).pvalue < 0.05
+
+    assert float(found.mean()) == pytest.approx(0.8, abs=0.03)
+
+
+def test_needed_trials_and_least_difference_are_inverse() -> None:
+    for difference in (1.0, 5.0, 20.0):
+        trials = trials_needed(900.0, difference, power=0.9)
+        assert least_difference(900.0, int(trials), power=0.9) == pytest.approx(difference, rel=0.05)
+        assert least_difference(900.0, int(trials), power=0.9) <= difference
+    assert math.isnan(trials_needed(math.nan, 5.0))
+    assert math.isnan(least_difference(900.0, 0))
+
+
+def test_the_power_table_stands_on_the_results_at_hand(tmp_path: Path) -> None:
+    table = power_report(campaign(tmp_path, [0.2, 0.4, 0.6, 0.85, 0.85], seeds=40), difference=-5.0)
+
+    rows = {row["intruders"]: row for row in table.rows}
+    assert list(rows) == ["1", "2", "3", "4", "5", "all"]
+    assert "5 points between 4 and 5 robots" in table.title
+    one, five = rows["1"], rows["5"]
+    assert float(one["sd"] or 0) == pytest.approx(100 * math.sqrt(0.85 * 0.15), rel=0.35)
+    assert float(five["sd"] or 0) == pytest.approx(100 * math.sqrt(0.85 * 0.15 / 5), rel=0.35)
+    assert float(five["trials_needed"] or 0) < float(one["trials_needed"] or 0)
+    assert one["trials"] == 40
+
+
+def test_common_seeds_make_it_cheaper_where_they_help(tmp_path: Path) -> None:
+    def caught(intruders: int, robots: int, seed: int) -> int:
+        return seed % 5 if robots == 4 or seed % 7 else min(5, seed % 5 + 1)
+
+    grid: dict[str, list[Scalar]] = {"intruders": [5], "robots": [4, 5]}
+    labyrinth_store(tmp_path / "campaign.sqlite", caught, seeds=20, grid=grid).close()
+
+    row = power_report(tmp_path, difference=5.0).rows[0]
+    assert float(row["pairs_needed"] or 0) < 0.2 * float(row["trials_needed"] or 0)
+    assert float(row["least_of_pairs"] or 0) < float(row["least_difference"] or 0)
+
+
+def test_cells_without_any_spread_give_no_number(tmp_path: Path) -> None:
+    grid: dict[str, list[Scalar]] = {"intruders": [1], "robots": [4, 5]}
+    labyrinth_store(tmp_path / "campaign.sqlite", lambda k, q, seed: 1, seeds=5, grid=grid).close()
+
+    table = power_report(tmp_path, difference=5.0)
+    assert math.isnan(float(table.rows[0]["trials_needed"] or 0))
+    assert "n/a" in table.to_markdown()
+
+
+@pytest.mark.parametrize(
+    ("difference", "robots", "power", "complaint"),
+    [
+        (0.0, (4, 5), 0.8, "--difference 0"),
+        (101.0, (4, 5), 0.8, "--difference 101"),
+        (5.0, (4, 6), 0.8, "no finished trials with 6 robots"),
+        (5.0, (4, 5), 1.0, "--power 1"),
+    ],
+)
+def test_questions_that_make_no_sense_are_one_line(
+    tmp_path: Path, difference: float, robots: tuple[int, int], power: float, complaint: str
+) -> None:
+    folder = campaign(tmp_path, [0.5] * 5, seeds=2)
+    with pytest.raises(InputError, match=complaint):
+        power_report(folder, difference, robots, power)
+
+
+def test_power_is_about_labyrinths(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="a detection campaign; power takes a labyrinth"):
+        power_report(detection_campaign(tmp_path, {1: (0.9, 0.9, 0.9)}), 5.0)
