@@ -1,0 +1,42 @@
+"""Lines and numbers of a text log, with errors that name file and line."""
+
+import gzip
+import math
+import zlib
+from pathlib import Path
+
+from midnet_bench.errors import InputError
+
+
+def read_lines(path: Path) -> list[str]:
+    """The lines of a text file, gzipped or plain. Raises InputError if it cannot be read or holds no text."""
+    try:
+        data = path.read_bytes()
+        if data.startswith(b"\x1f\x8b"):
+            data = gzip.decompress(data)
+        lines = data.decode("utf-8").splitlines()
+    except (OSError, EOFError, UnicodeDecodeError, zlib.error) as error:
+        raise InputError(f"{path}: cannot be read as a text file, gzipped or plain: {error}") from error
+    if not any(line.strip() for line in lines):
+        raise InputError(f"{path}: the file is empty; give a log with laser scans and odometry")
+    return lines
+
+
+def numbers(words: list[str], where: str, what: str) -> list[float]:
+    """``words`` as floats. Raises InputError ``where: what: ...`` naming the first that is none."""
+    values = []
+    for word in words:
+        try:
+            values.append(float(word))
+        except ValueError:
+            raise InputError(f"{where}: {what}: '{word}' is not a number") from None
+    return values
+
+
+def finite(words: list[str], where: str, what: str) -> list[float]:
+    """``words`` as finite floats. Raises InputError as ``numbers`` does, also for nan and inf."""
+    values = numbers(words, where, what)
+    for word, value in zip(words, values, strict=True):
+        if not math.isfinite(value):
+            raise InputError(f"{where}: {what}: '{word}' is not a finite number")
+    return values
