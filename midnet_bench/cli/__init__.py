@@ -5,11 +5,11 @@ import sys
 
 import click
 
-from midnet_bench.cli import campaigns, inputs, pictures, reports
+from midnet_bench.cli import campaigns, inputs, pictures, reports, smoke
 from midnet_bench.cli.app import app
 from midnet_bench.errors import MidnetBenchError
 
-__all__ = ["campaigns", "inputs", "main", "pictures", "reports"]
+__all__ = ["campaigns", "inputs", "main", "pictures", "reports", "smoke"]
 
 
 def main() -> None:

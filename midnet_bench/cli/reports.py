@@ -24,11 +24,51 @@ def report(directory: Directory, as_json: options.Json = False) -> None:
     present(directory, as_json)
 
 
+@app.command(rich_help_panel="Results")
+def verify(directory: Directory, as_json: options.Json = False) -> None:
+    """Hold a campaign against what the paper states; exit 0 reproduced, 3 cannot tell, 4 not reproduced."""
+    from midnet_bench.report.verify import verify as hold_against_paper
+
+    table, code = hold_against_paper(directory)
+    show([table], as_json)
+    raise typer.Exit(code)
+
+
+@app.command(rich_help_panel="Results")
+def power(
+    directory: Directory,
+    difference: Annotated[float, typer.Option(help="Change of the success rate, percentage points.")] = 5.0,
+    robots: Annotated[tuple[int, int], typer.Option(help="The two team sizes to compare.")] = (4, 5),
+    probability: Annotated[float, typer.Option("--power", help="Chance of finding the change.")] = 0.8,
+    as_json: options.Json = False,
+) -> None:
+    """Tell how many trials a change of the success rate needs to be found, from the results at hand."""
+    from midnet_bench.report.power import power_report
+
+    show([power_report(directory, difference, robots, probability)], as_json)
+
+
+@app.command(rich_help_panel="Results")
+def compare(
+    directories: Annotated[list[Path], typer.Argument(help="Folders of labyrinth campaigns.")],
+    output: options.Output = None,
+    as_json: options.Json = False,
+) -> None:
+    """Put several labyrinth campaigns into one table and one figure."""
+    from midnet_bench.report.success import write_labyrinth_comparison
+
+    show(write_labyrinth_comparison(directories, output or Path("results/comparison")), as_json)
+
+
 def present(directory: Path, as_json: bool) -> None:
     """Write a campaign's CSV files, tables and figures, and print the tables."""
     from midnet_bench.report.report import write_report
 
-    tables = write_report(directory)
+    show(write_report(directory), as_json)
+
+
+def show(tables: "list[Table]", as_json: bool) -> None:
+    """Print tables for people, or as JSON."""
     if as_json:
         typer.echo(json.dumps({table.title: table.rows for table in tables}, indent=1).replace("NaN", "null"))
         return
