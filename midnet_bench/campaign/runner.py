@@ -12,6 +12,7 @@ from types import FrameType
 import joblib
 
 from midnet_bench.campaign import store as stores
+from midnet_bench.campaign.database import only_writer
 from midnet_bench.campaign.definition import definition_of
 from midnet_bench.campaign.pools import LokyPool, Pool, WorkersLost
 from midnet_bench.campaign.progress import Progress
@@ -80,33 +81,14 @@ def run_campaign(
     progress = progress or Progress()
     definition = definition_of(campaign, experiments)
     path = directory / stores.FILE_NAME
-    with stores.only_writer(directory), _pool(backend, jobs, scheduler, directory) as pool:
+    with only_writer(directory), _pool(backend, jobs, scheduler, directory) as pool:
         if fresh and (aside := stores.keep_aside(path)):
             progress.note(f"the old store is kept as {aside}")
         with stores.open_or_create(path, definition) as store:
             missing = _missing(campaign, experiments, store, retry_failed)
             ran = len(missing)
             if missing:
-                run_id = store.begin_run(collect(campaign.base_seed))
-
-                def keep(spec: TrialSpec, outcome: Outcome) -> None:
-                    store.record(run_id, spec, outcome)
-                    progress.advance(outcome)
-
-                total = definition.cells * definition.trials
-                progress.begin(total, total - ran)
-                try:
-                    with _interruptible():
-                        _run(pool, missing, experiments, campaign.trial_timeout_s, keep, progress.note)
-                except KeyboardInterrupt:
-                    left = total - len(store.statuses())
-                    raise Interrupted(
-                        f"interrupted; {total - left} of {total} trials are stored in {path}:"
-                        " the same command goes on with the rest"
-                    ) from None
-                finally:
-                    progress.end()
-                store.end_run(run_id)
+                _add_trials(store, pool, campaign, missing, experiments, progress)
             statuses = list(store.statuses().values())
             return CampaignOutcome(
                 store=path,
@@ -116,6 +98,36 @@ def run_campaign(
                 wall_s=time.perf_counter() - start_s,
                 notes=_notes(store),
             )
+
+
+def _add_trials(
+    store: stores.Store,
+    pool: Pool,
+    campaign: Campaign,
+    missing: dict[str, TrialSpec],
+    experiments: Experiments,
+    progress: Progress,
+) -> None:
+    """Runs the missing trials and stores each as it ends. Raises Interrupted on Ctrl-C."""
+    run_id = store.begin_run(collect(campaign.base_seed))
+    total = store.definition.cells * store.definition.trials
+
+    def keep(spec: TrialSpec, outcome: Outcome) -> None:
+        store.record(run_id, spec, outcome)
+        progress.advance(outcome)
+
+    progress.begin(total, total - len(missing))
+    try:
+        with _interruptible():
+            _run(pool, missing, experiments, campaign.trial_timeout_s, keep, progress.note)
+    except KeyboardInterrupt:
+        raise Interrupted(
+            f"interrupted; {len(store.statuses())} of {total} trials are stored in {store.path}:"
+            " the same command goes on with the rest"
+        ) from None
+    finally:
+        progress.end()
+    store.end_run(run_id)
 
 
 def _missing(

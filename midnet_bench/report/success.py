@@ -69,9 +69,7 @@ def write_labyrinth_comparison(directories: Sequence[Path], output: Path) -> lis
             for name, cells in variants_of(store).items():
                 title = f"{directory.name}: {name}" if name else directory.name
                 if title in variants:
-                    raise InputError(
-                        f"{directory}: another one is named '{directory.name}' too"
-                    )
+                    raise InputError(f"{directory}: another one is named '{directory.name}' too")
                 variants[title] = cells
     table = success_table(variants)
     table.write(output / "success_comparison")

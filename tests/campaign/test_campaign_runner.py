@@ -9,7 +9,7 @@ from typing import TypedDict
 
 import coin_experiments as coins
 import pytest
-from campaign_process import exported
+from campaign_process import environment, exported
 
 import midnet_bench
 from midnet_bench.campaign.plan import plan
@@ -278,3 +278,23 @@ def test_workers_leave_with_their_parent(running_process: subprocess.Popen[bytes
     start_s = time.monotonic()
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 1
     assert time.monotonic() - start_s < 60
+
+
+def test_a_missing_dask_names_the_extra(tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['distributed'] = None\n"
+        "from pathlib import Path\n"
+        "from midnet_bench.campaign.runner import run_campaign\n"
+        "from midnet_bench.campaign.spec import Campaign\n"
+        "import coin_experiments as coins\n"
+        f"run_campaign(Campaign(experiment='coins'), Path({str(tmp_path)!r}), backend='dask',"
+        " scheduler='tcp://127.0.0.1:8786', experiments=coins)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment()
+    )
+    last = done.stderr.splitlines()[-1]
+    assert last.endswith(
+        "InputError: --backend dask needs Dask's scheduler: pip install 'midnet-bench[dask]'"
+    )
+    assert not (tmp_path / "campaign.sqlite").exists()

@@ -4,11 +4,12 @@ from pathlib import Path
 import coin_experiments as coins
 import pytest
 
-from midnet_bench.campaign import store as stores
+from midnet_bench.campaign import database
+from midnet_bench.campaign.database import only_writer
 from midnet_bench.campaign.definition import Definition, definition_of
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.spec import Campaign, trials
-from midnet_bench.campaign.store import Store, keep_aside, only_writer, open_or_create, open_store
+from midnet_bench.campaign.store import Store, keep_aside, open_or_create, open_store
 from midnet_bench.campaign.worker import Outcome, attempt, encode_tables
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.trial import TrialSpec
@@ -151,7 +152,7 @@ def test_a_newer_schema_is_refused(filled: Path) -> None:
 def test_an_older_schema_is_brought_up_to_date(filled: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A store of today is opened by a program that knows one more schema."""
     added = ("ALTER TABLE trials ADD COLUMN host TEXT", "UPDATE trials SET host = 'unknown'")
-    monkeypatch.setattr(stores, "MIGRATIONS", [*stores.MIGRATIONS, added])
+    monkeypatch.setattr(database, "MIGRATIONS", [*database.MIGRATIONS, added])
 
     with open_store(filled) as store:
         assert len(list(store.trials())) == 12
@@ -163,7 +164,7 @@ def test_an_older_schema_is_brought_up_to_date(filled: Path, monkeypatch: pytest
 
 def test_a_migration_that_fails_changes_nothing(filled: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     broken = ("ALTER TABLE trials ADD COLUMN host TEXT", "UPDATE absent SET host = 'unknown'")
-    monkeypatch.setattr(stores, "MIGRATIONS", [*stores.MIGRATIONS, broken])
+    monkeypatch.setattr(database, "MIGRATIONS", [*database.MIGRATIONS, broken])
     with pytest.raises(Exception, match="no such table: absent"):
         open_store(filled)
     monkeypatch.undo()

@@ -1,0 +1,175 @@
+"""SQLite as campaigns need it: whose file it is, which schema, and errors that say what to do.
+
+The rollback journal with full synchronisation, SQLite's defaults, is what makes a store survive: a
+process that is killed or a disk that is full leaves the last committed transaction and nothing
+half-written, in one file that can be copied as it is.
+"""
+
+import contextlib
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+
+from midnet_bench.errors import InputError, MidnetBenchError
+
+APPLICATION_ID = 0x4D49444E
+"""``MIDN``: how SQLite marks whose file it is"""
+
+MIGRATIONS: list[tuple[str, ...]] = [
+    (
+        "CREATE TABLE campaign (definition TEXT NOT NULL)",
+        """CREATE TABLE runs (
+            run_id INTEGER PRIMARY KEY,
+            provenance TEXT NOT NULL,
+            ended_utc TEXT
+        )""",
+        """CREATE TABLE trials (
+            trial_id TEXT PRIMARY KEY,
+            run_id INTEGER NOT NULL REFERENCES runs,
+            seed INTEGER NOT NULL,
+            parameters TEXT NOT NULL,
+            status TEXT NOT NULL CHECK (status IN ('finished', 'failed')),
+            simulated_s REAL,
+            wall_s REAL NOT NULL,
+            traceback TEXT CHECK ((traceback IS NOT NULL) = (status = 'failed')),
+            finished_utc TEXT NOT NULL,
+            result BLOB CHECK ((result IS NOT NULL) = (status = 'finished'))
+        )""",
+    ),
+]
+"""Entry k turns schema version k into k + 1; version 0 is the empty file. Append, never edit."""
+
+
+class StoreFull(MidnetBenchError):
+    """The disk has no room left. The store holds every trial that was committed before."""
+
+
+def create(path: Path, definition: str) -> sqlite3.Connection | None:
+    """A connection to a new store at ``path`` that holds ``definition``; None if the file is not empty."""
+    with explained(path):
+        connection = sqlite3.connect(path, timeout=30, isolation_level=None)
+        with _closed_on_error(connection):
+            _pragma(connection, "schema_version")  # reading takes back what a killed process left half-made
+            if path.stat().st_size == 0:
+                with transaction(connection):
+                    _migrate(connection, 0)
+                    connection.execute("INSERT INTO campaign VALUES (?)", (definition,))
+                return connection
+    connection.close()
+    return None
+
+
+def open_existing(path: Path) -> sqlite3.Connection:
+    """A connection to the store at ``path``, brought to the present schema.
+
+    Raises:
+        InputError: the file is another program's, damaged, or of a newer midnet-bench.
+    """
+    with explained(path):
+        connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", 30, isolation_level=None, uri=True)
+        with _closed_on_error(connection):
+            _check(connection, path)
+            version = int(_pragma(connection, "user_version"))
+            if version < len(MIGRATIONS):
+                with transaction(connection):
+                    _migrate(connection, version)
+    return connection
+
+
+def _check(connection: sqlite3.Connection, path: Path) -> None:
+    """Raises InputError unless the file is a sound store of a schema that this program knows."""
+    if _pragma(connection, "application_id") != APPLICATION_ID:
+        raise InputError(f"{path}: another program's SQLite file, not a campaign store; left as it is")
+    version = int(_pragma(connection, "user_version"))
+    if version > len(MIGRATIONS):
+        raise InputError(
+            f"{path}: written by a newer midnet-bench (schema {version}, this one knows up to"
+            f" {len(MIGRATIONS)}); update midnet-bench"
+        )
+    state = _pragma(connection, "quick_check(1)")
+    if state != "ok":
+        raise InputError(f"{path}: damaged ({state}); move it away, or --fresh to start over")
+
+
+@contextlib.contextmanager
+def only_writer(directory: Path) -> Iterator[None]:
+    """Keeps other processes from writing to the campaign in ``directory``; a dead process holds nothing.
+
+    The lock is SQLite's own on an empty file, so it works wherever the store does, and readers of the
+    store are left alone.
+
+    Raises:
+        InputError: another process is at it, or the folder cannot be written.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        connection = sqlite3.connect(directory / ".campaign.lock", timeout=0, isolation_level=None)
+        with _closed_on_error(connection):
+            connection.execute("PRAGMA journal_mode = MEMORY")  # nothing to write, even on a full disk
+            connection.execute("BEGIN EXCLUSIVE")
+    except OSError as error:
+        raise InputError(f"{directory}: cannot be used as a folder for results: {error.strerror}") from error
+    except sqlite3.OperationalError as error:
+        if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+            raise InputError(
+                f"{directory}: another midnet-bench is running this campaign; wait for it or give another -o"
+            ) from error
+        raise InputError(f"{directory}: cannot be written ({error})") from error
+    with contextlib.closing(connection):
+        yield
+
+
+def _pragma(connection: sqlite3.Connection, name: str) -> int | str:
+    (value,) = connection.execute(f"PRAGMA {name}").fetchone()
+    return value
+
+
+def _migrate(connection: sqlite3.Connection, version: int) -> None:
+    """Brings a schema of ``version`` to the present one; the caller holds the transaction."""
+    for statements in MIGRATIONS[version:]:
+        for statement in statements:
+            connection.execute(statement)
+    connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+    connection.execute(f"PRAGMA user_version = {len(MIGRATIONS)}")
+
+
+@contextlib.contextmanager
+def transaction(connection: sqlite3.Connection) -> Iterator[None]:
+    """All of what is done inside, or nothing."""
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+        connection.execute("COMMIT")
+    except BaseException:
+        if connection.in_transaction:  # a full disk makes SQLite roll back by itself
+            connection.execute("ROLLBACK")
+        raise
+
+
+@contextlib.contextmanager
+def _closed_on_error(connection: sqlite3.Connection) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        connection.close()
+        raise
+
+
+@contextlib.contextmanager
+def explained(path: Path) -> Iterator[None]:
+    """SQLite's errors as this package's, in one line."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        if code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
+            raise StoreFull(
+                f"{path}: cannot be written ({error}); what was stored is intact:"
+                " make room and give the same command again"
+            ) from error
+        if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
+            raise InputError(
+                f"{path}: not a campaign store, or a damaged one ({error}); nothing was changed:"
+                " move it away, or --fresh to start over"
+            ) from error
+        raise MidnetBenchError(f"{path}: {error}") from error
