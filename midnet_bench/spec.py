@@ -34,7 +34,8 @@ def parse(model: type[SpecT], values: Any, source: str) -> SpecT:
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        first = error.errors()[0]
+        # a mistyped key also leaves the right one missing; the mistyped one explains both
+        first = min(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
         location = first["loc"]
         key = ".".join(str(part) for part in location) or "(top level)"
         if first["type"] == "extra_forbidden":

@@ -1,0 +1,235 @@
+"""The real command line on tiny campaigns, and what it says to wrong input."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from midnet_bench.map_server import load_map
+
+REPOSITORY = Path(__file__).parents[2]
+HEADER = "trial,frames,tp,fp,fn,precision,recall,f1"
+
+
+def midnet_bench(*arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "midnet_bench", *map(str, arguments)]
+    environment = {**os.environ, "NO_COLOR": "1", "PYTHONPATH": str(REPOSITORY)}
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def detection(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("detection")
+    done = midnet_bench("detection", "--frames", 20, "--seeds", 2, "--jobs", 2, "-o", "out", folder=folder)
+    assert done.returncode == 0, done.stderr
+    assert "the paper" in done.stdout
+    return folder / "out"
+
+
+def test_detection_writes_the_papers_table_in_three_forms(detection: Path) -> None:
+    lines = (detection / "detection_scores.csv").read_text().splitlines()
+    assert lines[0] == HEADER
+    assert [line.split(",")[0] for line in lines[1:]] == ["1-robot", "5-robot"]
+    assert [line.split(",")[1] for line in lines[1:]] == ["40", "40"]
+    assert "| 5-robot |" in (detection / "detection_scores.md").read_text()
+    assert r"\begin{tabular}" in (detection / "detection_scores.tex").read_text()
+
+
+def test_the_table_pools_what_the_seeds_counted(detection: Path) -> None:
+    pooled = {row["trial"]: row for row in rows(detection / "detection_scores.csv")}
+    by_seed = rows(detection / "scores_by_seed.csv")
+    assert sorted({row["seed"] for row in by_seed}) == ["1", "2"]
+    for name, row in pooled.items():
+        own = [one for one in by_seed if one["trial"] == name]
+        assert int(row["tp"]) == sum(int(one["tp"]) for one in own)
+        frames = [one for one in rows(detection / "frames.csv") if one["robots"] == name[0]]
+        assert int(row["fp"]) == sum(int(one["fp"]) for one in frames)
+        assert len(frames) == 40
+
+
+def test_detection_leaves_configuration_and_provenance(detection: Path) -> None:
+    configuration = json.loads((detection / "configuration.json").read_text())
+    assert configuration["parameters"]["frames"] == 20
+    assert configuration["parameters"]["thresh_local"] == 99
+    (run,) = json.loads((detection / "provenance.json").read_text())
+    assert run["libraries"]["pybullet"]
+    assert run["seed"] == 1
+    assert {row["role"] for row in rows(detection / "robots.csv")} == {"guard", "intruder"}
+
+
+def test_one_worker_gives_the_bytes_of_two_and_another_seed_gives_others(
+    detection: Path, tmp_path: Path
+) -> None:
+    run = ("detection", "--frames", 20, "--seeds", 2)
+    assert midnet_bench(*run, "--jobs", 1, "-o", "one", folder=tmp_path).returncode == 0
+    assert midnet_bench(*run, "--seed", 7, "-o", "other", folder=tmp_path).returncode == 0
+    for file in sorted(detection.glob("*.csv")):
+        if file.name != "timing.csv":
+            assert file.read_bytes() == (tmp_path / "one" / file.name).read_bytes(), file.name
+    assert (tmp_path / "other" / "frames.csv").read_bytes() != (detection / "frames.csv").read_bytes()
+
+
+def test_the_same_command_again_runs_nothing_and_prints_the_same(detection: Path) -> None:
+    done = midnet_bench(
+        "detection", "--frames", 20, "--seeds", 2, "--json", "-o", detection, folder=detection.parent
+    )
+    assert done.returncode == 0
+    tables = json.loads(done.stdout)
+    assert any("1-robot" in str(table) for table in tables.values())
+    assert len(json.loads((detection / "provenance.json").read_text())) == 1
+
+
+def test_a_dry_run_runs_nothing(tmp_path: Path) -> None:
+    done = midnet_bench("labyrinth", "--trials", 20, "--dry-run", folder=tmp_path)
+    assert "500 trials" in done.stdout
+    assert not (tmp_path / "results").exists()
+
+
+def test_labyrinth_then_report_power_and_verify(tmp_path: Path) -> None:
+    run = ("labyrinth", "--trials", 2, "--robots", "1,2", "--intruders", 1, "--set", "time_limit_s=4")
+    assert midnet_bench(*run, "-o", "maze", folder=tmp_path).returncode == 0
+    (tmp_path / "maze" / "success_rate.csv").unlink()
+    assert midnet_bench("report", "maze", folder=tmp_path).returncode == 0
+    assert (tmp_path / "maze" / "success_rate.csv").exists()
+    assert len(rows(tmp_path / "maze" / "trial.csv")) == 4
+    power = midnet_bench("power", "maze", "--robots", 1, 2, "--difference", 20, folder=tmp_path)
+    assert power.returncode == 0, power.stderr
+    verdict = midnet_bench("verify", "maze", folder=tmp_path)
+    assert verdict.returncode in (0, 3, 4), verdict.stderr
+    assert "cannot be told" in verdict.stdout
+
+
+def test_campaign_files_say_what_the_two_commands_run() -> None:
+    def campaign(name: str) -> dict[str, object]:
+        return yaml.safe_load((REPOSITORY / "campaigns" / f"{name}.yaml").read_text())
+
+    assert campaign("detection") == {
+        "experiment": "detection",
+        "grid": {"robots": [1, 5]},
+        "trials": 1,
+        "base_seed": 1,
+        "parameters": {"arena": "map1", "frames": 1999},
+    }
+    assert campaign("labyrinth")["grid"] == {"intruders": [1, 2, 3, 4, 5], "robots": [1, 2, 3, 4, 5]}
+    assert campaign("labyrinth")["trials"] == 20
+
+
+def test_map_writes_a_pair_that_detection_takes(tmp_path: Path) -> None:
+    assert midnet_bench("map", "--exact", "map1", "-o", "m.yaml", folder=tmp_path).returncode == 0
+    assert set(load_map(tmp_path / "m.yaml").data.ravel().tolist()) == {0, 100}
+    assert (load_map(tmp_path / "m_binary.yaml").data == 100).sum() > (
+        load_map(tmp_path / "m.yaml").data == 100
+    ).sum()
+    run = ("detection", "--frames", 5, "--robots", 1)
+    assert midnet_bench(*run, "--map", "m.yaml", "-o", "mapped", folder=tmp_path).returncode == 0
+    assert midnet_bench(*run, "-o", "exact", folder=tmp_path).returncode == 0
+    scores = [(tmp_path / out / "scores.csv").read_bytes() for out in ("mapped", "exact")]
+    assert scores[0] == scores[1]
+
+
+def write_map(folder: Path, **changes: object) -> None:
+    fields = {
+        "image": "map.pgm",
+        "resolution": 0.05,
+        "origin": [-4.0, -4.0, 0.0],
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+        **changes,
+    }
+    (folder / "map.yaml").write_text(yaml.safe_dump(fields))
+    (folder / "map.pgm").write_bytes(b"P5\n160 160\n255\n" + bytes([254]) * (160 * 160))
+
+
+def missing_image(folder: Path) -> None:
+    write_map(folder)
+    (folder / "map.pgm").unlink()
+
+
+def truncated_image(folder: Path) -> None:
+    write_map(folder)
+    (folder / "map.pgm").write_bytes((folder / "map.pgm").read_bytes()[:1000])
+
+
+def arena(folder: Path, text: str) -> None:
+    (folder / "arena.yaml").write_text(text)
+
+
+def campaign(folder: Path, text: str) -> None:
+    (folder / "campaign.yaml").write_text(text)
+
+
+MAP = ("detection", "--map", "map.yaml")
+ARENA = ("detection", "--arena", "arena.yaml")
+CAMPAIGN = ("run", "campaign.yaml")
+
+
+@pytest.mark.parametrize(
+    ("prepare", "arguments", "words"),
+    [
+        (None, ("detection", "--robots", "0"), ["robots", "0"]),
+        (None, ("detection", "--robots", "one"), ["--robots", "one"]),
+        (None, ("detection", "--frames", "-5"), ["frames", "-5"]),
+        (None, ("detection", "--set", "thresh_locl=9"), ["thresh_locl", "thresh_local"]),
+        (None, ("detection", "--set", "thresh_local=200"), ["thresh_local", "100", "200"]),
+        (None, ("detection", "--set", "thresh_local"), ["thresh_local", "key=value"]),
+        (None, ("detection", "-o", "/proc/nowhere"), ["/proc/nowhere"]),
+        (None, ("detection", "--arena", "map9"), ["map9", "did you mean"]),
+        (None, ("run", "absent.yaml"), ["absent.yaml"]),
+        (None, ("report", "absent"), ["absent"]),
+        (None, ("labyrinth", "--backend", "dusk"), ["dusk", "dask"]),
+        (None, ("render", "--frame", "0"), ["frame", "0"]),
+        (None, ("parameters", "labirynth"), ["labirynth", "labyrinth"]),
+        (None, ("map", "map1"), ["--exact"]),
+        (missing_image, MAP, ["map.pgm"]),
+        (truncated_image, MAP, ["map.pgm"]),
+        (lambda folder: write_map(folder, origin=[-4.0, -4.0, 0.3]), MAP, ["map.yaml", "origin"]),
+        (lambda folder: write_map(folder, resolution=0.1), MAP, ["prior_map", "0.1", "0.05"]),
+        (
+            lambda folder: arena(folder, "name: a\nplain_m: [8, 8]\n"),
+            ARENA,
+            ["arena.yaml", "plain_m", "plane_m"],
+        ),
+        (lambda folder: arena(folder, "name: [a"), ARENA, ["arena.yaml", "YAML"]),
+        (
+            lambda folder: campaign(folder, "experiment: detection\ngird: {}\n"),
+            CAMPAIGN,
+            ["campaign.yaml", "grid"],
+        ),
+        (
+            lambda folder: campaign(folder, "experiment: detection\nparameters: {robts: 1}\n"),
+            CAMPAIGN,
+            ["campaign.yaml", "robts", "robots"],
+        ),
+        (
+            lambda folder: campaign(folder, "experiment: detection\ngrid: {robots: []}\n"),
+            CAMPAIGN,
+            ["campaign.yaml", "robots"],
+        ),
+        (
+            lambda folder: campaign(folder, "experiment: detection\ntrials: -1\n"),
+            CAMPAIGN,
+            ["campaign.yaml", "trials", "-1"],
+        ),
+    ],
+)
+def test_wrong_input_gets_one_line_and_exit_code_2(prepare, arguments, words, tmp_path: Path) -> None:
+    if prepare is not None:
+        prepare(tmp_path)
+    done = midnet_bench(*arguments, folder=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    complaint = done.stderr.strip().splitlines()
+    assert len(complaint) == 1, done.stderr
+    assert all(word in complaint[0] for word in words), complaint[0]
+    assert not (tmp_path / "results").exists()
