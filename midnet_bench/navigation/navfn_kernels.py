@@ -121,7 +121,11 @@ def descend(
     while count < limit:
         if not (1 <= x <= width - 2 and 1 <= y <= height - 2):
             # The outermost ring never carries a potential.
-            x, y = min(max(x, 1), width - 2), min(max(y, 1), height - 2)
+            if count == 0:
+                points[0, 0], points[0, 1] = start
+                count = 1
+            x = min(max(x + (offset_x >= 0.5), 1), width - 2)
+            y = min(max(y + (offset_y >= 0.5), 1), height - 2)
             offset_x, offset_y = 0.0, 0.0
         points[count, 0], points[count, 1] = x + offset_x, y + offset_y
         count += 1

@@ -1,6 +1,7 @@
 """move_base: from a goal and scans to velocities, with recoveries when the way is lost."""
 
 import enum
+import math
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,9 @@ from midnet_bench.navigation.plan_keeper import PlanKeeper
 from midnet_bench.navigation.recovery import RotateRecovery
 from midnet_bench.navigation.stop_rotate import StopRotate
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
+
+_BESIDE_M = 0.2
+"""how much farther than the tolerance a robot still counts as waiting at a covered goal"""
 
 
 class Status(enum.Enum):
@@ -40,8 +44,8 @@ class Navigator:
     order of recoveries (clear all but a 3 m square, turn once, clear all but 1.84 m, turn once) are
     move_base's. Departures: planning runs inside ``control``, not in a thread of its own; a goal that the
     map alone makes impossible (off the map, in or at a wall, walled off) is aborted at once; one that a
-    scanned obstacle covers is approached as near as can be and aborted if it is still covered when the robot
-    has not got on for ``oscillation_timeout_s``; and the plan is traced anew after each scan, not between.
+    scanned obstacle covers is approached as near as can be and aborted if it is still covered after
+    ``oscillation_timeout_s`` beside it; and the plan is traced anew after each scan, not between.
     """
 
     def __init__(self, prior: OccupancyGrid, settings: NavigatorSettings | None = None) -> None:
@@ -124,7 +128,8 @@ class Navigator:
         has_new_scan, self._scan_is_new = self._scan_is_new, False
         if not self._started:
             self._started = True
-            self._planning_since_s = self._valid_command_at_s = self._moved_at_s = time_s
+            self._planning_since_s = self._valid_command_at_s = time_s
+            self._moved_at_s = self._waiting_since_s = time_s
             self._moved_from = pose
         if self._state is _State.PLANNING:
             self._make_plan(self._goal, pose, time_s)
@@ -153,7 +158,7 @@ class Navigator:
             if self._keeper.is_walled_off(goal, pose):
                 self._abort()
         elif time_s - self._planning_since_s > self.settings.planner_patience_s:
-            if self._recovery_index > 0 and self._keeper.is_blocked(goal, self.global_costmap.costs):
+            if self._recovery_index > 0 and self._keeper.is_covered:
                 self._abort()
             else:
                 self._clear_because(_State.PLANNING)
@@ -169,11 +174,11 @@ class Navigator:
                 self.goals_reached += 1
                 return STOP
             command = self._stop_rotate.command(self.local_costmap, self._goal_yaw, pose, velocity)
+        elif self._waits_at(goal, pose, time_s):
+            self._abort()
+            return STOP
         elif self._oscillates(pose, time_s):
-            if self._keeper.is_blocked(goal, self.global_costmap.costs):
-                self._abort()
-            else:
-                self._clear_because(_State.CLEARING)
+            self._clear_because(_State.CLEARING)
             return STOP
         else:
             planned_ago_s = time_s - self._planned_at_s
@@ -203,6 +208,13 @@ class Navigator:
             if self._trigger is _State.CLEARING:
                 self._recovery_index = 0
         return time_s - self._moved_at_s > self.settings.oscillation_timeout_s
+
+    def _waits_at(self, goal: tuple[float, float], pose: Pose2D, time_s: float) -> bool:
+        """Whether the robot has stood beside a goal that something covers for longer than the timeout."""
+        near_m = self.settings.goal_tolerance_m + _BESIDE_M
+        if not self._keeper.is_covered or math.hypot(goal[0] - pose.x, goal[1] - pose.y) > near_m:
+            self._waiting_since_s = time_s
+        return time_s - self._waiting_since_s > self.settings.oscillation_timeout_s
 
     def _clear_because(self, trigger: _State) -> None:
         """Begin a recovery; ``trigger`` is what failed: planning, controlling, or (CLEARING) moving on."""

@@ -6,14 +6,18 @@ from numba import njit
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.navigation.cost_values import INSCRIBED, NO_INFORMATION, reach_cells
+from midnet_bench.navigation.cost_values import INSCRIBED, NO_INFORMATION, inflation_costs, reach_cells
 from midnet_bench.navigation.costmap import GlobalCostmap
+from midnet_bench.navigation.costmap_settings import CostmapSettings
+from midnet_bench.navigation.footprint import radii
 from midnet_bench.navigation.local_planner import Plan
 from midnet_bench.navigation.navfn import Potential, potential_to
+from midnet_bench.navigation.navfn_kernels import UNREACHED
 
 Cells = npt.NDArray[np.uint8]
 
 _LETHAL = 254
+_POCKET_M2 = 1.0
 
 
 class PlanKeeper:
@@ -38,10 +42,13 @@ class PlanKeeper:
         self._goal_tolerance_m = goal_tolerance_m
         self._wave_period_s = wave_period_s
         self._change_cells = reach_cells(change_radius_m, costmap.settings.resolution)
+        self._tight_cost = _cost_at(costmap.settings, radii(costmap.settings.footprint)[1])
         self._potential: Potential | None = None
         self._obstacles_then = costmap.layer.cells
         self._wave_at_s: float | None = None
         self._doubted = False
+        self.is_covered = False
+        """whether, at the newest wave, obstacles that are not on the map left no room at the goal"""
         self.waves = 0
         """potentials computed so far"""
 
@@ -49,6 +56,7 @@ class PlanKeeper:
         """Start anew: another goal, or costs that changed by more than scans."""
         self._potential = None
         self._wave_at_s = None
+        self.is_covered = False
 
     def doubt(self) -> None:
         """Ask for another potential as soon as the wave period allows: the plan could not be followed."""
@@ -97,8 +105,25 @@ class PlanKeeper:
         )
         self._obstacles_then = costmap.layer.cells.copy()
         self._wave_at_s = time_s
+        self.is_covered = self._has_no_room_at(goal)
+        # A goal that plans end beside is looked at again with every wave that the period allows.
         self._doubted = self._potential is not None and self._potential.goal != goal
         self.waves += 1
+
+    def _has_no_room_at(self, goal: tuple[float, float]) -> bool:
+        """Whether a scanned obstacle lies within the circumscribed radius of the goal, or all round it.
+
+        A LiDAR sees an obstacle's skin only, so what stands on a goal may leave free cells inside.
+        """
+        x, y = self._costmap.layer.to_cells(*goal)
+        height, width = self._costmap.static_costs.shape
+        if self._potential is None or not (0.0 <= x < width and 0.0 <= y < height):
+            return self.is_blocked(goal, self._costmap.costs)
+        cell = int(y), int(x)
+        if self._costmap.costs[cell] >= self._tight_cost > self._costmap.static_costs[cell]:
+            return True
+        reached = np.count_nonzero(self._potential.values < UNREACHED)
+        return bool(reached * self._costmap.settings.resolution**2 < _POCKET_M2)
 
     def _changed_near(self, path: Plan) -> bool:
         now, then = self._costmap.layer.cells, self._obstacles_then
@@ -106,6 +131,15 @@ class PlanKeeper:
             return True
         cells = np.ascontiguousarray((path[::4] - self._costmap.origin) / self._costmap.settings.resolution)
         return bool(changed_near(now, then, self._costmap.static_costs, cells, self._change_cells))
+
+
+def _cost_at(settings: CostmapSettings, distance_m: float) -> int:
+    """The inflated cost at about a distance from an obstacle."""
+    cells = reach_cells(distance_m, settings.resolution)
+    table = inflation_costs(
+        cells, settings.resolution, settings.inscribed_radius_m, settings.cost_scaling_factor
+    )
+    return max(1, int(table[-1]))
 
 
 @njit(cache=True)

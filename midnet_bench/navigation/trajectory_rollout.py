@@ -39,10 +39,10 @@ class TrajectoryRolloutSettings:
     """Parameters of TrajectoryPlannerROS (dwa false, meter_scoring false, no heading scoring).
 
     Speeds, samples and tolerances are those of turtlebot3's base_local_planner_params.yaml, which no launch
-    file loads. The rest of that file does not carry a Burger round a corner: one step in 0.05 m looks no
-    farther than the start at 0.08 m/s, 0.6 rad/s2 is a fifth of what the robot does, and the package's
-    weights cut corners. Those are replaced by the values of the Burger's DWA file (horizon, granularity,
-    accelerations, weights per cell).
+    file loads. The rest of that file does not carry a Burger round a corner: at 0.08 m/s a step of 0.05 m
+    looks no farther than the start, and 0.6 rad/s2 is a fifth of what the robot does. So horizon, step and
+    accelerations are those of the Burger's DWA file, and ``occdist_scale`` is 0.05, not the package's 0.01,
+    with which the robot cuts corners until it is stuck at them.
     """
 
     limits: LocalPlannerLimits = field(default_factory=_burger_limits)
@@ -52,9 +52,9 @@ class TrajectoryRolloutSettings:
     angular_sim_granularity_rad: float = 0.025
     vx_samples: int = 18
     vtheta_samples: int = 20
-    path_distance_bias: float = 1.6
-    goal_distance_bias: float = 1.0
-    occdist_scale: float = 0.02
+    path_distance_bias: float = 0.6
+    goal_distance_bias: float = 0.8
+    occdist_scale: float = 0.05
     heading_lookahead_m: float = 0.325
     oscillation_reset_dist_m: float = 0.05
     escape_vel_mps: float = -0.1

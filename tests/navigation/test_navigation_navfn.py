@@ -1,0 +1,233 @@
+import heapq
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import label
+
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.navigation.navfn import potential_to, traversal_costs
+
+
+def grid_of(costs: npt.NDArray[np.uint8], resolution: float = 1.0) -> OccupancyGrid:
+    return OccupancyGrid(costs, resolution, (0.0, 0.0))
+
+
+def open_floor(height: int, width: int) -> npt.NDArray[np.uint8]:
+    return np.zeros((height, width), dtype=np.uint8)
+
+
+def random_floor(rng: np.random.Generator) -> npt.NDArray[np.uint8]:
+    """Graded costs with a share of blocked cells."""
+    height, width = rng.integers(6, 40, size=2)
+    costs = rng.integers(0, 200, size=(height, width)).astype(np.uint8)
+    costs[rng.random((height, width)) < rng.uniform(0.0, 0.35)] = rng.choice([253, 254])
+    return costs
+
+
+def heap_potential(traversal: npt.NDArray[np.uint8], column: int, row: int) -> npt.NDArray[np.float64]:
+    """Cells in the order of their potential, each with navfn's interpolation, from a heap."""
+    potential = np.full(traversal.shape, 1e10)
+    potential[row, column] = 0.0
+    queue = [(0.0, row, column)]
+    while queue:
+        value, y, x = heapq.heappop(queue)
+        if value > potential[y, x]:
+            continue
+        for j, i in ((y, x - 1), (y, x + 1), (y - 1, x), (y + 1, x)):
+            if traversal[j, i] >= 254:
+                continue
+            h = float(traversal[j, i])
+            a = min(potential[j, i - 1], potential[j, i + 1])
+            b = min(potential[j - 1, i], potential[j + 1, i])
+            ratio = abs(a - b) / h
+            rise = h if ratio >= 1.0 else h * (-0.2301 * ratio**2 + 0.5307 * ratio + 0.7040)
+            if min(a, b) + rise < potential[j, i] - 1e-9:
+                potential[j, i] = min(a, b) + rise
+                heapq.heappush(queue, (potential[j, i], j, i))
+    return potential
+
+
+def test_costs_become_traversal_costs_with_a_blocked_border() -> None:
+    costs = open_floor(3, 8)
+    costs[1, 1:7] = [0, 1, 100, 252, 253, 255]
+    assert traversal_costs(costs)[1].tolist() == [254, 50, 50, 130, 251, 254, 253, 254]
+    assert traversal_costs(costs, allow_unknown=False)[1, 6] == 254
+    assert (traversal_costs(costs)[[0, 2]] == 254).all()
+
+
+def test_potentials_by_hand() -> None:
+    potential = potential_to((2.5, 2.5), grid_of(open_floor(6, 6)))
+    assert potential is not None
+    values = potential.values
+    assert values[2, 2] == 0.0
+    assert values[2, 3] == 50.0
+    assert values[2, 4] == 100.0
+    # Both neighbours at 50: the plane wave's 0.7040 of a cell.
+    assert values[3, 3] == pytest.approx(50.0 + 0.7040 * 50.0)
+    assert (values[0] == 1e10).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_potentials_are_nearly_those_of_a_heap(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    costs = random_floor(rng)
+    height, width = costs.shape
+    column, row = int(rng.integers(1, width - 1)), int(rng.integers(1, height - 1))
+    costs[row, column] = 0
+    potential = potential_to((column + 0.5, row + 0.5), grid_of(costs))
+    assert potential is not None
+    expected = heap_potential(traversal_costs(costs), column, row)
+    reached = expected < 1e10
+    assert np.array_equal(potential.values < 1e10, reached)
+    # navfn does not pass on an improvement of less than 0.707 of a cell, so it ends a little higher.
+    ratio = potential.values[reached] / np.maximum(expected[reached], 1e-9)
+    assert ((ratio > 0.99) & (ratio < 1.15) | (expected[reached] == 0.0)).all()
+    assert np.abs(ratio[expected[reached] > 0.0] - 1.0).sum() <= 0.015 * reached.sum()
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_a_path_exists_exactly_where_cells_connect_and_avoids_obstacles(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    costs = random_floor(rng)
+    height, width = costs.shape
+    goal, start = ((int(rng.integers(1, width - 1)), int(rng.integers(1, height - 1))) for _ in range(2))
+    for column, row in (goal, start):
+        costs[row, column] = 0
+    at = (start[0] + rng.uniform(0.2, 0.8), start[1] + rng.uniform(0.2, 0.8))
+    potential = potential_to((goal[0] + 0.5, goal[1] + 0.5), grid_of(costs))
+    assert potential is not None
+    islands, _ = label(traversal_costs(costs) < 254)
+    if islands[start[1], start[0]] != islands[goal[1], goal[0]]:
+        near = islands[max(start[1] - 3, 0) : start[1] + 4, max(start[0] - 3, 0) : start[0] + 4]
+        if not (near == islands[goal[1], goal[0]]).any():
+            assert potential.path_from(*at) is None
+        return
+    path = potential.path_from(*at)
+    assert path is not None
+    assert path[0] == pytest.approx(at)
+    assert path[-1].tolist() == [goal[0] + 0.5, goal[1] + 0.5]
+    assert np.hypot(*np.diff(path, axis=0).T).max() <= 2.2
+    nearest = np.floor(path).astype(int)
+    assert (costs[nearest[:, 1], nearest[:, 0]] < 253).all()
+
+
+def test_a_plan_goes_through_cell_centres() -> None:
+    costs = np.full((5, 40), 254, dtype=np.uint8)
+    costs[2] = 0
+    potential = potential_to((3.525 * 0.05 / 0.05 * 0.05, 0.125), grid_of(costs, 0.05))
+    assert potential is not None
+    path = potential.path_from(1.80, 0.125)
+    assert path is not None
+    assert path[:, 1] == pytest.approx(np.full(len(path), 0.125))
+
+
+def test_an_obstacle_dead_ahead_is_no_end_of_the_way() -> None:
+    costs = open_floor(21, 41)
+    costs[7:14, 20] = 254
+    potential = potential_to((5.5, 10.5), grid_of(costs))
+    assert potential is not None
+    path = potential.path_from(35.5, 10.5)
+    assert path is not None
+    assert len(path) < 120
+    assert (costs[np.floor(path[:, 1]).astype(int), np.floor(path[:, 0]).astype(int)] == 0).all()
+
+
+def test_a_path_is_nearly_the_shortest_on_an_open_floor() -> None:
+    potential = potential_to((5.5, 5.5), grid_of(open_floor(60, 60)))
+    assert potential is not None
+    path = potential.path_from(50.0, 33.0)
+    assert path is not None
+    length = np.hypot(*np.diff(path, axis=0).T).sum()
+    assert length < 1.03 * math.hypot(44.5, 27.5)
+
+
+def test_a_path_longer_than_four_widths_is_found_whole() -> None:
+    costs = open_floor(203, 12)
+    for k, row in enumerate(range(3, 200, 3)):
+        costs[row] = 254
+        costs[row, 1 if k % 2 else 10] = 0
+    potential = potential_to((5.5, 201.5), grid_of(costs))
+    assert potential is not None
+    path = potential.path_from(5.5, 1.5)
+    assert path is not None
+    assert np.hypot(*np.diff(path, axis=0).T).sum() > 500.0
+
+
+def test_a_blocked_goal_gives_no_potential_without_tolerance() -> None:
+    costs = open_floor(20, 20)
+    costs[8:13, 8:13] = 253
+    assert potential_to((10.5, 10.5), grid_of(costs)) is None
+    assert potential_to((10.5, 10.5), grid_of(costs), tolerance_m=2.0) is None
+    near = potential_to((10.5, 9.5), grid_of(costs), tolerance_m=3.0)
+    assert near is not None
+    assert near.goal == (10.5, 7.5)
+
+
+@pytest.mark.parametrize("goal", [(-1.0, 5.0), (25.0, 5.0), (0.5, 5.0), (19.5, 5.0)])
+def test_a_goal_off_the_map_or_on_its_border_gives_none(goal: tuple[float, float]) -> None:
+    assert potential_to(goal, grid_of(open_floor(20, 20))) is None
+
+
+def test_a_start_off_the_map_has_no_path() -> None:
+    potential = potential_to((5.5, 5.5), grid_of(open_floor(20, 20)))
+    assert potential is not None
+    assert potential.path_from(-0.1, 5.0) is None
+    assert potential.path_from(5.0, 20.1) is None
+
+
+def test_a_robot_in_an_inflated_cell_finds_its_way_out() -> None:
+    costs = open_floor(20, 20)
+    costs[:, 8:11] = 253
+    potential = potential_to((15.5, 10.5), grid_of(costs))
+    assert potential is not None
+    path = potential.path_from(9.5, 10.5)
+    assert path is not None
+    costs[:, 2:11] = 253
+    potential = potential_to((15.5, 10.5), grid_of(costs))
+    assert potential is not None
+    assert potential.path_from(4.5, 10.5) is None
+
+
+def test_unknown_cells_are_crossed_only_when_allowed() -> None:
+    costs = open_floor(20, 20)
+    costs[:, 9:11] = 255
+    for allowed in (True, False):
+        potential = potential_to((15.5, 10.5), grid_of(costs), allow_unknown=allowed)
+        assert potential is not None
+        assert (potential.path_from(3.5, 10.5) is not None) is allowed
+
+
+def test_a_wave_that_ends_near_the_robot_gives_the_same_way() -> None:
+    rng = np.random.default_rng(11)
+    costs = rng.integers(0, 60, size=(150, 150)).astype(np.uint8)
+    costs[40:110, 60:63] = 254
+    whole = potential_to((20.5, 75.5), grid_of(costs))
+    near = potential_to((20.5, 75.5), grid_of(costs), near=(70.0, 75.0), margin_m=5.0)
+    assert whole is not None
+    assert near is not None
+    assert (near.values < 1e10).sum() < 0.8 * (whole.values < 1e10).sum()
+    for start in ((70.0, 75.0), (68.3, 71.9), (30.2, 80.8)):
+        there, here = whole.path_from(*start), near.path_from(*start)
+        assert there is not None
+        assert here is not None
+        assert np.array_equal(there, here)
+    assert near.path_from(145.0, 145.0) is None
+
+
+def test_a_path_can_be_cut_at_a_distance() -> None:
+    potential = potential_to((5.5, 5.5), grid_of(open_floor(60, 60)))
+    assert potential is not None
+    path = potential.path_from(50.5, 5.5, until_m=10.0)
+    assert path is not None
+    distances = np.hypot(path[:, 0] - 50.5, path[:, 1] - 5.5)
+    assert (distances[:-1] <= 10.0).all()
+    assert 10.0 < distances[-1] <= 10.5
+    short = potential.path_from(8.5, 5.5, until_m=10.0)
+    assert short is not None
+    assert short[-1].tolist() == [5.5, 5.5]

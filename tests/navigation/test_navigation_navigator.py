@@ -1,0 +1,278 @@
+import dataclasses
+import importlib
+import math
+import pkgutil
+
+import numpy as np
+import pytest
+from planar_world import Robot, World, drive
+
+import midnet_bench.navigation
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.messages import STOP, Command, burger_lds_01
+from midnet_bench.navigation.costmap_settings import burger_global
+from midnet_bench.navigation.navigator import Navigator, Status
+from midnet_bench.navigation.navigator_settings import NavigatorSettings
+from midnet_bench.navigation.recovery import RotateRecovery
+from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
+from midnet_bench.navigation.warm_up import compile_kernels
+
+ROLLOUT = NavigatorSettings(local_planner=TrajectoryRolloutSettings())
+
+
+def enclosure(size_m: float, *inside: Box) -> World:
+    """Walls 0.1 m thick round a square floor from (0, 0), and half a metre of nothing beyond."""
+    far, t = size_m, 0.1
+    walls = [
+        Box(-t, -t, far + t, 0.0),
+        Box(-t, far, far + t, far + t),
+        Box(-t, 0.0, 0.0, far),
+        Box(far, 0.0, far + t, far),
+    ]
+    return World([*walls, *inside], Box(-0.5, -0.5, far + 0.5, far + 0.5))
+
+
+MAZE = enclosure(5.0, Box(0.0, 1.6, 3.7, 1.7), Box(1.3, 3.2, 5.0, 3.3))
+"""Two walls that leave a doorway of 1.3 m each, at opposite ends."""
+
+
+@pytest.mark.parametrize("settings", [NavigatorSettings(), ROLLOUT], ids=["dwa", "rollout"])
+def test_a_maze_is_driven_to_the_goal_without_touching_a_wall(settings: NavigatorSettings) -> None:
+    robot = Robot(Navigator(MAZE.occupancy(), settings), Pose2D(0.6, 0.7, 0.0))
+    robot.navigator.set_goal(0.8, 4.2)
+    seconds = drive(MAZE, [robot], 120.0, sigma_m=0.01)
+    assert robot.navigator.status is Status.SUCCEEDED
+    assert robot.hits == 0
+    tolerance = robot.navigator.local_planner.limits.xy_goal_tolerance_m
+    assert math.hypot(robot.pose.x - 0.8, robot.pose.y - 4.2) < tolerance + 0.05
+    assert robot.travelled_m < 13.0
+    assert seconds < 90.0
+    assert robot.navigator.plans < 8
+
+
+def test_a_goal_with_a_heading_is_reached_in_that_heading() -> None:
+    robot = Robot(Navigator(MAZE.occupancy()), Pose2D(0.6, 0.7, 0.0))
+    robot.navigator.set_goal(2.0, 0.8, 2.5)
+    drive(MAZE, [robot], 40.0)
+    assert robot.navigator.status is Status.SUCCEEDED
+    assert abs(math.remainder(robot.pose.yaw - 2.5, 2 * math.pi)) < 0.3
+    assert math.hypot(robot.pose.x - 2.0, robot.pose.y - 0.8) < 0.1
+
+
+def test_an_obstacle_that_is_not_on_the_map_is_driven_round() -> None:
+    world = enclosure(4.0)
+    prior = world.occupancy()
+    world = enclosure(4.0, Box(1.6, 0.5, 2.1, 2.6))
+    robot = Robot(Navigator(prior), Pose2D(0.7, 1.6, 0.0))
+    robot.navigator.set_goal(3.3, 1.6)
+    drive(world, [robot], 60.0, sigma_m=0.01)
+    assert robot.navigator.status is Status.SUCCEEDED
+    assert robot.hits == 0
+    assert robot.navigator.plans >= 2
+    assert robot.travelled_m > 3.0
+
+
+def test_robots_that_meet_head_on_pass_each_other() -> None:
+    world = enclosure(4.0, Box(0.0, 0.0, 4.0, 1.4), Box(0.0, 2.6, 4.0, 4.0))  # a corridor of 1.2 m
+    prior = world.occupancy()
+    robots = [
+        Robot(Navigator(prior), Pose2D(0.5, 2.0, 0.0)),
+        Robot(Navigator(prior), Pose2D(3.5, 2.0, math.pi)),
+    ]
+    robots[0].navigator.set_goal(3.4, 2.0)
+    robots[1].navigator.set_goal(0.6, 2.0)
+    drive(world, robots, 60.0, sigma_m=0.01)
+    assert [robot.navigator.status for robot in robots] == [Status.SUCCEEDED] * 2
+    assert [robot.hits for robot in robots] == [0, 0]
+
+
+def test_a_moving_robot_is_avoided() -> None:
+    """Another Burger drives to and fro across the way and looks out for nobody."""
+    world = enclosure(4.0)
+    robot = Robot(Navigator(world.occupancy()), Pose2D(0.5, 2.0, 0.0))
+    other = [Pose2D(2.0, 1.0, math.pi / 2)]
+
+    def cross(now: float) -> None:
+        y = 2.0 + 0.9 * math.sin(0.16 * now - math.pi / 2)
+        other[0] = Pose2D(2.0, y, math.copysign(math.pi / 2, math.cos(0.16 * now - math.pi / 2)))
+
+    robot.navigator.set_goal(3.4, 2.0)
+    drive(world, [robot], 60.0, sigma_m=0.01, others=other, on_tick=cross)
+    assert robot.navigator.status is Status.SUCCEEDED
+    assert robot.hits == 0
+
+
+def test_a_ghost_that_closes_the_way_is_cleared() -> None:
+    world = enclosure(4.0, Box(1.9, 0.0, 2.0, 1.4), Box(1.9, 2.6, 2.0, 4.0))
+    robot = Robot(Navigator(world.occupancy()), Pose2D(0.6, 0.6, 0.0))
+    layer = robot.navigator.global_costmap.layer
+    row0, row1 = (int(layer.to_cells(0.0, y)[1]) for y in (1.4, 2.6))
+    column = int(layer.to_cells(1.95, 0.0)[0])
+    robot.navigator.set_goal(3.4, 0.6)
+    # Marks right across the only doorway, of something that is gone.
+    layer.cells[row0:row1, column : column + 2] = 254
+    robot.navigator.global_costmap.clear_outside(2.0, 2.0, 9.0)
+    drive(world, [robot], 60.0, sigma_m=0.01)
+    assert robot.navigator.status is Status.SUCCEEDED
+    assert robot.hits == 0
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [(1.0, 1.65), (1.0, 1.73), (-0.2, 1.0), (9.0, 1.0)],
+    ids=["in a wall", "at a wall", "outside", "off the map"],
+)
+def test_a_goal_that_the_map_rules_out_is_aborted_at_once(goal: tuple[float, float]) -> None:
+    navigator = Navigator(MAZE.occupancy())
+    robot = Robot(navigator, Pose2D(0.6, 0.7, 0.0))
+    navigator.set_goal(*goal)
+    assert drive(MAZE, [robot], 5.0) <= 0.2
+    assert navigator.status is Status.ABORTED
+    assert navigator.aborts == 1
+    assert robot.travelled_m == 0.0
+
+
+def test_a_goal_in_a_closed_room_is_aborted_soon() -> None:
+    world = enclosure(4.0, Box(2.4, 0.0, 2.5, 4.0))
+    navigator = Navigator(world.occupancy())
+    robot = Robot(navigator, Pose2D(0.6, 0.7, 0.0))
+    navigator.set_goal(3.2, 2.0)
+    assert drive(world, [robot], 30.0) <= 1.0
+    assert navigator.status is Status.ABORTED
+
+
+@pytest.mark.parametrize("side_m", [0.15, 0.3])
+def test_a_goal_inside_an_unmapped_obstacle_is_approached_and_given_up(side_m: float) -> None:
+    prior = enclosure(4.0).occupancy()
+    world = enclosure(4.0, Box.square(2.7, 2.0, side_m))
+    robot = Robot(Navigator(prior), Pose2D(0.6, 2.0, 0.0))
+    robot.navigator.set_goal(2.7, 2.0)
+    seconds = drive(world, [robot], 90.0, sigma_m=0.01)
+    assert robot.navigator.status is Status.ABORTED
+    assert robot.hits == 0
+    assert robot.travelled_m > 1.2
+    assert seconds < 35.0
+
+
+def test_a_goal_that_another_robot_leaves_is_reached() -> None:
+    world = enclosure(4.0)
+    robot = Robot(Navigator(world.occupancy()), Pose2D(0.6, 2.0, 0.0))
+    other = [Pose2D(2.5, 2.0, 0.0)]
+
+    def leave(now: float) -> None:
+        other[0] = Pose2D(2.5, min(2.0 + 0.2 * max(now - 12.0, 0.0), 3.5), math.pi / 2)
+
+    robot.navigator.set_goal(2.5, 2.0)
+    drive(world, [robot], 60.0, sigma_m=0.01, others=other, on_tick=leave)
+    assert robot.navigator.status is Status.SUCCEEDED
+    assert robot.hits == 0
+
+
+def test_a_robot_shut_in_recovers_in_order_and_then_aborts() -> None:
+    """Unmapped walls close round the robot: plans fail, four recoveries run, the goal is given up."""
+    prior = enclosure(6.0).occupancy()
+    cage = [
+        Box(2.5, 2.5, 3.5, 2.6),
+        Box(2.5, 3.4, 3.5, 3.5),
+        Box(2.5, 2.6, 2.6, 3.4),
+        Box(3.4, 2.6, 3.5, 3.4),
+    ]
+    world = enclosure(6.0, *cage)
+    robot = Robot(Navigator(prior), Pose2D(3.0, 3.0, 0.0))
+    robot.navigator.set_goal(5.0, 5.0)
+    turns: list[float] = []
+    drive(world, [robot], 120.0, on_tick=lambda now: turns.append(robot.velocity.angular_radps))
+    assert robot.navigator.status is Status.ABORTED
+    assert robot.navigator.recoveries == 4
+    assert robot.hits == 0
+    # Two full turns on the spot, a tenth of a second each.
+    assert 0.1 * sum(turns) == pytest.approx(4 * math.pi, abs=0.5)
+
+
+def test_a_turn_recovery_ends_after_one_turn_or_before_a_collision() -> None:
+    navigator = Navigator(enclosure(4.0).occupancy())
+    geometry = burger_lds_01()
+    pose = Pose2D(2.0, 2.0, 3.0)
+    navigator.observe(pose, np.full(geometry.beams, 1.0), geometry, 0.0)
+    local = navigator.settings.local_costmap
+    recovery = RotateRecovery(local.footprint, local.resolution, pose.yaw)
+    turned = 0.0
+    while (command := recovery.command(navigator.local_costmap, pose)) is not None:
+        assert 0.4 <= command.angular_radps <= 1.0
+        turned += 0.1 * command.angular_radps
+        pose = pose._replace(yaw=math.remainder(pose.yaw + 0.1 * command.angular_radps, 2 * math.pi))
+    assert turned == pytest.approx(2 * math.pi, abs=0.11)
+    column, row = (int(value) for value in navigator.local_costmap.layer.to_cells(2.0 - 0.135, 2.0))
+    navigator.local_costmap.layer.cells[row, column] = 254
+    navigator.local_costmap.clear_outside(2.0, 2.0, 9.0)
+    turn = RotateRecovery(local.footprint, local.resolution, math.pi / 2)
+    assert turn.command(navigator.local_costmap, Pose2D(2.0, 2.0, math.pi / 2)) is None
+
+
+def test_nothing_moves_without_goal_or_scan() -> None:
+    navigator = Navigator(MAZE.occupancy())
+    pose = Pose2D(0.6, 0.7, 0.0)
+    geometry = burger_lds_01()
+    assert navigator.status is Status.IDLE
+    navigator.set_goal(2.0, 0.8)
+    assert navigator.control(pose, STOP, 0.0) == STOP
+    assert navigator.plan() is None
+    navigator.observe(pose, MAZE.scan(pose, [], geometry), geometry, 0.1)
+    assert navigator.control(pose, STOP, 0.1) != STOP
+    plan = navigator.plan()
+    assert plan is not None
+    assert plan[-1].tolist() == [2.0, 0.8]
+    navigator.cancel()
+    assert navigator.status is Status.IDLE
+    assert navigator.control(pose, Command(0.2, 0.0), 0.2) == STOP
+
+
+def test_a_map_under_construction_can_be_exchanged_while_driving() -> None:
+    known = enclosure(4.0)
+    grid = known.occupancy()
+    partly = grid.data.copy()
+    partly[:, grid.cell_at(2.0, 0.0)[0] :] = -1
+    settings = NavigatorSettings(global_costmap=dataclasses.replace(burger_global(), track_unknown=True))
+    robot = Robot(Navigator(grid.with_data(partly), settings), Pose2D(0.6, 2.0, 0.0))
+    robot.navigator.set_goal(3.2, 2.0)
+
+    def grow(now: float) -> None:
+        if now == 5.0:
+            robot.navigator.set_static(grid)
+
+    drive(known, [robot], 40.0, on_tick=grow)
+    assert robot.navigator.status is Status.SUCCEEDED
+    strict = dataclasses.replace(settings, allow_unknown=False)
+    refusing = Navigator(grid.with_data(partly), strict)
+    refusing.set_goal(3.2, 2.0)
+    assert refusing.status is Status.ABORTED
+
+
+def test_a_map_of_another_resolution_is_refused() -> None:
+    grid = World([], Box(0.0, 0.0, 2.0, 2.0), resolution=0.1).occupancy()
+    with pytest.raises(InputError, match="resolution"):
+        Navigator(grid)
+
+
+def test_the_same_scans_give_the_same_commands() -> None:
+    ends = []
+    for _ in range(2):
+        robot = Robot(Navigator(MAZE.occupancy()), Pose2D(0.6, 0.7, 0.3))
+        robot.navigator.set_goal(4.3, 2.4)
+        drive(MAZE, [robot], 15.0, sigma_m=0.01, seed=5)
+        ends.append((robot.pose, robot.travelled_m))
+    assert ends[0] == ends[1]
+
+
+def test_warming_up_compiles_every_kernel_once_for_good() -> None:
+    compile_kernels()
+    room = midnet_bench.navigation
+    kernels = {}
+    for module in pkgutil.iter_modules(room.__path__):
+        for name, found in vars(importlib.import_module(f"{room.__name__}.{module.name}")).items():
+            if hasattr(found, "py_func"):
+                kernels[found.py_func.__module__ + "." + name] = found
+    assert len(kernels) > 15
+    # None for those that others call and that came from the cache.
+    assert [name for name, kernel in kernels.items() if len(kernel.signatures) > 1] == []
