@@ -81,7 +81,7 @@ def run_campaign(
     progress = progress or Progress()
     definition = definition_of(campaign, experiments)
     path = directory / stores.FILE_NAME
-    with only_writer(directory), _pool(backend, jobs, scheduler, directory) as pool:
+    with _pool(backend, jobs, scheduler, directory) as pool, only_writer(directory):
         if fresh and (aside := stores.keep_aside(path)):
             progress.note(f"the old store is kept as {aside}")
         with stores.open_or_create(path, definition) as store:
