@@ -1,17 +1,16 @@
 """What a store was made for, and how much of it another campaign may change."""
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from pathlib import Path
-
-import yaml
 
 from midnet_bench.campaign.spec import Campaign, Experiments, cells
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.trial import Scalar
+
+MOST_SHOWN = 60
+"""characters of a value in a message: an arena taken in from a file is long"""
 
 
 @dataclass(frozen=True)
@@ -23,9 +22,7 @@ class Definition:
     trials: int
     grid: dict[str, list[Scalar]]
     parameters: dict[str, Scalar]
-    """every parameter that is not a factor of the grid, defaults filled in"""
-    inputs: dict[str, list[str]]
-    """parameter that names files -> a digest of each one's contents"""
+    """every parameter that is not a factor of the grid, defaults filled in; files by their contents"""
 
     def to_json(self) -> str:
         """The text that :meth:`from_json` reads."""
@@ -47,19 +44,16 @@ class Definition:
 
 
 def definition_of(campaign: Campaign, experiments: Experiments = registry) -> Definition:
-    """What ``campaign`` runs, resolved. A parameter that names a file counts by the file's contents."""
+    """What ``campaign`` runs, resolved."""
     resolved = cells(campaign, experiments)
     grid = {factor: list(dict.fromkeys(cell[factor] for cell in resolved)) for factor in campaign.grid}
     parameters = {name: value for name, value in resolved[0].items() if name not in grid}
-    values = grid | {name: [value] for name, value in parameters.items()}
-    inputs = {name: [digest for value in values[name] if (digest := _digest(value))] for name in resolved[0]}
     return Definition(
         experiment=campaign.experiment,
         base_seed=campaign.base_seed,
         trials=campaign.trials,
         grid=grid,
         parameters=parameters,
-        inputs={name: digests for name, digests in inputs.items() if digests},
     )
 
 
@@ -87,24 +81,9 @@ def _flat(definition: Definition) -> dict[str, Scalar | list[Scalar]]:
         "trials": definition.trials,
         **{f"grid.{factor}": values for factor, values in definition.grid.items()},
         **definition.parameters,
-        **{f"contents of {name}": list(digests) for name, digests in definition.inputs.items()},
     }
 
 
 def _show(value: Scalar | list[Scalar]) -> str:
-    return f"[{', '.join(map(str, value))}]" if isinstance(value, list) else str(value)
-
-
-def _digest(value: Scalar) -> str | None:
-    """A digest of the file that ``value`` names; of a YAML file also what it names itself (a map's image)."""
-    if not isinstance(value, str) or not Path(value).is_file():
-        return None
-    path = Path(value)
-    content = path.read_bytes()
-    digest = hashlib.sha256(content)
-    if path.suffix in (".yaml", ".yml"):
-        written = yaml.safe_load(content)
-        for name in written.values() if isinstance(written, dict) else ():
-            if isinstance(name, str) and (path.parent / name).is_file():
-                digest.update((path.parent / name).read_bytes())
-    return digest.hexdigest()[:16]
+    text = f"[{', '.join(map(str, value))}]" if isinstance(value, list) else str(value)
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."

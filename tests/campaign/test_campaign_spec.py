@@ -166,16 +166,3 @@ def test_more_trials_or_cells_extend_a_campaign(changes: dict[str, object]) -> N
 )
 def test_anything_else_is_another_campaign(changes: dict[str, object], difference: str) -> None:
     assert difference in differences(defined(), defined(**changes))
-
-
-def test_a_file_that_a_parameter_names_counts_by_its_contents(tmp_path: Path) -> None:
-    image = tmp_path / "map.pgm"
-    described = tmp_path / "map.yaml"
-    image.write_bytes(b"one")
-    described.write_text("image: map.pgm")
-    before = defined(parameters={"table": str(described)})
-    assert differences(before, defined(parameters={"table": str(described)})) == []
-
-    image.write_bytes(b"two")
-
-    assert "contents of table" in differences(before, defined(parameters={"table": str(described)}))[0]
