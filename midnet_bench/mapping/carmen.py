@@ -27,7 +27,7 @@ _SAME_PLACE = 1e-3
 def parse_carmen(path: Path, lines: list[str]) -> ScanLog:
     """The scans of a CARMEN log with the odometry that belongs to each.
 
-    - ``FLASER n r1..rn x y theta odom_x odom_y odom_theta stamp ...``: the second pose is the robot's odometry.
+    - ``FLASER n r1..rn x y theta odom_x odom_y odom_theta stamp ...``: the second pose is the odometry.
       The message does not tell the beams' angles: ``half_circle``. Where the first pose, the laser's, lies at
       one and the same place on the robot in the whole log, that is the sensor's mount.
     - ``RAWLASER1 type start_angle fov step range_max accuracy mode n r1..rn m s1..sm stamp ...`` with

@@ -84,7 +84,7 @@ BURGER = replace(
     TURTLEBOT3_MULTI,
     minimum_score=50.0,
     sigma_m2=0.05**2,
-    linear_reliability=20.0,
+    linear_reliability=10.0,
     temporal_update_s=None,
 )
 """A Burger with corrected odometry and a LiDAR of 1 cm noise, for which the published values are too loose.

@@ -75,13 +75,16 @@ def map_log(
         slam.process(scan.odometry, scan.ranges_m, scan.stamp_s)
         if progress is not None:
             progress(done, len(log))
+    grid = slam.occupancy()
+    if grid.data.size == 0:
+        raise InputError(f"{path}: no range lies between 0 and the sensor's {log.geometry.range_max_m:g} m")
     warnings = []
     if log.invalid_ranges:
         total = len(log) * log.geometry.beams
         warnings.append(
             f"{path}: {log.invalid_ranges} of {total} ranges are NaN or infinite and were left out"
         )
-    return MappingResult(slam.occupancy(), slam.trajectory, len(log), warnings)
+    return MappingResult(grid, slam.trajectory, len(log), warnings)
 
 
 def _is_number(word: str) -> bool:

@@ -12,7 +12,6 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.mapping.log_text import finite, read_lines
 from midnet_bench.mapping.trajectory import Trajectory
 
-
 _SAME_INSTANT_S = 0.01
 """two programs' stamps of one reading may lie this far apart"""
 

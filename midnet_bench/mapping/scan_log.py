@@ -88,13 +88,13 @@ def with_ceiling(geometry: LidarGeometry, scans: list[LoggedScan]) -> LidarGeome
     """The geometry, its largest range lowered to the one at which this log's readings pile up, if they do.
 
     Scanners differ in the number that they report for "no return". If the largest range of a log occurs
-    (within 1 cm) at least once in ten scans, it is taken for that number and not for a wall. Taken wrongly, it
-    costs these few beams.
+    (within 1 cm) ten times and once in ten scans, it is taken for that number and not for a wall. Taken
+    wrongly, it costs these few beams.
     """
     ranges = np.concatenate([scan.ranges_m for scan in scans])
     ranges = ranges[np.isfinite(ranges)]
     largest_m = float(ranges.max(initial=0.0))
     piled = np.count_nonzero(ranges >= largest_m - 0.01)
-    if largest_m >= geometry.range_max_m or piled * 10 < len(scans):
+    if largest_m >= geometry.range_max_m or piled < max(10, len(scans) / 10):
         return geometry
     return replace(geometry, range_max_m=largest_m)

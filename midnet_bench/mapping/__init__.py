@@ -1,0 +1,1 @@
+"""From scans to a prior map: GMapping, frontier exploration, merging and scoring of maps."""

@@ -1,0 +1,226 @@
+"""The filter as a whole, in a small simulated room with wheels that lie."""
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from gmapping_room import ROOM, ROUND_TRIP, Drive, drive
+
+from midnet_bench.geometry import Pose2D
+from midnet_bench.mapping.gmapping import (
+    GMapping,
+    effective_particles,
+    normalized_weights,
+    scan_rays,
+    systematic_resample,
+)
+from midnet_bench.mapping.gmapping_settings import BURGER, TURTLEBOT3, GmappingSettings
+from midnet_bench.messages import LidarGeometry, burger_lds_01
+from midnet_bench.rng import stream
+
+LIDAR = burger_lds_01()
+START = Pose2D(1.0, 1.0, 0.0)
+
+
+def test_weights_by_hand() -> None:
+    weights = normalized_weights(np.array([-100.0, -106.0]), gain=3.0)  # 6 / (3 * 2 particles)
+    assert weights == pytest.approx(np.array([1.0, math.exp(-1.0)]) / (1.0 + math.exp(-1.0)))
+
+
+def test_effective_particles_by_hand() -> None:
+    assert effective_particles(np.full(30, 1.0 / 30)) == pytest.approx(30.0)
+    assert effective_particles(np.array([0.0, 1.0, 0.0])) == 1.0
+    assert effective_particles(np.array([0.5, 0.25, 0.25])) == pytest.approx(1.0 / 0.375)
+
+
+@pytest.mark.parametrize(
+    ("offset", "expected"), [(0.5, [0, 0, 1, 2]), (0.0, [0, 0, 1, 2]), (0.99, [0, 0, 1, 2])]
+)
+def test_systematic_resampling_by_hand(offset: float, expected: list[int]) -> None:
+    assert systematic_resample(np.array([0.5, 0.25, 0.25, 0.0]), offset).tolist() == expected
+
+
+def test_systematic_resampling_keeps_shares_within_one() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        weights = rng.dirichlet(np.full(30, 0.2))
+        copies = np.bincount(systematic_resample(weights, rng.random()), minlength=30)
+        assert copies.sum() == 30
+        assert np.abs(copies - 30 * weights).max() < 1.0
+
+
+def test_what_each_kind_of_range_does() -> None:
+    geometry = LidarGeometry(8, 0.0, math.pi / 4, 0.12, 3.5, Pose2D(0.0, 0.0, 0.0))
+    ranges = np.array([1.0, math.nan, 3.2, 0.0, math.inf, 3.5, 0.1, 2.0])
+    rays = scan_rays(geometry, ranges, usable_m=3.0)
+    lengths = np.hypot(*rays.ends_m.T)
+    bearings = np.arctan2(rays.ends_m[:, 1], rays.ends_m[:, 0]) % (2.0 * math.pi)
+    # beams 0 and 7 hit; 2 (beyond the usable range) and 4 (nothing within range) only clear
+    assert rays.hits == 2
+    assert lengths == pytest.approx([1.0, 2.0, 3.0, 3.0])
+    assert bearings == pytest.approx([0.0, 7 * math.pi / 4, math.pi / 2, math.pi], abs=1e-9)
+
+
+def run(journey: Drive, settings: GmappingSettings, seed: int) -> GMapping:
+    slam = GMapping(LIDAR, settings, journey.truth[0], stream(seed, "gmapping"))
+    for stamp, odometry, ranges in zip(journey.stamps_s, journey.odometry, journey.ranges_m, strict=True):
+        slam.process(odometry, ranges, float(stamp))
+    return slam
+
+
+def shortened(journey: Drive, scans: int) -> Drive:
+    return Drive(*(column[:scans] for column in journey))
+
+
+@pytest.fixture(scope="module")
+def journey() -> Drive:
+    return drive(ROOM, LIDAR, START, ROUND_TRIP, np.random.default_rng(7))
+
+
+class Mapped(NamedTuple):
+    journey: Drive
+    slam: GMapping
+
+
+@pytest.fixture(scope="module")
+def mapped(journey: Drive) -> Mapped:
+    return Mapped(journey, run(journey, BURGER, seed=0))
+
+
+def errors(mapped: Mapped) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Distance from the truth at each integrated scan: of the trajectory and of the raw odometry, metres."""
+    trajectory = mapped.slam.trajectory
+    at = np.searchsorted(mapped.journey.stamps_s, trajectory.stamps_s)
+    truth = [mapped.journey.truth[k] for k in at]
+    estimated = np.array([trajectory.pose(k).distance_to(pose) for k, pose in enumerate(truth)])
+    wheels = np.array(
+        [mapped.journey.odometry[k].distance_to(pose) for k, pose in zip(at, truth, strict=True)]
+    )
+    return estimated, wheels
+
+
+def test_the_trajectory_is_much_nearer_to_the_truth_than_the_odometry(mapped: Mapped) -> None:
+    estimated, wheels = errors(mapped)
+    assert wheels.mean() > 0.15
+    assert wheels.max() > 0.25
+    assert estimated.mean() < 0.03
+    assert estimated.max() < 0.1
+
+
+def test_the_pose_and_the_correction_agree_with_the_trajectory(mapped: Mapped) -> None:
+    slam, truth = mapped.slam, mapped.journey.truth[-1]
+    assert slam.best_pose.distance_to(truth) < 0.1
+    by_transform = slam.correction.compose(mapped.journey.odometry[-1])
+    assert slam.best_pose.distance_to(by_transform) < 1e-9
+    last = int(np.searchsorted(mapped.journey.stamps_s, slam.trajectory.stamps_s[-1]))
+    at_last = slam.correction.compose(mapped.journey.odometry[last])
+    assert at_last.distance_to(slam.trajectory.pose(len(slam.trajectory) - 1)) < 1e-9
+
+
+def distance_to_walls(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    start, edge = ROOM[:, :2], ROOM[:, 2:] - ROOM[:, :2]
+    along = ((points[:, None] - start) * edge).sum(axis=2) / (edge**2).sum(axis=1)
+    nearest = start + np.clip(along, 0.0, 1.0)[..., None] * edge
+    return np.asarray(np.hypot(*(points[:, None] - nearest).transpose(2, 0, 1)).min(axis=1))
+
+
+def test_occupied_cells_are_walls_and_walls_are_occupied_cells(mapped: Mapped) -> None:
+    grid = mapped.slam.occupancy()
+    assert set(np.unique(grid.data)) <= {-1, 0, 100}
+    rows, columns = np.nonzero(grid.data == 100)
+    centres = np.column_stack(grid.center_of(columns, rows))
+    off = distance_to_walls(centres)
+    assert (off < 0.075).mean() > 0.95
+    seen = 0
+    walls = np.concatenate(
+        [a[:2] + t * (a[2:] - a[:2]) for a in ROOM for t in [np.linspace(0.02, 0.98, 40)[:, None]]]
+    )
+    for wall in walls:
+        seen += np.hypot(*(centres - wall).T).min() < 0.1
+    assert seen / len(walls) > 0.95
+
+
+def test_free_space_is_known_to_be_free(mapped: Mapped) -> None:
+    grid = mapped.slam.occupancy()
+    for pose in mapped.journey.truth[::20]:
+        column, row = grid.cell_at(pose.x, pose.y)
+        assert grid.data[row, column] == 0
+
+
+def test_drawing_the_map_on_the_way_changes_nothing(journey: Drive) -> None:
+    """A noisy filter that resamples, so that drawn scans are taken back and drawn anew."""
+    settings = replace(
+        BURGER, particles=8, likelihood_gain=0.2, noise_srr=0.2, noise_srt=0.3, linear_reliability=0.0
+    )
+    part = shortened(journey, 150)
+    once = run(part, settings, 3)
+    often = GMapping(LIDAR, settings, START, stream(3, "gmapping"))
+    drawn, rewritten = often.trajectory.poses, 0
+    for stamp, odometry, ranges in zip(part.stamps_s, part.odometry, part.ranges_m, strict=True):
+        often.process(odometry, ranges, float(stamp))
+        often.occupancy()
+        rewritten += not np.array_equal(often.trajectory.poses[: len(drawn)], drawn)
+        drawn = often.trajectory.poses
+    assert rewritten > 3
+    assert often.occupancy().data.tobytes() == once.occupancy().data.tobytes()
+    assert often.occupancy().origin == once.occupancy().origin
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(journey: Drive) -> None:
+    part = shortened(journey, 150)
+    first, again, other = (run(part, TURTLEBOT3, seed) for seed in (1, 1, 2))
+    assert first.trajectory.poses.tobytes() == again.trajectory.poses.tobytes()
+    assert first.occupancy().data.tobytes() == again.occupancy().data.tobytes()
+    assert first.trajectory.poses.tobytes() != other.trajectory.poses.tobytes()
+
+
+def test_a_scan_is_integrated_when_the_robot_drove_turned_or_waited_enough() -> None:
+    settings = replace(TURTLEBOT3, linear_update_m=1.0, angular_update_rad=0.5, temporal_update_s=10.0)
+    slam = GMapping(LIDAR, settings, START, stream(0, "gmapping"))
+    silent = np.full(LIDAR.beams, math.nan)
+    odometry = [
+        (Pose2D(0.0, 0.0, 0.0), 0.0, True),  # the first scan always
+        (Pose2D(0.5, 0.0, 0.0), 1.0, False),
+        (Pose2D(1.1, 0.0, 0.0), 2.0, True),  # 1.1 m in two steps
+        (Pose2D(1.1, 0.0, 0.3), 3.0, False),
+        (Pose2D(1.1, 0.0, 0.0), 4.0, True),  # 0.3 rad there and 0.3 back
+        (Pose2D(1.1, 0.0, 0.0), 14.0, False),  # 10 s are not more than 10 s
+        (Pose2D(1.1, 0.0, 0.0), 14.1, True),
+    ]
+    assert [slam.process(pose, silent, stamp) for pose, stamp, _ in odometry] == [due for *_, due in odometry]
+    assert slam.trajectory.stamps_s.tolist() == [0.0, 2.0, 4.0, 14.1]
+    assert slam.occupancy().data.size == 0
+
+
+def test_without_a_usable_beam_the_odometry_is_followed() -> None:
+    quiet = replace(BURGER, noise_srr=0.0, noise_srt=0.0, noise_str=0.0, noise_stt=0.0)
+    slam = GMapping(LIDAR, quiet, Pose2D(2.0, 3.0, math.pi / 2), stream(0, "gmapping"))
+    silent = np.full(LIDAR.beams, math.nan)
+    slam.process(Pose2D(0.0, 0.0, 0.0), silent, 0.0)
+    slam.process(Pose2D(1.0, 0.0, 0.2), silent, 1.0)
+    assert slam.best_pose == pytest.approx((2.0, 4.0, math.pi / 2 + 0.2))
+
+
+def test_the_map_grows_when_the_robot_leaves_it() -> None:
+    """Forty metres straight through a corridor with doors, the odometry exact."""
+    doors = [(x, y, x + 0.8, y) for x in range(-3, 44, 2) for y in (-1.0, 1.0)]
+    jambs = [(x, y, x, y * 1.3) for x in range(-3, 44, 2) for y in (-1.0, 1.0)]
+    corridor = np.array(doors + jambs)
+    journey = drive(corridor, LIDAR, Pose2D(0.0, 0.0, 0.0), [(40.0, 0.0)], np.random.default_rng(1), 0.0, 0.0)
+    slam = run(journey, replace(BURGER, particles=5, linear_update_m=0.8), 0)
+    grid = slam.occupancy()
+    x_min, y_min, x_max, y_max = grid.extent
+    assert x_min < -2.9
+    assert x_max > 42.5
+    assert -3.6 < y_min < -0.95  # some rays leave through the doors
+    assert 0.95 < y_max < 3.6
+    assert slam.best_pose.distance_to(journey.truth[-1]) < 0.5
+
+
+def test_a_scan_of_another_length_is_refused() -> None:
+    slam = GMapping(LIDAR, BURGER, START, stream(0, "gmapping"))
+    with pytest.raises(ValueError, match="360 beams"):
+        slam.process(START, np.ones(90), 0.0)

@@ -1,0 +1,183 @@
+"""Recorded logs: CARMEN's messages and the plain table, and a clear line when one cannot be used."""
+
+import gzip
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gmapping_room import ROOM, ROUND_TRIP, drive
+
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
+from midnet_bench.mapping.log_mapping import map_log, read_scan_log
+from midnet_bench.mapping.scan_log import half_circle
+
+RANGES = ["1.5"] * 180
+FLASER = f"FLASER 180 {' '.join(RANGES)} 1.1 2 0.5 1 2 0.5 100.25 host 0.1"
+RAW_HEAD = "RAWLASER1 0 -2.0 4.0 0.5 30.0 0.01 0"
+
+
+def written(tmp_path: Path, *lines: str) -> Path:
+    path = tmp_path / "some.log"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def error_of(path: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        read_scan_log(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(path) in message
+    return message
+
+
+def test_flaser_gives_stamp_odometry_and_ranges(tmp_path: Path) -> None:
+    other = f"FLASER 180 {' '.join(['2.5'] * 180)} 2.1 2 0.5 2 2 0.5 100.5 host 0.2"
+    log = read_scan_log(written(tmp_path, "# a comment", "PARAM x 1", FLASER, "SYNC tag", "", other))
+    first, second = log.scans
+    assert (first.stamp_s, second.stamp_s) == (100.25, 100.5)
+    assert first.odometry == Pose2D(1.0, 2.0, 0.5)
+    assert first.ranges_m.tolist() == [1.5] * 180
+    assert second.ranges_m.tolist() == [2.5] * 180
+
+
+def test_a_laser_fixed_to_the_robot_is_its_mount_and_a_corrected_pose_is_not(tmp_path: Path) -> None:
+    ranges = " ".join(RANGES)
+    at_mount = [
+        f"FLASER 180 {ranges} 0.2 0 0 0 0 0 1.0 host 1",
+        f"FLASER 180 {ranges} 3 1.2 {math.pi / 2} 3 1 {math.pi / 2} 2.0 host 2",
+    ]
+    mount = read_scan_log(written(tmp_path, *at_mount)).geometry.mount
+    assert mount == pytest.approx((0.2, 0.0, 0.0))
+    corrected = [at_mount[0], f"FLASER 180 {ranges} 3.4 1.2 1.5 3 1 1.6 2.0 host 2"]
+    assert read_scan_log(written(tmp_path, *corrected)).geometry.mount == Pose2D(0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("beams", "step_deg", "last_deg"),
+    [(180, 1.0, 89.0), (181, 1.0, 90.0), (360, 0.5, 89.5), (361, 0.5, 90.0)],
+)
+def test_beams_of_a_half_circle(beams: int, step_deg: float, last_deg: float) -> None:
+    angles = np.degrees(half_circle(beams).angles_rad)
+    assert angles[0] == -90.0
+    assert np.diff(angles) == pytest.approx(step_deg)
+    assert angles[-1] == pytest.approx(last_deg)
+
+
+def test_rawlaser_takes_the_last_odometry_and_its_own_geometry(tmp_path: Path) -> None:
+    log = read_scan_log(
+        written(
+            tmp_path,
+            f"{RAW_HEAD} 3 9 9 9 0 0.5 host 0.5",  # before any odometry
+            "ODOM 1 2 0.5 0 0 0 1.0 host 1.0",
+            f"{RAW_HEAD} 3 1 2 3 2 17 18 1.1 host 1.1",
+            "ODOM 4 5 0.6 0 0 0 1.2 host 1.2",
+            "ODOM 7 8 0.7 0 0 0 1.3 host 1.3",
+            f"{RAW_HEAD} 3 4 5 6 0 1.4 host 1.4",
+        )
+    )
+    assert [scan.stamp_s for scan in log] == [1.1, 1.4]
+    assert [scan.odometry for scan in log] == [Pose2D(1.0, 2.0, 0.5), Pose2D(7.0, 8.0, 0.7)]
+    assert [scan.ranges_m.tolist() for scan in log] == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+    assert log.geometry.angles_rad.tolist() == [-2.0, -1.5, -1.0]
+
+
+def test_the_table_is_read_gzipped_or_plain(tmp_path: Path) -> None:
+    text = "# stamp x y theta n ranges\n10.5 1 2 0.5 3 1.0 2.0 3.0\n11.5 2 2 0.5 3 1.5 2.5 nan # end\n"
+    plain, packed = tmp_path / "a.txt", tmp_path / "a.txt.gz"
+    plain.write_text(text, encoding="utf-8")
+    packed.write_bytes(gzip.compress(text.encode()))
+    for path in (plain, packed):
+        log = read_scan_log(path)
+        assert [scan.stamp_s for scan in log] == [10.5, 11.5]
+        assert log.scans[1].odometry == Pose2D(2.0, 2.0, 0.5)
+        assert log.scans[0].ranges_m.tolist() == [1.0, 2.0, 3.0]
+        assert log.invalid_ranges == 1
+        assert log.geometry.range_max_m == 81.8
+
+
+def test_readings_that_pile_up_at_the_largest_range_are_no_walls(tmp_path: Path) -> None:
+    lines = [f"{k} 0 0 0 4 1.0 2.{k} 8.19 8.19" for k in range(10)]
+    assert read_scan_log(written(tmp_path, *lines)).geometry.range_max_m == 8.19
+    lines = [f"{k} 0 0 0 4 1.0 2.0 3.0 {4 + 0.1 * k}" for k in range(30)]
+    assert read_scan_log(written(tmp_path, *lines)).geometry.range_max_m == 81.8
+
+
+def test_an_empty_file_and_one_without_scans(tmp_path: Path) -> None:
+    assert "empty" in error_of(written(tmp_path, "", "  "))
+    assert "no laser scan" in error_of(written(tmp_path, "# nothing", "ODOM 0 0 0 0 0 0 1 host 1"))
+    assert "cannot be read" in error_of(tmp_path / "absent.log")
+    garbage = tmp_path / "garbage.gz"
+    garbage.write_bytes(b"\x1f\x8b\x08\x00 not really")
+    assert "cannot be read" in error_of(garbage)
+
+
+def test_missing_odometry(tmp_path: Path) -> None:
+    cut = " ".join(FLASER.split()[:184])
+    assert ":2: odometry missing" in error_of(written(tmp_path, FLASER, cut))
+    assert "odometry missing: no ODOM" in error_of(written(tmp_path, f"{RAW_HEAD} 3 1 2 3 0 1 host 1"))
+    assert ":1: odometry missing" in error_of(written(tmp_path, "ODOM 1", f"{RAW_HEAD} 3 1 2 3 0 1 host 1"))
+    table = "10.5 180 " + " ".join(RANGES)
+    assert ":1: odometry missing" in error_of(written(tmp_path, table))
+    nan = FLASER.replace("1 2 0.5 100.25", "1 nan 0.5 100.25")
+    assert ":1: odometry: 'nan'" in error_of(written(tmp_path, nan))
+
+
+def test_a_scan_of_another_length(tmp_path: Path) -> None:
+    shorter = f"FLASER 90 {' '.join(RANGES[:90])} 1 2 0.5 1 2 0.5 100.25 host 0.1"
+    assert ":3: a scan of 90 ranges" in error_of(written(tmp_path, FLASER, "#", shorter))
+    lines = ["1 0 0 0 3 1 2 3", "2 0 0 0 4 1 2 3 4"]
+    assert ":2: a scan of 4 ranges" in error_of(written(tmp_path, *lines))
+    assert ":1: 3 ranges are announced" in error_of(written(tmp_path, "1 0 0 0 3 1 2"))
+    assert ":1: 3 ranges are announced" in error_of(written(tmp_path, "1 0 0 0 3 1 2 3 4"))
+    assert ":1: 180 ranges are announced" in error_of(written(tmp_path, "FLASER 180 1.5 1.5"))
+    assert ":1: the number of ranges" in error_of(written(tmp_path, "FLASER x 1.5 1.5"))
+
+
+def test_words_that_are_no_numbers(tmp_path: Path) -> None:
+    assert ":1: range: 'oops'" in error_of(written(tmp_path, "1 0 0 0 3 1 oops 3"))
+    assert ":1: stamp and odometry: 'x'" in error_of(written(tmp_path, "1 0 x 0 3 1 2 3"))
+    assert "line ends before the stamp" in error_of(
+        written(tmp_path, "ODOM 0 0 0 0 0 0 1 host 1", f"{RAW_HEAD} 3 1 2 3 0")
+    )
+
+
+def test_nothing_but_nan(tmp_path: Path) -> None:
+    assert "every range" in error_of(written(tmp_path, "1 0 0 0 3 nan nan inf", "2 0 0 0 3 nan nan nan"))
+
+
+def test_nothing_within_range(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no range lies between 0 and the sensor's"):
+        map_log(written(tmp_path, "1 0 0 0 3 0 0 90", "2 0 0 0 3 0 0 90"), particles=1)
+
+
+def test_a_log_becomes_a_map_and_the_same_seed_the_same_bytes(tmp_path: Path) -> None:
+    lidar = half_circle(180)
+    journey = drive(ROOM, lidar, Pose2D(1.0, 1.0, 0.0), ROUND_TRIP[:3], np.random.default_rng(5))
+    lines = []
+    for k in range(0, len(journey.stamps_s), 2):
+        ranges = " ".join(f"{r:.2f}" for r in journey.ranges_m[k])
+        x, y, yaw = journey.odometry[k]
+        lines.append(f"{journey.stamps_s[k]:.6f} {x} {y} {yaw} 180 {ranges}")
+    lines[5] = " ".join([*lines[5].split()[:-1], "nan"])
+    path, seen = written(tmp_path, *lines), []
+    result = map_log(path, particles=10, seed=3, progress=lambda done, total: seen.append((done, total)))
+    again = map_log(path, particles=10, seed=3)
+
+    assert seen == [(k, len(lines)) for k in range(1, len(lines) + 1)]
+    assert result.scans == len(lines)
+    assert 20 < len(result.trajectory) < len(lines)
+    assert result.warnings == [
+        f"{path}: 1 of {180 * len(lines)} ranges are NaN or infinite and were left out"
+    ]
+    assert result.grid.data.tobytes() == again.grid.data.tobytes()
+    assert result.trajectory.poses.tobytes() == again.trajectory.poses.tobytes()
+    last = int(np.searchsorted(journey.stamps_s, result.trajectory.stamps_s[-1] - 1e-6))
+    end = result.trajectory.pose(len(result.trajectory) - 1)
+    assert (
+        end.distance_to(journey.truth[last]) < 0.1 < journey.odometry[last].distance_to(journey.truth[last])
+    )
+    column, row = result.grid.cell_at(0.001, 3.0)
+    assert (result.grid.data[row - 5 : row + 5, column - 2 : column + 3] == 100).any(axis=1).mean() > 0.7
