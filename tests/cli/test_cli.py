@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import os
 import subprocess
 import sys
@@ -137,6 +138,31 @@ def test_map_writes_a_pair_that_detection_takes(tmp_path: Path) -> None:
     assert scores[0] == scores[1]
 
 
+def test_a_recorded_log_becomes_a_map_and_a_trajectory(tmp_path: Path) -> None:
+    # a robot in a square room of 6 m, driving half a metre between scans
+    lines = []
+    for step in range(8):
+        x = 0.5 * step - 2.0
+        ranges = []
+        for beam in range(180):
+            angle = math.radians(beam - 90.0)
+            along = (3.0 - x) / math.cos(angle) if abs(math.cos(angle)) > 1e-9 else math.inf
+            across = 3.0 / abs(math.sin(angle)) if abs(math.sin(angle)) > 1e-9 else math.inf
+            ranges.append(f"{min(along, across):.3f}")
+        place = f"{x} 0 0 {x} 0 0 {step} host {step}"
+        lines.append(f"FLASER 180 {' '.join(ranges)} {place}")
+    (tmp_path / "run.log").write_text("\n".join(lines) + "\n")
+    run = ("map", "--from-log", "run.log", "--particles", 5)
+    done = midnet_bench(*run, "-o", "built.yaml", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    grid = load_map(tmp_path / "built.yaml")
+    assert (grid.data == 100).sum() > 100
+    assert (grid.data == 0).sum() > 5000
+    assert len((tmp_path / "built.tum").read_text().splitlines()) >= 4
+    assert midnet_bench(*run, "-o", "again.yaml", folder=tmp_path).returncode == 0
+    assert (tmp_path / "again.pgm").read_bytes() == (tmp_path / "built.pgm").read_bytes()
+
+
 def write_map(folder: Path, **changes: object) -> None:
     fields = {
         "image": "map.pgm",
@@ -191,6 +217,7 @@ CAMPAIGN = ("run", "campaign.yaml")
         (None, ("render", "--frame", "0"), ["frame", "0"]),
         (None, ("parameters", "labirynth"), ["labirynth", "labyrinth"]),
         (None, ("map", "map1"), ["--exact"]),
+        (None, ("map", "--from-log", "absent.log"), ["absent.log"]),
         (missing_image, MAP, ["map.pgm"]),
         (truncated_image, MAP, ["map.pgm"]),
         (lambda folder: write_map(folder, origin=[-4.0, -4.0, 0.3]), MAP, ["map.yaml", "origin"]),
