@@ -40,4 +40,5 @@ clean:
 	@echo "setting up .venv (about a minute) ..."
 	@$(PYTHON) -m venv .venv
 	@$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@$(BIN)/python -c 'from midnet_bench.navigation.warm_up import compile_kernels; compile_kernels()'
 	@touch $@
