@@ -92,7 +92,8 @@ def details_figure(cells: Cells) -> Figure:
         _lines(axes, team_sizes(cells), points)
         axes.set_ylabel(label)
     for axes in panels:
-        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+        top = 1.08 * axes.dataLim.y1 if axes.dataLim.y1 > 0.0 else 1.0
+        axes.set_ylim(-0.03 * top, top)
     legend = figure.add_subplot(2, 3, 6)
     legend.set_axis_off()
     upper = legend.legend(*_labelled(panels[0]), fontsize=FONT_PT, frameon=False, loc="upper left")
