@@ -24,7 +24,7 @@ def labyrinth_store(
 ) -> Store:
     """Trials in which every intruder is detected at 10 s; caught ones at 20 s, the others escape at 60 s."""
     grid = grid or {"intruders": [1, 2, 3, 4, 5], "robots": [1, 2, 3, 4, 5]}
-    store = open_or_create(path, Definition("labyrinth", 1, seeds, grid, {}, {}))
+    store = open_or_create(path, Definition("labyrinth", 1, seeds, grid, {}))
     run_id = store.begin_run(collect(1))
     cells: list[dict[str, Scalar]] = [{}]
     for factor, values in grid.items():

@@ -110,7 +110,7 @@ def test_comparisons_are_made_seed_by_seed(tmp_path: Path) -> None:
 def detection_campaign(folder: Path, scores: dict[int, tuple[float, float, float]], seeds: int = 20) -> Path:
     """Scores by team size, each seed a little off, the same for both teams."""
     grid: dict[str, list[Scalar]] = {"robots": list(scores)}
-    store: Store = open_or_create(folder / "campaign.sqlite", Definition("detection", 1, seeds, grid, {}, {}))
+    store: Store = open_or_create(folder / "campaign.sqlite", Definition("detection", 1, seeds, grid, {}))
     run_id = store.begin_run(collect(1))
     for robots, values in scores.items():
         for seed in range(1, seeds + 1):
