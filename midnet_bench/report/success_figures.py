@@ -67,8 +67,8 @@ def success_figure(variants: Mapping[str, Cells]) -> Figure:
         axes.set_ylim(-3, 103)
         axes.set_ylabel("success rate (%)")
         axes.set_title(name, fontsize=FONT_PT + 1)
-        axes.legend(fontsize=FONT_PT, frameon=False, loc="best")
         _note(axes, f"{_trials_per_point(cells)} trials per point, 95 % bootstrap intervals over trials")
+    figure.legend(*_labelled(figure.axes[0]), fontsize=FONT_PT, frameon=False, loc="outside right upper")
     return figure
 
 
