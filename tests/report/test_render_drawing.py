@@ -60,7 +60,8 @@ class Moment(NamedTuple):
 
 @pytest.fixture(scope="module")
 def moment() -> Iterator[Moment]:
-    with DetectionTrial(DetectionParameters(robots=3, frames=25), 7) as trial:
+    # ghosts that no beam clears, so that there are false detections to draw
+    with DetectionTrial(DetectionParameters(robots=3, frames=25, inf_is_valid=False), 7) as trial:
         scored, scenes = [], []
         for frame in trial.frames(explain=True):
             scored.append(frame)
