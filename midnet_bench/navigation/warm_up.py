@@ -5,6 +5,7 @@ import numpy as np
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import STOP, burger_lds_01
+from midnet_bench.navigation.cost_values import LETHAL
 from midnet_bench.navigation.local_planner import LocalPlanner
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.navigation.navigator_settings import NavigatorSettings
@@ -21,8 +22,13 @@ def compile_kernels() -> None:
         navigator = Navigator(prior, settings)
         navigator.set_goal(2.5, 1.5)
         for tick in range(8):
-            navigator.observe(pose, np.full(geometry.beams, 1.0), geometry, 0.2 * tick)
+            navigator.observe(pose, np.full(geometry.beams, 2.5), geometry, 0.2 * tick)
             navigator.control(pose, STOP, 0.2 * tick)
         planner: LocalPlanner = navigator.local_planner
         planner.turn_is_legal(navigator.local_costmap, pose, 1.0)
         navigator.local_costmap.published()
+        # Shut in on all sides, DWA looks for a way off after two seconds.
+        navigator.local_costmap.layer.cells.fill(LETHAL)
+        navigator.local_costmap.clear_outside(pose.x, pose.y, 2.0 * navigator.settings.local_costmap.size_m)
+        for tick in range(16, 46):
+            navigator.control(pose, STOP, 0.1 * tick)
