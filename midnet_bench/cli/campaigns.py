@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from midnet_bench.campaign.spec import Campaign
     from midnet_bench.experiments.trial import Scalar
 
-RESULTS = Path("results")
-
 
 @app.command(rich_help_panel="Campaigns")
 def detection(
@@ -121,7 +119,7 @@ def _run(
     from midnet_bench.campaign.progress import progress_on
     from midnet_bench.campaign.runner import run_campaign
 
-    directory = output or RESULTS / campaign.name
+    directory = output or options.RESULTS / campaign.name
     if dry_run:
         ahead = plan(campaign, directory, jobs=jobs, retry_failed=retry_failed, fresh=fresh)
         basis = f"{ahead.measured_on} finished trials" if ahead.measured_on else "a rule of thumb"

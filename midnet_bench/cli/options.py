@@ -5,6 +5,9 @@ from typing import Annotated
 
 import typer
 
+RESULTS = Path("results")
+"""Where results go unless ``-o`` says otherwise."""
+
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="Folder for the results.")]
 Jobs = Annotated[int | None, typer.Option(min=1, help="Worker processes; all cores unless given.")]
 Seed = Annotated[int, typer.Option(min=0, help="First seed.")]

@@ -1,15 +1,12 @@
 """The command that draws a trial: ``render``."""
 
 import sys
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from midnet_bench.cli import options
 from midnet_bench.cli.app import app
-
-RESULTS = Path("results")
 
 
 @app.command(rich_help_panel="Results")
@@ -35,7 +32,7 @@ def render(
     parameters = {key: value for key, value in chosen.items() if value is not None}
     if map_file:
         parameters["prior_map"] = str(map_file)
-    directory = output or RESULTS / f"render-{experiment}-{seed}"
+    directory = output or options.RESULTS / f"render-{experiment}-{seed}"
     files = render_trial(
         experiment,
         {**parameters, **parse_settings(settings or [])},
