@@ -3,14 +3,12 @@
 import math
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.messages import Command
 from midnet_bench.navigation.costmap import RollingCostmap
-from midnet_bench.navigation.dwa_kernels import Scales, search
-from midnet_bench.navigation.footprint import Footprint
+from midnet_bench.navigation.dwa_kernels import Scales, escape, search
+from midnet_bench.navigation.footprint import Footprint, corner_array
 from midnet_bench.navigation.limits import LocalPlannerLimits
 from midnet_bench.navigation.local_planner import LocalGoalGrids, Plan
 from midnet_bench.navigation.rollout_kernels import turn_is_free, velocity_samples
@@ -47,6 +45,10 @@ class DwaSettings:
         ):
             if not getattr(self, name) > 0:
                 raise InputError(f"dwa: {name} must be greater than 0 (got {getattr(self, name)})")
+
+
+_STANDS_S = 2.0
+"""how long no sample was legal before the planner looks for a way off instead of along the plan"""
 
 
 class _Oscillation:
@@ -92,14 +94,26 @@ class _Oscillation:
 
 
 class DwaPlanner:
-    """Chooses the best of the velocities that can be reached within one control period."""
+    """Chooses the best of the velocities that can be reached within one control period.
+
+    When none has been legal for two seconds, the velocity is chosen that leads away from obstacles, with the
+    robot's bare outline for the padded one. dwa_local_planner has no such way off: where padding and the
+    rounding to cells leave a robot no legal motion, or two robots stand nose to flank, it stands for ever.
+    """
 
     def __init__(
-        self, settings: DwaSettings, footprint: Footprint, resolution: float, period_s: float
+        self,
+        settings: DwaSettings,
+        footprint: Footprint,
+        bare_footprint: Footprint,
+        resolution: float,
+        period_s: float,
     ) -> None:
         self.settings = settings
         self._period_s = period_s
-        self._footprint_cells = np.array(footprint, dtype=np.float64) / resolution
+        self._footprint_cells = corner_array(footprint) / resolution
+        self._bare_footprint_cells = corner_array(bare_footprint) / resolution
+        self._cycles_without_sample = 0
         self._oscillation = _Oscillation(settings)
         self._grids = LocalGoalGrids()
         limits = settings.limits
@@ -148,10 +162,11 @@ class DwaPlanner:
         )
         end_x, end_y = plan[-1]
         aligned = math.hypot(end_x - pose.x, end_y - pose.y) > settings.forward_point_distance_m
+        start = (*costmap.layer.to_cells(pose.x, pose.y), float(pose.yaw))
         best, _ = search(
             costmap.costs,
             grids,
-            (*costmap.layer.to_cells(pose.x, pose.y), float(pose.yaw)),
+            start,
             speeds,
             turns,
             self._oscillation.allowed,
@@ -159,6 +174,9 @@ class DwaPlanner:
             self._footprint_cells,
             self._scales,
         )
+        self._cycles_without_sample = 0 if best >= 0 else self._cycles_without_sample + 1
+        if self._cycles_without_sample * self._period_s > _STANDS_S:
+            best = escape(costmap.costs, start, speeds, turns, self._bare_footprint_cells, self._scales)
         if best < 0:
             return None
         chosen = Command(float(speeds[best // len(turns)]), float(turns[best % len(turns)]))

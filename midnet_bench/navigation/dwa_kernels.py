@@ -207,3 +207,42 @@ def search(
             if total < best_total or (total == best_total and sample < best):
                 best, best_total = sample, total
         scores[sample] = np.inf
+
+
+@njit(cache=True)
+def escape(
+    costs: Cells,
+    start: tuple[float, float, float],
+    speeds: Floats,
+    turns: Floats,
+    footprint: Floats,
+    scales: Scales,
+) -> int:
+    """The index of the sample that ends farthest from obstacles without an outline on one; -1 without any.
+
+    Farthest means the lowest cost under the centre, lower than at the start; the first wins a tie. No plan is
+    asked for. Indices and arguments are those of ``search``.
+    """
+    height, width = costs.shape
+    no_plan = np.zeros((3, height + 2, width + 2), dtype=np.int32)
+    best = -1
+    lowest = int(costs[int(start[1]), int(start[0])])
+    for sample in range(len(speeds) * len(turns)):
+        speed, turn = speeds[sample // len(turns)], turns[sample % len(turns)]
+        if abs(speed) + 1e-4 < scales.min_vel_trans and abs(turn) + 1e-4 < scales.min_vel_theta:
+            continue
+        steps = _simulation_steps(speed, turn, scales)
+        if steps == 0:
+            continue
+        dt, speed_cells = scales.sim_time / steps, speed * scales.cells_per_m
+        x, y, yaw = start
+        for _ in range(steps - 1):
+            x += speed_cells * dt * math.cos(yaw)
+            y += speed_cells * dt * math.sin(yaw)
+            yaw += turn * dt
+        if not (0.0 <= x < width and 0.0 <= y < height) or costs[int(y), int(x)] >= lowest:
+            continue
+        met = collision_cost(costs, no_plan, start, speed_cells, turn, steps, dt, 0.0, footprint)
+        if met != ILLEGAL:
+            best, lowest = sample, int(costs[int(y), int(x)])
+    return best

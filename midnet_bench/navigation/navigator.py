@@ -257,5 +257,5 @@ class Navigator:
 def _local_planner(settings: NavigatorSettings, period_s: float) -> LocalPlanner:
     chosen, costmap = settings.local_planner, settings.local_costmap
     if isinstance(chosen, DwaSettings):
-        return DwaPlanner(chosen, costmap.footprint, costmap.resolution, period_s)
+        return DwaPlanner(chosen, costmap.footprint, settings.bare_footprint, costmap.resolution, period_s)
     return TrajectoryRolloutPlanner(chosen, costmap.footprint, costmap.resolution)

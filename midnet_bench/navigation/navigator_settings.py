@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from midnet_bench.navigation.costmap_settings import CostmapSettings, burger_global, burger_local
 from midnet_bench.navigation.dwa import DwaSettings
+from midnet_bench.navigation.footprint import BURGER, Footprint
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
 
 
@@ -14,6 +15,8 @@ class NavigatorSettings:
     local_costmap: CostmapSettings = field(default_factory=burger_local)
     global_costmap: CostmapSettings = field(default_factory=burger_global)
     local_planner: DwaSettings | TrajectoryRolloutSettings = field(default_factory=DwaSettings)
+    bare_footprint: Footprint = BURGER
+    """the robot's outline without padding: what a robot that is stuck may still move with"""
     allow_unknown: bool = True
     """plans may cross cells that nobody has seen"""
     goal_tolerance_m: float = 0.5

@@ -15,6 +15,7 @@ from midnet_bench.navigation import dwa_kernels, trajectory_rollout_kernels
 from midnet_bench.navigation.costmap import RollingCostmap
 from midnet_bench.navigation.costmap_settings import burger_local
 from midnet_bench.navigation.dwa import DwaPlanner, DwaSettings
+from midnet_bench.navigation.footprint import BURGER
 from midnet_bench.navigation.limits import LocalPlannerLimits
 from midnet_bench.navigation.map_grid import GOAL, GOAL_FRONT, PATH, distance_grids
 from midnet_bench.navigation.rollout_kernels import outline_cost, velocity_samples
@@ -266,7 +267,8 @@ def room(x: float, y: float, ahead_m: float = 3.0) -> RollingCostmap:
 
 
 def dwa(**changed: float) -> DwaPlanner:
-    return DwaPlanner(DwaSettings(limits=LocalPlannerLimits(**changed)), burger_local().footprint, 0.05, 0.1)
+    settings = DwaSettings(limits=LocalPlannerLimits(**changed))
+    return DwaPlanner(settings, burger_local().footprint, BURGER, 0.05, 0.1)
 
 
 def straight_plan(x: float, y: float, length_m: float = 1.4) -> npt.NDArray[np.float64]:
@@ -309,6 +311,55 @@ def test_dwa_finds_nothing_when_the_way_is_walled_off_in_the_window() -> None:
     costmap.layer.cells[:, costmap.layer.cells.shape[1] // 2 + 12] = 254
     costmap.clear_outside(1.0, 2.0, 9.0)
     assert dwa().command(costmap, plan, Pose2D(1.01, 2.02, 0.0), Command(0.2, 0.0)) is None
+
+
+def wedged() -> RollingCostmap:
+    """Obstacles at both flanks, under the padded outline but not the bare one; one ahead, none behind."""
+    costmap = room(1.025, 2.025)
+    column, row = (int(value) for value in costmap.layer.to_cells(1.025, 2.025))
+    for side in (-3, 3):
+        costmap.layer.cells[row + side, column - 1 : column + 2] = 254
+    costmap.layer.cells[row - 1 : row + 2, column + 2] = 254
+    costmap.clear_outside(1.0, 2.0, 9.0)
+    return costmap
+
+
+def test_a_wedged_robot_backs_off_after_standing_for_two_seconds() -> None:
+    planner, costmap = dwa(), wedged()
+    pose = Pose2D(1.025, 2.025, 0.0)
+    plan = straight_plan(1.025, 2.025)
+    commands = [planner.command(costmap, plan, pose, Command(0.0, 0.0)) for _ in range(25)]
+    assert commands[:20] == [None] * 20
+    assert all(command is not None and command.linear_mps <= -0.11 for command in commands[20:])
+    # As soon as the plan can be followed, it is.
+    onwards = planner.command(room(1.025, 2.025), plan, pose, Command(0.0, 0.0))
+    assert onwards is not None
+    assert onwards.linear_mps > 0.0
+    assert planner.command(costmap, plan, pose, Command(0.0, 0.0)) is None
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_an_escape_ends_farther_from_obstacles_than_any_other_legal_motion(seed: int) -> None:
+    costs, _, _, start = scene(seed)
+    speeds, turns = velocity_samples(-0.22, 0.22, 5), velocity_samples(-1.6, 1.6, 5)
+    s = scales(0.0)
+    best, lowest = -1, int(costs[int(start[1]), int(start[0])])
+    for i, (v, w) in enumerate(itertools.product(speeds, turns)):
+        n = math.ceil(max(abs(v) * s.steps_per_mps, abs(w) * s.steps_per_radps))
+        if n == 0 or (abs(v) + 1e-4 < s.min_vel_trans and abs(w) + 1e-4 < s.min_vel_theta):
+            continue
+        x, y, yaw = start
+        legal = True
+        for step in range(n):
+            legal = legal and outline(costs, x, y, yaw) >= 0
+            if step < n - 1:
+                x += v * s.cells_per_m * math.cos(yaw) * s.sim_time / n
+                y += v * s.cells_per_m * math.sin(yaw) * s.sim_time / n
+                yaw += w * s.sim_time / n
+        if legal and costs[int(y), int(x)] < lowest:
+            best, lowest = i, int(costs[int(y), int(x)])
+    assert dwa_kernels.escape(costs, start, speeds, turns, FOOTPRINT, s) == best
 
 
 def test_a_swing_forbids_the_old_direction_until_the_robot_has_moved() -> None:
