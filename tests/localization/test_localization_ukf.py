@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
@@ -247,3 +248,41 @@ def test_time_must_go_forward(dt_s):
     ukf = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings())
     with pytest.raises(ValueError, match="dt_s"):
         ukf.step(Odometry(Pose2D(0.0, 0.0, 0.0), 0.0, 0.0), Imu(0.0, 0.0, 0.0), dt_s)
+
+
+@pytest.mark.parametrize("source", ["world", "encoder"])
+def test_compiled_steps_are_filterpys_own(source):
+    """The library's filter as it comes, its points moved and measured one by one, estimates the same."""
+    settings = UkfSettings.for_odometry(source)
+    lasts_s = DT_S * (1.0 if settings.twist_is_mean else 0.5)
+
+    def moved(state, dt):
+        x, y, yaw, vx, vy, vyaw = state
+        c, s = math.cos(yaw), math.sin(yaw)
+        return np.array(
+            [x + (c * vx - s * vy) * dt, y + (s * vx + c * vy) * dt, yaw + vyaw * dt, vx, vy, vyaw]
+        )
+
+    def step_noise(yaw):
+        turn = np.array([[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]])
+        reach = np.vstack([lasts_s * turn, np.eye(3)])
+        noise = DT_S * np.array(settings.process_noise)
+        return reach @ np.diag(noise[3:]) @ reach.T + np.diag([*noise[:3], 0, 0, 0])
+
+    points = MerweScaledSigmaPoints(6, settings.alpha, settings.beta, settings.kappa)
+    reference = UnscentedKalmanFilter(6, 4, DT_S, hx=lambda state: state[2:], fx=moved, points=points)
+    reference.P = settings.initial_variance * np.eye(6)
+    ours = PlanarUkf(Pose2D(0.0, 0.0, 0.0), settings)
+    reference.R = ours._filter.R
+    rng = np.random.default_rng(3)
+    for step in drive([(0.2, 0.4)] * 40 + [(0.1, -0.6)] * 40):
+        odometry = Odometry(step.pose, step.v + rng.normal(0, 0.01), step.w + rng.normal(0, 0.1))
+        imu = noisy_imu(step.pose, step.w, rng)
+        reference.Q = step_noise(reference.x[2])
+        reference.predict()
+        rate = odometry.angular_radps + ours._gyro_share * (imu.yaw_rate_radps - odometry.angular_radps)
+        yaw = reference.x[2] + wrap_angle(imu.yaw_rad - reference.x[2])
+        reference.update(np.array([yaw, odometry.linear_mps, 0.0, rate]))
+        ours.step(odometry, imu, DT_S)
+        np.testing.assert_allclose(ours._filter.x, reference.x, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(ours.covariance, reference.P, rtol=1e-7, atol=1e-13)
