@@ -1,22 +1,20 @@
 """The experiments by name: the parameters each one takes and the function that runs one trial of it."""
 
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.experiments.parameters import (
-    DetectionParameters,
-    GuardParameters,
-    LabyrinthParameters,
-    ReadingsParameters,
-)
+from midnet_bench.experiments.mapping_parameters import MappingParameters
+from midnet_bench.experiments.parameters import DetectionParameters, LabyrinthParameters, ReadingsParameters
 from midnet_bench.experiments.trial import TrialResult, TrialSpec
+from midnet_bench.spec import Spec
 
-_PARAMETERS: dict[str, type[GuardParameters]] = {
+_PARAMETERS: dict[str, type[Spec]] = {
     "detection": DetectionParameters,
     "labyrinth": LabyrinthParameters,
+    "mapping": MappingParameters,
     "readings": ReadingsParameters,
 }
 
 
-def parameters_model(experiment: str) -> type[GuardParameters]:
+def parameters_model(experiment: str) -> type[Spec]:
     """The pydantic model of an experiment's parameters. Raises InputError on an unknown name."""
     if experiment not in _PARAMETERS:
         raise InputError(f"experiment: unknown name '{experiment}'{nearest_name(experiment, _PARAMETERS)}")
@@ -34,6 +32,10 @@ def run_trial(spec: TrialSpec) -> TrialResult:
         from midnet_bench.experiments.detection import run_detection
 
         return run_detection(parameters, spec.seed)
+    if isinstance(parameters, MappingParameters):
+        from midnet_bench.experiments.mapping import run_mapping
+
+        return run_mapping(parameters, spec.seed)
     from midnet_bench.experiments.labyrinth import run_labyrinth
 
     assert isinstance(parameters, LabyrinthParameters)

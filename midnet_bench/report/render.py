@@ -9,7 +9,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection import DetectionTrial
 from midnet_bench.experiments.guarded_arena import FRAME_HZ
 from midnet_bench.experiments.labyrinth import LabyrinthTrial
-from midnet_bench.experiments.parameters import DetectionParameters, GuardParameters, LabyrinthParameters
+from midnet_bench.experiments.parameters import DetectionParameters, LabyrinthParameters
 from midnet_bench.experiments.registry import parameters_model
 from midnet_bench.experiments.trial import Scalar
 from midnet_bench.midnet.pipeline import Frame
@@ -18,7 +18,7 @@ from midnet_bench.report.figures import png_of
 from midnet_bench.report.film import Film
 from midnet_bench.report.grid_view import draw_detections, draw_grids
 from midnet_bench.report.scene import scene_of
-from midnet_bench.spec import parse
+from midnet_bench.spec import Spec, parse
 
 MOST_SPEED = 12.0
 """60 pictures a second, more than that no browser shows."""
@@ -85,7 +85,7 @@ def render_trial(
     return written + (film.paths if film is not None else [])
 
 
-def _trial(parameters: GuardParameters, seed: int) -> Trial:
+def _trial(parameters: Spec, seed: int) -> Trial:
     if isinstance(parameters, DetectionParameters):
         return DetectionTrial(parameters, seed)
     assert isinstance(parameters, LabyrinthParameters)
@@ -98,7 +98,7 @@ def _frames(trial: Trial) -> Iterator[Frame]:
     return trial.frames(explain=True)
 
 
-def _frames_at_most(parameters: GuardParameters) -> int:
+def _frames_at_most(parameters: Spec) -> int:
     if isinstance(parameters, DetectionParameters):
         return parameters.frames
     assert isinstance(parameters, LabyrinthParameters)

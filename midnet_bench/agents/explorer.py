@@ -1,0 +1,109 @@
+"""``Explorer``: a Burger that maps an unknown place by driving where its map ends (section II.A)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.agents.mobile_robot import MobileRobot
+from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.localization.ukf import PlanarUkf
+from midnet_bench.mapping.frontier import FrontierExplorer
+from midnet_bench.mapping.gmapping import GMapping
+from midnet_bench.mapping.map_window import MapWindow
+from midnet_bench.messages import STOP, Command, Imu, LidarGeometry, Odometry
+from midnet_bench.navigation.navigator import Navigator
+
+
+class Explorer(MobileRobot):
+    """UKF (odometry frame), GMapping (map -> odom), move_base on a growing map, explore_lite over it.
+
+    Its pose, its goals and its costmaps are in the map frame, which is the arena's because start poses are
+    known; where GMapping moves the odometry frame, the pose jumps with it.
+    """
+
+    def __init__(
+        self,
+        index: int,
+        name: str,
+        start: Pose2D,
+        navigator: Navigator,
+        ukf: PlanarUkf,
+        slam: GMapping,
+        frontiers: FrontierExplorer,
+        area: MapWindow,
+        goal_timeout_s: float,
+    ) -> None:
+        """A robot at rest at ``start`` that knows nothing yet.
+
+        Args:
+            index: its body in the world.
+            name: its name; its noise streams go by it.
+            start: its known start pose, map frame.
+            navigator: over an unknown map that covers ``area``.
+            ukf: started at ``start``, so that the odometry frame begins as the map frame.
+            slam: the same.
+            frontiers: its own explore_lite.
+            area: what is to be explored; it neither looks for frontiers nor drives outside.
+            goal_timeout_s: a goal without any progress for so long is given up.
+        """
+        super().__init__(index, name, start, navigator, ukf, lambda robot: None, goal_timeout_s)
+        self.slam = slam
+        self.mates: Sequence[Explorer] = ()
+        """the other explorers, whose goals are left to them"""
+        self.is_done = False
+        """whether its newest map has no frontier left for it"""
+        self._odometry_pose = start
+        self._frontiers = frontiers
+        self._area = area
+        self._has_map = False
+        self._has_new_map = False
+
+    def localize(self, odometry: Odometry, imu: Imu, dt_s: float) -> None:
+        """Take one step of the pose filter; the map frame's pose follows by GMapping's correction."""
+        super().localize(odometry, imu, dt_s)
+        self._odometry_pose = self.pose
+        self._correct()
+
+    def observe(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:
+        """Take one scan into GMapping, then into the navigator's costmaps."""
+        if self.slam.process(self._odometry_pose, ranges_m, time_s):
+            self._correct()
+        super().observe(ranges_m, lidar, time_s)
+
+    def take_map(self, grid: OccupancyGrid) -> None:
+        """Go by a newer map, the team's or the robot's own: int8, map frame."""
+        self.navigator.set_static(self._area.cut(grid))
+        self._has_map = self._has_new_map = True
+        self.is_done = False
+
+    def control(self, time_s: float) -> Command:
+        """The velocity to drive at until the next cycle; a new map or the end of a drive calls for a plan."""
+        self._settle_goal(time_s)
+        if self._has_new_map or (self._has_map and self.goal is None and not self.is_done):
+            self._explore(time_s)
+        if self.goal is None:
+            return STOP
+        return self.navigator.control(self.pose, Command(*self.velocity), time_s)
+
+    def _settle_goal(self, time_s: float) -> None:
+        had_goal, given_up = self.goal is not None, self.progress.goals_given_up
+        super()._settle_goal(time_s)
+        if had_goal and self.goal is None:
+            self._frontiers.report(succeeded=self.progress.goals_given_up == given_up)
+
+    def _explore(self, time_s: float) -> None:
+        self._has_new_map = False
+        taken = [mate.goal for mate in self.mates if mate.goal is not None]
+        costmap = self.navigator.global_costmap.published()
+        goal = self._frontiers.plan(self.pose, costmap, time_s, taken)
+        if goal is None:
+            self.is_done = True
+            self.stand()
+        elif goal != self.goal:
+            self.drive_to(goal)
+
+    def _correct(self) -> None:
+        pose = self.slam.correction.compose(self._odometry_pose)
+        self.pose = pose._replace(yaw=wrap_angle(pose.yaw))

@@ -1,0 +1,221 @@
+"""Map construction of section II.A: Burgers explore an arena that they do not know."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import reduce
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.agents.explorer import Explorer
+from midnet_bench.agents.fleet import SCAN_HZ, Fleet
+from midnet_bench.agents.mobile_robot import Point
+from midnet_bench.experiments.inputs import arena_from
+from midnet_bench.experiments.mapping_parameters import MappingParameters
+from midnet_bench.experiments.trial import Row, TrialResult
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
+from midnet_bench.mapping.frontier import FrontierExplorer
+from midnet_bench.mapping.gmapping import GMapping
+from midnet_bench.mapping.gmapping_settings import BURGER
+from midnet_bench.mapping.map_score import MapScore, score_map
+from midnet_bench.mapping.map_window import MapWindow
+from midnet_bench.navigation.costmap_settings import burger_global
+from midnet_bench.navigation.navigator import Navigator
+from midnet_bench.navigation.navigator_settings import NavigatorSettings
+from midnet_bench.rng import stream
+from midnet_bench.simulation.arena import Arena, MobileIntruders, StationaryIntruders
+from midnet_bench.simulation.exact_map import render_exact
+from midnet_bench.simulation.layout import place
+from midnet_bench.simulation.lidar import LDS_01
+from midnet_bench.simulation.odometry import OdometrySettings
+from midnet_bench.simulation.world import World, WorldSettings
+
+MAP_PERIOD_S = 2
+"""How often maps are published, merged and planned on: TurtleBot3's map_update_interval and merging_rate."""
+SNAPSHOT_PERIOD_S = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """How far an exploration has come."""
+
+    time_s: float
+    poses: npt.NDArray[np.float64]
+    """(n, 3) true x, y, yaw, map frame"""
+    believed: npt.NDArray[np.float64]
+    """(n, 3) what the robots take for it"""
+    goals: list[Point | None]
+    grid: OccupancyGrid
+    """int8 over the plane, map frame: the newest merged map"""
+
+
+@dataclass(frozen=True, eq=False)
+class Exploration:
+    """What came of an exploration."""
+
+    grid: OccupancyGrid
+    """int8 over the plane, map frame: 100 occupied, 0 free, -1 unknown"""
+    parts: list[OccupancyGrid]
+    """the same of each robot alone"""
+    score: MapScore
+    time_s: float
+    distance_m: float
+    """driven by all robots together"""
+    finished: bool
+    """whether no frontier was left to anybody within the time limit"""
+    merge_confidence: float
+    """of the features; NaN where nothing had to be matched"""
+    warnings: list[str]
+
+
+class ExplorationTrial:
+    """An arena without intruders and the Burgers that map it. A context manager."""
+
+    def __init__(self, parameters: MappingParameters, seed: int) -> None:
+        """Place the robots at their known starts; time is 0 and nobody knows anything."""
+        self.parameters = parameters
+        self.seed = seed
+        self.arena = _empty(arena_from(parameters.arena))
+        self.layout = place(self.arena, seed, parameters.robots)
+        resolution_m, thickness_m = parameters.resolution_m, self.arena.wall_thickness_m
+        width_m, height_m = (side + thickness_m for side in self.arena.enclosure_m)
+        self._plane = MapWindow.around_origin(*self.arena.plane_m, resolution_m)
+        self._area = MapWindow.around_origin(width_m, height_m, resolution_m)
+        self.explorers = [self._make_explorer(i, pose) for i, pose in enumerate(self.layout.robots)]
+        for explorer in self.explorers:
+            explorer.mates = [mate for mate in self.explorers if mate is not explorer]
+        settings = WorldSettings(robot_profile=parameters.robot_profile, lidar_noise=parameters.lidar_noise)
+        self.world = World(self.layout, settings)
+        odometry = OdometrySettings(source=parameters.odometry)
+        self.fleet = Fleet(self.world, self.explorers, odometry, seed)
+        self._step_hz = settings.step_hz
+        self._merged = self._plane.empty()
+        self._is_finished = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.world.close()
+
+    @property
+    def time_s(self) -> float:
+        """Simulated seconds since the start."""
+        return self.fleet.time_s
+
+    def snapshots(self) -> Iterator[Snapshot]:
+        """One per simulated second and a last one, until every explorer is done or the time is up."""
+        first = self._step_hz // SCAN_HZ
+        while not self._is_finished and self.time_s < self.parameters.time_limit_s - 1e-9:
+            self.fleet.step()
+            if self.world.tick % (MAP_PERIOD_S * self._step_hz) == first:
+                self._is_finished = all(explorer.is_done for explorer in self.explorers)
+                self._publish()
+            if self.world.tick % (SNAPSHOT_PERIOD_S * self._step_hz) == 0:
+                yield self._snapshot()
+        self._publish()
+        yield self._snapshot()
+
+    def result(self) -> Exploration:
+        """The map so far and what it is worth."""
+        grid = self._merged
+        start = self.layout.robots[0]
+        return Exploration(
+            grid=grid,
+            parts=[self._plane.cut(explorer.slam.occupancy()) for explorer in self.explorers],
+            score=score_map(grid, self._truth(), (start.x, start.y)),
+            time_s=self.time_s,
+            distance_m=float(self.fleet.health.distances_m.sum()),
+            finished=self._is_finished,
+            merge_confidence=math.nan,
+            warnings=[],
+        )
+
+    def rows_of_robots(self) -> list[Row]:
+        """``robots.csv``: one row per explorer, what each did so far."""
+        health, collisions, poses = self.fleet.health, self.world.collisions(), self.world.poses()
+        return [
+            {
+                "robot": robot.name,
+                "distance_m": float(health.distances_m[robot.index]),
+                "goals_reached": robot.progress.goals_reached,
+                "goals_given_up": robot.progress.goals_given_up,
+                "stuck_s": robot.progress.stuck_s,
+                "collisions": int(collisions[robot.index]),
+                "walls_crossed": int(health.crossings[robot.index]),
+                "recoveries": robot.navigator.recoveries,
+                "pose_error_m": math.dist(poses[robot.index, :2].tolist(), robot.pose[:2]),
+            }
+            for robot in self.explorers
+        ]
+
+    def _publish(self) -> None:
+        """Merge what the robots have mapped and let all of them go by it."""
+        parts = [self._plane.cut(explorer.slam.occupancy()) for explorer in self.explorers]
+        self._merged = parts[0].with_data(reduce(np.maximum, [part.data for part in parts]))
+        for explorer in self.explorers:
+            explorer.take_map(self._merged)
+
+    def _snapshot(self) -> Snapshot:
+        return Snapshot(
+            self.time_s,
+            self.world.poses(),
+            np.array([explorer.pose for explorer in self.explorers]),
+            [explorer.goal for explorer in self.explorers],
+            self._merged,
+        )
+
+    def _truth(self) -> OccupancyGrid:
+        """The arena's true grid, unknown outside the area that is to be explored."""
+        exact = render_exact(self.arena, self.parameters.resolution_m)
+        return self._plane.cut(self._area.cut(exact))
+
+    def _make_explorer(self, index: int, start: Pose2D) -> Explorer:
+        parameters = self.parameters
+        name = f"explorer {index + 1}"
+        settings = replace(BURGER, particles=parameters.particles, resolution_m=parameters.resolution_m)
+        costmap = replace(burger_global(parameters.resolution_m), track_unknown=True)
+        return Explorer(
+            index,
+            name,
+            start,
+            Navigator(self._area.empty(), NavigatorSettings(global_costmap=costmap)),
+            PlanarUkf(start, UkfSettings.for_odometry(parameters.odometry)),
+            GMapping(LDS_01, settings, start, stream(self.seed, "gmapping", name)),
+            FrontierExplorer(),
+            self._area,
+            parameters.goal_timeout_s,
+        )
+
+
+def run_mapping(parameters: MappingParameters, seed: int) -> TrialResult:
+    """One trial: ``maps`` (one row: what the map is worth) and ``robots``."""
+    with ExplorationTrial(parameters, seed) as trial:
+        for _ in trial.snapshots():
+            pass
+        exploration = trial.result()
+        row: Row = {
+            "coverage": exploration.score.free_covered,
+            "occupied_precision": exploration.score.occupied_precision,
+            "occupied_recall": exploration.score.occupied_recall,
+            "wall_error_m": exploration.score.wall_error_m,
+            "time_s": exploration.time_s,
+            "distance_m": exploration.distance_m,
+            "finished": exploration.finished,
+            "merge_confidence": exploration.merge_confidence,
+        }
+        return TrialResult({"maps": [row], "robots": trial.rows_of_robots()}, exploration.time_s)
+
+
+def _empty(arena: Arena) -> Arena:
+    """The building before anybody gets in: the prior map has to be free of intruders."""
+    return arena.model_copy(
+        update={"stationary_intruders": StationaryIntruders(), "mobile_intruders": MobileIntruders()}
+    )
