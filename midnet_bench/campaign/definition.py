@@ -47,7 +47,7 @@ def definition_of(campaign: Campaign, experiments: Experiments = registry) -> De
     """What ``campaign`` runs, resolved."""
     resolved = cells(campaign, experiments)
     grid = {factor: list(dict.fromkeys(cell[factor] for cell in resolved)) for factor in campaign.grid}
-    parameters = {name: value for name, value in resolved[0].items() if name not in grid}
+    parameters = {name: _in_all_cells(name, resolved) for name in resolved[0] if name not in grid}
     return Definition(
         experiment=campaign.experiment,
         base_seed=campaign.base_seed,
@@ -55,6 +55,15 @@ def definition_of(campaign: Campaign, experiments: Experiments = registry) -> De
         grid=grid,
         parameters=parameters,
     )
+
+
+def _in_all_cells(name: str, cells: list[dict[str, Scalar]]) -> Scalar:
+    """The value that a parameter has in every cell; if they differ, all that there are.
+
+    They may where one parameter names what goes with another: each arena has an explored map of its own.
+    """
+    values = list(dict.fromkeys(cell[name] for cell in cells))
+    return values[0] if len(values) == 1 else " | ".join(map(str, values))
 
 
 def differences(old: Definition, new: Definition) -> list[str]:

@@ -6,7 +6,7 @@ item numbers are those of the paper notes in ``docs/readings.md``.
 
 from typing import Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from midnet_bench.experiments.inputs import arena_from, inline_arena, inline_prior_map, prior_map_from
 from midnet_bench.spec import Spec
@@ -16,10 +16,14 @@ class GuardParameters(Spec):
     """What the detection and the labyrinth test share: the arena, the robots, MIDNet and its inputs."""
 
     arena: str = Field("map1", description="name of a packaged arena, or a YAML file")
-    prior_map: str = Field("exact", description="exact (rendered from the arena), or a map_server YAML file")
+    prior_map: str = Field(
+        "exact",
+        validate_default=True,
+        description="explored (by robots; comes with the package), exact (rendered), or a YAML file; item 12",
+    )
     robots: int = Field(1, ge=1, le=20, description="security robots")
 
-    localization: Literal["ukf", "truth"] = Field("ukf", description="item 10")
+    localization: Literal["ukf", "ukf+map", "truth"] = Field("ukf", description="item 10")
     odometry: Literal["world", "encoder"] = Field("world", description="exact, or wheels that slip")
     lidar_noise: Literal["gazebo", "datasheet", "none"] = Field("gazebo", description="LDS-01 range noise")
     robot_profile: Literal["urdf", "disc"] = Field("urdf", description="what beams see of a Burger; item 28")
@@ -58,8 +62,9 @@ class GuardParameters(Spec):
 
     @field_validator("prior_map")
     @classmethod
-    def _take_in_the_prior_map(cls, value: str) -> str:
-        return inline_prior_map(value)
+    def _take_in_the_prior_map(cls, value: str, others: ValidationInfo) -> str:
+        # without an arena there is a fault to report already
+        return inline_prior_map(value, others.data["arena"]) if "arena" in others.data else value
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -39,8 +39,14 @@ class Watch:
 
 
 def binary_prior(prior_map: OccupancyGrid, parameters: GuardParameters) -> OccupancyGrid:
-    """The grid that MIDNet subtracts, uint8, 0 occupied: global costmap, then Eq. 1 (section II.A)."""
-    costs = static_costs(prior_map, replace(costmap_settings(parameters), track_unknown=True))
+    """The grid that MIDNet subtracts, uint8, 0 occupied: global costmap, then Eq. 1 (section II.A).
+
+    Where unknown cells count as free (item 4) they are free before inflation, as in TurtleBot3's global
+    costmap, whose obstacle layer does not track them: an explored wall is one cell thick, and inflation that
+    spared the unknown cells behind it would let every noisy return there through.
+    """
+    track_unknown = parameters.unknown_in_prior == "occupied"
+    costs = static_costs(prior_map, replace(costmap_settings(parameters), track_unknown=track_unknown))
     return costs.with_data(binary_map(costs.data, parameters.thresh_global, parameters.unknown_in_prior))
 
 

@@ -1,0 +1,124 @@
+"""Which prior map a trial gets: explored, exact, or a file's."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from midnet_bench.campaign.definition import definition_of
+from midnet_bench.campaign.spec import Campaign
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.detection import run_detection
+from midnet_bench.experiments.guarded_arena import GuardedArena
+from midnet_bench.experiments.inputs import prior_map_from
+from midnet_bench.experiments.parameters import DetectionParameters, LabyrinthParameters
+from midnet_bench.experiments.trial import TrialSpec
+from midnet_bench.experiments.watch import binary_prior
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.map_server import save_map
+from midnet_bench.simulation import explored_map
+from midnet_bench.simulation.arena import load_arena
+from midnet_bench.simulation.exact_map import render_exact
+
+
+def as_explored(arena_name: str) -> OccupancyGrid:
+    """What a perfect explorer brings home: the inner faces of the walls, and nothing known behind them."""
+    arena = load_arena(arena_name)
+    exact = render_exact(arena)
+    free = (exact.data == 0).astype(np.uint8)
+    _, labels = cv2.connectedComponents(free, connectivity=4)
+    column, row = exact.cell_at(0.0, 0.0)
+    inside = labels == labels[row, column]
+    faces = ~inside & (cv2.dilate(inside.view(np.uint8), np.ones((3, 3))) > 0)
+    return exact.with_data(np.select([inside, faces], [0, 100], -1).astype(np.int8))
+
+
+@pytest.fixture
+def packaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package folder that holds an explored map of map1 alone."""
+    monkeypatch.setattr(explored_map, "FOLDER", tmp_path)
+    save_map(as_explored("map1"), tmp_path / "map1.yaml")
+    return tmp_path
+
+
+def test_an_explored_map_is_named_with_its_contents(packaged: Path) -> None:
+    first = DetectionParameters(prior_map="explored")
+    assert first.prior_map.startswith("explored:map1:")
+    assert DetectionParameters(**first.model_dump()) == first
+    grid = prior_map_from(first.prior_map, load_arena("map1"), 0.05)
+    np.testing.assert_array_equal(grid.data, as_explored("map1").data)
+
+
+def test_another_explored_map_makes_other_trials(packaged: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    old = DetectionParameters(prior_map="explored")
+    other = as_explored("map1")
+    other.data[60, 60] = 100
+    later = packaged / "later"
+    later.mkdir()
+    save_map(other, later / "map1.yaml")
+    monkeypatch.setattr(explored_map, "FOLDER", later)
+
+    new = DetectionParameters(prior_map="explored")
+    ids = {TrialSpec("detection", values.model_dump(mode="json"), 1).trial_id for values in (old, new)}
+    assert len(ids) == 2
+    with pytest.raises(InputError, match=f"{old.prior_map}.*{new.prior_map}"):
+        DetectionParameters(prior_map=old.prior_map)
+
+
+def test_an_arena_without_an_explored_map_says_how_to_make_one(packaged: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"midnet-bench map empty.*--map.*exact"):
+        DetectionParameters(arena="empty", prior_map="explored")
+    own = tmp_path / "own.yaml"
+    own.write_text(load_arena("empty").model_dump_json(), encoding="utf-8")
+    with pytest.raises(InputError, match=r"midnet-bench map ARENA\.yaml"):
+        DetectionParameters(arena=str(own), prior_map="explored")
+
+
+def test_a_wrong_arena_is_reported_before_its_map(packaged: Path) -> None:
+    with pytest.raises(InputError, match="map9"):
+        DetectionParameters(arena="map9", prior_map="explored")
+
+
+def test_each_arena_of_a_campaign_has_its_own_explored_map(packaged: Path) -> None:
+    save_map(as_explored("empty"), packaged / "empty.yaml")
+    campaign = Campaign(
+        experiment="detection", grid={"arena": ["map1", "empty"]}, parameters={"prior_map": "explored"}
+    )
+    value = definition_of(campaign).parameters["prior_map"]
+    one, two = str(value).split(" | ")
+    assert one.startswith("explored:map1:")
+    assert two.startswith("explored:empty:")
+
+
+def test_the_labyrinths_own_arena_decides(packaged: Path) -> None:
+    with pytest.raises(InputError, match="midnet-bench map map2"):
+        LabyrinthParameters(prior_map="explored")
+
+
+@pytest.mark.parametrize("unknown", ["free", "occupied"])
+def test_behind_a_thin_wall_is_as_much_margin_as_behind_a_thick_one(unknown: str) -> None:
+    parameters = DetectionParameters(unknown_in_prior=unknown)
+    thin = binary_prior(as_explored("map1"), parameters)
+    thick = binary_prior(render_exact(load_arena("map1")), parameters)
+    column, row = thin.cell_at(3.0 - 0.1, 0.0)
+    assert thin.data[row, column - 8] == 255
+    noise = slice(column, column + 4)  # a return up to 0.2 m behind the wall's face
+    assert (thin.data[row, noise] == 0).all()
+    assert (thick.data[row, noise] == 0).all()
+
+
+def test_guards_patrol_and_detect_on_an_explored_map_as_on_the_exact_one(packaged: Path) -> None:
+    scores = {}
+    for prior_map in ("explored", "exact"):
+        parameters = DetectionParameters(prior_map=prior_map, frames=40)
+        (scores[prior_map],) = run_detection(parameters, 1).tables["scores"]
+    assert scores["explored"]["tp"]
+    assert scores["explored"] == scores["exact"]
+
+
+def test_nobody_is_sent_where_nothing_is_known(packaged: Path) -> None:
+    with GuardedArena(DetectionParameters(prior_map="explored"), 1) as trial:
+        known = trial.prior_map
+        cells = [known.cell_at(x, y) for x, y in trial.patrol.points]
+        assert all(known.data[row, column] == 0 for column, row in cells)
