@@ -3,11 +3,13 @@
 from collections.abc import Sequence
 
 from midnet_bench.agents.mobile_robot import MobileRobot
+from midnet_bench.geometry import Pose2D
+from midnet_bench.messages import Odometry
 from midnet_bench.rng import stream
 from midnet_bench.simulation.health import HealthTracker
 from midnet_bench.simulation.imu import ImuSensor
 from midnet_bench.simulation.lidar import LDS_01
-from midnet_bench.simulation.odometry import EncoderOdometer, OdometrySettings, world_odometry
+from midnet_bench.simulation.odometry import EncoderOdometer, OdometrySettings
 from midnet_bench.simulation.world import World
 
 CONTROL_HZ = 10
@@ -38,8 +40,13 @@ class Fleet:
         self._imus = [ImuSensor("gazebo", stream(seed, "imu", name)) for name in names]
         self._odometers = (
             [
-                EncoderOdometer(robot.pose, angles, odometry, stream(seed, "odometry", robot.name))
-                for robot, angles in zip(robots, world.wheel_angles(), strict=True)
+                EncoderOdometer(
+                    robot.pose,
+                    world.wheel_angles(robot.index),
+                    odometry,
+                    stream(seed, "odometry", robot.name),
+                )
+                for robot in robots
             ]
             if odometry.source == "encoder"
             else None
@@ -62,7 +69,7 @@ class Fleet:
             self._localize(due)
             self._scan([robot for robot in due if self._is_due(robot, self._scan_ticks)])
             self._control(due)
-        if world.tick % self._control_ticks == 0:
+        if world.tick % self._scan_ticks == 0:
             self.health.update(world.poses())
 
     def remove(self, robot: MobileRobot) -> None:
@@ -73,17 +80,15 @@ class Fleet:
         return (self.world.tick - self._phases[robot.index]) % period_ticks == 0
 
     def _localize(self, due: Sequence[MobileRobot]) -> None:
-        poses, velocities = self.world.poses(), self.world.velocities()
-        angles = self.world.wheel_angles() if self._odometers else None
         elapsed_s = 1.0 / CONTROL_HZ
         for robot in due:
-            pose, velocity = poses[robot.index], velocities[robot.index]
-            odometry = world_odometry(pose, velocity)
-            imu = self._imus[robot.index].read(
-                odometry.pose.yaw, odometry.angular_radps, odometry.linear_mps, elapsed_s
-            )
-            if self._odometers is not None and angles is not None:
-                odometry = self._odometers[robot.index].update(angles[robot.index], elapsed_s)
+            index = robot.index
+            linear_mps, angular_radps = self.world.velocity(index)
+            pose = Pose2D(*self.world.poses()[index].tolist())
+            imu = self._imus[index].read(pose.yaw, angular_radps, linear_mps, elapsed_s)
+            odometry = Odometry(pose, linear_mps, angular_radps)
+            if self._odometers is not None:
+                odometry = self._odometers[index].update(self.world.wheel_angles(index), elapsed_s)
             robot.localize(odometry, imu, elapsed_s)
 
     def _scan(self, scanning: Sequence[MobileRobot]) -> None:

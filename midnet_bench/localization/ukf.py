@@ -133,6 +133,9 @@ class PlanarUkf:
 class _CompiledUkf(UnscentedKalmanFilter):  # type: ignore[misc]
     """filterpy's filter with its two steps compiled: the same estimates, a tenth of the time."""
 
+    x: FloatArray
+    P: FloatArray
+
     def __init__(self, settings: UkfSettings) -> None:
         points = MerweScaledSigmaPoints(6, settings.alpha, settings.beta, settings.kappa)
         super().__init__(6, 4, 1.0, hx=None, fx=None, points=points)

@@ -6,6 +6,7 @@ on hit or miss for one beam in a hundred that passes near it, and costs four tim
 """
 
 from collections.abc import Sequence
+from operator import itemgetter
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -13,8 +14,13 @@ import numpy.typing as npt
 
 from midnet_bench.messages import LidarGeometry, burger_lds_01
 from midnet_bench.simulation.engine import bullet
+from midnet_bench.simulation.lidar_kernels import beam_directions, nearest_discs, points_along
 
 LDS_01: LidarGeometry = burger_lds_01()
+_ANGLES_RAD = LDS_01.mount.yaw + LDS_01.angles_rad
+_COSINES, _SINES = np.cos(_ANGLES_RAD), np.sin(_ANGLES_RAD)
+_FRACTION = itemgetter(2)
+"""of a ray's result, as PyBullet gives it"""
 BEAM_HEIGHT_M = 0.182
 MAX_BATCH = 16383
 """One ray more, and PyBullet answers with nothing at all."""
@@ -36,7 +42,8 @@ class Profile(NamedTuple):
 
     def centers(self, poses: Floats) -> Floats:
         """(n, 2) where the discs of robots at (n, 3) poses are, map frame."""
-        return _ahead_of(poses, self.offset_x_m)
+        yaw = poses[:, 2]
+        return poses[:, :2] + self.offset_x_m * np.stack((np.cos(yaw), np.sin(yaw)), axis=1)
 
 
 PROFILES: dict[str, Profile] = {"urdf": Profile(0.055, -0.017), "disc": Profile(0.105, 0.0)}
@@ -56,23 +63,20 @@ def beams_from(poses: Floats) -> Beams:
 
     Horizontal, from yaw alone: the sensor nods with its robot by a fraction of a degree, these do not.
     """
-    angles = poses[:, 2, None] + (LDS_01.mount.yaw + LDS_01.angles_rad)
-    directions = np.empty((*angles.shape, 2))
-    np.cos(angles, out=directions[..., 0])
-    np.sin(angles, out=directions[..., 1])
-    return Beams(_ahead_of(poses, LDS_01.mount.x), directions)
+    return Beams(*beam_directions(poses, LDS_01.mount.x, _COSINES, _SINES))
 
 
 def cast_on_solids(client: int, beams: Beams, near_m: float, far_m: float) -> Floats:
     """(m, beams) distance from the axis to the first solid between near and far; inf if there is none."""
-    starts, ends = (_at_beam_height(beams, reach) for reach in (near_m, far_m))
-    fractions: list[float] = []
+    starts, ends = (points_along(*beams, reach_m, BEAM_HEIGHT_M) for reach_m in (near_m, far_m))
+    met = np.empty(len(starts))
     for first in range(0, len(starts), MAX_BATCH):
         batch = slice(first, first + MAX_BATCH)
         hits = bullet.rayTestBatch(starts[batch], ends[batch], numThreads=1, physicsClientId=client)
-        fractions += [hit[2] for hit in hits]
-    met = np.array(fractions).reshape(beams.directions.shape[:2])
-    return np.where(met < 1.0, near_m + met * (far_m - near_m), np.inf)
+        met[batch] = np.fromiter(map(_FRACTION, hits), np.float64, len(hits))
+    ranges = near_m + met * (far_m - near_m)
+    ranges[met >= 1.0] = np.inf
+    return ranges.reshape(beams.directions.shape[:2])
 
 
 def cast_on_discs(
@@ -82,16 +86,8 @@ def cast_on_discs(
 
     ``centers`` is (n, 2), NaN for a disc that is not there; ``own[i]`` is the disc that sensor i sits on.
     """
-    offsets = centers[None, :, :] - beams.axes[:, None, :]
-    dx, dy = offsets[:, :, 0, None], offsets[:, :, 1, None]
-    along = dx * beams.directions[:, None, :, 0] + dy * beams.directions[:, None, :, 1]
-    under_root = along**2 + (radius_m**2 - dx**2 - dy**2)
-    distances = along - np.sqrt(np.maximum(under_root, 0.0))
-    missed = ~((under_root > 0.0) & (along > 0.0) & (distances < far_m))
-    missed[np.arange(len(own)), list(own)] = True
-    distances[missed] = np.inf
-    nearest = distances.min(axis=1)
-    return nearest, np.where(np.isinf(nearest), -1, distances.argmin(axis=1))
+    distances, which = nearest_discs(*beams, centers, radius_m, np.asarray(own, dtype=np.int64), far_m)
+    return np.asarray(distances), np.asarray(which)
 
 
 def add_noise(
@@ -119,15 +115,3 @@ def add_noise(
 def draw_scale(rng: np.random.Generator) -> float:
     """One sensor's factor of systematic error: the maker's accuracy of 5 % as three standard deviations."""
     return float(np.clip(rng.normal(1.0, 0.05 / 3.0), 0.95, 1.05))
-
-
-def _ahead_of(poses: Floats, distance_m: float) -> Floats:
-    yaw = poses[:, 2]
-    return poses[:, :2] + distance_m * np.column_stack((np.cos(yaw), np.sin(yaw)))
-
-
-def _at_beam_height(beams: Beams, reach_m: float) -> Floats:
-    points = np.empty((beams.directions.shape[0] * beams.directions.shape[1], 3))
-    points[:, :2] = (beams.axes[:, None, :] + reach_m * beams.directions).reshape(-1, 2)
-    points[:, 2] = BEAM_HEIGHT_M
-    return points

@@ -31,13 +31,6 @@ class OdometrySettings(Spec):
     """standard deviation of a wheel's slip after one metre; its variance grows with the travel"""
 
 
-def world_odometry(pose: npt.NDArray[np.float64], velocity: npt.NDArray[np.float64]) -> Odometry:
-    """Odometry without any error, from one robot's row of ``World.poses()`` and ``World.velocities()``."""
-    x, y, yaw = pose.tolist()
-    linear, angular = velocity.tolist()
-    return Odometry(Pose2D(x, y, yaw), linear, angular)
-
-
 class EncoderOdometer:
     """Dead reckoning of one robot from its wheels' angles."""
 
@@ -57,7 +50,7 @@ class EncoderOdometer:
         self._separation_m = WHEEL_SEPARATION_M * (1.0 + settings.separation_error * rng.standard_normal())
 
     def update(self, wheel_angles_rad: npt.NDArray[np.float64], elapsed_s: float) -> Odometry:
-        """The pose and the mean velocity after ``elapsed_s``, from a row of ``World.wheel_angles()``.
+        """The pose and the mean velocity after ``elapsed_s``, from ``World.wheel_angles``.
 
         The pose moves along the heading half-way through the turn (midpoint rule).
         """

@@ -1,8 +1,9 @@
 """``World``: one trial's Burgers, walls and intruders in a PyBullet client of their own."""
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from types import TracebackType
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -79,7 +80,6 @@ class World:
         self._collisions = np.zeros(len(starts), dtype=np.int64)
         self._last_contact = np.full(len(starts), -(10**9), dtype=np.int64)
         self._poses: Floats | None = None
-        self._velocities: Floats | None = None
         for _ in range(round(_SETTLE_S * self.settings.step_hz)):
             bullet.stepSimulation(physicsClientId=self._client)
 
@@ -112,45 +112,31 @@ class World:
         self._drive.step()
         bullet.stepSimulation(physicsClientId=self._client)
         self.tick += 1
-        self._poses = self._velocities = None
+        self._poses = None
         if self.tick % (self.settings.step_hz // _CONTACT_HZ) == 0:
             self._count_collisions()
 
     def poses(self) -> Floats:
         """(n, 3) true x, y, yaw of every base_footprint (under the axle), map frame; NaN once removed."""
         if self._poses is None:
-            poses = np.full((len(self._burgers), 3), np.nan)
-            states = self._states(bullet.getBasePositionAndOrientation)
-            if states:
-                x, y, z, w = np.array([state[1] for state in states]).T
-                poses[self._active, :2] = [state[0][:2] for state in states]
-                poses[self._active, 2] = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+            poses = np.array([self._pose(index) for index in range(len(self._burgers))])
             poses.flags.writeable = False
             self._poses = poses
         return self._poses
 
-    def velocities(self) -> Floats:
-        """(n, 2) true forward speed (m/s) and yaw rate (rad/s) of every robot; NaN once removed."""
-        if self._velocities is None:
-            velocities = np.full((len(self._burgers), 2), np.nan)
-            states = self._states(bullet.getBaseVelocity)
-            if states:
-                yaw = self.poses()[self._active, 2]
-                linear = np.array([state[0] for state in states])
-                velocities[self._active, 0] = linear[:, 0] * np.cos(yaw) + linear[:, 1] * np.sin(yaw)
-                velocities[self._active, 1] = [state[1][2] for state in states]
-            velocities.flags.writeable = False
-            self._velocities = velocities
-        return self._velocities
+    def velocity(self, index: int) -> tuple[float, float]:
+        """A robot's true forward speed (m/s) and yaw rate (rad/s)."""
+        self._require(index)
+        (x, y, _), (_, _, turn) = bullet.getBaseVelocity(self._burgers[index].body, self._client)
+        yaw = self.poses()[index, 2]
+        return x * math.cos(yaw) + y * math.sin(yaw), turn
 
-    def wheel_angles(self) -> Floats:
-        """(n, 2) how far the left and right wheel of every robot have turned, radians; NaN once removed."""
-        angles = np.full((len(self._burgers), 2), np.nan)
-        for index in self._active.nonzero()[0].tolist():
-            body, wheels = self._burgers[index]
-            states = bullet.getJointStates(body, wheels, physicsClientId=self._client)
-            angles[index] = [state[0] for state in states]
-        return angles
+    def wheel_angles(self, index: int) -> Floats:
+        """(2,) how far a robot's left and right wheel have turned, radians."""
+        self._require(index)
+        body, wheels = self._burgers[index]
+        states = bullet.getJointStates(body, wheels, physicsClientId=self._client)
+        return np.array([state[0] for state in states])
 
     def scan(self, indices: Sequence[int], rngs: Sequence[np.random.Generator]) -> Floats:
         """(len(indices), beams) ranges of those robots' LiDARs at this tick, metres, in one batch of rays.
@@ -197,11 +183,10 @@ class World:
     def remove(self, index: int) -> None:
         """Take a robot out of the arena for good, as a caught intruder is."""
         self._require(index)
-        self.poses()
         bullet.removeBody(self._burgers[index].body, physicsClientId=self._client)
         self._drive.forget(index)
         self._active[index] = False
-        self._poses = self._velocities = None
+        self._poses = None
 
     def collisions(self) -> Ints:
         """(n,) how often each robot has run into something so far, looked at ten times a second.
@@ -216,14 +201,11 @@ class World:
                 f"robot {index} is not in this world (it has {len(self._burgers)}, or it was removed)"
             )
 
-    def _states(self, getter: Callable[..., Any]) -> list[Any]:
-        """What a PyBullet getter says of every robot that is still here, in order."""
-        client = self._client
-        return [
-            getter(burger.body, physicsClientId=client)
-            for burger, active in zip(self._burgers, self._active.tolist(), strict=True)
-            if active
-        ]
+    def _pose(self, index: int) -> tuple[float, float, float]:
+        if not self._active[index]:
+            return math.nan, math.nan, math.nan
+        position, (x, y, z, w) = bullet.getBasePositionAndOrientation(self._burgers[index].body, self._client)
+        return *position[:2], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
     def _near_solids(self, rows: list[int]) -> list[int]:
         """Which of ``rows``, by place, may have a solid within their sensor's least range."""

@@ -1,0 +1,71 @@
+"""The compiled loops of the LiDAR: where its beams go, and which robots they meet."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+@njit(cache=True)
+def beam_directions(poses: Floats, ahead_m: float, cosines: Floats, sines: Floats) -> tuple[Floats, Floats]:
+    """(m, 2) axes ``ahead_m`` before (m, 3) poses and (m, beams, 2) unit vectors, in the poses' frame.
+
+    ``cosines``, ``sines``: (beams,) of the beams' angles in the robot's frame.
+    """
+    axes = np.empty((len(poses), 2))
+    directions = np.empty((len(poses), len(cosines), 2))
+    for i in range(len(poses)):
+        c, s = math.cos(poses[i, 2]), math.sin(poses[i, 2])
+        axes[i, 0] = poses[i, 0] + ahead_m * c
+        axes[i, 1] = poses[i, 1] + ahead_m * s
+        for k in range(len(cosines)):
+            directions[i, k, 0] = c * cosines[k] - s * sines[k]
+            directions[i, k, 1] = s * cosines[k] + c * sines[k]
+    return axes, directions
+
+
+@njit(cache=True)
+def points_along(axes: Floats, directions: Floats, reach_m: float, height_m: float) -> Floats:
+    """(m * beams, 3) the points ``reach_m`` along every beam, at a height."""
+    sensors, beams = directions.shape[:2]
+    points = np.empty((sensors * beams, 3))
+    for i in range(sensors):
+        for k in range(beams):
+            point = points[i * beams + k]
+            point[0] = axes[i, 0] + reach_m * directions[i, k, 0]
+            point[1] = axes[i, 1] + reach_m * directions[i, k, 1]
+            point[2] = height_m
+    return points
+
+
+@njit(cache=True)
+def nearest_discs(
+    axes: Floats, directions: Floats, centers: Floats, radius_m: float, own: Ints, far_m: float
+) -> tuple[Floats, Ints]:
+    """(m, beams) distance to the nearest disc within ``far_m``, else inf; which disc it is, else -1.
+
+    ``centers``: (n, 2), NaN for a disc that is not there; sensor i does not see disc ``own[i]``. The lower
+    number wins a tie.
+    """
+    sensors, beams = directions.shape[:2]
+    nearest = np.full((sensors, beams), np.inf)
+    which = np.full((sensors, beams), -1, dtype=np.int64)
+    for i in range(sensors):
+        for disc in range(len(centers)):
+            dx, dy = centers[disc, 0] - axes[i, 0], centers[disc, 1] - axes[i, 1]
+            if disc == own[i] or not math.hypot(dx, dy) < far_m + radius_m:
+                continue
+            beside = radius_m * radius_m - dx * dx - dy * dy
+            for k in range(beams):
+                along = dx * directions[i, k, 0] + dy * directions[i, k, 1]
+                under_root = along * along + beside
+                if along > 0.0 and under_root > 0.0:
+                    distance = along - math.sqrt(under_root)
+                    if distance < far_m and distance < nearest[i, k]:
+                        nearest[i, k] = distance
+                        which[i, k] = disc
+    return nearest, which
