@@ -72,6 +72,19 @@ class Exploration:
     """of the features; NaN where nothing had to be matched"""
     warnings: list[str]
 
+    def row(self) -> Row:
+        """``maps.csv``: what the map is worth and what it cost."""
+        return {
+            "coverage": self.score.free_covered,
+            "occupied_precision": self.score.occupied_precision,
+            "occupied_recall": self.score.occupied_recall,
+            "wall_error_m": self.score.wall_error_m,
+            "time_s": self.time_s,
+            "distance_m": self.distance_m,
+            "finished": self.finished,
+            "merge_confidence": self.merge_confidence,
+        }
+
 
 class ExplorationTrial:
     """An arena without intruders and the Burgers that map it. A context manager."""
@@ -130,13 +143,18 @@ class ExplorationTrial:
         return Exploration(
             grid=grid,
             parts=[self._plane.cut(explorer.slam.occupancy()) for explorer in self.explorers],
-            score=score_map(grid, self._truth(), (start.x, start.y)),
+            score=score_map(grid, self.truth(), (start.x, start.y)),
             time_s=self.time_s,
             distance_m=float(self.fleet.health.distances_m.sum()),
             finished=self._is_finished,
             merge_confidence=math.nan,
             warnings=[],
         )
+
+    def truth(self) -> OccupancyGrid:
+        """The arena's true grid, unknown outside the area that is to be explored."""
+        exact = render_exact(self.arena, self.parameters.resolution_m)
+        return self._plane.cut(self._area.cut(exact))
 
     def rows_of_robots(self) -> list[Row]:
         """``robots.csv``: one row per explorer, what each did so far."""
@@ -172,11 +190,6 @@ class ExplorationTrial:
             self._merged,
         )
 
-    def _truth(self) -> OccupancyGrid:
-        """The arena's true grid, unknown outside the area that is to be explored."""
-        exact = render_exact(self.arena, self.parameters.resolution_m)
-        return self._plane.cut(self._area.cut(exact))
-
     def _make_explorer(self, index: int, start: Pose2D) -> Explorer:
         parameters = self.parameters
         name = f"explorer {index + 1}"
@@ -201,17 +214,8 @@ def run_mapping(parameters: MappingParameters, seed: int) -> TrialResult:
         for _ in trial.snapshots():
             pass
         exploration = trial.result()
-        row: Row = {
-            "coverage": exploration.score.free_covered,
-            "occupied_precision": exploration.score.occupied_precision,
-            "occupied_recall": exploration.score.occupied_recall,
-            "wall_error_m": exploration.score.wall_error_m,
-            "time_s": exploration.time_s,
-            "distance_m": exploration.distance_m,
-            "finished": exploration.finished,
-            "merge_confidence": exploration.merge_confidence,
-        }
-        return TrialResult({"maps": [row], "robots": trial.rows_of_robots()}, exploration.time_s)
+        tables = {"maps": [exploration.row()], "robots": trial.rows_of_robots()}
+        return TrialResult(tables, exploration.time_s)
 
 
 def _empty(arena: Arena) -> Arena:
