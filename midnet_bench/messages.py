@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,11 @@ class LidarGeometry:
     def angles_rad(self) -> npt.NDArray[np.float64]:
         """(beams,) direction of each beam in the sensor frame, radians."""
         return self.angle_min_rad + self.angle_increment_rad * np.arange(self.beams, dtype=np.float64)
+
+    @cached_property
+    def directions(self) -> npt.NDArray[np.float64]:
+        """(beams, 2) unit vector along each beam in the sensor frame."""
+        return np.stack((np.cos(self.angles_rad), np.sin(self.angles_rad)), axis=1)
 
 
 class Odometry(NamedTuple):

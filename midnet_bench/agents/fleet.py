@@ -35,7 +35,9 @@ class Fleet:
         self._control_ticks = hz // CONTROL_HZ
         self._scan_ticks = hz // SCAN_HZ
         names = [robot.name for robot in robots]
-        self._phases = [int(stream(seed, "phase", name).integers(self._scan_ticks)) for name in names]
+        phases = [int(stream(seed, "phase", name).integers(self._scan_ticks)) for name in names]
+        self._controlling = _schedule(robots, phases, self._control_ticks)
+        self._scanning = _schedule(robots, phases, self._scan_ticks)
         self._lidar_noise = [stream(seed, "lidar", name) for name in names]
         self._imus = [ImuSensor("gazebo", stream(seed, "imu", name)) for name in names]
         self._odometers = (
@@ -61,23 +63,22 @@ class Fleet:
         """Let one tick pass: physics, then sensors and software of the robots that are due."""
         world = self.world
         world.step()
-        active = world.active
-        due = [
-            robot for robot in self.robots if active[robot.index] and self._is_due(robot, self._control_ticks)
-        ]
-        if due:
+        phase = world.tick % self._scan_ticks
+        if due := self._controlling[phase % self._control_ticks]:
             self._localize(due)
-            self._scan([robot for robot in due if self._is_due(robot, self._scan_ticks)])
+            self._scan(self._scanning[phase])
             self._control(due)
-        if world.tick % self._scan_ticks == 0:
+        if phase == 0:
             self.health.update(world.poses())
 
     def remove(self, robot: MobileRobot) -> None:
         """Take a robot out of the arena for good."""
         self.world.remove(robot.index)
-
-    def _is_due(self, robot: MobileRobot, period_ticks: int) -> bool:
-        return (self.world.tick - self._phases[robot.index]) % period_ticks == 0
+        # Lists of their own: a robot may be caught while the fleet goes through the old ones.
+        self._controlling, self._scanning = (
+            [[other for other in due if other is not robot] for due in schedule]
+            for schedule in (self._controlling, self._scanning)
+        )
 
     def _localize(self, due: Sequence[MobileRobot]) -> None:
         elapsed_s = 1.0 / CONTROL_HZ
@@ -104,3 +105,13 @@ class Fleet:
             x, y = self.world.poses()[robot.index, :2].tolist()
             robot.progress.update(x, y, self.time_s, robot.goal is not None)
             self.world.drive(robot.index, robot.control(self.time_s))
+
+
+def _schedule(
+    robots: Sequence[MobileRobot], phases: Sequence[int], period_ticks: int
+) -> list[list[MobileRobot]]:
+    """For each tick of a period, which of the robots are due."""
+    return [
+        [robot for robot, phase in zip(robots, phases, strict=True) if phase % period_ticks == tick]
+        for tick in range(period_ticks)
+    ]

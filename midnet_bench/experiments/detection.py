@@ -16,7 +16,7 @@ from midnet_bench.scoring.frame_counts import FrameCounts, TruthObject, count_fr
 from midnet_bench.scoring.ratios import ratios
 from midnet_bench.simulation.free_space import free_space
 from midnet_bench.simulation.lidar import LDS_01
-from midnet_bench.simulation.world import SOLID
+from midnet_bench.simulation.lidar_kernels import SOLID
 
 USABLE_RANGE_M = 2.5
 """Laser scan range of section V.A, from the sensor: whom a guard could have seen."""

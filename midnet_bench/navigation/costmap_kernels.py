@@ -48,7 +48,8 @@ def clear_line(cells: Cells, x0: int, y0: int, x1: int, y1: int, max_cells: int)
 def clear_polygon(cells: Cells, corners: Floats) -> None:
     """Set the cells of a convex polygon free; nothing if a corner is off the grid or they are fewer than 3.
 
-    ``corners``: (N, 2) in cells. Each column is filled between the outline's lowest and highest cell.
+    ``corners``: (N, 2) in cells from the grid's lower-left corner. Each column is filled between the
+    outline's lowest and highest cell.
     """
     height, width = cells.shape
     n = len(corners)
@@ -81,6 +82,18 @@ def clear_polygon(cells: Cells, corners: Floats) -> None:
 
 
 @njit(cache=True)
+def placed(corners: Floats, pose: tuple[float, float, float]) -> Floats:
+    """(N, 2) corners, given in the frame of ``pose`` (x, y, yaw), in the frame that it is given in."""
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    moved = np.empty_like(corners)
+    for i in range(len(corners)):
+        moved[i, 0] = x + c * corners[i, 0] - s * corners[i, 1]
+        moved[i, 1] = y + s * corners[i, 0] + c * corners[i, 1]
+    return moved
+
+
+@njit(cache=True)
 def integrate_scan(
     cells: Cells,
     sensor: tuple[float, float, float],
@@ -91,14 +104,18 @@ def integrate_scan(
     obstacle_range: float,
     raytrace_cells: int,
     inf_is_valid: bool,
+    base: tuple[float, float, float],
     footprint: Floats,
-) -> npt.NDArray[np.int64]:
-    """Clear along every beam, then mark every hit, then free the footprint; returns the flat cells marked.
+    marked: npt.NDArray[np.int64],
+) -> int:
+    """Clear along every beam, then mark every hit, then free the footprint; returns how many were marked.
 
     ``sensor``: x, y in cells from the grid's lower-left corner, yaw in radians. ``ranges``: (B,) metres;
     ``directions``: (B, 2) cosine and sine of each beam in the sensor frame. A range outside
     [range_min, range_max) neither clears nor marks, except that +inf clears under ``inf_is_valid``.
-    A hit at ``obstacle_range`` exactly is not marked. ``footprint``: (N, 2) cells; empty to clear none.
+    A hit at ``obstacle_range`` exactly is not marked. ``base``: as ``sensor``, where the robot stands;
+    ``footprint``: (N, 2) cells, its corners in its base frame; empty to clear none. ``marked``: (B,), takes
+    the flat indices of the marked cells.
     """
     height, width = cells.shape
     sensor_x, sensor_y, yaw = sensor
@@ -106,8 +123,8 @@ def integrate_scan(
     inside = 0.0 <= sensor_x < width and 0.0 <= sensor_y < height
     start_x, start_y = int(sensor_x), int(sensor_y)
     pulled_in = 0.001 / resolution
-    marked = np.empty(len(ranges), dtype=np.int64)
     count = 0
+    last_end = -1
     for i in range(len(ranges)):
         distance = ranges[i]
         if inf_is_valid and distance == math.inf:
@@ -132,13 +149,16 @@ def integrate_scan(
         if y > height:
             x, y = sensor_x + a * (height - sensor_y) / b, height - pulled_in
         end_x, end_y = int(x), int(y)
-        if 0 <= end_x < width and 0 <= end_y < height:
+        # Beams a degree apart often end in one cell, and the line to it is the same.
+        if 0 <= end_x < width and 0 <= end_y < height and end_y * width + end_x != last_end:
+            last_end = end_y * width + end_x
             clear_line(cells, start_x, start_y, end_x, end_y, raytrace_cells)
     flat = cells.reshape(-1)
     for i in range(count):
         flat[marked[i]] = _LETHAL
-    clear_polygon(cells, footprint)
-    return marked[:count]
+    if len(footprint) > 0:
+        clear_polygon(cells, placed(footprint, base))
+    return count
 
 
 @njit(cache=True)

@@ -7,11 +7,11 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.messages import Command
 from midnet_bench.navigation.costmap import RollingCostmap
-from midnet_bench.navigation.dwa_kernels import Scales, escape, search
+from midnet_bench.navigation.dwa_kernels import Scales, best_velocity, escape
 from midnet_bench.navigation.footprint import Footprint, corner_array
 from midnet_bench.navigation.limits import LocalPlannerLimits
 from midnet_bench.navigation.local_planner import LocalGoalGrids, Plan
-from midnet_bench.navigation.rollout_kernels import turn_is_free, velocity_samples
+from midnet_bench.navigation.rollout_kernels import turn_is_free
 
 
 @dataclass(frozen=True)
@@ -147,39 +147,33 @@ class DwaPlanner:
         grids are made when plan or costmap change rather than at every cycle.
         """
         settings, limits = self.settings, self.settings.limits
-        grids = self._grids.grids(costmap, plan, pose, settings.forward_point_distance_m)
-        reach_v, reach_w = (
-            limits.acc_lim_x_mps2 * self._period_s,
-            limits.acc_lim_theta_radps2 * self._period_s,
+        reach_v = limits.acc_lim_x_mps2 * self._period_s
+        reach_w = limits.acc_lim_theta_radps2 * self._period_s
+        windows = (
+            _window(velocity[0], reach_v, limits.min_vel_x_mps, limits.max_vel_x_mps),
+            _window(velocity[1], reach_w, -limits.max_vel_theta_radps, limits.max_vel_theta_radps),
+            (settings.vx_samples, settings.vth_samples),
         )
-        v, w = float(velocity[0]), float(velocity[1])
-        speeds = velocity_samples(
-            *_window(v, reach_v, limits.min_vel_x_mps, limits.max_vel_x_mps), settings.vx_samples
-        )
-        turns = velocity_samples(
-            *_window(w, reach_w, -limits.max_vel_theta_radps, limits.max_vel_theta_radps),
-            settings.vth_samples,
-        )
-        end_x, end_y = plan[-1]
-        aligned = math.hypot(end_x - pose.x, end_y - pose.y) > settings.forward_point_distance_m
-        start = (*costmap.layer.to_cells(pose.x, pose.y), float(pose.yaw))
-        best, _ = search(
+        end_x, end_y = plan[-1].tolist()
+        start = (*costmap.layer.to_cells(pose.x, pose.y), pose.yaw)
+        found, speed, turn = best_velocity(
             costmap.costs,
-            grids,
+            self._grids.grids(costmap, plan, pose, settings.forward_point_distance_m),
             start,
-            speeds,
-            turns,
+            *windows,
             self._oscillation.allowed,
-            aligned,
+            math.hypot(end_x - pose.x, end_y - pose.y) > settings.forward_point_distance_m,
             self._footprint_cells,
             self._scales,
         )
-        self._cycles_without_sample = 0 if best >= 0 else self._cycles_without_sample + 1
+        self._cycles_without_sample = 0 if found else self._cycles_without_sample + 1
         if self._cycles_without_sample * self._period_s > _STANDS_S:
-            best = escape(costmap.costs, start, speeds, turns, self._bare_footprint_cells, self._scales)
-        if best < 0:
+            found, speed, turn = escape(
+                costmap.costs, start, *windows, self._bare_footprint_cells, self._scales
+            )
+        if not found:
             return None
-        chosen = Command(float(speeds[best // len(turns)]), float(turns[best % len(turns)]))
+        chosen = Command(speed, turn)
         self._oscillation.note(chosen, pose)
         return chosen
 

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from numba import njit
 
 from midnet_bench.navigation.map_grid import GOAL, GOAL_FRONT, PATH
-from midnet_bench.navigation.rollout_kernels import ILLEGAL, outline_cost
+from midnet_bench.navigation.rollout_kernels import ILLEGAL, outline_cost, velocity_samples
 
 Cells = npt.NDArray[np.uint8]
 Grids = npt.NDArray[np.int32]
@@ -210,19 +210,44 @@ def search(
 
 
 @njit(cache=True)
+def best_velocity(
+    costs: Cells,
+    grids: Grids,
+    start: tuple[float, float, float],
+    speed_window: tuple[float, float],
+    turn_window: tuple[float, float],
+    counts: tuple[int, int],
+    signs_allowed: tuple[bool, bool, bool, bool],
+    aligned: bool,
+    footprint: Floats,
+    scales: Scales,
+) -> tuple[bool, float, float]:
+    """(whether any is legal, speed in m/s, turn in rad/s) of the best among evenly spaced samples."""
+    speeds = velocity_samples(speed_window[0], speed_window[1], counts[0])
+    turns = velocity_samples(turn_window[0], turn_window[1], counts[1])
+    best, _ = search(costs, grids, start, speeds, turns, signs_allowed, aligned, footprint, scales)
+    if best < 0:
+        return False, 0.0, 0.0
+    return True, speeds[best // len(turns)], turns[best % len(turns)]
+
+
+@njit(cache=True)
 def escape(
     costs: Cells,
     start: tuple[float, float, float],
-    speeds: Floats,
-    turns: Floats,
+    speed_window: tuple[float, float],
+    turn_window: tuple[float, float],
+    counts: tuple[int, int],
     footprint: Floats,
     scales: Scales,
-) -> int:
-    """The index of the sample that ends farthest from obstacles without an outline on one; -1 without any.
+) -> tuple[bool, float, float]:
+    """As ``best_velocity``, of the sample that ends farthest from obstacles without an outline on one.
 
     Farthest means the lowest cost under the centre, lower than at the start; the first wins a tie. No plan is
-    asked for. Indices and arguments are those of ``search``.
+    asked for.
     """
+    speeds = velocity_samples(speed_window[0], speed_window[1], counts[0])
+    turns = velocity_samples(turn_window[0], turn_window[1], counts[1])
     height, width = costs.shape
     no_plan = np.zeros((3, height + 2, width + 2), dtype=np.int32)
     best = -1
@@ -245,4 +270,6 @@ def escape(
         met = collision_cost(costs, no_plan, start, speed_cells, turn, steps, dt, 0.0, footprint)
         if met != ILLEGAL:
             best, lowest = sample, int(costs[int(y), int(x)])
-    return best
+    if best < 0:
+        return False, 0.0, 0.0
+    return True, speeds[best // len(turns)], turns[best % len(turns)]

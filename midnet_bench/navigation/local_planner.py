@@ -8,10 +8,9 @@ import numpy.typing as npt
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.navigation.costmap import RollingCostmap
-from midnet_bench.navigation.costmap_kernels import clear_polygon
-from midnet_bench.navigation.footprint import at_pose
+from midnet_bench.navigation.costmap_kernels import clear_polygon, placed
 from midnet_bench.navigation.limits import LocalPlannerLimits
-from midnet_bench.navigation.map_grid import distance_grids
+from midnet_bench.navigation.map_grid import local_grids
 
 Plan = npt.NDArray[np.float64]
 """(N, 2) points in the costmap's frame, metres, from the robot to where the plan leaves the window or ends"""
@@ -53,22 +52,24 @@ class LocalGoalGrids:
         forward_m: float,
         freed: npt.NDArray[np.float64] | None = None,
     ) -> npt.NDArray[np.int32]:
-        """``map_grid.distance_grids``; for the third, the plan's end is pushed ahead by ``forward_m``.
+        """``map_grid.local_grids``: for the third, the plan's end is pushed ahead by ``forward_m``.
 
         Cells under ``freed``, a footprint in cells, count as free where the robot stands.
         """
         if self._grids is None or costmap.costs is not self._costs or plan is not self._plan:
-            resolution = costmap.settings.resolution
-            cells = np.ascontiguousarray((plan - costmap.origin) / resolution)
-            x, y = costmap.layer.to_cells(pose.x, pose.y)
-            ahead = cells[-1] - (x, y)
-            distance = float(np.hypot(*ahead))
-            push = ahead / distance * (forward_m / resolution) if distance > 0.0 else np.zeros(2)
-            end = (float(cells[-1, 0] + push[0]), float(cells[-1, 1] + push[1]))
             costs = costmap.costs
             if freed is not None:
                 costs = costs.copy()
-                clear_polygon(costs, at_pose(freed, Pose2D(x, y, pose.yaw)))
-            self._grids = np.asarray(distance_grids(costs, cells, end))
+                clear_polygon(costs, placed(freed, (*costmap.layer.to_cells(pose.x, pose.y), pose.yaw)))
+            self._grids = np.asarray(
+                local_grids(
+                    costs,
+                    plan,
+                    costmap.origin,
+                    costmap.settings.resolution,
+                    (pose.x, pose.y),
+                    forward_m,
+                )
+            )
             self._costs, self._plan = costmap.costs, plan
         return self._grids

@@ -1,5 +1,7 @@
 """Distance grids of base_local_planner: steps from each cell of the local window to the plan or its end."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -33,6 +35,33 @@ def distance_grids(costs: Cells, plan: Floats, pushed_end: tuple[float, float]) 
     seeds, count = _plan_cells(costs, plan, pushed_end)
     _spread(costs, seeds[max(count - 1, 0) : count], queue, grids[GOAL_FRONT])
     return grids
+
+
+@njit(cache=True)
+def local_grids(
+    costs: Cells,
+    plan: Floats,
+    origin: tuple[float, float],
+    resolution: float,
+    robot: tuple[float, float],
+    forward_m: float,
+) -> Grids:
+    """``distance_grids`` of a plan in metres whose end is pushed on by ``forward_m``, straight from the robot.
+
+    ``origin``: the window's lower-left corner; ``robot``: x, y; all in one frame, metres.
+    """
+    cells = np.empty_like(plan)
+    for i in range(len(plan)):
+        cells[i, 0] = (plan[i, 0] - origin[0]) / resolution
+        cells[i, 1] = (plan[i, 1] - origin[1]) / resolution
+    end_x, end_y = cells[-1, 0], cells[-1, 1]
+    ahead_x, ahead_y = (
+        end_x - (robot[0] - origin[0]) / resolution,
+        end_y - (robot[1] - origin[1]) / resolution,
+    )
+    distance = math.hypot(ahead_x, ahead_y)
+    push = forward_m / resolution / distance if distance > 0.0 else 0.0
+    return distance_grids(costs, cells, (end_x + push * ahead_x, end_y + push * ahead_y))
 
 
 @njit(cache=True)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.cost_values import INSCRIBED, NO_INFORMATION
-from midnet_bench.navigation.navfn_kernels import BLOCKED, NEUTRAL, UNREACHED, descend, propagate
+from midnet_bench.navigation.navfn_kernels import BLOCKED, NEUTRAL, UNREACHED, path_down, propagate
 
 _UNKNOWN = 253
 """traversal cost of unknown cells where they are allowed: very dear, not blocked"""
@@ -43,23 +43,17 @@ class Potential:
         is None rather than a stump, its length is bounded by the map's area rather than by 4 widths, and
         where the descent vanishes (an obstacle dead ahead) the lowest neighbour is taken.
         """
-        height, width = self.values.shape
-        column = (x - self.origin[0]) / self.resolution - 0.5
-        row = (y - self.origin[1]) / self.resolution - 0.5
-        if not (-0.5 <= column < width - 0.5 and -0.5 <= row < height - 0.5):
-            return None
-        cells, found = descend(self.values, (column, row), _ESCAPE_CELLS, until_m / self.resolution)
-        if not found or self._beyond_settled(cells):
-            return None
-        points = (np.asarray(cells) + 0.5) * self.resolution + self.origin
-        if math.hypot(points[-1, 0] - x, points[-1, 1] - y) <= until_m:
-            points = np.vstack((points, self.goal))
-        return points
-
-    def _beyond_settled(self, cells: npt.NDArray[np.float64]) -> bool:
-        """Whether the way begins where the wave was cut off, so that it may be a detour."""
-        column, row = np.rint(cells[min(1, len(cells) - 1)]).astype(int)
-        return bool(self.values[row, column] >= self.settled_below)
+        points, found = path_down(
+            self.values,
+            (x, y),
+            self.origin,
+            self.resolution,
+            self.goal,
+            self.settled_below,
+            _ESCAPE_CELLS,
+            until_m,
+        )
+        return np.asarray(points) if found else None
 
 
 def traversal_costs(costs: npt.NDArray[np.uint8], allow_unknown: bool = True) -> npt.NDArray[np.uint8]:

@@ -100,6 +100,44 @@ def _descent(potential: Potentials, x: int, y: int) -> tuple[float, float]:
 
 
 @njit(cache=True)
+def path_down(
+    potential: Potentials,
+    start: tuple[float, float],
+    origin: tuple[float, float],
+    resolution: float,
+    goal: tuple[float, float],
+    settled_below: float,
+    escape_cells: int,
+    until_m: float,
+) -> tuple[npt.NDArray[np.float64], bool]:
+    """(N, 2) points in metres from ``start`` to ``goal`` or to the first one farther than ``until_m``.
+
+    Beside it whether there is such a way; there is none from off the map, nor from where the wave was cut off
+    (``settled_below``), whence it might be a detour.
+    """
+    height, width = potential.shape
+    column = (start[0] - origin[0]) / resolution - 0.5
+    row = (start[1] - origin[1]) / resolution - 0.5
+    nowhere = np.empty((0, 2), dtype=np.float64)
+    if not (-0.5 <= column < width - 0.5 and -0.5 <= row < height - 0.5):
+        return nowhere, False
+    cells, found = descend(potential, (column, row), escape_cells, until_m / resolution)
+    if not found:
+        return nowhere, False
+    first = cells[min(1, len(cells) - 1)]
+    if potential[round(first[1]), round(first[0])] >= settled_below:
+        return nowhere, False
+    points = np.empty((len(cells) + 1, 2), dtype=np.float64)
+    for i in range(len(cells)):
+        points[i, 0] = (cells[i, 0] + 0.5) * resolution + origin[0]
+        points[i, 1] = (cells[i, 1] + 0.5) * resolution + origin[1]
+    if math.hypot(points[-2, 0] - start[0], points[-2, 1] - start[1]) > until_m:
+        return points[:-1], True
+    points[-1, 0], points[-1, 1] = goal
+    return points, True
+
+
+@njit(cache=True)
 def descend(
     potential: Potentials, start: tuple[float, float], escape_cells: int, until_cells: float
 ) -> tuple[npt.NDArray[np.float64], bool]:

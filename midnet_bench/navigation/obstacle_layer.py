@@ -1,6 +1,5 @@
 """The obstacle layer of a costmap: what the beams of a LiDAR have marked and cleared."""
 
-import functools
 import math
 from typing import TypeVar
 
@@ -12,11 +11,9 @@ from midnet_bench.messages import LidarGeometry
 from midnet_bench.navigation.cost_values import FREE_SPACE, LETHAL, NO_INFORMATION, reach_cells
 from midnet_bench.navigation.costmap_kernels import integrate_scan
 from midnet_bench.navigation.costmap_settings import CostmapSettings
-from midnet_bench.navigation.footprint import at_pose
+from midnet_bench.navigation.footprint import corner_array
 
 _Value = TypeVar("_Value", bound=np.generic)
-
-_NO_CORNERS = np.empty((0, 2), dtype=np.float64)
 
 
 class ObstacleLayer:
@@ -39,7 +36,9 @@ class ObstacleLayer:
         self.cells: npt.NDArray[np.uint8] = np.full((height, width), self._unseen, dtype=np.uint8)
         self._remembers_for_ever = math.isinf(settings.memory_s)
         self._marked_at_s = np.full((height, width), -math.inf)
-        self._corners = np.array(settings.footprint if settings.footprint_clearing else _NO_CORNERS)
+        cleared = settings.footprint if settings.footprint_clearing else ()
+        self._footprint_cells = corner_array(cleared) / settings.resolution
+        self._marked = np.empty(0, dtype=np.int64)
         self._raytrace_cells = reach_cells(settings.raytrace_range_m, settings.resolution)
 
     @property
@@ -83,20 +82,24 @@ class ObstacleLayer:
         settings = self.settings
         if not self._remembers_for_ever:
             self._forget(time_s)
-        marked = integrate_scan(
+        if len(self._marked) < len(ranges_m):
+            self._marked = np.empty(len(ranges_m), dtype=np.int64)
+        count = integrate_scan(
             self.cells,
-            (*self.to_cells(sensor_pose.x, sensor_pose.y), float(sensor_pose.yaw)),
+            (*self.to_cells(sensor_pose.x, sensor_pose.y), sensor_pose.yaw),
             settings.resolution,
             np.ascontiguousarray(ranges_m, dtype=np.float64),
-            _beam_directions(geometry),
+            geometry.directions,
             (geometry.range_min_m, geometry.range_max_m),
             settings.obstacle_range_m,
             self._raytrace_cells,
             settings.inf_is_valid,
-            self._footprint_cells(pose),
+            (*self.to_cells(pose.x, pose.y), pose.yaw),
+            self._footprint_cells,
+            self._marked,
         )
         if not self._remembers_for_ever:
-            self._marked_at_s.reshape(-1)[marked] = time_s
+            self._marked_at_s.reshape(-1)[self._marked[:count]] = time_s
 
     def clear_outside(self, x: float, y: float, side_m: float) -> None:
         """Forget everything outside the square of side ``side_m`` centred on (x, y), bounds excluded.
@@ -118,21 +121,6 @@ class ObstacleLayer:
             self.cells.fill(self._unseen)
         else:
             self.cells[(self.cells == LETHAL) & (self._marked_at_s < time_s - memory_s)] = FREE_SPACE
-
-    def _footprint_cells(self, pose: Pose2D) -> npt.NDArray[np.float64]:
-        if not len(self._corners):
-            return _NO_CORNERS
-        corners = at_pose(self._corners, pose)
-        corners -= self.lattice_origin
-        corners /= self.settings.resolution
-        corners -= (self.column, self.row)
-        return corners
-
-
-@functools.lru_cache(maxsize=16)
-def _beam_directions(geometry: LidarGeometry) -> npt.NDArray[np.float64]:
-    angles = geometry.angles_rad
-    return np.ascontiguousarray(np.column_stack((np.cos(angles), np.sin(angles))))
 
 
 def _moved(

@@ -129,8 +129,17 @@ class PlanKeeper:
         now, then = self._costmap.layer.cells, self._obstacles_then
         if now.shape != then.shape:
             return True
-        cells = np.ascontiguousarray((path[::4] - self._costmap.origin) / self._costmap.settings.resolution)
-        return bool(changed_near(now, then, self._costmap.static_costs, cells, self._change_cells))
+        return bool(
+            changed_near(
+                now,
+                then,
+                self._costmap.static_costs,
+                path,
+                self._costmap.origin,
+                self._costmap.settings.resolution,
+                self._change_cells,
+            )
+        )
 
 
 def _cost_at(settings: CostmapSettings, distance_m: float) -> int:
@@ -144,16 +153,23 @@ def _cost_at(settings: CostmapSettings, distance_m: float) -> int:
 
 @njit(cache=True)
 def changed_near(
-    now: Cells, then: Cells, static_costs: Cells, points: npt.NDArray[np.float64], radius: int
+    now: Cells,
+    then: Cells,
+    static_costs: Cells,
+    path: npt.NDArray[np.float64],
+    origin: tuple[float, float],
+    resolution: float,
+    radius: int,
 ) -> bool:
-    """Whether any cell within a square of ``radius`` cells around the points began or ceased to be lethal.
+    """Whether any cell within a square of ``radius`` cells around a path began or ceased to be lethal.
 
-    Cells whose static cost is 253 or more do not count: they are walls, or next to one. ``points``: (N, 2) in
-    cells.
+    Cells whose static cost is 253 or more do not count: they are walls, or next to one. ``path``: (N, 2)
+    metres, half a cell apart; every fourth point is looked at.
     """
     height, width = now.shape
-    for i in range(len(points)):
-        column, row = int(points[i, 0]), int(points[i, 1])
+    for i in range(0, len(path), 4):
+        column = int((path[i, 0] - origin[0]) / resolution)
+        row = int((path[i, 1] - origin[1]) / resolution)
         for y in range(max(row - radius, 0), min(row + radius + 1, height)):
             for x in range(max(column - radius, 0), min(column + radius + 1, width)):
                 if (now[y, x] == _LETHAL) != (then[y, x] == _LETHAL) and static_costs[y, x] < INSCRIBED:

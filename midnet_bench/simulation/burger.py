@@ -1,9 +1,8 @@
 """The TurtleBot3 Burger: its measures, its body in PyBullet, its drive."""
 
+import math
 from pathlib import Path
 from typing import NamedTuple
-
-import numpy as np
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
@@ -67,8 +66,8 @@ class Drive:
         self._robots = robots
         self._client = client
         self._most = RIM_ACCELERATION_MPS2 * step_s
-        self._targets = np.zeros((len(robots), 2))
-        self._speeds = np.zeros((len(robots), 2))
+        self._targets = [(0.0, 0.0)] * len(robots)
+        self._speeds = [(0.0, 0.0)] * len(robots)
         for number in range(len(robots)):
             self._set_motors(number)
 
@@ -81,17 +80,21 @@ class Drive:
 
     def step(self) -> None:
         """Move every wheel's speed one physics step closer to its target."""
-        missing = self._targets - self._speeds
-        late = np.flatnonzero(missing.any(axis=1)).tolist()
-        if late:
-            ramped = self._speeds + np.clip(missing, -self._most, self._most)
-            self._speeds = np.where(np.abs(missing) <= self._most, self._targets, ramped)
-            for number in late:
+        for number, (target, speed) in enumerate(zip(self._targets, self._speeds, strict=True)):
+            if target != speed:
+                self._speeds[number] = (
+                    self._nearer(speed[0], target[0]),
+                    self._nearer(speed[1], target[1]),
+                )
                 self._set_motors(number)
 
     def forget(self, number: int) -> None:
         """Never touch that robot's motors again."""
         self._targets[number] = self._speeds[number]
+
+    def _nearer(self, speed: float, target: float) -> float:
+        missing = target - speed
+        return target if abs(missing) <= self._most else speed + math.copysign(self._most, missing)
 
     def _set_motors(self, number: int) -> None:
         robot = self._robots[number]
@@ -99,7 +102,7 @@ class Drive:
             robot.body,
             robot.wheels,
             bullet.VELOCITY_CONTROL,
-            targetVelocities=(self._speeds[number] / WHEEL_RADIUS_M).tolist(),
+            targetVelocities=[speed / WHEEL_RADIUS_M for speed in self._speeds[number]],
             forces=(WHEEL_TORQUE_NM, WHEEL_TORQUE_NM),
             physicsClientId=self._client,
         )

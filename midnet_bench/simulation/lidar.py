@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from midnet_bench.messages import LidarGeometry, burger_lds_01
 from midnet_bench.simulation.engine import bullet
-from midnet_bench.simulation.lidar_kernels import beam_directions, nearest_discs, points_along
+from midnet_bench.simulation.lidar_kernels import beam_directions, hide_behind_discs, points_along
 
 LDS_01: LidarGeometry = burger_lds_01()
 _ANGLES_RAD = LDS_01.mount.yaw + LDS_01.angles_rad
@@ -79,15 +79,16 @@ def cast_on_solids(client: int, beams: Beams, near_m: float, far_m: float) -> Fl
     return ranges.reshape(beams.directions.shape[:2])
 
 
-def cast_on_discs(
-    beams: Beams, centers: Floats, radius_m: float, own: Sequence[int], far_m: float
-) -> tuple[Floats, Ints]:
-    """(m, beams) distance to the nearest disc other than the sensor's own, inf if none; which disc, else -1.
+def hide_behind_robots(
+    ranges: Floats, beams: Beams, centers: Floats, radius_m: float, own: Sequence[int], far_m: float
+) -> Ints:
+    """(m, beams) what each beam meets first: a robot's number, ``SOLID`` or ``NOTHING``.
 
-    ``centers`` is (n, 2), NaN for a disc that is not there; ``own[i]`` is the disc that sensor i sits on.
+    ``ranges``: (m, beams), those of ``cast_on_solids``; shortened where a robot's disc is nearer. ``centers``
+    is (n, 2), NaN for a disc that is not there; ``own[i]`` is the disc that sensor i sits on.
     """
-    distances, which = nearest_discs(*beams, centers, radius_m, np.asarray(own, dtype=np.int64), far_m)
-    return np.asarray(distances), np.asarray(which)
+    numbers = np.asarray(own, dtype=np.int64)
+    return np.asarray(hide_behind_discs(ranges, *beams, centers, radius_m, numbers, far_m))
 
 
 def add_noise(
@@ -102,14 +103,16 @@ def add_noise(
     """
     if noise == "none":
         return ranges
-    finite = np.where(np.isinf(ranges), LDS_01.range_max_m, ranges)
-    sigma: Floats | float = 0.010
-    if noise == "datasheet":
-        finite = finite * scales[:, None]
-        sigma = np.where(finite < 0.5, 0.010, 0.035 * finite) / 3.0
+    none = np.isinf(ranges)
     errors = np.array([rng.standard_normal(ranges.shape[1]) for rng in rngs]).reshape(ranges.shape)
-    noisy = np.clip(finite + sigma * errors, LDS_01.range_min_m, LDS_01.range_max_m)
-    return np.where(np.isinf(ranges), np.inf, noisy)
+    if noise == "gazebo":
+        noisy = ranges + 0.010 * errors
+    else:
+        scaled = np.where(none, 0.0, ranges) * scales[:, None]
+        noisy = scaled + np.where(scaled < 0.5, 0.010, 0.035 * scaled) / 3.0 * errors
+    noisy = np.clip(noisy, LDS_01.range_min_m, LDS_01.range_max_m)
+    noisy[none] = np.inf
+    return noisy
 
 
 def draw_scale(rng: np.random.Generator) -> float:

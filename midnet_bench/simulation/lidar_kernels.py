@@ -9,6 +9,9 @@ from numba import njit
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
+NOTHING, SOLID = -1, -2
+"""What a beam met that was no robot: nothing, a wall or a stationary intruder."""
+
 
 @njit(cache=True)
 def beam_directions(poses: Floats, ahead_m: float, cosines: Floats, sines: Floats) -> tuple[Floats, Floats]:
@@ -43,18 +46,26 @@ def points_along(axes: Floats, directions: Floats, reach_m: float, height_m: flo
 
 
 @njit(cache=True)
-def nearest_discs(
-    axes: Floats, directions: Floats, centers: Floats, radius_m: float, own: Ints, far_m: float
-) -> tuple[Floats, Ints]:
-    """(m, beams) distance to the nearest disc within ``far_m``, else inf; which disc it is, else -1.
+def hide_behind_discs(
+    ranges: Floats,
+    axes: Floats,
+    directions: Floats,
+    centers: Floats,
+    radius_m: float,
+    own: Ints,
+    far_m: float,
+) -> Ints:
+    """(m, beams) what each beam meets first: a disc's number, ``SOLID`` or ``NOTHING``.
 
-    ``centers``: (n, 2), NaN for a disc that is not there; sensor i does not see disc ``own[i]``. The lower
-    number wins a tie.
+    ``ranges``: (m, beams) to the nearest solid, inf for none; shortened where a disc within ``far_m`` is
+    nearer. ``centers``: (n, 2), NaN for a disc that is not there; sensor i does not see disc ``own[i]``. The
+    solid, then the lower number wins a tie.
     """
     sensors, beams = directions.shape[:2]
-    nearest = np.full((sensors, beams), np.inf)
-    which = np.full((sensors, beams), -1, dtype=np.int64)
+    met = np.empty((sensors, beams), dtype=np.int64)
     for i in range(sensors):
+        for k in range(beams):
+            met[i, k] = NOTHING if ranges[i, k] == np.inf else SOLID
         for disc in range(len(centers)):
             dx, dy = centers[disc, 0] - axes[i, 0], centers[disc, 1] - axes[i, 1]
             if disc == own[i] or not math.hypot(dx, dy) < far_m + radius_m:
@@ -65,7 +76,7 @@ def nearest_discs(
                 under_root = along * along + beside
                 if along > 0.0 and under_root > 0.0:
                     distance = along - math.sqrt(under_root)
-                    if distance < far_m and distance < nearest[i, k]:
-                        nearest[i, k] = distance
-                        which[i, k] = disc
-    return nearest, which
+                    if distance < far_m and distance < ranges[i, k]:
+                        ranges[i, k] = distance
+                        met[i, k] = disc
+    return met

@@ -23,8 +23,6 @@ from midnet_bench.spec import Spec
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-NOTHING, SOLID = -1, -2
-"""What a beam met that was no robot: nothing, a wall or a stationary intruder."""
 TOO_NEAR_M = 0.0
 """The range of a beam that ends before the sensor's least range, as the LDS-01's driver reports it."""
 
@@ -159,17 +157,14 @@ class World:
         profile = lidar.PROFILES[self.settings.robot_profile]
         rows = list(indices)
         beams = lidar.beams_from(self.poses()[rows])
-        solids = lidar.cast_on_solids(self._client, beams, low, high)
+        true_ranges = lidar.cast_on_solids(self._client, beams, low, high)
         for row in self._near_solids(rows):
             # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
             one = lidar.Beams(beams.axes[row : row + 1], beams.directions[row : row + 1])
-            solids[row] = np.minimum(solids[row], lidar.cast_on_solids(self._client, one, 0.0, low)[0])
-        discs, bodies = lidar.cast_on_discs(
-            beams, profile.centers(self.poses()), profile.radius_m, rows, high
-        )
-        bodies[solids <= discs] = SOLID
-        true_ranges = np.minimum(solids, discs)
-        bodies[np.isinf(true_ranges)] = NOTHING
+            near = lidar.cast_on_solids(self._client, one, 0.0, low)[0]
+            true_ranges[row] = np.minimum(true_ranges[row], near)
+        centers = profile.centers(self.poses())
+        bodies = lidar.hide_behind_robots(true_ranges, beams, centers, profile.radius_m, rows, high)
         ranges = lidar.add_noise(true_ranges, self.settings.lidar_noise, self._lidar_scales[rows], rngs)
         ranges[true_ranges < low] = TOO_NEAR_M
         return ranges, bodies

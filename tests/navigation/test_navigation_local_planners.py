@@ -344,8 +344,8 @@ def test_an_escape_ends_farther_from_obstacles_than_any_other_legal_motion(seed:
     costs, _, _, start = scene(seed)
     speeds, turns = velocity_samples(-0.22, 0.22, 5), velocity_samples(-1.6, 1.6, 5)
     s = scales(0.0)
-    best, lowest = -1, int(costs[int(start[1]), int(start[0])])
-    for i, (v, w) in enumerate(itertools.product(speeds, turns)):
+    best, lowest = (False, 0.0, 0.0), int(costs[int(start[1]), int(start[0])])
+    for v, w in itertools.product(speeds, turns):
         n = math.ceil(max(abs(v) * s.steps_per_mps, abs(w) * s.steps_per_radps))
         if n == 0 or (abs(v) + 1e-4 < s.min_vel_trans and abs(w) + 1e-4 < s.min_vel_theta):
             continue
@@ -358,8 +358,8 @@ def test_an_escape_ends_farther_from_obstacles_than_any_other_legal_motion(seed:
                 y += v * s.cells_per_m * math.sin(yaw) * s.sim_time / n
                 yaw += w * s.sim_time / n
         if legal and costs[int(y), int(x)] < lowest:
-            best, lowest = i, int(costs[int(y), int(x)])
-    assert dwa_kernels.escape(costs, start, speeds, turns, FOOTPRINT, s) == best
+            best, lowest = (True, v, w), int(costs[int(y), int(x)])
+    assert dwa_kernels.escape(costs, start, (-0.22, 0.22), (-1.6, 1.6), (5, 5), FOOTPRINT, s) == best
 
 
 def test_a_swing_forbids_the_old_direction_until_the_robot_has_moved() -> None:

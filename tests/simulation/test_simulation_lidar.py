@@ -12,8 +12,9 @@ from midnet_bench.rng import stream
 from midnet_bench.simulation import lidar
 from midnet_bench.simulation.arena import load_arena
 from midnet_bench.simulation.layout import place
+from midnet_bench.simulation.lidar_kernels import NOTHING, SOLID
 from midnet_bench.simulation.solids import Solid
-from midnet_bench.simulation.world import NOTHING, SOLID, TOO_NEAR_M, World, WorldSettings
+from midnet_bench.simulation.world import TOO_NEAR_M, World, WorldSettings
 
 ANY = [stream(1, "unused")] * 10
 
