@@ -226,7 +226,7 @@ def _png_is_whole(data: bytes) -> bool:
     return False
 
 
-def save_map(grid: OccupancyGrid, yaml_path: Path, occ: int = 65, free: int = 25) -> None:
+def save_map(grid: OccupancyGrid, yaml_path: Path, occ: int = 65, free: int = 25, comment: str = "") -> None:
     """Write ``yaml_path`` and, beside it under the same name, a binary ``.pgm``, as map_saver does.
 
     Values of 0 to ``free`` become white, ``occ`` and more black, all else the grey that loads as
@@ -238,6 +238,7 @@ def save_map(grid: OccupancyGrid, yaml_path: Path, occ: int = 65, free: int = 25
         yaml_path: usually ``*.yaml``; not ``*.pgm``.
         occ: 1 to 100.
         free: 0 to 100, below ``occ``.
+        comment: a line at the top of the YAML file, where a map says what it was made from.
 
     Raises:
         InputError: the thresholds are out of range, or a file cannot be written.
@@ -257,8 +258,9 @@ def save_map(grid: OccupancyGrid, yaml_path: Path, occ: int = 65, free: int = 25
     header = f"P5\n# {grid.resolution:.3f} m/pix\n{grid.width} {grid.height}\n255\n"
     # a bare name, because loaders look beside the YAML file
     name = yaml.safe_dump({"image": image.name}, allow_unicode=True)
+    heading = f"# {' '.join(comment.split())}\n" if comment else ""
     text = (
-        f"{name}"
+        f"{heading}{name}"
         f"resolution: {grid.resolution:.6f}\n"
         f"origin: [{grid.origin[0]:.6f}, {grid.origin[1]:.6f}, {0.0:.6f}]\n"
         "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"

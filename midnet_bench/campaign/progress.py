@@ -100,9 +100,13 @@ class Bar(Progress):
 
 
 def progress_on(stream: TextIO = sys.stderr) -> Progress:
-    """A bar if ``stream`` is a terminal that may be animated, else lines (also under NO_COLOR, TERM=dumb)."""
-    plain = not stream.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
-    return Lines(stream) if plain else Bar(stream)
+    """A bar if ``stream`` may be animated, else lines."""
+    return Bar(stream) if may_animate(stream) else Lines(stream)
+
+
+def may_animate(stream: TextIO) -> bool:
+    """Whether ``stream`` is a terminal, and neither NO_COLOR nor TERM=dumb asks for plain lines."""
+    return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
 def _clock(seconds: float) -> str:

@@ -3,13 +3,13 @@
 import os
 import sys
 
-import click
+import typer
 
-from midnet_bench.cli import campaigns, inputs, pictures, reports, smoke
+from midnet_bench.cli import campaigns, inputs, maps, pictures, reports, smoke
 from midnet_bench.cli.app import app
 from midnet_bench.errors import MidnetBenchError
 
-__all__ = ["campaigns", "inputs", "main", "pictures", "reports", "smoke"]
+__all__ = ["campaigns", "inputs", "main", "maps", "pictures", "reports", "smoke"]
 
 
 def main() -> None:
@@ -19,14 +19,16 @@ def main() -> None:
     """
     try:
         code = app(standalone_mode=False)
-    except click.ClickException as error:
-        error.show()
+    except typer.TyperException as error:
+        # without a command the help is shown, and there is nothing to add
+        if message := error.format_message():
+            print(f"error: {message}", file=sys.stderr)
         code = error.exit_code
     except MidnetBenchError as error:
         if os.environ.get("MIDNET_BENCH_DEBUG"):
             raise
         print(f"error: {error}", file=sys.stderr)
         code = error.exit_code
-    except (KeyboardInterrupt, click.Abort):
+    except (KeyboardInterrupt, typer.Abort):
         code = 130
     sys.exit(code)

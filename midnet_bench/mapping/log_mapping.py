@@ -58,18 +58,27 @@ def map_log(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> MappingResult:
+    """``map_scans`` of the log at ``path``, as ``read_scan_log`` takes it."""
+    return map_scans(read_scan_log(path), particles, seed, progress)
+
+
+def map_scans(
+    log: ScanLog,
+    particles: int = RECORDED_LOG.particles,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> MappingResult:
     """The map and the trajectory that GMapping makes of a log; the same seed gives the same bytes.
 
     Args:
-        path: of the log, as ``read_scan_log`` takes it.
+        log: the scans.
         particles: of the filter.
         seed: of the motion noise and the resampling.
         progress: called after each scan with the number of scans done and of all scans.
 
     Raises:
-        InputError: the log cannot be used.
+        InputError: the log has no usable range.
     """
-    log = read_scan_log(path)
     slam = start_mapping(log, particles, seed)
     for done, scan in enumerate(log, start=1):
         slam.process(scan.odometry, scan.ranges_m, scan.stamp_s)
@@ -77,12 +86,14 @@ def map_log(
             progress(done, len(log))
     grid = slam.occupancy()
     if grid.data.size == 0:
-        raise InputError(f"{path}: no range lies between 0 and the sensor's {log.geometry.range_max_m:g} m")
+        raise InputError(
+            f"{log.path}: no range lies between 0 and the sensor's {log.geometry.range_max_m:g} m"
+        )
     warnings = []
     if log.invalid_ranges:
         total = len(log) * log.geometry.beams
         warnings.append(
-            f"{path}: {log.invalid_ranges} of {total} ranges are NaN or infinite and were left out"
+            f"{log.path}: {log.invalid_ranges} of {total} ranges are NaN or infinite and were left out"
         )
     return MappingResult(grid, slam.trajectory, len(log), warnings)
 

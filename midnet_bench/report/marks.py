@@ -1,7 +1,6 @@
 """The marks that a clip draws on a canvas: walls, Burgers, ways and goals, detections."""
 
 from midnet_bench.agents.mobile_robot import Point
-from midnet_bench.experiments.guarded_arena import GuardedArena
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.report.canvas import Canvas, Floats
 from midnet_bench.report.palette import (
@@ -16,12 +15,12 @@ from midnet_bench.report.palette import (
     WOOD,
     WOOD_EDGE,
 )
-from midnet_bench.report.scene import burger_at, enclosure_of
+from midnet_bench.report.scene import Stage, burger_at, enclosure_of
 
 BURGER_LENGTH_M = 0.14
 
 
-def paint_standing(canvas: Canvas, trial: GuardedArena) -> None:
+def paint_standing(canvas: Canvas, trial: Stage) -> None:
     """Ground, floor, walls and stationary intruders."""
     canvas.picture[:] = GROUND
     canvas.fill(enclosure_of(trial), FLOOR)

@@ -20,6 +20,11 @@ DETECTION: RGB = (0, 158, 115)
 FALSE_DETECTION: RGB = (170, 40, 130)
 """Okabe and Ito's purple, darker, so that thin lines are seen on white"""
 
+EXPLORERS: tuple[RGB, ...] = (GUARD, (230, 159, 0), DETECTION, FALSE_DETECTION, GUARD_FAINT)
+"""the first robot that maps, the second and so on, then from the first again"""
+TRUTH: RGB = INTRUDER
+"""true walls, thin over a map"""
+
 
 def hexadecimal(color: RGB) -> str:
     """``#rrggbb``, as matplotlib takes it."""

@@ -1,6 +1,7 @@
 """``Scene``: what a picture shows of a trial at one instant, whoever draws it."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,8 @@ from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.messages import burger_lds_01
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.navigation.footprint import at_pose
+from midnet_bench.simulation.arena import Arena
+from midnet_bench.simulation.layout import Layout
 
 Floats = npt.NDArray[np.float64]
 
@@ -29,6 +32,22 @@ _LIDAR_MOUNT = burger_lds_01().mount
 def burger_at(pose: Pose2D, enlarged: float = 1.0) -> Floats:
     """(12, 2) a Burger's body from above, so many times as large as it is, map frame."""
     return at_pose(BURGER_OUTLINE * enlarged, pose)
+
+
+class Stage(Protocol):
+    """What a picture needs to know of a trial that stands still: a guarded arena, or one that is explored."""
+
+    @property
+    def seed(self) -> int:
+        """The trial's seed."""
+
+    @property
+    def arena(self) -> Arena:
+        """The place."""
+
+    @property
+    def layout(self) -> Layout:
+        """What stands where."""
 
 
 @dataclass(frozen=True)
@@ -115,18 +134,18 @@ def scene_of(trial: GuardedArena, frame: Frame) -> Scene:
     )
 
 
-def title_of(trial: GuardedArena) -> str:
+def title_of(trial: Stage) -> str:
     """Which trial it is, in a line."""
     return f"{trial.arena.name}, seed {trial.seed}"
 
 
-def enclosure_of(trial: GuardedArena) -> Box:
+def enclosure_of(trial: Stage) -> Box:
     """The walled region, from wall centre to wall centre."""
     width_m, height_m = trial.arena.enclosure_m
     return Box(-width_m / 2.0, -height_m / 2.0, width_m / 2.0, height_m / 2.0)
 
 
-def view_of(trial: GuardedArena, margin_m: float) -> Box:
+def view_of(trial: Stage, margin_m: float) -> Box:
     """What a picture from above must show: all walls and the enclosure, and ``margin_m`` around them."""
     corners = np.array([enclosure_of(trial), *(solid.bounding_box() for solid in trial.layout.solids)])
     return Box(*corners[:, :2].min(axis=0).tolist(), *corners[:, 2:].max(axis=0).tolist()).shrunk(-margin_m)

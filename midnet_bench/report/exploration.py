@@ -1,0 +1,93 @@
+"""``write_exploration``: an exploration with everything that is to be seen of it, as files."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+
+import midnet_bench
+from midnet_bench.campaign.export import csv_text
+from midnet_bench.campaign.files import write_atomically
+from midnet_bench.campaign.provenance import collect
+from midnet_bench.experiments.mapping import Exploration, ExplorationTrial
+from midnet_bench.experiments.mapping_parameters import MappingParameters
+from midnet_bench.experiments.trial import Row
+from midnet_bench.report.exploration_clip import write_clip
+from midnet_bench.report.exploration_view import growth_page, heading_of
+from midnet_bench.report.figures import png_of
+from midnet_bench.report.map_files import MapFiles, write_map, write_origin
+from midnet_bench.report.map_picture import draw_map
+from midnet_bench.report.recording import Recording
+from midnet_bench.report.tables import Table
+
+DIGITS = {"coverage": 4, "wall_error_m": 4, "time_s": 1, "distance_m": 1}
+
+Progress = Callable[[float, float], None]
+"""Called after each simulated second: simulated seconds, and the share of the free space that is known."""
+
+
+@dataclass(frozen=True)
+class ExplorationFiles:
+    """What came of an exploration, and where it lies."""
+
+    exploration: Exploration
+    scores: Table
+    files: list[Path]
+    """the map first"""
+
+
+def write_exploration(
+    parameters: MappingParameters, seed: int, output: Path, clip: bool, progress: Progress
+) -> ExplorationFiles:
+    """Explore an arena and write the map and its binary grid, scores, pictures, and where they come from.
+
+    Args:
+        parameters: which arena, how many robots and so on.
+        seed: of everything random.
+        output: where to, as ``MapFiles`` takes it; nothing is made there unless the robots fit.
+        clip: whether to make an MP4 too.
+        progress: is told how far it is.
+
+    Raises:
+        InputError: the robots do not fit into the arena, or nothing can be written.
+        MidnetBenchError: a file cannot be written.
+    """
+    provenance = collect(seed)
+    with ExplorationTrial(parameters, seed) as trial:
+        files = MapFiles.at(output)
+        recording = Recording(trial)
+        for snapshot in trial.snapshots():
+            recording.take(snapshot)
+            progress(snapshot.time_s, recording.coverage[-1])
+        exploration = trial.result()
+        comment = f"{heading_of(trial)}; midnet-bench {midnet_bench.__version__}"
+        written = write_map(files, exploration.grid, comment)
+        written += _write_pictures(trial, recording, exploration, files, clip)
+        robots = trial.rows_of_robots()
+    place: Row = {"arena": trial.arena.name, "robots": parameters.robots, "seed": seed}
+    scores = Table("The map against the arena", [{**place, **exploration.row()}], DIGITS)
+    written += scores.write(files.named("scores"))
+    write_atomically(files.named("robots.csv"), csv_text(robots))
+    configuration = {"experiment": "mapping", "seed": seed, "parameters": parameters.model_dump(mode="json")}
+    written += [files.named("robots.csv"), *write_origin(files, configuration, provenance)]
+    return ExplorationFiles(exploration, scores, written)
+
+
+def _write_pictures(
+    trial: ExplorationTrial, recording: Recording, exploration: Exploration, files: MapFiles, clip: bool
+) -> list[Path]:
+    """``map.png``, ``growth.png`` and ``exploration.mp4``."""
+    final, growth, film = (
+        files.map.with_suffix(".png"),
+        files.named("growth.png"),
+        files.named("exploration.mp4"),
+    )
+    walls = [solid.outline() for solid in trial.arena.wall_solids()]
+    figure = draw_map(exploration.grid, recording.ways(), heading_of(trial), walls)
+    write_atomically(final, png_of(figure))
+    _, png = cv2.imencode(".png", growth_page(trial, recording)[..., ::-1])
+    write_atomically(growth, png.tobytes())
+    if clip:
+        write_clip(trial, recording, film)
+    return [final, growth, film] if clip else [final, growth]

@@ -1,0 +1,222 @@
+"""`midnet-bench map` on a tiny arena, a tiny log, and wrong input."""
+
+import json
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from command import midnet_bench, one_line_of_complaint, rows
+
+from midnet_bench.map_server import load_map
+from midnet_bench.mapping.trajectory import read_tum
+
+ROOM = {
+    "name": "two small rooms",
+    "plane_m": [5.0, 4.0],
+    "enclosure_m": [4.0, 3.0],
+    "wall_thickness_m": 0.15,
+    "wall_height_m": 0.5,
+    "walls": [
+        [[-2, -1.5], [2, -1.5], [2, 1.5], [-2, 1.5], [-2, -1.5]],
+        [[0.8, -1.5], [0.8, 0.3]],
+    ],
+    "robots": {"center_m": [-0.6, 0], "spacing_m": 0.6},
+}
+
+
+def write_arena(folder: Path, **changes: object) -> Path:
+    path = folder / "rooms.yaml"
+    path.write_text(yaml.safe_dump({**ROOM, **changes}))
+    return path
+
+
+@pytest.fixture(scope="module")
+def explored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("explored")
+    write_arena(folder)
+    done = midnet_bench("map", "rooms.yaml", "--robots", 2, "-o", "out", folder=folder)
+    assert done.returncode == 0, done.stderr
+    assert "explored" in done.stderr.splitlines()[-1]
+    assert "two small rooms" in done.stdout
+    named = {Path(line).name for line in done.stdout.splitlines() if line.startswith("out/")}
+    assert named == {path.name for path in (folder / "out").iterdir()} - {"map.pgm", "map_binary.pgm"}
+    return folder / "out"
+
+
+def test_an_explored_map_is_the_arena(explored: Path) -> None:
+    grid = load_map(explored / "map.yaml")
+    assert set(np.unique(grid.data).tolist()) == {-1, 0, 100}
+    column, row = grid.cell_at(1.4, -1.0)  # behind the inner wall
+    assert grid.data[row, column] == 0
+    (score,) = rows(explored / "scores.csv")
+    assert float(score["coverage"]) > 0.98
+    assert float(score["occupied_precision"]) > 0.9
+    assert (explored / "map.yaml").read_text().startswith("# two small rooms, seed 1: explored by 2 Burgers")
+
+
+def test_an_exploration_leaves_scores_robots_configuration_and_provenance(explored: Path) -> None:
+    assert "| two small rooms | 2 | 1 |" in (explored / "scores.md").read_text()
+    assert [row["robot"] for row in rows(explored / "robots.csv")] == ["explorer 1", "explorer 2"]
+    configuration = json.loads((explored / "configuration.json").read_text())
+    assert configuration["seed"] == 1
+    assert configuration["parameters"]["particles"] == 30
+    (run,) = json.loads((explored / "provenance.json").read_text())
+    assert run["ended_utc"] >= run["started_utc"]
+    assert run["libraries"]["pybullet"]
+
+
+def test_an_exploration_is_drawn_and_filmed(explored: Path) -> None:
+    growth = cv2.imread(str(explored / "growth.png"))
+    assert growth is not None
+    first, last = growth[80:540, 20:480], growth[600:1060, 1010:1470]
+    unknown = [np.all(tile == 205, axis=2).mean() for tile in (first, last)]
+    assert unknown[0] > unknown[1] + 0.05
+    final = cv2.imread(str(explored / "map.png"))
+    assert final is not None
+    film = cv2.VideoCapture(str(explored / "exploration.mp4"))
+    assert film.get(cv2.CAP_PROP_FRAME_WIDTH) == 1280
+    seconds = film.get(cv2.CAP_PROP_FRAME_COUNT) / film.get(cv2.CAP_PROP_FPS)
+    (score,) = rows(explored / "scores.csv")
+    assert seconds == pytest.approx(float(score["time_s"]) - 1.0 + 2.0, abs=0.5)  # in real time, and the end
+
+
+def test_the_same_seed_explores_the_same_bytes(explored: Path) -> None:
+    folder = explored.parent
+    run = ("map", "rooms.yaml", "--robots", 2, "--no-clip", "--json")
+    done = midnet_bench(*run, "-o", "again.yaml", folder=folder)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["The map against the arena"][0]["robots"] == 2
+    assert not (folder / "again_exploration.mp4").exists()
+    for one, other in (
+        ("map.pgm", "again.pgm"),
+        ("map.png", "again.png"),
+        ("growth.png", "again_growth.png"),
+    ):
+        assert (explored / one).read_bytes() == (folder / other).read_bytes()
+    for name in ("scores.csv", "robots.csv", "configuration.json"):
+        assert (explored / name).read_bytes() == (folder / f"again_{name}").read_bytes()
+    assert midnet_bench(*run, "--seed", 2, "-o", "other", folder=folder).returncode == 0
+    assert (explored / "map.pgm").read_bytes() != (folder / "other" / "map.pgm").read_bytes()
+
+
+def test_guards_take_an_explored_map(explored: Path) -> None:
+    run = ("detection", "--arena", "rooms.yaml", "--frames", 5, "--robots", 1, "-o", "detection")
+    done = midnet_bench(*run, "--map", "out/map.yaml", folder=explored.parent)
+    assert done.returncode == 0, done.stderr
+
+
+def test_an_arena_of_ones_own_has_no_explored_map_yet(tmp_path: Path) -> None:
+    write_arena(tmp_path)
+    run = ("detection", "--arena", "rooms.yaml", "--frames", 5, "--set", "prior_map=explored")
+    complaint = one_line_of_complaint(midnet_bench(*run, folder=tmp_path))
+    assert "midnet-bench map" in complaint
+    assert "--map" in complaint
+
+
+def test_the_exact_map_is_a_pair_that_detection_takes(tmp_path: Path) -> None:
+    assert midnet_bench("map", "--exact", "map1", "-o", "m.yaml", folder=tmp_path).returncode == 0
+    assert set(load_map(tmp_path / "m.yaml").data.ravel().tolist()) == {0, 100}
+    assert (load_map(tmp_path / "m_binary.yaml").data == 100).sum() > (
+        load_map(tmp_path / "m.yaml").data == 100
+    ).sum()
+    run = ("detection", "--frames", 5, "--robots", 1)
+    assert midnet_bench(*run, "--map", "m.yaml", "-o", "mapped", folder=tmp_path).returncode == 0
+    assert midnet_bench(*run, "--set", "prior_map=exact", "-o", "exact", folder=tmp_path).returncode == 0
+    scores = [(tmp_path / out / "scores.csv").read_bytes() for out in ("mapped", "exact")]
+    assert scores[0] == scores[1]
+
+
+def square_room_log(path: Path, first_range: str = "") -> None:
+    """A robot in a square room of 6 m that drives half a metre between scans."""
+    lines = []
+    for step in range(8):
+        x = 0.5 * step - 2.0
+        ranges = []
+        for beam in range(180):
+            angle = math.radians(beam - 90.0)
+            along = (3.0 - x) / math.cos(angle) if abs(math.cos(angle)) > 1e-9 else math.inf
+            across = 3.0 / abs(math.sin(angle)) if abs(math.sin(angle)) > 1e-9 else math.inf
+            ranges.append(f"{min(along, across):.3f}")
+        ranges[0] = first_range or ranges[0]
+        place = f"{x} 0 0 {x} 0 0 {step} host {step}"
+        lines.append(f"FLASER 180 {' '.join(ranges)} {place}")
+    path.write_text("\n".join(lines) + "\n")
+
+
+def test_a_recorded_log_becomes_a_map_a_trajectory_and_a_picture(tmp_path: Path) -> None:
+    square_room_log(tmp_path / "run.log")
+    run = ("map", "--from-log", "run.log", "--particles", 5)
+    done = midnet_bench(*run, "-o", "out", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    grid = load_map(tmp_path / "out" / "map.yaml")
+    assert (grid.data == 100).sum() > 100
+    assert (grid.data == 0).sum() > 5000
+    binary = load_map(tmp_path / "out" / "map_binary.yaml")
+    assert binary.data[grid.data == 100].min() == 100
+    assert set(np.unique(binary.data).tolist()) == {0, 100}
+    assert len(read_tum(tmp_path / "out" / "trajectory.tum")) >= 4
+    assert cv2.imread(str(tmp_path / "out" / "map.png")) is not None
+    configuration = json.loads((tmp_path / "out" / "configuration.json").read_text())
+    assert configuration["gmapping"]["particles"] == 5
+    assert midnet_bench(*run, "-o", "again.yaml", folder=tmp_path).returncode == 0
+    for one, other in (("map.pgm", "again.pgm"), ("trajectory.tum", "again_trajectory.tum")):
+        assert (tmp_path / "out" / one).read_bytes() == (tmp_path / other).read_bytes()
+
+
+def test_ranges_that_say_nothing_are_left_out_with_a_warning(tmp_path: Path) -> None:
+    square_room_log(tmp_path / "run.log", first_range="nan")
+    done = midnet_bench("map", "--from-log", "run.log", "--particles", 2, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.splitlines()[-1] == (
+        "warning: run.log: 8 of 1440 ranges are NaN or infinite and were left out"
+    )
+    assert (tmp_path / "results" / "map-run" / "map.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ["run.log", "empty"]),
+        ("FLASER 3 1 2 3 0 0 0\n", ["run.log:1", "odometry missing"]),
+        ("RAWLASER1 0 -1.57 3.14 1 80 0 0 3 1 2 3 0 1.0 h 1\n", ["run.log", "odometry missing", "ODOM"]),
+        ("1 0 0 0 3 1 2 3\n2 0 0 0 2 1 2\n", ["run.log:2", "2 ranges", "3"]),
+        ("1 0 0 0 3 nan nan nan\n", ["run.log", "NaN"]),
+        (None, ["run.log"]),
+    ],
+)
+def test_a_log_that_cannot_be_used_gets_one_line(text: str | None, words: list[str], tmp_path: Path) -> None:
+    if text is not None:
+        (tmp_path / "run.log").write_text(text)
+    complaint = one_line_of_complaint(midnet_bench("map", "--from-log", "run.log", folder=tmp_path))
+    assert all(word in complaint for word in words), complaint
+    assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ((), ["map1", "--from-log"]),
+        (("map1", "--from-log", "run.log"), ["either", "--from-log"]),
+        (("--from-log", "run.log", "--robots", 2), ["--from-log", "--robots"]),
+        (("map9",), ["map9", "did you mean"]),
+        (("map1", "--robots", 0), ["robots", "0"]),
+        (("map1", "--particles", 0), ["--particles", "1"]),
+        (("map1", "--set", "robtos=2"), ["robtos", "robots"]),
+        (("map1", "-o", "/proc/nowhere"), ["/proc/nowhere"]),
+        (("crowded.yaml", "--robots", 20), ["two small rooms", "20"]),
+    ],
+)
+def test_wrong_wishes_get_one_line(arguments: tuple[object, ...], words: list[str], tmp_path: Path) -> None:
+    write_arena(tmp_path).rename(tmp_path / "crowded.yaml")
+    complaint = one_line_of_complaint(midnet_bench("map", *arguments, folder=tmp_path))
+    assert all(word in complaint for word in words), complaint
+    assert not (tmp_path / "results").exists()
+
+
+def test_the_parameters_of_an_exploration_are_listed(tmp_path: Path) -> None:
+    done = midnet_bench("parameters", "mapping", "--json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["properties"]["particles"]["default"] == 30
