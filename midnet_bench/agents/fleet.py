@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 
 from midnet_bench.agents.mobile_robot import MobileRobot
-from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Odometry
 from midnet_bench.rng import stream
 from midnet_bench.simulation.health import HealthTracker
 from midnet_bench.simulation.imu import ImuSensor
@@ -84,10 +82,9 @@ class Fleet:
         elapsed_s = 1.0 / CONTROL_HZ
         for robot in due:
             index = robot.index
-            linear_mps, angular_radps = self.world.velocity(index)
-            pose = Pose2D(*self.world.poses()[index].tolist())
-            imu = self._imus[index].read(pose.yaw, angular_radps, linear_mps, elapsed_s)
-            odometry = Odometry(pose, linear_mps, angular_radps)
+            odometry = self.world.odometry(index)
+            (_, _, yaw), linear_mps, angular_radps = odometry
+            imu = self._imus[index].read(yaw, angular_radps, linear_mps, elapsed_s)
             if self._odometers is not None:
                 odometry = self._odometers[index].update(self.world.wheel_angles(index), elapsed_s)
             robot.localize(odometry, imu, elapsed_s)
@@ -102,7 +99,7 @@ class Fleet:
 
     def _control(self, due: Sequence[MobileRobot]) -> None:
         for robot in due:
-            x, y = self.world.poses()[robot.index, :2].tolist()
+            x, y, _ = self.world.pose(robot.index)
             robot.progress.update(x, y, self.time_s, robot.goal is not None)
             self.world.drive(robot.index, robot.control(self.time_s))
 

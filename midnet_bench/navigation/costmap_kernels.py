@@ -34,13 +34,14 @@ def clear_line(cells: Cells, x0: int, y0: int, x1: int, y1: int, max_cells: int)
     length = math.hypot(x1 - x0, y1 - y0)
     steps = major if length <= max_cells else int(max_cells / length * major)
     error = major // 2
-    index = y0 * width + x0
+    # Unsigned, so that no index is asked whether it counts from the end; steps back wrap round.
+    index, along, aside = np.uint64(y0 * width + x0), np.uint64(major_step), np.uint64(minor_step)
     for _ in range(steps + 1):
         flat[index] = _FREE
-        index += major_step
+        index += along
         error += minor
         if error >= major:
-            index += minor_step
+            index += aside
             error -= major
 
 

@@ -29,17 +29,20 @@ def propagate(
     width = traversal.shape[1]
     cost = traversal.reshape(-1)
     potential = np.full(cost.size, UNREACHED, dtype=np.float32)
-    neighbours = (-1, 1, -width, width)
+    # Unsigned, so that no index is asked whether it counts from the end; steps back wrap round.
+    left, right, down, up = np.uint32(-1), np.uint32(1), np.uint32(-width), np.uint32(width)
+    neighbours = (left, right, down, up)
     queued = np.zeros(cost.size, dtype=np.bool_)
-    current = np.empty(cost.size, dtype=np.int32)
-    following = np.empty(cost.size, dtype=np.int32)
-    overflow = np.empty(cost.size, dtype=np.int32)
+    current = np.empty(cost.size, dtype=np.uint32)
+    following = np.empty(cost.size, dtype=np.uint32)
+    overflow = np.empty(cost.size, dtype=np.uint32)
     n_current, n_following, n_overflow = 0, 0, 0
     potential[goal] = 0.0
     for step in neighbours:
-        if cost[goal + step] < BLOCKED:
-            queued[goal + step] = True
-            current[n_current] = goal + step
+        other = np.uint32(np.uint32(goal) + step)
+        if cost[other] < BLOCKED:
+            queued[other] = True
+            current[n_current] = other
             n_current += 1
     threshold = float(BLOCKED)
     while n_current > 0:
@@ -48,8 +51,8 @@ def propagate(
         for i in range(n_current):
             cell = current[i]
             h = float(cost[cell])
-            a = min(potential[cell - 1], potential[cell + 1])
-            b = min(potential[cell - width], potential[cell + width])
+            a = min(potential[np.uint32(cell + left)], potential[np.uint32(cell + right)])
+            b = min(potential[np.uint32(cell + down)], potential[np.uint32(cell + up)])
             low = float(min(a, b))
             x = abs(float(a) - float(b)) / h
             rise = h if x >= 1.0 else h * (-0.2301 * x * x + 0.5307 * x + 0.7040)
@@ -58,7 +61,7 @@ def propagate(
                 continue
             potential[cell] = value
             for step in neighbours:
-                other = cell + step
+                other = np.uint32(cell + step)
                 if (
                     not queued[other]
                     and cost[other] < BLOCKED

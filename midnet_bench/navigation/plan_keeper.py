@@ -163,8 +163,9 @@ def changed_near(
 ) -> bool:
     """Whether any cell within a square of ``radius`` cells around a path began or ceased to be lethal.
 
-    Cells whose static cost is 253 or more do not count: they are walls, or next to one. ``path``: (N, 2)
-    metres, half a cell apart; every fourth point is looked at.
+    Cells whose static cost is 253 or more do not count: they are walls, or next to one. Nor does a cell
+    whose neighbour was lethal before it came or is after it went: a surface that noise moves by a cell is
+    where it was. ``path``: (N, 2) metres, half a cell apart; every fourth point is looked at.
     """
     height, width = now.shape
     for i in range(0, len(path), 4):
@@ -172,6 +173,19 @@ def changed_near(
         row = int((path[i, 1] - origin[1]) / resolution)
         for y in range(max(row - radius, 0), min(row + radius + 1, height)):
             for x in range(max(column - radius, 0), min(column + radius + 1, width)):
-                if (now[y, x] == _LETHAL) != (then[y, x] == _LETHAL) and static_costs[y, x] < INSCRIBED:
+                is_lethal, was_lethal = now[y, x] == _LETHAL, then[y, x] == _LETHAL
+                if is_lethal == was_lethal or static_costs[y, x] >= INSCRIBED:
+                    continue
+                if not _lethal_beside(then if is_lethal else now, x, y):
                     return True
+    return False
+
+
+@njit(cache=True)
+def _lethal_beside(cells: Cells, column: int, row: int) -> bool:
+    height, width = cells.shape
+    for y in range(max(row - 1, 0), min(row + 2, height)):
+        for x in range(max(column - 1, 0), min(column + 2, width)):
+            if cells[y, x] == _LETHAL:
+                return True
     return False

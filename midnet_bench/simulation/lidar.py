@@ -5,6 +5,7 @@ are intersected here: PyBullet's own ray against a round shape errs by up to 9 m
 on hit or miss for one beam in a hundred that passes near it, and costs four times as much as the walls.
 """
 
+import math
 from collections.abc import Sequence
 from operator import itemgetter
 from typing import Literal, NamedTuple
@@ -14,7 +15,7 @@ import numpy.typing as npt
 
 from midnet_bench.messages import LidarGeometry, burger_lds_01
 from midnet_bench.simulation.engine import bullet
-from midnet_bench.simulation.lidar_kernels import beam_directions, hide_behind_discs, points_along
+from midnet_bench.simulation.lidar_kernels import beam_directions, hide_behind_discs, points_along, reported
 
 LDS_01: LidarGeometry = burger_lds_01()
 _ANGLES_RAD = LDS_01.mount.yaw + LDS_01.angles_rad
@@ -39,11 +40,6 @@ class Profile(NamedTuple):
     radius_m: float
     offset_x_m: float
     """its centre ahead of the axle"""
-
-    def centers(self, poses: Floats) -> Floats:
-        """(n, 2) where the discs of robots at (n, 3) poses are, map frame."""
-        yaw = poses[:, 2]
-        return poses[:, :2] + self.offset_x_m * np.stack((np.cos(yaw), np.sin(yaw)), axis=1)
 
 
 PROFILES: dict[str, Profile] = {"urdf": Profile(0.055, -0.017), "disc": Profile(0.105, 0.0)}
@@ -80,15 +76,17 @@ def cast_on_solids(client: int, beams: Beams, near_m: float, far_m: float) -> Fl
 
 
 def hide_behind_robots(
-    ranges: Floats, beams: Beams, centers: Floats, radius_m: float, own: Sequence[int], far_m: float
+    ranges: Floats, beams: Beams, poses: Floats, profile: Profile, own: Sequence[int], far_m: float
 ) -> Ints:
     """(m, beams) what each beam meets first: a robot's number, ``SOLID`` or ``NOTHING``.
 
-    ``ranges``: (m, beams), those of ``cast_on_solids``; shortened where a robot's disc is nearer. ``centers``
-    is (n, 2), NaN for a disc that is not there; ``own[i]`` is the disc that sensor i sits on.
+    ``ranges``: (m, beams), those of ``cast_on_solids``; shortened where a robot's disc is nearer. ``poses``:
+    (n, 3) of all robots, NaN for one that is gone; ``own[i]`` is the robot that sensor i sits on.
     """
     numbers = np.asarray(own, dtype=np.int64)
-    return np.asarray(hide_behind_discs(ranges, *beams, centers, radius_m, numbers, far_m))
+    return np.asarray(
+        hide_behind_discs(ranges, *beams, poses, profile.offset_x_m, profile.radius_m, numbers, far_m)
+    )
 
 
 def add_noise(
@@ -103,16 +101,11 @@ def add_noise(
     """
     if noise == "none":
         return ranges
-    none = np.isinf(ranges)
     errors = np.array([rng.standard_normal(ranges.shape[1]) for rng in rngs]).reshape(ranges.shape)
+    limits_m = (LDS_01.range_min_m, LDS_01.range_max_m)
     if noise == "gazebo":
-        noisy = ranges + 0.010 * errors
-    else:
-        scaled = np.where(none, 0.0, ranges) * scales[:, None]
-        noisy = scaled + np.where(scaled < 0.5, 0.010, 0.035 * scaled) / 3.0 * errors
-    noisy = np.clip(noisy, LDS_01.range_min_m, LDS_01.range_max_m)
-    noisy[none] = np.inf
-    return noisy
+        return np.asarray(reported(ranges, errors, np.ones(len(ranges)), 0.010, 0.0, math.inf, limits_m))
+    return np.asarray(reported(ranges, errors, scales, 0.010 / 3.0, 0.035 / 3.0, 0.5, limits_m))
 
 
 def draw_scale(rng: np.random.Generator) -> float:

@@ -32,6 +32,33 @@ def beam_directions(poses: Floats, ahead_m: float, cosines: Floats, sines: Float
 
 
 @njit(cache=True)
+def reported(
+    ranges: Floats,
+    errors: Floats,
+    scales: Floats,
+    sigma_m: float,
+    sigma_share: float,
+    near_m: float,
+    limits_m: tuple[float, float],
+) -> Floats:
+    """(m, beams) ranges with noise, clamped to the sensor's limits; inf stays inf.
+
+    ``errors``: (m, beams) standard normal; ``scales``: (m,) factors, applied first. The standard deviation is
+    ``sigma_m`` below ``near_m`` and ``sigma_share`` of the range from there on.
+    """
+    noisy = np.empty_like(ranges)
+    for i in range(ranges.shape[0]):
+        for k in range(ranges.shape[1]):
+            scaled = ranges[i, k] * scales[i]
+            if scaled == np.inf:
+                noisy[i, k] = np.inf
+                continue
+            sigma = sigma_m if scaled < near_m else sigma_share * scaled
+            noisy[i, k] = min(max(scaled + sigma * errors[i, k], limits_m[0]), limits_m[1])
+    return noisy
+
+
+@njit(cache=True)
 def points_along(axes: Floats, directions: Floats, reach_m: float, height_m: float) -> Floats:
     """(m * beams, 3) the points ``reach_m`` along every beam, at a height."""
     sensors, beams = directions.shape[:2]
@@ -50,7 +77,8 @@ def hide_behind_discs(
     ranges: Floats,
     axes: Floats,
     directions: Floats,
-    centers: Floats,
+    poses: Floats,
+    ahead_m: float,
     radius_m: float,
     own: Ints,
     far_m: float,
@@ -58,15 +86,19 @@ def hide_behind_discs(
     """(m, beams) what each beam meets first: a disc's number, ``SOLID`` or ``NOTHING``.
 
     ``ranges``: (m, beams) to the nearest solid, inf for none; shortened where a disc within ``far_m`` is
-    nearer. ``centers``: (n, 2), NaN for a disc that is not there; sensor i does not see disc ``own[i]``. The
-    solid, then the lower number wins a tie.
+    nearer. The discs lie ``ahead_m`` before the (n, 3) poses, NaN for one that is not there; sensor i does
+    not see disc ``own[i]``. The solid, then the lower number wins a tie.
     """
     sensors, beams = directions.shape[:2]
     met = np.empty((sensors, beams), dtype=np.int64)
+    centers = np.empty((len(poses), 2))
+    for disc in range(len(poses)):
+        centers[disc, 0] = poses[disc, 0] + ahead_m * math.cos(poses[disc, 2])
+        centers[disc, 1] = poses[disc, 1] + ahead_m * math.sin(poses[disc, 2])
     for i in range(sensors):
         for k in range(beams):
             met[i, k] = NOTHING if ranges[i, k] == np.inf else SOLID
-        for disc in range(len(centers)):
+        for disc in range(len(poses)):
             dx, dy = centers[disc, 0] - axes[i, 0], centers[disc, 1] - axes[i, 1]
             if disc == own[i] or not math.hypot(dx, dy) < far_m + radius_m:
                 continue

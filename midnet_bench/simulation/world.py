@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from midnet_bench.geometry import Box
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.messages import Command, Odometry
 from midnet_bench.rng import stream
 from midnet_bench.simulation import lidar
 from midnet_bench.simulation.burger import Drive, load_burger
@@ -77,7 +77,8 @@ class World:
         self._blind_cells = cells_near(layout.arena, layout.solids, _BLIND_M)
         self._collisions = np.zeros(len(starts), dtype=np.int64)
         self._last_contact = np.full(len(starts), -(10**9), dtype=np.int64)
-        self._poses: Floats | None = None
+        self._poses: list[Pose2D | None] = [None] * len(starts)
+        self._pose_array: Floats | None = None
         for _ in range(round(_SETTLE_S * self.settings.step_hz)):
             bullet.stepSimulation(physicsClientId=self._client)
 
@@ -110,24 +111,31 @@ class World:
         self._drive.step()
         bullet.stepSimulation(physicsClientId=self._client)
         self.tick += 1
-        self._poses = None
+        self._forget_poses()
         if self.tick % (self.settings.step_hz // _CONTACT_HZ) == 0:
             self._count_collisions()
 
-    def poses(self) -> Floats:
-        """(n, 3) true x, y, yaw of every base_footprint (under the axle), map frame; NaN once removed."""
-        if self._poses is None:
-            poses = np.array([self._pose(index) for index in range(len(self._burgers))])
-            poses.flags.writeable = False
-            self._poses = poses
-        return self._poses
+    def pose(self, index: int) -> Pose2D:
+        """A robot's true base_footprint (under the axle), map frame; NaN once it is removed."""
+        pose = self._poses[index]
+        if pose is None:
+            pose = self._poses[index] = self._fetch_pose(index)
+        return pose
 
-    def velocity(self, index: int) -> tuple[float, float]:
-        """A robot's true forward speed (m/s) and yaw rate (rad/s)."""
+    def poses(self) -> Floats:
+        """(n, 3) x, y, yaw of what ``pose`` gives for every robot."""
+        if self._pose_array is None:
+            poses = np.array([self.pose(index) for index in range(len(self._burgers))])
+            poses.flags.writeable = False
+            self._pose_array = poses
+        return self._pose_array
+
+    def odometry(self, index: int) -> Odometry:
+        """A robot's true pose, forward speed (m/s) and yaw rate (rad/s), map frame."""
         self._require(index)
         (x, y, _), (_, _, turn) = bullet.getBaseVelocity(self._burgers[index].body, self._client)
-        yaw = self.poses()[index, 2]
-        return x * math.cos(yaw) + y * math.sin(yaw), turn
+        pose = self.pose(index)
+        return Odometry(pose, x * math.cos(pose.yaw) + y * math.sin(pose.yaw), turn)
 
     def wheel_angles(self, index: int) -> Floats:
         """(2,) how far a robot's left and right wheel have turned, radians."""
@@ -163,8 +171,7 @@ class World:
             one = lidar.Beams(beams.axes[row : row + 1], beams.directions[row : row + 1])
             near = lidar.cast_on_solids(self._client, one, 0.0, low)[0]
             true_ranges[row] = np.minimum(true_ranges[row], near)
-        centers = profile.centers(self.poses())
-        bodies = lidar.hide_behind_robots(true_ranges, beams, centers, profile.radius_m, rows, high)
+        bodies = lidar.hide_behind_robots(true_ranges, beams, self.poses(), profile, rows, high)
         ranges = lidar.add_noise(true_ranges, self.settings.lidar_noise, self._lidar_scales[rows], rngs)
         ranges[true_ranges < low] = TOO_NEAR_M
         return ranges, bodies
@@ -172,8 +179,8 @@ class World:
     def scan_outline(self, index: int) -> Box:
         """The true box, map frame, of what beams see of a robot (item 45); NaN once it is removed."""
         profile = lidar.PROFILES[self.settings.robot_profile]
-        x, y = profile.centers(self.poses()[index : index + 1])[0].tolist()
-        return Box.square(x, y, 2.0 * profile.radius_m)
+        center = self.pose(index).compose(Pose2D(profile.offset_x_m, 0.0, 0.0))
+        return Box.square(center.x, center.y, 2.0 * profile.radius_m)
 
     def remove(self, index: int) -> None:
         """Take a robot out of the arena for good, as a caught intruder is."""
@@ -181,7 +188,7 @@ class World:
         bullet.removeBody(self._burgers[index].body, physicsClientId=self._client)
         self._drive.forget(index)
         self._active[index] = False
-        self._poses = None
+        self._forget_poses()
 
     def collisions(self) -> Ints:
         """(n,) how often each robot has run into something so far, looked at ten times a second.
@@ -196,16 +203,20 @@ class World:
                 f"robot {index} is not in this world (it has {len(self._burgers)}, or it was removed)"
             )
 
-    def _pose(self, index: int) -> tuple[float, float, float]:
+    def _forget_poses(self) -> None:
+        self._poses = [None] * len(self._burgers)
+        self._pose_array = None
+
+    def _fetch_pose(self, index: int) -> Pose2D:
         if not self._active[index]:
-            return math.nan, math.nan, math.nan
-        position, (x, y, z, w) = bullet.getBasePositionAndOrientation(self._burgers[index].body, self._client)
-        return *position[:2], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+            return Pose2D(math.nan, math.nan, math.nan)
+        at, (x, y, z, w) = bullet.getBasePositionAndOrientation(self._burgers[index].body, self._client)
+        return Pose2D(at[0], at[1], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
     def _near_solids(self, rows: list[int]) -> list[int]:
         """Which of ``rows``, by place, may have a solid within their sensor's least range."""
         grid = self._blind_cells
-        cells = [grid.cell_at(x, y) for x, y in self.poses()[rows, :2].tolist()]
+        cells = [grid.cell_at(*self.pose(row)[:2]) for row in rows]
         return [i for i, cell in enumerate(cells) if grid.contains_cell(*cell) and grid.data[cell[::-1]]]
 
     def _count_collisions(self) -> None:

@@ -30,7 +30,7 @@ def around_a_square(settings: OdometrySettings, seed: int) -> tuple[float, float
                     driven, last = driven + last.distance_to(now), now
         truth = Pose2D(*world.poses()[0])
         assert encoder.angular_radps == pytest.approx(0.8, rel=0.1)
-        assert world.velocity(0)[1] == pytest.approx(0.8, rel=0.02)
+        assert world.odometry(0)[2] == pytest.approx(0.8, rel=0.02)
     return driven, encoder.pose.distance_to(truth)
 
 
@@ -100,7 +100,7 @@ def test_the_imu_of_ros_1_is_exact_and_feels_a_robot_start() -> None:
         felt = []
         for _ in range(6):
             run(world, 0.1)
-            (_, _, yaw), (linear, angular) = world.poses()[0], world.velocity(0)
+            (_, _, yaw), (linear, angular) = world.poses()[0], world.odometry(0)[1:]
             imu = sensor.read(yaw, angular, linear, 0.1)
             assert (imu.yaw_rad, imu.yaw_rate_radps) == (yaw, angular)
             felt.append(imu.acceleration_x_mps2)

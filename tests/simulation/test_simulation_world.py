@@ -43,7 +43,7 @@ def test_a_burger_turns_at_the_rate_asked_for(linear: float, angular: float) -> 
             world.step()
             yaws.append(world.poses()[0, 2])
             xy.append(world.poses()[0, :2])
-            velocities.append(world.velocity(0))
+            velocities.append(world.odometry(0)[1:])
     assert np.diff(np.unwrap(yaws)).sum() == pytest.approx(angular * 5.0, rel=0.02)
     assert np.hypot(*np.diff(xy, axis=0).T).sum() == pytest.approx(abs(linear) * 5.0, rel=0.02, abs=0.01)
     np.testing.assert_allclose(np.mean(velocities, axis=0), (linear, angular), rtol=0.02, atol=2e-3)
@@ -55,17 +55,17 @@ def test_commands_are_clamped_and_ramped() -> None:
         speeds = []
         for _ in range(60):
             world.step()
-            speeds.append(world.velocity(0)[0])
+            speeds.append(world.odometry(0)[1])
         gains = np.diff([0.0, *speeds]) * 60.0
         assert max(speeds) == pytest.approx(0.22, rel=0.01)
         assert gains.max() < 1.1, "1 m/s2, as the Gazebo plugin ramps"
         assert speeds[11] < 0.205 < speeds[16]
         world.drive(0, Command(0.0, -9.0))
         run(world, 1.0)
-        assert world.velocity(0)[1] == pytest.approx(-2.84, rel=0.01)
+        assert world.odometry(0)[2] == pytest.approx(-2.84, rel=0.01)
         world.drive(0, STOP)
         run(world, 1.0)
-        np.testing.assert_allclose(world.velocity(0), 0.0, atol=1e-3)
+        np.testing.assert_allclose(world.odometry(0)[1:], 0.0, atol=1e-3)
 
 
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2, math.pi, 0.6])
@@ -131,7 +131,7 @@ def moving(world: World, seconds: float, digest):
             present = np.flatnonzero(world.active).tolist()
             digest.update(world.scan(present, [rngs[i] for i in present]).tobytes())
         present = np.flatnonzero(world.active).tolist()
-        moves = [(*world.velocity(i), *world.wheel_angles(i)) for i in present]
+        moves = [(*world.odometry(i)[1:], *world.wheel_angles(i)) for i in present]
         digest.update(world.poses().tobytes() + np.array(moves).tobytes())
         yield
 
@@ -185,7 +185,7 @@ def test_a_caught_intruder_leaves_and_the_rest_goes_on_the_same_way_each_time() 
             with pytest.raises(ValueError, match="robot 3 is not in this world"):
                 world.drive(3, STOP)
             with pytest.raises(ValueError, match="robot 3 is not in this world"):
-                world.velocity(3)
+                world.odometry(3)[1:]
             with pytest.raises(ValueError, match="robot 3 is not in this world"):
                 world.scan([0, 3], [stream(1, "a"), stream(1, "b")])
         digests.append(digest.hexdigest())
