@@ -22,6 +22,10 @@ def write_report(directory: Path) -> list[Table]:
             from midnet_bench.report.detection import write_detection_report
 
             return write_detection_report(store, directory)
+        if store.definition.experiment == "mapping":
+            from midnet_bench.report.mapping import write_mapping_report
+
+            return write_mapping_report(store, directory)
         if store.definition.experiment == "readings":
             from midnet_bench.report.readings import write_readings_report
 

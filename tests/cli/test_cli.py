@@ -107,6 +107,12 @@ def test_campaign_files_say_what_the_two_commands_run() -> None:
     assert campaign("labyrinth")["trials"] == 20
 
 
+def test_the_mapping_campaign_compares_three_teams_on_both_arenas(tmp_path: Path) -> None:
+    done = midnet_bench("run", REPOSITORY / "campaigns" / "mapping.yaml", "--dry-run", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("6 cells, 60 trials, 60 of them to run")
+
+
 def write_map(folder: Path, **changes: object) -> None:
     fields = {
         "image": "map.pgm",

@@ -102,6 +102,22 @@ def test_the_same_seed_explores_the_same_bytes(explored: Path) -> None:
     assert (explored / "map.pgm").read_bytes() != (folder / "other" / "map.pgm").read_bytes()
 
 
+def test_a_campaigns_trial_is_the_exploration_of_that_seed(explored: Path) -> None:
+    folder = explored.parent
+    (folder / "teams.yaml").write_text(
+        "experiment: mapping\ngrid: {robots: [1, 2]}\nparameters: {arena: rooms.yaml}\n"
+    )
+    done = midnet_bench("run", "teams.yaml", "--jobs", 2, "-o", "teams", folder=folder)
+    assert done.returncode == 0, done.stderr
+    assert "Best maps" in done.stdout
+    _, team = rows(folder / "teams" / "maps.csv")
+    (alone,) = rows(explored / "scores.csv")
+    assert {name: alone[name] for name in ("coverage", "wall_error_m", "time_s", "distance_m")} == {
+        name: team[name] for name in ("coverage", "wall_error_m", "time_s", "distance_m")
+    }
+    assert (folder / "teams" / "mapping.png").exists()
+
+
 def test_guards_take_an_explored_map(explored: Path) -> None:
     run = ("detection", "--arena", "rooms.yaml", "--frames", 5, "--robots", 1, "-o", "detection")
     done = midnet_bench(*run, "--map", "out/map.yaml", folder=explored.parent)

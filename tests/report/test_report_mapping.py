@@ -1,0 +1,183 @@
+"""The report of a mapping campaign whose trials were written down, so that every number is known."""
+
+import csv
+import math
+from pathlib import Path
+
+import cv2
+import pytest
+
+from midnet_bench.campaign.definition import Definition
+from midnet_bench.campaign.provenance import collect
+from midnet_bench.campaign.store import Store, open_or_create
+from midnet_bench.campaign.worker import Outcome, encode_tables
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.trial import Row, Scalar, TrialResult, TrialSpec
+from midnet_bench.report.mapping import (
+    choice_table,
+    health_table,
+    measures_table,
+    rows_of,
+    speedup_table,
+    teams_table,
+)
+from midnet_bench.report.report import write_report
+from midnet_bench.report.verify import verify
+
+SEEDS = range(1, 5)
+
+
+def map_row(robots: int, seed: int, **changes: Scalar) -> Row:
+    return {
+        "coverage": 0.99,
+        "occupied_precision": 0.96,
+        "occupied_recall": 0.96,
+        "wall_error_m": 0.01,
+        "time_s": (100.0 if robots == 1 else 40.0) + seed,
+        "distance_m": 50.0,
+        "finished": True,
+        "merge_confidence": math.nan,
+        **changes,
+    }
+
+
+def robot_row(number: int) -> Row:
+    return {
+        "robot": f"explorer {number}",
+        "distance_m": 20.0,
+        "goals_reached": 5,
+        "goals_given_up": 1,
+        "stuck_s": 3.0,
+        "collisions": 0,
+        "walls_crossed": 0,
+        "recoveries": 2,
+        "pose_error_m": 0.01 * number,
+    }
+
+
+def mapping_store(
+    path: Path, changes: dict[tuple[str, int, int], Row], failed: tuple[str, int, int] | None = None
+) -> Store:
+    """Two arenas, one and three robots, four seeds; ``changes`` by arena, team size and seed."""
+    arenas = ["map1", '{"name": "My flat"}']
+    grid: dict[str, list[Scalar]] = {"arena": [*arenas], "robots": [1, 3]}
+    store = open_or_create(path, Definition("mapping", 1, len(SEEDS), grid, {}))
+    run_id = store.begin_run(collect(1))
+    for arena in arenas:
+        for robots in (1, 3):
+            for seed in SEEDS:
+                spec = TrialSpec("mapping", {"arena": arena, "robots": robots}, seed)
+                if (arena, robots, seed) == failed:
+                    store.record(run_id, spec, Outcome(spec.trial_id, 1.0, failure="ValueError: no"))
+                    continue
+                row = map_row(robots, seed, **changes.get((arena, robots, seed), {}))
+                team = [robot_row(number) for number in range(1, robots + 1)]
+                result = TrialResult({"maps": [row], "robots": team}, 100.0)
+                store.record(run_id, spec, Outcome(spec.trial_id, 6.0, 100.0, encode_tables(result)))
+    return store
+
+
+def test_trials_stand_under_their_arenas_names_and_team_sizes(tmp_path: Path) -> None:
+    with mapping_store(tmp_path / "campaign.sqlite", {}, failed=("map1", 3, 2)) as store:
+        maps = rows_of(store, "maps")
+    assert {arena: list(teams) for arena, teams in maps.items()} == {"map1": [1, 3], "My flat": [1, 3]}
+    assert [row["seed"] for row in maps["map1"][3]] == [1, 3, 4]
+
+
+def test_a_teams_row_says_how_many_finished_and_covered_enough(tmp_path: Path) -> None:
+    changes: dict[tuple[str, int, int], Row] = {
+        ("map1", 1, 1): {"finished": False, "coverage": 0.9},
+        ("map1", 1, 2): {"coverage": 0.979},
+    }
+    with mapping_store(tmp_path / "campaign.sqlite", changes) as store:
+        first, *_ = teams_table(rows_of(store, "maps")).rows
+    assert (first["finished"], first["covered 98%"]) == ("3 of 4", "2 of 4")
+    assert str(first["coverage"]).startswith(f"{(0.9 + 0.979 + 2 * 0.99) / 4:.4f} (")
+    assert str(first["time_s"]).startswith("102.5 (")
+
+
+def test_the_ratio_of_times_is_paired_by_seed(tmp_path: Path) -> None:
+    changes: dict[tuple[str, int, int], Row] = {("map1", 3, 4): {"time_s": 200.0}}
+    with mapping_store(tmp_path / "campaign.sqlite", changes, failed=("map1", 1, 1)) as store:
+        ours, flat = speedup_table(rows_of(store, "maps")).rows
+    assert ours["time_ratio"] == pytest.approx((42 + 43 + 200) / (102 + 103 + 104))
+    assert ours["faster"] == "2 of 3"
+    assert flat["faster"] == "4 of 4"
+    # both times of a seed go up together: the ratio hardly moves with the seeds
+    low, value, high = (float(str(flat[name])) for name in ("low", "time_ratio", "high"))
+    assert value == pytest.approx((41 + 42 + 43 + 44) / (101 + 102 + 103 + 104))
+    assert low < value < high
+    assert high - low < 0.02
+
+
+def test_the_map_that_is_kept_is_the_best_of_those_that_are_whole(tmp_path: Path) -> None:
+    changes: dict[tuple[str, int, int], Row] = {
+        ("map1", 1, 1): {"occupied_precision": 1.0, "occupied_recall": 1.0, "finished": False},
+        ("map1", 1, 2): {"occupied_precision": 1.0, "occupied_recall": 1.0, "coverage": 0.97},
+        ("map1", 3, 3): {"occupied_precision": 0.99, "occupied_recall": 0.97, "wall_error_m": 0.02},
+        ("map1", 1, 4): {"occupied_precision": 0.97, "occupied_recall": 0.99, "wall_error_m": 0.01},
+        ("map1", 3, 4): {"occupied_precision": math.nan, "occupied_recall": math.nan},
+    }
+    with mapping_store(tmp_path / "campaign.sqlite", changes) as store:
+        rows = choice_table(rows_of(store, "maps")).rows
+    ours = [row for row in rows if row["arena"] == "map1"]
+    assert [(row["choice"], row["robots"], row["seed"]) for row in ours] == [
+        ("chosen", 1, 4),
+        ("2.", 3, 3),
+        ("3.", 1, 3),
+    ]
+    assert ours[0]["occupied_f1"] == pytest.approx(2 * 0.97 * 0.99 / 1.96)
+
+
+def test_an_arena_that_nobody_finished_has_no_chosen_map(tmp_path: Path) -> None:
+    changes: dict[tuple[str, int, int], Row] = {
+        ("map1", robots, seed): {"finished": False} for robots in (1, 3) for seed in SEEDS
+    }
+    with mapping_store(tmp_path / "campaign.sqlite", changes) as store:
+        rows = choice_table(rows_of(store, "maps")).rows
+    assert {row["arena"] for row in rows} == {"My flat"}
+
+
+def test_the_worst_seed_is_named_and_undefined_numbers_are_left_out(tmp_path: Path) -> None:
+    changes: dict[tuple[str, int, int], Row] = {
+        ("map1", 1, 3): {"coverage": 0.5, "time_s": 999.0},
+        ("map1", 1, 2): {"wall_error_m": math.nan},
+    }
+    with mapping_store(tmp_path / "campaign.sqlite", changes) as store:
+        rows = measures_table(rows_of(store, "maps")).rows
+    mine = {row["measure"]: row for row in rows if (row["arena"], row["robots"]) == ("map1", 1)}
+    assert (mine["coverage"]["worst"], mine["coverage"]["worst_seed"]) == (0.5, 3)
+    assert (mine["time_s"]["worst"], mine["time_s"]["median"]) == (999.0, 103.0)
+    assert (mine["wall_error_m"]["n"], mine["wall_error_m"]["mean"]) == (3, pytest.approx(0.01))
+
+
+def test_the_robots_health_is_pooled_over_a_team(tmp_path: Path) -> None:
+    with mapping_store(tmp_path / "campaign.sqlite", {}) as store:
+        rows = health_table(rows_of(store, "robots")).rows
+    three = rows[1]
+    assert (three["robots"], three["robot_trials"], three["recoveries"]) == (3, 12, 24)
+    assert three["pose_error_m"] == pytest.approx(0.02)
+    assert three["most_pose_error_m"] == pytest.approx(0.03)
+
+
+def test_a_report_writes_tables_and_a_figure_twice_the_same(tmp_path: Path) -> None:
+    mapping_store(tmp_path / "campaign.sqlite", {}).close()
+    shown = write_report(tmp_path)
+    first = {path.name: path.read_bytes() for path in tmp_path.glob("mapping*")}
+    assert [table.title.split()[0] for table in shown] == ["Maps", "Time", "Best"]
+    stems = ("mapping", "mapping_speedup", "mapping_choice", "mapping_measures", "mapping_health")
+    assert set(first) == {f"{stem}{ending}" for stem in stems for ending in (".csv", ".md", ".tex")} | {
+        "mapping.png",
+        "mapping.svg",
+    }
+    assert cv2.imread(str(tmp_path / "mapping.png")) is not None
+    with (tmp_path / "maps.csv").open(newline="") as file:
+        assert len(list(csv.DictReader(file))) == 16
+    write_report(tmp_path)
+    assert {path.name: path.read_bytes() for path in tmp_path.glob("mapping*")} == first
+
+
+def test_the_paper_states_nothing_to_verify(tmp_path: Path) -> None:
+    mapping_store(tmp_path / "campaign.sqlite", {}).close()
+    with pytest.raises(InputError, match="paper states"):
+        verify(tmp_path)
