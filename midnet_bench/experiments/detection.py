@@ -46,6 +46,10 @@ class DetectionTrial(GuardedArena):
         super().__init__(parameters, seed)
         self._test = parameters
         self._free = free_space(self.arena, GOAL_CLEARANCE_M, self.layout.stationary)
+        self._stationary = {
+            f"stationary {number}": solid.bounding_box()
+            for number, solid in enumerate(self.layout.stationary, 1)
+        }
         self._goal_rngs = {robot.index: stream(seed, "goals", robot.name) for robot in self.intruders}
         self._sight_noise = [stream(seed, "sight", guard.name) for guard in self.guards]
         for robot in self.intruders:
@@ -68,10 +72,8 @@ class DetectionTrial(GuardedArena):
         margin_m = (
             inflation_m(costmap_settings(test), test.thresh_local) if test.truth_box == "inflated" else 0.0
         )
-        boxes = {
-            f"stationary {number}": solid.bounding_box()
-            for number, solid in enumerate(self.layout.stationary, 1)
-        } | {robot.name: self.world.scan_outline(robot.index) for robot in self.intruders}
+        mobile = {robot.name: self.world.scan_outline(robot.index) for robot in self.intruders}
+        boxes = self._stationary | mobile
         return [TruthObject(name, box.shrunk(-margin_m), box.center) for name, box in boxes.items()]
 
     def in_range(self, truths: list[TruthObject], test: DetectionParameters) -> list[bool]:

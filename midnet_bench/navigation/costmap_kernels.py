@@ -172,30 +172,26 @@ def inflate(base: Cells, cost_by_squared_distance: Cells, reach: int) -> Cells:
     """
     height, width = base.shape
     far = np.int16(reach + 1)
-    gap = np.empty((height, width), dtype=np.int16)
-    above = np.full(width, far, dtype=np.int16)
+    # Rows are taken out before their loops: the compiler then sees them apart and takes many cells at once.
+    gap = np.full((height + 2, width), far, dtype=np.int16)
     for row in range(height):
+        cells, below, here = base[row], gap[row], gap[row + 1]
         for x in range(width):
-            above[x] = np.int16(0) if base[row, x] == _LETHAL else min(np.int16(above[x] + 1), far)
-            gap[row, x] = above[x]
-    above[:] = far
-    row_has_source = np.zeros(height, dtype=np.bool_)
-    for row in range(height - 1, -1, -1):
-        nearest = far
-        for x in range(width):
-            above[x] = min(np.int16(above[x] + 1), gap[row, x])
-            gap[row, x] = above[x]
-            nearest = min(nearest, above[x])
-        row_has_source[row] = nearest < far
+            here[x] = 0 if cells[x] == _LETHAL else min(np.int16(below[x] + 1), far)
     costs = base.copy()
     limit = reach * reach
     padded = np.full(width + 2 * reach, np.int16(far * far), dtype=np.int16)
     squared = np.empty(width, dtype=np.int16)
-    for row in range(height):
-        if not row_has_source[row]:
+    for row in range(height - 1, -1, -1):
+        above, here, nearest = gap[row + 2], gap[row + 1], far
+        for x in range(width):
+            here[x] = min(np.int16(above[x] + 1), here[x])
+        for x in range(width):
+            nearest = min(nearest, here[x])
+        if nearest == far:
             continue
         for x in range(width):
-            squared[x] = gap[row, x] * gap[row, x]
+            squared[x] = here[x] * here[x]
         padded[reach : reach + width] = squared
         for offset in range(1, reach + 1):
             left = padded[reach - offset : reach - offset + width]
@@ -203,10 +199,11 @@ def inflate(base: Cells, cost_by_squared_distance: Cells, reach: int) -> Cells:
             added = np.int16(offset * offset)
             for x in range(width):
                 squared[x] = min(squared[x], np.int16(min(left[x], right[x]) + added))
+        row_of_costs = costs[row]
         for x in range(width):
             if squared[x] <= limit:
                 cost = cost_by_squared_distance[squared[x]]
-                old = costs[row, x]
+                old = row_of_costs[x]
                 if (old == _UNKNOWN and cost >= _INSCRIBED) or (old != _UNKNOWN and cost > old):
-                    costs[row, x] = cost
+                    row_of_costs[x] = cost
     return costs

@@ -68,11 +68,21 @@ def cast_on_solids(client: int, beams: Beams, near_m: float, far_m: float) -> Fl
     met = np.empty(len(starts))
     for first in range(0, len(starts), MAX_BATCH):
         batch = slice(first, first + MAX_BATCH)
-        hits = bullet.rayTestBatch(starts[batch], ends[batch], numThreads=1, physicsClientId=client)
-        met[batch] = np.fromiter(map(_FRACTION, hits), np.float64, len(hits))
+        met[batch] = ray_fractions(client, starts[batch], ends[batch])
     ranges = near_m + met * (far_m - near_m)
     ranges[met >= 1.0] = np.inf
     return ranges.reshape(beams.directions.shape[:2])
+
+
+def ray_fractions(client: int, starts: Floats, ends: Floats) -> Floats:
+    """(n,) how far along each ray the first solid is, 1 if there is none; (n, 3) starts and ends, metres.
+
+    PyBullet answers with a tuple of tuples; most of what that costs is making them and giving them back.
+    """
+    hits = bullet.rayTestBatch(starts, ends, numThreads=1, physicsClientId=client)
+    fractions = np.fromiter(map(_FRACTION, hits), np.float64, len(hits))
+    del hits
+    return fractions
 
 
 def hide_behind_robots(
