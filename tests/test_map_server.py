@@ -351,3 +351,10 @@ def test_grids_of_the_other_kind_are_refused(tmp_path: Path) -> None:
         save_binary_map(OccupancyGrid(np.zeros((1, 1), np.int8), 0.05, (0.0, 0.0)), tmp_path / "map.yaml")
     with pytest.raises(InputError, match="name the YAML file"):
         save_map(OccupancyGrid(np.zeros((1, 1), np.int8), 0.05, (0.0, 0.0)), tmp_path / "map.pgm")
+
+
+def test_a_map_says_in_a_comment_where_it_comes_from(tmp_path: Path) -> None:
+    grid = OccupancyGrid(np.array([[0, 100], [-1, 0]], dtype=np.int8), 0.05, (0.0, 0.0))
+    save_map(grid, tmp_path / "map.yaml", comment="explored\nby: 1 Burger")
+    assert (tmp_path / "map.yaml").read_text().splitlines()[0] == "# explored by: 1 Burger"
+    np.testing.assert_array_equal(load_map(tmp_path / "map.yaml").data, grid.data)

@@ -92,7 +92,7 @@ def _explore(values: "dict[str, Scalar]", seed: int, clip: bool, output: Path, a
     with exploration_progress_on(sys.stderr) as progress:
         made = write_exploration(parameters, seed, output, clip, progress)
     _warn(made.exploration.warnings)
-    show([made.scores], as_json)
+    show([made.scores if as_json else made.in_words()], as_json)
     if not as_json:
         _tell_of(made.exploration.grid, made.files)
 

@@ -33,8 +33,16 @@ class ExplorationFiles:
 
     exploration: Exploration
     scores: Table
+    """one row"""
     files: list[Path]
     """the map first"""
+
+    def in_words(self) -> Table:
+        """The scores as a terminal has room for them: a line for each."""
+        (row,), (cells,) = self.scores.rows, self.scores.cells()
+        return Table(
+            self.scores.title, [{"": name, "value": cell} for name, cell in zip(row, cells, strict=True)]
+        )
 
 
 def write_exploration(

@@ -23,11 +23,12 @@ MEASURES: Mapping[str, bool] = {
     "distance_m": False,
 }
 """column of ``maps`` -> whether more is better"""
-DIGITS = {"coverage": 4, "wall_error_m": 4, "time_s": 1, "distance_m": 1, "ratio": 2, "low": 2, "high": 2}
 ENOUGH_COVERAGE = 0.98
 """less of the free space within reach is not a map of the arena"""
 BEST = 3
 """maps of each arena that the choice shows"""
+SHOWN = ("occupied_precision", "occupied_recall", "wall_error_m", "coverage")
+"""what it shows of them"""
 COUNTED = ("collisions", "walls_crossed", "recoveries", "goals_given_up")
 
 Maps = Mapping[str, Mapping[int, Sequence[Row]]]
@@ -41,6 +42,7 @@ def write_mapping_report(store: Store, directory: Path) -> list[Table]:
         return []
     tables = {
         "mapping": teams_table(maps),
+        "mapping_walls": walls_table(maps),
         "mapping_speedup": speedup_table(maps),
         "mapping_choice": choice_table(maps),
         "mapping_measures": measures_table(maps),
@@ -53,7 +55,7 @@ def write_mapping_report(store: Store, directory: Path) -> list[Table]:
 
     for ending, content in png_and_svg(mapping_figure(maps)).items():
         write_atomically(directory / f"mapping{ending}", content)
-    return [tables[name] for name in ("mapping", "mapping_speedup", "mapping_choice")]
+    return [tables[name] for name in ("mapping", "mapping_walls", "mapping_speedup", "mapping_choice")]
 
 
 def rows_of(store: Store, table: str) -> Maps:
@@ -70,20 +72,33 @@ def rows_of(store: Store, table: str) -> Maps:
 
 
 def teams_table(maps: Maps) -> Table:
-    """A row per arena and team: means over seeds with 95 % bootstrap intervals, and the least coverage."""
+    """A row per arena and team: how much it explored and what that took, means with 95 % intervals."""
     rows: list[Row] = []
     for arena, teams in maps.items():
         for robots, trials in teams.items():
-            row: Row = {"arena": arena, "robots": robots, "trials": len(trials)}
-            row["finished"] = f"{sum(bool(one['finished']) for one in trials)} of {len(trials)}"
-            covered = sum(_number(one["coverage"]) >= ENOUGH_COVERAGE for one in trials)
-            row[f"covered {ENOUGH_COVERAGE:.0%}"] = f"{covered} of {len(trials)}"
-            for measure in MEASURES:
-                estimate = mean_of(trials, measure)
-                digits = DIGITS.get(measure, 3)
-                row[measure] = _interval(estimate, digits)
+            covered = [_number(one["coverage"]) for one in trials]
+            finished = sum(bool(one["finished"]) for one in trials)
+            row: Row = {"arena": arena, "robots": robots, "finished": f"{finished} of {len(trials)}"}
+            enough = sum(share >= ENOUGH_COVERAGE for share in covered)
+            row[f"covered {ENOUGH_COVERAGE:.0%}"] = f"{enough} of {len(trials)}"
+            row["covered_percent"] = _interval(mean_of(trials, "coverage"), 2, 100.0)
+            row["time_s"] = _interval(mean_of(trials, "time_s"), 1)
+            row["distance_m"] = _interval(mean_of(trials, "distance_m"), 1)
             rows.append(row)
-    return Table("Maps of explorers, means (95 % intervals over seeds)", rows)
+    return Table("What explorers cover and what it takes (95 % intervals over seeds)", rows)
+
+
+def walls_table(maps: Maps) -> Table:
+    """A row per arena and team: how right the maps are, means with 95 % intervals."""
+    rows: list[Row] = []
+    for arena, teams in maps.items():
+        for robots, trials in teams.items():
+            row: Row = {"arena": arena, "robots": robots}
+            row["occupied_precision"] = _interval(mean_of(trials, "occupied_precision"), 3)
+            row["occupied_recall"] = _interval(mean_of(trials, "occupied_recall"), 3)
+            row["wall_error_cm"] = _interval(mean_of(trials, "wall_error_m"), 2, 100.0)
+            rows.append(row)
+    return Table("Occupied cells of their maps, within one cell (95 % intervals over seeds)", rows)
 
 
 def measures_table(maps: Maps) -> Table:
@@ -156,7 +171,12 @@ def choice_table(maps: Maps) -> Table:
     rows: list[Row] = []
     for arena, teams in maps.items():
         candidates: list[Row] = [
-            {"robots": robots, "seed": one["seed"], "occupied_f1": _f1(one), **_measures(one)}
+            {
+                "robots": robots,
+                "seed": one["seed"],
+                "occupied_f1": _f1(one),
+                **{key: one[key] for key in SHOWN},
+            }
             for robots, trials in teams.items()
             for one in trials
             if one["finished"] and _number(one["coverage"]) >= ENOUGH_COVERAGE
@@ -167,9 +187,7 @@ def choice_table(maps: Maps) -> Table:
             for place, one in enumerate(best)
         ]
     title = f"Best maps: finished, {ENOUGH_COVERAGE:.0%} covered; highest occupied F1, then least wall error"
-    return Table(
-        title, rows, {**DIGITS, **dict.fromkeys(("occupied_f1", *MEASURES), 4), "time_s": 1, "distance_m": 1}
-    )
+    return Table(title, rows, dict.fromkeys(("occupied_f1", *SHOWN), 4))
 
 
 def health_table(robots: Maps) -> Table:
@@ -189,10 +207,6 @@ def health_table(robots: Maps) -> Table:
 def mean_of(trials: Sequence[Row], measure: str) -> Estimate:
     """The mean of one measure over trials, with its 95 % bootstrap interval."""
     return statistics.mean([_number(one[measure]) for one in trials], stream(0, "bootstrap", measure))
-
-
-def _measures(trial: Row) -> Row:
-    return {measure: trial[measure] for measure in MEASURES}
 
 
 def _f1(trial: Row) -> float:
@@ -216,11 +230,12 @@ def _pairs(first: Sequence[Row], second: Sequence[Row], measure: str) -> list[tu
     return [(_number(one[measure]), by_seed[one["seed"]]) for one in first if one["seed"] in by_seed]
 
 
-def _interval(estimate: Estimate, digits: int) -> str:
+def _interval(estimate: Estimate, digits: int, factor: float = 1.0) -> str:
+    """``value (low-high)``, all times ``factor``."""
     if estimate.n == 0:
         return "n/a"
-    value = f"{estimate.value:.{digits}f}"
-    return value if estimate.n == 1 else f"{value} ({estimate.low:.{digits}f}-{estimate.high:.{digits}f})"
+    value, low, high = (f"{factor * number:.{digits}f}" for number in estimate[:3])
+    return value if estimate.n == 1 else f"{value} ({low}-{high})"
 
 
 def _name(arena: str) -> str:

@@ -20,6 +20,7 @@ from midnet_bench.report.mapping import (
     rows_of,
     speedup_table,
     teams_table,
+    walls_table,
 )
 from midnet_bench.report.report import write_report
 from midnet_bench.report.verify import verify
@@ -92,8 +93,15 @@ def test_a_teams_row_says_how_many_finished_and_covered_enough(tmp_path: Path) -
     with mapping_store(tmp_path / "campaign.sqlite", changes) as store:
         first, *_ = teams_table(rows_of(store, "maps")).rows
     assert (first["finished"], first["covered 98%"]) == ("3 of 4", "2 of 4")
-    assert str(first["coverage"]).startswith(f"{(0.9 + 0.979 + 2 * 0.99) / 4:.4f} (")
+    assert str(first["covered_percent"]).startswith(f"{100 * (0.9 + 0.979 + 2 * 0.99) / 4:.2f} (")
     assert str(first["time_s"]).startswith("102.5 (")
+
+
+def test_walls_are_told_in_centimetres(tmp_path: Path) -> None:
+    with mapping_store(tmp_path / "campaign.sqlite", {("map1", 1, 1): {"wall_error_m": 0.05}}) as store:
+        first, *_ = walls_table(rows_of(store, "maps")).rows
+    assert str(first["wall_error_cm"]).startswith("2.00 (1.00-")
+    assert first["occupied_precision"] == "0.960 (0.960-0.960)"
 
 
 def test_the_ratio_of_times_is_paired_by_seed(tmp_path: Path) -> None:
@@ -164,8 +172,9 @@ def test_a_report_writes_tables_and_a_figure_twice_the_same(tmp_path: Path) -> N
     mapping_store(tmp_path / "campaign.sqlite", {}).close()
     shown = write_report(tmp_path)
     first = {path.name: path.read_bytes() for path in tmp_path.glob("mapping*")}
-    assert [table.title.split()[0] for table in shown] == ["Maps", "Time", "Best"]
-    stems = ("mapping", "mapping_speedup", "mapping_choice", "mapping_measures", "mapping_health")
+    assert [table.title.split()[0] for table in shown] == ["What", "Occupied", "Time", "Best"]
+    parts = ("walls", "speedup", "choice", "measures", "health")
+    stems = ("mapping", *(f"mapping_{part}" for part in parts))
     assert set(first) == {f"{stem}{ending}" for stem in stems for ending in (".csv", ".md", ".tex")} | {
         "mapping.png",
         "mapping.svg",
