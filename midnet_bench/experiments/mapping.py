@@ -21,7 +21,7 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
 from midnet_bench.mapping.frontier import FrontierExplorer
 from midnet_bench.mapping.gmapping import GMapping
-from midnet_bench.mapping.gmapping_settings import BURGER
+from midnet_bench.mapping.gmapping_settings import BURGER_UKF
 from midnet_bench.mapping.map_score import MapScore, score_map
 from midnet_bench.mapping.map_window import MapWindow
 from midnet_bench.navigation.costmap_settings import burger_global
@@ -193,7 +193,7 @@ class ExplorationTrial:
     def _make_explorer(self, index: int, start: Pose2D) -> Explorer:
         parameters = self.parameters
         name = f"explorer {index + 1}"
-        settings = replace(BURGER, particles=parameters.particles, resolution_m=parameters.resolution_m)
+        settings = replace(BURGER_UKF, particles=parameters.particles, resolution_m=parameters.resolution_m)
         costmap = replace(burger_global(parameters.resolution_m), track_unknown=True)
         return Explorer(
             index,

@@ -27,8 +27,13 @@ class GmappingSettings:
     linear_reliability: float = 0.0
     """per squared metre: a match at distance d from the odometry's pose scores exp(-reliability * d^2) times
     as much. GMapping has it (``m_linearOdometryReliability``) and leaves it off"""
+    angular_reliability: float = 0.0
+    """per squared radian: the same for a match turned away from the odometry's heading
+    (``m_angularOdometryReliability``)"""
     likelihood_sigma_m2: float = 0.075
     """``lsigma``: log-likelihood of a beam, -d^2 / lsigma"""
+    miss_m2: float = 0.5
+    """d^2 of a beam with nothing near its end (GMapping's nullLikelihood, built in there)"""
     likelihood_gain: float = 3.0
     """``ogain``: how much the weights are flattened"""
     minimum_score: float = 50.0
@@ -87,9 +92,37 @@ BURGER = replace(
     linear_reliability=10.0,
     temporal_update_s=None,
 )
-"""A Burger with corrected odometry and a LiDAR of 1 cm noise, for which the published values are too loose.
+"""A Burger with wheel odometry and a LiDAR of 1 cm noise, for which the published values are too loose.
 
 sigma = 0.05 m^2 hardly tells a match from one 5 cm off; here it is the square of a cell. In a corridor the
 score alone pulls the robot back to where more of its beams meet what it has seen; the odometry's pull
 holds against that. Time alone is no reason to integrate: a standing robot has nothing to add.
+"""
+
+BURGER_UKF = replace(
+    BURGER,
+    linear_step_m=0.0125,
+    angular_step_rad=0.003,
+    iterations=4,
+    linear_reliability=100.0,
+    angular_reliability=1e4,
+    likelihood_sigma_m2=0.01,
+    miss_m2=0.02,
+    noise_srt=0.001,
+    noise_stt=0.001,
+    linear_update_m=0.4,
+)
+"""A Burger whose odometry frame is the UKF's: its heading is a gyroscope's and drifts by 1e-5 rad/s.
+
+A match is good to about half a milliradian, the heading's change from one scan to the next is known a
+hundred times better, and every match adds an error of its own: with ``BURGER`` a labyrinth's map turned by up
+to 0.04 rad before a loop closed, where the UKF alone was off by 0.006. So the odometry pulls in both about as
+hard as its share in what is known, the finest steps are 0.8 mm and 0.2 mrad, and a scan is matched half as
+often. The noise lets particles differ by as much as the gyroscope's drift until a loop closes.
+
+While exploring, many beams end where the map is still empty. GMapping's fixed price for them is that of a
+wall 0.7 m away, so luck at the map's edge decides which particle is best; here it is that of a wall 0.14 m
+away, just beyond the cells that are searched.
+
+Chosen by drives of one robot through Map 2 with the seeds 1001 and 1002 alone.
 """

@@ -23,8 +23,6 @@ EMPTY = 1e9
 _NONE_SQUARED = EMPTY * EMPTY
 _NO_CANDIDATE = 1e12
 """cells squared: far above any distance within three cells, far below one to EMPTY"""
-_MISS_LOG_LIKELIHOOD = -0.5
-"""of a beam with nothing near its end, before the division by sigma (GMapping's nullLikelihood)"""
 
 FloatArray = npt.NDArray[np.float64]
 MeanArray = npt.NDArray[np.float32]
@@ -42,6 +40,8 @@ class Matching(NamedTuple):
     """squared cells"""
     odometry_pull: float
     """per squared cell"""
+    heading_pull: float
+    """per squared radian"""
     minimum_score: float
     likelihood_sigma: float
     """squared cells"""
@@ -57,9 +57,10 @@ def matching_in_cells(settings: GmappingSettings) -> Matching:
         iterations=settings.iterations,
         sigma=settings.sigma_m2 / cell_m**2,
         odometry_pull=settings.linear_reliability * cell_m**2,
+        heading_pull=settings.angular_reliability,
         minimum_score=settings.minimum_score,
         likelihood_sigma=settings.likelihood_sigma_m2 / cell_m**2,
-        miss_log_likelihood=_MISS_LOG_LIKELIHOOD / settings.likelihood_sigma_m2,
+        miss_log_likelihood=-settings.miss_m2 / settings.likelihood_sigma_m2,
     )
 
 
@@ -150,14 +151,14 @@ def climb(
 
     Each round tries +x, -x, -y, +y (map axes), +yaw, -yaw and takes the best if it beats the present score;
     a round that finds nothing halves both steps; the end is a fruitless round after ``iterations`` halvings
-    (``scanmatcher.cpp``, optimize). The score of a pose at distance d from the start counts
-    exp(-odometry_pull * d^2) times.
+    (``scanmatcher.cpp``, optimize). The score of a pose at distance d and turn t from the start counts
+    exp(-odometry_pull * d^2 - heading_pull * t^2) times.
     """
     rotated = np.empty_like(beams)
     turned = np.empty_like(beams)
     rotate_beams(beams, yaw, rotated)
     score = match_score(means, table, rotated, x, y, matching.sigma, 0.0)
-    start_x, start_y = x, y
+    start_x, start_y, start_yaw = x, y, yaw
     linear_step, angular_step = matching.linear_step, matching.angular_step
     halvings = 0
     while True:
@@ -172,7 +173,8 @@ def climb(
                 try_yaw += angular_step if move == 4 else -angular_step
                 rotate_beams(beams, try_yaw, turned)
             away = (try_x - start_x) ** 2 + (try_y - start_y) ** 2
-            pull = math.exp(-matching.odometry_pull * away)
+            turn = (try_yaw - start_yaw) ** 2
+            pull = math.exp(-matching.odometry_pull * away - matching.heading_pull * turn)
             found = pull * match_score(
                 means, table, rotated if move < 4 else turned, try_x, try_y, matching.sigma, best / pull
             )

@@ -9,7 +9,7 @@ import pytest
 from gmapping_room import ROOM, cast
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.gmapping_settings import SLAM_GMAPPING
+from midnet_bench.mapping.gmapping_settings import BURGER_UKF, SLAM_GMAPPING
 from midnet_bench.mapping.grid_line import trace_line
 from midnet_bench.mapping.particle_map import ParticleMaps
 from midnet_bench.mapping.scan_matcher import (
@@ -177,6 +177,33 @@ def test_the_odometry_holds_against_the_pull_of_a_corridor() -> None:
         )
         slid.append(abs(maps.to_metres(matched)[0, 0] - 0.4))
     assert slid[1] < 0.05 < slid[0]
+
+
+def test_a_trusted_heading_is_hardly_turned_by_one_scan() -> None:
+    """Turned by 0.01 rad: the walls tell, and how far the match goes back is a matter of trust."""
+    pose = Pose2D(1.7, 2.3, 0.4)
+    ends = room_scan(pose)
+    maps = mapped(pose, ends)
+    start = maps.to_cells(np.array([pose]) + np.array([0.0, 0.0, 0.01]))
+    left_rad = []
+    for reliability in (0.0, 1e3, 1e6):
+        matching = matching_in_cells(replace(BURGER_UKF, angular_reliability=reliability))
+        matched, _ = match_particles(maps.means, maps.tables, ends / CELL_M, start, matching)
+        left_rad.append(matched[0, 2] - pose.yaw)
+    assert abs(left_rad[0]) < 0.001 < left_rad[1] < left_rad[2]
+    assert left_rad[2] == pytest.approx(0.01, abs=1e-4)
+
+
+def test_the_price_of_a_beam_into_the_unknown() -> None:
+    pose = Pose2D(1.7, 2.3, 0.4)
+    ends = room_scan(pose)
+    maps = mapped(pose, ends)
+    lost = maps.to_cells(np.array([[200.0, 0.0, 0.0]]))
+    for settings, expected in ((SLAM_GMAPPING, -0.5 / 0.075), (BURGER_UKF, -0.02 / 0.01)):
+        _, likelihoods = match_particles(
+            maps.means, maps.tables, ends / CELL_M, lost, matching_in_cells(settings)
+        )
+        assert likelihoods[0] == pytest.approx(len(ends) * expected)
 
 
 @pytest.mark.parametrize(
