@@ -15,9 +15,7 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Any parameter; see 'midnet-bench parameters'."),
 ]
-Map = Annotated[
-    Path | None, typer.Option("--map", help="Prior map, a map_server YAML file, instead of the exact one.")
-]
+Map = Annotated[Path | None, typer.Option("--map", help="Prior map: a map_server YAML file.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", "-n", help="Say what would run, and stop.")]
 Fresh = Annotated[bool, typer.Option(help="Start over; the old store is kept aside.")]
 RetryFailed = Annotated[bool, typer.Option(help="Run failed trials again.")]

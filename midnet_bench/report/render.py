@@ -9,7 +9,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection import DetectionTrial
 from midnet_bench.experiments.guarded_arena import FRAME_HZ
 from midnet_bench.experiments.labyrinth import LabyrinthTrial
-from midnet_bench.experiments.parameters import DetectionParameters, LabyrinthParameters
+from midnet_bench.experiments.parameters import DetectionParameters, GuardParameters, LabyrinthParameters
 from midnet_bench.experiments.registry import parameters_model
 from midnet_bench.experiments.trial import Scalar
 from midnet_bench.midnet.pipeline import Frame
@@ -57,6 +57,10 @@ def render_trial(
         InputError: a parameter is wrong, the trial has no such frame, or the folder cannot be made.
         MidnetBenchError: a file cannot be written.
     """
+    if not issubclass(parameters_model(experiment), GuardParameters):
+        raise InputError(
+            f"render: no guards in '{experiment}'; 'midnet-bench map ARENA' draws an exploration"
+        )
     model = parse(parameters_model(experiment), dict(parameters), experiment)
     most = _frames_at_most(model)
     if not 1 <= frame_number <= most:

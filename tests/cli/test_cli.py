@@ -165,6 +165,7 @@ CAMPAIGN = ("run", "campaign.yaml")
         (None, ("report", "absent"), ["absent"]),
         (None, ("labyrinth", "--backend", "dusk"), ["dusk", "dask"]),
         (None, ("render", "--frame", "0"), ["frame", "0"]),
+        (None, ("render", "mapping"), ["mapping", "midnet-bench map"]),
         (None, ("parameters", "labirynth"), ["labirynth", "labyrinth"]),
         (None, ("detection", "--seed", "-1"), ["--seed", "0"]),
         (None, ("detection", "--sed", "1"), ["--sed", "--seed"]),
