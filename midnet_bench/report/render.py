@@ -58,7 +58,7 @@ def render_trial(
         MidnetBenchError: a file cannot be written.
     """
     if not issubclass(parameters_model(experiment), GuardParameters):
-        raise InputError(
+        raise InputError(f"render: '{experiment}' has no guards; 'midnet-bench map ARENA' draws explorations")
             f"render: no guards in '{experiment}'; 'midnet-bench map ARENA' draws an exploration"
         )
     model = parse(parameters_model(experiment), dict(parameters), experiment)
