@@ -59,8 +59,6 @@ def render_trial(
     """
     if not issubclass(parameters_model(experiment), GuardParameters):
         raise InputError(f"render: '{experiment}' has no guards; 'midnet-bench map ARENA' draws explorations")
-            f"render: no guards in '{experiment}'; 'midnet-bench map ARENA' draws an exploration"
-        )
     model = parse(parameters_model(experiment), dict(parameters), experiment)
     most = _frames_at_most(model)
     if not 1 <= frame_number <= most:
