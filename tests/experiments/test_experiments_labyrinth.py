@@ -20,7 +20,12 @@ CORRIDOR = {
 
 
 def corridor(**changes: object) -> LabyrinthParameters:
-    values = {"arena": json.dumps(CORRIDOR), "escape_distance_m": 7.5, "time_limit_s": 90.0}
+    values = {
+        "arena": json.dumps(CORRIDOR),
+        "prior_map": "exact",
+        "escape_distance_m": 7.5,
+        "time_limit_s": 90.0,
+    }
     return LabyrinthParameters(**{**values, **changes})
 
 
