@@ -25,7 +25,7 @@ SIDE_IN, TOP_IN, BOTTOM_IN = 0.75, 0.4, 0.8
 
 
 def draw_map(grid: OccupancyGrid, ways: Sequence[Floats], title: str, walls: Sequence[Floats] = ()) -> Figure:
-    """The known part of a map with each robot's way on it, metres of the map frame.
+    """The known part of a map, and all true walls, with each robot's way on it, metres of the map frame.
 
     Args:
         grid: int8, 100 occupied, 0 free, -1 unknown.
@@ -33,7 +33,8 @@ def draw_map(grid: OccupancyGrid, ways: Sequence[Floats], title: str, walls: Seq
         title: stands above.
         walls: outlines of the true walls, (n, 2) each, where they are known.
     """
-    view = known_part(grid).shrunk(-MARGIN_M)
+    corners = np.array([*known_corners(grid), *(corner for outline in walls for corner in outline)])
+    view = Box(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()).shrunk(-MARGIN_M)
     wide = (view.x_max - view.x_min) / (view.y_max - view.y_min)
     plot_in = HEIGHT_IN - TOP_IN - BOTTOM_IN
     width_in = max(7.5, plot_in * wide + 2 * SIDE_IN)
@@ -56,17 +57,16 @@ def draw_map(grid: OccupancyGrid, ways: Sequence[Floats], title: str, walls: Seq
     return figure
 
 
-def known_part(grid: OccupancyGrid) -> Box:
-    """The least box around all known cells, metres; the whole grid if there is none."""
+def known_corners(grid: OccupancyGrid) -> tuple[tuple[float, float], tuple[float, float]]:
+    """(x, y) of the lower left and the upper right corner of all known cells; of the grid if there is none."""
     rows, columns = np.nonzero(grid.data >= 0)
     if not len(rows):
-        return Box(*grid.extent)
+        x_min, y_min, x_max, y_max = grid.extent
+        return (x_min, y_min), (x_max, y_max)
     x, y = grid.origin
-    return Box(
-        x + grid.resolution * float(columns.min()),
-        y + grid.resolution * float(rows.min()),
-        x + grid.resolution * float(columns.max() + 1),
-        y + grid.resolution * float(rows.max() + 1),
+    return (
+        (x + grid.resolution * float(columns.min()), y + grid.resolution * float(rows.min())),
+        (x + grid.resolution * float(columns.max() + 1), y + grid.resolution * float(rows.max() + 1)),
     )
 
 

@@ -7,12 +7,11 @@ import pytest
 
 from midnet_bench.experiments.mapping import ExplorationTrial, Snapshot
 from midnet_bench.experiments.mapping_parameters import MappingParameters
-from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.report.canvas import Canvas
 from midnet_bench.report.exploration_view import MapPainter, growth_page, percent
 from midnet_bench.report.map_files import MapFiles
-from midnet_bench.report.map_picture import known_part
+from midnet_bench.report.map_picture import known_corners
 from midnet_bench.report.recording import Recording
 
 ROOM = """
@@ -104,10 +103,9 @@ def test_the_known_part_of_a_map_is_what_a_picture_shows() -> None:
     data = np.full((20, 30), -1, dtype=np.int8)
     data[5, 10] = 0
     data[7, 12] = 100
-    box = known_part(OccupancyGrid(data, 0.5, (-1.0, 2.0)))
-    assert box == Box(4.0, 4.5, 5.5, 6.0)
+    assert known_corners(OccupancyGrid(data, 0.5, (-1.0, 2.0))) == ((4.0, 4.5), (5.5, 6.0))
     nothing = OccupancyGrid(np.full((2, 4), -1, dtype=np.int8), 0.5, (0.0, 0.0))
-    assert known_part(nothing) == Box(0.0, 0.0, 2.0, 1.0)
+    assert known_corners(nothing) == ((0.0, 0.0), (2.0, 1.0))
 
 
 def test_a_folder_gets_plain_names_and_a_named_map_has_its_name_on_all(tmp_path: Path) -> None:
