@@ -15,6 +15,9 @@ from midnet_bench.mapping.map_window import MapWindow
 from midnet_bench.messages import STOP, Command, Imu, LidarGeometry, Odometry
 from midnet_bench.navigation.navigator import Navigator
 
+MATE_RADIUS_M = 0.3
+"""A return this near to where a mate says it is comes from that mate: its body and both poses' errors."""
+
 
 class Explorer(MobileRobot):
     """UKF (odometry frame), GMapping (map -> odom), move_base on a growing map, explore_lite over it.
@@ -51,10 +54,12 @@ class Explorer(MobileRobot):
         super().__init__(index, name, start, navigator, ukf, lambda robot: None, goal_timeout_s)
         self.slam = slam
         self.mates: Sequence[Explorer] = ()
-        """the other explorers, whose goals are left to them"""
+        """the explorers that share this one's frame: their goals are left to them, they are no walls"""
         self.is_done = False
         """whether its newest map has no frontier left for it"""
         self._odometry_pose = start
+        self._correction = Pose2D(0.0, 0.0, 0.0)
+        """map -> odom: none until a scan says otherwise"""
         self._frontiers = frontiers
         self._area = area
         self._has_map = False
@@ -67,8 +72,9 @@ class Explorer(MobileRobot):
         self._correct()
 
     def observe(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:
-        """Take one scan into GMapping, then into the navigator's costmaps."""
-        if self.slam.process(self._odometry_pose, ranges_m, time_s):
+        """Take one scan into the navigator's costmaps and, without what team mates reflect, into GMapping."""
+        if self.slam.process(self._odometry_pose, self._without_mates(ranges_m, lidar), time_s):
+            self._correction = self.slam.correction
             self._correct()
         super().observe(ranges_m, lidar, time_s)
 
@@ -104,6 +110,22 @@ class Explorer(MobileRobot):
         elif goal != self.goal:
             self.drive_to(goal)
 
+    def _without_mates(
+        self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry
+    ) -> npt.NDArray[np.float64]:
+        """The scan with NaN where it met a mate; one that stands there for long would become a wall."""
+        if not self.mates:
+            return ranges_m
+        sensor = self.pose.compose(lidar.mount)
+        bearings = sensor.yaw + lidar.angles_rad
+        lengths_m = np.minimum(ranges_m, lidar.range_max_m)
+        x = sensor.x + lengths_m * np.cos(bearings)
+        y = sensor.y + lengths_m * np.sin(bearings)
+        scan = ranges_m.copy()
+        for mate in self.mates:
+            scan[np.hypot(x - mate.pose.x, y - mate.pose.y) < MATE_RADIUS_M] = np.nan
+        return scan
+
     def _correct(self) -> None:
-        pose = self.slam.correction.compose(self._odometry_pose)
+        pose = self._correction.compose(self._odometry_pose)
         self.pose = pose._replace(yaw=wrap_angle(pose.yaw))

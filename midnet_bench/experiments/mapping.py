@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import reduce
 from types import TracebackType
 from typing import Self
 
@@ -22,8 +21,9 @@ from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
 from midnet_bench.mapping.frontier import FrontierExplorer
 from midnet_bench.mapping.gmapping import GMapping
 from midnet_bench.mapping.gmapping_settings import BURGER_UKF
-from midnet_bench.mapping.map_score import MapScore, score_map
+from midnet_bench.mapping.map_score import MapScore, closed_spaces, score_map
 from midnet_bench.mapping.map_window import MapWindow
+from midnet_bench.mapping.team_map import by_features, by_known_starts, largest
 from midnet_bench.navigation.costmap_settings import burger_global
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.navigation.navigator_settings import NavigatorSettings
@@ -38,6 +38,8 @@ from midnet_bench.simulation.world import World, WorldSettings
 MAP_PERIOD_S = 2
 """How often maps are published, merged and planned on: TurtleBot3's map_update_interval and merging_rate."""
 SNAPSHOT_PERIOD_S = 1
+ENOUGH = 0.98
+"""A map that knows less of the free space within reach carries a warning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +53,7 @@ class Snapshot:
     """(n, 3) what the robots take for it"""
     goals: list[Point | None]
     grid: OccupancyGrid
-    """int8 over the plane, map frame: the newest merged map"""
+    """int8 over the plane, map frame: the newest merged map, or the largest single one"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +71,8 @@ class Exploration:
     finished: bool
     """whether no frontier was left to anybody within the time limit"""
     merge_confidence: float
-    """of the features; NaN where nothing had to be matched"""
+    """of the features: of the worst pair that was merged, or of the best if all were refused; NaN where
+    nothing had to be matched"""
     warnings: list[str]
 
     def row(self) -> Row:
@@ -100,14 +103,16 @@ class ExplorationTrial:
         self._plane = MapWindow.around_origin(*self.arena.plane_m, resolution_m)
         self._area = MapWindow.around_origin(width_m, height_m, resolution_m)
         self.explorers = [self._make_explorer(i, pose) for i, pose in enumerate(self.layout.robots)]
-        for explorer in self.explorers:
-            explorer.mates = [mate for mate in self.explorers if mate is not explorer]
+        self._knows_starts = parameters.merge == "start_poses"
+        if self._knows_starts:
+            for explorer in self.explorers:
+                explorer.mates = [mate for mate in self.explorers if mate is not explorer]
         settings = WorldSettings(robot_profile=parameters.robot_profile, lidar_noise=parameters.lidar_noise)
         self.world = World(self.layout, settings)
         odometry = OdometrySettings(source=parameters.odometry)
         self.fleet = Fleet(self.world, self.explorers, odometry, seed)
         self._step_hz = settings.step_hz
-        self._merged = self._plane.empty()
+        self._newest = self._plane.empty()
         self._is_finished = False
 
     def __enter__(self) -> Self:
@@ -138,17 +143,20 @@ class ExplorationTrial:
 
     def result(self) -> Exploration:
         """The map so far and what it is worth."""
-        grid = self._merged
-        start = self.layout.robots[0]
+        parts = self._parts()
+        starts, truth = self.layout.robots, self.truth()
+        team = by_known_starts(parts) if self._knows_starts else by_features(parts, starts)
+        grid = self._plane.cut(team.grid)
+        score = score_map(grid, truth, starts[0][:2])
         return Exploration(
             grid=grid,
-            parts=[self._plane.cut(explorer.slam.occupancy()) for explorer in self.explorers],
-            score=score_map(grid, self.truth(), (start.x, start.y)),
+            parts=parts,
+            score=score,
             time_s=self.time_s,
             distance_m=float(self.fleet.health.distances_m.sum()),
             finished=self._is_finished,
-            merge_confidence=math.nan,
-            warnings=[],
+            merge_confidence=team.confidence,
+            warnings=self._warnings(score, truth) + team.refusals,
         )
 
     def truth(self) -> OccupancyGrid:
@@ -175,11 +183,29 @@ class ExplorationTrial:
         ]
 
     def _publish(self) -> None:
-        """Merge what the robots have mapped and let all of them go by it."""
-        parts = [self._plane.cut(explorer.slam.occupancy()) for explorer in self.explorers]
-        self._merged = parts[0].with_data(reduce(np.maximum, [part.data for part in parts]))
-        for explorer in self.explorers:
-            explorer.take_map(self._merged)
+        """Let every robot go by the newest map: the team's, or its own if starts are not known."""
+        parts = self._parts()
+        self._newest = by_known_starts(parts).grid if self._knows_starts else largest(parts)
+        for explorer, part in zip(self.explorers, parts, strict=True):
+            explorer.take_map(self._newest if self._knows_starts else part)
+
+    def _parts(self) -> list[OccupancyGrid]:
+        return [self._plane.cut(explorer.slam.occupancy()) for explorer in self.explorers]
+
+    def _warnings(self, score: MapScore, truth: OccupancyGrid) -> list[str]:
+        """What keeps the map from being whole, a line each."""
+        closed = closed_spaces(truth, self.layout.robots[0][:2])
+        closed_m2 = float(np.count_nonzero(closed)) * truth.resolution**2
+        warnings = []
+        if not self._is_finished:
+            warnings.append(
+                f"stopped at the time limit of {self.parameters.time_limit_s:g} s, frontiers left"
+            )
+        if score.free_covered < ENOUGH:
+            warnings.append(f"only {score.free_covered:.1%} of what a Burger can reach is mapped")
+        if closed_m2 > 0.0:
+            warnings.append(f"no Burger can enter {closed_m2:.1f} m2 of free space inside the enclosure")
+        return warnings
 
     def _snapshot(self) -> Snapshot:
         return Snapshot(
@@ -187,7 +213,7 @@ class ExplorationTrial:
             self.world.poses(),
             np.array([explorer.pose for explorer in self.explorers]),
             [explorer.goal for explorer in self.explorers],
-            self._merged,
+            self._newest,
         )
 
     def _make_explorer(self, index: int, start: Pose2D) -> Explorer:

@@ -99,6 +99,21 @@ def reachable_free(
     return free & ((to_centres - 0.5) * truth.resolution <= robot_radius_m)
 
 
+def closed_spaces(
+    truth: OccupancyGrid, start: tuple[float, float], robot_radius_m: float = BURGER_RADIUS_M
+) -> npt.NDArray[np.bool_]:
+    """(H, W) bool: the free cells that ``reachable_free`` leaves out in pieces of a disc's area or more.
+
+    Rooms without a door or with one too narrow; not the odd cells in corners that no disc can cover.
+    Arguments and errors as for ``reachable_free``.
+    """
+    left = (truth.data >= 0) & (truth.data < OCCUPIED_FROM) & ~reachable_free(truth, start, robot_radius_m)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(left.view(np.uint8), connectivity=4)
+    least_cells = math.pi * (robot_radius_m / truth.resolution) ** 2
+    rooms = [piece for piece in range(1, count) if stats[piece, cv2.CC_STAT_AREA] >= least_cells]
+    return np.isin(labels, rooms)
+
+
 def _nearest(
     points: npt.NDArray[np.float64], targets: npt.NDArray[np.float64], p: float
 ) -> npt.NDArray[np.float64]:

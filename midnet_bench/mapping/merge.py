@@ -157,12 +157,22 @@ def compose(maps: Sequence[OccupancyGrid], placements: Sequence[Pose2D]) -> Occu
     origin_x, origin_y = (anchor + low * resolution).tolist()
     width, height = (high - low).tolist()
     merged = OccupancyGrid(np.full((height, width), UNKNOWN, dtype=np.int8), resolution, (origin_x, origin_y))
-    centres = cell_centres(merged, np.ones((height, width), dtype=np.bool_))
-    data = merged.data
     for grid, pose in zip(maps, placements, strict=True):
-        values = values_at(grid.data, grid, moved(centres, pose.inverse()), outside=UNKNOWN)
-        data = np.maximum(data, values.reshape(height, width))
-    return merged.with_data(data)
+        _draw(grid, pose, merged)
+    return merged
+
+
+def _draw(grid: OccupancyGrid, pose: Pose2D, onto: OccupancyGrid) -> None:
+    """Raise the cells of ``onto`` to what ``grid`` says, nearest neighbour."""
+    corner = (moved(np.array([grid.origin]), pose)[0] - onto.origin) / onto.resolution
+    column, row = np.rint(corner).astype(int).tolist()
+    if pose.yaw == 0.0 and grid.resolution == onto.resolution and np.abs(corner - (column, row)).max() < 1e-6:
+        cells = onto.data[row : row + grid.height, column : column + grid.width]
+        np.maximum(cells, grid.data, out=cells)
+        return
+    centres = cell_centres(onto, np.ones(onto.data.shape, dtype=np.bool_))
+    values = values_at(grid.data, grid, moved(centres, pose.inverse()), outside=UNKNOWN)
+    np.maximum(onto.data, values.reshape(onto.data.shape), out=onto.data)
 
 
 def _refusal(
