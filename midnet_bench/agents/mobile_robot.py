@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from midnet_bench.agents.health import Progress
 from midnet_bench.geometry import Pose2D
+from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.messages import STOP, Command, Imu, LidarGeometry, Odometry
 from midnet_bench.navigation.navigator import Navigator, Status
@@ -28,10 +29,12 @@ class MobileRobot:
         ukf: PlanarUkf | None,
         next_goal: GoalSource,
         goal_timeout_s: float,
+        scan_to_map: ScanToMap | None = None,
     ) -> None:
         """A robot at rest at ``start``, body ``index`` of its world.
 
         Without a ``ukf`` it believes its odometry as it is, which is its true pose (``localization: truth``).
+        With ``scan_to_map`` its scans correct the pose filter (``ukf+map``).
         """
         self.index = index
         self.name = name
@@ -42,6 +45,7 @@ class MobileRobot:
         self.navigator = navigator
         self.next_goal = next_goal
         self._ukf = ukf
+        self._scan_to_map = scan_to_map
         self._goal_timeout_s = goal_timeout_s
 
     def localize(self, odometry: Odometry, imu: Imu, dt_s: float) -> None:
@@ -54,8 +58,16 @@ class MobileRobot:
             self.velocity = self._ukf.velocity
 
     def observe(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:
-        """Take one scan into the navigator's costmaps; ``ranges_m`` (beams,) metres."""
+        """Take one scan into the pose filter and the costmaps; ``ranges_m`` (beams,) metres."""
+        self._correct_pose(ranges_m, lidar)
         self.navigator.observe(self.pose, ranges_m, lidar, time_s)
+
+    def _correct_pose(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry) -> None:
+        if self._ukf is None or self._scan_to_map is None:
+            return
+        matched = self._scan_to_map.match(self.pose, ranges_m, lidar)
+        if matched is not None:
+            self.pose = self._ukf.correct_pose(*matched)
 
     def drive_to(self, goal: Point) -> None:
         """Drop the goal at hand for another one, map frame, metres."""

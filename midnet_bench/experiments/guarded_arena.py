@@ -14,6 +14,7 @@ from midnet_bench.experiments.trial import Row
 from midnet_bench.experiments.watch import Watch
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.navigation.dwa import DwaSettings
@@ -41,6 +42,7 @@ class GuardedArena:
         self.arena = arena_from(parameters.arena)
         self.layout = place(self.arena, seed, parameters.robots, mobile_intruders)
         self.prior_map = prior_map_from(parameters.prior_map, self.arena, parameters.resolution_m)
+        self._scan_to_map = ScanToMap(self.prior_map) if parameters.localization == "ukf+map" else None
         self.patrol = self._make_patrol()
         self.guards = [self._make_guard(i, pose) for i, pose in enumerate(self.layout.robots)]
         self.watch = Watch(parameters, self.prior_map, self.guards)
@@ -124,6 +126,7 @@ class GuardedArena:
             self._ukf(start),
             self.next_patrol_point,
             self.parameters.goal_timeout_s,
+            self._scan_to_map,
         )
 
     def _make_intruder(self, index: int, start: Pose2D) -> MobileRobot:
@@ -139,6 +142,7 @@ class GuardedArena:
             self._ukf(start),
             lambda robot: None,
             self.parameters.goal_timeout_s,
+            self._scan_to_map,
         )
 
     def _ukf(self, start: Pose2D) -> PlanarUkf | None:

@@ -1,0 +1,70 @@
+import json
+import math
+
+import pytest
+
+from midnet_bench.experiments.detection import DetectionTrial, run_detection
+from midnet_bench.experiments.labyrinth import run_labyrinth
+from midnet_bench.experiments.parameters import DetectionParameters, LabyrinthParameters
+from midnet_bench.map_server import save_map
+from midnet_bench.simulation.arena import load_arena
+from midnet_bench.simulation.exact_map import render_exact
+
+
+class PoseErrors:
+    """Stands among a guard's eyes: how far off it believed itself at each scan, metres."""
+
+    def __init__(self, trial, guard):
+        self.trial, self.index, self.errors_m = trial, guard.index, []
+
+    def update(self, pose, *_):
+        x, y = self.trial.world.poses()[self.index, :2].tolist()
+        self.errors_m.append(math.hypot(pose.x - x, pose.y - y))
+
+
+def worst_late_error_m(**changes):
+    """Of a guard with slipping wheels, in the second half of 80 s."""
+    parameters = DetectionParameters(
+        arena="empty", prior_map="exact", robots=1, frames=400, odometry="encoder", **changes
+    )
+    with DetectionTrial(parameters, 1001) as trial:
+        watcher = PoseErrors(trial, trial.guards[0])
+        trial.guards[0].eyes.append(watcher)
+        for _ in trial.frames():
+            pass
+    assert len(watcher.errors_m) > 390
+    return max(watcher.errors_m[200:])
+
+
+def test_the_prior_map_takes_the_drift_out_of_a_guards_pose():
+    drifting = worst_late_error_m(localization="ukf")
+    held = worst_late_error_m(localization="ukf+map")
+    assert drifting > 0.02
+    assert held < 0.01
+    assert held < drifting / 3.0
+
+
+@pytest.mark.parametrize("odometry", ["encoder", "world"])
+def test_the_seed_decides_every_byte_with_scan_matching_too(odometry):
+    def tables(seed):
+        parameters = DetectionParameters(
+            prior_map="exact", robots=2, frames=25, localization="ukf+map", odometry=odometry
+        )
+        return json.dumps(run_detection(parameters, seed).tables, sort_keys=True)
+
+    assert tables(3) == tables(3)
+    assert tables(3) != tables(4)
+
+
+def test_the_labyrinth_takes_it_and_a_map_from_a_file(tmp_path):
+    save_map(render_exact(load_arena("map2")), tmp_path / "map.yaml")
+    parameters = LabyrinthParameters(
+        prior_map=str(tmp_path / "map.yaml"),
+        robots=2,
+        time_limit_s=20.0,
+        localization="ukf+map",
+        odometry="encoder",
+    )
+    robots = run_labyrinth(parameters, 1001).tables["robots"]
+    assert len(robots) == 3
+    assert max(row["pose_error_m"] for row in robots) < 0.05
