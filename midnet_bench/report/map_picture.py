@@ -58,7 +58,7 @@ def draw_map(grid: OccupancyGrid, ways: Sequence[Floats], title: str, walls: Seq
 
 
 def known_corners(grid: OccupancyGrid) -> tuple[tuple[float, float], tuple[float, float]]:
-    """(x, y) of the lower left and the upper right corner of all known cells; of the grid if there is none."""
+    """(x, y) of the lower left and the upper right corner of the known cells, or of a grid without any."""
     rows, columns = np.nonzero(grid.data >= 0)
     if not len(rows):
         x_min, y_min, x_max, y_max = grid.extent

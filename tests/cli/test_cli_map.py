@@ -132,6 +132,30 @@ def test_an_arena_of_ones_own_has_no_explored_map_yet(tmp_path: Path) -> None:
     assert "--map" in complaint
 
 
+def test_an_exploration_that_runs_out_of_time_says_so(tmp_path: Path) -> None:
+    write_arena(tmp_path)
+    run = ("map", "rooms.yaml", "--no-clip", "--set", "time_limit_s=2")
+    done = midnet_bench(*run, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert any(line.startswith("warning: ") and "time limit" in line for line in done.stderr.splitlines())
+    (score,) = rows(tmp_path / "results" / "map-rooms" / "scores.csv")
+    assert score["finished"] == "False"
+    assert load_map(tmp_path / "results" / "map-rooms" / "map.yaml").data.max() == 100
+
+
+def test_a_room_without_a_door_is_left_out_with_a_warning(tmp_path: Path) -> None:
+    closed = [ROOM["walls"][0], [[0.8, -1.5], [0.8, 1.5]]]
+    write_arena(tmp_path, walls=closed)
+    done = midnet_bench("map", "rooms.yaml", "--no-clip", "-o", "out", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert any(line.startswith("warning: no Burger can enter") for line in done.stderr.splitlines())
+    grid = load_map(tmp_path / "out" / "map.yaml")
+    column, row = grid.cell_at(1.4, 0.0)
+    assert grid.data[row, column] == -1
+    (score,) = rows(tmp_path / "out" / "scores.csv")
+    assert float(score["coverage"]) > 0.98
+
+
 def test_the_exact_map_is_a_pair_that_detection_takes(tmp_path: Path) -> None:
     assert midnet_bench("map", "--exact", "map1", "-o", "m.yaml", folder=tmp_path).returncode == 0
     assert set(load_map(tmp_path / "m.yaml").data.ravel().tolist()) == {0, 100}
