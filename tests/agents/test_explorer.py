@@ -1,0 +1,135 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.agents.explorer import Explorer
+from midnet_bench.geometry import Pose2D
+from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
+from midnet_bench.mapping.frontier import FrontierExplorer
+from midnet_bench.mapping.gmapping import GMapping
+from midnet_bench.mapping.gmapping_settings import BURGER_UKF
+from midnet_bench.mapping.map_window import MapWindow
+from midnet_bench.messages import STOP, Imu, Odometry, burger_lds_01
+from midnet_bench.navigation.costmap_settings import burger_global
+from midnet_bench.navigation.navigator import Navigator
+from midnet_bench.navigation.navigator_settings import NavigatorSettings
+from midnet_bench.rng import stream
+
+LIDAR = burger_lds_01()
+AREA = MapWindow.around_origin(8.0, 4.0, 0.05)
+HALF_M = 1.5
+"""of the square room that everybody here stands in"""
+
+
+def explorer(start: Pose2D, number: int = 1) -> Explorer:
+    costmap = replace(burger_global(), track_unknown=True)
+    return Explorer(
+        number - 1,
+        f"explorer {number}",
+        start,
+        Navigator(AREA.empty(), NavigatorSettings(global_costmap=costmap)),
+        PlanarUkf(start, UkfSettings.for_odometry("encoder")),
+        GMapping(LIDAR, replace(BURGER_UKF, particles=3), start, stream(1, "gmapping", number)),
+        FrontierExplorer(),
+        AREA,
+        30.0,
+    )
+
+
+def stay(robot: Explorer, place: Pose2D) -> None:
+    """One step of a robot that believes it stands still at ``place``."""
+    robot.localize(Odometry(place, 0.0, 0.0), Imu(place.yaw, 0.0, 0.0), 0.1)
+
+
+def room_scan(
+    pose: Pose2D, door: bool = False, mate: tuple[float, float] | None = None
+) -> npt.NDArray[np.float64]:
+    """(360,) what the LiDAR at ``pose`` sees of the room, of a door in its east wall and of a mate's disc."""
+    sensor = pose.compose(LIDAR.mount)
+    bearings = sensor.yaw + LIDAR.angles_rad
+    dx, dy = np.cos(bearings), np.sin(bearings)
+    with np.errstate(divide="ignore"):
+        to_x = np.where(dx >= 0, HALF_M - sensor.x, -HALF_M - sensor.x) / dx
+        to_y = np.where(dy >= 0, HALF_M - sensor.y, -HALF_M - sensor.y) / dy
+    ranges = np.minimum(to_x, to_y)
+    if door:
+        through = (to_x < to_y) & (dx > 0) & (np.abs(sensor.y + to_x * dy) < 0.6)
+        ranges[through] = np.inf
+    if mate is not None:
+        along = (mate[0] - sensor.x) * dx + (mate[1] - sensor.y) * dy
+        beside = np.abs((mate[0] - sensor.x) * dy - (mate[1] - sensor.y) * dx)
+        ranges[(along > 0) & (beside < 0.055)] = math.hypot(mate[0] - sensor.x, mate[1] - sensor.y) - 0.055
+    return np.asarray(ranges)
+
+
+def test_before_its_first_scan_it_believes_its_odometry_and_then_gmapping_too() -> None:
+    start = Pose2D(0.5, -0.3, 1.0)
+    robot = explorer(start)
+    stay(robot, start)
+    assert math.dist(robot.pose, start) < 1e-3
+    robot.observe(room_scan(start), LIDAR, 0.1)
+    assert math.dist(robot.pose, start) < 1e-3
+    assert math.dist(robot.pose, robot.slam.best_pose) < 1e-9
+
+
+def test_a_closed_room_is_done_at_once_and_a_door_is_a_reason_to_go_on() -> None:
+    start = Pose2D(0.0, 0.0, 0.0)
+    robot = explorer(start)
+    stay(robot, start)
+    robot.observe(room_scan(start), LIDAR, 0.1)
+    assert robot.control(0.1) == STOP
+    assert not robot.is_done  # there is no map yet that could be whole
+    robot.take_map(robot.slam.occupancy())
+    assert robot.control(0.2) == STOP
+    assert robot.is_done
+    assert robot.goal is None
+
+    other = explorer(start)
+    stay(other, start)
+    other.observe(room_scan(start, door=True), LIDAR, 0.1)
+    other.take_map(other.slam.occupancy())
+    other.control(0.2)
+    assert not other.is_done
+    assert other.goal is not None
+    assert 1.4 < other.goal[0] < 4.0
+    assert abs(other.goal[1]) < 2.0
+
+
+def test_a_mate_that_stands_in_the_room_does_not_become_a_wall() -> None:
+    start, place = Pose2D(-0.5, 0.0, 0.0), Pose2D(0.5, 0.2, 0.0)
+    alone, robot, mate = explorer(start), explorer(start), explorer(place, 2)
+    robot.mates = [mate]
+    scan = room_scan(start, mate=(place.x, place.y))
+    occupied = []
+    for each in (alone, robot):
+        stay(each, start)
+        each.observe(scan, LIDAR, 0.1)
+        grid = AREA.cut(each.slam.occupancy())
+        column, row = grid.cell_at(place.x, place.y)
+        occupied.append(int((grid.data[row - 4 : row + 5, column - 4 : column + 5] == 100).sum()))
+    assert occupied[0] > 0
+    assert occupied[1] == 0
+    # the navigator has to keep clear of it all the same
+    column, row = (math.floor(v) for v in robot.navigator.global_costmap.layer.to_cells(place.x, place.y))
+    assert (robot.navigator.global_costmap.costs[row - 4 : row + 5, column - 4 : column + 5] == 254).any()
+
+
+def test_a_drive_without_progress_is_given_up_and_blacklisted() -> None:
+    start = Pose2D(0.0, 0.0, 0.0)
+    robot = explorer(start)
+    stay(robot, start)
+    robot.observe(room_scan(start, door=True), LIDAR, 0.1)
+    robot.take_map(robot.slam.occupancy())
+    robot.control(0.2)
+    first = robot.goal
+    assert first is not None
+    for tick in range(400):  # its wheels do not turn
+        time_s = 0.3 + 0.1 * tick
+        robot.progress.update(0.0, 0.0, time_s, robot.goal is not None)
+        robot.control(time_s)
+        if robot.progress.goals_given_up:
+            break
+    assert robot.progress.goals_given_up == 1
+    assert robot.goal is None or max(abs(robot.goal[0] - first[0]), abs(robot.goal[1] - first[1])) >= 0.5
