@@ -9,7 +9,7 @@ from typing import Any
 
 from midnet_bench.experiments.detection import DetectionTrial
 from midnet_bench.experiments.parameters import DetectionParameters
-from midnet_bench.navigation.warm_up import compile_kernels
+from midnet_bench.experiments.warm_up import compile_kernels
 from midnet_bench.simulation import lidar
 from midnet_bench.simulation.engine import bullet
 

@@ -1,0 +1,24 @@
+"""Compile once, before worker processes start: they then find numba's cache filled."""
+
+from itertools import islice
+
+from midnet_bench.experiments.detection import DetectionTrial
+from midnet_bench.experiments.mapping import ExplorationTrial
+from midnet_bench.experiments.mapping_parameters import MappingParameters
+from midnet_bench.experiments.parameters import DetectionParameters
+from midnet_bench.navigation.warm_up import compile_kernels as compile_navigation
+
+EXPLORED_S = 5
+"""long enough for a robot to match a few scans and to plan on its map"""
+
+
+def compile_kernels() -> None:
+    """Run every compiled loop once; about half a minute without a cache."""
+    compile_navigation()
+    parameters = DetectionParameters(odometry="encoder", localization="ukf+map", frames=5)
+    with DetectionTrial(parameters, seed=1) as detection:
+        for _ in detection.frames():
+            pass
+    with ExplorationTrial(MappingParameters(), seed=1) as exploration:
+        for _ in islice(exploration.snapshots(), EXPLORED_S):
+            pass
