@@ -61,7 +61,8 @@ class ScanToMap:
         would have it, and about a metre along a corridor with no end in sight.
 
         Args:
-            pose: where the robot believes it is, map frame; off by about 0.2 m and 6 degrees at most.
+            pose: where the robot believes it is, map frame; off by at most about 0.2 m and 6 degrees, and
+                towards a wall by half its thickness if no other one can tell: beyond, its far side is nearer.
             ranges_m: (beams,) metres; beams outside the sensor's limits, inf or NaN are left out.
             geometry: of the beams, with the sensor's mount on the robot.
         """
