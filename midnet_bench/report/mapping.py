@@ -165,8 +165,8 @@ def choice_table(maps: Maps) -> Table:
     """The best maps of each arena, the one to keep as its prior map first.
 
     Of the finished explorations that cover 98 % of the free space within reach, the one whose occupied cells
-    have the highest F1 within one cell, to four digits; then the smaller wall error, the smaller team, the
-    lower seed.
+    have the highest F1 within one cell, then the one that covers most, both to four digits; then the smaller
+    wall error, the smaller team, the lower seed.
     """
     rows: list[Row] = []
     for arena, teams in maps.items():
@@ -186,7 +186,7 @@ def choice_table(maps: Maps) -> Table:
             {"arena": arena, "choice": "chosen" if place == 0 else f"{place + 1}.", **one}
             for place, one in enumerate(best)
         ]
-    title = f"Best maps: finished, {ENOUGH_COVERAGE:.0%} covered; highest occupied F1, then least wall error"
+    title = f"Best maps: finished, {ENOUGH_COVERAGE:.0%} covered; highest occupied F1, then most covered"
     return Table(title, rows, dict.fromkeys(("occupied_f1", *SHOWN), 4))
 
 
@@ -218,6 +218,7 @@ def _rank(candidate: Row) -> tuple[float, ...]:
     f1 = _number(candidate["occupied_f1"])
     return (
         math.inf if math.isnan(f1) else -round(f1, 4),
+        -round(_number(candidate["coverage"]), 4),
         _number(candidate["wall_error_m"]),
         _number(candidate["robots"]),
         _number(candidate["seed"]),
