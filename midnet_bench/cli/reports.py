@@ -50,14 +50,14 @@ def power(
 
 @app.command(rich_help_panel="Results")
 def compare(
-    directories: Annotated[list[Path], typer.Argument(help="Folders of labyrinth campaigns.")],
+    directories: Annotated[list[Path], typer.Argument(help="Folders of detection or labyrinth campaigns.")],
     output: options.Output = None,
     as_json: options.Json = False,
 ) -> None:
-    """Put several labyrinth campaigns into one table and one figure."""
-    from midnet_bench.report.success import write_labyrinth_comparison
+    """Tell what differs between campaigns of one experiment, seed by seed; labyrinths in one figure too."""
+    from midnet_bench.report.comparison import write_comparison
 
-    show(write_labyrinth_comparison(directories, output or Path("results/comparison")), as_json)
+    show(write_comparison(directories, output or Path("results/comparison")), as_json)
 
 
 def present(directory: Path, as_json: bool) -> None:
