@@ -17,7 +17,7 @@ class GuardParameters(Spec):
 
     arena: str = Field("map1", description="name of a packaged arena, or a YAML file")
     prior_map: str = Field(
-        "exact",
+        "explored",
         validate_default=True,
         description="explored (by robots; comes with the package), exact (rendered), or a YAML file; item 12",
     )
