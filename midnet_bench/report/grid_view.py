@@ -48,6 +48,8 @@ def draw_grids(trial: GuardedArena, scene: Scene, explanation: Explanation) -> F
         removed = [item for item in explanation.removed if item.sighting.robot == guard.number - 1]
         _add_boxes(row[0], view, removed)
         row[0].set_ylabel(f"guard {guard.number}", fontsize=10, fontweight="bold")
+        for one in row[1:]:
+            one.tick_params(labelleft=False)  # one window, one scale a row
         for one in row:
             one.plot(guard.believed.x, guard.believed.y, marker="+", color=hexadecimal(GUARD), markersize=8)
     for text, one in zip(COLUMNS, axes[0], strict=True):
