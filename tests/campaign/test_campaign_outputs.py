@@ -6,6 +6,7 @@ import json
 import math
 import os
 import pty
+import select
 import sys
 from pathlib import Path
 
@@ -97,7 +98,7 @@ def test_the_bar_counts_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
         bar.advance(GOOD)
         bar.end()
         terminal.flush()
-        shown = os.read(screen.fileno(), 100_000).decode()
+        shown = shown_until(b"4/4", screen.fileno())
 
     assert "4/4" in shown
     assert "trials (1 failed)" in shown
@@ -145,3 +146,11 @@ def test_a_checkout_is_known_by_commit_and_an_installation_by_version_alone(
 
 def git(folder: Path, *arguments: str) -> None:
     provenance.subprocess.run(["git", "-C", str(folder), *arguments], check=True, capture_output=True)
+
+
+def shown_until(last: bytes, screen: int) -> str:
+    """What a terminal shows up to ``last``: it arrives in pieces, and on a busy machine not at once."""
+    shown = b""
+    while last not in shown and select.select([screen], [], [], 10.0)[0]:
+        shown += os.read(screen, 4096)
+    return shown.decode()
