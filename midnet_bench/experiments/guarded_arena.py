@@ -1,15 +1,13 @@
 """``GuardedArena``: one trial in motion, advanced from MIDNet frame to MIDNet frame."""
 
 import math
-from types import TracebackType
-from typing import Self
 
-from midnet_bench.agents.fleet import Fleet
 from midnet_bench.agents.guard import Guard
 from midnet_bench.agents.mobile_robot import MobileRobot, Point
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
 from midnet_bench.experiments.inputs import arena_from, prior_map_from
 from midnet_bench.experiments.parameters import GuardParameters
+from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.experiments.trial import Row
 from midnet_bench.experiments.watch import Watch
 from midnet_bench.geometry import Pose2D
@@ -25,15 +23,14 @@ from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
 from midnet_bench.rng import stream
 from midnet_bench.simulation.layout import place
 from midnet_bench.simulation.lidar import LDS_01
-from midnet_bench.simulation.odometry import OdometrySettings
-from midnet_bench.simulation.world import World, WorldSettings
+from midnet_bench.simulation.world import WorldSettings
 
 FRAME_HZ = 5
 """One MIDNet frame per LiDAR period (paper-notes items 9, 42)."""
 
 
-class GuardedArena:
-    """A world with its guards, its mobile intruders, and MIDNet over them. A context manager."""
+class GuardedArena(RobotTrial):
+    """A world with its guards, its mobile intruders, and MIDNet over them."""
 
     def __init__(self, parameters: GuardParameters, seed: int, mobile_intruders: int | None = None) -> None:
         """Place everybody; time is 0. Intruders have no goals until ``intruder_goal`` is set on them."""
@@ -50,21 +47,15 @@ class GuardedArena:
         self.intruders = [
             self._make_intruder(first + i, pose) for i, pose in enumerate(self.layout.intruders)
         ]
-        settings = WorldSettings(robot_profile=parameters.robot_profile, lidar_noise=parameters.lidar_noise)
-        self.world = World(self.layout, settings)
         # a robot that is told its true pose takes it from exact odometry
-        source = "world" if parameters.localization == "truth" else parameters.odometry
-        odometry = OdometrySettings(source=source)
-        self.fleet = Fleet(self.world, [*self.guards, *self.intruders], odometry, seed)
-        self._frame_ticks = settings.step_hz // FRAME_HZ
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.world.close()
+        super().__init__(
+            self.layout,
+            [*self.guards, *self.intruders],
+            WorldSettings(robot_profile=parameters.robot_profile, lidar_noise=parameters.lidar_noise),
+            "world" if parameters.localization == "truth" else parameters.odometry,
+            seed,
+        )
+        self._frame_ticks = self.step_hz // FRAME_HZ
 
     @property
     def prior(self) -> OccupancyGrid:
@@ -79,21 +70,9 @@ class GuardedArena:
 
     def rows_of_robots(self) -> list[Row]:
         """``robots.csv``: one row per guard and mobile intruder, what each did so far."""
-        health, collisions = self.fleet.health, self.world.collisions()
         return [
-            {
-                "robot": robot.name,
-                "role": "guard" if isinstance(robot, Guard) else "intruder",
-                "distance_m": float(health.distances_m[robot.index]),
-                "goals_reached": robot.progress.goals_reached,
-                "goals_given_up": robot.progress.goals_given_up,
-                "stuck_s": robot.progress.stuck_s,
-                "collisions": int(collisions[robot.index]),
-                "walls_crossed": int(health.crossings[robot.index]),
-                "recoveries": robot.navigator.recoveries,
-                "pose_error_m": self._pose_error_m(robot),
-            }
-            for robot in self.fleet.robots
+            {"robot": robot.name, "role": "guard" if isinstance(robot, Guard) else "intruder", **row}
+            for robot, row in zip(self.fleet.robots, super().rows_of_robots(), strict=True)
         ]
 
     def sensor_positions(self) -> list[Point]:
@@ -105,10 +84,6 @@ class GuardedArena:
         """Where MIDNet sends a guard that has nothing to do (section V.B)."""
         others = [guard.goal for guard in self.guards if guard is not robot and guard.goal is not None]
         return self.patrol.next_point((robot.pose.x, robot.pose.y), others)
-
-    def _pose_error_m(self, robot: MobileRobot) -> float:
-        x, y = self.world.poses()[robot.index, :2].tolist()
-        return math.hypot(robot.pose.x - x, robot.pose.y - y)
 
     def _make_patrol(self) -> Patrol:
         width_m, height_m = self.arena.enclosure_m

@@ -1,19 +1,17 @@
 """Map construction of section II.A: Burgers explore an arena that they do not know."""
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.agents.explorer import Explorer
-from midnet_bench.agents.fleet import SCAN_HZ, Fleet
+from midnet_bench.agents.fleet import SCAN_HZ
 from midnet_bench.agents.mobile_robot import Point
 from midnet_bench.experiments.inputs import arena_from
 from midnet_bench.experiments.mapping_parameters import MappingParameters
+from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.experiments.trial import Row, TrialResult
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
@@ -32,8 +30,7 @@ from midnet_bench.simulation.arena import Arena, MobileIntruders, StationaryIntr
 from midnet_bench.simulation.exact_map import render_exact
 from midnet_bench.simulation.layout import place
 from midnet_bench.simulation.lidar import LDS_01
-from midnet_bench.simulation.odometry import OdometrySettings
-from midnet_bench.simulation.world import World, WorldSettings
+from midnet_bench.simulation.world import WorldSettings
 
 MAP_PERIOD_S = 2
 """How often maps are published, merged and planned on: TurtleBot3's map_update_interval and merging_rate."""
@@ -89,8 +86,8 @@ class Exploration:
         }
 
 
-class ExplorationTrial:
-    """An arena without intruders and the Burgers that map it. A context manager."""
+class ExplorationTrial(RobotTrial):
+    """An arena without intruders and the Burgers that map it."""
 
     def __init__(self, parameters: MappingParameters, seed: int) -> None:
         """Place the robots at their known starts; time is 0 and nobody knows anything."""
@@ -107,21 +104,15 @@ class ExplorationTrial:
         if self._knows_starts:
             for explorer in self.explorers:
                 explorer.mates = [mate for mate in self.explorers if mate is not explorer]
-        settings = WorldSettings(robot_profile=parameters.robot_profile, lidar_noise=parameters.lidar_noise)
-        self.world = World(self.layout, settings)
-        odometry = OdometrySettings(source=parameters.odometry)
-        self.fleet = Fleet(self.world, self.explorers, odometry, seed)
-        self._step_hz = settings.step_hz
+        super().__init__(
+            self.layout,
+            self.explorers,
+            WorldSettings(robot_profile=parameters.robot_profile, lidar_noise=parameters.lidar_noise),
+            parameters.odometry,
+            seed,
+        )
         self._newest = self._plane.empty()
         self._is_finished = False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.world.close()
 
     @property
     def time_s(self) -> float:
@@ -130,13 +121,13 @@ class ExplorationTrial:
 
     def snapshots(self) -> Iterator[Snapshot]:
         """One per simulated second and a last one, until every explorer is done or the time is up."""
-        first = self._step_hz // SCAN_HZ
+        first = self.step_hz // SCAN_HZ
         while not self._is_finished and self.time_s < self.parameters.time_limit_s - 1e-9:
             self.fleet.step()
-            if self.world.tick % (MAP_PERIOD_S * self._step_hz) == first:
+            if self.world.tick % (MAP_PERIOD_S * self.step_hz) == first:
                 self._is_finished = all(explorer.is_done for explorer in self.explorers)
                 self._publish()
-            if self.world.tick % (SNAPSHOT_PERIOD_S * self._step_hz) == 0:
+            if self.world.tick % (SNAPSHOT_PERIOD_S * self.step_hz) == 0:
                 yield self._snapshot()
         self._publish()
         yield self._snapshot()
@@ -163,24 +154,6 @@ class ExplorationTrial:
         """The arena's true grid, unknown outside the area that is to be explored."""
         exact = render_exact(self.arena, self.parameters.resolution_m)
         return self._plane.cut(self._area.cut(exact))
-
-    def rows_of_robots(self) -> list[Row]:
-        """``robots.csv``: one row per explorer, what each did so far."""
-        health, collisions, poses = self.fleet.health, self.world.collisions(), self.world.poses()
-        return [
-            {
-                "robot": robot.name,
-                "distance_m": float(health.distances_m[robot.index]),
-                "goals_reached": robot.progress.goals_reached,
-                "goals_given_up": robot.progress.goals_given_up,
-                "stuck_s": robot.progress.stuck_s,
-                "collisions": int(collisions[robot.index]),
-                "walls_crossed": int(health.crossings[robot.index]),
-                "recoveries": robot.navigator.recoveries,
-                "pose_error_m": math.dist(poses[robot.index, :2].tolist(), robot.pose[:2]),
-            }
-            for robot in self.explorers
-        ]
 
     def _publish(self) -> None:
         """Let every robot go by the newest map: the team's, or its own if starts are not known."""

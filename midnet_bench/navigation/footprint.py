@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.geometry import Pose2D
+from midnet_bench.navigation.costmap_kernels import placed
 
 Footprint = tuple[tuple[float, float], ...]
 """the corners of a convex polygon in order, (x, y) in the base frame, metres"""
@@ -38,11 +39,7 @@ def radii(footprint: Footprint) -> tuple[float, float]:
 
 def at_pose(corners: npt.NDArray[np.float64], pose: Pose2D) -> npt.NDArray[np.float64]:
     """(N, 2) corners, given in the base frame, in the frame in which ``pose`` is given, metres."""
-    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-    placed = np.empty_like(corners)
-    placed[:, 0] = pose.x + c * corners[:, 0] - s * corners[:, 1]
-    placed[:, 1] = pose.y + s * corners[:, 0] + c * corners[:, 1]
-    return placed
+    return np.asarray(placed(corners, (pose.x, pose.y, pose.yaw)))
 
 
 def corner_array(footprint: Footprint) -> npt.NDArray[np.float64]:

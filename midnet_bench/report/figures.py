@@ -12,6 +12,7 @@ from matplotlib.patches import Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 
 from midnet_bench.geometry import Box
+from midnet_bench.grid import OccupancyGrid
 from midnet_bench.report.palette import RGB, hexadecimal
 
 DPI = 150
@@ -38,6 +39,22 @@ def show_metres(axes: Axes, view: Box) -> None:
     axes.set_ylim(view.y_min, view.y_max)
     axes.set_aspect("equal")
     axes.tick_params(labelsize=8)
+
+
+def show_grid(axes: Axes, grid: OccupancyGrid, unknown: float = 0.8, occupied: float = 0.25) -> None:
+    """An int8 map (100 occupied, 0 free, -1 unknown) in its place, metres; shades of grey, free is white."""
+    shades = np.select([grid.data < 0, grid.data >= 100], [unknown, occupied], 1.0)
+    x_min, y_min, x_max, y_max = grid.extent
+    axes.imshow(
+        shades,
+        cmap="gray",
+        vmin=0.0,
+        vmax=1.0,
+        origin="lower",
+        extent=(x_min, x_max, y_min, y_max),
+        interpolation="none",
+        zorder=0,
+    )
 
 
 def add_polygon(axes: Axes, corners: npt.NDArray[np.float64], **style: Any) -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -14,7 +13,7 @@ from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.allies import RemovedAlly
 from midnet_bench.midnet.pipeline import Explanation, RobotView
-from midnet_bench.report.figures import add_box, add_label, add_polygon, new_figure, show_metres
+from midnet_bench.report.figures import add_box, add_label, add_polygon, new_figure, show_grid, show_metres
 from midnet_bench.report.palette import DETECTION, FALSE_DETECTION, GUARD, INTRUDER, hexadecimal
 from midnet_bench.report.scene import RobotMark, Scene, title_of, view_of
 
@@ -86,7 +85,7 @@ def draw_detections(trial: GuardedArena, scene: Scene) -> Figure:
     )
     axes.set_xlabel("x / m", fontsize=9)
     axes.set_ylabel("y / m", fontsize=9)
-    _show_prior_map(axes, trial.prior_map)
+    show_grid(axes, trial.prior_map)
     for solid in trial.layout.stationary:
         add_polygon(axes, solid.outline(), fill=False, edgecolor=hexadecimal(INTRUDER), linewidth=0.8)
     for robot in scene.robots:
@@ -130,22 +129,6 @@ def _add_boxes(axes: Axes, view: RobotView, removed: Sequence[RemovedAlly]) -> N
         box = item.sighting.box
         add_box(axes, box, GUARD, linewidth=1.3, linestyle=ALLY_DASH)
         add_label(axes, (box.x_max, box.y_max), str(item.ally + 1), GUARD, xytext=(1, 0), fontweight="bold")
-
-
-def _show_prior_map(axes: Axes, prior_map: OccupancyGrid) -> None:
-    """Occupied cells dark, free ones white, unknown ones grey."""
-    shades = np.select([prior_map.data < 0, prior_map.data >= 100], [0.8, 0.25], 1.0)
-    x_min, y_min, x_max, y_max = prior_map.extent
-    axes.imshow(
-        shades,
-        cmap="gray",
-        vmin=0.0,
-        vmax=1.0,
-        origin="lower",
-        extent=(x_min, x_max, y_min, y_max),
-        interpolation="none",
-        zorder=0,
-    )
 
 
 def _add_outline(axes: Axes, robot: RobotMark) -> None:

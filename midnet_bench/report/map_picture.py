@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.report.figures import add_label, add_polygon, new_figure, show_metres
+from midnet_bench.report.figures import add_label, add_polygon, new_figure, show_grid, show_metres
 from midnet_bench.report.palette import EXPLORERS, INK, TRUTH, hexadecimal
 
 Floats = npt.NDArray[np.float64]
@@ -42,7 +42,8 @@ def draw_map(grid: OccupancyGrid, ways: Sequence[Floats], title: str, walls: Seq
     axes = figure.add_axes(
         (SIDE_IN / width_in, BOTTOM_IN / HEIGHT_IN, 1 - 2 * SIDE_IN / width_in, plot_in / HEIGHT_IN)
     )
-    _show_grid(axes, grid)
+    axes.set_facecolor(str(UNKNOWN))
+    show_grid(axes, grid, UNKNOWN, OCCUPIED)
     show_metres(axes, view)
     axes.set_title(title, fontsize=11, loc="left")
     axes.set_xlabel("x / m", fontsize=9)
@@ -67,22 +68,6 @@ def known_corners(grid: OccupancyGrid) -> tuple[tuple[float, float], tuple[float
     return (
         (x + grid.resolution * float(columns.min()), y + grid.resolution * float(rows.min())),
         (x + grid.resolution * float(columns.max() + 1), y + grid.resolution * float(rows.max() + 1)),
-    )
-
-
-def _show_grid(axes: Axes, grid: OccupancyGrid) -> None:
-    shades = np.select([grid.data < 0, grid.data >= 65], [UNKNOWN, OCCUPIED], 1.0)
-    x_min, y_min, x_max, y_max = grid.extent
-    axes.set_facecolor(str(UNKNOWN))
-    axes.imshow(
-        shades,
-        cmap="gray",
-        vmin=0.0,
-        vmax=1.0,
-        origin="lower",
-        extent=(x_min, x_max, y_min, y_max),
-        interpolation="none",
-        zorder=0,
     )
 
 

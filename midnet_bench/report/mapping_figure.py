@@ -10,7 +10,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from midnet_bench.experiments.trial import Row
 from midnet_bench.report.labyrinth_trials import number
 from midnet_bench.report.mapping import ENOUGH_COVERAGE, Maps, mean_of
-from midnet_bench.report.success_figures import FONT_PT, STYLES, Style
+from midnet_bench.report.success_figures import FONT_PT, STYLES, Style, add_estimates
 
 DODGE = 0.1
 SPREAD = 0.12
@@ -67,16 +67,4 @@ def _draw(
         values = [number(one[measure]) for one in trials]
         axes.plot(places, values, ".", color=style.color, alpha=0.35, markersize=4)
     means = [mean_of(trials, measure) for trials in teams.values()]
-    axes.errorbar(
-        [robots + shift for robots in teams],
-        [mean.value for mean in means],
-        yerr=[[mean.value - mean.low for mean in means], [mean.high - mean.value for mean in means]],
-        label=label,
-        color=style.color,
-        marker=style.marker,
-        linestyle=style.dash,
-        markersize=5,
-        linewidth=1.2,
-        elinewidth=0.9,
-        capsize=2,
-    )
+    add_estimates(axes, [robots + shift for robots in teams], means, style, label)

@@ -129,24 +129,30 @@ def _by_intruders(axes: Axes, cells: Cells, estimate: Callable[[int, int], Estim
     _lines(axes, team_sizes(cells), points)
 
 
+def add_estimates(
+    axes: Axes, places: Sequence[float], estimates: Sequence[Estimate], style: Style, label: str | None
+) -> None:
+    """A line through estimates at places along x, each with its interval as a bar."""
+    axes.errorbar(
+        places,
+        [e.value for e in estimates],
+        yerr=[[e.value - e.low for e in estimates], [e.high - e.value for e in estimates]],
+        label=label,
+        color=style.color,
+        marker=style.marker,
+        linestyle=style.dash,
+        markersize=5,
+        linewidth=1.3,
+        elinewidth=0.8,
+        capsize=2,
+    )
+
+
 def _lines(axes: Axes, sizes: Sequence[int], series: Sequence[tuple[str, Point]]) -> None:
     for place, ((label, point), style) in enumerate(zip(series, cycle(STYLES))):
         shift = DODGE * (place - (len(series) - 1) / 2)
-        estimates = [point(robots) for robots in sizes]
-        bars = [[e.value - e.low for e in estimates], [e.high - e.value for e in estimates]]
-        axes.errorbar(
-            [robots + shift for robots in sizes],
-            [e.value for e in estimates],
-            yerr=bars,
-            label=label,
-            color=style.color,
-            marker=style.marker,
-            linestyle=style.dash,
-            markersize=5,
-            linewidth=1.3,
-            elinewidth=0.8,
-            capsize=2,
-        )
+        places = [robots + shift for robots in sizes]
+        add_estimates(axes, places, [point(robots) for robots in sizes], style, label)
     axes.set_xlabel("security robots")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(axis="y", color="#dddddd", linewidth=0.6)

@@ -1,0 +1,60 @@
+"""``RobotTrial``: what every trial with robots in it has: a world, a fleet, and how each robot did."""
+
+import math
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Literal, Self
+
+from midnet_bench.agents.fleet import Fleet
+from midnet_bench.agents.mobile_robot import MobileRobot
+from midnet_bench.experiments.trial import Row
+from midnet_bench.simulation.layout import Layout
+from midnet_bench.simulation.odometry import OdometrySettings
+from midnet_bench.simulation.world import World, WorldSettings
+
+
+class RobotTrial:
+    """A world of its own with robots in motion. A context manager."""
+
+    def __init__(
+        self,
+        layout: Layout,
+        robots: Sequence[MobileRobot],
+        settings: WorldSettings,
+        odometry: Literal["world", "encoder"],
+        seed: int,
+    ) -> None:
+        """Let ``robots`` stand where ``layout`` has them; time is 0."""
+        self.world = World(layout, settings)
+        self.fleet = Fleet(self.world, robots, OdometrySettings(source=odometry), seed)
+        self.step_hz = settings.step_hz
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.world.close()
+
+    def rows_of_robots(self) -> list[Row]:
+        """``robots.csv``: one row per robot, what each did so far; metres and seconds."""
+        health, collisions = self.fleet.health, self.world.collisions()
+        return [
+            {
+                "robot": robot.name,
+                "distance_m": float(health.distances_m[robot.index]),
+                "goals_reached": robot.progress.goals_reached,
+                "goals_given_up": robot.progress.goals_given_up,
+                "stuck_s": robot.progress.stuck_s,
+                "collisions": int(collisions[robot.index]),
+                "walls_crossed": int(health.crossings[robot.index]),
+                "recoveries": robot.navigator.recoveries,
+                "pose_error_m": self._pose_error_m(robot),
+            }
+            for robot in self.fleet.robots
+        ]
+
+    def _pose_error_m(self, robot: MobileRobot) -> float:
+        x, y, _ = self.world.pose(robot.index)
+        return math.hypot(robot.pose.x - x, robot.pose.y - y)
