@@ -18,7 +18,7 @@ from midnet_bench.navigation.cost_values import (
     published,
     reach_cells,
 )
-from midnet_bench.navigation.costmap_kernels import inflate
+from midnet_bench.navigation.costmap_kernels import combined, inflate
 from midnet_bench.navigation.costmap_settings import CostmapSettings
 from midnet_bench.navigation.obstacle_layer import ObstacleLayer
 
@@ -149,7 +149,7 @@ class GlobalCostmap:
             reach = self._inflation.reach
             outer = self._clipped(x0 - 2 * reach, y0 - 2 * reach, x1 + 2 * reach, y1 + 2 * reach)
             inner = self._clipped(x0 - reach, y0 - reach, x1 + reach, y1 + reach)
-            inflated = self._inflation(_combined(self.static[_box(outer)], self.layer.cells[_box(outer)]))
+            inflated = self._inflation(combined(self.static[_box(outer)], self.layer.cells[_box(outer)]))
             dx, dy = inner[0] - outer[0], inner[1] - outer[1]
             self._costs[_box(inner)] = inflated[dy : dy + inner[3] - inner[1], dx : dx + inner[2] - inner[0]]
             self._touched = (0, 0, 0, 0)
@@ -218,12 +218,6 @@ def static_costs(static_map: OccupancyGrid, settings: CostmapSettings) -> Occupa
     """The published global costmap (int8) of a map without any scan: what the prior map is cut from."""
     costs = _Inflation(settings)(static_layer(static_map, settings.track_unknown))
     return static_map.with_data(published(costs))
-
-
-def _combined(static: npt.NDArray[np.uint8], obstacles: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """The higher of both, where an unknown cell gives way to a known one (combination method 1)."""
-    known = np.where(obstacles == NO_INFORMATION, np.uint8(FREE_SPACE), obstacles)
-    return np.ascontiguousarray(np.where(static == NO_INFORMATION, obstacles, np.maximum(static, known)))
 
 
 def _box(bounds: tuple[int, int, int, int]) -> tuple[slice, slice]:

@@ -163,6 +163,21 @@ def integrate_scan(
 
 
 @njit(cache=True)
+def combined(static: Cells, obstacles: Cells) -> Cells:
+    """(H, W) uint8: the higher of both; an unknown cell gives way to a known one (combination method 1)."""
+    height, width = static.shape
+    costs = np.empty((height, width), dtype=np.uint8)
+    for row in range(height):
+        below, above, here = static[row], obstacles[row], costs[row]
+        for x in range(width):
+            if below[x] == _UNKNOWN or (above[x] != _UNKNOWN and above[x] > below[x]):
+                here[x] = above[x]
+            else:
+                here[x] = below[x]
+    return costs
+
+
+@njit(cache=True)
 def inflate(base: Cells, cost_by_squared_distance: Cells, reach: int) -> Cells:
     """(H, W) uint8: ``base`` with the cost of the distance to its nearest lethal cell, where that is higher.
 

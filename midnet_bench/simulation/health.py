@@ -2,6 +2,7 @@
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from midnet_bench.simulation.layout import Layout
 
@@ -33,17 +34,22 @@ def surfaces(layout: Layout) -> Floats:
     return np.concatenate([np.hstack((outline, np.roll(outline, -1, axis=0))) for outline in outlines])
 
 
+@njit(cache=True)
 def crossed_wall(sides: Floats, before: Floats, after: Floats) -> npt.NDArray[np.bool_]:
     """(n,) whether the straight way from (n, 2) ``before`` to ``after`` goes through one of ``surfaces``.
 
     A robot's centre is never less than 38 mm from a surface that its body only touches, so going through
     even one side means that the body went through. NaN crosses nothing.
     """
-    x1, y1, x2, y2 = sides.T[:, None, :]
-    xa, ya = before.T[:2, :, None]
-    xb, yb = after.T[:2, :, None]
-    along_x, along_y = xb - xa, yb - ya
-    side_x, side_y = x2 - x1, y2 - y1
-    ends_parted = (along_x * (y1 - ya) - along_y * (x1 - xa)) * (along_x * (y2 - ya) - along_y * (x2 - xa))
-    way_parted = (side_x * (ya - y1) - side_y * (xa - x1)) * (side_x * (yb - y1) - side_y * (xb - x1))
-    return np.asarray(((ends_parted < 0.0) & (way_parted < 0.0)).any(axis=1))
+    crossed = np.zeros(len(before), dtype=np.bool_)
+    for i in range(len(before)):
+        xa, ya, xb, yb = before[i, 0], before[i, 1], after[i, 0], after[i, 1]
+        along_x, along_y = xb - xa, yb - ya
+        for k in range(len(sides)):
+            x1, y1, x2, y2 = sides[k, 0], sides[k, 1], sides[k, 2], sides[k, 3]
+            side_x, side_y = x2 - x1, y2 - y1
+            ends = (along_x * (y1 - ya) - along_y * (x1 - xa)) * (along_x * (y2 - ya) - along_y * (x2 - xa))
+            way = (side_x * (ya - y1) - side_y * (xa - x1)) * (side_x * (yb - y1) - side_y * (xb - x1))
+            if ends < 0.0 and way < 0.0:
+                crossed[i] = True
+    return crossed

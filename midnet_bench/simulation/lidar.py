@@ -15,7 +15,13 @@ import numpy.typing as npt
 
 from midnet_bench.messages import LidarGeometry, burger_lds_01
 from midnet_bench.simulation.engine import bullet
-from midnet_bench.simulation.lidar_kernels import beam_directions, hide_behind_discs, points_along, reported
+from midnet_bench.simulation.lidar_kernels import (
+    beam_directions,
+    distances,
+    hide_behind_discs,
+    ray_ends,
+    reported,
+)
 
 LDS_01: LidarGeometry = burger_lds_01()
 _ANGLES_RAD = LDS_01.mount.yaw + LDS_01.angles_rad
@@ -64,14 +70,12 @@ def beams_from(poses: Floats) -> Beams:
 
 def cast_on_solids(client: int, beams: Beams, near_m: float, far_m: float) -> Floats:
     """(m, beams) distance from the axis to the first solid between near and far; inf if there is none."""
-    starts, ends = (points_along(*beams, reach_m, BEAM_HEIGHT_M) for reach_m in (near_m, far_m))
+    starts, ends = ray_ends(*beams, near_m, far_m, BEAM_HEIGHT_M)
     met = np.empty(len(starts))
     for first in range(0, len(starts), MAX_BATCH):
         batch = slice(first, first + MAX_BATCH)
         met[batch] = ray_fractions(client, starts[batch], ends[batch])
-    ranges = near_m + met * (far_m - near_m)
-    ranges[met >= 1.0] = np.inf
-    return ranges.reshape(beams.directions.shape[:2])
+    return np.asarray(distances(met, near_m, far_m).reshape(beams.directions.shape[:2]))
 
 
 def ray_fractions(client: int, starts: Floats, ends: Floats) -> Floats:

@@ -59,17 +59,29 @@ def reported(
 
 
 @njit(cache=True)
-def points_along(axes: Floats, directions: Floats, reach_m: float, height_m: float) -> Floats:
-    """(m * beams, 3) the points ``reach_m`` along every beam, at a height."""
+def ray_ends(
+    axes: Floats, directions: Floats, near_m: float, far_m: float, height_m: float
+) -> tuple[Floats, Floats]:
+    """Two of (m * beams, 3): the points ``near_m`` and ``far_m`` along every beam, at a height."""
     sensors, beams = directions.shape[:2]
-    points = np.empty((sensors * beams, 3))
+    starts, ends = np.empty((sensors * beams, 3)), np.empty((sensors * beams, 3))
     for i in range(sensors):
         for k in range(beams):
-            point = points[i * beams + k]
-            point[0] = axes[i, 0] + reach_m * directions[i, k, 0]
-            point[1] = axes[i, 1] + reach_m * directions[i, k, 1]
-            point[2] = height_m
-    return points
+            start, end = starts[i * beams + k], ends[i * beams + k]
+            for axis in range(2):
+                start[axis] = axes[i, axis] + near_m * directions[i, k, axis]
+                end[axis] = axes[i, axis] + far_m * directions[i, k, axis]
+            start[2] = end[2] = height_m
+    return starts, ends
+
+
+@njit(cache=True)
+def distances(met: Floats, near_m: float, far_m: float) -> Floats:
+    """(n,) metres, of what is met at a share ``met`` of the way from near to far; inf where that is 1."""
+    found = np.empty_like(met)
+    for i in range(len(met)):
+        found[i] = near_m + met[i] * (far_m - near_m) if met[i] < 1.0 else np.inf
+    return found
 
 
 @njit(cache=True)
