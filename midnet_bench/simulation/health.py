@@ -22,10 +22,10 @@ class HealthTracker:
 
     def update(self, poses: Floats) -> None:
         """Take the (n, 3) poses of a later tick, NaN for a robot that is gone. Five a second will do."""
-        now = poses[:, :2]
+        now = poses[:, :2].copy()
         self.distances_m = self.distances_m + np.nan_to_num(np.hypot(*(now - self._last).T))
         self.crossings = self.crossings + crossed_wall(self._surfaces, self._last, now)
-        self._last = now.copy()
+        self._last = now
 
 
 def surfaces(layout: Layout) -> Floats:
