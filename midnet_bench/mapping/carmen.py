@@ -1,9 +1,11 @@
 """Laser scans and odometry in CARMEN's log format, as most indoor SLAM data sets come."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
@@ -19,7 +21,8 @@ from midnet_bench.mapping.scan_log import (
 )
 from midnet_bench.messages import LidarGeometry
 
-SCAN_MESSAGES = ("FLASER", "RAWLASER1")
+Floats = npt.NDArray[np.float64]
+
 _SAME_PLACE = 1e-3
 """metres and radians by which a fixed laser may seem to move on the robot, for want of digits in the log"""
 
@@ -28,30 +31,29 @@ def parse_carmen(path: Path, lines: list[str]) -> ScanLog:
     """The scans of a CARMEN log with the odometry that belongs to each.
 
     - ``FLASER n r1..rn x y theta odom_x odom_y odom_theta stamp ...``: the second pose is the odometry.
-      The message does not tell the beams' angles: ``half_circle``. Where the first pose, the laser's, lies at
-      one and the same place on the robot in the whole log, that is the sensor's mount.
+      The message does not tell the beams' angles: ``half_circle``.
     - ``RAWLASER1 type start_angle fov step range_max accuracy mode n r1..rn m s1..sm stamp ...`` with
       ``ODOM x y theta ...``: the last ODOM before a scan counts; scans before the first one are passed over.
+    - ``ROBOTLASER1`` as ``RAWLASER1`` up to the remissions, which old logs leave out, then the poses of laser
+      and robot and more; ``stamp host stamp`` end the line. The robot's pose is the odometry.
 
-    In a log with both, the kind that comes first counts. Comments and all other messages are passed over.
+    Where a laser's pose lies at one and the same place on the robot in the whole log, that is the sensor's
+    mount. In a log of several kinds, the kind that comes first counts. Comments and all other messages are
+    passed over.
 
     Raises:
         InputError: no scan, no odometry, a number that is none, or a scan unlike the first one of the log.
     """
-    kind = next((words[0] for line in lines if (words := line.split()) and words[0] in SCAN_MESSAGES), None)
+    kind = next((words[0] for line in lines if (words := line.split()) and words[0] in _PARSERS), None)
     if kind is None:
-        raise InputError(f"{path}: no laser scan: no line begins with {' or '.join(SCAN_MESSAGES)}")
-    return _parse_flaser(path, lines) if kind == "FLASER" else _parse_rawlaser(path, lines)
+        raise InputError(f"{path}: no laser scan: no line begins with {' or '.join(_PARSERS)}")
+    return _PARSERS[kind](path, lines)
 
 
 def _parse_flaser(path: Path, lines: list[str]) -> ScanLog:
     scans: list[LoggedScan] = []
     lasers_on_base: list[Pose2D] = []
-    for number, line in enumerate(lines, start=1):
-        words = line.split()
-        if words[:1] != ["FLASER"]:
-            continue
-        where = f"{path}:{number}"
+    for where, words in _messages(path, lines, "FLASER"):
         ranges_m, rest = take_ranges(words[1:], where)
         if len(rest) < 7:
             raise InputError(
@@ -63,9 +65,7 @@ def _parse_flaser(path: Path, lines: list[str]) -> ScanLog:
         scans.append(LoggedScan(finite(rest[6:7], where, "stamp")[0], odometry, ranges_m))
         check_same_length(scans, where)
         lasers_on_base.append(odometry_increment(odometry, laser))
-    geometry = half_circle(len(scans[0].ranges_m))
-    if np.ptp(np.array(lasers_on_base), axis=0).max() < _SAME_PLACE:
-        geometry = replace(geometry, mount=lasers_on_base[0])
+    geometry = _mounted(half_circle(len(scans[0].ranges_m)), lasers_on_base)
     return ScanLog(path, with_ceiling(geometry, scans), scans)
 
 
@@ -73,28 +73,69 @@ def _parse_rawlaser(path: Path, lines: list[str]) -> ScanLog:
     scans: list[LoggedScan] = []
     geometry: LidarGeometry | None = None
     odometry: Pose2D | None = None
-    for number, line in enumerate(lines, start=1):
-        words = line.split()
-        where = f"{path}:{number}"
-        if words[:1] == ["ODOM"]:
+    for where, words in _messages(path, lines, "ODOM", "RAWLASER1"):
+        if words[0] == "ODOM":
             if len(words) < 4:
                 raise InputError(f"{where}: odometry missing: ODOM must be followed by x y theta")
             odometry = Pose2D(*finite(words[1:4], where, "odometry"))
-        if words[:1] != ["RAWLASER1"] or odometry is None:
-            continue
-        start_rad, _, step_rad, range_max_m = finite(
-            words[2:6], where, "start angle, fov, step, largest range"
-        )
-        ranges_m, rest = take_ranges(words[8:], where)
-        remissions = int(rest[0]) if rest and rest[0].isdigit() else 0
-        stamp = finite(rest[1 + remissions : 2 + remissions], where, "stamp")
-        if not stamp:
-            raise InputError(f"{where}: the line ends before the stamp of the scan")
-        scans.append(LoggedScan(stamp[0], odometry, ranges_m))
-        check_same_length(scans, where)
-        if geometry is None:
-            base = Pose2D(0.0, 0.0, 0.0)
-            geometry = LidarGeometry(len(ranges_m), start_rad, step_rad, 0.0, range_max_m, base)
+        elif odometry is not None:
+            scanner, ranges_m, rest = _take_scan(words, where)
+            stamp = finite(rest[:1], where, "stamp")
+            if not stamp:
+                raise InputError(f"{where}: the line ends before the stamp of the scan")
+            scans.append(LoggedScan(stamp[0], odometry, ranges_m))
+            check_same_length(scans, where)
+            geometry = geometry or scanner
     if geometry is None:
         raise InputError(f"{path}: odometry missing: no ODOM line comes before a RAWLASER1 line")
     return ScanLog(path, with_ceiling(geometry, scans), scans)
+
+
+def _parse_robotlaser(path: Path, lines: list[str]) -> ScanLog:
+    scans: list[LoggedScan] = []
+    geometries: list[LidarGeometry] = []
+    lasers_on_base: list[Pose2D] = []
+    for where, words in _messages(path, lines, "ROBOTLASER1"):
+        scanner, ranges_m, rest = _take_scan(words, where)
+        if len(rest) < 9:
+            raise InputError(
+                f"{where}: odometry missing: laser_x laser_y laser_theta, robot_x robot_y robot_theta and at "
+                f"the end stamp host stamp must follow the scan; the line holds {len(rest)} more words"
+            )
+        laser = Pose2D(*finite(rest[0:3], where, "laser pose"))
+        odometry = Pose2D(*finite(rest[3:6], where, "odometry"))
+        scans.append(LoggedScan(finite(rest[-3:-2], where, "stamp")[0], odometry, ranges_m))
+        check_same_length(scans, where)
+        geometries.append(scanner)
+        lasers_on_base.append(odometry_increment(odometry, laser))
+    return ScanLog(path, with_ceiling(_mounted(geometries[0], lasers_on_base), scans), scans)
+
+
+_PARSERS = {"FLASER": _parse_flaser, "RAWLASER1": _parse_rawlaser, "ROBOTLASER1": _parse_robotlaser}
+
+
+def _messages(path: Path, lines: list[str], *kinds: str) -> Iterator[tuple[str, list[str]]]:
+    """The words of each line of one of ``kinds``, and where it stands."""
+    for number, line in enumerate(lines, start=1):
+        words = line.split()
+        if words and words[0] in kinds:
+            yield f"{path}:{number}", words
+
+
+def _take_scan(words: list[str], where: str) -> tuple[LidarGeometry, Floats, list[str]]:
+    """The scanner on the robot's base, its ranges and the words after ranges and remissions."""
+    if len(words) < 9:
+        raise InputError(f"{where}: the line ends before the number of ranges")
+    start_rad, _, step_rad, range_max_m = finite(words[2:6], where, "start angle, fov, step, largest range")
+    ranges_m, rest = take_ranges(words[8:], where)
+    remissions = 1 + int(rest[0]) if rest and rest[0].isdigit() else 0
+    base = Pose2D(0.0, 0.0, 0.0)
+    geometry = LidarGeometry(len(ranges_m), start_rad, step_rad, 0.0, range_max_m, base)
+    return geometry, ranges_m, rest[remissions:]
+
+
+def _mounted(geometry: LidarGeometry, lasers_on_base: list[Pose2D]) -> LidarGeometry:
+    """The geometry with its mount, if the laser has one place on the robot in the whole log."""
+    if np.ptp(np.array(lasers_on_base), axis=0).max() < _SAME_PLACE:
+        return replace(geometry, mount=lasers_on_base[0])
+    return geometry

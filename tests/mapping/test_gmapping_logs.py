@@ -16,6 +16,7 @@ from midnet_bench.mapping.scan_log import half_circle
 RANGES = ["1.5"] * 180
 FLASER = f"FLASER 180 {' '.join(RANGES)} 1.1 2 0.5 1 2 0.5 100.25 host 0.1"
 RAW_HEAD = "RAWLASER1 0 -2.0 4.0 0.5 30.0 0.01 0"
+ROBOT_HEAD = RAW_HEAD.replace("RAW", "ROBOT")
 
 
 def written(tmp_path: Path, *lines: str) -> Path:
@@ -84,6 +85,24 @@ def test_rawlaser_takes_the_last_odometry_and_its_own_geometry(tmp_path: Path) -
     assert log.geometry.angles_rad.tolist() == [-2.0, -1.5, -1.0]
 
 
+@pytest.mark.parametrize("remissions", ["", "2 17 18 "])
+def test_robotlaser_takes_the_robots_pose_and_the_lasers_mount(tmp_path: Path, remissions: str) -> None:
+    scan = f"{ROBOT_HEAD} 3 1 2 3 {remissions}"
+    log = read_scan_log(
+        written(
+            tmp_path,
+            "ODOM 9 9 9 0 0 0 0.9 host 0.9",
+            f"{scan}1.2 2.0 0.0 1.0 2.0 0.0 0.1 0.2 0.3 0.4 0.5 1.1 host 1.15",
+            f"{scan}3.0 1.2 {math.pi / 2} 3.0 1.0 {math.pi / 2} 0.1 0.2 0.3 0.4 0.5 1.4 host 1.45",
+        )
+    )
+    assert [scan.stamp_s for scan in log] == [1.1, 1.4]
+    assert [scan.odometry for scan in log] == [Pose2D(1.0, 2.0, 0.0), Pose2D(3.0, 1.0, math.pi / 2)]
+    assert [scan.ranges_m.tolist() for scan in log] == [[1.0, 2.0, 3.0]] * 2
+    assert log.geometry.angles_rad.tolist() == [-2.0, -1.5, -1.0]
+    assert log.geometry.mount == pytest.approx((0.2, 0.0, 0.0))
+
+
 def test_the_table_is_read_gzipped_or_plain(tmp_path: Path) -> None:
     text = "# stamp x y theta n ranges\n10.5 1 2 0.5 3 1.0 2.0 3.0\n11.5 2 2 0.5 3 1.5 2.5 nan # end\n"
     plain, packed = tmp_path / "a.txt", tmp_path / "a.txt.gz"
@@ -119,6 +138,7 @@ def test_missing_odometry(tmp_path: Path) -> None:
     assert ":2: odometry missing" in error_of(written(tmp_path, FLASER, cut))
     assert "odometry missing: no ODOM" in error_of(written(tmp_path, f"{RAW_HEAD} 3 1 2 3 0 1 host 1"))
     assert ":1: odometry missing" in error_of(written(tmp_path, "ODOM 1", f"{RAW_HEAD} 3 1 2 3 0 1 host 1"))
+    assert ":1: odometry missing" in error_of(written(tmp_path, f"{ROBOT_HEAD} 3 1 2 3 0 1 2 0 1 host 1"))
     table = "10.5 180 " + " ".join(RANGES)
     assert ":1: odometry missing" in error_of(written(tmp_path, table))
     nan = FLASER.replace("1 2 0.5 100.25", "1 nan 0.5 100.25")
@@ -139,9 +159,10 @@ def test_a_scan_of_another_length(tmp_path: Path) -> None:
 def test_words_that_are_no_numbers(tmp_path: Path) -> None:
     assert ":1: range: 'oops'" in error_of(written(tmp_path, "1 0 0 0 3 1 oops 3"))
     assert ":1: stamp and odometry: 'x'" in error_of(written(tmp_path, "1 0 x 0 3 1 2 3"))
-    assert "line ends before the stamp" in error_of(
-        written(tmp_path, "ODOM 0 0 0 0 0 0 1 host 1", f"{RAW_HEAD} 3 1 2 3 0")
-    )
+    odometry = "ODOM 0 0 0 0 0 0 1 host 1"
+    assert ":2: the line ends before the number" in error_of(written(tmp_path, odometry, RAW_HEAD))
+    assert ":1: the line ends before the number" in error_of(written(tmp_path, "ROBOTLASER1 0 -2.0"))
+    assert "line ends before the stamp" in error_of(written(tmp_path, odometry, f"{RAW_HEAD} 3 1 2 3 0"))
 
 
 def test_nothing_but_nan(tmp_path: Path) -> None:
