@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.mapping.gmapping import GMapping
-from midnet_bench.mapping.gmapping_settings import BURGER, TURTLEBOT3, GmappingSettings
+from midnet_bench.mapping.gmapping_settings import BURGER, BURGER_UKF, TURTLEBOT3, GmappingSettings
 from midnet_bench.messages import burger_lds_01
 from midnet_bench.rng import stream
 
@@ -79,3 +79,4 @@ def measure(name: str, settings: GmappingSettings, seconds: float = 120.0) -> No
 if __name__ == "__main__":
     measure("TURTLEBOT3", TURTLEBOT3)
     measure("BURGER", BURGER)
+    measure("BURGER_UKF", BURGER_UKF)

@@ -63,7 +63,7 @@ STOP = Command(0.0, 0.0)
 def burger_lds_01() -> LidarGeometry:
     """The LDS-01 on a TurtleBot3 Burger: 360 beams one degree apart, 0.12 to 3.5 m, 32 mm behind the axle.
 
-    The spacing is the driver's 2 pi / 360; Gazebo's last beam repeats its first (turtlebot3 facts).
+    The spacing is the driver's 2 pi / 360; Gazebo's last beam repeats its first.
     """
     return LidarGeometry(
         beams=360,

@@ -10,7 +10,7 @@ def stream(seed: int, *axes: str | int) -> np.random.Generator:
 
     ``stream(seed, "lidar", 2)`` is independent of ``stream(seed, "patrol", 2)``. What is left out of
     the axes is shared: two trials of one seed that differ in team size alone draw the same arena and
-    intruders, so they are compared on the same world (common random numbers, paper-notes item 71).
+    intruders, so they are compared on the same world (common random numbers, item 71).
     """
     name = "/".join(str(axis) for axis in axes)
     words = np.frombuffer(hashlib.sha256(name.encode()).digest()[:16], dtype="<u4")

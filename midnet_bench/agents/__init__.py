@@ -1,1 +1,1 @@
-"""What runs on one robot: a guard or an intruder, on the stack of its own sensors."""
+"""What runs on one robot, a guard, an intruder or an explorer, on its own sensors; and the fleet of them."""

@@ -13,7 +13,7 @@ from midnet_bench.simulation.world import World
 CONTROL_HZ = 10
 """Pose filter and navigator; move_base's controller_frequency in turtlebot3_navigation."""
 SCAN_HZ = 5
-"""The LDS-01, and the costmaps it feeds (paper-notes item 9)."""
+"""The LDS-01, and the costmaps it feeds (item 9)."""
 
 
 class Fleet:

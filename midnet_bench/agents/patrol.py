@@ -18,7 +18,7 @@ OCCUPIED = 100
 
 DRAWS_PER_RELAXATION = 200
 RELAXATION = 0.9
-"""After so many failed draws z shrinks by this factor (paper-notes item 59)."""
+"""After so many failed draws z shrinks by this factor (item 59)."""
 
 Point = tuple[float, float]
 

@@ -1,4 +1,4 @@
-"""Who goes after whom: MIDNet's detections send guards in pursuit (paper-notes items 53, 54)."""
+"""Who goes after whom: MIDNet's detections send guards in pursuit (items 53, 54)."""
 
 import math
 from collections.abc import Sequence

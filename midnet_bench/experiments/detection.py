@@ -23,7 +23,7 @@ USABLE_RANGE_M = 2.5
 ON_SURFACE_M = 0.05
 """A noisy return this near to a stationary intruder is one of its own; walls are farther off."""
 GOAL_CLEARANCE_M = 0.4
-"""From a mobile intruder's goal to walls and stationary intruders (paper-notes item 49)."""
+"""From a mobile intruder's goal to walls and stationary intruders (item 49)."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class DetectionTrial(GuardedArena):
         for number in range(1, test.frames + 1):
             midnet = self.next_frame(explain)
             truths = self.truths()
-            in_range = self.in_range(truths, test)
+            in_range = self.in_range(test)
             yield ScoredFrame(
                 number, midnet, truths, in_range, count_frame(midnet.detections, truths, in_range)
             )
@@ -72,16 +72,21 @@ class DetectionTrial(GuardedArena):
         margin_m = (
             inflation_m(costmap_settings(test), test.thresh_local) if test.truth_box == "inflated" else 0.0
         )
-        mobile = {robot.name: self.world.scan_outline(robot.index) for robot in self.intruders}
-        boxes = self._stationary | mobile
-        return [TruthObject(name, box.shrunk(-margin_m), box.center) for name, box in boxes.items()]
+        return [truth._replace(box=truth.box.shrunk(-margin_m)) for truth in self._bodies()]
 
-    def in_range(self, truths: list[TruthObject], test: DetectionParameters) -> list[bool]:
-        """For each truth, whether not finding it now counts as a false negative (item 46)."""
-        in_range = truths_in_range(truths, self.sensor_positions(), USABLE_RANGE_M, test.in_range)
+    def in_range(self, test: DetectionParameters) -> list[bool]:
+        """For each truth, whether not finding it now counts as a false negative (item 46).
+
+        The range goes to the intruder itself, whatever box it is scored by.
+        """
+        in_range = truths_in_range(self._bodies(), self.sensor_positions(), USABLE_RANGE_M, test.in_range)
         if test.require_line_of_sight:
             in_range = [near and seen for near, seen in zip(in_range, self._in_sight(), strict=True)]
         return in_range
+
+    def _bodies(self) -> list[TruthObject]:
+        mobile = {robot.name: self.world.scan_outline(robot.index) for robot in self.intruders}
+        return [TruthObject(name, box, box.center) for name, box in (self._stationary | mobile).items()]
 
     def _in_sight(self) -> list[bool]:
         """For each truth, whether a beam of some guard would meet it within range at this instant."""

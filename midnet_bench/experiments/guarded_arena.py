@@ -1,6 +1,7 @@
 """``GuardedArena``: one trial in motion, advanced from MIDNet frame to MIDNet frame."""
 
 import math
+from dataclasses import replace
 
 from midnet_bench.agents.guard import Guard
 from midnet_bench.agents.mobile_robot import MobileRobot, Point
@@ -16,7 +17,6 @@ from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.navigation.dwa import DwaSettings
-from midnet_bench.navigation.limits import LocalPlannerLimits
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.navigation.navigator_settings import NavigatorSettings
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
@@ -26,14 +26,14 @@ from midnet_bench.simulation.lidar import LDS_01
 from midnet_bench.simulation.world import WorldSettings
 
 FRAME_HZ = 5
-"""One MIDNet frame per LiDAR period (paper-notes items 9, 42)."""
+"""One MIDNet frame per LiDAR period (items 9, 42)."""
 
 
 class GuardedArena(RobotTrial):
     """A world with its guards, its mobile intruders, and MIDNet over them."""
 
     def __init__(self, parameters: GuardParameters, seed: int, mobile_intruders: int | None = None) -> None:
-        """Place everybody; time is 0. Intruders have no goals until ``intruder_goal`` is set on them."""
+        """Place everybody; time is 0. Intruders have no goals until ``next_goal`` is set on them."""
         self.parameters = parameters
         self.seed = seed
         self.arena = arena_from(parameters.arena)
@@ -97,7 +97,7 @@ class GuardedArena(RobotTrial):
             index,
             f"guard {index + 1}",
             start,
-            self._navigator(LocalPlannerLimits()),
+            self._navigator(),
             self._ukf(start),
             self.next_patrol_point,
             self.parameters.goal_timeout_s,
@@ -105,15 +105,11 @@ class GuardedArena(RobotTrial):
         )
 
     def _make_intruder(self, index: int, start: Pose2D) -> MobileRobot:
-        speed = self.parameters.intruder_speed_mps
-        limits = LocalPlannerLimits(
-            max_vel_x_mps=speed, min_vel_x_mps=-speed, max_vel_trans_mps=speed, min_vel_trans_mps=speed / 2.0
-        )
         return MobileRobot(
             index,
             f"intruder {index - len(self.guards) + 1}",
             start,
-            self._navigator(limits),
+            self._navigator(self.parameters.intruder_speed_mps),
             self._ukf(start),
             lambda robot: None,
             self.parameters.goal_timeout_s,
@@ -125,10 +121,9 @@ class GuardedArena(RobotTrial):
             return None
         return PlanarUkf(start, UkfSettings.for_odometry(self.parameters.odometry))
 
-    def _navigator(self, limits: LocalPlannerLimits) -> Navigator:
-        planner = (
-            DwaSettings(limits=limits)
-            if self.parameters.controller == "dwa"
-            else TrajectoryRolloutSettings(limits=limits)
-        )
+    def _navigator(self, top_mps: float | None = None) -> Navigator:
+        """With the chosen controller's own limits, or those of a robot of another top speed."""
+        planner = DwaSettings() if self.parameters.controller == "dwa" else TrajectoryRolloutSettings()
+        if top_mps is not None:
+            planner = replace(planner, limits=planner.limits.at_speed(top_mps))
         return Navigator(self.prior_map, NavigatorSettings(local_planner=planner))

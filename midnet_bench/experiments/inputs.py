@@ -61,7 +61,7 @@ def prior_map_from(value: str, arena: Arena, resolution_m: float) -> OccupancyGr
     """The prior map that ``inline_prior_map`` wrote down: int8, 100 occupied, 0 free, -1 unknown, map frame.
 
     Raises:
-        InputError: its resolution is not that of the local costmaps (paper-notes item 19).
+        InputError: its resolution is not that of the local costmaps (item 19).
     """
     if value == EXACT:
         return render_exact(arena, resolution_m)

@@ -66,7 +66,7 @@ class Exploration:
     distance_m: float
     """driven by all robots together"""
     finished: bool
-    """whether no frontier was left to anybody within the time limit"""
+    """whether no frontier was left to anybody within the time limit but those that were given up"""
     merge_confidence: float
     """of the features: of the worst pair that was merged, or of the best if all were refused; NaN where
     nothing had to be matched"""

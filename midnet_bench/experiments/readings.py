@@ -100,7 +100,7 @@ class ReadingsTrial(DetectionTrial):
             for name, reading in self.readings.items():
                 truths = self.truths(reading)
                 detections = self._watches[name].look().detections
-                frames[name].append(count_frame(detections, truths, self.in_range(truths, reading)))
+                frames[name].append(count_frame(detections, truths, self.in_range(reading)))
         return {name: total(counts) for name, counts in frames.items()}
 
 

@@ -34,8 +34,8 @@ class TrialResult:
     """The tables of one trial by name, rows in a fixed order; no clock time, no host, no path.
 
     ``detection`` gives ``scores`` (one row), ``frames`` and ``robots``; ``labyrinth`` gives ``trial``
-    (one row), ``intruders`` and ``robots``; ``readings`` gives ``readings``. ``simulated_s`` is how long the
-    trial lasted in its world.
+    (one row), ``intruders`` and ``robots``; ``mapping`` gives ``maps`` (one row) and ``robots``; ``readings``
+    gives ``readings``. ``simulated_s`` is how long the trial lasted in its world.
     """
 
     tables: Mapping[str, list[Row]]

@@ -15,10 +15,11 @@ from midnet_bench.messages import LidarGeometry
 FloatArray = npt.NDArray[np.float64]
 
 LEAST_BEAMS = 30
+"""with a return: fewer, a twelfth of the circle, may all meet one wall; our choice"""
 LEAST_SHARE = 0.3
-"""of the beams with a return: if fewer lie on walls, nothing is said"""
+"""of the beams with a return: if fewer lie on walls, nothing is said; our choice"""
 BEAMS_PER_WITNESS = 10.0
-"""Beams that count as one: neighbours meet the same cells, and the next scan meets them again."""
+"""Beams that count as one: neighbours meet the same cells, and the next scan meets them again; our choice."""
 VAGUE = 1.0
 """metres and radians: standard deviation along a direction of which the scan says nothing"""
 

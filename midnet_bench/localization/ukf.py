@@ -49,7 +49,8 @@ class UkfSettings:
         """Settings for exact odometry (``world``) or for wheels that slip (``encoder``).
 
         A slipping wheel says little about turning, which the gyroscope knows a hundred times better; the
-        sideways velocity that no wheel measures is a constraint, held to 1 cm/s.
+        sideways velocity that no wheel measures is a constraint, held to 1 cm/s. These variances are our
+        choice; robot_localization leaves them to whoever publishes the odometry.
         """
         if source == "world":
             return cls()

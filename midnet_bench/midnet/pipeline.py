@@ -32,9 +32,9 @@ class MIDNetSettings:
     """boxes of fewer cells are dropped, >= 1 (item 23)"""
     deflate_boxes_m: float = 0.0
     """taken off each side of a box as soon as it is found, >= 0; changes every later IoU (item 25)"""
-    ally_diameter_m: float = 0.21
+    ally_diameter_m: float = 0.297
     """di of Algorithm 2, > 0 (item 27)"""
-    iou_ally: float = 0.1
+    iou_ally: float = 0.05
     """t of Algorithm 2, above 0, at most 1 (item 29)"""
     ally_remove: AllyRemove = "first"
     """which boxes of one observer go for one ally (item 30)"""

@@ -12,8 +12,8 @@ from midnet_bench.navigation.footprint import Footprint
 class CostmapSettings:
     """One costmap. The defaults are those of costmap_2d for a robot of radius 0.105 m, in a 5 x 5 m window.
 
-    They are what MIDNet's local costmaps run on (paper-notes items 1, 6, 7); ``burger_local`` and
-    ``burger_global`` give what a TurtleBot3 navigates with.
+    MIDNet's local costmaps depart from them in two values, by calibration: a 4 m window (item 6) and
+    ``inf_is_valid`` (item 8). ``burger_local`` and ``burger_global`` give what a TurtleBot3 navigates with.
     """
 
     resolution: float = 0.05
@@ -39,7 +39,7 @@ class CostmapSettings:
     """a beam without a return clears its way; in TurtleBot3's files it does not, and ghosts remain"""
     memory_s: float = math.inf
     """how long a mark outlives the scan that last hit it: ``inf`` is costmap_2d (until a beam passes),
-    0 keeps the newest scan only, anything between lets marks decay (paper-notes item 8)"""
+    0 keeps the newest scan only, anything between lets marks decay (item 8)"""
 
     def __post_init__(self) -> None:
         positive = ("resolution", "size_m", "obstacle_range_m", "raytrace_range_m", "cost_scaling_factor")

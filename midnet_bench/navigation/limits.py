@@ -1,6 +1,6 @@
 """What a robot may do and when it has arrived: base_local_planner's LocalPlannerLimits without its y axis."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from midnet_bench.errors import InputError
 
@@ -38,3 +38,14 @@ class LocalPlannerLimits:
         ):
             if not getattr(self, name) > 0.0:
                 raise InputError(f"local planner: {name} must be greater than 0 (got {getattr(self, name)})")
+
+    def at_speed(self, top_mps: float) -> "LocalPlannerLimits":
+        """The limits of a robot whose top speed is ``top_mps``; its other speeds change in proportion."""
+        share = top_mps / self.max_vel_x_mps
+        return replace(
+            self,
+            max_vel_x_mps=top_mps,
+            min_vel_x_mps=share * self.min_vel_x_mps,
+            max_vel_trans_mps=share * self.max_vel_trans_mps,
+            min_vel_trans_mps=share * self.min_vel_trans_mps,
+        )

@@ -65,8 +65,6 @@ class Navigator:
         self._window_m = settings.local_costmap.size_m / 2.0
         self.status = Status.IDLE
         self.recoveries = 0
-        self.aborts = 0
-        self.goals_reached = 0
         self._goal: tuple[float, float] | None = None
         self._goal_yaw: float | None = None
         self._pose: Pose2D | None = None
@@ -171,7 +169,6 @@ class Navigator:
             if self._goal_yaw is None or self._stop_rotate.finished(self._goal_yaw, pose, velocity):
                 self._goal = None
                 self.status = Status.SUCCEEDED
-                self.goals_reached += 1
                 return STOP
             command = self._stop_rotate.command(self.local_costmap, self._goal_yaw, pose, velocity)
         elif self._waits_at(goal, pose, time_s):
@@ -251,7 +248,6 @@ class Navigator:
     def _abort(self) -> None:
         self._goal = None
         self.status = Status.ABORTED
-        self.aborts += 1
 
 
 def _local_planner(settings: NavigatorSettings, period_s: float) -> LocalPlanner:

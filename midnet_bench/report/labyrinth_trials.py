@@ -10,7 +10,6 @@ from midnet_bench.rng import stream
 from midnet_bench.scoring import statistics
 from midnet_bench.scoring.statistics import Estimate
 
-AXES = ("intruders", "robots")
 GUARD, INTRUDER = "guard", "intruder"
 
 

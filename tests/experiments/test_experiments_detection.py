@@ -15,6 +15,8 @@ from midnet_bench.experiments.trial import TrialResult, TrialSpec
 from midnet_bench.experiments.watch import binary_prior, costmap_settings, inflation_m
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.map_server import save_map
+from midnet_bench.midnet.pipeline import MIDNetSettings
+from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
 from midnet_bench.simulation.arena import load_arena
 from midnet_bench.simulation.exact_map import render_exact
 
@@ -54,6 +56,44 @@ def test_everybody_drives_and_eight_intruders_are_scored() -> None:
     assert min(row["distance_m"] for row in rows) > 1.0
     assert all(row["walls_crossed"] == 0 for row in rows)
     assert sum(frame.counts.tp for frame in frames) > 300
+
+
+def test_trajectory_rollout_drives_at_its_own_speeds() -> None:
+    own = TrajectoryRolloutSettings().limits
+    parameters = DetectionParameters(
+        robots=1, frames=75, controller="trajectory_rollout", intruder_speed_mps=0.1
+    )
+    with DetectionTrial(parameters, 3) as trial:
+        assert trial.guards[0].navigator.settings.local_planner.limits == own
+        slower = trial.intruders[0].navigator.settings.local_planner.limits
+        assert (slower.max_vel_x_mps, slower.max_vel_theta_radps) == (0.1, own.max_vel_theta_radps)
+        assert slower.min_vel_x_mps == pytest.approx(own.min_vel_x_mps * 0.1 / own.max_vel_x_mps)
+        speeds = [trial.guards[0].velocity[0] for _ in trial.frames()]
+        rows = trial.rows_of_robots()
+    assert 0.17 < max(speeds) < own.max_vel_x_mps + 0.01
+    assert rows[0]["distance_m"] > 1.0
+    assert 0.5 < max(row["distance_m"] for row in rows[1:]) < 0.1 * 15.0 + 0.05
+
+
+def test_the_library_reads_the_paper_as_the_trials_do() -> None:
+    trials = DetectionParameters()
+    for field in (
+        "thresh_local",
+        "align",
+        "min_area_cells",
+        "ally_diameter_m",
+        "iou_ally",
+        "ally_remove",
+        "iou_fuse",
+    ):
+        assert getattr(MIDNetSettings(), field) == getattr(trials, field)
+
+
+def test_how_an_intruder_is_scored_does_not_change_who_is_in_range() -> None:
+    def in_range(**changes: object) -> list[object]:
+        return [row["in_range"] for row in detection(**changes).tables["frames"]]
+
+    assert in_range(truth_box="inflated") == in_range()
 
 
 def test_an_arena_without_intruders_has_no_detection() -> None:
