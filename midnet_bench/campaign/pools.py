@@ -55,7 +55,7 @@ class LokyPool:
         self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
         """See :meth:`Pool.outcomes`."""
-        shutil.rmtree(self._marks, ignore_errors=True)
+        shutil.rmtree(self._marks, ignore_errors=True)  # of a process that was killed
         self._marks.mkdir(parents=True)
         # One at a time means two processes of which one waits: given n_jobs=1, joblib would run the
         # trials inside this process, where a crash ends the campaign.
@@ -74,10 +74,11 @@ class LokyPool:
                 yield from abandoning_quietly(parallel(tasks))
             except BrokenProcessPool as error:
                 raise WorkersLost(str(error).splitlines()[0], marked(self._marks)) from error
+            finally:
+                shutil.rmtree(self._marks, ignore_errors=True)
 
     def close(self) -> None:
-        """Removes the marks; idle workers end with this process."""
-        shutil.rmtree(self._marks, ignore_errors=True)
+        """Nothing to let go of: idle workers end with this process."""
 
 
 def abandoning_quietly(outcomes: Generator[Outcome, None, None]) -> Generator[Outcome, None, None]:

@@ -128,15 +128,18 @@ def test_two_interrupts_end_at_once(tmp_path: Path) -> None:
     assert stored_in(tmp_path) >= 3
 
 
-def test_a_second_process_is_refused_while_the_first_runs(tmp_path: Path) -> None:
-    first = start(tmp_path, LONG, jobs=2)
-    wait_for(first, "begin")
-    code, _, err = finish(start(tmp_path, LONG, jobs=2))
-    kill(first)
+def test_a_second_process_is_refused_and_the_first_goes_on(tmp_path: Path) -> None:
+    seconds = {"trials": 16, "parameters": {"work_s": 1.0}}
+    first = start(tmp_path, seconds, jobs=2)
+    wait_for(first, "stored")
+    code, _, err = finish(start(tmp_path, seconds, jobs=2))
+    first_code, out, first_err = finish(first)
 
     assert code == 2
     assert "another midnet-bench is running this campaign" in err
     assert len(err.splitlines()) == 1
+    assert (first_code, first_err) == (0, "")
+    assert "done 16 0 16" in out
 
 
 @pytest.fixture
