@@ -67,6 +67,8 @@ def open_existing(path: Path) -> sqlite3.Connection:
     """
     with explained(path):
         connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", 30, isolation_level=None, uri=True)
+        # a damaged letter is for whoever reads the text to find, with the trial's name at hand
+        connection.text_factory = lambda text: text.decode(errors="replace")
         with _closed_on_error(connection):
             _check(connection, path)
             version = int(_pragma(connection, "user_version"))
@@ -86,7 +88,7 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
             f"{path}: written by a newer midnet-bench (schema {version}, this one knows up to"
             f" {len(MIGRATIONS)}); update midnet-bench"
         )
-    state = _pragma(connection, "quick_check(1)")
+    state = " ".join(str(_pragma(connection, "quick_check(1)")).split())
     if state != "ok":
         raise InputError(f"{path}: damaged ({state}); move it away, or --fresh to start over")
 
@@ -160,6 +162,8 @@ def explained(path: Path) -> Iterator[None]:
     """SQLite's errors as this package's, in one line."""
     try:
         yield
+    except UnicodeDecodeError as error:  # SQLite quotes a damaged table's name in its complaint
+        raise InputError(f"{path}: damaged; move it away, or --fresh to start over") from error
     except sqlite3.Error as error:
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
         if code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
@@ -167,9 +171,13 @@ def explained(path: Path) -> Iterator[None]:
                 f"{path}: cannot be written ({error}); what was stored is intact:"
                 " make room and give the same command again"
             ) from error
-        if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
+        if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR):
             raise InputError(
                 f"{path}: not a campaign store, or a damaged one ({error}); nothing was changed:"
                 " move it away, or --fresh to start over"
+            ) from error
+        if code in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_READONLY):
+            raise InputError(
+                f"{path}: {error}; it must be a file that you may write: move it away, or give another -o"
             ) from error
         raise MidnetBenchError(f"{path}: {error}") from error

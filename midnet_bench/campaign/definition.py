@@ -5,6 +5,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
+from pydantic import TypeAdapter
+
 from midnet_bench.campaign.spec import Campaign, Experiments, cells
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.trial import Scalar
@@ -30,8 +32,8 @@ class Definition:
 
     @classmethod
     def from_json(cls, text: str) -> "Definition":
-        """The definition that :meth:`to_json` wrote."""
-        return cls(**json.loads(text))
+        """The definition that :meth:`to_json` wrote. Raises ValueError if that is not what ``text`` is."""
+        return TypeAdapter(cls).validate_json(text)
 
     @property
     def cells(self) -> int:

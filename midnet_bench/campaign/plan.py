@@ -52,7 +52,8 @@ def plan(
     if path.exists() and not fresh:
         with open_store(path) as store:
             store.refuse_unless_extended_by(definition)
-            statuses = store.statuses()
+            damaged = set(store.damaged().values())
+            statuses = {key: status for key, status in store.statuses().items() if key not in damaged}
             if "finished" in statuses.values():
                 measured_on, wall_s, size = store.sizes()
     stored = [statuses.get(spec.trial_id) for spec in trials(campaign, experiments)]

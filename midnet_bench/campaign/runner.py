@@ -85,6 +85,7 @@ def run_campaign(
         if fresh and (aside := stores.keep_aside(path)):
             progress.note(f"the old store is kept as {aside}")
         with stores.open_or_create(path, definition) as store:
+            _forget_damaged(store, progress)
             missing = _missing(campaign, experiments, store, retry_failed)
             ran = len(missing)
             if missing:
@@ -128,6 +129,16 @@ def _add_trials(
     finally:
         progress.end()
     store.end_run(run_id)
+
+
+def _forget_damaged(store: stores.Store, progress: Progress) -> None:
+    """Makes trials that cannot be read any more count as not done, and says so."""
+    damaged = store.damaged()
+    if damaged:
+        store.forget(damaged)
+        first, *others = damaged.values()
+        more = f" and {len(others)} more" if others else ""
+        progress.note(f"{store.path}: damaged; what cannot be read is run again: trial {first}{more}")
 
 
 def _missing(
@@ -228,7 +239,10 @@ def _interruptible() -> Iterator[None]:
 
 
 def _notes(store: stores.Store) -> list[str]:
-    codes = [f"{run['midnet_bench']} {str(run['commit'] or 'installed')[:12]}" for run in store.runs()]
+    codes = [
+        f"{run.get('midnet_bench', 'unknown')} {str(run.get('commit') or 'installed')[:12]}"
+        for run in store.runs()
+    ]
     different = list(dict.fromkeys(codes))
     if len(different) > 1:
         return [f"these trials were run by {len(different)} versions of the code: {', '.join(different)}"]

@@ -5,13 +5,12 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Protocol
 
-import yaml
 from pydantic import BaseModel, Field, Strict, field_validator
 
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.trial import Scalar, TrialResult, TrialSpec
-from midnet_bench.spec import Spec, parse, read_yaml
+from midnet_bench.spec import Spec, load_yaml, parse, read_yaml
 
 
 class Experiments(Protocol):
@@ -97,22 +96,22 @@ def parse_settings(settings: Iterable[str]) -> dict[str, Scalar]:
     """``["capture=contact", "frames=200"]`` as a mapping, values read as YAML scalars.
 
     Raises:
-        InputError: no ``=``, no key, a key given twice, or a value that is not a scalar.
+        InputError: no ``=``, no key, a key given twice or known as another option, or no scalar.
     """
     parsed: dict[str, Scalar] = {}
     for setting in settings:
         key, equals, text = setting.partition("=")
         key = key.strip()
+        option = f"--set {setting}" if len(setting) <= 60 else f"--set {setting[:57]}..."
         if not equals or not key:
-            raise InputError(f"--set {setting}: expected key=value")
+            raise InputError(f"{option}: expected key=value")
         if key in parsed:
-            raise InputError(f"--set {setting}: '{key}' is set twice")
-        try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise InputError(f"--set {setting}: the value is not valid YAML") from error
+            raise InputError(f"{option}: '{key}' is set twice")
+        if key == "seed":
+            raise InputError(f"{option}: the seed is no parameter; give it by --seed")
+        value = load_yaml(text, option)
         if not isinstance(value, str | int | float | bool | None):
-            raise InputError(f"--set {setting}: the value must be one number, word or true/false")
+            raise InputError(f"{option}: the value must be one number, word or true/false")
         parsed[key] = value
     return parsed
 

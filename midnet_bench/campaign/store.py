@@ -3,7 +3,7 @@
 import contextlib
 import json
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -32,13 +32,17 @@ class StoredTrial:
     traceback: str | None
     finished_utc: str
     payload: bytes | None
+    store: Path
 
     @property
     def tables(self) -> dict[str, list[Row]]:
-        """The tables of a finished trial."""
+        """The tables of a finished trial. Raises InputError if they are damaged."""
         if self.payload is None:
             raise ValueError(f"trial {self.trial_id} has failed and has no tables")
-        return decode_tables(self.payload)
+        try:
+            return decode_tables(self.payload)
+        except ValueError as error:
+            raise _damaged(self.store, self.trial_id, self.seed, "result") from error
 
 
 class Store:
@@ -67,10 +71,16 @@ class Store:
 
     @property
     def definition(self) -> Definition:
-        """What the store was made for."""
+        """What the store was made for. Raises InputError if it does not say so any more."""
         with explained(self.path):
-            (text,) = self._connection.execute("SELECT definition FROM campaign").fetchone()
-        return Definition.from_json(text)
+            row = self._connection.execute("SELECT definition FROM campaign").fetchone()
+        try:
+            return Definition.from_json(row[0] if row else "")
+        except ValueError as error:
+            raise InputError(
+                f"{self.path}: damaged (which campaign it holds cannot be read);"
+                " move it away, or --fresh to start over"
+            ) from error
 
     def refuse_unless_extended_by(self, definition: Definition) -> None:
         """Raises InputError, naming what differs, unless ``definition`` only adds trials or grid values."""
@@ -106,13 +116,16 @@ class Store:
             self._connection.execute("UPDATE runs SET ended_utc = ? WHERE run_id = ?", (now_utc(), run_id))
 
     def runs(self) -> list[Provenance]:
-        """The provenance of every run that added trials, in order, each with its ``ended_utc``."""
+        """The provenance of every run that added trials, in order, each with its ``ended_utc``.
+
+        One that is damaged comes as its text under the key ``damaged``: it is no reason to lose the trials.
+        """
         with explained(self.path):
             rows = self._connection.execute(
                 "SELECT provenance, ended_utc FROM runs WHERE run_id IN (SELECT run_id FROM trials)"
                 " ORDER BY run_id"
             ).fetchall()
-        return [{**json.loads(provenance), "ended_utc": ended_utc} for provenance, ended_utc in rows]
+        return [{**_provenance(text), "ended_utc": ended_utc} for text, ended_utc in rows]
 
     def record(self, run_id: int, spec: TrialSpec, outcome: Outcome) -> None:
         """Commits one trial, in place of an earlier failure of it."""
@@ -134,26 +147,57 @@ class Store:
             )
 
     def trials(self) -> Iterator[StoredTrial]:
-        """Every trial of the present definition, cell by cell in the grid's order, then by seed."""
+        """Every trial of the present definition, cell by cell in the grid's order, then by seed.
+
+        Raises:
+            InputError: a trial is damaged.
+        """
         definition = self.definition
-        order = {
-            factor: {value: k for k, value in enumerate(values)} for factor, values in definition.grid.items()
-        }
-        places: list[tuple[tuple[int, ...], int, str]] = []
         with explained(self.path):
-            for trial_id, seed, text in self._connection.execute(
-                "SELECT trial_id, seed, parameters FROM trials"
-            ):
-                cell = definition.cell_of(json.loads(text))
-                places.append((tuple(order[factor][value] for factor, value in cell.items()), seed, trial_id))
-            for _, _, trial_id in sorted(places):
+            rows = self._connection.execute("SELECT rowid, trial_id, seed, parameters FROM trials")
+            places = sorted((self._place(definition, *identity), row_id) for row_id, *identity in rows)
+            for _, row_id in places:
                 row = self._connection.execute(
                     "SELECT trial_id, seed, parameters, status, simulated_s, wall_s, traceback,"
                     " finished_utc, result"
-                    " FROM trials WHERE trial_id = ?",
-                    (trial_id,),
+                    " FROM trials WHERE rowid = ?",
+                    (row_id,),
                 ).fetchone()
-                yield StoredTrial(row[0], row[1], json.loads(row[2]), *row[3:])
+                yield StoredTrial(row[0], row[1], json.loads(row[2]), *row[3:], store=self.path)
+
+    def _place(self, definition: Definition, trial_id: str, seed: int, text: str) -> tuple[list[int], int]:
+        """Where a trial stands in the campaign's order. Raises InputError if what it ran is damaged."""
+        try:
+            parameters = json.loads(text)
+            cell = definition.cell_of(parameters)
+            place = [definition.grid[factor].index(value) for factor, value in cell.items()]
+            if TrialSpec(definition.experiment, parameters, seed).trial_id != trial_id:
+                raise ValueError("the id is a hash of the parameters and the seed, and not of these")
+        except (KeyError, TypeError, ValueError) as error:
+            raise _damaged(self.path, trial_id, seed, "parameters") from error
+        return place, seed
+
+    def damaged(self) -> dict[int, str]:
+        """Row -> trial id of all trials that cannot be read, for :meth:`forget`."""
+        definition = self.definition
+        found = {}
+        with explained(self.path):
+            for row_id, trial_id, seed, text, payload in self._connection.execute(
+                "SELECT rowid, trial_id, seed, parameters, result FROM trials"
+            ):
+                try:
+                    self._place(definition, trial_id, seed, text)
+                    if payload is not None:
+                        decode_tables(payload)
+                except (InputError, ValueError):
+                    found[row_id] = trial_id
+        return found
+
+    def forget(self, rows: Iterable[int]) -> None:
+        """Drops trials, so that they count as not done."""
+        with self._transaction():
+            self._connection.execute("REINDEX trials")  # finds a row whose damage is in its id
+            self._connection.executemany("DELETE FROM trials WHERE rowid = ?", [(row,) for row in rows])
 
     def sizes(self) -> tuple[int, float, float]:
         """Of the finished trials: how many, their mean wall time in seconds, their mean size in bytes."""
@@ -162,6 +206,20 @@ class Store:
                 "SELECT count(*), avg(wall_s), avg(length(result)) FROM trials WHERE status = 'finished'"
             ).fetchone()
         return count, wall_s or 0.0, size or 0.0
+
+
+def _damaged(path: Path, trial_id: str, seed: int, part: str) -> InputError:
+    return InputError(
+        f"{path}: trial {trial_id} (seed {seed}): its {part} cannot be read, the file is damaged there;"
+        " the command that ran the campaign, given again, runs this trial anew and keeps the others"
+    )
+
+
+def _provenance(text: str) -> Provenance:
+    try:
+        return dict(json.loads(text))
+    except (TypeError, ValueError):
+        return {"damaged": text}
 
 
 def open_or_create(path: Path, definition: Definition) -> Store:

@@ -46,8 +46,11 @@ def encode_tables(result: TrialResult) -> bytes:
 
 
 def decode_tables(payload: bytes) -> dict[str, list[Row]]:
-    """The tables that :func:`encode_tables` packed."""
-    tables: dict[str, list[Row]] = json.loads(zlib.decompress(payload))
+    """The tables that :func:`encode_tables` packed. Raises ValueError if ``payload`` is damaged."""
+    try:
+        tables: dict[str, list[Row]] = json.loads(zlib.decompress(payload))
+    except (TypeError, zlib.error) as error:
+        raise ValueError(str(error)) from error
     return tables
 
 

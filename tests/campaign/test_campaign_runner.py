@@ -1,5 +1,6 @@
 import csv
 import os
+import sqlite3
 import subprocess
 import sys
 import time
@@ -113,6 +114,25 @@ def test_the_same_again_runs_nothing_and_an_extension_runs_the_rest(tmp_path: Pa
     assert run(tmp_path, trials=3).ran == 6
     run(tmp_path / "at_once", trials=3)
     assert exported(tmp_path) == exported(tmp_path / "at_once")
+
+
+def test_a_damaged_trial_alone_is_run_again(tmp_path: Path) -> None:
+    run(tmp_path)
+    sound = exported(tmp_path)
+    connection = sqlite3.connect(tmp_path / "campaign.sqlite")
+    connection.execute("UPDATE trials SET result = substr(result, 1, length(result) / 2) WHERE rowid = 4")
+    connection.commit()
+    connection.close()
+    campaign = Campaign(experiment="coins", grid=GRID, trials=3)
+    assert plan(campaign, tmp_path, experiments=coins).to_run == 1
+    listener = Listener()
+
+    again = run(tmp_path, {"progress": listener})
+
+    assert (again.ran, again.finished) == (1, 18)
+    (note,) = listener.notes
+    assert "campaign.sqlite: damaged; what cannot be read is run again: trial " in note
+    assert exported(tmp_path) == sound
 
 
 def test_starting_over_keeps_the_old_store(tmp_path: Path) -> None:

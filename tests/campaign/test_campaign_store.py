@@ -1,3 +1,4 @@
+import random
 import sqlite3
 from pathlib import Path
 
@@ -113,6 +114,91 @@ def test_a_store_with_a_scrambled_page_is_refused(filled: Path) -> None:
 
     with pytest.raises(InputError, match="damaged"):
         open_store(filled)
+
+
+def change(path: Path, statement: str, *values: object) -> None:
+    connection = sqlite3.connect(path)
+    connection.execute(statement, values)
+    connection.commit()
+    connection.close()
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [("result", b"x\x9c"), ("parameters", "{}"), ("parameters", "{"), ("seed", 77), ("trial_id", "f" * 16)],
+)
+def test_a_damaged_trial_is_named_and_can_be_forgotten(filled: Path, column: str, value: object) -> None:
+    with open_store(filled) as store:
+        wanted = [trial.trial_id for trial in store.trials()]
+    change(filled, f"UPDATE trials SET {column} = ? WHERE rowid = 5", value)
+
+    with open_store(filled) as store:
+        with pytest.raises(
+            InputError, match=r"campaign\.sqlite: trial \w{16} \(seed \d+\): its .* given again"
+        ):
+            _ = [trial.tables for trial in store.trials()]
+        assert list(store.damaged()) == [5]
+        store.forget([5])
+        kept = [trial.trial_id for trial in store.trials() if trial.tables]
+    assert len(kept) == 11
+    assert set(kept) < set(wanted)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "DELETE FROM campaign",
+        "UPDATE campaign SET definition = '{'",
+        "UPDATE campaign SET definition = '{}'",
+        "DROP TABLE trials",
+        "DROP TABLE campaign",
+    ],
+)
+def test_a_store_that_lost_what_it_is_about_is_refused(filled: Path, statement: str) -> None:
+    change(filled, statement)
+
+    with (
+        pytest.raises(InputError, match=r"campaign\.sqlite: .*damaged.* --fresh to start over"),
+        open_store(filled) as store,
+    ):
+        _ = list(store.trials())
+
+
+def test_a_folder_in_the_stores_place_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "campaign.sqlite").mkdir()
+    with pytest.raises(InputError, match=r"campaign\.sqlite: .* move it away, or give another -o"):
+        open_or_create(tmp_path / "campaign.sqlite", definition())
+
+
+def test_a_run_whose_origin_is_damaged_costs_no_trial(filled: Path) -> None:
+    change(filled, "UPDATE runs SET provenance = '{'")
+
+    with open_store(filled) as store:
+        (run,) = store.runs()
+        assert run["damaged"] == "{"
+        assert len(list(store.trials())) == 12
+
+
+def test_no_flipped_bit_is_more_than_one_line_and_none_costs_more_than_it_must(filled: Path) -> None:
+    sound = filled.read_bytes()
+    chance = random.Random(1)
+    refusals: list[str] = []
+    mended = 0
+    for _ in range(150):
+        flipped = bytearray(sound)
+        flipped[chance.randrange(len(sound))] ^= 1 << chance.randrange(8)
+        filled.write_bytes(flipped)
+        try:
+            with open_or_create(filled, definition()) as store:
+                damaged = store.damaged()
+                store.forget(damaged)
+                mended += bool(damaged)
+                assert len([trial for trial in store.trials() if trial.payload is None or trial.tables]) >= 11
+        except InputError as error:
+            refusals.append(str(error))
+    assert mended > 0
+    assert 0 < len(refusals) < 75
+    assert not any("\n" in refusal for refusal in refusals)
 
 
 @pytest.mark.parametrize("content", [b"trial,tp,fp\n1-robot,3,4\n" * 40, b"\x00" * 5000, b"x"])
