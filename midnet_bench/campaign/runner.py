@@ -4,6 +4,7 @@ import contextlib
 import signal
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,6 +41,8 @@ class CampaignOutcome:
     store: Path
     finished: int
     failed: int
+    unusable: dict[str, int]
+    """why trials that failed could not use their input -> how many; trying again would not help them"""
     ran: int
     """trials that this run added"""
     wall_s: float
@@ -95,6 +98,7 @@ def run_campaign(
                 store=path,
                 finished=statuses.count("finished"),
                 failed=statuses.count("failed"),
+                unusable=_unusable(store),
                 ran=ran,
                 wall_s=time.perf_counter() - start_s,
                 notes=_notes(store),
@@ -236,6 +240,11 @@ def _interruptible() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def _unusable(store: stores.Store) -> dict[str, int]:
+    name = f"{InputError.__module__}.{InputError.__qualname__}: "
+    return Counter(line.removeprefix(name) for line in store.failures() if line.startswith(name))
 
 
 def _notes(store: stores.Store) -> list[str]:

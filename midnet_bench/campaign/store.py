@@ -23,6 +23,7 @@ FILE_NAME = "campaign.sqlite"
 class StoredTrial:
     """One trial as the store keeps it."""
 
+    store: Path
     trial_id: str
     seed: int
     parameters: dict[str, Scalar]
@@ -32,7 +33,6 @@ class StoredTrial:
     traceback: str | None
     finished_utc: str
     payload: bytes | None
-    store: Path
 
     @property
     def tables(self) -> dict[str, list[Row]]:
@@ -102,6 +102,12 @@ class Store:
         with explained(self.path):
             return dict(self._connection.execute("SELECT trial_id, status FROM trials"))
 
+    def failures(self) -> list[str]:
+        """Of each failed trial the last line of its traceback: the exception and what it says."""
+        with explained(self.path):
+            rows = self._connection.execute("SELECT traceback FROM trials WHERE status = 'failed'").fetchall()
+        return [text.splitlines()[-1] for (text,) in rows]
+
     def begin_run(self, provenance: Provenance) -> int:
         """Notes that a process begins to add trials; the run's id."""
         with self._transaction():
@@ -163,7 +169,7 @@ class Store:
                     " FROM trials WHERE rowid = ?",
                     (row_id,),
                 ).fetchone()
-                yield StoredTrial(row[0], row[1], json.loads(row[2]), *row[3:], store=self.path)
+                yield StoredTrial(self.path, row[0], row[1], json.loads(row[2]), *row[3:])
 
     def _place(self, definition: Definition, trial_id: str, seed: int, text: str) -> tuple[list[int], int]:
         """Where a trial stands in the campaign's order. Raises InputError if what it ran is damaged."""

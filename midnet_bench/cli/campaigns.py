@@ -10,8 +10,12 @@ from midnet_bench.cli import options
 from midnet_bench.cli.app import app
 
 if TYPE_CHECKING:
+    from midnet_bench.campaign.runner import CampaignOutcome
     from midnet_bench.campaign.spec import Campaign
     from midnet_bench.experiments.trial import Scalar
+
+MOST_REASONS = 5
+"""different reasons that are told when trials fail; failures.csv has them all"""
 
 
 @app.command(rich_help_panel="Campaigns")
@@ -122,9 +126,11 @@ def _run(
     directory = output or options.RESULTS / campaign.name
     if dry_run:
         ahead = plan(campaign, directory, jobs=jobs, retry_failed=retry_failed, fresh=fresh)
-        basis = f"{ahead.measured_on} finished trials" if ahead.measured_on else "a rule of thumb"
+        finished = _counted(ahead.measured_on, "finished trial")
+        basis = finished if ahead.measured_on else "a rule of thumb"
         typer.echo(
-            f"{ahead.cells} cells, {ahead.trials} trials, {ahead.to_run} of them to run; by {basis} about "
+            f"{_counted(ahead.cells, 'cell')}, {_counted(ahead.trials, 'trial')},"
+            f" {ahead.to_run} of them to run; by {basis} about "
             f"{timedelta(seconds=round(ahead.wall_s))} and {ahead.disk_bytes / 1e6:.1f} MB in {directory}"
         )
         return
@@ -144,11 +150,26 @@ def _run(
     for note in outcome.notes:
         typer.echo(f"note: {note}", err=True)
     if outcome.failed:
-        typer.echo(
-            f"{outcome.failed} trials failed: see {directory / 'failures.csv'}; --retry-failed tries again",
-            err=True,
-        )
-        raise typer.Exit(1)
+        raise typer.Exit(_tell_of_failures(outcome, directory / "failures.csv"))
+
+
+def _tell_of_failures(outcome: "CampaignOutcome", file: Path) -> int:
+    """Says why trials failed; the exit code: 2 if nothing but their input was wrong."""
+    from midnet_bench.errors import InputError
+
+    for reason, count in list(outcome.unusable.items())[:MOST_REASONS]:
+        typer.echo(f"error: {reason} ({_counted(count, 'trial')})", err=True)
+    unusable = sum(outcome.unusable.values())
+    if unusable:
+        typer.echo(f"{_counted(unusable, 'trial')} could not use the input: see {file}", err=True)
+    others = outcome.failed - unusable
+    if others:
+        typer.echo(f"{_counted(others, 'trial')} failed: see {file}; --retry-failed tries again", err=True)
+    return 1 if others else InputError.exit_code
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def _parsed(settings: list[str] | None) -> "dict[str, Scalar]":

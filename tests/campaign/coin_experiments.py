@@ -61,6 +61,8 @@ def make_trouble(kind: str, file: Path, tables: dict[str, list[Row]]) -> None:
         ctypes.string_at(0)
     elif kind == "raise":
         raise ValueError("the coin stands on its edge")
+    elif kind == "refuse":
+        raise InputError("table: nothing stands on it")
     elif kind == "exit":
         raise SystemExit(3)
     elif kind == "odd":

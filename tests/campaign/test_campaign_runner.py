@@ -166,6 +166,17 @@ def test_a_trial_that_raises_is_stored_as_failed(tmp_path: Path, trouble: str, l
     assert len(tables["failures.csv"].splitlines()) == 7
 
 
+def test_input_that_no_trial_can_use_is_told_apart_from_failures(tmp_path: Path) -> None:
+    grid = {"coins": [1, 2]}
+    refused = run(tmp_path / "a", grid=grid, parameters={"trouble": "refuse", "trouble_seed": 2})
+    raised = run(tmp_path / "b", grid=grid, parameters={"trouble": "raise", "trouble_seed": 2})
+
+    assert (refused.failed, refused.unusable) == (2, {"table: nothing stands on it": 2})
+    assert (raised.failed, raised.unusable) == (2, {})
+    reasons = exported(tmp_path / "a")["failures.csv"].decode().splitlines()[1:]
+    assert all(row.endswith("midnet_bench.errors.InputError: table: nothing stands on it") for row in reasons)
+
+
 def test_failures_are_tried_again_on_request_alone(tmp_path: Path) -> None:
     trouble = {"trouble": "first", "trouble_seed": 1, "trouble_file": str(tmp_path / "been_here")}
     grid = {"coins": [4]}

@@ -127,6 +127,21 @@ def write_map(folder: Path, **changes: object) -> None:
     (folder / "map.pgm").write_bytes(b"P5\n160 160\n255\n" + bytes([254]) * (160 * 160))
 
 
+def test_input_that_no_trial_can_use_is_named_at_the_end(tmp_path: Path) -> None:
+    write_map(tmp_path)
+    (tmp_path / "map.pgm").write_bytes(b"P5\n160 160\n255\n" + bytes(160 * 160))  # all of it is wall
+    run = ("detection", "--frames", 5, "--robots", 1, "--seeds", 2, "--map", "map.yaml", "-o", "out")
+    for _ in range(2):  # the second time from the store
+        done = midnet_bench(*run, folder=tmp_path)
+        *_, reason, count = done.stderr.splitlines()
+        assert done.returncode == 2
+        assert reason.startswith("error: prior_map: no cell")
+        assert reason.endswith(" (2 trials)")
+        assert count == "2 trials could not use the input: see out/failures.csv"
+        assert "Traceback" not in done.stderr
+    assert len(rows(tmp_path / "out" / "failures.csv")) == 2
+
+
 def missing_image(folder: Path) -> None:
     write_map(folder)
     (folder / "map.pgm").unlink()
