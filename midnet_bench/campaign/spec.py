@@ -27,7 +27,9 @@ class Campaign(Spec):
     """What decides every number of a campaign. See ``campaigns/*.yaml`` for examples."""
 
     experiment: Annotated[str, Strict()]
-    name: Annotated[str, Strict()] = Field("", description="the file's name unless given; names its folder")
+    name: Annotated[str, Strict()] = Field(
+        "campaign", description="the file's name unless given; names its folder"
+    )
     grid: dict[str, list[Scalar]] = Field(
         default_factory=dict, description="factor -> values; a cell is one value of each"
     )
@@ -36,7 +38,16 @@ class Campaign(Spec):
         1, ge=0, le=2**53, description="trial k of every cell has seed base_seed + k"
     )
     parameters: dict[str, Scalar] = Field(default_factory=dict, description="the same in every cell")
-    trial_timeout_s: float = Field(3600.0, gt=0, description="wall time after which a trial has failed")
+    trial_timeout_s: float = Field(
+        3600.0, gt=0, le=1e6, description="wall time after which a trial has failed"
+    )
+
+    @field_validator("name")
+    @classmethod
+    def _names_one_folder(cls, name: str) -> str:
+        if name in ("", ".", "..") or not name.isprintable() or "/" in name or "\\" in name:
+            raise ValueError("the results' folder is named so; give one plain name, such as evening-run")
+        return name
 
     @field_validator("grid", "parameters", mode="before")
     @classmethod
