@@ -6,7 +6,8 @@ from pathlib import Path
 import joblib
 
 from midnet_bench.campaign.definition import definition_of
-from midnet_bench.campaign.spec import Campaign, Experiments, trials
+from midnet_bench.campaign.pools import check_options
+from midnet_bench.campaign.spec import Campaign, Experiments
 from midnet_bench.campaign.store import FILE_NAME, open_store
 from midnet_bench.experiments import registry
 
@@ -36,6 +37,8 @@ def plan(
     directory: Path,
     *,
     jobs: int | None = None,
+    backend: str = "loky",
+    scheduler: str | None = None,
     retry_failed: bool = False,
     fresh: bool = False,
     experiments: Experiments = registry,
@@ -43,8 +46,10 @@ def plan(
     """What :func:`run_campaign` with the same arguments would run.
 
     Raises:
-        InputError: as :func:`run_campaign`, if the store in ``directory`` is no good for ``campaign``.
+        InputError: as :func:`run_campaign`, of a wrong option or if the store in ``directory`` is no good
+            for ``campaign``. Whether a scheduler answers is not asked.
     """
+    check_options(backend, jobs, scheduler)
     definition = definition_of(campaign, experiments)
     statuses: dict[str, str] = {}
     measured_on, wall_s, size = 0, RULE_OF_THUMB_WALL_S, RULE_OF_THUMB_BYTES
@@ -56,13 +61,15 @@ def plan(
             statuses = {key: status for key, status in store.statuses().items() if key not in damaged}
             if "finished" in statuses.values():
                 measured_on, wall_s, size = store.sizes()
-    stored = [statuses.get(spec.trial_id) for spec in trials(campaign, experiments)]
+    # a store holds no trials but those of the campaign that it was made for, and this one extends that
+    stored = list(statuses.values())
     finished, failed = stored.count("finished"), stored.count("failed")
-    to_run = len(stored) - finished - (0 if retry_failed else failed)
+    all_trials = definition.cells * definition.trials
+    to_run = all_trials - finished - (0 if retry_failed else failed)
     workers = min(jobs or joblib.cpu_count(), max(1, to_run))
     return Plan(
         cells=definition.cells,
-        trials=len(stored),
+        trials=all_trials,
         finished=finished,
         failed=failed,
         to_run=to_run,

@@ -11,8 +11,10 @@ import joblib
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from midnet_bench.campaign.worker import Outcome, RunTrial, attempt, marked, prepare_worker
-from midnet_bench.errors import InputError
+from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.trial import TrialSpec
+
+BACKENDS = ("loky", "dask")
 
 
 class WorkersLost(Exception):
@@ -42,12 +44,24 @@ class Pool(Protocol):
         """Lets go of what the pool holds."""
 
 
+def check_options(backend: str, jobs: int | None, scheduler: str | None) -> None:
+    """Raises InputError unless the options that say where trials run go together."""
+    if backend not in BACKENDS:
+        raise InputError(f"--backend {backend}: unknown{nearest_name(backend, BACKENDS)}")
+    if backend == "dask" and scheduler is None:
+        raise InputError(
+            "--backend dask: give the scheduler's address, e.g. --scheduler tcp://127.0.0.1:8786"
+        )
+    if backend != "dask" and scheduler is not None:
+        raise InputError(f"--scheduler {scheduler}: only with --backend dask")
+    if jobs is not None and jobs < 1:
+        raise InputError(f"--jobs {jobs}: give 1 or more")
+
+
 class LokyPool:
     """Worker processes of this machine. One that dies takes the others along; new ones are started."""
 
     def __init__(self, jobs: int, marks: Path) -> None:
-        if jobs < 1:
-            raise InputError(f"--jobs {jobs}: give 1 or more")
         self._jobs = jobs
         self._marks = marks
 

@@ -15,16 +15,15 @@ import joblib
 from midnet_bench.campaign import store as stores
 from midnet_bench.campaign.database import only_writer
 from midnet_bench.campaign.definition import definition_of
-from midnet_bench.campaign.pools import LokyPool, Pool, WorkersLost
+from midnet_bench.campaign.pools import LokyPool, Pool, WorkersLost, check_options
 from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.spec import Campaign, Experiments, trials
 from midnet_bench.campaign.worker import HARD_LIMIT_S, Outcome
-from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
+from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.trial import TrialSpec
 
-BACKENDS = ("loky", "dask")
 MOST_LOSSES_IN_VAIN = 3
 
 
@@ -157,19 +156,12 @@ def _missing(
 @contextlib.contextmanager
 def _pool(backend: str, jobs: int | None, scheduler: str | None, directory: Path) -> Iterator[Pool]:
     """The pool that the options ask for; says what is wrong with them before anything is touched."""
-    if backend not in BACKENDS:
-        raise InputError(f"--backend {backend}: unknown{nearest_name(backend, BACKENDS)}")
-    if backend == "dask":
-        if scheduler is None:
-            raise InputError(
-                "--backend dask: give the scheduler's address, e.g. --scheduler tcp://127.0.0.1:8786"
-            )
+    check_options(backend, jobs, scheduler)
+    if scheduler is not None:
         from midnet_bench.campaign.dask_pool import DaskPool
 
         pool: Pool = DaskPool(scheduler)
     else:
-        if scheduler is not None:
-            raise InputError(f"--scheduler {scheduler}: only with --backend dask")
         pool = LokyPool(joblib.cpu_count() if jobs is None else jobs, directory / ".running")
     with contextlib.closing(pool):
         yield pool

@@ -125,7 +125,15 @@ def _run(
 
     directory = output or options.RESULTS / campaign.name
     if dry_run:
-        ahead = plan(campaign, directory, jobs=jobs, retry_failed=retry_failed, fresh=fresh)
+        ahead = plan(
+            campaign,
+            directory,
+            jobs=jobs,
+            backend=backend,
+            scheduler=scheduler,
+            retry_failed=retry_failed,
+            fresh=fresh,
+        )
         finished = _counted(ahead.measured_on, "finished trial")
         basis = finished if ahead.measured_on else "a rule of thumb"
         typer.echo(

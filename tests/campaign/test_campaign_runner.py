@@ -268,6 +268,8 @@ def test_a_wrong_option_is_refused_before_anything_is_touched(
 
     with pytest.raises(InputError, match=complaint):
         run(tmp_path, {"fresh": True, **options})
+    with pytest.raises(InputError, match=complaint):
+        plan(Campaign(experiment="coins"), tmp_path / "new", experiments=coins, **options)
 
     assert (tmp_path / "campaign.sqlite").read_bytes() == before
 

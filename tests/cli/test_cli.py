@@ -1,6 +1,7 @@
 """The real command line on tiny campaigns, and what it says to wrong input."""
 
 import json
+import time
 from pathlib import Path
 
 import pytest
@@ -76,6 +77,18 @@ def test_a_dry_run_runs_nothing(tmp_path: Path) -> None:
     done = midnet_bench("labyrinth", "--trials", 20, "--dry-run", folder=tmp_path)
     assert "500 trials" in done.stdout
     assert not (tmp_path / "results").exists()
+
+
+def test_a_dry_run_of_millions_of_trials_is_quick(tmp_path: Path) -> None:
+    start_s = time.monotonic()
+    done = midnet_bench("labyrinth", "--trials", 1_000_000, "--dry-run", folder=tmp_path)
+    assert done.stdout.startswith("25 cells, 25000000 trials, 25000000 of them to run")
+    assert time.monotonic() - start_s < 30
+
+
+def test_one_of_each_is_counted_in_the_singular(tmp_path: Path) -> None:
+    done = midnet_bench("detection", "--robots", 1, "--dry-run", folder=tmp_path)
+    assert done.stdout.startswith("1 cell, 1 trial, 1 of them to run")
 
 
 def test_labyrinth_then_report_power_and_verify(tmp_path: Path) -> None:
@@ -179,6 +192,8 @@ CAMPAIGN = ("run", "campaign.yaml")
         (None, ("run", "absent.yaml"), ["absent.yaml"]),
         (None, ("report", "absent"), ["absent"]),
         (None, ("labyrinth", "--backend", "dusk"), ["dusk", "dask"]),
+        (None, ("labyrinth", "--backend", "dask", "-n"), ["--backend dask", "--scheduler"]),
+        (None, ("labyrinth", "--scheduler", "tcp://a:1", "-n"), ["--scheduler tcp://a:1", "--backend dask"]),
         (None, ("render", "--frame", "0"), ["frame", "0"]),
         (None, ("render", "mapping"), ["mapping", "midnet-bench map"]),
         (None, ("parameters", "labirynth"), ["labirynth", "labyrinth"]),
