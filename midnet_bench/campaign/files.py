@@ -1,17 +1,21 @@
 """Files that are there in full or not at all."""
 
 import contextlib
+import errno
 import os
 from pathlib import Path
 
-from midnet_bench.errors import MidnetBenchError
+from midnet_bench.errors import InputError, MidnetBenchError
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
     """Writes ``content`` beside ``path``, then puts it in its place, so that no reader sees half of it.
 
+    An older file is left as it was if that fails.
+
     Raises:
-        MidnetBenchError: the folder cannot be written, or there is no room; an older file is left as it was.
+        InputError: the place cannot be written.
+        MidnetBenchError: there is no room.
     """
     draft = path.with_name(f".{path.name}.new")
     try:
@@ -21,4 +25,8 @@ def write_atomically(path: Path, content: str | bytes) -> None:
     except OSError as error:
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)
-        raise MidnetBenchError(f"{path}: cannot be written: {error.strerror}") from error
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise MidnetBenchError(f"{path}: cannot be written: {error.strerror}; make room") from error
+        raise InputError(
+            f"{path}: cannot be written: {error.strerror}; its folder must be one that you may write to"
+        ) from error

@@ -20,7 +20,7 @@ from midnet_bench.campaign.files import write_atomically
 from midnet_bench.campaign.progress import Lines, progress_on
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.worker import Outcome
-from midnet_bench.errors import MidnetBenchError
+from midnet_bench.errors import InputError
 
 GOOD = Outcome("0" * 16, 1.0, 1.0, b"result")
 BAD = Outcome("1" * 16, 1.0, failure="ValueError: no")
@@ -47,7 +47,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
     assert path.read_bytes() == b"two"
     assert list(path.parent.iterdir()) == [path]
 
-    with pytest.raises(MidnetBenchError, match=r"table\.csv/deeper\.csv: cannot be written"):
+    with pytest.raises(InputError, match=r"table\.csv/deeper\.csv: cannot be written: .*; its folder must"):
         write_atomically(path / "deeper.csv", "three")
     assert path.read_bytes() == b"two"
 

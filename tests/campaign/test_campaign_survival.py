@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 from campaign_process import exported, finish, start, wait_for
 
+from midnet_bench.campaign.files import write_atomically
 from midnet_bench.campaign.store import open_store
+from midnet_bench.errors import MidnetBenchError
 
 FORTY = {"grid": {"coins": [1, 2], "table": ["wood", "glass"]}, "trials": 10, "parameters": {"work_s": 0.05}}
 LONG = {"trials": 400, "parameters": {"work_s": 0.2}}
@@ -155,6 +157,21 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(disk)], check=True)
 
 
+def fill(disk: Path) -> None:
+    with contextlib.suppress(OSError), (disk / "ballast").open("wb", buffering=0) as ballast:
+        while True:
+            ballast.write(bytes(4096))
+
+
+def test_a_table_that_a_full_disk_has_no_room_for_is_no_wrong_input(small_disk: Path) -> None:
+    fill(small_disk)
+    with pytest.raises(
+        MidnetBenchError, match=r"table\.csv: cannot be written: No space .*; make room"
+    ) as caught:
+        write_atomically(small_disk / "table.csv", bytes(100_000))
+    assert caught.value.exit_code == 1
+
+
 def test_a_full_disk_is_one_line_and_resumes_when_there_is_room(tmp_path: Path, small_disk: Path) -> None:
     noisy = {"trials": 40, "parameters": {"noise_bytes": 20_000}}
     code, out, err = finish(start(small_disk, noisy, jobs=2))
@@ -179,9 +196,7 @@ def test_a_full_disk_is_one_line_and_resumes_when_there_is_room(tmp_path: Path, 
 
 
 def test_a_campaign_cannot_start_on_a_full_disk(small_disk: Path) -> None:
-    with contextlib.suppress(OSError), (small_disk / "ballast").open("wb", buffering=0) as ballast:
-        while True:
-            ballast.write(bytes(4096))
+    fill(small_disk)
     code, _, err = finish(start(small_disk / "results", FORTY, jobs=2))
 
     assert code in (1, 2)
