@@ -103,8 +103,12 @@ def override(
     return changed
 
 
-def parse_settings(settings: Iterable[str]) -> dict[str, Scalar]:
+def parse_settings(settings: Iterable[str], map_file: Path | None = None) -> dict[str, Scalar]:
     """``["capture=contact", "frames=200"]`` as a mapping, values read as YAML scalars.
+
+    Args:
+        settings: what ``--set`` gave.
+        map_file: what ``--map`` gave, which is short for ``prior_map``.
 
     Raises:
         InputError: no ``=``, no key, a key given twice or known as another option, or no scalar.
@@ -124,6 +128,12 @@ def parse_settings(settings: Iterable[str]) -> dict[str, Scalar]:
         if not isinstance(value, str | int | float | bool | None):
             raise InputError(f"{option}: the value must be one number, word or true/false")
         parsed[key] = value
+    if map_file is not None:
+        if "prior_map" in parsed:
+            raise InputError(
+                f"--map {map_file}: --set prior_map={parsed['prior_map']} too; give one of the two"
+            )
+        parsed["prior_map"] = str(map_file)
     return parsed
 
 

@@ -35,7 +35,7 @@ def detection(
     as_json: options.Json = False,
 ) -> None:
     """Print the paper's detection table, from simulated scans."""
-    parameters = {"arena": arena, "frames": frames, **_map_parameter(map_file), **_parsed(settings)}
+    parameters = {"arena": arena, "frames": frames, **_parsed(settings, map_file)}
     campaign = _campaign("detection", {"robots": _integers(robots, "--robots")}, seeds, seed, parameters)
     _run(campaign, output, jobs, dry_run, fresh, retry_failed, as_json)
 
@@ -59,7 +59,7 @@ def labyrinth(
     as_json: options.Json = False,
 ) -> None:
     """Run the paper's labyrinth sweep; the same command again goes on where it stopped."""
-    parameters = {"arena": arena, **_map_parameter(map_file), **_parsed(settings)}
+    parameters = {"arena": arena, **_parsed(settings, map_file)}
     grid = {
         "intruders": _integers(intruders, "--intruders"),
         "robots": _integers(robots, "--robots"),
@@ -73,6 +73,7 @@ def run(
     file: Annotated[Path, typer.Argument(help="A campaign file, such as campaigns/labyrinth.yaml.")],
     trials: Annotated[int | None, typer.Option(min=1, help="Trials per cell instead of the file's.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="First seed instead of the file's.")] = None,
+    map_file: options.Map = None,
     settings: options.Settings = None,
     output: options.Output = None,
     jobs: options.Jobs = None,
@@ -86,7 +87,7 @@ def run(
     """Run any campaign file; the same command again goes on where it stopped."""
     from midnet_bench.campaign.spec import load_campaign, override
 
-    campaign = override(load_campaign(file), _parsed(settings), trials=trials, base_seed=seed)
+    campaign = override(load_campaign(file), _parsed(settings, map_file), trials=trials, base_seed=seed)
     _run(campaign, output, jobs, dry_run, fresh, retry_failed, as_json, backend, scheduler)
 
 
@@ -180,14 +181,10 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def _parsed(settings: list[str] | None) -> "dict[str, Scalar]":
+def _parsed(settings: list[str] | None, map_file: Path | None) -> "dict[str, Scalar]":
     from midnet_bench.campaign.spec import parse_settings
 
-    return parse_settings(settings or [])
-
-
-def _map_parameter(map_file: Path | None) -> "dict[str, Scalar]":
-    return {"prior_map": str(map_file)} if map_file else {}
+    return parse_settings(settings or [], map_file)
 
 
 def _integers(text: str, option: str) -> list[int]:

@@ -30,12 +30,10 @@ def render(
 
     chosen = {"robots": robots, "intruders": intruders, "frames": frames, "arena": arena}
     parameters = {key: value for key, value in chosen.items() if value is not None}
-    if map_file:
-        parameters["prior_map"] = str(map_file)
     directory = output or options.RESULTS / f"render-{experiment}-{seed}"
     files = render_trial(
         experiment,
-        {**parameters, **parse_settings(settings or [])},
+        {**parameters, **parse_settings(settings or [], map_file)},
         seed,
         directory,
         frame,

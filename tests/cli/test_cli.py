@@ -1,6 +1,7 @@
 """The real command line on tiny campaigns, and what it says to wrong input."""
 
 import json
+import shutil
 import time
 from pathlib import Path
 
@@ -61,6 +62,15 @@ def test_one_worker_gives_the_bytes_of_two_and_another_seed_gives_others(
         if file.name != "timing.csv":
             assert file.read_bytes() == (tmp_path / "one" / file.name).read_bytes(), file.name
     assert (tmp_path / "other" / "frames.csv").read_bytes() != (detection / "frames.csv").read_bytes()
+
+
+def test_results_that_cannot_be_written_are_one_line_and_exit_code_2(detection: Path) -> None:
+    folder = detection.parent
+    (folder / "file").touch()
+    shutil.copytree(detection, folder / "other")
+    for place in ("file", "/proc/nowhere"):
+        done = midnet_bench("compare", "out", "other", "-o", place, folder=folder)
+        assert place in one_line_of_complaint(done)
 
 
 def test_the_same_command_again_runs_nothing_and_prints_the_same(detection: Path) -> None:
@@ -189,6 +199,13 @@ CAMPAIGN = ("run", "campaign.yaml")
         (None, ("detection", "--set", "thresh_local"), ["thresh_local", "key=value"]),
         (None, ("detection", "-o", "/proc/nowhere"), ["/proc/nowhere"]),
         (None, ("detection", "--arena", "map9"), ["map9", "did you mean"]),
+        (None, (*MAP, "--set", "prior_map=exact"), ["--map map.yaml", "--set prior_map=exact", "one of"]),
+        (None, ("render", *MAP[1:], "--set", "prior_map=exact"), ["--map map.yaml", "prior_map=exact"]),
+        (
+            lambda folder: campaign(folder, "experiment: detection\n"),
+            ("run", "campaign.yaml", *MAP[1:]),
+            ["map.yaml", "cannot be read"],
+        ),
         (None, ("run", "absent.yaml"), ["absent.yaml"]),
         (None, ("report", "absent"), ["absent"]),
         (None, ("labyrinth", "--backend", "dusk"), ["dusk", "dask"]),
