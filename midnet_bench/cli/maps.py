@@ -48,7 +48,7 @@ def make_map(
     if from_log is not None:
         if exact or robots is not None or values:
             raise InputError("map: --from-log does not go with --exact, --robots or --set")
-        _map_log(from_log, particles or PARTICLES, seed, output or _folder(from_log.name))
+        _map_log(from_log, particles or PARTICLES, seed, clip, output or _folder(from_log.name))
         return
     assert arena is not None
     if exact:
@@ -73,10 +73,14 @@ def _draw_exactly(values: "dict[str, Scalar]", output: Path) -> None:
     _tell_of(grid, write_map(MapFiles.at(output), grid, f"{arena.name}, drawn exactly", chosen))
 
 
-def _map_log(log: Path, particles: int, seed: int, output: Path) -> None:
+def _map_log(path: Path, particles: int, seed: int, clip: bool, output: Path) -> None:
+    from midnet_bench.mapping.log_reading import read_scan_log
+
+    log = read_scan_log(path)
+    # after the log is read: these take seconds, and a bad log is told at once
     from midnet_bench.report.log_map import write_log_map
 
-    made = write_log_map(log, particles, seed, output, progress=_tell_scans)
+    made = write_log_map(log, particles, seed, output, clip, progress=_tell_scans)
     _warn(made.warnings)
     _tell_of(made.grid, made.files)
 

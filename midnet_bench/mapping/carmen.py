@@ -9,15 +9,15 @@ import numpy.typing as npt
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.log_text import finite
+from midnet_bench.mapping.log_text import count_of, finite
 from midnet_bench.mapping.motion_model import odometry_increment
 from midnet_bench.mapping.scan_log import (
+    LARGEST_MAP_M,
     LoggedScan,
     ScanLog,
-    check_same_length,
+    check_newest,
     half_circle,
     take_ranges,
-    with_ceiling,
 )
 from midnet_bench.messages import LidarGeometry
 
@@ -42,7 +42,8 @@ def parse_carmen(path: Path, lines: list[str]) -> ScanLog:
     passed over.
 
     Raises:
-        InputError: no scan, no odometry, a number that is none, or a scan unlike the first one of the log.
+        InputError: no scan, no odometry, a number that is none or that no scanner has, or a scan unlike the
+            first one of the log.
     """
     kind = next((words[0] for line in lines if (words := line.split()) and words[0] in _PARSERS), None)
     if kind is None:
@@ -63,10 +64,10 @@ def _parse_flaser(path: Path, lines: list[str]) -> ScanLog:
         laser = Pose2D(*finite(rest[0:3], where, "laser pose"))
         odometry = Pose2D(*finite(rest[3:6], where, "odometry"))
         scans.append(LoggedScan(finite(rest[6:7], where, "stamp")[0], odometry, ranges_m))
-        check_same_length(scans, where)
+        check_newest(scans, where)
         lasers_on_base.append(odometry_increment(odometry, laser))
     geometry = _mounted(half_circle(len(scans[0].ranges_m)), lasers_on_base)
-    return ScanLog(path, with_ceiling(geometry, scans), scans)
+    return ScanLog(path, geometry, scans)
 
 
 def _parse_rawlaser(path: Path, lines: list[str]) -> ScanLog:
@@ -84,11 +85,11 @@ def _parse_rawlaser(path: Path, lines: list[str]) -> ScanLog:
             if not stamp:
                 raise InputError(f"{where}: the line ends before the stamp of the scan")
             scans.append(LoggedScan(stamp[0], odometry, ranges_m))
-            check_same_length(scans, where)
+            check_newest(scans, where)
             geometry = geometry or scanner
     if geometry is None:
         raise InputError(f"{path}: odometry missing: no ODOM line comes before a RAWLASER1 line")
-    return ScanLog(path, with_ceiling(geometry, scans), scans)
+    return ScanLog(path, geometry, scans)
 
 
 def _parse_robotlaser(path: Path, lines: list[str]) -> ScanLog:
@@ -105,10 +106,10 @@ def _parse_robotlaser(path: Path, lines: list[str]) -> ScanLog:
         laser = Pose2D(*finite(rest[0:3], where, "laser pose"))
         odometry = Pose2D(*finite(rest[3:6], where, "odometry"))
         scans.append(LoggedScan(finite(rest[-3:-2], where, "stamp")[0], odometry, ranges_m))
-        check_same_length(scans, where)
+        check_newest(scans, where)
         geometries.append(scanner)
         lasers_on_base.append(odometry_increment(odometry, laser))
-    return ScanLog(path, with_ceiling(_mounted(geometries[0], lasers_on_base), scans), scans)
+    return ScanLog(path, _mounted(geometries[0], lasers_on_base), scans)
 
 
 _PARSERS = {"FLASER": _parse_flaser, "RAWLASER1": _parse_rawlaser, "ROBOTLASER1": _parse_robotlaser}
@@ -123,12 +124,25 @@ def _messages(path: Path, lines: list[str], *kinds: str) -> Iterator[tuple[str, 
 
 
 def _take_scan(words: list[str], where: str) -> tuple[LidarGeometry, Floats, list[str]]:
-    """The scanner on the robot's base, its ranges and the words after ranges and remissions."""
+    """The scanner on the robot's base, its ranges and the words after ranges and remissions.
+
+    Raises InputError, named by ``where``, for a scanner that cannot be.
+    """
     if len(words) < 9:
         raise InputError(f"{where}: the line ends before the number of ranges")
     start_rad, _, step_rad, range_max_m = finite(words[2:6], where, "start angle, fov, step, largest range")
+    if step_rad == 0.0:
+        raise InputError(f"{where}: angle step: 0 rad; one beam lies beside the other in every scanner")
+    if range_max_m <= 0.0:
+        raise InputError(f"{where}: largest range: {range_max_m:g} m; it must be above 0")
     ranges_m, rest = take_ranges(words[8:], where)
-    remissions = 1 + int(rest[0]) if rest and rest[0].isdigit() else 0
+    too_far = ranges_m[(ranges_m > LARGEST_MAP_M) & (ranges_m < range_max_m)]
+    if len(too_far):
+        raise InputError(
+            f"{where}: range: {too_far[0]:g} m is further than {LARGEST_MAP_M:g} m; are ranges in metres?"
+        )
+    count = count_of(rest[0]) if rest else None
+    remissions = 0 if count is None else 1 + count
     base = Pose2D(0.0, 0.0, 0.0)
     geometry = LidarGeometry(len(ranges_m), start_rad, step_rad, 0.0, range_max_m, base)
     return geometry, ranges_m, rest[remissions:]

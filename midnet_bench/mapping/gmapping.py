@@ -116,6 +116,7 @@ class GMapping:
         self._ancestors: list[npt.NDArray[np.int64]] = []
         self._visit_map = VisitMap(settings.resolution_m)
         self._drawn: list[int] = []
+        self._bases: dict[tuple[int, int], Pose2D] = {}
 
     def process(self, odometry_pose: Pose2D, ranges_m: npt.NDArray[np.float64], time_s: float) -> bool:
         """Take a scan; True if it was integrated, False if the robot had not moved or waited enough.
@@ -166,16 +167,17 @@ class GMapping:
     @property
     def trajectory(self) -> Trajectory:
         """Where the best particle's lineage places the robot's base at each integrated scan."""
-        poses = [
-            self._base_pose(self._history[k][particle]) for k, particle in enumerate(self._best_lineage())
-        ]
+        poses = [self._base_at(k, particle) for k, particle in enumerate(self._best_lineage())]
         return Trajectory(np.array(self._stamps_s), np.array(poses, dtype=np.float64).reshape(-1, 3))
 
-    def occupancy(self) -> OccupancyGrid:
+    def occupancy(self, anew: bool = False) -> OccupancyGrid:
         """The map along the best particle's trajectory: int8, 100 occupied, 0 free, -1 unknown.
 
-        The same as if all its scans were drawn anew; only what differs from the last call is drawn.
+        Only what differs from the last call is drawn; ``anew`` draws all scans again, so that not even a
+        rounding at a cell's edge depends on how often the map was asked for before.
         """
+        if anew:
+            self._visit_map, self._drawn = VisitMap(self.settings.resolution_m), []
         lineage = self._best_lineage()
         same = 0
         while same < len(self._drawn) and self._drawn[same] == lineage[same]:
@@ -235,6 +237,12 @@ class GMapping:
             lineage.append(particle)
             particle = int(ancestors[particle])
         return lineage[::-1]
+
+    def _base_at(self, k: int, particle: int) -> Pose2D:
+        """Where a particle placed the robot's base at an integrated scan; worked out once."""
+        if (k, particle) not in self._bases:
+            self._bases[k, particle] = self._base_pose(self._history[k][particle])
+        return self._bases[k, particle]
 
     def _base_pose(self, sensor_pose: npt.NDArray[np.float64]) -> Pose2D:
         x, y, yaw = (float(value) for value in sensor_pose)

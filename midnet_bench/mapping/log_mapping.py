@@ -1,19 +1,23 @@
 """From a recorded log to a map and a trajectory."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.mapping.carmen import parse_carmen
 from midnet_bench.mapping.gmapping import GMapping
 from midnet_bench.mapping.gmapping_settings import RECORDED_LOG
-from midnet_bench.mapping.log_text import read_lines
+from midnet_bench.mapping.log_reading import read_scan_log
 from midnet_bench.mapping.scan_log import ScanLog
-from midnet_bench.mapping.scan_table import parse_table
 from midnet_bench.mapping.trajectory import Trajectory
 from midnet_bench.rng import stream
+
+MOST_LOOKS = 200
+
+Look = Callable[[int, GMapping], None]
+"""Is shown the filter after so many scans; it may ask for its map, pose and trajectory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,22 +32,6 @@ class MappingResult:
     """in the log; the trajectory has fewer where the robot had hardly moved since the scan before"""
     warnings: list[str]
     """one line for each kind of thing in the log that was left out"""
-
-
-def read_scan_log(path: Path) -> ScanLog:
-    """The scans of a log, gzipped or plain: a table if it begins with a number, else CARMEN's format.
-
-    Raises:
-        InputError: one line with the file and, where there is one, the line: an empty or unreadable file, no
-            scan, missing odometry, a scan of another length, a word that is no number, NaN for odometry, or
-            NaN for every range. Single NaN ranges are beams that say nothing.
-    """
-    lines = read_lines(path)
-    words = next((line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")), [""])
-    log = parse_table(path, lines) if _is_number(words[0]) else parse_carmen(path, lines)
-    if log.invalid_ranges == len(log) * log.geometry.beams:
-        raise InputError(f"{path}: every range in the log is NaN or infinite; there is nothing to map")
-    return log
 
 
 def start_mapping(log: ScanLog, particles: int, seed: int) -> GMapping:
@@ -67,6 +55,7 @@ def map_scans(
     particles: int = RECORDED_LOG.particles,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
+    look: Look | None = None,
 ) -> MappingResult:
     """The map and the trajectory that GMapping makes of a log; the same seed gives the same bytes.
 
@@ -75,19 +64,31 @@ def map_scans(
         particles: of the filter.
         seed: of the motion noise and the resampling.
         progress: called after each scan with the number of scans done and of all scans.
+        look: called after the first scan, after the last and at even distances between them, 200 times at
+            most. It changes nothing of the result.
 
     Raises:
-        InputError: the log has no usable range.
+        InputError: no scan that counts has a usable range, or there is not enough memory for the map.
     """
     slam = start_mapping(log, particles, seed)
-    for done, scan in enumerate(log, start=1):
-        slam.process(scan.odometry, scan.ranges_m, scan.stamp_s)
-        if progress is not None:
-            progress(done, len(log))
-    grid = slam.occupancy()
+    every = math.ceil(len(log) / (MOST_LOOKS - 1))
+    try:
+        for done, scan in enumerate(log, start=1):
+            slam.process(scan.odometry, scan.ranges_m, scan.stamp_s)
+            if look is not None and (done in (1, len(log)) or done % every == 0):
+                look(done, slam)
+            if progress is not None:
+                progress(done, len(log))
+        grid = slam.occupancy(anew=True)
+    except MemoryError as error:
+        raise InputError(
+            f"{log.path}: the map does not fit into memory; are odometry and ranges in metres? If so, take "
+            "fewer --particles"
+        ) from error
     if grid.data.size == 0:
         raise InputError(
-            f"{log.path}: no range lies between 0 and the sensor's {log.geometry.range_max_m:g} m"
+            f"{log.path}: no range of the scans after which the robot moved lies between 0 and "
+            f"{log.geometry.range_max_m:g} m; there is nothing to map"
         )
     warnings = []
     if log.invalid_ranges:
@@ -96,11 +97,3 @@ def map_scans(
             f"{log.path}: {log.invalid_ranges} of {total} ranges are NaN or infinite and were left out"
         )
     return MappingResult(grid, slam.trajectory, len(log), warnings)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True

@@ -11,11 +11,15 @@ import numpy.typing as npt
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.log_text import numbers
+from midnet_bench.mapping.log_text import count_of, numbers, shown
 from midnet_bench.messages import LidarGeometry
 
 SICK_RANGE_MAX_M = 81.8
 """a SICK LMS reports 81.83 m or a little more where nothing comes back"""
+LARGEST_MAP_M = 1000.0
+"""How far from where it began a log's odometry may come, along x and y, and how far a reading may reach. A
+map of a square kilometre is 400 million cells of 5 cm and takes gigabytes; the largest published logs span
+half a kilometre, and one in millimetres comes there in no time."""
 
 
 class LoggedScan(NamedTuple):
@@ -57,21 +61,30 @@ def take_ranges(words: list[str], where: str) -> tuple[npt.NDArray[np.float64], 
     do not say whether it means open space. Raises InputError, named by ``where``, if there are fewer ranges
     than announced or one is no number.
     """
-    if not words or not words[0].isdigit() or int(words[0]) < 2:
-        found = f"'{words[0]}'" if words else "nothing"
+    count = count_of(words[0]) if words else None
+    if count is None or count < 2:
+        found = shown(words[0]) if words else "nothing"
         raise InputError(f"{where}: the number of ranges must be a whole number from 2 on, not {found}")
-    count = int(words[0])
     if len(words) - 1 < count:
         raise InputError(f"{where}: {count} ranges are announced, but only {len(words) - 1} words follow")
     ranges_m = np.array(numbers(words[1 : 1 + count], where, "range"))
     return np.where(np.isfinite(ranges_m), ranges_m, np.nan), words[1 + count :]
 
 
-def check_same_length(scans: list[LoggedScan], where: str) -> None:
-    """Raise InputError if the last scan has another number of ranges than the first one."""
-    first, last = len(scans[0].ranges_m), len(scans[-1].ranges_m)
-    if first != last:
-        raise InputError(f"{where}: a scan of {last} ranges in a log whose first scan has {first}")
+def check_newest(scans: list[LoggedScan], where: str) -> None:
+    """Raise InputError if the last scan is not as long as the first one, or further off than a map can be."""
+    first, last = scans[0], scans[-1]
+    if len(first.ranges_m) != len(last.ranges_m):
+        raise InputError(
+            f"{where}: a scan of {len(last.ranges_m)} ranges in a log whose first scan has "
+            f"{len(first.ranges_m)}"
+        )
+    x, y, _ = last.odometry
+    if max(abs(x - first.odometry.x), abs(y - first.odometry.y)) > LARGEST_MAP_M:
+        raise InputError(
+            f"{where}: the odometry x {x:g}, y {y:g} lies more than {LARGEST_MAP_M:g} m from where the log "
+            "begins, and no map can be that large; is it in metres?"
+        )
 
 
 def half_circle(beams: int) -> LidarGeometry:

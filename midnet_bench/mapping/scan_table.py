@@ -4,15 +4,8 @@ from pathlib import Path
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.log_text import finite
-from midnet_bench.mapping.scan_log import (
-    LoggedScan,
-    ScanLog,
-    check_same_length,
-    half_circle,
-    take_ranges,
-    with_ceiling,
-)
+from midnet_bench.mapping.log_text import count_of, finite
+from midnet_bench.mapping.scan_log import LoggedScan, ScanLog, check_newest, half_circle, take_ranges
 
 
 def parse_table(path: Path, lines: list[str]) -> ScanLog:
@@ -29,7 +22,7 @@ def parse_table(path: Path, lines: list[str]) -> ScanLog:
         if not words:
             continue
         where = f"{path}:{number}"
-        if len(words) < 5 or not words[4].isdigit():
+        if len(words) < 5 or count_of(words[4]) is None:
             raise InputError(
                 f"{where}: odometry missing: a line must read 'stamp x y theta n r1 .. rn', with the number "
                 "of ranges in the fifth place"
@@ -41,5 +34,5 @@ def parse_table(path: Path, lines: list[str]) -> ScanLog:
                 f"{where}: {len(ranges_m)} ranges are announced, but {len(rest)} more words follow"
             )
         scans.append(LoggedScan(stamp_s, Pose2D(x, y, yaw), ranges_m))
-        check_same_length(scans, where)
-    return ScanLog(path, with_ceiling(half_circle(len(scans[0].ranges_m)), scans), scans)
+        check_newest(scans, where)
+    return ScanLog(path, half_circle(len(scans[0].ranges_m)), scans)

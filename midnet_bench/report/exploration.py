@@ -4,8 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
-
 import midnet_bench
 from midnet_bench.campaign.export import csv_text
 from midnet_bench.campaign.files import write_atomically
@@ -14,8 +12,9 @@ from midnet_bench.experiments.mapping import Exploration, ExplorationTrial
 from midnet_bench.experiments.mapping_parameters import MappingParameters
 from midnet_bench.experiments.trial import Row
 from midnet_bench.report.exploration_clip import write_clip
-from midnet_bench.report.exploration_view import growth_page, heading_of
+from midnet_bench.report.exploration_view import ExplorationRecording, exploration_page, heading_of
 from midnet_bench.report.figures import png_of
+from midnet_bench.report.growth_view import png_of_picture
 from midnet_bench.report.map_files import MapFiles, write_map, write_origin
 from midnet_bench.report.map_picture import draw_map
 from midnet_bench.report.recording import Recording
@@ -64,10 +63,9 @@ def write_exploration(
     provenance = collect(seed)
     with ExplorationTrial(parameters, seed) as trial:
         files = MapFiles.at(output)
-        recording = Recording(trial)
+        recording = ExplorationRecording(trial)
         for snapshot in trial.snapshots():
-            recording.take(snapshot)
-            progress(snapshot.time_s, recording.coverage[-1])
+            progress(snapshot.time_s, recording.take_snapshot(snapshot))
         exploration = trial.result()
         comment = f"{heading_of(trial)}; midnet-bench {midnet_bench.__version__}"
         written = write_map(files, exploration.grid, comment)
@@ -85,17 +83,16 @@ def write_exploration(
 def _write_pictures(
     trial: ExplorationTrial, recording: Recording, exploration: Exploration, files: MapFiles, clip: bool
 ) -> list[Path]:
-    """``map.png``, ``growth.png`` and ``exploration.mp4``."""
+    """``map.png``, ``growth.png`` and ``growth.mp4``."""
     final, growth, film = (
         files.map.with_suffix(".png"),
         files.named("growth.png"),
-        files.named("exploration.mp4"),
+        files.named("growth.mp4"),
     )
     walls = [solid.outline() for solid in trial.arena.wall_solids()]
     figure = draw_map(exploration.grid, recording.ways(), heading_of(trial), walls)
     write_atomically(final, png_of(figure))
-    _, png = cv2.imencode(".png", growth_page(trial, recording)[..., ::-1])
-    write_atomically(growth, png.tobytes())
+    write_atomically(growth, png_of_picture(exploration_page(trial, recording)))
     if clip:
         write_clip(trial, recording, film)
     return [final, growth, film] if clip else [final, growth]

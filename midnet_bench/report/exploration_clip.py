@@ -7,18 +7,15 @@ import numpy as np
 from midnet_bench.experiments.mapping import ExplorationTrial
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.report.canvas import Canvas, Picture, text_mask, write
-from midnet_bench.report.exploration_view import (
+from midnet_bench.report.exploration_view import painter_of, percent, team_of
+from midnet_bench.report.growth_view import (
     FREE,
-    LEAST_BURGER_PX,
-    SHADES,
     UNKNOWN,
     WALL,
-    MapPainter,
     color_of,
     paint_cross,
     paint_robots,
-    percent,
-    team_of,
+    paint_shade,
 )
 from midnet_bench.report.marks import BURGER_LENGTH_M, paint_burger, paint_standing
 from midnet_bench.report.palette import FAINT_INK, INK, WHITE
@@ -38,24 +35,23 @@ LAST_PICTURE_S = 2.0
 
 def write_clip(trial: ExplorationTrial, recording: Recording, path: Path) -> None:
     """Write an MP4 of about half a minute at most; a short exploration is shown in real time."""
-    speed = next((s for s in SPEEDS if recording.end_s <= LONGEST_CLIP_S * s), SPEEDS[-1])
-    painter, truth = MapPainter(trial, HEIGHT), np.empty((TRUTH_PX, TRUTH_PX, 3), dtype=np.uint8)
-    of_truth = Canvas(truth, painter.view)
-    paint_standing(of_truth, trial)
-    enlarged = max(1.0, LEAST_BURGER_PX / (BURGER_LENGTH_M * of_truth.scale))
+    begin_s, end_s = recording.clocks[0], recording.clocks[-1]
+    speed = next((s for s in SPEEDS if end_s <= LONGEST_CLIP_S * s), SPEEDS[-1])
+    painter, truth = painter_of(trial, HEIGHT), np.empty((TRUTH_PX, TRUTH_PX, 3), dtype=np.uint8)
+    paint_standing(Canvas(truth, painter.view), trial)
     page = _clip_page(trial, speed, truth)
-    times_s = np.arange(recording.begin_s, recording.end_s, speed / PICTURES_PER_S).tolist()
-    still = [recording.end_s] * round(LAST_PICTURE_S * PICTURES_PER_S)
+    times_s = np.arange(begin_s, end_s, speed / PICTURES_PER_S).tolist()
+    still = [end_s] * round(LAST_PICTURE_S * PICTURES_PER_S)
     with VideoFile(path, WIDTH, HEIGHT, PICTURES_PER_S) as video:
         for time_s in [*times_s, *still]:
             moment = recording.at(time_s)
             picture = page.copy()
             painter.paint(picture[:, :HEIGHT], moment)
             there = picture[TRUTH_TOP : TRUTH_TOP + TRUTH_PX, TRUTH_LEFT : TRUTH_LEFT + TRUTH_PX]
-            paint_robots(Canvas(there, painter.view), moment.poses, enlarged)
+            paint_robots(Canvas(there, painter.view), moment.poses)
             clock = f"{time_s:.0f} s"
             write(picture, COLUMN_RIGHT - text_mask(clock, 24, True).shape[1], 8, clock, 24, INK, bold=True)
-            write(picture, COLUMN_LEFT, 62, f"{percent(moment.coverage)} explored", 18, INK, bold=True)
+            write(picture, COLUMN_LEFT, 62, f"{percent(moment.known)} explored", 18, INK, bold=True)
             video.append(picture)
 
 
@@ -68,12 +64,7 @@ def _clip_page(trial: ExplorationTrial, speed: int, truth: Picture) -> Picture:
     page[TRUTH_TOP : TRUTH_TOP + TRUTH_PX, TRUTH_LEFT : TRUTH_LEFT + TRUTH_PX] = truth
     canvas = Canvas(page, Box(0.0, -HEIGHT, WIDTH, 0.0))
     for row, (code, text) in enumerate(((FREE, "free"), (WALL, "occupied"), (UNKNOWN, "unknown"))):
-        y = -(LEGEND_TOP + 24.0 * row)
-        red, green, blue = SHADES[code].tolist()
-        left = COLUMN_LEFT + 28.0
-        swatch = [(left - 8, y - 6), (left + 8, y - 6), (left + 8, y + 6), (left - 8, y + 6)]
-        canvas.polygon(swatch, (red, green, blue), FAINT_INK)
-        write(page, round(left) + 18, LEGEND_TOP + 24 * row - 9, text, 13, INK)
+        paint_shade(page, COLUMN_LEFT + 20, LEGEND_TOP + 24 * row - 9, code, text)
     left = COLUMN_LEFT + 180.0
     y = -float(LEGEND_TOP)
     paint_burger(canvas, Pose2D(left, y, 0.0), 18.0 / BURGER_LENGTH_M, color_of(0))

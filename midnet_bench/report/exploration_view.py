@@ -1,86 +1,57 @@
-"""An exploration as pictures: the growing map with the robots' ways, and six moments of it on a page."""
+"""An exploration as pictures: its moments, six of them on a page, and how they are called."""
 
 import numpy as np
 
-from midnet_bench.experiments.mapping import ExplorationTrial
-from midnet_bench.geometry import Pose2D
-from midnet_bench.report.canvas import Canvas, Floats, Picture, write
-from midnet_bench.report.marks import BURGER_LENGTH_M, paint_burger
-from midnet_bench.report.palette import EXPLORERS, INK, RGB, WHITE
+from midnet_bench.experiments.mapping import ExplorationTrial, Snapshot
+from midnet_bench.mapping.map_score import reachable_free
+from midnet_bench.report.canvas import Picture
+from midnet_bench.report.growth_view import MOMENTS, TILE_PX, MapPainter, growth_page
 from midnet_bench.report.recording import Moment, Recording
 from midnet_bench.report.scene import Stage, title_of, view_of
 
 MARGIN_M = 0.25
-LEAST_BURGER_PX = 14.0
-SHADES = np.array([WHITE, (205, 205, 205), (40, 40, 40)], dtype=np.uint8)
-FREE, UNKNOWN, WALL = range(len(SHADES))
 
 
-class MapPainter:
-    """Paints the map of a moment on a square of pixels, with the robots where they take themselves to be."""
+class ExplorationRecording(Recording):
+    """An exploration, snapshot by snapshot."""
 
-    def __init__(self, trial: Stage, side_px: int) -> None:
-        self.view = view_of(trial, MARGIN_M)
-        scale = Canvas(np.empty((side_px, side_px, 3), dtype=np.uint8), self.view).scale
-        self.enlarged = max(1.0, LEAST_BURGER_PX / (BURGER_LENGTH_M * scale))
-        """how many times as large as they are robots are drawn"""
+    def __init__(self, trial: ExplorationTrial) -> None:
+        """``trial`` has not begun yet."""
+        super().__init__()
+        start = trial.layout.robots[0]
+        self._within_reach = reachable_free(trial.truth(), (start.x, start.y))
 
-    def paint(self, picture: Picture, moment: Moment) -> None:
-        """Fill ``picture``, (side, side, 3)."""
-        picture[:] = SHADES[UNKNOWN]
-        canvas = Canvas(picture, self.view)
-        data = moment.grid.data
-        codes = np.select([data < 0, data >= 65], [UNKNOWN, WALL], FREE).astype(np.uint8)
-        canvas.cells(moment.grid.with_data(codes), SHADES)
-        for robot, way in enumerate(moment.ways):
-            canvas.line(way, color_of(robot), 2)
-        for robot, goal in enumerate(moment.goals):
-            if goal is not None:
-                paint_cross(canvas, goal, color_of(robot))
-        paint_robots(canvas, moment.believed, self.enlarged)
-
-
-def color_of(robot: int) -> RGB:
-    """The colour of an explorer, counted from 0."""
-    return EXPLORERS[robot % len(EXPLORERS)]
+    def take_snapshot(self, snapshot: Snapshot) -> float:
+        """The next snapshot; the share of the free cells within reach that is known, 0 to 1."""
+        coverage = float(np.mean(snapshot.grid.data[self._within_reach] >= 0))
+        self.take(
+            Moment(
+                snapshot.time_s,
+                coverage,
+                snapshot.grid,
+                snapshot.poses,
+                snapshot.believed,
+                snapshot.goals,
+                ways=[],
+            )
+        )
+        return coverage
 
 
-def paint_cross(canvas: Canvas, at: tuple[float, float], color: RGB) -> None:
-    """Where a robot is going."""
-    x, y = at
-    arm = 5.0 / canvas.scale
-    canvas.line([(x - arm, y - arm), (x + arm, y + arm)], color, 2)
-    canvas.line([(x - arm, y + arm), (x + arm, y - arm)], color, 2)
+def painter_of(trial: Stage, side_px: int) -> MapPainter:
+    """Paints an arena's map on a square of pixels."""
+    return MapPainter(view_of(trial, MARGIN_M), side_px, side_px)
 
 
-def paint_robots(canvas: Canvas, poses: Floats, enlarged: float) -> None:
-    """Burgers at (n, 3) poses; numbered if there are several."""
-    for robot, pose in enumerate(poses.tolist()):
-        paint_burger(canvas, Pose2D(*pose), enlarged, color_of(robot))
-    for robot, (x, y, _) in enumerate(poses.tolist()):
-        if len(poses) > 1:
-            canvas.label((x, y), str(robot + 1), color_of(robot), 14, -14)
-
-
-MOMENTS, COLUMNS = 6, 3
-TILE_PX, GAP_PX, HEAD_PX, CAPTION_PX = 480, 12, 44, 26
-
-
-def growth_page(trial: ExplorationTrial, recording: Recording) -> Picture:
+def exploration_page(trial: ExplorationTrial, recording: Recording) -> Picture:
     """(height, width, 3) six moments from the beginning to the end, evenly spread, in reading order."""
-    painter = MapPainter(trial, TILE_PX)
-    step = TILE_PX + GAP_PX
-    rows = -(-MOMENTS // COLUMNS)
-    page = np.full((HEAD_PX + rows * (step + CAPTION_PX), COLUMNS * step + GAP_PX, 3), WHITE, dtype=np.uint8)
-    write(page, GAP_PX, 10, heading_of(trial), 20, INK, bold=True)
-    for place, time_s in enumerate(np.linspace(recording.begin_s, recording.end_s, MOMENTS).tolist()):
-        moment = recording.at(time_s)
-        top = HEAD_PX + place // COLUMNS * (step + CAPTION_PX)
-        left = GAP_PX + place % COLUMNS * step
-        write(page, left, top, f"{time_s:.0f} s: {percent(moment.coverage)} explored", 16, INK)
-        top += CAPTION_PX
-        painter.paint(page[top : top + TILE_PX, left : left + TILE_PX], moment)
-    return page
+    times_s = np.linspace(recording.clocks[0], recording.clocks[-1], MOMENTS).tolist()
+    painter = painter_of(trial, TILE_PX)
+    return growth_page(recording, times_s, painter, heading_of(trial), _caption)
+
+
+def _caption(moment: Moment) -> str:
+    return f"{moment.clock:.0f} s: {percent(moment.known)} explored"
 
 
 def heading_of(trial: ExplorationTrial) -> str:

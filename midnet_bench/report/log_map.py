@@ -9,9 +9,12 @@ from midnet_bench.campaign.files import write_atomically
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.mapping.gmapping_settings import RECORDED_LOG
-from midnet_bench.mapping.log_mapping import map_scans, read_scan_log
+from midnet_bench.mapping.log_mapping import map_scans
+from midnet_bench.mapping.scan_log import ScanLog
 from midnet_bench.mapping.trajectory import write_tum
 from midnet_bench.report.figures import png_of
+from midnet_bench.report.growth_view import png_of_picture
+from midnet_bench.report.log_view import LogRecording, log_page, write_log_clip
 from midnet_bench.report.map_files import MapFiles, write_map, write_origin
 from midnet_bench.report.map_picture import draw_map
 
@@ -29,35 +32,44 @@ class LogMap:
 
 
 def write_log_map(
-    log: Path, particles: int, seed: int, output: Path, progress: Callable[[int, int], None]
+    log: ScanLog, particles: int, seed: int, output: Path, clip: bool, progress: Callable[[int, int], None]
 ) -> LogMap:
-    """Map a log; write the map, its binary grid, the trajectory (TUM), a picture, and where they come from.
+    """Map a log; write map and binary grid, trajectory (TUM), pictures, a film, and where they come from.
 
     Args:
-        log: as ``mapping.log_mapping.read_scan_log`` takes it.
+        log: the scans.
         particles: of GMapping.
         seed: of the motion noise and the resampling.
-        output: where to, as ``MapFiles`` takes it; nothing is made there unless the log can be read.
+        output: where to, as ``MapFiles`` takes it.
+        clip: whether to make an MP4 too.
         progress: called after each scan with the number of scans done and of all scans.
 
     Raises:
-        InputError: the log cannot be used, or nothing can be written.
+        InputError: the log cannot be mapped, or nothing can be written.
+        MidnetBenchError: a file cannot be written.
     """
     provenance = collect(seed)
-    scans = read_scan_log(log)
-    files = MapFiles.at(output)
-    result = map_scans(scans, particles, seed, progress)
-    comment = f"{log.name}, {result.scans} scans, by GMapping with {particles} particles, seed {seed}"
-    written = write_map(files, result.grid, comment)
-    trajectory = files.named("trajectory.tum")
-    write_tum(result.trajectory, trajectory)
-    picture = files.map.with_suffix(".png")
-    write_atomically(picture, png_of(draw_map(result.grid, [result.trajectory.poses], comment)))
+    name = log.path.name
     configuration = {
-        "log": log.name,
-        "sha256": hashlib.sha256(log.read_bytes()).hexdigest(),
+        "log": name,
+        "sha256": hashlib.sha256(log.path.read_bytes()).hexdigest(),
         "seed": seed,
         "gmapping": asdict(replace(RECORDED_LOG, particles=particles)),
     }
-    origin = write_origin(files, configuration, provenance)
-    return LogMap(result.grid, result.scans, [*written, trajectory, picture, *origin], result.warnings)
+    files = MapFiles.at(output)
+    recording = LogRecording()
+    result = map_scans(log, particles, seed, progress, recording.look)
+    comment = f"{name}, {result.scans} scans, by GMapping with {particles} particles, seed {seed}"
+    written = write_map(files, result.grid, comment)
+    trajectory = files.named("trajectory.tum")
+    write_tum(result.trajectory, trajectory)
+    picture, growth = files.map.with_suffix(".png"), files.named("growth.png")
+    write_atomically(picture, png_of(draw_map(result.grid, [result.trajectory.poses], comment)))
+    write_atomically(growth, png_of_picture(log_page(recording, result.grid, comment)))
+    written += [trajectory, picture, growth]
+    if clip:
+        film = files.named("growth.mp4")
+        write_log_clip(recording, result.grid, comment, film)
+        written.append(film)
+    written += write_origin(files, configuration, provenance)
+    return LogMap(result.grid, result.scans, written, result.warnings)

@@ -1,4 +1,4 @@
-"""``Recording``: an exploration second by second, kept small until it is known how long it lasts."""
+"""``Recording``: how a map grew, moment by moment, kept small until it is known how long that lasts."""
 
 import zlib
 from bisect import bisect_right
@@ -8,89 +8,73 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import Point
-from midnet_bench.experiments.mapping import ExplorationTrial, Snapshot
 from midnet_bench.geometry import wrap_angle
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.mapping.map_score import reachable_free
 
 Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """An exploration at one instant, map frame, metres."""
+    """A map and the robots that make it at one instant, map frame, metres."""
 
-    time_s: float
-    coverage: float
-    """share of the free cells within reach that the map knows, 0 to 1"""
+    clock: float
+    """when: simulated seconds of an exploration, or how many scans of a log are done"""
+    known: float
+    """how much the map knows: of an exploration, the share of the free cells within reach; of a log, m2"""
     grid: OccupancyGrid
-    """the team's map, int8"""
+    """the map, int8"""
     poses: Floats
-    """(n, 3) where the robots truly are"""
+    """(n, 3) where the robots truly are; (0, 3) where nobody can tell"""
     believed: Floats
     """(n, 3) where they take themselves to be"""
     goals: list[Point | None]
     ways: list[Floats]
-    """of each robot, (k, 2): where it took itself to be until now"""
+    """of each robot, (k, 2): where it takes itself to have been until now"""
 
 
 class Recording:
-    """Takes a trial's snapshots; between two of them, robots go straight and the map is the earlier one."""
+    """Takes moments; between two of them, robots go straight and the map is the earlier one."""
 
-    def __init__(self, trial: ExplorationTrial) -> None:
-        """``trial`` has not begun yet."""
-        start = trial.layout.robots[0]
-        self._within_reach = reachable_free(trial.truth(), (start.x, start.y))
-        self._snapshots: list[Snapshot] = []
+    def __init__(self) -> None:
+        self._moments: list[Moment] = []
         self._maps: list[bytes] = []
-        self.coverage: list[float] = []
-        """of each snapshot, as in :class:`Moment`"""
 
-    def take(self, snapshot: Snapshot) -> None:
-        """The next snapshot."""
-        data = snapshot.grid.data
-        self.coverage.append(float(np.mean(data[self._within_reach] >= 0)))
+    def take(self, moment: Moment) -> None:
+        """The next moment; without ways, those through the places of all moments so far count."""
+        data = moment.grid.data
         # a map of 24 x 24 m has 230 kB; packed, an hour of them fits in memory
         self._maps.append(zlib.compress(data.tobytes(), 1))
         blank = np.broadcast_to(np.int8(-1), data.shape)
-        self._snapshots.append(replace(snapshot, grid=snapshot.grid.with_data(blank)))
+        self._moments.append(replace(moment, grid=moment.grid.with_data(blank)))
 
     @property
-    def begin_s(self) -> float:
-        """When the first snapshot was taken, simulated seconds."""
-        return self._snapshots[0].time_s
-
-    @property
-    def end_s(self) -> float:
-        """When the last one was."""
-        return self._snapshots[-1].time_s
+    def clocks(self) -> list[float]:
+        """When the moments were, in order."""
+        return [moment.clock for moment in self._moments]
 
     def ways(self) -> list[Floats]:
-        """Of each robot, (k, 2): where it took itself to be, snapshot by snapshot."""
-        believed = np.array([snapshot.believed[:, :2] for snapshot in self._snapshots])
+        """Of each robot, (k, 2): where it took itself to be, moment by moment."""
+        believed = np.array([moment.believed[:, :2] for moment in self._moments])
         return list(believed.transpose(1, 0, 2))
 
-    def at(self, time_s: float) -> Moment:
-        """The exploration at an instant between its first snapshot and its last."""
-        after = bisect_right(self._snapshots, time_s, key=lambda snapshot: snapshot.time_s)
+    def at(self, clock: float) -> Moment:
+        """How it was between the first moment and the last."""
+        after = bisect_right(self._moments, clock, key=lambda moment: moment.clock)
         earlier = max(after - 1, 0)
-        one, two = self._snapshots[earlier], self._snapshots[min(after, len(self._snapshots) - 1)]
-        gap_s = two.time_s - one.time_s
-        share = (time_s - one.time_s) / gap_s if gap_s > 0.0 else 0.0
+        one, two = self._moments[earlier], self._moments[min(after, len(self._moments) - 1)]
+        gap = two.clock - one.clock
+        share = (clock - one.clock) / gap if gap > 0.0 else 0.0
         believed = _between(one.believed, two.believed, share)
-        ways = [
-            np.vstack([way[: earlier + 1], here])
-            for way, here in zip(self.ways(), believed[:, :2], strict=True)
-        ]
+        ways = one.ways or [way[: earlier + 1] for way in self.ways()]
         data = np.frombuffer(zlib.decompress(self._maps[earlier]), dtype=np.int8)
-        return Moment(
-            time_s=time_s,
-            coverage=self.coverage[earlier],
+        return replace(
+            one,
+            clock=clock,
             grid=one.grid.with_data(data.reshape(one.grid.data.shape)),
             poses=_between(one.poses, two.poses, share),
             believed=believed,
-            goals=one.goals,
-            ways=ways,
+            ways=[np.vstack([way, here]) for way, here in zip(ways, believed[:, :2], strict=True)],
         )
 
 

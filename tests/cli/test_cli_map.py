@@ -76,7 +76,7 @@ def test_an_exploration_is_drawn_and_filmed(explored: Path) -> None:
     assert unknown[0] > unknown[1] + 0.05
     final = cv2.imread(str(explored / "map.png"))
     assert final is not None
-    film = cv2.VideoCapture(str(explored / "exploration.mp4"))
+    film = cv2.VideoCapture(str(explored / "growth.mp4"))
     assert film.get(cv2.CAP_PROP_FRAME_WIDTH) == 1280
     seconds = film.get(cv2.CAP_PROP_FRAME_COUNT) / film.get(cv2.CAP_PROP_FPS)
     (score,) = rows(explored / "scores.csv")
@@ -89,7 +89,7 @@ def test_the_same_seed_explores_the_same_bytes(explored: Path) -> None:
     done = midnet_bench(*run, "-o", "again.yaml", folder=folder)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["The map against the arena"][0]["robots"] == 2
-    assert not (folder / "again_exploration.mp4").exists()
+    assert not (folder / "again_growth.mp4").exists()
     for one, other in (
         ("map.pgm", "again.pgm"),
         ("map.png", "again.png"),
@@ -199,9 +199,18 @@ def test_a_recorded_log_becomes_a_map_a_trajectory_and_a_picture(tmp_path: Path)
     assert set(np.unique(binary.data).tolist()) == {0, 100}
     assert len(read_tum(tmp_path / "out" / "trajectory.tum")) >= 4
     assert cv2.imread(str(tmp_path / "out" / "map.png")) is not None
+    growth = cv2.imread(str(tmp_path / "out" / "growth.png"))
+    assert growth is not None
+    first, last = growth[70:450, 12:492], growth[-480:-12, -492:-12]
+    unknown = [np.all(tile == 205, axis=2).mean() for tile in (first, last)]
+    assert unknown[0] > unknown[1] > 0.0
+    film = cv2.VideoCapture(str(tmp_path / "out" / "growth.mp4"))
+    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == 8 + 20, "each scan, and two seconds of the last"
     configuration = json.loads((tmp_path / "out" / "configuration.json").read_text())
     assert configuration["gmapping"]["particles"] == 5
-    assert midnet_bench(*run, "-o", "again.yaml", folder=tmp_path).returncode == 0
+    assert midnet_bench(*run, "--no-clip", "-o", "again.yaml", folder=tmp_path).returncode == 0
+    assert (tmp_path / "again_growth.png").exists()
+    assert not (tmp_path / "again_growth.mp4").exists()
     for one, other in (("map.pgm", "again.pgm"), ("trajectory.tum", "again_trajectory.tum")):
         assert (tmp_path / "out" / one).read_bytes() == (tmp_path / other).read_bytes()
 

@@ -13,7 +13,7 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.mapping.log_mapping import map_log, read_scan_log
 from midnet_bench.mapping.scan_log import half_circle
 
-RANGES = ["1.5"] * 180
+RANGES = ["1.5"] * 179 + ["2.5"]
 FLASER = f"FLASER 180 {' '.join(RANGES)} 1.1 2 0.5 1 2 0.5 100.25 host 0.1"
 RAW_HEAD = "RAWLASER1 0 -2.0 4.0 0.5 30.0 0.01 0"
 ROBOT_HEAD = RAW_HEAD.replace("RAW", "ROBOT")
@@ -40,7 +40,7 @@ def test_flaser_gives_stamp_odometry_and_ranges(tmp_path: Path) -> None:
     first, second = log.scans
     assert (first.stamp_s, second.stamp_s) == (100.25, 100.5)
     assert first.odometry == Pose2D(1.0, 2.0, 0.5)
-    assert first.ranges_m.tolist() == [1.5] * 180
+    assert first.ranges_m.tolist() == [1.5] * 179 + [2.5]
     assert second.ranges_m.tolist() == [2.5] * 180
 
 

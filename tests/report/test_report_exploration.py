@@ -7,12 +7,19 @@ import pytest
 
 from midnet_bench.experiments.mapping import ExplorationTrial, Snapshot
 from midnet_bench.experiments.mapping_parameters import MappingParameters
+from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.report.canvas import Canvas
-from midnet_bench.report.exploration_view import MapPainter, growth_page, percent
+from midnet_bench.report.exploration_view import (
+    ExplorationRecording,
+    exploration_page,
+    painter_of,
+    percent,
+)
+from midnet_bench.report.growth_view import MapPainter
 from midnet_bench.report.map_files import MapFiles
 from midnet_bench.report.map_picture import known_corners
-from midnet_bench.report.recording import Recording
+from midnet_bench.report.recording import Moment, Recording
 
 ROOM = """
 name: room
@@ -25,14 +32,16 @@ walls: [[[-2, -1.5], [2, -1.5], [2, 1.5], [-2, 1.5], [-2, -1.5]]]
 
 
 @pytest.fixture(scope="module")
-def taken(tmp_path_factory: pytest.TempPathFactory) -> tuple[ExplorationTrial, Recording, list[Snapshot]]:
+def taken(tmp_path_factory: pytest.TempPathFactory) -> "Taken":
     path = tmp_path_factory.mktemp("room") / "room.yaml"
     path.write_text(ROOM)
     with ExplorationTrial(MappingParameters(arena=str(path), robots=2, time_limit_s=4), 1) as trial:
-        recording, snapshots = Recording(trial), []
+        recording, snapshots, coverage = ExplorationRecording(trial), [], []
         for snapshot in trial.snapshots():
-            recording.take(snapshot)
+            coverage.append(recording.take_snapshot(snapshot))
             snapshots.append(snapshot)
+        assert coverage == sorted(coverage)
+        assert 0.3 < coverage[0] <= coverage[-1] <= 1.0
         return trial, recording, snapshots
 
 
@@ -41,14 +50,12 @@ Taken = tuple[ExplorationTrial, Recording, list[Snapshot]]
 
 def test_a_recording_gives_back_what_it_took(taken: Taken) -> None:
     _, recording, snapshots = taken
-    assert (recording.begin_s, recording.end_s) == (snapshots[0].time_s, snapshots[-1].time_s)
+    assert recording.clocks == [snapshot.time_s for snapshot in snapshots]
     for snapshot in snapshots:
         moment = recording.at(snapshot.time_s)
         np.testing.assert_array_equal(moment.grid.data, snapshot.grid.data)
         np.testing.assert_array_equal(moment.poses, snapshot.poses)
         assert moment.goals == snapshot.goals
-    assert recording.coverage == sorted(recording.coverage)
-    assert 0.3 < recording.coverage[0] <= recording.coverage[-1] <= 1.0
 
 
 def test_between_two_snapshots_robots_go_straight(taken: Taken) -> None:
@@ -62,20 +69,19 @@ def test_between_two_snapshots_robots_go_straight(taken: Taken) -> None:
 
 
 def test_a_robot_turns_the_short_way_round(taken: Taken) -> None:
-    trial, _, snapshots = taken
-    recording = Recording(trial)
+    grid = taken[2][0].grid
+    recording = Recording()
     for yaw, time_s in ((3.0, 1.0), (-3.0, 2.0)):
         poses = np.array([[0.0, 0.0, yaw], [1.0, 0.0, 0.0]])
-        grid = snapshots[0].grid
-        recording.take(Snapshot(time_s, poses, poses, [None, None], grid))
+        recording.take(Moment(time_s, 0.5, grid, poses, poses, [None, None], ways=[]))
     assert np.cos(recording.at(1.5).poses[0, 2]) == pytest.approx(-1.0)
 
 
 def test_a_picture_shows_what_is_known_white_and_the_rest_grey(taken: Taken) -> None:
     trial, recording, _ = taken
     picture = np.empty((300, 300, 3), dtype=np.uint8)
-    painter = MapPainter(trial, 300)
-    moment = recording.at(recording.end_s)
+    painter = painter_of(trial, 300)
+    moment = recording.at(recording.clocks[-1])
     painter.paint(picture, moment)
 
     def at(x: float, y: float) -> list[int]:
@@ -89,9 +95,21 @@ def test_a_picture_shows_what_is_known_white_and_the_rest_grey(taken: Taken) -> 
     assert at(*moment.grid.center_of(column, row)) == [40, 40, 40]
 
 
+def test_thin_walls_are_seen_where_a_pixel_shows_many_cells() -> None:
+    data = np.zeros((400, 400), dtype=np.int8)
+    data[:, ::40] = 100
+    robot = np.array([[0.5, 0.5, 0.0]])
+    grid = OccupancyGrid(data, 0.05, (0.0, 0.0))
+    picture = np.empty((150, 150, 3), dtype=np.uint8)
+    painter = MapPainter(Box(0.0, 0.0, 20.0, 20.0), 150, 150)
+    painter.paint(picture, Moment(0.0, 1.0, grid, robot, robot, [None], [robot[:, :2]]))
+    assert np.all(picture[20:100] == 40, axis=2).any(axis=0).sum() >= 10, "one of three cells is shown"
+    assert np.all(picture == 255, axis=2).mean() > 0.8
+
+
 def test_six_moments_fill_a_page(taken: Taken) -> None:
     trial, recording, _ = taken
-    page = growth_page(trial, recording)
+    page = exploration_page(trial, recording)
     assert page.shape == (44 + 2 * (492 + 26), 3 * 492 + 12, 3)
 
 
