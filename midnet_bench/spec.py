@@ -4,45 +4,137 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
+from pydantic_core import PydanticKnownError
 
 from midnet_bench.errors import InputError, nearest_name
 
 
 class Spec(BaseModel):
-    """Base of everything a user may write: frozen, and a key that does not exist is an error."""
+    """Base of everything a user may write: frozen, no number is infinite, and an unknown key is an error."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _true_is_no_number(cls, value: Any, field: ValidationInfo) -> Any:
+        # pydantic takes true for 1; a quoted number may stay, since YAML 1.1 takes 5e-2 for a text
+        annotation = cls.model_fields[field.field_name or ""].annotation
+        if _has_boolean(value) and not _mentions(annotation, bool):
+            for kind, fault in ((int, "int_type"), (float, "float_type")):
+                if _mentions(annotation, kind):
+                    raise PydanticKnownError(fault)  # type: ignore[arg-type]
+        return value
+
+
+def _has_boolean(value: Any) -> bool:
+    return isinstance(value, bool) or (isinstance(value, list | tuple) and any(map(_has_boolean, value)))
+
+
+def _mentions(annotation: Any, kind: type) -> bool:
+    return annotation is kind or any(_mentions(argument, kind) for argument in get_args(annotation))
 
 
 SpecT = TypeVar("SpecT", bound=BaseModel)
 
 
+class _Loader(yaml.SafeLoader):
+    """PyYAML's safe loader, whose every fault is a YAMLError, and which takes no key twice."""
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        mapping = super().compose_mapping_node(anchor)
+        seen = set()
+        for key, _ in mapping.value:
+            if isinstance(key, yaml.ScalarNode):
+                if (key.tag, key.value) in seen:
+                    raise yaml.MarkedYAMLError(
+                        problem=f"the key '{key.value}' is there twice; keep one", problem_mark=key.start_mark
+                    )
+                seen.add((key.tag, key.value))
+        return mapping
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        try:
+            value = super().construct_object(node, deep)
+            if isinstance(value, int):
+                str(value)  # no message could quote one that is too long for Python to write out
+            return value
+        # what looks like a number or a date and is none: 2020-13-45, 0b_, !!bool perhaps
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            kind = node.tag.rpartition(":")[2]
+            raise yaml.MarkedYAMLError(
+                problem=f"{_short(node.value)} is not a valid {kind}; if it is a text, put it in quotes",
+                problem_mark=node.start_mark,
+            ) from error
+
+
+def load_yaml(text: str, source: str) -> Any:
+    """What a YAML text says. Raises InputError: ``source: not valid YAML: `` the line and what is wrong."""
+    try:
+        return yaml.load(text, _Loader)
+    except yaml.YAMLError as error:
+        what = str(error)
+        if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
+            what = f"line {error.problem_mark.line + 1}: {error.context or ''} {error.problem}"
+        raise InputError(f"{source}: not valid YAML: {' '.join(what.split())}") from error
+    except RecursionError as error:
+        raise InputError(f"{source}: not valid YAML: nested too deeply") from error
+
+
 def read_yaml(path: Path) -> Any:
     """What a YAML file says. Raises InputError naming the file when it cannot be read or parsed."""
     try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a UTF-8 text"
-        raise InputError(f"{path}: cannot be read: {reason}") from error
-    except yaml.YAMLError as error:
-        raise InputError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        where = "" if path.is_absolute() else "; the path starts from the working folder"
+        raise InputError(f"{path}: cannot be read: {error.strerror}{where}") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: cannot be read: not a UTF-8 text") from error
+    except ValueError as error:
+        raise InputError(f"{str(path)!r}: cannot be read: no file can have this name") from error
+    values = load_yaml(text, str(path))
+    if values is None:
+        raise InputError(f"{path}: (top level): the file is empty")
+    return values
+
+
+_SCALARS = {"str", "int", "float", "bool"}
+_PLAIN_WORDS = {
+    "dict_type": "a mapping of keys to values is needed",
+    "model_type": "a mapping of keys to values is needed",
+    "int_parsing_size": "the number is too large",
+    "tuple_type": "Input should be a valid list",
+    "too_short": "too few items; at least {min_length} needed",
+    "too_long": "too many items; at most {max_length} allowed",
+}
+"""What pydantic says in terms of Python, by its fault's type."""
 
 
 def parse(model: type[SpecT], values: Any, source: str) -> SpecT:
     """``values`` as a ``model``. Raises InputError: ``source: key.path: what is wrong`` (the first fault)."""
     try:
         return model.model_validate(values)
+    except InputError as error:  # of a file that a key names
+        raise InputError(f"{source}: {error}") from error
+    except RecursionError as error:
+        raise InputError(f"{source}: nested too deeply") from error
     except ValidationError as error:
         # a mistyped key also leaves the right one missing; the mistyped one explains both
         first = min(error.errors(), key=lambda fault: fault["type"] != "extra_forbidden")
         location = first["loc"]
+        message = first["msg"].removeprefix("Value error, ")
+        if first["type"] in _PLAIN_WORDS:
+            message = _PLAIN_WORDS[first["type"]].format(**first.get("ctx", {}))
+        # pydantic names the kinds that a value may have as if they were keys of it
+        if location and location[-1] in _SCALARS:
+            location, message = location[:-1], "one number, word or true/false is needed"
         key = ".".join(str(part) for part in location) or "(top level)"
         if first["type"] == "extra_forbidden":
             valid = _fields_at(model, location[:-1])
             hint = nearest_name(str(location[-1]), valid)
             raise InputError(f"{source}: {key}: unknown key{hint}") from error
-        message = first["msg"].removeprefix("Value error, ")
         got = "" if first["type"] == "missing" else f" (got {_short(first['input'])})"
         raise InputError(f"{source}: {key}: {message}{got}") from error
 
