@@ -126,16 +126,26 @@ def test_pixel_without_blue_is_not_taken_for_transparent(tmp_path: Path) -> None
     assert value == as_map_server(400 / 3, negate=0, mode="scale") > 0
 
 
-def png(colour_type: int, depth: int, rows: list[bytes], palette: bytes | None = None) -> bytes:
-    """A PNG file from its raw rows, one pixel high each, for kinds that cv2 does not write."""
+def png(
+    colour_type: int,
+    depth: int,
+    rows: list[bytes],
+    palette: bytes | None = None,
+    transparent: bytes | None = None,
+    says: tuple[int, int] | None = None,
+) -> bytes:
+    """A PNG file from its raw rows, one pixel high each, for kinds and sizes that cv2 does not write."""
 
-    def chunk(kind: bytes, body: bytes) -> bytes:
+    def chunk(kind: bytes, body: bytes | None) -> bytes:
+        if body is None:
+            return b""
         return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 
-    width = {(4, 8): 2, (3, 8): 1, (0, 16): 2}[colour_type, depth]
-    header = struct.pack(">IIBBBBB", len(rows[0]) // width, len(rows), depth, colour_type, 0, 0, 0)
+    width = {(4, 8): 2, (3, 8): 1, (0, 16): 2, (0, 8): 1, (2, 8): 3}[colour_type, depth]
+    size = says or (len(rows[0]) // width, len(rows))
+    header = struct.pack(">IIBBBBB", *size, depth, colour_type, 0, 0, 0)
     body = zlib.compress(b"".join(b"\0" + row for row in rows))
-    chunks = chunk(b"IHDR", header) + (chunk(b"PLTE", palette) if palette else b"")
+    chunks = chunk(b"IHDR", header) + chunk(b"PLTE", palette) + chunk(b"tRNS", transparent)
     return b"\x89PNG\r\n\x1a\n" + chunks + chunk(b"IDAT", body) + chunk(b"IEND", b"")
 
 
@@ -147,6 +157,31 @@ def test_other_kinds_of_png(tmp_path: Path) -> None:
     assert load_map(yaml_path).data.tolist() == [[10, 20]]
     (tmp_path / "map.png").write_bytes(png(3, 8, [bytes([1, 0])], palette=bytes([3, 4, 5, 60, 60, 60])))
     assert load_map(yaml_path).data.tolist() == [[60, 4]]
+    in_scale = write_yaml(tmp_path, image="map.png", mode="scale")
+    one_is_clear = png(2, 8, [bytes([0, 0, 0, 9, 9, 9])], transparent=bytes([0, 9, 0, 9, 0, 9]))
+    (tmp_path / "map.png").write_bytes(one_is_clear)
+    assert load_map(in_scale).data.tolist() == [[100, 100]]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (png(0, 8, [b"\0"], says=(100_000, 100_000)), "100000 x 100000 pixels are too many"),
+        (png(0, 8, [b"\0"], says=(12_000, 12_000)), "truncated or damaged"),
+        (png(0, 8, [b"\0"], says=(0, 1)), "truncated or damaged"),
+        (png(0, 8, [b"\0"], says=(1, 2)), "truncated or damaged"),
+        (png(0, 8, [b"\0"])[:8] + png(0, 8, [b"\0"])[-12:], "truncated or damaged"),
+    ],
+)
+def test_a_png_that_says_what_it_does_not_hold_is_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], content: bytes, message: str
+) -> None:
+    (tmp_path / "map.png").write_bytes(content)
+    path = write_yaml(tmp_path, image="map.png")
+    with pytest.raises(InputError, match=message) as caught:
+        load_map(path)
+    assert str(caught.value).startswith(f"{path}: image: {tmp_path / 'map.png'}: ")
+    assert capfd.readouterr().err == ""
 
 
 def test_headers_and_depths_of_pgm(tmp_path: Path) -> None:
@@ -177,6 +212,13 @@ def test_headers_and_depths_of_pgm(tmp_path: Path) -> None:
         ({"resolution": "0"}, "resolution: must be above 0"),
         ({"resolution": "-0.05"}, "resolution: must be above 0"),
         ({"resolution": ".nan"}, "resolution: a number is needed"),
+        ({"resolution": "true"}, "resolution: a number is needed (got True)"),
+        ({"resolution": f"1{'0' * 400}"}, "resolution: a number is needed (got 1"),
+        ({"resolution": "0b_"}, "not valid YAML: line 2: '0b_' is not a valid int"),
+        ({"origin": "2020-13-45"}, "not valid YAML: line 3: '2020-13-45' is not a valid timestamp"),
+        ({"mode": "raw\nmode: raw"}, "not valid YAML: line 8: the key 'mode' is there twice"),
+        ({"image": '"a\\0b.pgm"'}, "image: '"),
+        ({"image": '"a\\0b.pgm"'}, "a\\x00b.pgm': cannot be read: no file can have this name"),
         ({"resolution": "fine"}, "resolution: a number is needed (got 'fine')"),
         ({"origin": "[0, 0, 0.1]"}, "origin: yaw must be 0 (got 0.1 rad)"),
         ({"origin": "[0, 0]"}, "origin: three numbers are needed"),
@@ -206,8 +248,15 @@ def test_yaml_that_is_none(tmp_path: Path) -> None:
     (tmp_path / "map.yaml").write_text("just a text")
     with pytest.raises(InputError, match="a map's keys are needed"):
         load_map(tmp_path / "map.yaml")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match=r"cannot be read: No such file or directory$"):
         load_map(tmp_path / "other.yaml")
+    with pytest.raises(
+        InputError, match="No such file or directory; the path starts from the working folder"
+    ):
+        load_map(Path("other.yaml"))
+    (tmp_path / "empty.yaml").write_text("# nothing\n")
+    with pytest.raises(InputError, match=r"empty\.yaml: \(top level\): the file is empty"):
+        load_map(tmp_path / "empty.yaml")
 
 
 @pytest.mark.parametrize(
@@ -221,6 +270,7 @@ def test_yaml_that_is_none(tmp_path: Path) -> None:
         (b"P2\n2 1\n255\n1 256", "a pixel is outside 0 to 255"),
         (b"P5\n2 1\n100\n\x01\xff", "a pixel is outside 0 to 100"),
         (b"P5\n4 4\n", "needs width, height and maximum"),
+        (b"P5\n" + b"9" * 5000 + b" 4\n255\n", "needs width, height and maximum in its header, of 9 digits"),
         (b"P5\n0 4\n255\n", "0 x 4 pixels"),
         (b"P5\n1 1\n65536\n\0\0\0", "maximum 65536"),
         (b"P6\n1 1\n255\n\0\0\0", "not a PGM"),
@@ -316,6 +366,8 @@ def test_names_that_yaml_would_misread_are_quoted(tmp_path: Path) -> None:
 def test_numbers_as_yaml_1_1_writes_them(tmp_path: Path) -> None:
     write_pgm(tmp_path / "map.pgm", ALL_GREYS)
     assert load_map(write_yaml(tmp_path, resolution="5e-2")).resolution == 0.05
+    as_is = load_map(write_yaml(tmp_path, negate="false")).data
+    np.testing.assert_array_equal(as_is, load_map(write_yaml(tmp_path, negate="0")).data)
 
 
 def test_failed_save_is_one_line_and_leaves_the_old_map(tmp_path: Path) -> None:
