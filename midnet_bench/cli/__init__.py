@@ -6,7 +6,7 @@ import sys
 import typer
 
 from midnet_bench.cli import campaigns, inputs, maps, pictures, reports, smoke
-from midnet_bench.cli.app import app
+from midnet_bench.cli.app import app, printing
 from midnet_bench.errors import MidnetBenchError
 
 __all__ = ["campaigns", "inputs", "main", "maps", "pictures", "reports", "smoke"]
@@ -18,7 +18,8 @@ def main() -> None:
     A known error is one line on stderr; with MIDNET_BENCH_DEBUG set it keeps its traceback.
     """
     try:
-        code = app(standalone_mode=False)
+        with printing():
+            code = app(standalone_mode=False)
     except typer.TyperException as error:
         # without a command the help is shown, and there is nothing to add
         if message := error.format_message():

@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -94,6 +96,31 @@ def test_a_dry_run_of_millions_of_trials_is_quick(tmp_path: Path) -> None:
     done = midnet_bench("labyrinth", "--trials", 1_000_000, "--dry-run", folder=tmp_path)
     assert done.stdout.startswith("25 cells, 25000000 trials, 25000000 of them to run")
     assert time.monotonic() - start_s < 30
+
+
+@pytest.mark.parametrize("command", ["parameters", "parameters --json", "--version"])
+@pytest.mark.parametrize(
+    ("where", "code", "complaint"),
+    [
+        (">/dev/full", 1, "error: the output cannot be written: No space left on device\n"),
+        (">&-", 1, "error: standard output is closed; direct it somewhere, such as to /dev/null\n"),
+        ("| true; exit ${PIPESTATUS[0]}", 141, ""),
+        ("2>&- >/dev/null", 0, ""),
+    ],
+)
+def test_an_output_that_cannot_be_written_is_at_most_one_line(
+    command: str, where: str, code: int, complaint: str
+) -> None:
+    line = f"{sys.executable} -m midnet_bench {command} {where}"
+    done = subprocess.run(["bash", "-c", line], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (code, complaint)
+
+
+def test_letters_that_the_output_lacks_cost_no_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
+    done = midnet_bench("parameters", "detection", folder=REPOSITORY)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "frames" in done.stdout
 
 
 def test_one_of_each_is_counted_in_the_singular(tmp_path: Path) -> None:
