@@ -1,9 +1,12 @@
 """Where trials run: worker processes of this machine, or a Dask cluster; both through joblib."""
 
+import contextlib
 import os
 import shutil
+import signal
 import warnings
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Protocol
 
@@ -85,7 +88,9 @@ class LokyPool:
             )
             tasks = (joblib.delayed(attempt)(run_trial, spec, limit_s, self._marks) for spec in specs)
             try:
-                yield from abandoning_quietly(parallel(tasks))
+                with _interrupts_held_back():
+                    outcomes = parallel(tasks)  # starts the workers
+                yield from abandoning_quietly(outcomes)
             except BrokenProcessPool as error:
                 raise WorkersLost(str(error).splitlines()[0], marked(self._marks)) from error
             finally:
@@ -93,6 +98,24 @@ class LokyPool:
 
     def close(self) -> None:
         """Nothing to let go of: idle workers end with this process."""
+
+
+@contextlib.contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """Ctrl-C waits for the end of this in this process, and is never heard in those that begin inside.
+
+    A terminal sends it to the workers too, and one that is still loading its libraries would end with a
+    traceback: :func:`prepare_worker` is called after that.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    resource_tracker.ensure_running()  # joblib would start it inside, and with it Python lets signals through
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def abandoning_quietly(outcomes: Generator[Outcome, None, None]) -> Generator[Outcome, None, None]:

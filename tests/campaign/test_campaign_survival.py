@@ -119,6 +119,19 @@ def test_one_interrupt_keeps_what_is_finished_and_says_how_to_go_on(tmp_path: Pa
     assert not (tmp_path / ".running").exists()
 
 
+@pytest.mark.parametrize("after_s", [0.1, 0.3, 0.6])
+def test_an_interrupt_while_workers_start_is_one_line_too(tmp_path: Path, after_s: float) -> None:
+    process = start(tmp_path, LONG, jobs=2)
+    wait_for(process, "begin")
+    time.sleep(after_s)
+    os.killpg(process.pid, signal.SIGINT)
+    code, _, err = finish(process)
+
+    assert code == 130
+    assert err.startswith("error: interrupted; ")
+    assert len(err.splitlines()) == 1
+
+
 def test_two_interrupts_end_at_once(tmp_path: Path) -> None:
     process = start(tmp_path, LONG, jobs=2)
     wait_for(process, "stored", 3)
