@@ -12,27 +12,43 @@ import zlib
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field
 
+from midnet_bench.agents.patrol import patrol_points
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.map_server import load_map
-from midnet_bench.simulation.arena import Arena, arena_names, load_arena
+from midnet_bench.simulation.arena import Arena, arena_names, checked_arena, load_arena
 from midnet_bench.simulation.exact_map import render_exact
 from midnet_bench.simulation.explored_map import explored_map
+from midnet_bench.simulation.layout import robot_starts
+from midnet_bench.spec import Spec
 
 EXACT, EXPLORED = "exact", "explored"
+SHOWN = 30
+"""characters of a text that a message quotes"""
 
 
 def inline_arena(value: str) -> str:
     """A packaged arena's name as it is; else the contents of the YAML file, as JSON. Raises InputError."""
-    if value in arena_names() or value.startswith("{"):
+    if value in arena_names():
         return value
-    return load_arena(value).model_dump_json()
+    try:
+        arena = arena_from(value)
+    except InputError as error:
+        raise InputError(f"arena: {error}") from error
+    return value if value.startswith("{") else arena.model_dump_json()
 
 
 def arena_from(value: str) -> Arena:
-    """The arena that ``inline_arena`` wrote down."""
-    return Arena.model_validate_json(value) if value.startswith("{") else load_arena(value)
+    """The arena that ``inline_arena`` wrote down. Raises InputError."""
+    if not value.startswith("{"):
+        return load_arena(value)
+    source = repr(value[:SHOWN])
+    try:
+        return checked_arena(json.loads(value), source)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{source} is no arena; give a name or a YAML file") from error
 
 
 def inline_prior_map(value: str, arena: str) -> str:
@@ -45,23 +61,29 @@ def inline_prior_map(value: str, arena: str) -> str:
     Raises:
         InputError: there is no such map, or a digest is not that of this version's map.
     """
-    if value == EXACT or value.startswith("{"):
+    if value == EXACT:
+        return value
+    if value.startswith("{"):
+        _from_text(value)
         return value
     if value.split(":")[0] == EXPLORED:
         return _named_explored(value, arena)
     path = Path(value)
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(
-            f"prior_map: '{value}' is neither '{EXPLORED}' nor '{EXACT}' nor the YAML file of a map"
+            f"prior_map: {value!r} is neither '{EXPLORED}' nor '{EXACT}' nor the YAML file of a map"
         )
-    return _as_text(load_map(path))
+    try:
+        return _as_text(load_map(path))
+    except InputError as error:
+        raise InputError(f"prior_map: {error}") from error
 
 
 def prior_map_from(value: str, arena: Arena, resolution_m: float) -> OccupancyGrid:
     """The prior map that ``inline_prior_map`` wrote down: int8, 100 occupied, 0 free, -1 unknown, map frame.
 
     Raises:
-        InputError: its resolution is not that of the local costmaps (item 19).
+        InputError: its resolution is not that of the local costmaps (item 19), or it ends inside the arena.
     """
     if value == EXACT:
         return render_exact(arena, resolution_m)
@@ -71,7 +93,30 @@ def prior_map_from(value: str, arena: Arena, resolution_m: float) -> OccupancyGr
             f"prior_map: resolution {grid.resolution:g} m differs from the local costmaps' "
             f"{resolution_m:g} m; resample the map, set resolution_m, or take prior_map=exact"
         )
+    _check_covers(grid, arena)
     return grid
+
+
+def check_prior_map(value: str, arena: Arena, resolution_m: float, robots: int) -> None:
+    """Raises InputError unless ``robots`` guards can patrol the arena on a map, as far as no seed decides."""
+    grid = prior_map_from(value, arena, resolution_m)
+    if value.startswith("{"):
+        start = robot_starts(arena, robots)[0]
+        patrol_points(grid, (start.x, start.y), arena.enclosure_m)
+
+
+def _check_covers(grid: OccupancyGrid, arena: Arena) -> None:
+    """Raise InputError if the map ends inside the arena: guards beyond its edge would detect nothing."""
+    # from face to face of the walls; an explorer may have seen no more of them
+    half_x, half_y = ((side - arena.wall_thickness_m) / 2.0 - grid.resolution for side in arena.enclosure_m)
+    x_min, y_min, x_max, y_max = grid.extent
+    if x_min > -half_x or y_min > -half_y or x_max < half_x or y_max < half_y:
+        width_m, height_m = arena.enclosure_m
+        raise InputError(
+            f"prior_map: it reaches from ({x_min:g}, {y_min:g}) to ({x_max:g}, {y_max:g}) m and does not "
+            f"cover the arena, {width_m:g} x {height_m:g} m about (0, 0); is it this arena's map, and its "
+            "origin right?"
+        )
 
 
 def _named_explored(value: str, arena: str) -> str:
@@ -102,8 +147,22 @@ def _as_text(grid: OccupancyGrid) -> str:
     )
 
 
+class _MapText(Spec):
+    """What ``_as_text`` writes down."""
+
+    resolution: float = Field(gt=0)
+    origin: tuple[float, float]
+    shape: tuple[int, int]
+    int8: str
+
+
 def _from_text(text: str) -> OccupancyGrid:
-    written = json.loads(text)
-    cells = np.frombuffer(zlib.decompress(base64.b64decode(written["int8"])), dtype=np.int8)
-    x, y = written["origin"]
-    return OccupancyGrid(cells.reshape(written["shape"]), written["resolution"], (float(x), float(y)))
+    try:
+        written = _MapText.model_validate_json(text)
+        packed = base64.b64decode(written.int8, validate=True)
+        cells = np.frombuffer(zlib.decompress(packed), dtype=np.int8).reshape(written.shape)
+    except (ValueError, zlib.error) as error:
+        raise InputError(
+            f"prior_map: {text[:SHOWN]!r} is no map; give a YAML file, {EXPLORED} or {EXACT}"
+        ) from error
+    return OccupancyGrid(cells, written.resolution, written.origin)

@@ -4,11 +4,12 @@ Flat on purpose: each field is a key of a campaign file, of its grid, and of ``-
 item numbers are those of the paper notes in ``docs/readings.md``.
 """
 
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ModelWrapValidatorHandler, ValidationInfo, field_validator, model_validator
 
-from midnet_bench.experiments.inputs import arena_from, inline_arena, inline_prior_map, prior_map_from
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.inputs import arena_from, check_prior_map, inline_arena, inline_prior_map
 from midnet_bench.spec import Spec
 
 
@@ -66,10 +67,19 @@ class GuardParameters(Spec):
         # without an arena there is a fault to report already
         return inline_prior_map(value, others.data["arena"]) if "arena" in others.data else value
 
-    @model_validator(mode="after")
-    def _fits_together(self) -> Self:
-        prior_map_from(self.prior_map, arena_from(self.arena), self.resolution_m)
-        return self
+    @model_validator(mode="wrap")
+    @classmethod
+    def _fits_together(cls, values: Any, make: ModelWrapValidatorHandler[Self]) -> Self:
+        made = make(values)
+        try:
+            check_prior_map(made.prior_map, arena_from(made.arena), made.resolution_m, made.robots)
+        except InputError as error:
+            # what was made holds the map itself; only what was given names its file
+            given = values.get("prior_map") if isinstance(values, dict) else None
+            if given is None or given == made.prior_map:
+                raise
+            raise InputError(f"prior_map: {given}: {str(error).removeprefix('prior_map: ')}") from error
+        return made
 
 
 class DetectionParameters(GuardParameters):

@@ -2,7 +2,7 @@
 
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
 
@@ -130,10 +130,15 @@ def load_arena(name_or_path: str | Path) -> Arena:
     is_path = isinstance(name_or_path, Path) or "/" in text or text.endswith((".yaml", ".yml"))
     if not is_path and text not in arena_names():
         hint = nearest_name(text, arena_names())
-        raise InputError(f"arena: no arena is called '{text}'{hint} (or give the path of a .yaml file)")
+        raise InputError(f"no arena is called {text!r}{hint} (or give the path of a .yaml file)")
     path = Path(name_or_path) if is_path else FOLDER / f"{text}.yaml"
-    arena = parse(Arena, read_yaml(path), str(name_or_path))
-    _check_places(arena, str(name_or_path))
+    return checked_arena(read_yaml(path), text)
+
+
+def checked_arena(values: Any, source: str) -> Arena:
+    """The arena that ``values`` describe. Raises InputError, ``source: key: what is wrong``."""
+    arena = parse(Arena, values, source)
+    _check_places(arena, source)
     return arena
 
 

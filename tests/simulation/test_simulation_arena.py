@@ -60,6 +60,10 @@ def test_a_line_of_walls_becomes_one_solid_per_piece(tmp_path) -> None:
             "stationary_intruders.placed.0: in a wall or off the plane",
         ),
         ("mobile_intruders", {"count": "many"}, "mobile_intruders.count: "),
+        ("plane_m", [float("nan"), 8.0], "plane_m.0: Input should be a finite number (got nan)"),
+        ("wall_thickness_m", True, "wall_thickness_m: Input should be a valid number (got True)"),
+        ("walls", [[[0, 0], [0, True]]], "walls: Input should be a valid number"),
+        ("walls", [[[0, 0]]], "walls.0: too few items; at least 2 needed (got [[0, 0]])"),
         ("wals", [], "wals: unknown key; did you mean 'walls'?"),
     ],
 )
@@ -81,6 +85,9 @@ def test_a_missing_key_a_missing_file_and_a_mistyped_name_are_said_plainly(tmp_p
         load_arena(path)
     with pytest.raises(InputError, match="cannot be read: No such file"):
         load_arena(tmp_path / "none.yaml")
+    path.write_text("", encoding="utf-8")
+    with pytest.raises(InputError, match=r"wrong\.yaml: \(top level\): the file is empty"):
+        load_arena(path)
     with pytest.raises(InputError, match="no arena is called 'map3'; did you mean 'map"):
         load_arena("map3")
 

@@ -1,0 +1,155 @@
+"""What a trial's parameters take in from files, and what they refuse, before any trial runs."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.inputs import _as_text
+from midnet_bench.experiments.parameters import DetectionParameters, LabyrinthParameters
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.map_server import save_map
+from midnet_bench.simulation.arena import arena_names, load_arena
+from midnet_bench.simulation.exact_map import render_exact
+from midnet_bench.spec import parse
+
+
+def free_map(path: Path, side_m: float, center: tuple[float, float] = (0.0, 0.0)) -> Path:
+    cells = round(side_m / 0.05)
+    origin = (center[0] - side_m / 2.0, center[1] - side_m / 2.0)
+    save_map(OccupancyGrid(np.zeros((cells, cells), np.int8), 0.05, origin), path)
+    return path
+
+
+def refused(values: dict[str, Any], source: str = "f.yaml: parameters") -> str:
+    with pytest.raises(InputError) as caught:
+        parse(DetectionParameters, values, source)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+@pytest.mark.parametrize("side_m", [5.8, 6.0, 8.0, 30.0])
+def test_a_map_that_reaches_the_walls_or_beyond_is_taken(tmp_path: Path, side_m: float) -> None:
+    path = free_map(tmp_path / "map.yaml", side_m)
+    assert DetectionParameters(prior_map=str(path)).prior_map.startswith("{")
+
+
+@pytest.mark.parametrize(("side_m", "center"), [(1.0, (0.0, 0.0)), (5.6, (0.0, 0.0)), (8.0, (2.0, 0.0))])
+def test_a_map_that_ends_inside_the_arena_is_refused(
+    tmp_path: Path, side_m: float, center: tuple[float, float]
+) -> None:
+    path = free_map(tmp_path / "map.yaml", side_m, center)
+    message = refused({"prior_map": str(path)})
+    low, high = center[0] - side_m / 2.0, center[0] + side_m / 2.0
+    assert message.startswith(f"f.yaml: parameters: prior_map: {path}: it reaches from ({low:g}, ")
+    assert f"to ({high:g}, " in message
+    assert "does not cover the arena, 6 x 6 m" in message
+
+
+@pytest.mark.parametrize("name", arena_names())
+def test_exact_maps_from_files_cover_their_arenas(tmp_path: Path, name: str) -> None:
+    save_map(render_exact(load_arena(name)), tmp_path / "map.yaml")
+    DetectionParameters(arena=name, prior_map=str(tmp_path / "map.yaml"))
+
+
+def test_explored_maps_cover_their_arenas() -> None:
+    assert DetectionParameters(prior_map="explored").arena == "map1"
+    assert LabyrinthParameters(prior_map="explored").arena == "map2"
+
+
+def test_what_is_wrong_with_a_map_names_its_file(tmp_path: Path) -> None:
+    coarse = tmp_path / "coarse.yaml"
+    save_map(render_exact(load_arena("map1"), 0.1), coarse)
+    assert refused({"prior_map": str(coarse)}).startswith(
+        f"f.yaml: parameters: prior_map: {coarse}: resolution 0.1 m differs"
+    )
+    full = tmp_path / "full.yaml"
+    save_map(OccupancyGrid(np.full((160, 160), 100, np.int8), 0.05, (-4.0, -4.0)), full)
+    assert refused({"prior_map": str(full)}).startswith(
+        f"f.yaml: parameters: prior_map: {full}: no cell is 0.4 m from walls"
+    )
+    assert "prior_map: absent.yaml: cannot be read: No such file" in refused({"prior_map": "absent.yaml"})
+    assert "prior_map: resolution 0.05 m" in refused({"resolution_m": 0.1})
+    assert "prior_map: explored: resolution 0.05 m" in refused({"resolution_m": 0.1, "prior_map": "explored"})
+
+
+def test_what_is_wrong_with_an_arena_names_its_key_and_file(tmp_path: Path) -> None:
+    path = tmp_path / "arena.yaml"
+    path.write_text("name: 2020-13-45\n")
+    assert refused({"arena": str(path)}).startswith(
+        f"f.yaml: parameters: arena: {path}: not valid YAML: line 1: '2020-13-45' is not a valid timestamp"
+    )
+    path.write_text("name: a\nplain_m: [8, 8]\n")
+    assert refused({"arena": str(path)}).startswith(f"f.yaml: parameters: arena: {path}: plain_m: unknown")
+    assert refused({"arena": "absent.yaml"}) == (
+        "f.yaml: parameters: arena: absent.yaml: cannot be read: No such file or directory; "
+        "the path starts from the working folder"
+    )
+    assert refused({"arena": "a\0b.yaml"}).endswith("cannot be read: no file can have this name")
+    assert refused({"arena": "map9"}).startswith("f.yaml: parameters: arena: no arena is called 'map9'")
+
+
+def changed(change: Callable[[dict[str, Any]], None]) -> str:
+    """What the package writes down of a map, with one thing about it changed."""
+    cells = OccupancyGrid(np.zeros((160, 160), np.int8), 0.05, (-4.0, -4.0))
+    values = json.loads(_as_text(cells))
+    change(values)
+    return json.dumps(values)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{}",
+        "{",
+        "{\n}",
+        '{"a":' * 5000,
+        changed(lambda values: values.pop("int8")),
+        changed(lambda values: values.update(int8="")),
+        changed(lambda values: values.update(int8="not base64")),
+        changed(lambda values: values.update(int8="bm90IHpsaWI=")),
+        changed(lambda values: values.update(shape=[160, 161])),
+        changed(lambda values: values.update(shape=[])),
+        changed(lambda values: values.update(resolution=float("nan"))),
+        changed(lambda values: values.update(resolution=True)),
+        changed(lambda values: values.update(origin=[-4.0])),
+        changed(lambda values: values.update(more=1)),
+    ],
+)
+def test_a_text_that_only_begins_like_a_map_is_none(text: str) -> None:
+    assert "is no map; give a YAML file, explored or exact" in refused({"prior_map": text})
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{}", "arena: '{}': name: Field required"),
+        ("{", "arena: '{' is no arena; give a name or a YAML file"),
+        ('{"a":' * 5000, "is no arena"),
+        (load_arena("map1").model_dump_json().replace("3.0", "9.0"), "is off the plane"),
+    ],
+)
+def test_a_text_that_only_begins_like_an_arena_is_none(text: str, words: str) -> None:
+    assert words in refused({"arena": text})
+
+
+def test_what_was_taken_in_is_taken_again_as_it_is(tmp_path: Path) -> None:
+    own = tmp_path / "own.yaml"
+    own.write_text(load_arena("map1").model_dump_json())
+    first = DetectionParameters(arena=str(own), prior_map=str(free_map(tmp_path / "map.yaml", 8.0)))
+    assert DetectionParameters(**first.model_dump()) == first
+    assert changed(lambda values: None) == first.prior_map
+
+
+@pytest.mark.parametrize("key", ["robots", "resolution_m"])
+def test_true_is_no_number(key: str) -> None:
+    assert f"{key}: Input should be a valid" in refused({key: True})
+
+
+def test_a_quoted_number_is_one() -> None:
+    assert DetectionParameters.model_validate({"robots": "5"}).robots == 5
