@@ -1,5 +1,6 @@
 """``render_trial``: the pictures of one trial, and a clip of it."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from pathlib import Path
@@ -20,6 +21,7 @@ from midnet_bench.report.grid_view import draw_detections, draw_grids
 from midnet_bench.report.scene import scene_of
 from midnet_bench.spec import Spec, parse
 
+USUAL_FRAME = 100
 MOST_SPEED = 12.0
 """60 pictures a second, more than that no browser shows."""
 
@@ -33,7 +35,7 @@ def render_trial(
     parameters: Mapping[str, Scalar],
     seed: int,
     directory: Path,
-    frame_number: int,
+    frame_number: int | None = None,
     clip: bool = True,
     progress: Progress = lambda done, most: None,
     speed: float = 2.0,
@@ -48,8 +50,9 @@ def render_trial(
         parameters: those that are not to have their default.
         seed: the trial's.
         directory: made if it is not there.
-        frame_number: of the frame to draw, counted from 1 (5 frames per simulated second).
-        clip: whether to make a clip; without one the trial ends after ``frame_number``.
+        frame_number: of the frame to draw, counted from 1 (5 frames per simulated second); None for frame
+            100, or the last of a shorter trial.
+        clip: whether to make a clip; without one the trial ends after the frame that is drawn.
         progress: told after each frame.
         speed: how much faster than the trial's own time the clip runs.
 
@@ -61,8 +64,9 @@ def render_trial(
         raise InputError(f"render: '{experiment}' has no guards; 'midnet-bench map ARENA' draws explorations")
     model = parse(parameters_model(experiment), dict(parameters), experiment)
     most = _frames_at_most(model)
-    if not 1 <= frame_number <= most:
-        raise InputError(f"frame: {frame_number} is out of range; the trial has frames 1 to {most}")
+    drawn = min(USUAL_FRAME, most) if frame_number is None else frame_number
+    if not 1 <= drawn <= most:
+        raise InputError(f"frame: {drawn} is out of range; the trial has frames 1 to {most}")
     if not 0.0 < speed <= MOST_SPEED:
         raise InputError(f"speed: {speed:g} is out of range; allowed: above 0, at most {MOST_SPEED:g}")
     try:
@@ -74,7 +78,7 @@ def render_trial(
     number = 0
     with _trial(model, seed) as trial, Film(trial, directory, speed) if clip else nullcontext() as film:
         for number, frame in enumerate(_frames(trial), 1):
-            if number == frame_number:
+            if number == drawn:
                 written += _write_pictures(trial, frame, directory)
                 if film is None:
                     break
@@ -82,6 +86,8 @@ def render_trial(
                 assert frame.explanation is not None
                 film.append(scene_of(trial, frame), frame.explanation)
             progress(number, most)
+        if not written and frame_number is None:
+            written += _write_pictures(trial, frame, directory)
     if not written:
         raise InputError(f"frame: {frame_number} is out of range; this trial ended with frame {number}")
     return written + (film.paths if film is not None else [])
@@ -104,7 +110,8 @@ def _frames_at_most(parameters: Spec) -> int:
     if isinstance(parameters, DetectionParameters):
         return parameters.frames
     assert isinstance(parameters, LabyrinthParameters)
-    return round(parameters.time_limit_s * FRAME_HZ)
+    # a last frame that the time limit falls into is made in full
+    return math.ceil(parameters.time_limit_s * FRAME_HZ - 1e-6)
 
 
 def _write_pictures(trial: Trial, frame: Frame, directory: Path) -> list[Path]:

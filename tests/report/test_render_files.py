@@ -80,6 +80,31 @@ def test_speed_sets_the_pictures_per_second(tmp_path: Path) -> None:
     film.release()
 
 
+def test_without_a_wish_the_last_frame_of_a_short_trial_is_drawn(tmp_path: Path) -> None:
+    last, unasked = tmp_path / "last", tmp_path / "unasked"
+    short: dict[str, Scalar] = {"robots": 1, "frames": 3}
+    render_trial("detection", short, 1, last, 3, clip=False)
+    render_trial("detection", short, 1, unasked, clip=False)
+    assert [(unasked / name).read_bytes() for name in PICTURES] == [
+        (last / name).read_bytes() for name in PICTURES
+    ]
+    # a time limit shorter than a frame; and a trial that ends early since everybody has left
+    paths = render_trial("labyrinth", {"time_limit_s": 0.05}, 1, tmp_path / "short", clip=False)
+    assert [path.name for path in paths] == PICTURES
+    all_gone: dict[str, Scalar] = {"escape_distance_m": 0.0, "escape_radius_m": 5.0, "capture": "detected"}
+    done: list[int] = []
+    paths = render_trial(
+        "labyrinth",
+        {**all_gone, "intruders": 1},
+        2,
+        tmp_path / "early",
+        clip=False,
+        progress=lambda number, most: done.append(number),
+    )
+    assert [path.name for path in paths] == PICTURES
+    assert len(done) < 100
+
+
 @pytest.mark.parametrize(
     ("parameters", "frame", "speed", "message"),
     [

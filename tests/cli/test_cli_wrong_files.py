@@ -1,0 +1,80 @@
+"""Files and settings that cannot be used, through the real command: one line, exit code 2, no results."""
+
+import struct
+import zlib
+from pathlib import Path
+
+import pytest
+import yaml
+from command import midnet_bench, one_line_of_complaint
+
+MAP_KEYS = {
+    "image": "map.pgm",
+    "resolution": 0.05,
+    "origin": [-4.0, -4.0, 0.0],
+    "negate": 0,
+    "occupied_thresh": 0.65,
+    "free_thresh": 0.196,
+}
+
+
+def huge_png() -> bytes:
+    def chunk(kind: bytes, body: bytes) -> bytes:
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", 100_000, 100_000, 8, 0, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(b"\0")) + chunk(b"IEND", b"")
+
+
+def map_files(image: bytes, name: str = "map.pgm") -> dict[str, bytes]:
+    return {"map.yaml": yaml.safe_dump({**MAP_KEYS, "image": name}).encode(), name: image}
+
+
+DETECTION = ("detection", "--robots", "1", "-n")
+MAP = (*DETECTION, "--map", "map.yaml")
+RUN = ("run", "campaign.yaml", "-n")
+HEAD = b"experiment: detection\n"
+
+
+@pytest.mark.parametrize(
+    ("files", "arguments", "words"),
+    [
+        ({}, (*DETECTION, "--set", "frames=2020-13-45"), ["--set frames=2020-13-45", "not valid YAML"]),
+        ({}, (*DETECTION, "--set", f"frames={'[' * 3000}"), ["--set frames=[[[", "nested too deeply"]),
+        ({}, (*DETECTION, "--set", "seed=5"), ["--set seed=5", "--seed"]),
+        ({}, (*DETECTION, "--set", 'prior_map="{}"'), ["prior_map: '{}' is no map"]),
+        ({}, (*DETECTION, "--set", 'arena="{}"'), ["arena: '{}': name: Field required"]),
+        ({}, (*DETECTION, "--arena", "absent.yaml"), ["arena: absent.yaml", "working folder"]),
+        ({}, ("render", "labyrinth", "--frames", "3"), ["--frames", "labyrinth"]),
+        ({}, ("render", "--robots", "1", "--frames", "3", "--frame", "4"), ["frame: 4", "1 to 3"]),
+        ({"campaign.yaml": HEAD + b"name: 2020-13-45"}, RUN, ["campaign.yaml: not valid YAML: line 2"]),
+        ({"campaign.yaml": HEAD + b"trials: 0b_"}, RUN, ["campaign.yaml: not valid YAML: line 2: '0b_'"]),
+        ({"campaign.yaml": HEAD + b"trials: " + b"9" * 5000}, RUN, ["campaign.yaml: not valid YAML: line 2"]),
+        ({"campaign.yaml": b"[" * 3000}, RUN, ["campaign.yaml: not valid YAML: nested too deeply"]),
+        (
+            {"campaign.yaml": HEAD + b"parameters: {frames: 5}\nparameters: {frames: 7}"},
+            RUN,
+            ["campaign.yaml: not valid YAML: line 3: the key 'parameters' is there twice"],
+        ),
+        (
+            {"campaign.yaml": HEAD + b"parameters: {arena: date.yaml}", "date.yaml": b"name: 2020-13-45"},
+            RUN,
+            ["campaign.yaml: parameters: arena: date.yaml: not valid YAML: line 1: '2020-13-45'"],
+        ),
+        ({"campaign.yaml": HEAD + b"grid: {robots: [true]}"}, RUN, ["campaign.yaml", "robots", "True"]),
+        ({"map.yaml": b"image: 2020-13-45"}, MAP, ["prior_map: map.yaml: not valid YAML: line 1"]),
+        (map_files(huge_png(), "map.png"), MAP, ["map.yaml: image: map.png: 100000 x 100000 pixels"]),
+        (map_files(b"P5\n" + b"9" * 5000 + b" 1\n255\n"), MAP, ["map.yaml: image: map.pgm: a PGM needs"]),
+        (map_files(b"P5\n20 20\n255\n" + bytes([254]) * 400), MAP, ["map.yaml: it reaches", "not cover"]),
+        (map_files(b"P5\n160 160\n255\n" + bytes(25600)), MAP, ["map.yaml: no cell is 0.4 m from walls"]),
+    ],
+)
+def test_what_cannot_be_used_is_one_line(
+    files: dict[str, bytes], arguments: tuple[str, ...], words: list[str], tmp_path: Path
+) -> None:
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    complaint = one_line_of_complaint(midnet_bench(*arguments, folder=tmp_path))
+    assert all(word in complaint for word in words), complaint
+    assert len(complaint) < 400
+    assert not (tmp_path / "results").exists()
