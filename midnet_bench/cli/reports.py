@@ -1,7 +1,9 @@
 """The commands that read a campaign's store: ``report``; and what a campaign prints when it ends."""
 
 import json
+import math
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,17 +13,43 @@ from midnet_bench.cli import options
 from midnet_bench.cli.app import app
 
 if TYPE_CHECKING:
+    from midnet_bench.experiments.trial import Row
     from midnet_bench.report.tables import Table
 
 PIPE_WIDTH = 200
 
-Directory = Annotated[Path, typer.Argument(help="A campaign's folder, such as results/labyrinth.")]
+
+def _campaigns_folder(directory: Path) -> Path:
+    """The folder itself. Raises InputError, with a hint, if it is none."""
+    from midnet_bench.errors import InputError
+
+    if directory.is_file():
+        raise InputError(f"{directory}: give the campaign's folder, {directory.parent}, and no file in it")
+    if not directory.is_dir():
+        raise InputError(
+            f"{directory}: there is no such folder; give a campaign's, such as results/labyrinth"
+        )
+    return directory
+
+
+def _campaigns_folders(directories: list[Path]) -> list[Path]:
+    return [_campaigns_folder(directory) for directory in directories]
+
+
+Directory = Annotated[
+    Path,
+    typer.Argument(help="A campaign's folder, such as results/labyrinth.", callback=_campaigns_folder),
+]
 
 
 @app.command(rich_help_panel="Results")
 def report(directory: Directory, as_json: options.Json = False) -> None:
     """Make all tables and figures of a campaign again, from its store alone."""
-    present(directory, as_json)
+    from midnet_bench.errors import InputError
+
+    if not present(directory, as_json):
+        hint = "; see failures.csv there" if (directory / "failures.csv").exists() else ""
+        raise InputError(f"{directory}: no finished trial yet{hint}")
 
 
 @app.command(rich_help_panel="Results")
@@ -43,14 +71,20 @@ def power(
     as_json: options.Json = False,
 ) -> None:
     """Tell how many trials a change of the success rate needs to be found, from the results at hand."""
+    from midnet_bench.errors import InputError
     from midnet_bench.report.power import power_report
 
+    if robots[0] == robots[1]:
+        raise InputError(f"--robots {robots[0]} {robots[1]}: give two different team sizes")
     show([power_report(directory, difference, robots, probability)], as_json)
 
 
 @app.command(rich_help_panel="Results")
 def compare(
-    directories: Annotated[list[Path], typer.Argument(help="Folders of detection or labyrinth campaigns.")],
+    directories: Annotated[
+        list[Path],
+        typer.Argument(help="Folders of detection or labyrinth campaigns.", callback=_campaigns_folders),
+    ],
     output: options.Output = None,
     as_json: options.Json = False,
 ) -> None:
@@ -60,20 +94,38 @@ def compare(
     show(write_comparison(directories, output or Path("results/comparison")), as_json)
 
 
-def present(directory: Path, as_json: bool) -> None:
-    """Write a campaign's CSV files, tables and figures, and print the tables."""
+def present(directory: Path, as_json: bool) -> bool:
+    """Write a campaign's CSV files, tables and figures, and print the tables; whether there was any row."""
     from midnet_bench.report.report import write_report
 
-    show(write_report(directory), as_json)
+    tables = write_report(directory)
+    has_rows = any(table.rows for table in tables)
+    if has_rows or as_json:
+        show(tables, as_json)
+    return has_rows
 
 
 def show(tables: "list[Table]", as_json: bool) -> None:
     """Print tables for people, or as JSON."""
     if as_json:
-        typer.echo(json.dumps({table.title: table.rows for table in tables}, indent=1).replace("NaN", "null"))
+        typer.echo(json.dumps(json_of(tables), indent=1, allow_nan=False))
         return
     for table in tables:
         _print(table)
+
+
+def json_of(tables: "Iterable[Table]") -> "dict[str, list[Row]]":
+    """The tables' rows by title, ready for JSON, where a number that is not defined is null."""
+    return {
+        table.title: [
+            {
+                name: None if isinstance(value, float) and not math.isfinite(value) else value
+                for name, value in row.items()
+            }
+            for row in table.rows
+        ]
+        for table in tables
+    }
 
 
 def _print(table: "Table") -> None:

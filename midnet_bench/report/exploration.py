@@ -15,7 +15,7 @@ from midnet_bench.report.exploration_clip import write_clip
 from midnet_bench.report.exploration_view import ExplorationRecording, exploration_page, heading_of
 from midnet_bench.report.figures import png_of
 from midnet_bench.report.growth_view import png_of_picture
-from midnet_bench.report.map_files import MapFiles, write_map, write_origin
+from midnet_bench.report.map_files import MapFiles, write_configuration, write_map, write_provenance
 from midnet_bench.report.map_picture import draw_map
 from midnet_bench.report.recording import Recording
 from midnet_bench.report.tables import Table
@@ -52,7 +52,8 @@ def write_exploration(
     Args:
         parameters: which arena, how many robots and so on.
         seed: of everything random.
-        output: where to, as ``MapFiles`` takes it; nothing is made there unless the robots fit.
+        output: where to, as ``MapFiles`` takes it; nothing is made there unless the robots fit, and no other
+            run's map may be there.
         clip: whether to make an MP4 too.
         progress: is told how far it is.
 
@@ -61,13 +62,16 @@ def write_exploration(
         MidnetBenchError: a file cannot be written.
     """
     provenance = collect(seed)
+    configuration = {"experiment": "mapping", "seed": seed, "parameters": parameters.model_dump(mode="json")}
     with ExplorationTrial(parameters, seed) as trial:
         files = MapFiles.at(output)
+        files.refuse_another(configuration)
         recording = ExplorationRecording(trial)
         for snapshot in trial.snapshots():
             progress(snapshot.time_s, recording.take_snapshot(snapshot))
         exploration = trial.result()
         comment = f"{heading_of(trial)}; midnet-bench {midnet_bench.__version__}"
+        configured = write_configuration(files, configuration)
         written = write_map(files, exploration.grid, comment)
         written += _write_pictures(trial, recording, exploration, files, clip)
         robots = trial.rows_of_robots()
@@ -75,8 +79,7 @@ def write_exploration(
     scores = Table("The map against the arena", [{**place, **exploration.row()}], DIGITS)
     written += scores.write(files.named("scores"))
     write_atomically(files.named("robots.csv"), csv_text(robots))
-    configuration = {"experiment": "mapping", "seed": seed, "parameters": parameters.model_dump(mode="json")}
-    written += [files.named("robots.csv"), *write_origin(files, configuration, provenance)]
+    written += [files.named("robots.csv"), configured, write_provenance(files, provenance)]
     return ExplorationFiles(exploration, scores, written)
 
 

@@ -15,7 +15,7 @@ from midnet_bench.mapping.trajectory import write_tum
 from midnet_bench.report.figures import png_of
 from midnet_bench.report.growth_view import png_of_picture
 from midnet_bench.report.log_view import LogRecording, log_page, write_log_clip
-from midnet_bench.report.map_files import MapFiles, write_map, write_origin
+from midnet_bench.report.map_files import MapFiles, write_configuration, write_map, write_provenance
 from midnet_bench.report.map_picture import draw_map
 
 
@@ -40,7 +40,7 @@ def write_log_map(
         log: the scans.
         particles: of GMapping.
         seed: of the motion noise and the resampling.
-        output: where to, as ``MapFiles`` takes it.
+        output: where to, as ``MapFiles`` takes it; no other run's map may be there.
         clip: whether to make an MP4 too.
         progress: called after each scan with the number of scans done and of all scans.
 
@@ -57,9 +57,11 @@ def write_log_map(
         "gmapping": asdict(replace(RECORDED_LOG, particles=particles)),
     }
     files = MapFiles.at(output)
+    files.refuse_another(configuration)
     recording = LogRecording()
     result = map_scans(log, particles, seed, progress, recording.look)
     comment = f"{name}, {result.scans} scans, by GMapping with {particles} particles, seed {seed}"
+    configured = write_configuration(files, configuration)
     written = write_map(files, result.grid, comment)
     trajectory = files.named("trajectory.tum")
     write_tum(result.trajectory, trajectory)
@@ -71,5 +73,5 @@ def write_log_map(
         film = files.named("growth.mp4")
         write_log_clip(recording, result.grid, comment, film)
         written.append(film)
-    written += write_origin(files, configuration, provenance)
+    written += [configured, write_provenance(files, provenance)]
     return LogMap(result.grid, result.scans, written, result.warnings)

@@ -18,6 +18,7 @@ from midnet_bench.map_server import save_binary_map, save_map
 from midnet_bench.spec import parse
 
 YAML_ENDINGS = (".yaml", ".yml")
+CONFIGURATION = "configuration.json"
 
 
 @dataclass(frozen=True)
@@ -31,9 +32,9 @@ class MapFiles:
 
     @classmethod
     def at(cls, output: Path) -> "MapFiles":
-        """``output``/map.yaml and so on; or, if ``output`` is a YAML file, that one and files beside it.
+        """``output``/map.yaml and so on; or, if ``output`` names a YAML file, that one and files beside it.
 
-        The folder is made. Raises InputError if nothing can be written there.
+        The folder is made. Raises InputError if the map cannot be written there.
         """
         is_map = output.suffix in YAML_ENDINGS
         folder = output.parent if is_map else output
@@ -43,7 +44,28 @@ class MapFiles:
                 pass
         except OSError as error:
             raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
-        return cls(output, f"{output.stem}_") if is_map else cls(output / "map.yaml", "")
+        files = cls(output, f"{output.stem}_") if is_map else cls(output / "map.yaml", "")
+        for yaml_path in (files.map, files.binary):
+            for path in (yaml_path, yaml_path.with_suffix(".pgm")):
+                if path.is_dir():
+                    raise InputError(f"{path}: a folder lies where the map goes; give another place with -o")
+        return files
+
+    def refuse_another(self, configuration: Mapping[str, Any]) -> None:
+        """Raises InputError if a map lies here that was not made by this very configuration.
+
+        Nothing of a map is overwritten without a word, and no files of two runs lie side by side.
+        """
+        path = self.named(CONFIGURATION)
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            found = None
+        is_same = found == json.loads(json.dumps(configuration))
+        if not is_same and (path.exists() or self.map.exists()):
+            raise InputError(
+                f"{self.map}: the map of another run is there; give another place with -o, or remove it first"
+            )
 
     @property
     def binary(self) -> Path:
@@ -70,15 +92,18 @@ def write_map(
     return [files.map, files.binary]
 
 
-def write_origin(files: MapFiles, configuration: Mapping[str, Any], provenance: Provenance) -> list[Path]:
-    """Write ``configuration.json``, what was run, and ``provenance.json``: by which code, where and when.
+def write_configuration(files: MapFiles, configuration: Mapping[str, Any]) -> Path:
+    """Write ``configuration.json``, what was run; first of all, so that what follows has a name."""
+    path = files.named(CONFIGURATION)
+    write_atomically(path, json.dumps(configuration, indent=1) + "\n")
+    return path
+
+
+def write_provenance(files: MapFiles, provenance: Provenance) -> Path:
+    """Write ``provenance.json``: by which code, where and when.
 
     ``provenance`` was collected when the run began; it ends now.
     """
-    contents = {
-        "configuration.json": configuration,
-        "provenance.json": [{**provenance, "ended_utc": now_utc()}],
-    }
-    for name, content in contents.items():
-        write_atomically(files.named(name), json.dumps(content, indent=1) + "\n")
-    return [files.named(name) for name in contents]
+    path = files.named("provenance.json")
+    write_atomically(path, json.dumps([{**provenance, "ended_utc": now_utc()}], indent=1) + "\n")
+    return path

@@ -2,6 +2,9 @@
 
 import json
 import math
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -10,6 +13,7 @@ import pytest
 import yaml
 from command import midnet_bench, one_line_of_complaint, rows
 
+from midnet_bench.cli import main
 from midnet_bench.map_server import load_map
 from midnet_bench.mapping.trajectory import read_tum
 
@@ -88,7 +92,10 @@ def test_the_same_seed_explores_the_same_bytes(explored: Path) -> None:
     run = ("map", "rooms.yaml", "--robots", 2, "--no-clip", "--json")
     done = midnet_bench(*run, "-o", "again.yaml", folder=folder)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["The map against the arena"][0]["robots"] == 2
+    told = json.loads(done.stdout)
+    assert told["The map against the arena"][0]["robots"] == 2
+    assert told["The map against the arena"][0]["merge_confidence"] is None
+    assert "again_growth.png" in told["files"]
     assert not (folder / "again_growth.mp4").exists()
     for one, other in (
         ("map.pgm", "again.pgm"),
@@ -217,12 +224,34 @@ def test_a_recorded_log_becomes_a_map_a_trajectory_and_a_picture(tmp_path: Path)
 
 def test_ranges_that_say_nothing_are_left_out_with_a_warning(tmp_path: Path) -> None:
     square_room_log(tmp_path / "run.log", first_range="nan")
-    done = midnet_bench("map", "--from-log", "run.log", "--particles", 2, folder=tmp_path)
+    run = ("map", "--from-log", "run.log", "--particles", 2, "--no-clip")
+    done = midnet_bench(*run, "--json", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stderr.splitlines()[-1] == (
-        "warning: run.log: 8 of 1440 ranges are NaN or infinite and were left out"
-    )
+    warning = "run.log: 8 of 1440 ranges are NaN or infinite and were left out"
+    assert done.stderr.splitlines()[-1] == f"warning: {warning}"
+    told = json.loads(done.stdout)
+    assert told["warnings"] == [warning]
+    assert all((tmp_path / file).exists() for file in told["files"])
     assert (tmp_path / "results" / "map-run" / "map.yaml").exists()
+
+
+@pytest.fixture
+def complaint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., str]:
+    """What ``midnet-bench map`` says to wrong input: the whole command, but in this process: faster."""
+
+    def complain(*arguments: object) -> str:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", ["midnet-bench", "map", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        said = capsys.readouterr()
+        assert (ended.value.code, said.out) == (2, "")
+        (line,) = said.err.splitlines()
+        return line
+
+    return complain
 
 
 @pytest.mark.parametrize(
@@ -233,15 +262,28 @@ def test_ranges_that_say_nothing_are_left_out_with_a_warning(tmp_path: Path) -> 
         ("RAWLASER1 0 -1.57 3.14 1 80 0 0 3 1 2 3 0 1.0 h 1\n", ["run.log", "odometry missing", "ODOM"]),
         ("1 0 0 0 3 1 2 3\n2 0 0 0 2 1 2\n", ["run.log:2", "2 ranges", "3"]),
         ("1 0 0 0 3 nan nan nan\n", ["run.log", "NaN"]),
-        (None, ["run.log"]),
+        ("1 0 0 0 3 1 2 3\n2 2500 0 0 3 1 2 3\n", ["run.log:2", "2500", "metres"]),
+        ("FLASER \u00b2 1 2 0 0 0 0 0 0 1 h 1\n", ["run.log:1", "number of ranges"]),
+        (None, ["run.log: cannot be read: No such file"]),
     ],
 )
-def test_a_log_that_cannot_be_used_gets_one_line(text: str | None, words: list[str], tmp_path: Path) -> None:
+def test_a_log_that_cannot_be_used_gets_one_line(
+    text: str | None, words: list[str], tmp_path: Path, complaint: Callable[..., str]
+) -> None:
     if text is not None:
-        (tmp_path / "run.log").write_text(text)
-    complaint = one_line_of_complaint(midnet_bench("map", "--from-log", "run.log", folder=tmp_path))
-    assert all(word in complaint for word in words), complaint
+        (tmp_path / "run.log").write_text(text, encoding="utf-8")
+    said = complaint("--from-log", "run.log")
+    assert all(word in said for word in words), said
     assert not (tmp_path / "results").exists()
+
+
+def test_a_bad_log_is_told_before_the_slow_rooms_are_loaded(tmp_path: Path) -> None:
+    (tmp_path / "run.log").write_text("nothing\n")
+    command = [sys.executable, "-X", "importtime", "-m", "midnet_bench", "map", "--from-log", "run.log"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "numpy" in done.stderr
+    assert not any(f"| {room}" in done.stderr.replace("  ", "") for room in ("numba", "matplotlib", "cv2"))
 
 
 @pytest.mark.parametrize(
@@ -250,19 +292,61 @@ def test_a_log_that_cannot_be_used_gets_one_line(text: str | None, words: list[s
         ((), ["map1", "--from-log"]),
         (("map1", "--from-log", "run.log"), ["either", "--from-log"]),
         (("--from-log", "run.log", "--robots", 2), ["--from-log", "--robots"]),
+        (("--from-log", "run.log", "--set", "robots=2"), ["--from-log", "--set"]),
         (("map9",), ["map9", "did you mean"]),
         (("map1", "--robots", 0), ["robots", "0"]),
         (("map1", "--particles", 0), ["--particles", "1"]),
         (("map1", "--set", "robtos=2"), ["robtos", "robots"]),
+        (("map1", "--robots", 2, "--set", "robots=3"), ["--set robots", "once"]),
+        (("map1", "--exact", "--robots", 2), ["--exact", "--robots"]),
+        (("map1", "--exact", "--seed", 1), ["--exact", "--seed"]),
+        (("map1", "--exact", "--no-clip"), ["--exact", "--no-clip"]),
+        (("map1", "--exact", "--set", "robots=2"), ["--set robots", "exact", "resolution_m"]),
+        (("map1", "--exact", "--set", "resolutoin_m=2"), ["resolutoin_m", "resolution_m"]),
         (("map1", "-o", "/proc/nowhere"), ["/proc/nowhere"]),
+        (("map1", "-o", "folder.yaml"), ["folder.yaml", "-o"]),
         (("crowded.yaml", "--robots", 20), ["two small rooms", "20"]),
     ],
 )
-def test_wrong_wishes_get_one_line(arguments: tuple[object, ...], words: list[str], tmp_path: Path) -> None:
+def test_wrong_wishes_get_one_line(
+    arguments: tuple[object, ...], words: list[str], tmp_path: Path, complaint: Callable[..., str]
+) -> None:
     write_arena(tmp_path).rename(tmp_path / "crowded.yaml")
-    complaint = one_line_of_complaint(midnet_bench("map", *arguments, folder=tmp_path))
-    assert all(word in complaint for word in words), complaint
-    assert not (tmp_path / "results").exists()
+    (tmp_path / "folder.yaml").mkdir()
+    said = complaint(*arguments)
+    assert all(word in said for word in words), said
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["crowded.yaml", "folder.yaml"]
+
+
+def test_maps_of_two_runs_do_not_mix(tmp_path: Path, complaint: Callable[..., str]) -> None:
+    for name in ("run.2020.log", "run.2021.log"):
+        square_room_log(tmp_path / name)
+        run = ("map", "--from-log", name, "--particles", 1, "--no-clip")
+        assert midnet_bench(*run, folder=tmp_path).returncode == 0
+    made = tmp_path / "results" / "map-run.2020"
+    assert sorted(path.name for path in (tmp_path / "results").iterdir()) == [made.name, "map-run.2021"]
+    before = {path.name: path.read_bytes() for path in made.iterdir()}
+    again = ("--from-log", "run.2020.log", "--particles", 1, "--no-clip", "-o", made)
+    assert "another run" in complaint(*again, "--seed", 2)
+    assert "another run" in complaint("map1", "--exact", "-o", made)
+    assert {path.name: path.read_bytes() for path in made.iterdir()} == before
+    assert midnet_bench("map", *again, folder=tmp_path).returncode == 0, "the same run once more"
+    (made / "configuration.json").unlink()
+    assert "another run" in complaint(*again), "nobody knows whose map that is"
+
+
+def test_an_arenas_exact_map_goes_beside_its_explored_one(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    write_arena(tmp_path / "a")
+    done = midnet_bench("map", "a/rooms.yaml", "--exact", "--json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    folder = Path("results/map-rooms-exact")
+    assert told["files"] == [
+        str(folder / name) for name in ("map.yaml", "map_binary.yaml", "configuration.json")
+    ]
+    grid = load_map(tmp_path / folder / "map.yaml")
+    assert (told["cells"], told["resolution_m"]) == ([grid.width, grid.height], 0.05)
 
 
 def test_the_parameters_of_an_exploration_are_listed(tmp_path: Path) -> None:
