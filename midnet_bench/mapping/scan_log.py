@@ -17,9 +17,9 @@ from midnet_bench.messages import LidarGeometry
 SICK_RANGE_MAX_M = 81.8
 """a SICK LMS reports 81.83 m or a little more where nothing comes back"""
 LARGEST_MAP_M = 1000.0
-"""How far from where it began a log's odometry may come, along x and y, and how far a reading may reach. A
-map of a square kilometre is 400 million cells of 5 cm and takes gigabytes; the largest published logs span
-half a kilometre, and one in millimetres comes there in no time."""
+"""How far a log's odometry may come from its origin, along x and y, and how far a reading may reach. A map of
+a square kilometre is 400 million cells of 5 cm and takes gigabytes; the largest published logs span half a
+kilometre, and one in millimetres comes there in no time."""
 
 
 class LoggedScan(NamedTuple):
@@ -72,7 +72,7 @@ def take_ranges(words: list[str], where: str) -> tuple[npt.NDArray[np.float64], 
 
 
 def check_newest(scans: list[LoggedScan], where: str) -> None:
-    """Raise InputError if the last scan is not as long as the first one, or further off than a map can be."""
+    """Raise InputError if the last scan is not as long as the first one, or further off than a map may be."""
     first, last = scans[0], scans[-1]
     if len(first.ranges_m) != len(last.ranges_m):
         raise InputError(
@@ -80,10 +80,10 @@ def check_newest(scans: list[LoggedScan], where: str) -> None:
             f"{len(first.ranges_m)}"
         )
     x, y, _ = last.odometry
-    if max(abs(x - first.odometry.x), abs(y - first.odometry.y)) > LARGEST_MAP_M:
+    if max(abs(x), abs(y)) > LARGEST_MAP_M:
         raise InputError(
-            f"{where}: the odometry x {x:g}, y {y:g} lies more than {LARGEST_MAP_M:g} m from where the log "
-            "begins, and no map can be that large; is it in metres?"
+            f"{where}: the odometry x {x:g}, y {y:g} lies more than {LARGEST_MAP_M:g} m from its origin, and "
+            "no map can be that large; is it in metres?"
         )
 
 

@@ -10,7 +10,9 @@ from gmapping_room import ROOM, ROUND_TRIP, drive
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.log_mapping import map_log, read_scan_log
+from midnet_bench.mapping.gmapping import GMapping
+from midnet_bench.mapping.log_mapping import map_log, map_scans
+from midnet_bench.mapping.log_reading import read_scan_log
 from midnet_bench.mapping.scan_log import half_circle
 
 RANGES = ["1.5"] * 179 + ["2.5"]
@@ -127,7 +129,8 @@ def test_readings_that_pile_up_at_the_largest_range_are_no_walls(tmp_path: Path)
 def test_an_empty_file_and_one_without_scans(tmp_path: Path) -> None:
     assert "empty" in error_of(written(tmp_path, "", "  "))
     assert "no laser scan" in error_of(written(tmp_path, "# nothing", "ODOM 0 0 0 0 0 0 1 host 1"))
-    assert "cannot be read" in error_of(tmp_path / "absent.log")
+    absent = tmp_path / "absent.log"
+    assert error_of(absent) == f"{absent}: cannot be read: No such file or directory"
     garbage = tmp_path / "garbage.gz"
     garbage.write_bytes(b"\x1f\x8b\x08\x00 not really")
     assert "cannot be read" in error_of(garbage)
@@ -165,13 +168,63 @@ def test_words_that_are_no_numbers(tmp_path: Path) -> None:
     assert "line ends before the stamp" in error_of(written(tmp_path, odometry, f"{RAW_HEAD} 3 1 2 3 0"))
 
 
+@pytest.mark.parametrize("count", ["\u00b2", "\u0663", "9" * 5000, "-3", "1"])
+def test_counts_that_are_none(tmp_path: Path, count: str) -> None:
+    flaser = f"FLASER {count} {' '.join(RANGES)} 1.1 2 0.5 1 2 0.5 100.25 host 0.1"
+    assert ":1: the number of ranges" in error_of(written(tmp_path, flaser))
+    assert len(error_of(written(tmp_path, f"1 0 0 0 {count} 1 2 3"))) < 500
+    odometry = "ODOM 0 0 0 0 0 0 1 host 1"
+    assert ":2: " in error_of(written(tmp_path, odometry, f"{RAW_HEAD} {count} 1 2 3 0 1 h 1"))
+
+
+@pytest.mark.parametrize("count", ["\u00b2", "9" * 5000])
+def test_remissions_whose_number_is_none(tmp_path: Path, count: str) -> None:
+    odometry = "ODOM 0 0 0 0 0 0 1 host 1"
+    raw = f"{RAW_HEAD} 3 1 2 3 {count} 7 8 1.1 host 1.1"
+    assert ":2: stamp: " in error_of(written(tmp_path, odometry, raw))
+    robot = f"{ROBOT_HEAD} 3 1 2 3 {count} 1.2 2.0 0.0 1.0 2.0 0.0 0.1 0.2 0.3 0.4 0.5 1.1 host 1.15"
+    assert ":1: laser pose: " in error_of(written(tmp_path, robot))
+
+
+@pytest.mark.parametrize("kind", ["RAWLASER1", "ROBOTLASER1"])
+def test_a_scanner_that_cannot_be(tmp_path: Path, kind: str) -> None:
+    odometry = "ODOM 0 0 0 0 0 0 1 host 1"
+    for numbers, said in (
+        ("-2.0 4.0 0.0 30.0", "angle step: 0 rad"),
+        ("-2.0 4.0 0.5 -30.0", "largest range: -30 m"),
+        ("-2.0 4.0 0.5 0", "largest range: 0 m"),
+        ("-2.0 4.0 0.5 80000", "range: 8000 m is further than 1000 m"),
+    ):
+        scan = f"{kind} 0 {numbers} 0.01 0 3 1 2 8000 0 1 2 0 1 2 0 0.1 0.2 0.3 0.4 0.5 1.1 host 1.1"
+        assert f":2: {said}" in error_of(written(tmp_path, odometry, scan))
+
+
+def test_odometry_in_millimetres(tmp_path: Path) -> None:
+    lines = [f"{k} {x} 0 0 3 1 2 3" for k, x in enumerate((0, 600, 1200, 1800))]
+    said = error_of(written(tmp_path, *lines))
+    assert ":3: the odometry x 1200, y 0 lies more than 1000 m from" in said
+    assert "metres?" in said
+    far_off = [f"{k} 700000 {4e6 + k} 0 3 1 2 3" for k in range(3)]
+    assert len(read_scan_log(written(tmp_path, *far_off))) == 3, (
+        "a grid's coordinates are large and all right"
+    )
+
+
+def test_readings_that_are_all_the_same_are_told(tmp_path: Path) -> None:
+    said = error_of(written(tmp_path, *[f"{k} 0 0 0 3 3.0 3.0 3.0" for k in range(10)]))
+    assert "between 0 and 3 m, where readings pile up" in said
+
+
 def test_nothing_but_nan(tmp_path: Path) -> None:
     assert "every range" in error_of(written(tmp_path, "1 0 0 0 3 nan nan inf", "2 0 0 0 3 nan nan nan"))
 
 
 def test_nothing_within_range(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no range lies between 0 and the sensor's"):
-        map_log(written(tmp_path, "1 0 0 0 3 0 0 90", "2 0 0 0 3 0 0 90"), particles=1)
+    nothing = [f"{k} 0 0 0 3 0 0 90" for k in range(2)]
+    assert "no range lies between 0 and the sensor's 81.8 m" in error_of(written(tmp_path, *nothing))
+    later = [*nothing, "2 0 0 0 3 1 2 90"]
+    with pytest.raises(InputError, match="no range of the scans after which the robot moved"):
+        map_log(written(tmp_path, *later), particles=1)
 
 
 def test_a_log_becomes_a_map_and_the_same_seed_the_same_bytes(tmp_path: Path) -> None:
@@ -185,8 +238,15 @@ def test_a_log_becomes_a_map_and_the_same_seed_the_same_bytes(tmp_path: Path) ->
     lines[5] = " ".join([*lines[5].split()[:-1], "nan"])
     path, seen = written(tmp_path, *lines), []
     result = map_log(path, particles=10, seed=3, progress=lambda done, total: seen.append((done, total)))
-    again = map_log(path, particles=10, seed=3)
+    looks: list[tuple[int, int]] = []
 
+    def look(done: int, slam: GMapping) -> None:
+        looks.append((done, np.count_nonzero(slam.occupancy().data >= 0)))
+
+    again = map_scans(read_scan_log(path), particles=10, seed=3, look=look)
+
+    assert (looks[0][0], looks[-1][0]) == (1, len(lines))
+    assert looks[0][1] < looks[-1][1] == np.count_nonzero(result.grid.data >= 0)
     assert seen == [(k, len(lines)) for k in range(1, len(lines) + 1)]
     assert result.scans == len(lines)
     assert 20 < len(result.trajectory) < len(lines)
