@@ -150,9 +150,14 @@ def check(campaign: Campaign, source: str, experiments: Experiments = registry) 
     twice = sorted(set(campaign.grid) & set(campaign.parameters))
     if twice:
         raise InputError(f"{source}: parameters.{twice[0]}: also a factor of the grid; keep one of the two")
-    parse(experiments.parameters_model(campaign.experiment), campaign.parameters, f"{source}: parameters")
+    try:
+        all_resolved = cells(campaign, experiments, source)
+    except InputError:
+        # no fault of a cell if the parameters that all cells share are wrong by themselves
+        parse(experiments.parameters_model(campaign.experiment), campaign.parameters, f"{source}: parameters")
+        raise
     seen: dict[str, dict[str, Scalar]] = {}
-    for cell, resolved in zip(_products(campaign), cells(campaign, experiments, source), strict=True):
+    for cell, resolved in zip(_products(campaign), all_resolved, strict=True):
         identity = TrialSpec(campaign.experiment, resolved, 0).trial_id
         if identity in seen:
             raise InputError(f"{source}: grid: the cell {_show(cell)} is there twice")

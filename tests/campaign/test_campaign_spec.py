@@ -2,11 +2,15 @@ import itertools
 from pathlib import Path
 
 import coin_experiments as coins
+import numpy as np
 import pytest
 
 from midnet_bench.campaign.definition import Definition, definition_of, differences
 from midnet_bench.campaign.spec import Campaign, check, load_campaign, override, parse_settings, trials
 from midnet_bench.errors import InputError
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.map_server import save_map
+from midnet_bench.simulation.arena import load_arena
 
 GOOD = """
 experiment: coins
@@ -88,6 +92,26 @@ def test_a_wrong_file_is_one_line_with_file_and_key(
     assert message.startswith(str(path))
     assert complaint in message
     assert "\n" not in message
+
+
+def test_a_map_is_held_against_the_arenas_of_the_grid_and_no_other(tmp_path: Path) -> None:
+    arena = load_arena("empty")
+    small = arena.model_copy(
+        update={"enclosure_m": (3.0, 3.0), "walls": (((-1.5, -1.5), (1.5, -1.5), (1.5, 1.5)),)}
+    )
+    (tmp_path / "small.yaml").write_text(small.model_dump_json())
+    save_map(OccupancyGrid(np.zeros((60, 60), np.int8), 0.05, (-1.5, -1.5)), tmp_path / "map.yaml")
+    text = (
+        f"experiment: detection\ngrid: {{arena: [{tmp_path}/small.yaml]}}\n"
+        f"parameters: {{prior_map: {tmp_path}/map.yaml}}"
+    )
+    path = campaign_file(tmp_path, text)
+    assert len(list(trials(load_campaign(path)))) == 1
+    path = campaign_file(tmp_path, text.replace("grid: {arena: [", "grid: {arena: [map1, "))
+    with pytest.raises(
+        InputError, match=r"tossing\.yaml: .*map\.yaml: it reaches .* cover the arena, 6 x 6 m"
+    ):
+        load_campaign(path)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
