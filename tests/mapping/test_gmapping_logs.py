@@ -202,12 +202,8 @@ def test_a_scanner_that_cannot_be(tmp_path: Path, kind: str) -> None:
 def test_odometry_in_millimetres(tmp_path: Path) -> None:
     lines = [f"{k} {x} 0 0 3 1 2 3" for k, x in enumerate((0, 600, 1200, 1800))]
     said = error_of(written(tmp_path, *lines))
-    assert ":3: the odometry x 1200, y 0 lies more than 1000 m from" in said
+    assert ":3: the odometry x 1200, y 0 lies more than 1000 m from its origin" in said
     assert "metres?" in said
-    far_off = [f"{k} 700000 {4e6 + k} 0 3 1 2 3" for k in range(3)]
-    assert len(read_scan_log(written(tmp_path, *far_off))) == 3, (
-        "a grid's coordinates are large and all right"
-    )
 
 
 def test_readings_that_are_all_the_same_are_told(tmp_path: Path) -> None:
