@@ -1,5 +1,6 @@
 """Campaigns of one experiment side by side: what differs, seed by seed."""
 
+import os
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -14,6 +15,9 @@ from midnet_bench.report.tables import Table
 from midnet_bench.rng import stream
 from midnet_bench.scoring.statistics import paired_difference
 
+COLUMNS = ("trial", "measure", "difference", "low", "high", "seeds")
+"""of a table of differences, beside one for each campaign's means"""
+
 Measures = Mapping[tuple[str, str], Mapping[int, float]]
 """(cell, measure) -> its value at each seed"""
 
@@ -22,14 +26,14 @@ def write_comparison(directories: Sequence[Path], output: Path) -> list[Table]:
     """Several campaigns of one experiment in one table of differences; labyrinths in one figure too.
 
     Raises:
-        InputError: they are not of one experiment, it has no comparison, or two folders have one name.
+        InputError: they are not of one experiment, it has no comparison, one folder is given twice, or a
+            campaign has no seed in common with the first.
     """
-    if len({directory.name for directory in directories}) < max(2, len(directories)):
-        raise InputError("compare: give two or more folders of different names")
+    names = names_of(directories)
     with ExitStack() as opened:
         stores = {
-            directory.name: opened.enter_context(open_store(directory / FILE_NAME))
-            for directory in directories
+            name: opened.enter_context(open_store(directory / FILE_NAME))
+            for name, directory in zip(names, directories, strict=True)
         }
         kinds = {store.definition.experiment for store in stores.values()}
         if kinds not in ({"detection"}, {"labyrinth"}):
@@ -37,9 +41,28 @@ def write_comparison(directories: Sequence[Path], output: Path) -> list[Table]:
             raise InputError(f"compare: detection or labyrinth campaigns only, of one kind, not {named}")
         measure = _scores if kinds == {"detection"} else _success_rates
         differences = differences_table({name: measure(store) for name, store in stores.items()})
+    for name in names[1:]:
+        if not any(name in row for row in differences.rows):
+            raise InputError(
+                f"compare: {names[0]} and {name} have no finished trials with a cell and a seed in common"
+            )
     differences.write(output / "differences")
-    both = write_labyrinth_comparison(directories, output) if kinds == {"labyrinth"} else []
+    both = write_labyrinth_comparison(directories, output, names) if kinds == {"labyrinth"} else []
     return [*both, differences]
+
+
+def names_of(directories: Sequence[Path]) -> list[str]:
+    """What to call the folders: the shortest ends of their paths that tell them apart.
+
+    None is called as a column of the table. Raises InputError for fewer than two folders, or one given twice.
+    """
+    # absolute, but not through links: a link's own name is what its owner calls the campaign
+    parts = [Path(os.path.abspath(directory)).parts for directory in directories]
+    for length in range(1, max(map(len, parts), default=0) + 1):
+        names = ["/".join(each[-length:]) for each in parts]
+        if len(set(names)) == len(names) > 1 and not set(names) & set(COLUMNS):
+            return names
+    raise InputError("compare: give two or more different folders")
 
 
 def differences_table(campaigns: Mapping[str, Measures]) -> Table:

@@ -55,21 +55,25 @@ def write_labyrinth_report(store: Store, directory: Path) -> list[Table]:
     return [tables[name] for name in ("success_rate", "labyrinth_health", "labyrinth_speed")]
 
 
-def write_labyrinth_comparison(directories: Sequence[Path], output: Path) -> list[Table]:
+def write_labyrinth_comparison(
+    directories: Sequence[Path], output: Path, names: Sequence[str] | None = None
+) -> list[Table]:
     """Several campaigns side by side, ``success_comparison`` as a table and a figure with a panel for each.
+
+    They are called as their folders unless ``names`` are given.
 
     Raises:
         InputError: one of them is no labyrinth campaign, or two folders have one name.
     """
     variants: dict[str, Cells] = {}
-    for directory in directories:
+    for campaign, directory in zip(names or [path.name for path in directories], directories, strict=True):
         with open_store(directory / FILE_NAME) as store:
             if store.definition.experiment != "labyrinth":
                 raise InputError(f"{directory}: a {store.definition.experiment} campaign beside a labyrinth")
             for name, cells in variants_of(store).items():
-                title = f"{directory.name}: {name}" if name else directory.name
+                title = f"{campaign}: {name}" if name else campaign
                 if title in variants:
-                    raise InputError(f"{directory}: another one is named '{directory.name}' too")
+                    raise InputError(f"{directory}: another one is named '{campaign}' too")
                 variants[title] = cells
     table = success_table(variants)
     table.write(output / "success_comparison")

@@ -42,7 +42,9 @@ class Table:
             name for name in self.columns if not any(isinstance(row.get(name), str) for row in self.rows)
         }
         lines = [self.columns, ["---:" if name in right else "---" for name in self.columns], *self.cells()]
-        return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+        # a bar in a cell would begin another one
+        escaped = [[cell.replace("|", "\\|") for cell in line] for line in lines]
+        return "".join(f"| {' | '.join(line)} |\n" for line in escaped)
 
     def to_latex(self) -> str:
         """A tabular for booktabs."""

@@ -33,3 +33,7 @@ def test_the_csv_keeps_every_digit(tmp_path: Path) -> None:
 
     assert float(row["x"]) == third
     assert (row["y"], row["z"]) == ("", "")
+
+
+def test_a_bar_in_a_cell_begins_no_other_one() -> None:
+    assert Table("", [{"a|b": "c|d"}]).to_markdown().splitlines()[::2] == ["| a\\|b |", "| c\\|d |"]
