@@ -1,0 +1,95 @@
+"""The commands that read a campaign's folder, and what they say when there is nothing to tell."""
+
+import json
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from midnet_bench.campaign.definition import Definition
+from midnet_bench.campaign.provenance import collect
+from midnet_bench.campaign.store import open_or_create
+from midnet_bench.campaign.worker import Outcome, encode_tables
+from midnet_bench.cli import main
+from midnet_bench.experiments.trial import TrialResult, TrialSpec
+
+Command = Callable[..., tuple[int, str, list[str]]]
+
+
+@pytest.fixture
+def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """Runs ``midnet-bench`` in this process: exit code, what it printed, and its lines on stderr."""
+
+    def run(*arguments: object) -> tuple[int, str, list[str]]:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", ["midnet-bench", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        said = capsys.readouterr()
+        assert isinstance(ended.value.code, int | None)
+        return ended.value.code or 0, said.out, said.err.splitlines()
+
+    return run
+
+
+def detection_store(folder: Path, seeds: range, failure: str | None = None) -> None:
+    """Trials of one robot at ``seeds``, all alike."""
+    folder.mkdir(parents=True)
+    definition = Definition("detection", seeds[0], len(seeds), {"robots": [1]}, {})
+    scores = {"frames": 10, "precision": 0.9, "recall": 0.5, "f1": math.nan}
+    payload = encode_tables(TrialResult({"scores": [scores], "robots": []}, 2.0))
+    with open_or_create(folder / "campaign.sqlite", definition) as store:
+        run_id = store.begin_run(collect(1))
+        for seed in seeds:
+            spec = TrialSpec("detection", {"robots": 1}, seed)
+            outcome = (
+                Outcome(spec.trial_id, 1.0, failure=failure)
+                if failure
+                else Outcome(spec.trial_id, 1.0, 2.0, payload)
+            )
+            store.record(run_id, spec, outcome)
+
+
+def test_what_is_no_campaigns_folder_gets_a_hint(tmp_path: Path, command: Command) -> None:
+    detection_store(tmp_path / "one", range(1, 3))
+    for name in ("report", "verify", "power", "compare"):
+        code, _, (line,) = command(name, "one/campaign.sqlite")
+        assert (code, "give the campaign's folder, one," in line) == (2, True), line
+        code, _, (line,) = command(name, "two")
+        assert (code, "two: there is no such folder" in line) == (2, True), line
+
+
+def test_two_equal_team_sizes_are_refused(tmp_path: Path, command: Command) -> None:
+    detection_store(tmp_path / "one", range(1, 3))
+    code, _, (line,) = command("power", "one", "--robots", 4, 4)
+    assert (code, "--robots 4 4" in line) == (2, True), line
+
+
+def test_a_report_of_nothing_says_so(tmp_path: Path, command: Command) -> None:
+    detection_store(tmp_path / "failed", range(1, 3), failure="ValueError: no")
+    code, out, (line,) = command("report", "failed")
+    assert (code, out, line) == (2, "", "error: failed: no finished trial yet; see failures.csv there")
+    assert (tmp_path / "failed" / "failures.csv").exists()
+
+
+def test_a_comparison_without_a_common_seed_says_so(tmp_path: Path, command: Command) -> None:
+    detection_store(tmp_path / "one", range(1, 3))
+    detection_store(tmp_path / "other", range(3, 5))
+    code, out, (line,) = command("compare", "one", "other")
+    assert (code, out) == (2, "")
+    assert "seed in common" in line
+
+
+def test_numbers_that_are_not_defined_are_null_in_json_and_names_stay(
+    tmp_path: Path, command: Command
+) -> None:
+    for name in ("one", "NaNcy"):
+        detection_store(tmp_path / name, range(1, 3))
+    code, out, _ = command("compare", "one", "NaNcy", "--json")
+    assert code == 0
+    (rows,) = json.loads(out).values()
+    f1 = next(row for row in rows if row["measure"] == "f1")
+    assert (f1["NaNcy"], f1["difference"]) == (None, None)
+    assert next(row for row in rows if row["measure"] == "recall")["NaNcy"] == 0.5
