@@ -129,7 +129,9 @@ def parse(model: type[SpecT], values: Any, source: str) -> SpecT:
             message = _PLAIN_WORDS[first["type"]].format(**first.get("ctx", {}))
         # pydantic names the kinds that a value may have as if they were keys of it
         if location and location[-1] in _SCALARS:
-            location, message = location[:-1], "one number, word or true/false is needed"
+            is_number = isinstance(first["input"], float)
+            wanted = "a finite number" if is_number else "one number, word or true/false"
+            location, message = location[:-1], f"{wanted} is needed"
         key = ".".join(str(part) for part in location) or "(top level)"
         if first["type"] == "extra_forbidden":
             valid = _fields_at(model, location[:-1])

@@ -71,6 +71,7 @@ def test_a_name_that_no_file_can_have() -> None:
     ("values", "words"),
     [
         ({"values": {"a": {"b": 1}}}, "values.a: one number, word or true/false is needed (got {'b': 1})"),
+        ({"values": {"a": float("nan")}}, "values.a: a finite number is needed (got nan)"),
         ({"pairs": [[1]]}, "pairs.0.1: Field required"),
         ({"pairs": [[1, 2, 3]]}, "pairs.0: too many items; at most 2 allowed (got [1, 2, 3])"),
         ({"at_least_two": [1]}, "at_least_two: too few items; at least 2 needed (got [1])"),

@@ -44,9 +44,8 @@ class FreeSpace:
             far = np.hypot(x, y) >= at_least_m
             rows, columns = rows[far], columns[far]
         if rows.size == 0:
-            raise InputError(
-                f"arena: no free point is {at_least_m:g} m away from {away_from}; lower the distance"
-            )
+            place = "" if away_from is None else f" from ({away_from[0]:g}, {away_from[1]:g})"
+            raise InputError(f"arena: no free point is {at_least_m:g} m away{place}; lower escape_distance_m")
         choice = int(rng.integers(rows.size))
         return self.grid.center_of(int(columns[choice]), int(rows[choice]))
 

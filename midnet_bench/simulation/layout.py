@@ -107,7 +107,7 @@ def _draw_stationary(arena: Arena, seed: int, starts: npt.NDArray[np.float64]) -
                 drawn = (*drawn, solid)
     raise InputError(
         f"arena '{arena.name}': stationary_intruders.count: no room for {spec.count} with seed {seed}; "
-        "take fewer, smaller ones or a smaller clearance_m"
+        f"take fewer, smaller ones, a smaller clearance_m, or at most {TEAM} robots"
     )
 
 
@@ -140,6 +140,6 @@ def _draw_mobile(
         else:
             raise InputError(
                 f"arena '{arena.name}': mobile_intruders: no room for {count} with seed {seed}; "
-                "take fewer or lower clear_of_robots_m"
+                f"take fewer of them, at most {TEAM} robots, or lower spacing_m or clear_of_robots_m"
             )
     return tuple(poses)
