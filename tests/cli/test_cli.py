@@ -11,6 +11,8 @@ import pytest
 import yaml
 from command import REPOSITORY, midnet_bench, one_line_of_complaint, rows
 
+from midnet_bench.simulation.arena import FOLDER
+
 HEADER = "trial,frames,tp,fp,fn,precision,recall,f1"
 
 
@@ -178,18 +180,17 @@ def write_map(folder: Path, **changes: object) -> None:
 
 
 def test_input_that_no_trial_can_use_is_named_at_the_end(tmp_path: Path) -> None:
-    write_map(tmp_path)
-    (tmp_path / "map.pgm").write_bytes(b"P5\n160 160\n255\n" + bytes(160 * 160))  # all of it is wall
-    run = ("detection", "--frames", 5, "--robots", 1, "--seeds", 2, "--map", "map.yaml", "-o", "out")
+    grid = ("--robots", 1, "--intruders", 1, "--trials", 1)
+    run = ("labyrinth", *grid, "--set", "escape_distance_m=40", "-o", "out")
     for _ in range(2):  # the second time from the store
         done = midnet_bench(*run, folder=tmp_path)
         *_, reason, count = done.stderr.splitlines()
         assert done.returncode == 2
-        assert reason.startswith("error: prior_map: no cell")
-        assert reason.endswith(" (2 trials)")
-        assert count == "2 trials could not use the input: see out/failures.csv"
+        assert reason.startswith("error: arena: no free point is 40 m away")
+        assert reason.endswith("; lower escape_distance_m (1 trial)")
+        assert count == "1 trial could not use the input: see out/failures.csv"
         assert "Traceback" not in done.stderr
-    assert len(rows(tmp_path / "out" / "failures.csv")) == 2
+    assert len(rows(tmp_path / "out" / "failures.csv")) == 1
 
 
 def missing_image(folder: Path) -> None:
