@@ -67,11 +67,11 @@ def write_log_map(
     write_tum(result.trajectory, trajectory)
     picture, growth = files.map.with_suffix(".png"), files.named("growth.png")
     write_atomically(picture, png_of(draw_map(result.grid, [result.trajectory.poses], comment)))
-    write_atomically(growth, png_of_picture(log_page(recording, result.grid, comment)))
+    write_atomically(growth, png_of_picture(log_page(recording, comment)))
     written += [trajectory, picture, growth]
     if clip:
         film = files.named("growth.mp4")
-        write_log_clip(recording, result.grid, comment, film)
+        write_log_clip(recording, comment, film)
         written.append(film)
     written += [configured, write_provenance(files, provenance)]
     return LogMap(result.grid, result.scans, written, result.warnings)

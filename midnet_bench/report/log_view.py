@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 
 from midnet_bench.geometry import Box, Pose2D
-from midnet_bench.grid import OccupancyGrid
 from midnet_bench.mapping.gmapping import GMapping
 from midnet_bench.report.canvas import Canvas, Picture, text_mask, write
 from midnet_bench.report.growth_view import (
@@ -19,7 +18,6 @@ from midnet_bench.report.growth_view import (
     growth_page,
     paint_shade,
 )
-from midnet_bench.report.map_picture import known_corners
 from midnet_bench.report.marks import BURGER_LENGTH_M, paint_burger
 from midnet_bench.report.palette import INK, WHITE
 from midnet_bench.report.recording import Moment, Recording
@@ -31,13 +29,17 @@ LEAST_TILE_PX = 240
 WIDTH, HEIGHT = 1280, 720
 MAP_TOP = 80
 LEFT, RIGHT = 16, 1264
-SECOND_LINE, LEGEND_LEFT = 46, 696
+SECOND_LINE, LEGEND_LEFT = 46, 752
 PICTURES_PER_S = 10
 LAST_PICTURE_S = 2.0
 
 
 class LogRecording(Recording):
     """What the filter makes of a log while it goes through it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._extents: list[tuple[float, float, float, float]] = []
 
     def look(self, done: int, slam: GMapping) -> None:
         """The next moment: the best particle's map and where it places the robot, now and until now."""
@@ -46,15 +48,21 @@ class LogRecording(Recording):
         nobody_knows = np.empty((0, 3))
         believed = np.array([slam.best_pose])
         way = slam.trajectory.poses[:, :2]
+        if grid.data.size:
+            self._extents.append(grid.extent)
         self.take(Moment(float(done), known_m2, grid, nobody_knows, believed, [None], [way]))
 
+    def view(self) -> Box:
+        """What shows the map at every moment: before a loop closes, it may lie beside the last one."""
+        extents = np.array(self._extents)
+        view = Box(*extents[:, :2].min(axis=0).tolist(), *extents[:, 2:].max(axis=0).tolist())
+        side_m = max(view.x_max - view.x_min, view.y_max - view.y_min)
+        return view.shrunk(-max(LEAST_MARGIN_M, MARGIN_SHARE * side_m))
 
-def log_page(recording: Recording, grid: OccupancyGrid, heading: str) -> Picture:
-    """(height, width, 3) at most six moments from the first scan to the last, evenly spread.
 
-    They show what ``grid``, the map in the end, covers.
-    """
-    clocks, view = recording.clocks, _view_of(grid)
+def log_page(recording: LogRecording, heading: str) -> Picture:
+    """(height, width, 3) at most six moments from the first scan to the last, evenly spread."""
+    clocks, view = recording.clocks, recording.view()
     chosen = np.unique(np.linspace(0, len(clocks) - 1, MOMENTS).round().astype(int)).tolist()
     high = (view.y_max - view.y_min) / (view.x_max - view.x_min)
     painter = MapPainter(view, TILE_PX, min(max(round(TILE_PX * high), LEAST_TILE_PX), TILE_PX))
@@ -66,9 +74,9 @@ def log_page(recording: Recording, grid: OccupancyGrid, heading: str) -> Picture
     return growth_page(recording, [clocks[k] for k in chosen], painter, heading, caption)
 
 
-def write_log_clip(recording: Recording, grid: OccupancyGrid, heading: str, path: Path) -> None:
-    """Write an MP4 of all moments, about 20 seconds at most; it shows what ``grid`` covers."""
-    painter = MapPainter(_view_of(grid), WIDTH, HEIGHT - MAP_TOP)
+def write_log_clip(recording: LogRecording, heading: str, path: Path) -> None:
+    """Write an MP4 of all moments, about 20 seconds at most."""
+    painter = MapPainter(recording.view(), WIDTH, HEIGHT - MAP_TOP)
     page, clocks = _clip_page(heading), recording.clocks
     still = [clocks[-1]] * round(LAST_PICTURE_S * PICTURES_PER_S)
     with VideoFile(path, WIDTH, HEIGHT, PICTURES_PER_S) as video:
@@ -80,12 +88,6 @@ def write_log_clip(recording: Recording, grid: OccupancyGrid, heading: str, path
             write(picture, RIGHT - text_mask(scans, 20, True).shape[1], 10, scans, 20, INK, bold=True)
             write(picture, LEFT, SECOND_LINE, _known(moment), 16, INK)
             video.append(picture)
-
-
-def _view_of(grid: OccupancyGrid) -> Box:
-    (x_min, y_min), (x_max, y_max) = known_corners(grid)
-    margin_m = max(LEAST_MARGIN_M, MARGIN_SHARE * max(x_max - x_min, y_max - y_min))
-    return Box(x_min, y_min, x_max, y_max).shrunk(-margin_m)
 
 
 def _scans(moment: Moment, of: float) -> str:
@@ -109,5 +111,5 @@ def _clip_page(heading: str) -> Picture:
     paint_burger(canvas, Pose2D(left + 8.0, y, 0.0), 18.0 / BURGER_LENGTH_M, color_of(0))
     write(page, left + 28, SECOND_LINE, "robot", 13, INK)
     canvas.line([(left + 100.0, y), (left + 126.0, y)], color_of(0), 2)
-    write(page, left + 134, SECOND_LINE, "its way, as of now", 13, INK)
+    write(page, left + 134, SECOND_LINE, "its way", 13, INK)
     return page
