@@ -11,8 +11,6 @@ import pytest
 import yaml
 from command import REPOSITORY, midnet_bench, one_line_of_complaint, rows
 
-from midnet_bench.simulation.arena import FOLDER
-
 HEADER = "trial,frames,tp,fp,fn,precision,recall,f1"
 
 
