@@ -119,13 +119,19 @@ def _draw_exactly(arena: str, settings: list[str], output: Path, as_json: bool) 
 
 
 def _map_log(path: Path, particles: int, seed: int, clip: bool, output: Path, as_json: bool) -> None:
+    from midnet_bench.errors import InputError
     from midnet_bench.mapping.log_reading import read_scan_log
 
     log = read_scan_log(path)
     # after the log is read: these take seconds, and a bad log is told at once
     from midnet_bench.report.log_map import write_log_map
 
-    made = write_log_map(log, particles, seed, output, clip, progress=_tell_scans)
+    try:
+        made = write_log_map(log, particles, seed, output, clip, progress=_tell_scans)
+    except MemoryError as error:
+        raise InputError(
+            f"{path}: a map of that size does not fit into memory; are odometry and ranges in metres?"
+        ) from error
     _tell(made.grid, made.files, made.warnings, as_json)
 
 

@@ -68,23 +68,17 @@ def map_scans(
             most. It changes nothing of the result.
 
     Raises:
-        InputError: no scan that counts has a usable range, or there is not enough memory for the map.
+        InputError: no scan that counts has a usable range.
     """
     slam = start_mapping(log, particles, seed)
     every = math.ceil(len(log) / (MOST_LOOKS - 1))
-    try:
-        for done, scan in enumerate(log, start=1):
-            slam.process(scan.odometry, scan.ranges_m, scan.stamp_s)
-            if look is not None and (done in (1, len(log)) or done % every == 0):
-                look(done, slam)
-            if progress is not None:
-                progress(done, len(log))
-        grid = slam.occupancy(anew=True)
-    except MemoryError as error:
-        raise InputError(
-            f"{log.path}: the map does not fit into memory; are odometry and ranges in metres? If so, take "
-            "fewer --particles"
-        ) from error
+    for done, scan in enumerate(log, start=1):
+        slam.process(scan.odometry, scan.ranges_m, scan.stamp_s)
+        if look is not None and (done in (1, len(log)) or done % every == 0):
+            look(done, slam)
+        if progress is not None:
+            progress(done, len(log))
+    grid = slam.occupancy(anew=True)
     if grid.data.size == 0:
         raise InputError(
             f"{log.path}: no range of the scans after which the robot moved lies between 0 and "

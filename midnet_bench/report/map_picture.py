@@ -20,6 +20,8 @@ Floats = npt.NDArray[np.float64]
 UNKNOWN, OCCUPIED = 0.8, 0.15
 """shades of grey; free is white"""
 MARGIN_M = 0.3
+MOST_CELLS = 4000
+"""along a side of what is drawn; the picture has some 1000 pixels there"""
 HEIGHT_IN = 7.6
 SIDE_IN, TOP_IN, BOTTOM_IN = 0.75, 0.4, 0.8
 
@@ -43,7 +45,7 @@ def draw_map(grid: OccupancyGrid, ways: Sequence[Floats], title: str, walls: Seq
         (SIDE_IN / width_in, BOTTOM_IN / HEIGHT_IN, 1 - 2 * SIDE_IN / width_in, plot_in / HEIGHT_IN)
     )
     axes.set_facecolor(str(UNKNOWN))
-    show_grid(axes, grid, UNKNOWN, OCCUPIED)
+    show_grid(axes, coarsened(grid, MOST_CELLS), UNKNOWN, OCCUPIED)
     show_metres(axes, view)
     axes.set_title(title, fontsize=11, loc="left")
     axes.set_xlabel("x / m", fontsize=9)
@@ -56,6 +58,21 @@ def draw_map(grid: OccupancyGrid, ways: Sequence[Floats], title: str, walls: Seq
         handles=_legend(len(ways), bool(walls)), loc="lower center", ncols=6, fontsize=8.5, frameon=False
     )
     return figure
+
+
+def coarsened(grid: OccupancyGrid, most_cells: int) -> OccupancyGrid:
+    """A map of the same place with at most so many cells along each side.
+
+    A cell of it is occupied if one of those that it is made of is, else free if one is. The grid itself if it
+    is small enough.
+    """
+    factor = -(-max(grid.width, grid.height) // most_cells)
+    if factor <= 1:
+        return grid
+    starts = [np.arange(0, size, factor) for size in grid.data.shape]
+    # 100 occupied, 0 free, -1 unknown: the largest says the most
+    rows = np.maximum.reduceat(grid.data, starts[0], axis=0)
+    return OccupancyGrid(np.maximum.reduceat(rows, starts[1], axis=1), factor * grid.resolution, grid.origin)
 
 
 def known_corners(grid: OccupancyGrid) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -18,7 +18,7 @@ from midnet_bench.report.exploration_view import (
 )
 from midnet_bench.report.growth_view import MapPainter
 from midnet_bench.report.map_files import MapFiles
-from midnet_bench.report.map_picture import known_corners
+from midnet_bench.report.map_picture import coarsened, known_corners
 from midnet_bench.report.recording import Moment, Recording
 
 ROOM = """
@@ -124,6 +124,15 @@ def test_the_known_part_of_a_map_is_what_a_picture_shows() -> None:
     assert known_corners(OccupancyGrid(data, 0.5, (-1.0, 2.0))) == ((4.0, 4.5), (5.5, 6.0))
     nothing = OccupancyGrid(np.full((2, 4), -1, dtype=np.int8), 0.5, (0.0, 0.0))
     assert known_corners(nothing) == ((0.0, 0.0), (2.0, 1.0))
+
+
+def test_a_large_map_is_drawn_with_larger_cells() -> None:
+    data = np.full((5, 9), -1, dtype=np.int8)
+    data[0, 3], data[1, 2], data[4, 8] = 0, 100, 0
+    coarse = coarsened(OccupancyGrid(data, 0.5, (1.0, 2.0)), 5)
+    assert coarse.data.tolist() == [[-1, 100, -1, -1, -1], [-1] * 5, [-1, -1, -1, -1, 0]]
+    assert (coarse.resolution, coarse.origin) == (1.0, (1.0, 2.0))
+    assert coarsened(coarse, 5) is coarse
 
 
 def test_a_folder_gets_plain_names_and_a_named_map_has_its_name_on_all(tmp_path: Path) -> None:
