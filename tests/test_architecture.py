@@ -14,6 +14,7 @@ PACKAGE = Path(midnet_bench.__file__).parent
 # from the ground floor up; above it, rooms on one floor know nothing of each other
 FLOORS = [
     {"errors", "geometry", "grid", "messages", "rng", "spec"},
+    {"map_image"},
     {"map_server"},
     {"midnet"},
     {"localization", "navigation", "mapping"},
