@@ -53,7 +53,10 @@ def printing() -> Iterator[None]:
             yield
         finally:
             sys.stdout.flush()
-    except (BrokenPipeError, SystemExit):  # rich and typer make the one into the other
+    except (BrokenPipeError, SystemExit) as error:
+        # rich and typer make the one into the other; an exit for any other reason stays as it is
+        if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
+            raise
         _drop_the_rest()
         raise SystemExit(READER_GONE) from None
     except OSError as error:
