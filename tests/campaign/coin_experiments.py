@@ -70,6 +70,9 @@ def make_trouble(kind: str, file: Path, tables: dict[str, list[Row]]) -> None:
     elif kind == "spin":
         while True:
             pass
+    elif kind == "wait":
+        while not file.exists():
+            time.sleep(0.01)
     elif kind == "sleep":
         time.sleep(3600)
 

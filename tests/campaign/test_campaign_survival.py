@@ -144,17 +144,20 @@ def test_two_interrupts_end_at_once(tmp_path: Path) -> None:
 
 
 def test_a_second_process_is_refused_and_the_first_goes_on(tmp_path: Path) -> None:
-    seconds = {"trials": 16, "parameters": {"work_s": 1.0}}
-    first = start(tmp_path, seconds, jobs=2)
+    gate = tmp_path / "gate"
+    last_waits = {"trouble": "wait", "trouble_seed": 6, "trouble_file": str(gate)}
+    campaign = {"trials": 6, "base_seed": 1, "parameters": last_waits}
+    first = start(tmp_path / "run", campaign, jobs=2)
     wait_for(first, "stored")
-    code, _, err = finish(start(tmp_path, seconds, jobs=2))
+    code, _, err = finish(start(tmp_path / "run", campaign, jobs=2))
+    gate.mkdir()
     first_code, out, first_err = finish(first)
 
     assert code == 2
     assert "another midnet-bench is running this campaign" in err
     assert len(err.splitlines()) == 1
     assert (first_code, first_err) == (0, "")
-    assert "done 16 0 16" in out
+    assert "done 6 0 6" in out
 
 
 @pytest.fixture
