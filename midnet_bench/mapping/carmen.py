@@ -61,11 +61,10 @@ def _parse_flaser(path: Path, lines: list[str]) -> ScanLog:
                 f"{where}: odometry missing: x y theta, odom_x odom_y odom_theta and a stamp must follow the "
                 f"{len(ranges_m)} ranges; the line holds {len(rest)} more words"
             )
-        laser = Pose2D(*finite(rest[0:3], where, "laser pose"))
-        odometry = Pose2D(*finite(rest[3:6], where, "odometry"))
+        odometry, laser = _take_poses(rest, where)
         scans.append(LoggedScan(finite(rest[6:7], where, "stamp")[0], odometry, ranges_m))
         check_newest(scans, where)
-        lasers_on_base.append(odometry_increment(odometry, laser))
+        lasers_on_base.append(laser)
     geometry = _mounted(half_circle(len(scans[0].ranges_m)), lasers_on_base)
     return ScanLog(path, geometry, scans)
 
@@ -103,12 +102,11 @@ def _parse_robotlaser(path: Path, lines: list[str]) -> ScanLog:
                 f"{where}: odometry missing: laser_x laser_y laser_theta, robot_x robot_y robot_theta and at "
                 f"the end stamp host stamp must follow the scan; the line holds {len(rest)} more words"
             )
-        laser = Pose2D(*finite(rest[0:3], where, "laser pose"))
-        odometry = Pose2D(*finite(rest[3:6], where, "odometry"))
+        odometry, laser = _take_poses(rest, where)
         scans.append(LoggedScan(finite(rest[-3:-2], where, "stamp")[0], odometry, ranges_m))
         check_newest(scans, where)
         geometries.append(scanner)
-        lasers_on_base.append(odometry_increment(odometry, laser))
+        lasers_on_base.append(laser)
     return ScanLog(path, _mounted(geometries[0], lasers_on_base), scans)
 
 
@@ -146,6 +144,13 @@ def _take_scan(words: list[str], where: str) -> tuple[LidarGeometry, Floats, lis
     base = Pose2D(0.0, 0.0, 0.0)
     geometry = LidarGeometry(len(ranges_m), start_rad, step_rad, 0.0, range_max_m, base)
     return geometry, ranges_m, rest[remissions:]
+
+
+def _take_poses(words: list[str], where: str) -> tuple[Pose2D, Pose2D]:
+    """Of the laser's pose and the robot's, three words each: the robot's, and the laser's on the robot."""
+    laser = Pose2D(*finite(words[0:3], where, "laser pose"))
+    odometry = Pose2D(*finite(words[3:6], where, "odometry"))
+    return odometry, odometry_increment(odometry, laser)
 
 
 def _mounted(geometry: LidarGeometry, lasers_on_base: list[Pose2D]) -> LidarGeometry:

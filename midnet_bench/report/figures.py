@@ -44,12 +44,17 @@ def show_metres(axes: Axes, view: Box) -> None:
 def show_grid(axes: Axes, grid: OccupancyGrid, unknown: float = 0.8, occupied: float = 0.25) -> None:
     """An int8 map (100 occupied, 0 free, -1 unknown) in its place, metres; shades of grey, free is white."""
     shades = np.select([grid.data < 0, grid.data >= 100], [unknown, occupied], 1.0)
+    show_greys(axes, grid.with_data(shades), 1.0)
+
+
+def show_greys(axes: Axes, grid: OccupancyGrid, white: float) -> None:
+    """A grid's (rows, columns) values in their place, metres: 0 is black, ``white`` is white."""
     x_min, y_min, x_max, y_max = grid.extent
     axes.imshow(
-        shades,
+        grid.data,
         cmap="gray",
         vmin=0.0,
-        vmax=1.0,
+        vmax=white,
         origin="lower",
         extent=(x_min, x_max, y_min, y_max),
         interpolation="none",

@@ -13,7 +13,15 @@ from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.allies import RemovedAlly
 from midnet_bench.midnet.pipeline import Explanation, RobotView
-from midnet_bench.report.figures import add_box, add_label, add_polygon, new_figure, show_grid, show_metres
+from midnet_bench.report.figures import (
+    add_box,
+    add_label,
+    add_polygon,
+    new_figure,
+    show_greys,
+    show_grid,
+    show_metres,
+)
 from midnet_bench.report.palette import DETECTION, FALSE_DETECTION, GUARD, INTRUDER, hexadecimal
 from midnet_bench.report.scene import RobotMark, Scene, title_of, view_of
 
@@ -109,16 +117,7 @@ def draw_detections(trial: GuardedArena, scene: Scene) -> Figure:
 def _show(axes: Axes, grid: OccupancyGrid, window: Box) -> None:
     axes.set_facecolor(OUTSIDE)
     if grid.data.size:
-        x_min, y_min, x_max, y_max = grid.extent
-        axes.imshow(
-            grid.data,
-            cmap="gray",
-            vmin=0,
-            vmax=255,
-            origin="lower",
-            extent=(x_min, x_max, y_min, y_max),
-            interpolation="none",
-        )
+        show_greys(axes, grid, 255.0)
     show_metres(axes, window)
 
 

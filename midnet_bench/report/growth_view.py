@@ -25,21 +25,18 @@ class MapPainter:
         """``view``: what the pictures show, metres of the map frame."""
         self.view = view
         self.width_px, self.height_px = width_px, height_px
-        self.scale = Canvas(np.empty((height_px, width_px, 3), dtype=np.uint8), view).scale
-        """pixels per metre"""
 
     def paint(self, picture: Picture, moment: Moment) -> None:
         """Fill ``picture``, (height, width, 3)."""
         picture[:] = SHADES[UNKNOWN]
         canvas = Canvas(picture, self.view)
         codes = _CODES[moment.grid.data.view(np.uint8)]
-        cells_per_px = 1.0 / (self.scale * moment.grid.resolution)
+        cells_per_px = 1.0 / (canvas.scale * moment.grid.resolution)
         if cells_per_px > 1.0 and codes.size:
             # a pixel shows one of its cells; a wall one cell thick must be seen whichever that is
             side = int(np.ceil(cells_per_px))
-            codes[cv2.dilate((codes == WALL).astype(np.uint8), np.ones((side, side), dtype=np.uint8)) > 0] = (
-                WALL
-            )
+            walls = (codes == WALL).astype(np.uint8)
+            codes[cv2.dilate(walls, np.ones((side, side), dtype=np.uint8)) > 0] = WALL
         canvas.cells(moment.grid.with_data(codes), SHADES)
         for robot, way in enumerate(moment.ways):
             canvas.line(way, color_of(robot), 2)

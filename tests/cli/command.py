@@ -7,6 +7,15 @@ import sys
 from pathlib import Path
 
 REPOSITORY = Path(__file__).parents[2]
+MAP_KEYS = {
+    "image": "map.pgm",
+    "resolution": 0.05,
+    "origin": [-4.0, -4.0, 0.0],
+    "negate": 0,
+    "occupied_thresh": 0.65,
+    "free_thresh": 0.196,
+}
+"""a map of Map 1's size, which ``map.pgm`` beside it has the cells of"""
 
 
 def midnet_bench(*arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from command import REPOSITORY, midnet_bench, one_line_of_complaint, rows
+from command import MAP_KEYS, REPOSITORY, midnet_bench, one_line_of_complaint, rows
 
 HEADER = "trial,frames,tp,fp,fn,precision,recall,f1"
 
@@ -164,16 +164,7 @@ def test_the_mapping_campaign_compares_three_teams_on_both_arenas(tmp_path: Path
 
 
 def write_map(folder: Path, **changes: object) -> None:
-    fields = {
-        "image": "map.pgm",
-        "resolution": 0.05,
-        "origin": [-4.0, -4.0, 0.0],
-        "negate": 0,
-        "occupied_thresh": 0.65,
-        "free_thresh": 0.196,
-        **changes,
-    }
-    (folder / "map.yaml").write_text(yaml.safe_dump(fields))
+    (folder / "map.yaml").write_text(yaml.safe_dump({**MAP_KEYS, **changes}))
     (folder / "map.pgm").write_bytes(b"P5\n160 160\n255\n" + bytes([254]) * (160 * 160))
 
 

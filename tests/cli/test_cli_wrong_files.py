@@ -6,16 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from command import midnet_bench, one_line_of_complaint
-
-MAP_KEYS = {
-    "image": "map.pgm",
-    "resolution": 0.05,
-    "origin": [-4.0, -4.0, 0.0],
-    "negate": 0,
-    "occupied_thresh": 0.65,
-    "free_thresh": 0.196,
-}
+from command import MAP_KEYS, midnet_bench, one_line_of_complaint
 
 
 def huge_png() -> bytes:
