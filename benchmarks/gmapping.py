@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.gmapping import GMapping
-from midnet_bench.mapping.gmapping_settings import BURGER, BURGER_UKF, TURTLEBOT3, GmappingSettings
-from midnet_bench.messages import burger_lds_01
+from midnet_bench.mapping.gmapping.filter import GMapping
+from midnet_bench.mapping.gmapping.settings import BURGER, BURGER_UKF, TURTLEBOT3, GmappingSettings
 from midnet_bench.rng import stream
+from midnet_bench.robots.burger import LDS_01
 
-LIDAR = burger_lds_01()
+LIDAR = LDS_01
 PERIOD_S, SPEED_MPS, RADIUS_M = 0.2, 0.22, 4.0
 
 

@@ -10,16 +10,21 @@ import numpy as np
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import Command, burger_lds_01
-from midnet_bench.navigation.costmap import GlobalCostmap, RollingCostmap
-from midnet_bench.navigation.costmap_settings import CostmapSettings, burger_global, burger_local
+from midnet_bench.messages import Command
+from midnet_bench.navigation.costmap import (
+    CostmapSettings,
+    GlobalCostmap,
+    RollingCostmap,
+    burger_global,
+    burger_local,
+)
 from midnet_bench.navigation.navfn import potential_to
-from midnet_bench.navigation.navigator import Navigator
-from midnet_bench.navigation.navigator_settings import NavigatorSettings
+from midnet_bench.navigation.navigator import Navigator, NavigatorSettings
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
 from midnet_bench.navigation.warm_up import compile_kernels
+from midnet_bench.robots.burger import LDS_01
 
-LIDAR = burger_lds_01()
+LIDAR = LDS_01
 ROOM_M = 6.0
 
 

@@ -8,11 +8,11 @@ import time
 
 import numpy as np
 
+from midnet_bench.arena.arena import load_arena
+from midnet_bench.arena.layout import place
 from midnet_bench.messages import Command
 from midnet_bench.rng import stream
-from midnet_bench.simulation.arena import load_arena
-from midnet_bench.simulation.layout import place
-from midnet_bench.simulation.world import World
+from midnet_bench.simulation.bullet.world import World
 
 SIMULATED_S = 30
 LIDAR_TICKS, CONTROL_TICKS = 12, 6

@@ -9,9 +9,9 @@ import sys
 import time
 from pathlib import Path
 
-from midnet_bench.mapping.gmapping_settings import RECORDED_LOG
+from benchmarks.relations import read_dense_odometry, read_relations, relations_error
+from midnet_bench.mapping.gmapping.settings import RECORDED_LOG
 from midnet_bench.mapping.log_mapping import map_log
-from midnet_bench.mapping.relations import read_dense_odometry, read_relations, relations_error
 
 
 def main(scans: str, odometry: str, relations: str, *seeds: str) -> None:

@@ -7,11 +7,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from midnet_bench.experiments.detection import DetectionTrial
-from midnet_bench.experiments.parameters import DetectionParameters
+from midnet_bench.experiments.detection.trial import DetectionTrial
+from midnet_bench.experiments.guarded.parameters import DetectionParameters
 from midnet_bench.experiments.warm_up import compile_kernels
-from midnet_bench.simulation import lidar
-from midnet_bench.simulation.engine import bullet
+from midnet_bench.simulation.bullet import rays
+from midnet_bench.simulation.bullet.engine import bullet
 
 FRAMES = 500
 ROBOTS = 5
@@ -35,10 +35,10 @@ class Stopwatch:
 
 def main() -> None:
     compile_kernels()
-    step, call, rays = (
-        Stopwatch(timed) for timed in (bullet.stepSimulation, bullet.rayTestBatch, lidar.ray_fractions)
+    step, call, read = (
+        Stopwatch(timed) for timed in (bullet.stepSimulation, bullet.rayTestBatch, rays.ray_fractions)
     )
-    bullet.stepSimulation, bullet.rayTestBatch, lidar.ray_fractions = step, call, rays  # type: ignore[assignment]
+    bullet.stepSimulation, bullet.rayTestBatch, rays.ray_fractions = step, call, read  # type: ignore[assignment]
     with DetectionTrial(DetectionParameters(robots=ROBOTS, frames=FRAMES), seed=1) as trial:
         midnet = trial.watch.midnet
         look = midnet.update = Stopwatch(midnet.update)  # type: ignore[method-assign]

@@ -1,10 +1,13 @@
-"""``OccupancyGrid``: values on square cells with a place in the world, as nav_msgs has it."""
+"""From the cells of a grid to points in metres and back, a whole array at a time."""
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
+import numpy as np
 import numpy.typing as npt
+
+from midnet_bench.geometry import Pose2D
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,3 +64,76 @@ class OccupancyGrid:
         if data.shape != self.data.shape:
             raise ValueError(f"data of shape {data.shape} on a grid of shape {self.data.shape}")
         return OccupancyGrid(data, self.resolution, self.origin)
+
+
+UNKNOWN = -1
+
+
+@dataclass(frozen=True)
+class MapWindow:
+    """Whole cells whose corners lie on multiples of the resolution, as those of GMapping's maps do here."""
+
+    column: int
+    """of the first cell, counted from the map frame's origin"""
+    row: int
+    width: int
+    """cells along x"""
+    height: int
+    resolution_m: float
+
+    @classmethod
+    def around_origin(cls, width_m: float, height_m: float, resolution_m: float) -> "MapWindow":
+        """The least window that holds a rectangle about the map frame's origin."""
+        columns, rows = (math.ceil(side / 2.0 / resolution_m - 1e-9) for side in (width_m, height_m))
+        return cls(-columns, -rows, 2 * columns, 2 * rows, resolution_m)
+
+    def empty(self) -> OccupancyGrid:
+        """An int8 grid of unknown cells."""
+        origin = (self.column * self.resolution_m, self.row * self.resolution_m)
+        return OccupancyGrid(
+            np.full((self.height, self.width), UNKNOWN, dtype=np.int8), self.resolution_m, origin
+        )
+
+    def cut(self, grid: OccupancyGrid) -> OccupancyGrid:
+        """What ``grid`` (int8, on the same lattice) says inside the window; -1 where it says nothing."""
+        window = self.empty()
+        left = round(grid.origin[0] / self.resolution_m) - self.column
+        low = round(grid.origin[1] / self.resolution_m) - self.row
+        x0, x1 = max(left, 0), min(left + grid.width, self.width)
+        y0, y1 = max(low, 0), min(low + grid.height, self.height)
+        if x0 < x1 and y0 < y1:
+            window.data[y0:y1, x0:x1] = grid.data[y0 - low : y1 - low, x0 - left : x1 - left]
+        return window
+
+
+OCCUPIED_FROM = 65
+"""Values of a map from here on are obstacles (map_server's occupied_thresh)."""
+
+_SLACK = 1e-6
+"""Of a cell: keeps a point that rounding moves off its cell's lower edge on that cell."""
+
+ScalarT = TypeVar("ScalarT", bound=np.generic)
+
+
+def cell_centres(grid: OccupancyGrid, cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+    """(N, 2) x, y of the centres of the set cells in the grid's frame, metres; rows first."""
+    rows, columns = np.nonzero(cells)
+    columns_rows = np.stack((columns, rows), axis=1).astype(np.float64)
+    return (columns_rows + 0.5) * grid.resolution + grid.origin
+
+
+def moved(points: npt.NDArray[np.float64], pose: Pose2D) -> npt.NDArray[np.float64]:
+    """(N, 2) points that are given in the frame of ``pose``, in its parent frame."""
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    return np.asarray(points @ np.array([[c, s], [-s, c]]) + (pose.x, pose.y), dtype=np.float64)
+
+
+def values_at(
+    values: npt.NDArray[ScalarT], grid: OccupancyGrid, points: npt.NDArray[np.float64], outside: float
+) -> npt.NDArray[ScalarT]:
+    """(N,) of (H, W) ``values`` on the cells of ``grid`` at (N, 2) points; ``outside`` off the grid."""
+    columns, rows = np.floor((points - grid.origin) / grid.resolution + _SLACK).astype(np.int64).T
+    on_grid = (columns >= 0) & (columns < grid.width) & (rows >= 0) & (rows < grid.height)
+    found = np.full(len(points), outside, dtype=values.dtype)
+    found[on_grid] = values[rows[on_grid], columns[on_grid]]
+    return found

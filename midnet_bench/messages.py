@@ -1,6 +1,5 @@
 """What a robot's sensors say, in the shape of the ROS messages of the same names."""
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -58,18 +57,3 @@ class Command(NamedTuple):
 
 
 STOP = Command(0.0, 0.0)
-
-
-def burger_lds_01() -> LidarGeometry:
-    """The LDS-01 on a TurtleBot3 Burger: 360 beams one degree apart, 0.12 to 3.5 m, 32 mm behind the axle.
-
-    The spacing is the driver's 2 pi / 360; Gazebo's last beam repeats its first.
-    """
-    return LidarGeometry(
-        beams=360,
-        angle_min_rad=0.0,
-        angle_increment_rad=2.0 * math.pi / 360,
-        range_min_m=0.12,
-        range_max_m=3.5,
-        mount=Pose2D(-0.032, 0.0, 0.0),
-    )

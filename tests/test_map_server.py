@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.map_server import load_map, save_binary_map, save_map
+from midnet_bench.io.map_server import load_map, save_binary_map, save_map
 from midnet_bench.midnet.binary_map import binary_map
 
 KEYS = {

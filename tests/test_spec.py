@@ -7,7 +7,7 @@ import pytest
 from pydantic import Field
 
 from midnet_bench.errors import InputError
-from midnet_bench.spec import Spec, load_yaml, parse, read_yaml
+from midnet_bench.io.checked_yaml import Spec, load_yaml, parse, read_yaml
 
 
 class Inner(Spec):

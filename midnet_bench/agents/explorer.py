@@ -7,11 +7,10 @@ import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import MobileRobot
 from midnet_bench.geometry import Pose2D, wrap_angle
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.grid import MapWindow, OccupancyGrid
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import FrontierExplorer
-from midnet_bench.mapping.gmapping import GMapping
-from midnet_bench.mapping.map_window import MapWindow
+from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.messages import STOP, Command, Imu, LidarGeometry, Odometry
 from midnet_bench.navigation.navigator import Navigator
 

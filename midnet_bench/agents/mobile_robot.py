@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.agents.health import Progress
+from midnet_bench.agents.progress import Progress
 from midnet_bench.geometry import Pose2D
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf

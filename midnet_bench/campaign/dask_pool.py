@@ -8,9 +8,9 @@ from importlib import metadata
 import joblib
 
 from midnet_bench.campaign.pools import WorkersLost, abandoning_quietly
+from midnet_bench.campaign.trial import TrialSpec
 from midnet_bench.campaign.worker import Outcome, RunTrial, attempt
 from midnet_bench.errors import InputError, MidnetBenchError
-from midnet_bench.experiments.trial import TrialSpec
 
 try:
     import distributed

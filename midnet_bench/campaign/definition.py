@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 from pydantic import TypeAdapter
 
 from midnet_bench.campaign.spec import Campaign, Experiments, cells
+from midnet_bench.campaign.trial import Scalar
 from midnet_bench.experiments import registry
-from midnet_bench.experiments.trial import Scalar
 
 MOST_SHOWN = 60
 """characters of a value in a message: an arena taken in from a file is long"""

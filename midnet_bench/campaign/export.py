@@ -5,9 +5,9 @@ import io
 from collections.abc import Iterable
 from pathlib import Path
 
-from midnet_bench.campaign.files import write_atomically
 from midnet_bench.campaign.store import Store
-from midnet_bench.experiments.trial import Row, Scalar
+from midnet_bench.campaign.trial import Row, Scalar
+from midnet_bench.io.files import write_atomically
 
 TIMING = "timing"
 FAILURES = "failures"

@@ -13,9 +13,9 @@ from typing import Protocol
 import joblib
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
+from midnet_bench.campaign.trial import TrialSpec
 from midnet_bench.campaign.worker import Outcome, RunTrial, attempt, marked, prepare_worker
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.experiments.trial import TrialSpec
 
 BACKENDS = ("loky", "dask")
 

@@ -19,10 +19,10 @@ from midnet_bench.campaign.pools import LokyPool, Pool, WorkersLost, check_optio
 from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.spec import Campaign, Experiments, trials
+from midnet_bench.campaign.trial import TrialSpec
 from midnet_bench.campaign.worker import HARD_LIMIT_S, Outcome
 from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.experiments import registry
-from midnet_bench.experiments.trial import TrialSpec
 
 MOST_LOSSES_IN_VAIN = 3
 

@@ -7,10 +7,10 @@ from typing import Annotated, Protocol
 
 from pydantic import BaseModel, Field, Strict, field_validator
 
+from midnet_bench.campaign.trial import Scalar, TrialResult, TrialSpec
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments import registry
-from midnet_bench.experiments.trial import Scalar, TrialResult, TrialSpec
-from midnet_bench.spec import Spec, load_yaml, parse, read_yaml
+from midnet_bench.io.checked_yaml import Spec, load_yaml, parse, read_yaml
 
 
 class Experiments(Protocol):

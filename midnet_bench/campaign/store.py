@@ -12,9 +12,9 @@ from midnet_bench.campaign import database
 from midnet_bench.campaign.database import explained, transaction
 from midnet_bench.campaign.definition import Definition, differences
 from midnet_bench.campaign.provenance import Provenance, now_utc
+from midnet_bench.campaign.trial import Row, Scalar, TrialSpec
 from midnet_bench.campaign.worker import Outcome, decode_tables
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.trial import Row, Scalar, TrialSpec
 
 FILE_NAME = "campaign.sqlite"
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from midnet_bench.experiments.trial import Row, TrialResult, TrialSpec
+from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec
 
 RunTrial = Callable[[TrialSpec], TrialResult]
 

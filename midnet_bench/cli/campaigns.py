@@ -12,7 +12,7 @@ from midnet_bench.cli.app import app
 if TYPE_CHECKING:
     from midnet_bench.campaign.runner import CampaignOutcome
     from midnet_bench.campaign.spec import Campaign
-    from midnet_bench.experiments.trial import Scalar
+    from midnet_bench.campaign.trial import Scalar
 
 MOST_REASONS = 5
 """different reasons that are told when trials fail; failures.csv has them all"""
@@ -99,7 +99,7 @@ def _campaign(
     parameters: "dict[str, Scalar]",
 ) -> "Campaign":
     from midnet_bench.campaign.spec import Campaign, check
-    from midnet_bench.spec import parse
+    from midnet_bench.io.checked_yaml import parse
 
     fixed = {key: value for key, value in parameters.items() if key not in grid}
     narrowed = {key: [parameters[key]] if key in parameters else values for key, values in grid.items()}

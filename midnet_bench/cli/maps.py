@@ -13,9 +13,9 @@ from midnet_bench.cli import options
 from midnet_bench.cli.app import app
 
 if TYPE_CHECKING:
-    from midnet_bench.experiments.trial import Scalar
+    from midnet_bench.analysis.tables import Table
+    from midnet_bench.campaign.trial import Scalar
     from midnet_bench.grid import OccupancyGrid
-    from midnet_bench.report.tables import Table
 
 PARTICLES, SEED = 30, 1
 CLIP = "--clip/--no-clip"
@@ -97,10 +97,10 @@ def _joined(values: "dict[str, Scalar]", settings: list[str]) -> "dict[str, Scal
 
 def _draw_exactly(arena: str, settings: list[str], output: Path, as_json: bool) -> None:
     from midnet_bench.errors import InputError
-    from midnet_bench.experiments.inputs import EXACT, arena_from, prior_map_from
-    from midnet_bench.experiments.parameters import DetectionParameters
-    from midnet_bench.report.map_files import MapFiles, write_configuration, write_map
-    from midnet_bench.spec import parse
+    from midnet_bench.experiments.guarded.inputs import EXACT, arena_from, prior_map_from
+    from midnet_bench.experiments.guarded.parameters import DetectionParameters
+    from midnet_bench.io.checked_yaml import parse
+    from midnet_bench.workflows.map_files import MapFiles, write_configuration, write_map
 
     values = _joined({"arena": arena}, settings)
     for name in values.keys() & DetectionParameters.model_fields.keys() - {"arena", *SET_BY_EXACT}:
@@ -120,11 +120,11 @@ def _draw_exactly(arena: str, settings: list[str], output: Path, as_json: bool) 
 
 def _map_log(path: Path, particles: int, seed: int, clip: bool, output: Path, as_json: bool) -> None:
     from midnet_bench.errors import InputError
-    from midnet_bench.mapping.log_reading import read_scan_log
+    from midnet_bench.io.scan_logs import read_scan_log
 
     log = read_scan_log(path)
     # after the log is read: these take seconds, and a bad log is told at once
-    from midnet_bench.report.log_map import write_log_map
+    from midnet_bench.workflows.log_map import write_log_map
 
     try:
         made = write_log_map(log, particles, seed, output, clip, progress=_tell_scans)
@@ -136,11 +136,11 @@ def _map_log(path: Path, particles: int, seed: int, clip: bool, output: Path, as
 
 
 def _explore(values: "dict[str, Scalar]", seed: int, clip: bool, output: Path, as_json: bool) -> None:
-    from midnet_bench.cli.exploration_progress import exploration_progress_on
+    from midnet_bench.cli.progress import exploration_progress_on
     from midnet_bench.cli.reports import show
-    from midnet_bench.experiments.mapping_parameters import MappingParameters
-    from midnet_bench.report.exploration import write_exploration
-    from midnet_bench.spec import parse
+    from midnet_bench.experiments.mapping.parameters import MappingParameters
+    from midnet_bench.io.checked_yaml import parse
+    from midnet_bench.workflows.exploration import write_exploration
 
     parameters = parse(MappingParameters, values, "command line")
     with exploration_progress_on(sys.stderr) as progress:

@@ -31,7 +31,7 @@ def render(
     from midnet_bench.campaign.spec import parse_settings
     from midnet_bench.errors import InputError
     from midnet_bench.experiments.registry import parameters_model
-    from midnet_bench.report.render import render_trial
+    from midnet_bench.workflows.render import render_trial
 
     chosen = {"robots": robots, "intruders": intruders, "frames": frames, "arena": arena}
     parameters = {key: value for key, value in chosen.items() if value is not None}

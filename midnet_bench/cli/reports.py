@@ -13,8 +13,8 @@ from midnet_bench.cli import options
 from midnet_bench.cli.app import app
 
 if TYPE_CHECKING:
-    from midnet_bench.experiments.trial import Row
-    from midnet_bench.report.tables import Table
+    from midnet_bench.analysis.tables import Table
+    from midnet_bench.campaign.trial import Row
 
 PIPE_WIDTH = 200
 
@@ -55,7 +55,7 @@ def report(directory: Directory, as_json: options.Json = False) -> None:
 @app.command(rich_help_panel="Results")
 def verify(directory: Directory, as_json: options.Json = False) -> None:
     """Hold a campaign against what the paper states; exit 0 reproduced, 3 cannot tell, 4 not reproduced."""
-    from midnet_bench.report.verify import verify as hold_against_paper
+    from midnet_bench.workflows.verify import verify as hold_against_paper
 
     table, code = hold_against_paper(directory)
     show([table], as_json)
@@ -72,7 +72,7 @@ def power(
 ) -> None:
     """Tell how many trials a change of the success rate needs to be found, from the results at hand."""
     from midnet_bench.errors import InputError
-    from midnet_bench.report.power import power_report
+    from midnet_bench.experiments.labyrinth.power import power_report
 
     if robots[0] == robots[1]:
         raise InputError(f"--robots {robots[0]} {robots[1]}: give two different team sizes")
@@ -89,14 +89,14 @@ def compare(
     as_json: options.Json = False,
 ) -> None:
     """Tell what differs between campaigns of one experiment, seed by seed; labyrinths in one figure too."""
-    from midnet_bench.report.comparison import write_comparison
+    from midnet_bench.workflows.compare import write_comparison
 
     show(write_comparison(directories, output or Path("results/comparison")), as_json)
 
 
 def present(directory: Path, as_json: bool) -> bool:
     """Write a campaign's CSV files, tables and figures, and print the tables; whether there was any row."""
-    from midnet_bench.report.report import write_report
+    from midnet_bench.workflows.report import write_report
 
     tables = write_report(directory)
     has_rows = any(table.rows for table in tables)

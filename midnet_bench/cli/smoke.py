@@ -26,8 +26,8 @@ def smoke(
     from midnet_bench.campaign.progress import progress_on
     from midnet_bench.campaign.runner import run_campaign
     from midnet_bench.campaign.spec import load_campaign
-    from midnet_bench.report.golden import differences_from_golden, update_golden
-    from midnet_bench.report.report import write_report
+    from midnet_bench.workflows.report import write_report
+    from midnet_bench.workflows.smoke import differences_from_golden, update_golden
 
     lines: list[str] = []
     where = ""

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Literal, Self
 
-from midnet_bench.agents.fleet import Fleet
 from midnet_bench.agents.mobile_robot import MobileRobot
-from midnet_bench.experiments.trial import Row
-from midnet_bench.simulation.layout import Layout
+from midnet_bench.arena.layout import Layout
+from midnet_bench.campaign.trial import Row
+from midnet_bench.simulation.bullet.world import World, WorldSettings
+from midnet_bench.simulation.fleet import Fleet
 from midnet_bench.simulation.odometry import OdometrySettings
-from midnet_bench.simulation.world import World, WorldSettings
 
 
 class RobotTrial:

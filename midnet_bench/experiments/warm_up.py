@@ -2,10 +2,10 @@
 
 from itertools import islice
 
-from midnet_bench.experiments.detection import DetectionTrial
-from midnet_bench.experiments.mapping import ExplorationTrial
-from midnet_bench.experiments.mapping_parameters import MappingParameters
-from midnet_bench.experiments.parameters import DetectionParameters
+from midnet_bench.experiments.detection.trial import DetectionTrial
+from midnet_bench.experiments.guarded.parameters import DetectionParameters
+from midnet_bench.experiments.mapping.parameters import MappingParameters
+from midnet_bench.experiments.mapping.trial import ExplorationTrial
 from midnet_bench.navigation.warm_up import compile_kernels as compile_navigation
 
 EXPLORED_S = 5

@@ -7,11 +7,10 @@ from pathlib import Path
 
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.mapping.gmapping import GMapping
-from midnet_bench.mapping.gmapping_settings import RECORDED_LOG
-from midnet_bench.mapping.log_reading import read_scan_log
-from midnet_bench.mapping.scan_log import ScanLog
-from midnet_bench.mapping.trajectory import Trajectory
+from midnet_bench.io.scan_logs import ScanLog, read_scan_log
+from midnet_bench.io.trajectory import Trajectory
+from midnet_bench.mapping.gmapping.filter import GMapping
+from midnet_bench.mapping.gmapping.settings import RECORDED_LOG
 from midnet_bench.rng import stream
 
 MOST_LOOKS = 200

@@ -9,8 +9,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.grid import OccupancyGrid
-from midnet_bench.mapping.grid_points import OCCUPIED_FROM, cell_centres, moved, values_at
+from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cell_centres, moved, values_at
 
 BURGER_RADIUS_M = 0.105
 

@@ -1,26 +1,537 @@
-"""Layered costmaps in the manner of costmap_2d: one that rolls with a robot, one over a static map."""
+"""costmap_2d: cost values, inflation, the obstacle layer, and the costmaps that are made of them."""
 
 import math
+from dataclasses import dataclass
+from typing import TypeVar
 
+import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry
-from midnet_bench.navigation.cost_values import (
-    FREE_SPACE,
-    LETHAL,
-    NO_INFORMATION,
-    OCCUPIED,
-    inflation_costs,
-    published,
-    reach_cells,
-)
-from midnet_bench.navigation.costmap_kernels import combined, inflate
-from midnet_bench.navigation.costmap_settings import CostmapSettings
-from midnet_bench.navigation.obstacle_layer import ObstacleLayer
+
+FREE_SPACE = 0
+INSCRIBED = 253
+"""the robot's centre here means contact, whatever its heading"""
+LETHAL = 254
+"""an obstacle is in this cell"""
+NO_INFORMATION = 255
+
+OCCUPIED = 100
+"""an occupancy grid's surely occupied cell"""
+
+
+def _published_values() -> npt.NDArray[np.int8]:
+    table = np.zeros(256, dtype=np.int8)
+    graded = np.arange(1, INSCRIBED)
+    table[graded] = 1 + 97 * (graded - 1) // 251
+    table[INSCRIBED] = 99
+    table[LETHAL] = OCCUPIED
+    table[NO_INFORMATION] = -1
+    return table
+
+
+PUBLISHED = _published_values()
+"""(256,) int8: published occupancy of each cost: 0 -> 0, 1..252 -> 1..98, 253 -> 99, 254 -> 100, 255 -> -1"""
+
+
+def published(costs: npt.NDArray[np.uint8]) -> npt.NDArray[np.int8]:
+    """(H, W) int8 occupancy values of a costmap, as costmap_2d publishes them."""
+    return np.asarray(cv2.LUT(costs, PUBLISHED), dtype=np.int8)
+
+
+def inflation_costs(
+    reach_cells: int, resolution: float, inscribed_radius_m: float, cost_scaling_factor: float
+) -> npt.NDArray[np.uint8]:
+    """(reach_cells**2 + 1,) uint8: a cell's cost by its squared distance, in cells, to a lethal one.
+
+    254 at 0, 253 within the inscribed radius, then 252 exp(-k (distance - inscribed radius)), truncated.
+    """
+    distance_m = np.sqrt(np.arange(reach_cells**2 + 1)) * resolution
+    beyond_m = np.maximum(distance_m - inscribed_radius_m, 0.0)
+    graded = (252.0 * np.exp(-cost_scaling_factor * beyond_m)).astype(np.uint8)
+    costs = np.where(beyond_m == 0.0, np.uint8(INSCRIBED), graded)
+    costs[0] = LETHAL
+    return costs
+
+
+def reach_cells(radius_m: float, resolution: float) -> int:
+    """A length as whole cells, rounded up, at least 0: how costmap_2d turns radii and ranges into cells."""
+    return max(0, math.ceil(round(radius_m / resolution, 9)))
+
+
+Cells = npt.NDArray[np.uint8]
+Floats = npt.NDArray[np.float64]
+
+_FREE, _LETHAL, _UNKNOWN, _INSCRIBED = 0, 254, 255, 253
+
+
+@njit(cache=True)
+def line_steps(dx: int, dy: int, width: int) -> tuple[int, int, int, int]:
+    """(steps along the dominant axis, steps along the other, flat index step of each) of a grid line.
+
+    The line is Bresenham's; x dominates ties. Walk it with an error that starts at half the dominant count.
+    """
+    step_x = 1 if dx > 0 else -1
+    step_y = width if dy > 0 else -width
+    if abs(dx) >= abs(dy):
+        return abs(dx), abs(dy), step_x, step_y
+    return abs(dy), abs(dx), step_y, step_x
+
+
+@njit(cache=True)
+def clear_line(cells: Cells, x0: int, y0: int, x1: int, y1: int, max_cells: int) -> None:
+    """Set the cells from (x0, y0) towards (x1, y1) free, both ends too, ``max_cells`` (Euclidean) at most."""
+    flat = cells.reshape(-1)
+    width = cells.shape[1]
+    major, minor, major_step, minor_step = line_steps(x1 - x0, y1 - y0, width)
+    length = math.hypot(x1 - x0, y1 - y0)
+    steps = major if length <= max_cells else int(max_cells / length * major)
+    error = major // 2
+    # Unsigned, so that no index is asked whether it counts from the end; steps back wrap round.
+    index, along, aside = np.uint64(y0 * width + x0), np.uint64(major_step), np.uint64(minor_step)
+    for _ in range(steps + 1):
+        flat[index] = _FREE
+        index += along
+        error += minor
+        if error >= major:
+            index += aside
+            error -= major
+
+
+@njit(cache=True)
+def clear_polygon(cells: Cells, corners: Floats) -> None:
+    """Set the cells of a convex polygon free; nothing if a corner is off the grid or they are fewer than 3.
+
+    ``corners``: (N, 2) in cells from the grid's lower-left corner. Each column is filled between the
+    outline's lowest and highest cell.
+    """
+    height, width = cells.shape
+    n = len(corners)
+    if n < 3:
+        return
+    for i in range(n):
+        x, y = corners[i, 0], corners[i, 1]
+        if x < 0.0 or y < 0.0 or x >= width or y >= height:
+            return
+    lowest = np.full(width, height, dtype=np.int64)
+    highest = np.full(width, -1, dtype=np.int64)
+    for i in range(n):
+        x0, y0 = int(corners[i - 1, 0]), int(corners[i - 1, 1])
+        x1, y1 = int(corners[i, 0]), int(corners[i, 1])
+        major, minor, major_step, minor_step = line_steps(x1 - x0, y1 - y0, width)
+        error = major // 2
+        index = y0 * width + x0
+        for _ in range(major + 1):
+            y, x = index // width, index % width
+            lowest[x] = min(lowest[x], y)
+            highest[x] = max(highest[x], y)
+            index += major_step
+            error += minor
+            if error >= major:
+                index += minor_step
+                error -= major
+    for x in range(width):
+        for y in range(lowest[x], highest[x] + 1):
+            cells[y, x] = _FREE
+
+
+@njit(cache=True)
+def placed(corners: Floats, pose: tuple[float, float, float]) -> Floats:
+    """(N, 2) corners, given in the frame of ``pose`` (x, y, yaw), in the frame that it is given in."""
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    moved = np.empty_like(corners)
+    for i in range(len(corners)):
+        moved[i, 0] = x + c * corners[i, 0] - s * corners[i, 1]
+        moved[i, 1] = y + s * corners[i, 0] + c * corners[i, 1]
+    return moved
+
+
+@njit(cache=True)
+def integrate_scan(
+    cells: Cells,
+    sensor: tuple[float, float, float],
+    resolution: float,
+    ranges: Floats,
+    directions: Floats,
+    range_limits: tuple[float, float],
+    obstacle_range: float,
+    raytrace_cells: int,
+    inf_is_valid: bool,
+    base: tuple[float, float, float],
+    footprint: Floats,
+    marked: npt.NDArray[np.int64],
+) -> int:
+    """Clear along every beam, then mark every hit, then free the footprint; returns how many were marked.
+
+    ``sensor``: x, y in cells from the grid's lower-left corner, yaw in radians. ``ranges``: (B,) metres;
+    ``directions``: (B, 2) cosine and sine of each beam in the sensor frame. A range outside
+    [range_min, range_max) neither clears nor marks, except that +inf clears under ``inf_is_valid``.
+    A hit at ``obstacle_range`` exactly is not marked. ``base``: as ``sensor``, where the robot stands;
+    ``footprint``: (N, 2) cells, its corners in its base frame; empty to clear none. ``marked``: (B,), takes
+    the flat indices of the marked cells.
+    """
+    height, width = cells.shape
+    sensor_x, sensor_y, yaw = sensor
+    cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
+    inside = 0.0 <= sensor_x < width and 0.0 <= sensor_y < height
+    start_x, start_y = int(sensor_x), int(sensor_y)
+    pulled_in = 0.001 / resolution
+    count = 0
+    last_end = -1
+    for i in range(len(ranges)):
+        distance = ranges[i]
+        if inf_is_valid and distance == math.inf:
+            distance = range_limits[1] - 0.0001
+        if not (range_limits[0] <= distance < range_limits[1]):
+            continue
+        reach = distance / resolution
+        a = reach * (cos_yaw * directions[i, 0] - sin_yaw * directions[i, 1])
+        b = reach * (sin_yaw * directions[i, 0] + cos_yaw * directions[i, 1])
+        x, y = sensor_x + a, sensor_y + b
+        if distance < obstacle_range and 0.0 <= x < width and 0.0 <= y < height:
+            marked[count] = int(y) * width + int(x)
+            count += 1
+        if not inside:
+            continue
+        if x < 0.0:
+            x, y = 0.0, sensor_y - b * sensor_x / a
+        if y < 0.0:
+            x, y = sensor_x - a * sensor_y / b, 0.0
+        if x > width:
+            x, y = width - pulled_in, sensor_y + b * (width - sensor_x) / a
+        if y > height:
+            x, y = sensor_x + a * (height - sensor_y) / b, height - pulled_in
+        end_x, end_y = int(x), int(y)
+        # Beams a degree apart often end in one cell, and the line to it is the same.
+        if 0 <= end_x < width and 0 <= end_y < height and end_y * width + end_x != last_end:
+            last_end = end_y * width + end_x
+            clear_line(cells, start_x, start_y, end_x, end_y, raytrace_cells)
+    flat = cells.reshape(-1)
+    for i in range(count):
+        flat[marked[i]] = _LETHAL
+    if len(footprint) > 0:
+        clear_polygon(cells, placed(footprint, base))
+    return count
+
+
+@njit(cache=True)
+def combined(static: Cells, obstacles: Cells) -> Cells:
+    """(H, W) uint8: the higher of both; an unknown cell gives way to a known one (combination method 1)."""
+    height, width = static.shape
+    costs = np.empty((height, width), dtype=np.uint8)
+    for row in range(height):
+        below, above, here = static[row], obstacles[row], costs[row]
+        for x in range(width):
+            if below[x] == _UNKNOWN or (above[x] != _UNKNOWN and above[x] > below[x]):
+                here[x] = above[x]
+            else:
+                here[x] = below[x]
+    return costs
+
+
+@njit(cache=True)
+def inflate(base: Cells, cost_by_squared_distance: Cells, reach: int) -> Cells:
+    """(H, W) uint8: ``base`` with the cost of the distance to its nearest lethal cell, where that is higher.
+
+    Exact Euclidean distances in two passes: down the columns first, then along the rows over the columns'
+    results. Unknown cells take a cost of 253 or more only. ``reach`` in cells, at most 100;
+    ``cost_by_squared_distance`` has reach**2 + 1 entries, and nothing is inflated beyond it.
+    """
+    height, width = base.shape
+    far = np.int16(reach + 1)
+    # Rows are taken out before their loops: the compiler then sees them apart and takes many cells at once.
+    gap = np.full((height + 2, width), far, dtype=np.int16)
+    for row in range(height):
+        cells, below, here = base[row], gap[row], gap[row + 1]
+        for x in range(width):
+            here[x] = 0 if cells[x] == _LETHAL else min(np.int16(below[x] + 1), far)
+    costs = base.copy()
+    limit = reach * reach
+    padded = np.full(width + 2 * reach, np.int16(far * far), dtype=np.int16)
+    squared = np.empty(width, dtype=np.int16)
+    for row in range(height - 1, -1, -1):
+        above, here, nearest = gap[row + 2], gap[row + 1], far
+        for x in range(width):
+            here[x] = min(np.int16(above[x] + 1), here[x])
+        for x in range(width):
+            nearest = min(nearest, here[x])
+        if nearest == far:
+            continue
+        for x in range(width):
+            squared[x] = here[x] * here[x]
+        padded[reach : reach + width] = squared
+        for offset in range(1, reach + 1):
+            left = padded[reach - offset : reach - offset + width]
+            right = padded[reach + offset : reach + offset + width]
+            added = np.int16(offset * offset)
+            for x in range(width):
+                squared[x] = min(squared[x], np.int16(min(left[x], right[x]) + added))
+        row_of_costs = costs[row]
+        for x in range(width):
+            if squared[x] <= limit:
+                cost = cost_by_squared_distance[squared[x]]
+                old = row_of_costs[x]
+                if (old == _UNKNOWN and cost >= _INSCRIBED) or (old != _UNKNOWN and cost > old):
+                    row_of_costs[x] = cost
+    return costs
+
+
+Footprint = tuple[tuple[float, float], ...]
+"""the corners of a convex polygon in order, (x, y) in the base frame, metres"""
+
+BURGER: Footprint = ((-0.105, -0.105), (-0.105, 0.105), (0.041, 0.105), (0.041, -0.105))
+"""TurtleBot3 Burger (costmap_common_params_burger.yaml), unpadded"""
+
+
+def padded(footprint: Footprint, padding_m: float) -> Footprint:
+    """Each coordinate moved away from zero by ``padding_m``; a zero stays (costmap_2d's rule)."""
+
+    def grown(value: float) -> float:
+        return value + math.copysign(padding_m, value) if value else value
+
+    return tuple((grown(x), grown(y)) for x, y in footprint)
+
+
+BURGER_PADDED = padded(BURGER, 0.01)
+"""with costmap_2d's own padding"""
+
+
+def radii(footprint: Footprint) -> tuple[float, float]:
+    """(inscribed, circumscribed) radius about the base frame's origin, metres."""
+    corners = np.asarray(footprint, dtype=np.float64)
+    edges = np.roll(corners, -1, axis=0) - corners
+    along = np.clip(-(corners * edges).sum(axis=1) / (edges * edges).sum(axis=1), 0.0, 1.0)
+    nearest = corners + along[:, None] * edges
+    return float(np.hypot(*nearest.T).min()), float(np.hypot(*corners.T).max())
+
+
+def at_pose(corners: npt.NDArray[np.float64], pose: Pose2D) -> npt.NDArray[np.float64]:
+    """(N, 2) corners, given in the base frame, in the frame in which ``pose`` is given, metres."""
+    return np.asarray(placed(corners, (pose.x, pose.y, pose.yaw)))
+
+
+def corner_array(footprint: Footprint) -> npt.NDArray[np.float64]:
+    """(N, 2) float64 corners, metres."""
+    return np.array(footprint, dtype=np.float64).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class CostmapSettings:
+    """One costmap. The defaults are those of costmap_2d for a robot of radius 0.105 m, in a 5 x 5 m window.
+
+    MIDNet's local costmaps depart from them in two values, by calibration: a 4 m window (item 6) and
+    ``inf_is_valid`` (item 8). ``burger_local`` and ``burger_global`` give what a TurtleBot3 navigates with.
+    """
+
+    resolution: float = 0.05
+    """metres per cell"""
+    size_m: float = 5.0
+    """side of a rolling window; a costmap over a static map has the map's size"""
+    centered: bool = True
+    """a rolling window whose middle cell is always the robot's (Eqs. 2 to 4), not costmap_2d's lazy one"""
+    obstacle_range_m: float = 2.5
+    """only hits nearer than this are marked"""
+    raytrace_range_m: float = 3.0
+    """beams clear up to here"""
+    inflation_radius_m: float = 0.55
+    cost_scaling_factor: float = 10.0
+    """decay of the inflated cost, per metre"""
+    inscribed_radius_m: float = 0.105
+    footprint: Footprint = BURGER_PADDED
+    """the polygon that is free because the robot stands there"""
+    footprint_clearing: bool = True
+    track_unknown: bool = False
+    """cells that nobody has seen are 255, not free"""
+    inf_is_valid: bool = False
+    """a beam without a return clears its way; in TurtleBot3's files it does not, and ghosts remain"""
+    memory_s: float = math.inf
+    """how long a mark outlives the scan that last hit it: ``inf`` is costmap_2d (until a beam passes),
+    0 keeps the newest scan only, anything between lets marks decay (item 8)"""
+
+    def __post_init__(self) -> None:
+        positive = ("resolution", "size_m", "obstacle_range_m", "raytrace_range_m", "cost_scaling_factor")
+        for name in positive:
+            if not getattr(self, name) > 0.0:
+                raise InputError(f"costmap: {name} must be greater than 0 (got {getattr(self, name)})")
+        for name in ("inflation_radius_m", "inscribed_radius_m", "memory_s"):
+            if not getattr(self, name) >= 0.0:
+                raise InputError(f"costmap: {name} must not be negative (got {getattr(self, name)})")
+        if self.inflation_radius_m > 100 * self.resolution:
+            raise InputError(
+                f"costmap: inflation_radius_m {self.inflation_radius_m} spans more than 100 cells of "
+                f"{self.resolution} m; use a coarser resolution or a smaller radius"
+            )
+
+    @property
+    def size_cells(self) -> int:
+        """Cells along one side of a rolling window."""
+        return max(1, round(self.size_m / self.resolution))
+
+
+_MARGIN_M = 0.03
+"""around the Burger's footprint. The vendor has 0.01, but where other Burgers are, of which a LiDAR sees the
+11 cm of their own LiDAR and not the 18 cm below it, 0.03 keeps robots out of each other's way"""
+
+
+def burger_local() -> CostmapSettings:
+    """The local costmap of turtlebot3_navigation: 3 x 3 m that roll with the robot, no static map.
+
+    Two values depart from the vendor's: the footprint's padding (0.03 for 0.01 m), and ``inf_is_valid``,
+    which turtlebot3's frontier_exploration.yaml alone sets: without it, a robot that passed in front of open
+    space leaves marks that nothing clears, and the way stays closed.
+    """
+    return _burger(size_m=3.0, centered=False)
+
+
+def burger_global(resolution: float = 0.05) -> CostmapSettings:
+    """The global costmap of turtlebot3_navigation: the static map's size, with an obstacle layer.
+
+    Departs from the vendor's values as ``burger_local`` does.
+    """
+    return _burger(resolution=resolution)
+
+
+def _burger(resolution: float = 0.05, size_m: float = 3.0, centered: bool = False) -> CostmapSettings:
+    footprint = padded(BURGER, _MARGIN_M)
+    return CostmapSettings(
+        resolution=resolution,
+        size_m=size_m,
+        centered=centered,
+        obstacle_range_m=3.0,
+        raytrace_range_m=3.5,
+        inflation_radius_m=1.0,
+        cost_scaling_factor=3.0,
+        inscribed_radius_m=radii(footprint)[0],
+        footprint=footprint,
+        inf_is_valid=True,
+    )
+
+
+_Value = TypeVar("_Value", bound=np.generic)
+
+
+class ObstacleLayer:
+    """Cells that are free (0), an obstacle (254) or unseen (255), on a lattice that never moves.
+
+    The layer's lower-left corner lies ``column``, ``row`` whole cells from ``lattice_origin``, so that two
+    grids of one lattice always differ by whole cells. Marks stay until a beam passes, the footprint covers
+    them, they leave the window, they outlive ``memory_s`` or ``clear_outside`` takes them. Points are kept in
+    double precision, where ROS has 32-bit floats.
+    """
+
+    def __init__(
+        self, settings: CostmapSettings, width: int, height: int, lattice_origin: tuple[float, float]
+    ) -> None:
+        self.settings = settings
+        self.lattice_origin = lattice_origin
+        self.column = 0
+        self.row = 0
+        self._unseen = NO_INFORMATION if settings.track_unknown else FREE_SPACE
+        self.cells: npt.NDArray[np.uint8] = np.full((height, width), self._unseen, dtype=np.uint8)
+        self._remembers_for_ever = math.isinf(settings.memory_s)
+        self._marked_at_s = np.full((height, width), -math.inf)
+        cleared = settings.footprint if settings.footprint_clearing else ()
+        self._footprint_cells = corner_array(cleared) / settings.resolution
+        self._marked = np.empty(0, dtype=np.int64)
+        self._raytrace_cells = reach_cells(settings.raytrace_range_m, settings.resolution)
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """(x, y) of the lower-left corner, metres."""
+        return (
+            self.lattice_origin[0] + self.column * self.settings.resolution,
+            self.lattice_origin[1] + self.row * self.settings.resolution,
+        )
+
+    def to_cells(self, x: float, y: float) -> tuple[float, float]:
+        """A point in cells from the lower-left corner of this layer, not rounded."""
+        column, row = self.to_lattice(x, y)
+        return column - self.column, row - self.row
+
+    def to_lattice(self, x: float, y: float) -> tuple[float, float]:
+        """A point in cells from the lattice's origin, not rounded."""
+        resolution = self.settings.resolution
+        return (x - self.lattice_origin[0]) / resolution, (y - self.lattice_origin[1]) / resolution
+
+    def move_to(self, column: int, row: int, width: int, height: int) -> None:
+        """Cover another rectangle of the lattice; what leaves is forgotten, what enters is unseen."""
+        if (column, row) == (self.column, self.row) and self.cells.shape == (height, width):
+            return
+        self.cells = _moved(self.cells, column - self.column, row - self.row, width, height, self._unseen)
+        if not self._remembers_for_ever:
+            self._marked_at_s = _moved(
+                self._marked_at_s, column - self.column, row - self.row, width, height, -math.inf
+            )
+        self.column, self.row = column, row
+
+    def update(
+        self,
+        pose: Pose2D,
+        sensor_pose: Pose2D,
+        ranges_m: npt.NDArray[np.float64],
+        geometry: LidarGeometry,
+        time_s: float,
+    ) -> None:
+        """Take one scan: clear along all beams, then mark all hits, then free the footprint."""
+        settings = self.settings
+        if not self._remembers_for_ever:
+            self._forget(time_s)
+        if len(self._marked) < len(ranges_m):
+            self._marked = np.empty(len(ranges_m), dtype=np.int64)
+        count = integrate_scan(
+            self.cells,
+            (*self.to_cells(sensor_pose.x, sensor_pose.y), sensor_pose.yaw),
+            settings.resolution,
+            np.ascontiguousarray(ranges_m, dtype=np.float64),
+            geometry.directions,
+            (geometry.range_min_m, geometry.range_max_m),
+            settings.obstacle_range_m,
+            self._raytrace_cells,
+            settings.inf_is_valid,
+            (*self.to_cells(pose.x, pose.y), pose.yaw),
+            self._footprint_cells,
+            self._marked,
+        )
+        if not self._remembers_for_ever:
+            self._marked_at_s.reshape(-1)[self._marked[:count]] = time_s
+
+    def clear_outside(self, x: float, y: float, side_m: float) -> None:
+        """Forget everything outside the square of side ``side_m`` centred on (x, y), bounds excluded.
+
+        The layer itself is addressed, not a name: move_base's clearing recovery looks for ``obstacles``,
+        TurtleBot3's layer is called ``obstacle_layer``, and so the original clears nothing.
+        """
+        half = side_m / 2.0
+        x0, y0 = (int(value) for value in self.to_cells(x - half, y - half))
+        x1, y1 = (int(value) for value in self.to_cells(x + half, y + half))
+        kept = (slice(max(y0 + 1, 0), max(y1, 0)), slice(max(x0 + 1, 0), max(x1, 0)))
+        cleared = np.full_like(self.cells, self._unseen)
+        cleared[kept] = self.cells[kept]
+        self.cells = cleared
+
+    def _forget(self, time_s: float) -> None:
+        memory_s = self.settings.memory_s
+        if memory_s == 0.0:
+            self.cells.fill(self._unseen)
+        else:
+            self.cells[(self.cells == LETHAL) & (self._marked_at_s < time_s - memory_s)] = FREE_SPACE
+
+
+def _moved(
+    old: npt.NDArray[_Value], columns: int, rows: int, width: int, height: int, unseen: float
+) -> npt.NDArray[_Value]:
+    new = np.full((height, width), unseen, dtype=old.dtype)
+    x0, x1 = max(columns, 0), min(columns + width, old.shape[1])
+    y0, y1 = max(rows, 0), min(rows + height, old.shape[0])
+    if x0 < x1 and y0 < y1:
+        new[y0 - rows : y1 - rows, x0 - columns : x1 - columns] = old[y0:y1, x0:x1]
+    return new
 
 
 class _Inflation:

@@ -2,21 +2,157 @@
 
 import enum
 import math
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import STOP, Command, LidarGeometry
-from midnet_bench.navigation.costmap import GlobalCostmap, RollingCostmap
+from midnet_bench.navigation.costmap import (
+    BURGER,
+    CostmapSettings,
+    Footprint,
+    GlobalCostmap,
+    RollingCostmap,
+    burger_global,
+    burger_local,
+    corner_array,
+)
 from midnet_bench.navigation.dwa import DwaPlanner, DwaSettings
-from midnet_bench.navigation.local_planner import LocalPlanner, Plan
-from midnet_bench.navigation.navigator_settings import NavigatorSettings
-from midnet_bench.navigation.plan_keeper import PlanKeeper
-from midnet_bench.navigation.recovery import RotateRecovery
-from midnet_bench.navigation.stop_rotate import StopRotate
-from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
+from midnet_bench.navigation.global_planner import PlanKeeper
+from midnet_bench.navigation.local_planner import LocalPlanner, LocalPlannerLimits, Plan, turn_is_free
+from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner, TrajectoryRolloutSettings
+
+
+@dataclass(frozen=True)
+class NavigatorSettings:
+    """Defaults: turtlebot3_navigation's files for the Burger."""
+
+    local_costmap: CostmapSettings = field(default_factory=burger_local)
+    global_costmap: CostmapSettings = field(default_factory=burger_global)
+    local_planner: DwaSettings | TrajectoryRolloutSettings = field(default_factory=DwaSettings)
+    bare_footprint: Footprint = BURGER
+    """the robot's outline without padding: what a robot that is stuck may still move with"""
+    allow_unknown: bool = True
+    """plans may cross cells that nobody has seen"""
+    goal_tolerance_m: float = 0.5
+    """a goal that a scanned obstacle covers (another robot that passes) is approached up to this far; navfn's
+    default_tolerance, 0 in TurtleBot3's files, where such a goal is not approached at all"""
+    controller_frequency_hz: float = 10.0
+    planner_frequency_hz: float = 5.0
+    planner_patience_s: float = 5.0
+    controller_patience_s: float = 15.0
+    oscillation_timeout_s: float = 10.0
+    oscillation_distance_m: float = 0.2
+    conservative_reset_dist_m: float = 3.0
+    aggressive_reset_dist_m: float = 1.84
+    """four times move_base's own circumscribed radius (0.46 m)"""
+    wave_period_s: float = 1.0
+    """no new potential sooner than this after the last one for the same goal"""
+    change_radius_m: float = 0.3
+    """obstacles that come or go this near to the plan ahead call for a new potential"""
+
+
+class StopRotate:
+    """Takes over once the robot is within the position tolerance, and keeps the robot until a new goal.
+
+    move_base looks for the latch among its own parameters, so that the planner's file cannot set it; here it
+    is always on, since a robot that turns on the spot does not leave its place. Without a goal heading the
+    goal is reached with the position.
+    """
+
+    def __init__(self, planner: LocalPlanner, period_s: float) -> None:
+        self._planner = planner
+        self._period_s = period_s
+        self._at_position = False
+        self._rotating = False
+
+    def forget(self) -> None:
+        """Begin with a new goal."""
+        self._at_position = False
+        self._rotating = False
+
+    def arrived_at(self, goal: tuple[float, float], pose: Pose2D) -> bool:
+        """Whether the robot is, or was since the goal was set, within the position tolerance."""
+        near = math.hypot(goal[0] - pose.x, goal[1] - pose.y) <= self._planner.limits.xy_goal_tolerance_m
+        self._at_position = self._at_position or near
+        return self._at_position
+
+    def finished(self, goal_yaw: float | None, pose: Pose2D, velocity: Command) -> bool:
+        """Whether heading and standstill are reached too; to be asked once ``arrived_at`` holds."""
+        limits = self._planner.limits
+        if goal_yaw is None:
+            return True
+        turned = abs(wrap_angle(goal_yaw - pose.yaw)) <= limits.yaw_goal_tolerance_rad
+        return turned and _stopped(velocity, limits)
+
+    def command(
+        self, costmap: RollingCostmap, goal_yaw: float, pose: Pose2D, velocity: Command
+    ) -> Command | None:
+        """The velocity to stop or to turn with; None when turning would hit something."""
+        limits = self._planner.limits
+        v, w = velocity
+        reach_v, reach_w = (
+            limits.acc_lim_x_mps2 * self._period_s,
+            limits.acc_lim_theta_radps2 * self._period_s,
+        )
+        angle = wrap_angle(goal_yaw - pose.yaw)
+        if abs(angle) <= limits.yaw_goal_tolerance_rad:
+            self._rotating = False
+            return STOP
+        if not self._rotating and not _stopped(velocity, limits):
+            return Command(
+                math.copysign(max(0.0, abs(v) - reach_v), v), math.copysign(max(0.0, abs(w) - reach_w), w)
+            )
+        self._rotating = True
+        low, high = limits.min_vel_theta_radps, limits.max_vel_theta_radps
+        speed = min(max(abs(angle), low), high)
+        speed = min(max(speed, abs(w) - reach_w), abs(w) + reach_w)
+        speed = min(speed, math.sqrt(2.0 * limits.acc_lim_theta_radps2 * abs(angle)))
+        turn = math.copysign(min(max(speed, low), high), angle)
+        return Command(0.0, turn) if self._planner.turn_is_legal(costmap, pose, turn) else None
+
+
+def _stopped(velocity: Command, limits: LocalPlannerLimits) -> bool:
+    return (
+        abs(velocity[0]) <= limits.trans_stopped_vel_mps
+        and abs(velocity[1]) <= limits.theta_stopped_vel_radps
+    )
+
+
+_ACCELERATION_RADPS2 = 3.2
+_FASTEST_RADPS = 1.0
+_SLOWEST_RADPS = 0.4
+_TOLERANCE_RAD = 0.10
+
+
+class RotateRecovery:
+    """One full turn to the left on the spot (rotate_recovery, with the limits of TrajectoryPlannerROS).
+
+    The turn is measured by adding up heading changes. The original waits to find itself within 0.1 rad of the
+    opposite heading and then of the first one, which a robot that turns fast between two looks can miss.
+    """
+
+    def __init__(self, footprint: Footprint, resolution: float, yaw: float) -> None:
+        self._footprint_cells = corner_array(footprint) / resolution
+        self._yaw = yaw
+        self._turned_rad = 0.0
+
+    def command(self, costmap: RollingCostmap, pose: Pose2D) -> Command | None:
+        """The velocity to go on turning with; None when the turn is done or its rest would hit something."""
+        self._turned_rad += wrap_angle(pose.yaw - self._yaw)
+        self._yaw = pose.yaw
+        left = 2.0 * math.pi - self._turned_rad
+        if left <= _TOLERANCE_RAD:
+            return None
+        x, y = costmap.layer.to_cells(pose.x, pose.y)
+        if not turn_is_free(costmap.costs, x, y, float(pose.yaw), left, self._footprint_cells):
+            return None
+        speed = math.sqrt(2.0 * _ACCELERATION_RADPS2 * left)
+        return Command(0.0, min(max(speed, _SLOWEST_RADPS), _FASTEST_RADPS))
+
 
 _BESIDE_M = 0.2
 """how much farther than the tolerance a robot still counts as waiting at a covered goal"""

@@ -4,17 +4,17 @@ import numpy as np
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import STOP, burger_lds_01
-from midnet_bench.navigation.cost_values import LETHAL
+from midnet_bench.messages import STOP
+from midnet_bench.navigation.costmap import LETHAL
 from midnet_bench.navigation.local_planner import LocalPlanner
-from midnet_bench.navigation.navigator import Navigator
-from midnet_bench.navigation.navigator_settings import NavigatorSettings
+from midnet_bench.navigation.navigator import Navigator, NavigatorSettings
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
+from midnet_bench.robots.burger import LDS_01
 
 
 def compile_kernels() -> None:
     """Run every compiled loop of this room once, on a few square metres; about 10 s without a cache."""
-    geometry = burger_lds_01()
+    geometry = LDS_01
     prior = OccupancyGrid(np.zeros((60, 60), dtype=np.int8), 0.05, (0.0, 0.0))
     pose = Pose2D(1.5, 1.5, 0.0)
     # The planners' own settings differ, their kernels are all of one signature each.

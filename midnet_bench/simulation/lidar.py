@@ -1,43 +1,120 @@
 """The LDS-01 in the simulated world: what its beams meet, and its noise.
 
-Walls and stationary intruders are met by PyBullet's rays. Other robots are discs in the scan plane and
+Walls and stationary intruders are met by the simulator's rays. Other robots are discs in the scan plane and
 are intersected here: PyBullet's own ray against a round shape errs by up to 9 mm at its edge, disagrees
 on hit or miss for one beam in a hundred that passes near it, and costs four times as much as the walls.
 """
 
 import math
 from collections.abc import Sequence
-from operator import itemgetter
 from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from midnet_bench.messages import LidarGeometry, burger_lds_01
-from midnet_bench.simulation.engine import bullet
-from midnet_bench.simulation.lidar_kernels import (
-    beam_directions,
-    distances,
-    hide_behind_discs,
-    ray_ends,
-    reported,
-)
+from midnet_bench.robots.burger import LDS_01
 
-LDS_01: LidarGeometry = burger_lds_01()
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+NOTHING, SOLID = -1, -2
+"""What a beam met that was no robot: nothing, a wall or a stationary intruder."""
+
+
+@njit(cache=True)
+def beam_directions(poses: Floats, ahead_m: float, cosines: Floats, sines: Floats) -> tuple[Floats, Floats]:
+    """(m, 2) axes ``ahead_m`` before (m, 3) poses and (m, beams, 2) unit vectors, in the poses' frame.
+
+    ``cosines``, ``sines``: (beams,) of the beams' angles in the robot's frame.
+    """
+    axes = np.empty((len(poses), 2))
+    directions = np.empty((len(poses), len(cosines), 2))
+    for i in range(len(poses)):
+        c, s = math.cos(poses[i, 2]), math.sin(poses[i, 2])
+        axes[i, 0] = poses[i, 0] + ahead_m * c
+        axes[i, 1] = poses[i, 1] + ahead_m * s
+        for k in range(len(cosines)):
+            directions[i, k, 0] = c * cosines[k] - s * sines[k]
+            directions[i, k, 1] = s * cosines[k] + c * sines[k]
+    return axes, directions
+
+
+@njit(cache=True)
+def reported(
+    ranges: Floats,
+    errors: Floats,
+    scales: Floats,
+    sigma_m: float,
+    sigma_share: float,
+    near_m: float,
+    limits_m: tuple[float, float],
+) -> Floats:
+    """(m, beams) ranges with noise, clamped to the sensor's limits; inf stays inf.
+
+    ``errors``: (m, beams) standard normal; ``scales``: (m,) factors, applied first. The standard deviation is
+    ``sigma_m`` below ``near_m`` and ``sigma_share`` of the range from there on.
+    """
+    noisy = np.empty_like(ranges)
+    for i in range(ranges.shape[0]):
+        for k in range(ranges.shape[1]):
+            scaled = ranges[i, k] * scales[i]
+            if scaled == np.inf:
+                noisy[i, k] = np.inf
+                continue
+            sigma = sigma_m if scaled < near_m else sigma_share * scaled
+            noisy[i, k] = min(max(scaled + sigma * errors[i, k], limits_m[0]), limits_m[1])
+    return noisy
+
+
+@njit(cache=True)
+def hide_behind_discs(
+    ranges: Floats,
+    axes: Floats,
+    directions: Floats,
+    poses: Floats,
+    ahead_m: float,
+    radius_m: float,
+    own: Ints,
+    far_m: float,
+) -> Ints:
+    """(m, beams) what each beam meets first: a disc's number, ``SOLID`` or ``NOTHING``.
+
+    ``ranges``: (m, beams) to the nearest solid, inf for none; shortened where a disc within ``far_m`` is
+    nearer. The discs lie ``ahead_m`` before the (n, 3) poses, NaN for one that is not there; sensor i does
+    not see disc ``own[i]``. The solid, then the lower number wins a tie.
+    """
+    sensors, beams = directions.shape[:2]
+    met = np.empty((sensors, beams), dtype=np.int64)
+    centers = np.empty((len(poses), 2))
+    for disc in range(len(poses)):
+        centers[disc, 0] = poses[disc, 0] + ahead_m * math.cos(poses[disc, 2])
+        centers[disc, 1] = poses[disc, 1] + ahead_m * math.sin(poses[disc, 2])
+    for i in range(sensors):
+        for k in range(beams):
+            met[i, k] = NOTHING if ranges[i, k] == np.inf else SOLID
+        for disc in range(len(poses)):
+            dx, dy = centers[disc, 0] - axes[i, 0], centers[disc, 1] - axes[i, 1]
+            if disc == own[i] or not math.hypot(dx, dy) < far_m + radius_m:
+                continue
+            beside = radius_m * radius_m - dx * dx - dy * dy
+            for k in range(beams):
+                along = dx * directions[i, k, 0] + dy * directions[i, k, 1]
+                under_root = along * along + beside
+                if along > 0.0 and under_root > 0.0:
+                    distance = along - math.sqrt(under_root)
+                    if distance < far_m and distance < ranges[i, k]:
+                        ranges[i, k] = distance
+                        met[i, k] = disc
+    return met
+
+
 _ANGLES_RAD = LDS_01.mount.yaw + LDS_01.angles_rad
 _COSINES, _SINES = np.cos(_ANGLES_RAD), np.sin(_ANGLES_RAD)
-_FRACTION = itemgetter(2)
-"""of a ray's result, as PyBullet gives it"""
-BEAM_HEIGHT_M = 0.182
-MAX_BATCH = 16383
-"""One ray more, and PyBullet answers with nothing at all."""
 
 LidarNoise = Literal["gazebo", "datasheet", "none"]
 RobotProfile = Literal["urdf", "disc"]
 """What beams see of a robot (item 28): the LDS-01's housing, all that is in their plane, or a larger disc."""
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 
 class Profile(NamedTuple):
@@ -66,27 +143,6 @@ def beams_from(poses: Floats) -> Beams:
     Horizontal, from yaw alone: the sensor nods with its robot by a fraction of a degree, these do not.
     """
     return Beams(*beam_directions(poses, LDS_01.mount.x, _COSINES, _SINES))
-
-
-def cast_on_solids(client: int, beams: Beams, near_m: float, far_m: float) -> Floats:
-    """(m, beams) distance from the axis to the first solid between near and far; inf if there is none."""
-    starts, ends = ray_ends(*beams, near_m, far_m, BEAM_HEIGHT_M)
-    met = np.empty(len(starts))
-    for first in range(0, len(starts), MAX_BATCH):
-        batch = slice(first, first + MAX_BATCH)
-        met[batch] = ray_fractions(client, starts[batch], ends[batch])
-    return np.asarray(distances(met, near_m, far_m).reshape(beams.directions.shape[:2]))
-
-
-def ray_fractions(client: int, starts: Floats, ends: Floats) -> Floats:
-    """(n,) how far along each ray the first solid is, 1 if there is none; (n, 3) starts and ends, metres.
-
-    PyBullet answers with a tuple of tuples; most of what that costs is making them and giving them back.
-    """
-    hits = bullet.rayTestBatch(starts, ends, numThreads=1, physicsClientId=client)
-    fractions = np.fromiter(map(_FRACTION, hits), np.float64, len(hits))
-    del hits
-    return fractions
 
 
 def hide_behind_robots(

@@ -8,9 +8,9 @@ import numpy.typing as npt
 from pydantic import Field
 
 from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.io.checked_yaml import Spec
 from midnet_bench.messages import Odometry
-from midnet_bench.simulation.burger import WHEEL_RADIUS_M, WHEEL_SEPARATION_M
-from midnet_bench.spec import Spec
+from midnet_bench.robots.burger import WHEEL_RADIUS_M, WHEEL_SEPARATION_M
 
 TICK_RAD = 2.0 * math.pi / 4096
 """The least turn of a wheel that its encoder tells apart."""

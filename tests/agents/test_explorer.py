@@ -6,18 +6,18 @@ import numpy.typing as npt
 
 from midnet_bench.agents.explorer import Explorer
 from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import MapWindow
 from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
 from midnet_bench.mapping.frontier import FrontierExplorer
-from midnet_bench.mapping.gmapping import GMapping
-from midnet_bench.mapping.gmapping_settings import BURGER_UKF
-from midnet_bench.mapping.map_window import MapWindow
-from midnet_bench.messages import STOP, Imu, Odometry, burger_lds_01
-from midnet_bench.navigation.costmap_settings import burger_global
-from midnet_bench.navigation.navigator import Navigator
-from midnet_bench.navigation.navigator_settings import NavigatorSettings
+from midnet_bench.mapping.gmapping.filter import GMapping
+from midnet_bench.mapping.gmapping.settings import BURGER_UKF
+from midnet_bench.messages import STOP, Imu, Odometry
+from midnet_bench.navigation.costmap import burger_global
+from midnet_bench.navigation.navigator import Navigator, NavigatorSettings
 from midnet_bench.rng import stream
+from midnet_bench.robots.burger import LDS_01
 
-LIDAR = burger_lds_01()
+LIDAR = LDS_01
 AREA = MapWindow.around_origin(8.0, 4.0, 0.05)
 HALF_M = 1.5
 """of the square room that everybody here stands in"""

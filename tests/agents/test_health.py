@@ -1,6 +1,6 @@
 import pytest
 
-from midnet_bench.agents.health import Progress
+from midnet_bench.agents.progress import Progress
 
 
 def drive(progress: Progress, places: list[tuple[float, float]], has_goal: bool = True) -> None:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from pydantic import Field
 
+from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.experiments.trial import Row, TrialResult, TrialSpec
+from midnet_bench.io.checked_yaml import Spec
 from midnet_bench.rng import stream
-from midnet_bench.spec import Spec
 
 
 class CoinParameters(Spec):

@@ -16,11 +16,11 @@ import pytest
 import midnet_bench
 from midnet_bench.campaign import progress, provenance
 from midnet_bench.campaign.export import csv_text
-from midnet_bench.campaign.files import write_atomically
 from midnet_bench.campaign.progress import Lines, progress_on
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import InputError
+from midnet_bench.io.files import write_atomically
 
 GOOD = Outcome("0" * 16, 1.0, 1.0, b"result")
 BAD = Outcome("1" * 16, 1.0, failure="ValueError: no")

@@ -5,12 +5,12 @@ import coin_experiments as coins
 import numpy as np
 import pytest
 
+from midnet_bench.arena.arena import load_arena
 from midnet_bench.campaign.definition import Definition, definition_of, differences
 from midnet_bench.campaign.spec import Campaign, check, load_campaign, override, parse_settings, trials
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.map_server import save_map
-from midnet_bench.simulation.arena import load_arena
+from midnet_bench.io.map_server import save_map
 
 GOOD = """
 experiment: coins

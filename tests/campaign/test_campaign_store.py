@@ -11,9 +11,9 @@ from midnet_bench.campaign.definition import Definition, definition_of
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.spec import Campaign, trials
 from midnet_bench.campaign.store import Store, keep_aside, open_or_create, open_store
+from midnet_bench.campaign.trial import TrialSpec
 from midnet_bench.campaign.worker import Outcome, attempt, encode_tables
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.trial import TrialSpec
 
 CAMPAIGN = Campaign(experiment="coins", grid={"coins": [2, 1], "table": ["wood", "glass"]}, trials=3)
 

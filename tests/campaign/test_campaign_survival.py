@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from campaign_process import exported, finish, start, wait_for
 
-from midnet_bench.campaign.files import write_atomically
 from midnet_bench.campaign.store import open_store
 from midnet_bench.errors import MidnetBenchError
+from midnet_bench.io.files import write_atomically
 
 FORTY = {"grid": {"coins": [1, 2], "table": ["wood", "glass"]}, "trials": 10, "parameters": {"work_s": 0.05}}
 LONG = {"trials": 400, "parameters": {"work_s": 0.2}}

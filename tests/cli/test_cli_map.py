@@ -14,8 +14,8 @@ import yaml
 from command import midnet_bench, one_line_of_complaint, rows
 
 from midnet_bench.cli import main
-from midnet_bench.map_server import load_map
-from midnet_bench.mapping.trajectory import read_tum
+from midnet_bench.io.map_server import load_map
+from midnet_bench.io.trajectory import read_tum
 
 ROOM = {
     "name": "two small rooms",

@@ -11,9 +11,9 @@ import pytest
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import open_or_create
+from midnet_bench.campaign.trial import TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome, encode_tables
 from midnet_bench.cli import main
-from midnet_bench.experiments.trial import TrialResult, TrialSpec
 
 Command = Callable[..., tuple[int, str, list[str]]]
 

@@ -6,19 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from midnet_bench.arena.arena import load_arena
+from midnet_bench.arena.prior_maps import render_exact
+from midnet_bench.campaign.trial import TrialResult, TrialSpec
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.detection import DetectionTrial, run_detection
-from midnet_bench.experiments.parameters import DetectionParameters, ReadingsParameters
-from midnet_bench.experiments.readings import run_readings
+from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
+from midnet_bench.experiments.guarded.detector_node import binary_prior, costmap_settings, inflation_m
+from midnet_bench.experiments.guarded.parameters import DetectionParameters, ReadingsParameters
+from midnet_bench.experiments.readings.trial import run_readings
 from midnet_bench.experiments.registry import run_trial
-from midnet_bench.experiments.trial import TrialResult, TrialSpec
-from midnet_bench.experiments.watch import binary_prior, costmap_settings, inflation_m
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.map_server import save_map
+from midnet_bench.io.map_server import save_map
 from midnet_bench.midnet.pipeline import MIDNetSettings
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
-from midnet_bench.simulation.arena import load_arena
-from midnet_bench.simulation.exact_map import render_exact
 
 
 def detection(seed: int = 3, **changes: object) -> TrialResult:

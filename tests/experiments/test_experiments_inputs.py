@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from midnet_bench.arena.arena import arena_names, load_arena
+from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.inputs import _as_text
-from midnet_bench.experiments.parameters import DetectionParameters, LabyrinthParameters
+from midnet_bench.experiments.guarded.inputs import _as_text
+from midnet_bench.experiments.guarded.parameters import DetectionParameters, LabyrinthParameters
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.map_server import save_map
-from midnet_bench.simulation.arena import arena_names, load_arena
-from midnet_bench.simulation.exact_map import render_exact
-from midnet_bench.spec import parse
+from midnet_bench.io.checked_yaml import parse
+from midnet_bench.io.map_server import save_map
 
 
 def free_map(path: Path, side_m: float, center: tuple[float, float] = (0.0, 0.0)) -> Path:

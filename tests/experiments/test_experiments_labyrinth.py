@@ -3,8 +3,8 @@ import math
 
 import pytest
 
-from midnet_bench.experiments.labyrinth import LabyrinthTrial, run_labyrinth
-from midnet_bench.experiments.parameters import LabyrinthParameters
+from midnet_bench.experiments.guarded.parameters import LabyrinthParameters
+from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial, run_labyrinth
 
 # a long corridor with the guard's post in the middle: who goes from end to end has to pass it
 CORRIDOR = {

@@ -3,12 +3,12 @@ import math
 
 import pytest
 
-from midnet_bench.experiments.detection import DetectionTrial, run_detection
-from midnet_bench.experiments.labyrinth import run_labyrinth
-from midnet_bench.experiments.parameters import DetectionParameters, LabyrinthParameters
-from midnet_bench.map_server import save_map
-from midnet_bench.simulation.arena import load_arena
-from midnet_bench.simulation.exact_map import render_exact
+from midnet_bench.arena.arena import load_arena
+from midnet_bench.arena.prior_maps import render_exact
+from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
+from midnet_bench.experiments.guarded.parameters import DetectionParameters, LabyrinthParameters
+from midnet_bench.experiments.labyrinth.trial import run_labyrinth
+from midnet_bench.io.map_server import save_map
 
 
 class PoseErrors:

@@ -4,12 +4,12 @@ import math
 import numpy as np
 import pytest
 
+from midnet_bench.campaign.trial import TrialSpec
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.mapping import Exploration, ExplorationTrial, Snapshot, run_mapping
-from midnet_bench.experiments.mapping_parameters import MappingParameters
+from midnet_bench.experiments.mapping.parameters import MappingParameters
+from midnet_bench.experiments.mapping.trial import Exploration, ExplorationTrial, Snapshot, run_mapping
 from midnet_bench.experiments.registry import run_trial
-from midnet_bench.experiments.trial import TrialSpec
-from midnet_bench.spec import parse
+from midnet_bench.io.checked_yaml import parse
 
 # a hall with a wall across it, so that the far side has to be driven to; the door in the east leads outside
 HALL = {

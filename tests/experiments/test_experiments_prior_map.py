@@ -6,20 +6,20 @@ import cv2
 import numpy as np
 import pytest
 
+from midnet_bench.arena import prior_maps as explored_map
+from midnet_bench.arena.arena import load_arena
+from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.campaign.definition import definition_of
 from midnet_bench.campaign.spec import Campaign
+from midnet_bench.campaign.trial import TrialSpec
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.detection import run_detection
-from midnet_bench.experiments.guarded_arena import GuardedArena
-from midnet_bench.experiments.inputs import prior_map_from
-from midnet_bench.experiments.parameters import DetectionParameters, LabyrinthParameters
-from midnet_bench.experiments.trial import TrialSpec
-from midnet_bench.experiments.watch import binary_prior
+from midnet_bench.experiments.detection.trial import run_detection
+from midnet_bench.experiments.guarded.arena import GuardedArena
+from midnet_bench.experiments.guarded.detector_node import binary_prior
+from midnet_bench.experiments.guarded.inputs import prior_map_from
+from midnet_bench.experiments.guarded.parameters import DetectionParameters, LabyrinthParameters
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.map_server import save_map
-from midnet_bench.simulation import explored_map
-from midnet_bench.simulation.arena import load_arena
-from midnet_bench.simulation.exact_map import render_exact
+from midnet_bench.io.map_server import save_map
 
 
 def as_explored(arena_name: str) -> OccupancyGrid:

@@ -9,10 +9,11 @@ from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
-from midnet_bench.messages import Imu, Odometry, burger_lds_01
+from midnet_bench.messages import Imu, Odometry
 from midnet_bench.rng import stream
+from midnet_bench.robots.burger import LDS_01
 
-LIDAR = burger_lds_01()
+LIDAR = LDS_01
 CELL_M = 0.05
 WALL_M = 0.3
 """how thick a room's wall is drawn; its face lies in the first of its cells"""

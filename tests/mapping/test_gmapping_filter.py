@@ -10,18 +10,19 @@ import pytest
 from gmapping_room import ROOM, ROUND_TRIP, Drive, drive
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.gmapping import (
+from midnet_bench.mapping.gmapping.filter import (
     GMapping,
     effective_particles,
     normalized_weights,
     scan_rays,
     systematic_resample,
 )
-from midnet_bench.mapping.gmapping_settings import BURGER, TURTLEBOT3, GmappingSettings
-from midnet_bench.messages import LidarGeometry, burger_lds_01
+from midnet_bench.mapping.gmapping.settings import BURGER, TURTLEBOT3, GmappingSettings
+from midnet_bench.messages import LidarGeometry
 from midnet_bench.rng import stream
+from midnet_bench.robots.burger import LDS_01
 
-LIDAR = burger_lds_01()
+LIDAR = LDS_01
 START = Pose2D(1.0, 1.0, 0.0)
 
 

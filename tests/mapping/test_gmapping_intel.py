@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.relations import read_dense_odometry, read_relations, relations_error
+from midnet_bench.io.trajectory import Trajectory
 from midnet_bench.mapping.log_mapping import map_log, read_scan_log
-from midnet_bench.mapping.relations import read_dense_odometry, read_relations, relations_error
-from midnet_bench.mapping.trajectory import Trajectory
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "intel"
 pytestmark = pytest.mark.skipif(

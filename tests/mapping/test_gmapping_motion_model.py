@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.gmapping_settings import SLAM_GMAPPING, GmappingSettings
-from midnet_bench.mapping.motion_model import move_particles, noise_deviations, odometry_increment
+from midnet_bench.mapping.gmapping.motion_model import move_particles, noise_deviations, odometry_increment
+from midnet_bench.mapping.gmapping.settings import SLAM_GMAPPING, GmappingSettings
 
 SHARES = GmappingSettings(noise_srr=0.1, noise_srt=0.2, noise_str=0.3, noise_stt=0.4)
 COORDINATE = st.floats(-50.0, 50.0)

@@ -9,10 +9,8 @@ import pytest
 from gmapping_room import ROOM, cast
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.gmapping_settings import BURGER_UKF, SLAM_GMAPPING
-from midnet_bench.mapping.grid_line import trace_line
-from midnet_bench.mapping.particle_map import ParticleMaps
-from midnet_bench.mapping.scan_matcher import (
+from midnet_bench.mapping.gmapping.particle_map import ParticleMaps, trace_line
+from midnet_bench.mapping.gmapping.scan_matcher import (
     climb,
     log_likelihood,
     match_particles,
@@ -20,6 +18,7 @@ from midnet_bench.mapping.scan_matcher import (
     matching_in_cells,
     rotate_beams,
 )
+from midnet_bench.mapping.gmapping.settings import BURGER_UKF, SLAM_GMAPPING
 
 CELL_M = 0.05
 Points = npt.NDArray[np.float64]

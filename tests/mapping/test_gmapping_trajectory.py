@@ -10,15 +10,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.relations import (
+from benchmarks.relations import (
     Relation,
     read_dense_odometry,
     read_relations,
     relations_error,
 )
-from midnet_bench.mapping.trajectory import Trajectory, read_tum, write_tum
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
+from midnet_bench.io.trajectory import Trajectory, read_tum, write_tum
 
 
 def test_a_tum_line_by_hand(tmp_path: Path) -> None:

@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from drawn_buildings import Building, corridor, hull, map_of, random_frame, rooms, viewpoints
 
+from midnet_bench.arena.arena import load_arena
+from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.geometry import Box, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.mapping.merge import (
@@ -15,8 +17,6 @@ from midnet_bench.mapping.merge import (
     merge_by_start_poses,
 )
 from midnet_bench.rng import stream
-from midnet_bench.simulation.arena import load_arena
-from midnet_bench.simulation.exact_map import render_exact
 
 SAME = Pose2D(0.0, 0.0, 0.0)
 VALUES = {" ": 0, "#": 100, "?": -1, ".": 30}

@@ -9,8 +9,9 @@ import numpy.typing as npt
 
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import STOP, Command, LidarGeometry, burger_lds_01
+from midnet_bench.messages import STOP, Command, LidarGeometry
 from midnet_bench.navigation.navigator import Navigator, Status
+from midnet_bench.robots.burger import LDS_01
 
 LDS_RADIUS_M = 0.055
 LDS_CENTRE = Pose2D(-0.017, 0.0, 0.0)
@@ -132,7 +133,7 @@ def drive(
 
     ``others`` are Burgers that ``on_tick`` may move. Robots pass through walls and through each other.
     """
-    geometry = burger_lds_01()
+    geometry = LDS_01
     rng = np.random.default_rng(seed)
     others = others if others is not None else []
     for tick in range(round(seconds * 10)):

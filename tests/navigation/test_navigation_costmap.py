@@ -10,10 +10,15 @@ from hypothesis import strategies as st
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import LidarGeometry, burger_lds_01
-from midnet_bench.navigation.costmap import GlobalCostmap, RollingCostmap
-from midnet_bench.navigation.costmap_kernels import clear_line, inflate
-from midnet_bench.navigation.costmap_settings import CostmapSettings
+from midnet_bench.messages import LidarGeometry
+from midnet_bench.navigation.costmap import (
+    CostmapSettings,
+    GlobalCostmap,
+    RollingCostmap,
+    clear_line,
+    inflate,
+)
+from midnet_bench.robots.burger import LDS_01
 
 ONE_BEAM = LidarGeometry(1, 0.0, 0.1, 0.12, 3.5, Pose2D(0.0, 0.0, 0.0))
 BARE = CostmapSettings(footprint_clearing=False, inflation_radius_m=0.0)
@@ -284,7 +289,7 @@ def test_bounded_updates_equal_a_costmap_made_in_one_go(track_unknown: bool) -> 
         inflation_radius_m=0.4, track_unknown=track_unknown, obstacle_range_m=1.2, raytrace_range_m=1.5
     )
     costmap = GlobalCostmap(settings, OccupancyGrid(data, 0.05, (-1.0, 2.0)))
-    geometry = burger_lds_01()
+    geometry = LDS_01
     for step in range(25):
         pose = Pose2D(*rng.uniform((-1.2, 1.8), (5.7, 9.7)), rng.uniform(-3.0, 3.0))
         ranges = rng.uniform(0.1, 3.6, geometry.beams)

@@ -9,11 +9,19 @@ from scipy.ndimage import distance_transform_edt
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.navigation import footprint
-from midnet_bench.navigation.cost_values import PUBLISHED, inflation_costs, published, reach_cells
-from midnet_bench.navigation.costmap import static_costs, static_layer
-from midnet_bench.navigation.costmap_kernels import inflate
-from midnet_bench.navigation.costmap_settings import CostmapSettings, burger_global, burger_local
+from midnet_bench.navigation import costmap as footprint
+from midnet_bench.navigation.costmap import (
+    PUBLISHED,
+    CostmapSettings,
+    burger_global,
+    burger_local,
+    inflate,
+    inflation_costs,
+    published,
+    reach_cells,
+    static_costs,
+    static_layer,
+)
 
 
 def one_obstacle(settings: CostmapSettings, cells: int = 61) -> OccupancyGrid:

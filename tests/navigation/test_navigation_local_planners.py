@@ -10,17 +10,23 @@ from scipy.ndimage import distance_transform_edt
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command, burger_lds_01
-from midnet_bench.navigation import dwa_kernels, trajectory_rollout_kernels
-from midnet_bench.navigation.costmap import RollingCostmap
-from midnet_bench.navigation.costmap_settings import burger_local
+from midnet_bench.messages import Command
+from midnet_bench.navigation import dwa as dwa_kernels
+from midnet_bench.navigation import trajectory_rollout as trajectory_rollout_kernels
+from midnet_bench.navigation.costmap import BURGER, RollingCostmap, burger_local
 from midnet_bench.navigation.dwa import DwaPlanner, DwaSettings
-from midnet_bench.navigation.footprint import BURGER
-from midnet_bench.navigation.limits import LocalPlannerLimits
-from midnet_bench.navigation.map_grid import GOAL, GOAL_FRONT, PATH, distance_grids
-from midnet_bench.navigation.rollout_kernels import outline_cost, velocity_samples
-from midnet_bench.navigation.stop_rotate import StopRotate
+from midnet_bench.navigation.local_planner import (
+    GOAL,
+    GOAL_FRONT,
+    PATH,
+    LocalPlannerLimits,
+    distance_grids,
+    outline_cost,
+    velocity_samples,
+)
+from midnet_bench.navigation.navigator import StopRotate
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner, TrajectoryRolloutSettings
+from midnet_bench.robots.burger import LDS_01
 
 Costs = npt.NDArray[np.uint8]
 FOOTPRINT = np.array([(-2.3, -2.3), (-2.3, 2.3), (1.02, 2.3), (1.02, -2.3)])
@@ -254,7 +260,7 @@ def test_the_pruned_search_picks_what_scoring_every_sample_picks(
 
 def room(x: float, y: float, ahead_m: float = 3.0) -> RollingCostmap:
     """What a robot at (x, y) sees of walls 0.6 m to its sides and of one ``ahead_m`` in front."""
-    geometry = burger_lds_01()
+    geometry = LDS_01
     costmap = RollingCostmap(burger_local())
     pose = Pose2D(x, y, 0.0)
     sensor = pose.compose(geometry.mount)

@@ -9,12 +9,11 @@ from planar_world import Robot, World, drive
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
-from midnet_bench.messages import STOP, Command, burger_lds_01
-from midnet_bench.navigation.costmap_settings import burger_global
-from midnet_bench.navigation.navigator import Navigator, Status
-from midnet_bench.navigation.navigator_settings import NavigatorSettings
-from midnet_bench.navigation.recovery import RotateRecovery
+from midnet_bench.messages import STOP, Command
+from midnet_bench.navigation.costmap import burger_global
+from midnet_bench.navigation.navigator import Navigator, NavigatorSettings, RotateRecovery, Status
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
+from midnet_bench.robots.burger import LDS_01
 
 ROLLOUT = NavigatorSettings(local_planner=TrajectoryRolloutSettings())
 
@@ -189,7 +188,7 @@ def test_a_robot_shut_in_recovers_in_order_and_then_aborts() -> None:
 
 def test_a_turn_recovery_ends_after_one_turn_or_before_a_collision() -> None:
     navigator = Navigator(enclosure(4.0).occupancy())
-    geometry = burger_lds_01()
+    geometry = LDS_01
     pose = Pose2D(2.0, 2.0, 3.0)
     navigator.observe(pose, np.full(geometry.beams, 1.0), geometry, 0.0)
     local = navigator.settings.local_costmap
@@ -210,7 +209,7 @@ def test_a_turn_recovery_ends_after_one_turn_or_before_a_collision() -> None:
 def test_nothing_moves_without_goal_or_scan() -> None:
     navigator = Navigator(MAZE.occupancy())
     pose = Pose2D(0.6, 0.7, 0.0)
-    geometry = burger_lds_01()
+    geometry = LDS_01
     assert navigator.status is Status.IDLE
     navigator.set_goal(2.0, 0.8)
     assert navigator.control(pose, STOP, 0.0) == STOP

@@ -10,19 +10,12 @@ import cv2
 import numpy as np
 import pytest
 
-from midnet_bench.experiments.detection import DetectionTrial, ScoredFrame
-from midnet_bench.experiments.labyrinth import LabyrinthTrial
-from midnet_bench.experiments.parameters import DetectionParameters, LabyrinthParameters
-from midnet_bench.geometry import Box, Pose2D
-from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.pipeline import Explanation
-from midnet_bench.report.arena_view import draw_arena
-from midnet_bench.report.canvas import Canvas, text_mask, write
-from midnet_bench.report.clip import MAP_LEFT, MAP_PX, MAP_TOP, Clip
-from midnet_bench.report.figures import png_of
-from midnet_bench.report.grid_view import draw_detections, draw_grids
-from midnet_bench.report.map_view import FOREGROUND, SHADES
-from midnet_bench.report.palette import (
+from midnet_bench.drawing.arena_view import draw_arena
+from midnet_bench.drawing.canvas import Canvas, text_mask, write
+from midnet_bench.drawing.clip import MAP_LEFT, MAP_PX, MAP_TOP, Clip
+from midnet_bench.drawing.grid_view import draw_detections, draw_grids
+from midnet_bench.drawing.map_view import FOREGROUND, SHADES
+from midnet_bench.drawing.palette import (
     DETECTION,
     FALSE_DETECTION,
     FLOOR,
@@ -33,10 +26,17 @@ from midnet_bench.report.palette import (
     RGB,
     WOOD,
 )
-from midnet_bench.report.scene import BURGER_OUTLINE, Scene, burger_at, scene_of, view_of
-from midnet_bench.report.storyboard import Storyboard
-from midnet_bench.report.world_view import MARGIN_M, WorldView
-from midnet_bench.simulation.burger import URDF
+from midnet_bench.drawing.plots import png_of
+from midnet_bench.drawing.scene import BURGER_OUTLINE, Scene, burger_at, scene_of, view_of
+from midnet_bench.drawing.storyboard import Storyboard
+from midnet_bench.drawing.world_view import MARGIN_M, WorldView
+from midnet_bench.experiments.detection.trial import DetectionTrial, ScoredFrame
+from midnet_bench.experiments.guarded.parameters import DetectionParameters, LabyrinthParameters
+from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
+from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.midnet.pipeline import Explanation
+from midnet_bench.robots.burger import URDF
 
 BESIDE = (Pose2D(-0.05, 0.045, 0.0), Pose2D(-0.05, -0.045, 0.0))
 """points of a Burger's body on both sides of the line that shows its heading; a box's edge may hide one"""

@@ -9,11 +9,11 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
+from midnet_bench.campaign.trial import Scalar
+from midnet_bench.drawing.palette import WOOD
+from midnet_bench.drawing.video import VideoFile
 from midnet_bench.errors import InputError, MidnetBenchError
-from midnet_bench.experiments.trial import Scalar
-from midnet_bench.report.palette import WOOD
-from midnet_bench.report.render import render_trial
-from midnet_bench.report.video import VideoFile
+from midnet_bench.workflows.render import render_trial
 
 FRAMES = 12
 SMALL: dict[str, Scalar] = {"robots": 2, "frames": FRAMES}

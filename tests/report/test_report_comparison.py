@@ -7,10 +7,10 @@ from labyrinth_stores import labyrinth_store
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import open_or_create
+from midnet_bench.campaign.trial import TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome, encode_tables
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.trial import TrialResult, TrialSpec
-from midnet_bench.report.comparison import names_of, write_comparison
+from midnet_bench.workflows.compare import names_of, write_comparison
 
 SMALL = {"intruders": [1, 2], "robots": [1, 2]}
 

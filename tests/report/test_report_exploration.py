@@ -5,21 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from midnet_bench.experiments.mapping import ExplorationTrial, Snapshot
-from midnet_bench.experiments.mapping_parameters import MappingParameters
+from midnet_bench.drawing.canvas import Canvas
+from midnet_bench.drawing.exploration_view import ExplorationRecording, exploration_page, painter_of, percent
+from midnet_bench.drawing.growth_view import MapPainter
+from midnet_bench.drawing.map_picture import coarsened, known_corners
+from midnet_bench.drawing.recording import Moment, Recording
+from midnet_bench.experiments.mapping.parameters import MappingParameters
+from midnet_bench.experiments.mapping.trial import ExplorationTrial, Snapshot
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.report.canvas import Canvas
-from midnet_bench.report.exploration_view import (
-    ExplorationRecording,
-    exploration_page,
-    painter_of,
-    percent,
-)
-from midnet_bench.report.growth_view import MapPainter
-from midnet_bench.report.map_files import MapFiles
-from midnet_bench.report.map_picture import coarsened, known_corners
-from midnet_bench.report.recording import Moment, Recording
+from midnet_bench.workflows.map_files import MapFiles
 
 ROOM = """
 name: room

@@ -11,17 +11,10 @@ import pytest
 from labyrinth_stores import Caught, labyrinth_store
 
 from midnet_bench.campaign.store import Store, open_store
+from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.trial import Row, Scalar
-from midnet_bench.report.labyrinth_trials import (
-    Cells,
-    intruder_counts,
-    pooled_time,
-    rates_by_seed,
-    team_sizes,
-    variants_of,
-)
-from midnet_bench.report.success import (
+from midnet_bench.experiments.labyrinth.figures import DODGE, png_and_svg, success_figure
+from midnet_bench.experiments.labyrinth.tables import (
     cells_table,
     health_table,
     speed_table,
@@ -30,7 +23,14 @@ from midnet_bench.report.success import (
     write_labyrinth_comparison,
     write_labyrinth_report,
 )
-from midnet_bench.report.success_figures import DODGE, png_and_svg, success_figure
+from midnet_bench.experiments.labyrinth.trials import (
+    Cells,
+    intruder_counts,
+    pooled_time,
+    rates_by_seed,
+    team_sizes,
+    variants_of,
+)
 
 SMALL: dict[str, list[Scalar]] = {"intruders": [1, 2], "robots": [1, 3]}
 

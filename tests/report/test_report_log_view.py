@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from midnet_bench.drawing.log_view import LogRecording, log_page
 from midnet_bench.geometry import Pose2D
+from midnet_bench.io.scan_logs import LoggedScan, ScanLog, half_circle
 from midnet_bench.mapping.log_mapping import MappingResult, map_scans
-from midnet_bench.mapping.scan_log import LoggedScan, ScanLog, half_circle
-from midnet_bench.report.log_view import LogRecording, log_page
 
 Mapped = tuple[LogRecording, MappingResult]
 

@@ -10,10 +10,10 @@ import pytest
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import Store, open_or_create
+from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome, encode_tables
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.trial import Row, Scalar, TrialResult, TrialSpec
-from midnet_bench.report.mapping import (
+from midnet_bench.experiments.mapping.tables import (
     choice_table,
     health_table,
     measures_table,
@@ -22,8 +22,8 @@ from midnet_bench.report.mapping import (
     teams_table,
     walls_table,
 )
-from midnet_bench.report.report import write_report
-from midnet_bench.report.verify import verify
+from midnet_bench.workflows.report import write_report
+from midnet_bench.workflows.verify import verify
 
 SEEDS = range(1, 5)
 

@@ -2,7 +2,7 @@ import csv
 import math
 from pathlib import Path
 
-from midnet_bench.report.tables import Table
+from midnet_bench.analysis.tables import Table
 
 ROWS = [
     {"trial": "1-robot", "tp": 6967, "precision": 0.97536, "share": math.nan},

@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 from labyrinth_stores import labyrinth_store
 
+from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import Store, open_or_create
+from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome, encode_tables
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.trial import Row, Scalar, TrialResult, TrialSpec
-from midnet_bench.report.power import least_difference, power_report, trials_needed
-from midnet_bench.report.verify import Finding, Verdict, verify
-from midnet_bench.scoring.statistics import Estimate
+from midnet_bench.experiments.labyrinth.power import least_difference, power_report, trials_needed
+from midnet_bench.workflows.verify import Finding, Verdict, verify
 
 
 def binomial_counts(rates: list[float]) -> "dict[tuple[int, int, int], int]":

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from midnet_bench.scoring.statistics import Estimate, mean, paired_difference, ratio_of_sums, wilson
+from midnet_bench.analysis.statistics import Estimate, mean, paired_difference, ratio_of_sums, wilson
 
 
 def generator() -> np.random.Generator:

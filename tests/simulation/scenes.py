@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 
+from midnet_bench.arena.arena import Arena, load_arena
+from midnet_bench.arena.layout import Layout
+from midnet_bench.arena.solids import Solid
 from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import burger_lds_01
-from midnet_bench.simulation.arena import Arena, load_arena
-from midnet_bench.simulation.layout import Layout
-from midnet_bench.simulation.solids import Solid
-from midnet_bench.simulation.world import World, WorldSettings
+from midnet_bench.robots.burger import LDS_01
+from midnet_bench.simulation.bullet.world import World, WorldSettings
 
 
 def scene(robots, intruders=(), stationary=(), arena: Arena | None = None, seed: int = 1) -> Layout:
@@ -38,7 +38,7 @@ def beam_lengths(pose, solids: tuple[Solid, ...], discs) -> np.ndarray:
 
     ``discs`` are (x, y, radius). inf beyond 3.5 m, 0 below 0.12 m.
     """
-    lds = burger_lds_01()
+    lds = LDS_01
     axis = Pose2D(*pose).compose(lds.mount)
     lengths = []
     for number in range(lds.beams):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import yaml
 
+from midnet_bench.arena.arena import FOLDER, arena_names, load_arena
 from midnet_bench.errors import InputError
-from midnet_bench.simulation.arena import FOLDER, arena_names, load_arena
 
 MAP1 = (FOLDER / "map1.yaml").read_text(encoding="utf-8")
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scenes import run, scene, silent
 
+from midnet_bench.arena.arena import load_arena
+from midnet_bench.arena.layout import place
 from midnet_bench.messages import Command
 from midnet_bench.rng import stream
-from midnet_bench.simulation.arena import load_arena
-from midnet_bench.simulation.health import HealthTracker, crossed_wall, surfaces
-from midnet_bench.simulation.layout import place
-from midnet_bench.simulation.world import World
+from midnet_bench.simulation.bullet.world import World
+from midnet_bench.simulation.integrity import HealthTracker, crossed_wall, surfaces
 
 
 def test_ways_through_walls_and_intruders_are_told_from_ways_past_them() -> None:

@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 from scenes import beam_lengths, run, scene, silent
 
+from midnet_bench.arena.arena import load_arena
+from midnet_bench.arena.layout import place
+from midnet_bench.arena.solids import Solid
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.rng import stream
+from midnet_bench.robots.burger import LDS_01
 from midnet_bench.simulation import lidar
-from midnet_bench.simulation.arena import load_arena
-from midnet_bench.simulation.layout import place
-from midnet_bench.simulation.lidar_kernels import NOTHING, SOLID
-from midnet_bench.simulation.solids import Solid
-from midnet_bench.simulation.world import TOO_NEAR_M, World, WorldSettings
+from midnet_bench.simulation.bullet import rays
+from midnet_bench.simulation.bullet.world import TOO_NEAR_M, World, WorldSettings
+from midnet_bench.simulation.lidar import NOTHING, SOLID
 
 ANY = [stream(1, "unused")] * 10
 
@@ -54,7 +56,7 @@ def test_a_burger_shows_others_its_lds_or_all_of_itself(profile: str, radius: fl
     layout = scene([(0.0, 0.0, 0.0)], [(0.8, 0.3, 2.0)])
     with World(layout, WorldSettings(lidar_noise="none", robot_profile=profile)) as world:
         ranges, bodies = world.scan_and_bodies([0], ANY[:1])
-        axis = Pose2D(*world.poses()[0]).compose(lidar.LDS_01.mount)
+        axis = Pose2D(*world.poses()[0]).compose(LDS_01.mount)
         ((x, y, _),) = discs_seen(world.poses(), by=0, radius=radius, offset=offset)
         met = np.flatnonzero(bodies[0] == 1)
         angles = axis.yaw + np.radians(met)
@@ -132,7 +134,7 @@ def test_more_rays_than_one_batch_holds_are_split() -> None:
     with silent(scene([(0.0, 0.0, 0.0)])) as world:
         one = world.scan([0], ANY[:1])
         many = world.scan([0] * 50, ANY[:1] * 50)
-    assert lidar.MAX_BATCH < 50 * 360
+    assert rays.MAX_BATCH < 50 * 360
     assert np.array_equal(many, np.repeat(one, 50, axis=0))
     with silent(scene([(0.0, 0.0, 0.0)])) as world:
         assert world.scan([], []).shape == (0, 360)

@@ -7,7 +7,7 @@ from scenes import run, scene, silent
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.rng import stream
-from midnet_bench.simulation.burger import WHEEL_RADIUS_M, WHEEL_SEPARATION_M
+from midnet_bench.robots.burger import WHEEL_RADIUS_M, WHEEL_SEPARATION_M
 from midnet_bench.simulation.imu import ImuSensor
 from midnet_bench.simulation.odometry import TICK_RAD, EncoderOdometer, OdometrySettings
 

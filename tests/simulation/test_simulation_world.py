@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scenes import run, scene, silent
 
+from midnet_bench.arena.arena import load_arena
+from midnet_bench.arena.layout import place
 from midnet_bench.messages import STOP, Command
 from midnet_bench.rng import stream
-from midnet_bench.simulation.arena import load_arena
-from midnet_bench.simulation.layout import place
-from midnet_bench.simulation.world import World
+from midnet_bench.simulation.bullet.world import World
 
 BASE_FRONT_M = 0.038
 WALL_FACE_M = 2.925

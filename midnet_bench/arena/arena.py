@@ -1,0 +1,170 @@
+"""``Arena``: what a YAML file says about a place to guard, checked."""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator
+
+from midnet_bench.arena.solids import Solid, gap_m
+from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.geometry import Pose2D
+from midnet_bench.io.checked_yaml import Spec, parse, read_yaml
+
+FOLDER = Path(__file__).parent / "arenas"
+
+Coordinate = Annotated[float, Field(allow_inf_nan=False)]
+Length = Annotated[float, Field(gt=0.0, le=200.0)]
+Clearance = Annotated[float, Field(ge=0.0, le=200.0)]
+Height = Annotated[float, Field(ge=0.25, le=10.0)]
+"""At least 0.25 m: the beams pass 0.182 m above the floor, and what they do not meet is no obstacle."""
+Count = Annotated[int, Field(ge=0, le=100)]
+Point = tuple[Coordinate, Coordinate]
+Size = tuple[Length, Length]
+Shape = Literal["box", "cylinder"]
+
+
+class RobotStarts(Spec):
+    """Where security robots start: one at the centre, more of them on a ring, looking outwards (item 63)."""
+
+    center_m: Point = (0.0, 0.0)
+    spacing_m: Annotated[float, Field(ge=0.3, le=10.0)] = 0.6
+    """from each robot on the ring to the next"""
+
+
+class PlacedSolid(Spec):
+    """A stationary intruder at a place that the file fixes."""
+
+    shape: Shape
+    x_m: Coordinate
+    y_m: Coordinate
+    yaw_rad: Coordinate = 0.0
+    size_m: Size
+    """length and width of a box; a cylinder's diameter is the first"""
+
+
+class StationaryIntruders(Spec):
+    """Things that stand where the prior map has nothing (item 48): drawn per seed, or placed, or both."""
+
+    count: Count = 0
+    """how many to draw"""
+    size_m: Size = (0.4, 1.0)
+    """least and greatest side or diameter"""
+    shapes: Annotated[tuple[Shape, ...], Field(min_length=1)] = ("box", "cylinder")
+    height_m: Height = 0.5
+    clearance_m: Clearance = 0.5
+    """to walls and to each other: a Burger passes, and the prior map's inflation does not hide them"""
+    clear_of_robots_m: Clearance = 1.0
+    placed: tuple[PlacedSolid, ...] = ()
+
+    @field_validator("size_m")
+    @classmethod
+    def _ordered(cls, size_m: Size) -> Size:
+        if size_m[0] > size_m[1]:
+            raise ValueError("the least size comes first")
+        return size_m
+
+
+class MobileIntruders(Spec):
+    """Burgers that do not belong here."""
+
+    count: Count = 0
+    clearance_m: Annotated[float, Field(ge=0.15, le=10.0)] = 0.3
+    """from a start to walls and stationary intruders (a Burger's corner is 0.13 m from its axle)"""
+    spacing_m: Annotated[float, Field(ge=0.3, le=100.0)] = 0.6
+    """from one start to the next"""
+    clear_of_robots_m: Clearance = 1.0
+
+
+class Arena(Spec):
+    """A plane centred on the origin, its walls, and who starts where."""
+
+    name: str
+    plane_m: Size
+    enclosure_m: Size
+    """The walled region about the origin, wall centre to wall centre. Its diagonal is p of Eq. 12."""
+    wall_thickness_m: Annotated[float, Field(ge=0.02, le=5.0)]
+    wall_height_m: Height
+    walls: Annotated[tuple[Annotated[tuple[Point, ...], Field(min_length=2)], ...], Field(min_length=1)]
+    """lines that walls follow, corner by corner"""
+    robots: RobotStarts = RobotStarts()
+    stationary_intruders: StationaryIntruders = StationaryIntruders()
+    mobile_intruders: MobileIntruders = MobileIntruders()
+
+    def wall_segments(self) -> tuple[tuple[Point, Point], ...]:
+        """The two ends of every straight piece of wall, along its middle."""
+        return tuple((a, b) for line in self.walls for a, b in pairwise(line))
+
+    def wall_solids(self) -> tuple[Solid, ...]:
+        """Every straight piece of wall as a box."""
+        thickness, height = self.wall_thickness_m, self.wall_height_m
+        return tuple(Solid.segment(a, b, thickness, height) for a, b in self.wall_segments())
+
+    def placed_solids(self) -> tuple[Solid, ...]:
+        """The stationary intruders whose place the file fixes."""
+        height = self.stationary_intruders.height_m
+        return tuple(
+            Solid(
+                item.shape,
+                Pose2D(item.x_m, item.y_m, item.yaw_rad),
+                item.size_m[0],
+                item.size_m[0] if item.shape == "cylinder" else item.size_m[1],
+                height,
+            )
+            for item in self.stationary_intruders.placed
+        )
+
+
+def arena_names() -> list[str]:
+    """The names of the arenas that come with the package."""
+    return sorted(path.stem for path in FOLDER.glob("*.yaml"))
+
+
+def load_arena(name_or_path: str | Path) -> Arena:
+    """The arena of that name, or the one that a YAML file describes.
+
+    Raises:
+        InputError: no such arena or file, or the file is wrong; one line that names file and key.
+    """
+    text = str(name_or_path)
+    is_path = isinstance(name_or_path, Path) or "/" in text or text.endswith((".yaml", ".yml"))
+    if not is_path and text not in arena_names():
+        hint = nearest_name(text, arena_names())
+        raise InputError(f"no arena is called {text!r}{hint} (or give the path of a .yaml file)")
+    path = Path(name_or_path) if is_path else FOLDER / f"{text}.yaml"
+    return checked_arena(read_yaml(path), text)
+
+
+def checked_arena(values: Any, source: str) -> Arena:
+    """The arena that ``values`` describe. Raises InputError, ``source: key: what is wrong``."""
+    arena = parse(Arena, values, source)
+    _check_places(arena, source)
+    return arena
+
+
+def _check_places(arena: Arena, source: str) -> None:
+    """Raise InputError unless everything lies where it can."""
+    half = (arena.plane_m[0] / 2.0, arena.plane_m[1] / 2.0)
+    for axis in (0, 1):
+        if arena.enclosure_m[axis] > arena.plane_m[axis]:
+            raise InputError(
+                f"{source}: enclosure_m.{axis}: larger than the plane ({arena.plane_m[axis]:g} m)"
+            )
+    for number, line in enumerate(arena.walls):
+        for corner, (x, y) in enumerate(line):
+            if abs(x) > half[0] or abs(y) > half[1]:
+                raise InputError(
+                    f"{source}: walls.{number}.{corner}: ({x:g}, {y:g}) is off the plane, "
+                    f"which ends at ({half[0]:g}, {half[1]:g})"
+                )
+            if corner and line[corner - 1] == (x, y):
+                raise InputError(f"{source}: walls.{number}.{corner}: the same point as the one before")
+    x, y = arena.robots.center_m
+    if abs(x) > arena.enclosure_m[0] / 2.0 or abs(y) > arena.enclosure_m[1] / 2.0:
+        raise InputError(f"{source}: robots.center_m: ({x:g}, {y:g}) is outside the enclosure")
+    walls = arena.wall_solids()
+    for number, solid in enumerate(arena.placed_solids()):
+        if abs(solid.pose.x) > half[0] or abs(solid.pose.y) > half[1] or gap_m(solid, walls) <= 0.0:
+            raise InputError(
+                f"{source}: stationary_intruders.placed.{number}: in a wall or off the plane; move it"
+            )

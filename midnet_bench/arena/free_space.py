@@ -1,0 +1,92 @@
+"""Where a Burger's centre may be: the set that goals, starts and escapes are drawn from."""
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.arena.arena import Arena
+from midnet_bench.arena.solids import Solid
+from midnet_bench.errors import InputError
+from midnet_bench.grid import OccupancyGrid
+
+RESOLUTION_M = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSpace:
+    """Free cells inside the enclosure that can be reached from the security robots' start."""
+
+    grid: OccupancyGrid
+    """bool (rows, columns) over the plane, map frame: True where a centre may be"""
+
+    def contains(self, x: float, y: float) -> bool:
+        """Whether the cell that holds (x, y) is free."""
+        column, row = self.grid.cell_at(x, y)
+        return self.grid.contains_cell(column, row) and bool(self.grid.data[row, column])
+
+    def draw(
+        self,
+        rng: np.random.Generator,
+        away_from: tuple[float, float] | None = None,
+        at_least_m: float = 0.0,
+    ) -> tuple[float, float]:
+        """The centre (x, y) of a free cell, all equally likely, ``at_least_m`` from ``away_from``.
+
+        Takes one number from ``rng``. Raises InputError when there is no such cell.
+        """
+        rows, columns = np.nonzero(self.grid.data)
+        if away_from is not None:
+            x = self.grid.origin[0] + (columns + 0.5) * self.grid.resolution - away_from[0]
+            y = self.grid.origin[1] + (rows + 0.5) * self.grid.resolution - away_from[1]
+            far = np.hypot(x, y) >= at_least_m
+            rows, columns = rows[far], columns[far]
+        if rows.size == 0:
+            place = "" if away_from is None else f" from ({away_from[0]:g}, {away_from[1]:g})"
+            raise InputError(f"arena: no free point is {at_least_m:g} m away{place}; lower escape_distance_m")
+        choice = int(rng.integers(rows.size))
+        return self.grid.center_of(int(columns[choice]), int(rows[choice]))
+
+
+def free_space(arena: Arena, clearance_m: float, obstacles: tuple[Solid, ...] = ()) -> FreeSpace:
+    """Cells whose centre is ``clearance_m`` or more from every wall and from ``obstacles``.
+
+    Without ``obstacles`` it is what the guards believe (the prior map has no intruder in it), with
+    ``layout.stationary`` it is the truth. Distances are exact, not taken on the grid.
+
+    Raises:
+        InputError: the security robots' start is not free.
+    """
+    near = cells_near(arena, (*arena.wall_solids(), *obstacles), clearance_m)
+    half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
+    rows, columns = near.data.shape
+    x = np.abs(near.origin[0] + (np.arange(columns) + 0.5) * near.resolution)
+    y = np.abs(near.origin[1] + (np.arange(rows) + 0.5) * near.resolution)
+    free = ~near.data & (x < half_x) & (y < half_y)[:, None]
+    start = near.cell_at(*arena.robots.center_m)
+    if not free[start[1], start[0]]:
+        raise InputError(
+            f"arena '{arena.name}': robots.center_m: less than {clearance_m:g} m from a wall or an obstacle"
+        )
+    _, labels = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)
+    return FreeSpace(near.with_data(labels == labels[start[1], start[0]]))
+
+
+def cells_near(arena: Arena, solids: tuple[Solid, ...], distance_m: float) -> OccupancyGrid:
+    """A bool grid over the plane: True where a cell's centre is closer than ``distance_m`` to a solid."""
+    columns, rows = (math.ceil(side / RESOLUTION_M - 1e-9) for side in arena.plane_m)
+    origin = (-columns * RESOLUTION_M / 2.0, -rows * RESOLUTION_M / 2.0)
+    near: npt.NDArray[np.bool_] = np.zeros((rows, columns), dtype=np.bool_)
+    x = origin[0] + (np.arange(columns) + 0.5) * RESOLUTION_M
+    y = origin[1] + (np.arange(rows) + 0.5) * RESOLUTION_M
+    for solid in solids:
+        box = solid.bounding_box()
+        left, right = np.searchsorted(x, (box.x_min - distance_m, box.x_max + distance_m))
+        low, high = np.searchsorted(y, (box.y_min - distance_m, box.y_max + distance_m))
+        mesh = np.stack(np.meshgrid(x[left:right], y[low:high]), axis=-1)
+        # Walls put cell centres at round distances; a hair's breadth keeps rounding from deciding those.
+        close = solid.distance_to(mesh.reshape(-1, 2)) < distance_m - 1e-9
+        near[low:high, left:right] |= close.reshape(mesh.shape[:2])
+    return OccupancyGrid(near, RESOLUTION_M, origin)

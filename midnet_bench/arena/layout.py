@@ -1,0 +1,145 @@
+"""``Layout``: an arena as one seed draws it, with everybody at their start."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.arena.arena import Arena, StationaryIntruders
+from midnet_bench.arena.free_space import free_space
+from midnet_bench.arena.solids import Solid, gap_m
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
+from midnet_bench.rng import stream
+
+TEAM = 5
+"""Intruders keep clear of the starts of all teams up to this size, so one seed's intruders suit them all."""
+ROBOT_CLEARANCE_M = 0.2
+"""From a security robot's start to anything that stands (a Burger's corner is 0.13 m from its axle)."""
+_TRIES, _RESTARTS = 200, 20
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where everything is at time zero, map frame."""
+
+    arena: Arena
+    seed: int
+    stationary: tuple[Solid, ...]
+    """stationary intruders"""
+    robots: tuple[Pose2D, ...]
+    """security robots' starts: base_footprint, the point under the middle of the axle"""
+    intruders: tuple[Pose2D, ...]
+    """mobile intruders' starts, likewise"""
+
+    @property
+    def solids(self) -> tuple[Solid, ...]:
+        """Everything that never moves: walls, then stationary intruders."""
+        return self.arena.wall_solids() + self.stationary
+
+
+def place(arena: Arena, seed: int, robots: int, mobile_intruders: int | None = None) -> Layout:
+    """The arena as ``seed`` draws it for a team of ``robots``.
+
+    Stationary and mobile intruders do not depend on the team's size (up to five), and the first k
+    mobile ones are the same whatever their number: cells of a campaign meet the same worlds
+    (common random numbers, item 71).
+
+    Args:
+        arena: the place.
+        seed: the trial's seed.
+        robots: how many security robots, at least 1.
+        mobile_intruders: how many; the arena's own number when None.
+
+    Raises:
+        InputError: a count is out of range, or there is no room.
+    """
+    wanted = arena.mobile_intruders.count if mobile_intruders is None else mobile_intruders
+    if robots < 1:
+        raise InputError(f"robots: at least 1 is needed (got {robots})")
+    if wanted < 0:
+        raise InputError(f"intruders: must not be negative (got {wanted})")
+    starts = robot_starts(arena, robots)
+    all_starts = np.array(
+        [(p.x, p.y) for size in {*range(1, TEAM + 1), robots} for p in robot_starts(arena, size)]
+    )
+    stationary = arena.placed_solids() + _draw_stationary(arena, seed, all_starts)
+    _check_robot_starts(arena, starts, arena.wall_solids() + stationary)
+    return Layout(arena, seed, stationary, starts, _draw_mobile(arena, seed, wanted, stationary, all_starts))
+
+
+def robot_starts(arena: Arena, robots: int) -> tuple[Pose2D, ...]:
+    """Start poses of a team: the centre for one, else evenly on a ring, looking outwards (item 63)."""
+    x, y = arena.robots.center_m
+    if robots == 1:
+        return (Pose2D(x, y, 0.0),)
+    radius = arena.robots.spacing_m / 2.0 / math.sin(math.pi / robots)
+    center = Pose2D(x, y, 0.0)
+    yaws = (2.0 * math.pi * k / robots for k in range(robots))
+    return tuple(center.compose(Pose2D(radius * math.cos(yaw), radius * math.sin(yaw), yaw)) for yaw in yaws)
+
+
+def _check_robot_starts(arena: Arena, starts: tuple[Pose2D, ...], solids: tuple[Solid, ...]) -> None:
+    points = np.array([(pose.x, pose.y) for pose in starts])
+    if min(float(solid.distance_to(points).min()) for solid in solids) < ROBOT_CLEARANCE_M:
+        raise InputError(
+            f"arena '{arena.name}': robots: {len(starts)} starts {arena.robots.spacing_m:g} m apart "
+            f"do not fit about {arena.robots.center_m}; move center_m, lower spacing_m or take fewer robots"
+        )
+
+
+def _draw_stationary(arena: Arena, seed: int, starts: npt.NDArray[np.float64]) -> tuple[Solid, ...]:
+    spec = arena.stationary_intruders
+    rng = stream(seed, "arena", "stationary")
+    fixed = arena.placed_solids()
+    walls = arena.wall_solids()
+    for _ in range(_RESTARTS):
+        drawn: tuple[Solid, ...] = ()
+        for _ in range(_TRIES):
+            if len(drawn) == spec.count:
+                return drawn
+            solid = _draw_solid(spec, arena, rng)
+            if (
+                solid.distance_to(starts).min() >= spec.clear_of_robots_m
+                and gap_m(solid, walls + fixed + drawn) >= spec.clearance_m
+            ):
+                drawn = (*drawn, solid)
+    raise InputError(
+        f"arena '{arena.name}': stationary_intruders.count: no room for {spec.count} with seed {seed}; "
+        f"take fewer, smaller ones, a smaller clearance_m, or at most {TEAM} robots"
+    )
+
+
+def _draw_solid(spec: StationaryIntruders, arena: Arena, rng: np.random.Generator) -> Solid:
+    kind = spec.shapes[int(rng.integers(len(spec.shapes)))]
+    length, width = rng.uniform(spec.size_m[0], spec.size_m[1], size=2).tolist()
+    half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
+    x, y = rng.uniform(-half_x, half_x), rng.uniform(-half_y, half_y)
+    pose = Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
+    return Solid(kind, pose, length, length if kind == "cylinder" else width, spec.height_m)
+
+
+def _draw_mobile(
+    arena: Arena, seed: int, count: int, stationary: tuple[Solid, ...], starts: npt.NDArray[np.float64]
+) -> tuple[Pose2D, ...]:
+    if count == 0:
+        return ()
+    spec = arena.mobile_intruders
+    free = free_space(arena, spec.clearance_m, stationary)
+    poses: list[Pose2D] = []
+    for number in range(count):
+        rng = stream(seed, "intruders", number)
+        others = np.array([(pose.x, pose.y) for pose in poses]).reshape(-1, 2)
+        for _ in range(_TRIES):
+            point = free.draw(rng)
+            fits = np.hypot(*(starts - point).T).min() >= spec.clear_of_robots_m
+            if fits and np.all(np.hypot(*(others - point).T) >= spec.spacing_m):
+                poses.append(Pose2D(*point, float(rng.uniform(-math.pi, math.pi))))
+                break
+        else:
+            raise InputError(
+                f"arena '{arena.name}': mobile_intruders: no room for {count} with seed {seed}; "
+                f"take fewer of them, at most {TEAM} robots, or lower spacing_m or clear_of_robots_m"
+            )
+    return tuple(poses)

@@ -1,0 +1,1 @@
+"""The detection test of section V.A."""

@@ -1,0 +1,124 @@
+"""The detection test of section V.A: who is seen, frame by frame."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from midnet_bench.agents.mobile_robot import MobileRobot, Point
+from midnet_bench.arena.free_space import free_space
+from midnet_bench.campaign.trial import Row, TrialResult
+from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
+from midnet_bench.experiments.guarded.detector_node import costmap_settings, inflation_m
+from midnet_bench.experiments.guarded.parameters import DetectionParameters
+from midnet_bench.midnet.pipeline import Frame
+from midnet_bench.rng import stream
+from midnet_bench.robots.burger import LDS_01
+from midnet_bench.scoring.frame_counts import FrameCounts, TruthObject, count_frame, total, truths_in_range
+from midnet_bench.scoring.ratios import ratios
+from midnet_bench.simulation.lidar import SOLID
+
+USABLE_RANGE_M = 2.5
+"""Laser scan range of section V.A, from the sensor: whom a guard could have seen."""
+ON_SURFACE_M = 0.05
+"""A noisy return this near to a stationary intruder is one of its own; walls are farther off."""
+GOAL_CLEARANCE_M = 0.4
+"""From a mobile intruder's goal to walls and stationary intruders (item 49)."""
+
+
+@dataclass(frozen=True)
+class ScoredFrame:
+    """One frame and how it was scored."""
+
+    number: int
+    """counted from 1"""
+    midnet: Frame
+    truths: list[TruthObject]
+    in_range: list[bool]
+    counts: FrameCounts
+
+
+class DetectionTrial(GuardedArena):
+    """Map 1 in motion: guards patrol, mobile intruders wander, MIDNet looks on."""
+
+    def __init__(self, parameters: DetectionParameters, seed: int) -> None:
+        """Place everybody and give the intruders random goals, again and again."""
+        super().__init__(parameters, seed)
+        self._test = parameters
+        self._free = free_space(self.arena, GOAL_CLEARANCE_M, self.layout.stationary)
+        self._stationary = {
+            f"stationary {number}": solid.bounding_box()
+            for number, solid in enumerate(self.layout.stationary, 1)
+        }
+        self._goal_rngs = {robot.index: stream(seed, "goals", robot.name) for robot in self.intruders}
+        self._sight_noise = [stream(seed, "sight", guard.name) for guard in self.guards]
+        for robot in self.intruders:
+            robot.next_goal = self._random_goal
+
+    def frames(self, explain: bool = False) -> Iterator[ScoredFrame]:
+        """The trial's frames, each scored against where things are at its own instant."""
+        test = self._test
+        for number in range(1, test.frames + 1):
+            midnet = self.next_frame(explain)
+            truths = self.truths()
+            in_range = self.in_range(test)
+            yield ScoredFrame(
+                number, midnet, truths, in_range, count_frame(midnet.detections, truths, in_range)
+            )
+
+    def truths(self, test: DetectionParameters | None = None) -> list[TruthObject]:
+        """The intruders as they are now: the stationary ones, then the mobile ones (item 45)."""
+        test = test or self._test
+        margin_m = (
+            inflation_m(costmap_settings(test), test.thresh_local) if test.truth_box == "inflated" else 0.0
+        )
+        return [truth._replace(box=truth.box.shrunk(-margin_m)) for truth in self._bodies()]
+
+    def in_range(self, test: DetectionParameters) -> list[bool]:
+        """For each truth, whether not finding it now counts as a false negative (item 46).
+
+        The range goes to the intruder itself, whatever box it is scored by.
+        """
+        in_range = truths_in_range(self._bodies(), self.sensor_positions(), USABLE_RANGE_M, test.in_range)
+        if test.require_line_of_sight:
+            in_range = [near and seen for near, seen in zip(in_range, self._in_sight(), strict=True)]
+        return in_range
+
+    def _bodies(self) -> list[TruthObject]:
+        mobile = {robot.name: self.world.scan_outline(robot.index) for robot in self.intruders}
+        return [TruthObject(name, box, box.center) for name, box in (self._stationary | mobile).items()]
+
+    def _in_sight(self) -> list[bool]:
+        """For each truth, whether a beam of some guard would meet it within range at this instant."""
+        guards = [guard.index for guard in self.guards]
+        ranges_m, bodies = self.world.scan_and_bodies(guards, self._sight_noise)
+        near = ranges_m <= USABLE_RANGE_M
+        met = set(bodies[near].tolist())
+        beams = self.world.poses()[guards, 2, None] + LDS_01.angles_rad
+        ends = np.array(self.sensor_positions())[:, None] + ranges_m[..., None] * np.stack(
+            [np.cos(beams), np.sin(beams)], axis=-1
+        )
+        hits = ends[near & (bodies == SOLID)]
+        stationary = [
+            bool((solid.distance_to(hits) < ON_SURFACE_M).any()) for solid in self.layout.stationary
+        ]
+        return stationary + [robot.index in met for robot in self.intruders]
+
+    def _random_goal(self, robot: MobileRobot) -> Point:
+        return self._free.draw(self._goal_rngs[robot.index])
+
+
+def run_detection(parameters: DetectionParameters, seed: int) -> TrialResult:
+    """One trial: ``scores`` (one row, counts summed), ``frames`` and ``robots``."""
+    with DetectionTrial(parameters, seed) as trial:
+        frames = [frame.counts for frame in trial.frames()]
+        rows: list[Row] = [{"frame": i + 1, **counts._asdict()} for i, counts in enumerate(frames)]
+        summed = total(frames)
+        scores: Row = {
+            "frames": len(frames),
+            **summed._asdict(),
+            **ratios(summed.tp, summed.fp, summed.fn)._asdict(),
+            "patrol_relaxations": trial.patrol.relaxations,
+        }
+        tables = {"scores": [scores], "frames": rows, "robots": trial.rows_of_robots()}
+        return TrialResult(tables, simulated_s=len(frames) / FRAME_HZ)

@@ -1,0 +1,128 @@
+"""``GuardedArena``: one trial in motion, advanced from MIDNet frame to MIDNet frame."""
+
+import math
+from dataclasses import replace
+
+from midnet_bench.agents.guard import Guard
+from midnet_bench.agents.mobile_robot import MobileRobot, Point
+from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
+from midnet_bench.arena.layout import place
+from midnet_bench.campaign.trial import Row
+from midnet_bench.experiments.guarded.detector_node import Watch
+from midnet_bench.experiments.guarded.inputs import arena_from, prior_map_from
+from midnet_bench.experiments.guarded.parameters import GuardParameters
+from midnet_bench.experiments.robot_trial import RobotTrial
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.localization.scan_to_map import ScanToMap
+from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
+from midnet_bench.midnet.pipeline import Frame
+from midnet_bench.navigation.dwa import DwaSettings
+from midnet_bench.navigation.navigator import Navigator, NavigatorSettings
+from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
+from midnet_bench.rng import stream
+from midnet_bench.robots.burger import LDS_01
+from midnet_bench.simulation.bullet.world import WorldSettings
+
+FRAME_HZ = 5
+"""One MIDNet frame per LiDAR period (items 9, 42)."""
+
+
+class GuardedArena(RobotTrial):
+    """A world with its guards, its mobile intruders, and MIDNet over them."""
+
+    def __init__(self, parameters: GuardParameters, seed: int, mobile_intruders: int | None = None) -> None:
+        """Place everybody; time is 0. Intruders have no goals until ``next_goal`` is set on them."""
+        self.parameters = parameters
+        self.seed = seed
+        self.arena = arena_from(parameters.arena)
+        self.layout = place(self.arena, seed, parameters.robots, mobile_intruders)
+        self.prior_map = prior_map_from(parameters.prior_map, self.arena, parameters.resolution_m)
+        self._scan_to_map = ScanToMap(self.prior_map) if parameters.localization == "ukf+map" else None
+        self.patrol = self._make_patrol()
+        self.guards = [self._make_guard(i, pose) for i, pose in enumerate(self.layout.robots)]
+        self.watch = Watch(parameters, self.prior_map, self.guards)
+        first = len(self.guards)
+        self.intruders = [
+            self._make_intruder(first + i, pose) for i, pose in enumerate(self.layout.intruders)
+        ]
+        # a robot that is told its true pose takes it from exact odometry
+        super().__init__(
+            self.layout,
+            [*self.guards, *self.intruders],
+            WorldSettings(robot_profile=parameters.robot_profile, lidar_noise=parameters.lidar_noise),
+            "world" if parameters.localization == "truth" else parameters.odometry,
+            seed,
+        )
+        self._frame_ticks = self.step_hz // FRAME_HZ
+
+    @property
+    def prior(self) -> OccupancyGrid:
+        """The binary grid that MIDNet subtracts, uint8, 0 occupied."""
+        return self.watch.prior
+
+    def next_frame(self, explain: bool = False) -> Frame:
+        """MIDNet's detections 0.2 s later."""
+        for _ in range(self._frame_ticks):
+            self.fleet.step()
+        return self.watch.look(explain)
+
+    def rows_of_robots(self) -> list[Row]:
+        """``robots.csv``: one row per guard and mobile intruder, what each did so far."""
+        return [
+            {"robot": robot.name, "role": "guard" if isinstance(robot, Guard) else "intruder", **row}
+            for robot, row in zip(self.fleet.robots, super().rows_of_robots(), strict=True)
+        ]
+
+    def sensor_positions(self) -> list[Point]:
+        """(x, y) of each guard's LiDAR as it truly is, map frame, metres."""
+        poses = self.world.poses()
+        return [Pose2D(*poses[guard.index].tolist()).compose(LDS_01.mount)[:2] for guard in self.guards]
+
+    def next_patrol_point(self, robot: MobileRobot) -> Point:
+        """Where MIDNet sends a guard that has nothing to do (section V.B)."""
+        others = [guard.goal for guard in self.guards if guard is not robot and guard.goal is not None]
+        return self.patrol.next_point((robot.pose.x, robot.pose.y), others)
+
+    def _make_patrol(self) -> Patrol:
+        width_m, height_m = self.arena.enclosure_m
+        start = self.layout.robots[0]
+        points = patrol_points(self.prior_map, (start.x, start.y), (width_m, height_m))
+        z_m = safe_distance(math.hypot(width_m, height_m), self.parameters.robots, self.parameters.z_factor)
+        return Patrol(points, z_m, stream(self.seed, "patrol"))
+
+    def _make_guard(self, index: int, start: Pose2D) -> Guard:
+        return Guard(
+            index,
+            f"guard {index + 1}",
+            start,
+            self._navigator(),
+            self._ukf(start),
+            self.next_patrol_point,
+            self.parameters.goal_timeout_s,
+            self._scan_to_map,
+        )
+
+    def _make_intruder(self, index: int, start: Pose2D) -> MobileRobot:
+        return MobileRobot(
+            index,
+            f"intruder {index - len(self.guards) + 1}",
+            start,
+            self._navigator(self.parameters.intruder_speed_mps),
+            self._ukf(start),
+            lambda robot: None,
+            self.parameters.goal_timeout_s,
+            self._scan_to_map,
+        )
+
+    def _ukf(self, start: Pose2D) -> PlanarUkf | None:
+        if self.parameters.localization == "truth":
+            return None
+        return PlanarUkf(start, UkfSettings.for_odometry(self.parameters.odometry))
+
+    def _navigator(self, top_mps: float | None = None) -> Navigator:
+        """With the chosen controller's own limits, or those of a robot of another top speed."""
+        planner = DwaSettings() if self.parameters.controller == "dwa" else TrajectoryRolloutSettings()
+        if top_mps is not None:
+            planner = replace(planner, limits=planner.limits.at_speed(top_mps))
+        return Navigator(self.prior_map, NavigatorSettings(local_planner=planner))

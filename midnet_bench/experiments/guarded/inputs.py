@@ -1,0 +1,167 @@
+"""Arenas and prior maps as text inside a trial's parameters, so that a trial needs no file.
+
+A campaign names files; what they say is taken in when its parameters are checked. A trial then runs on
+any machine, and its id changes when a file's contents do. What comes with the package is named; the name of
+an explored map holds a digest of its cells, so that the id changes with them here too.
+"""
+
+import base64
+import hashlib
+import json
+import zlib
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+
+from midnet_bench.agents.patrol import patrol_points
+from midnet_bench.arena.arena import Arena, arena_names, checked_arena, load_arena
+from midnet_bench.arena.layout import robot_starts
+from midnet_bench.arena.prior_maps import explored_map, render_exact
+from midnet_bench.errors import InputError
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.io.checked_yaml import Spec
+from midnet_bench.io.map_server import load_map
+
+EXACT, EXPLORED = "exact", "explored"
+SHOWN = 30
+"""characters of a text that a message quotes"""
+
+
+def inline_arena(value: str) -> str:
+    """A packaged arena's name as it is; else the contents of the YAML file, as JSON. Raises InputError."""
+    if value in arena_names():
+        return value
+    try:
+        arena = arena_from(value)
+    except InputError as error:
+        raise InputError(f"arena: {error}") from error
+    return value if value.startswith("{") else arena.model_dump_json()
+
+
+def arena_from(value: str) -> Arena:
+    """The arena that ``inline_arena`` wrote down. Raises InputError."""
+    if not value.startswith("{"):
+        return load_arena(value)
+    source = repr(value[:SHOWN])
+    try:
+        return checked_arena(json.loads(value), source)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{source} is no arena; give a name or a YAML file") from error
+
+
+def inline_prior_map(value: str, arena: str) -> str:
+    """``exact`` as it is, ``explored`` with the arena's name and a digest of the map; else a file's contents.
+
+    Args:
+        value: ``exact``, ``explored``, a map_server YAML file, or what this function made of one of them.
+        arena: as ``inline_arena`` wrote it down.
+
+    Raises:
+        InputError: there is no such map, or a digest is not that of this version's map.
+    """
+    if value == EXACT:
+        return value
+    if value.startswith("{"):
+        _from_text(value)
+        return value
+    if value.split(":")[0] == EXPLORED:
+        return _named_explored(value, arena)
+    path = Path(value)
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(
+            f"prior_map: {value!r} is neither '{EXPLORED}' nor '{EXACT}' nor the YAML file of a map"
+        )
+    try:
+        return _as_text(load_map(path))
+    except InputError as error:
+        raise InputError(f"prior_map: {error}") from error
+
+
+def prior_map_from(value: str, arena: Arena, resolution_m: float) -> OccupancyGrid:
+    """The prior map that ``inline_prior_map`` wrote down: int8, 100 occupied, 0 free, -1 unknown, map frame.
+
+    Raises:
+        InputError: its resolution is not that of the local costmaps (item 19), or it ends inside the arena.
+    """
+    if value == EXACT:
+        return render_exact(arena, resolution_m)
+    grid = _explored(value.split(":")[1]) if value.startswith(EXPLORED) else _from_text(value)
+    if abs(grid.resolution - resolution_m) > 1e-9:
+        raise InputError(
+            f"prior_map: resolution {grid.resolution:g} m differs from the local costmaps' "
+            f"{resolution_m:g} m; resample the map, set resolution_m, or take prior_map=exact"
+        )
+    _check_covers(grid, arena)
+    return grid
+
+
+def check_prior_map(value: str, arena: Arena, resolution_m: float, robots: int) -> None:
+    """Raises InputError unless ``robots`` guards can patrol the arena on a map, as far as no seed decides."""
+    grid = prior_map_from(value, arena, resolution_m)
+    if value.startswith("{"):
+        start = robot_starts(arena, robots)[0]
+        patrol_points(grid, (start.x, start.y), arena.enclosure_m)
+
+
+def _check_covers(grid: OccupancyGrid, arena: Arena) -> None:
+    """Raise InputError if the map ends inside the arena: guards beyond its edge would detect nothing."""
+    # from face to face of the walls; an explorer may have seen no more of them
+    half_x, half_y = ((side - arena.wall_thickness_m) / 2.0 - grid.resolution for side in arena.enclosure_m)
+    x_min, y_min, x_max, y_max = grid.extent
+    if x_min > -half_x or y_min > -half_y or x_max < half_x or y_max < half_y:
+        width_m, height_m = arena.enclosure_m
+        raise InputError(
+            f"prior_map: it reaches from ({x_min:g}, {y_min:g}) to ({x_max:g}, {y_max:g}) m and does not "
+            f"cover the arena, {width_m:g} x {height_m:g} m about (0, 0); is it this arena's map, and its "
+            "origin right?"
+        )
+
+
+def _named_explored(value: str, arena: str) -> str:
+    """``explored:ARENA:DIGEST`` of the package's map; the same again if ``value`` is that already."""
+    grid = _explored(arena)
+    place = repr((grid.resolution, grid.origin, grid.data.shape)).encode()
+    name = f"{EXPLORED}:{arena}:{hashlib.sha256(place + grid.data.tobytes()).hexdigest()[:8]}"
+    if value not in (EXPLORED, name):
+        raise InputError(f"prior_map: '{value}' is not the map that this version has, '{name}'")
+    return name
+
+
+def _explored(arena: str) -> OccupancyGrid:
+    grid = None if arena.startswith("{") else explored_map(arena)
+    if grid is None:
+        name = "ARENA.yaml" if arena.startswith("{") else arena
+        raise InputError(
+            f"prior_map: no explored map of this arena comes with midnet-bench; make one by "
+            f"'midnet-bench map {name}' and give it by --map, or take prior_map=exact"
+        )
+    return grid
+
+
+def _as_text(grid: OccupancyGrid) -> str:
+    cells = base64.b64encode(zlib.compress(grid.data.tobytes(), 9)).decode()
+    return json.dumps(
+        {"resolution": grid.resolution, "origin": grid.origin, "shape": grid.data.shape, "int8": cells}
+    )
+
+
+class _MapText(Spec):
+    """What ``_as_text`` writes down."""
+
+    resolution: float = Field(gt=0)
+    origin: tuple[float, float]
+    shape: tuple[int, int]
+    int8: str
+
+
+def _from_text(text: str) -> OccupancyGrid:
+    try:
+        written = _MapText.model_validate_json(text)
+        packed = base64.b64decode(written.int8, validate=True)
+        cells = np.frombuffer(zlib.decompress(packed), dtype=np.int8).reshape(written.shape)
+    except (ValueError, zlib.error) as error:
+        raise InputError(
+            f"prior_map: {text[:SHOWN]!r} is no map; give a YAML file, {EXPLORED} or {EXACT}"
+        ) from error
+    return OccupancyGrid(cells, written.resolution, written.origin)

@@ -1,0 +1,1 @@
+"""The labyrinth test of section V.B."""

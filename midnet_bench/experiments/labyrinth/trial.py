@@ -1,0 +1,164 @@
+"""The labyrinth test of section V.B: who is caught before he escapes."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from midnet_bench.agents.mobile_robot import MobileRobot, Point
+from midnet_bench.agents.pursuit import Pursuit
+from midnet_bench.arena.free_space import free_space
+from midnet_bench.campaign.trial import Row, TrialResult
+from midnet_bench.experiments.guarded.arena import GuardedArena
+from midnet_bench.experiments.guarded.parameters import LabyrinthParameters
+from midnet_bench.geometry import Box
+from midnet_bench.midnet.pipeline import Frame
+from midnet_bench.rng import stream
+from midnet_bench.simulation.integrity import crossed_wall, surfaces
+
+GOAL_CLEARANCE_M = 0.4
+"""From an escape point to any wall, as for every other goal."""
+CONTACT_M = 0.21
+"""Two Burgers whose centres are this near touch: twice the robot's radius."""
+REFUGES = 64
+"""How many random points a fleeing intruder weighs against each other."""
+
+
+@dataclass
+class Fate:
+    """What became of one intruder; NaN is 'never', seconds since the start."""
+
+    start: Point
+    escape: Point
+    detected_at_s: float = math.nan
+    caught_at_s: float = math.nan
+    escaped_at_s: float = math.nan
+
+    @property
+    def outcome(self) -> str:
+        """``caught``, ``escaped`` or, at the time limit, ``at large``."""
+        if not math.isnan(self.caught_at_s):
+            return "caught"
+        return "at large" if math.isnan(self.escaped_at_s) else "escaped"
+
+
+class LabyrinthTrial(GuardedArena):
+    """Map 2 in motion: intruders head for their escapes, guards patrol and pursue."""
+
+    def __init__(self, parameters: LabyrinthParameters, seed: int) -> None:
+        """Place everybody and give each intruder an escape far enough from its start (item 56)."""
+        super().__init__(parameters, seed, parameters.intruders)
+        self._test = parameters
+        self._free = free_space(self.arena, GOAL_CLEARANCE_M, self.layout.stationary)
+        self._surfaces = surfaces(self.layout)
+        self._refuge_rng = stream(seed, "refuge")
+        self.pursuit = Pursuit(self.guards, parameters.pursuit, parameters.pursuit_timeout_s)
+        self.fates: dict[int, Fate] = {}
+        for robot in self.intruders:
+            start = (robot.pose.x, robot.pose.y)
+            escape = self._free.draw(stream(seed, "escape", robot.name), start, parameters.escape_distance_m)
+            self.fates[robot.index] = Fate(start, escape)
+            robot.next_goal = self._next_goal_of_intruder
+
+    @property
+    def at_large(self) -> list[MobileRobot]:
+        """Intruders that are neither caught nor gone."""
+        return [robot for robot in self.intruders if self.fates[robot.index].outcome == "at large"]
+
+    def frames(self, explain: bool = False) -> Iterator[Frame]:
+        """MIDNet's frames until everybody is caught or gone, or the time is up (item 58)."""
+        while self.at_large and self.fleet.time_s < self._test.time_limit_s - 1e-9:
+            midnet = self.next_frame(explain)
+            self._judge(midnet)
+            yield midnet
+
+    def _judge(self, midnet: Frame) -> None:
+        """Who was detected, caught or got away at this instant; where the guards go next."""
+        now_s = self.fleet.time_s
+        for robot in self.at_large:
+            fate = self.fates[robot.index]
+            boxes = self._boxes_on(robot, midnet)
+            if boxes:
+                fate.detected_at_s = now_s if math.isnan(fate.detected_at_s) else fate.detected_at_s
+                self.pursuit.detected(robot.index, boxes[0].center, now_s)
+            if boxes and self._is_caught(robot):
+                fate.caught_at_s = now_s
+            elif math.dist(self._place(robot), fate.escape) <= self._test.escape_radius_m:
+                fate.escaped_at_s = now_s
+            else:
+                continue
+            self.pursuit.forget(robot.index)
+            self.fleet.remove(robot)
+        self.pursuit.update(now_s)
+        if self._test.evasion == "flee":
+            self._flee()
+
+    def _boxes_on(self, robot: MobileRobot, midnet: Frame) -> list[Box]:
+        """The detections that cover some of an intruder (item 53)."""
+        outline = self.world.scan_outline(robot.index)
+        return [box for box in midnet.detections if box.intersection_area(outline) > 0.0]
+
+    def _is_caught(self, robot: MobileRobot) -> bool:
+        """Whether an intruder that is being detected is caught (item 53); walls keep guards off."""
+        if self._test.capture == "detected":
+            return True
+        reach_m = self._test.capture_distance_m if self._test.capture == "within" else CONTACT_M
+        place = np.array([self._place(robot)])
+        return any(
+            math.dist(self._place(guard), self._place(robot)) <= reach_m
+            and not crossed_wall(self._surfaces, np.array([self._place(guard)]), place)[0]
+            for guard in self.guards
+        )
+
+    def _place(self, robot: MobileRobot) -> Point:
+        x, y = self.world.poses()[robot.index, :2].tolist()
+        return x, y
+
+    def _next_goal_of_intruder(self, robot: MobileRobot) -> Point:
+        return self.fates[robot.index].escape
+
+    def _flee(self) -> None:
+        """Send intruders that a guard comes close to where no guard is near (item 57)."""
+        guards = np.array([self._place(guard) for guard in self.guards])
+        for robot in self.at_large:
+            is_close = np.hypot(*(guards - self._place(robot)).T).min() < self._test.flee_radius_m
+            escape = self.fates[robot.index].escape
+            if is_close and robot.goal in (None, escape):
+                refuges = np.array([self._free.draw(self._refuge_rng) for _ in range(REFUGES)])
+                gaps = np.hypot(*(refuges[:, None] - guards[None]).transpose(2, 0, 1)).min(axis=1)
+                robot.drive_to(tuple(refuges[int(gaps.argmax())].tolist()))
+            elif not is_close and robot.goal != escape:
+                robot.drive_to(escape)
+
+
+def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
+    """One trial: ``trial`` (one row), ``intruders`` and ``robots``."""
+    with LabyrinthTrial(parameters, seed) as trial:
+        for _ in trial.frames():
+            pass
+        fates = [trial.fates[robot.index] for robot in trial.intruders]
+        intruders: list[Row] = [
+            {
+                "intruder": number,
+                "outcome": fate.outcome,
+                "detected_at_s": fate.detected_at_s,
+                "caught_at_s": fate.caught_at_s,
+                "escaped_at_s": fate.escaped_at_s,
+                "straight_m": math.dist(fate.start, fate.escape),
+            }
+            for number, fate in enumerate(fates, 1)
+        ]
+        caught = sum(fate.outcome == "caught" for fate in fates)
+        duration_s = trial.fleet.time_s
+        row: Row = {
+            "caught": caught,
+            "detected": sum(not math.isnan(fate.detected_at_s) for fate in fates),
+            "escaped": sum(fate.outcome == "escaped" for fate in fates),
+            "success_rate": 100.0 * caught / len(fates),
+            "duration_s": duration_s,
+            "ended": "time limit" if trial.at_large else "nobody left",
+            "patrol_relaxations": trial.patrol.relaxations,
+        }
+        tables = {"trial": [row], "intruders": intruders, "robots": trial.rows_of_robots()}
+        return TrialResult(tables, simulated_s=duration_s)

@@ -1,0 +1,1 @@
+"""Map construction of section II.A."""

@@ -1,0 +1,1 @@
+"""Everything that touches a file: atomic writes, checked YAML, maps, scan logs, trajectories."""

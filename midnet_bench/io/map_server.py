@@ -1,0 +1,330 @@
+"""Maps as ROS keeps them: the YAML and image pair of map_server, read and written as it does.
+
+Two defects of the original are left behind: in scale mode it takes the last colour of an image
+without alpha for alpha, so that pixels with no blue become unknown; and it reads palette images by
+palette index, where here the palette's colours count. A rotated origin, which most ROS packages
+ignore in silence, is refused (item 18).
+"""
+
+import contextlib
+import io
+import math
+import os
+import re
+import struct
+import warnings
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, cast, get_args
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+from PIL import Image
+
+from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.io.checked_yaml import read_yaml
+
+_BLANK = rb"(?:\s|#[^\r\n]*[\r\n])+"
+_PGM_HEADER = re.compile(rb"P[25]" + (_BLANK + rb"(\d{1,9})") * 3 + rb"\s")
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+def read_image(path: Path, key: str) -> npt.NDArray[np.uint8]:
+    """A PGM (plain or binary) or PNG as (height, width, channels) uint8, row 0 at the top.
+
+    Deeper pixels are brought to 8 bits. ``key`` says in errors who asked for the image. Raises
+    InputError when the image is missing, of another kind, too large, or not whole.
+    """
+    where = f"{key}: {path}"
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{where}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{key}: {str(path)!r}: cannot be read: no file can have this name") from error
+    if data[:2] in (b"P2", b"P5"):
+        return _read_pgm(data, where)[:, :, np.newaxis]
+    if not data.startswith(_PNG_SIGNATURE):
+        raise InputError(f"{where}: not a PGM (P2, P5) or PNG image")
+    return _read_png(data, where)
+
+
+def _read_png(data: bytes, where: str) -> npt.NDArray[np.uint8]:
+    damaged = InputError(f"{where}: the image is truncated or damaged; save it again")
+    try:
+        with warnings.catch_warnings():
+            # Pillow warns at half of the size that it refuses
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+            image = Image.open(io.BytesIO(data), formats=["PNG"])
+            # Pillow paints what is missing black
+            if not _png_is_whole(data):
+                raise damaged
+            return _pixels(image)
+    except Image.DecompressionBombError as error:
+        width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
+        raise InputError(f"{where}: {width} x {height} pixels are too many for a map") from error
+    # what Pillow raises of damaged files, and of texts in them that unpack to far too much
+    except (OSError, IndexError, SyntaxError, ValueError, struct.error, zlib.error) as error:
+        raise damaged from error
+
+
+def _png_is_whole(data: bytes) -> bool:
+    """Whether all chunks to the last are there with the checksums that they claim, and enough pixels."""
+    position = len(_PNG_SIGNATURE)
+    packed = []
+    kind = b""
+    while kind != b"IEND":
+        length = int.from_bytes(data[position : position + 4], "big")
+        end = position + 8 + length
+        kind = data[position + 4 : position + 8]
+        if end + 4 > len(data) or zlib.crc32(data[position + 4 : end]) != int.from_bytes(
+            data[end : end + 4], "big"
+        ):
+            return False
+        if kind == b"IDAT":
+            packed.append(data[position + 8 : end])
+        position = end + 4
+    width, height, depth, colours, _, _, interlaced = struct.unpack(">IIBBBBB", data[16:29])
+    bits = width * depth * {2: 3, 4: 2, 6: 4}.get(colours, 1)
+    # a row begins with its filter; passes of an interlaced image have more of them than one per row
+    needed = height * ((bits + 7) // 8 + (0 if interlaced else 1))
+    return len(zlib.decompressobj().decompress(b"".join(packed), needed)) == needed
+
+
+def _pixels(image: Image.Image) -> npt.NDArray[np.uint8]:
+    """(height, width, channels) uint8: 1 grey, 3 colours, or 4: colours and alpha."""
+    if image.mode.startswith("I"):  # 16 bits of grey
+        return (np.atleast_3d(np.asarray(image)) // 256).astype(np.uint8)
+    if image.mode in ("1", "L"):
+        return np.atleast_3d(np.asarray(image.convert("L")))
+    has_alpha = image.mode in ("LA", "RGBA") or "transparency" in image.info
+    return np.asarray(image.convert("RGBA" if has_alpha else "RGB"))
+
+
+def _read_pgm(data: bytes, where: str) -> npt.NDArray[np.uint8]:
+    header = _PGM_HEADER.match(data)
+    if header is None:
+        raise InputError(f"{where}: a PGM needs width, height and maximum in its header, of 9 digits at most")
+    width, height, maximum = (int(field) for field in header.groups())
+    if width < 1 or height < 1 or not 1 <= maximum <= 65535:
+        raise InputError(f"{where}: a PGM of {width} x {height} pixels and maximum {maximum} cannot be read")
+    body, count = data[header.end() :], width * height
+    if data[:2] == b"P5":
+        depth = np.dtype(np.uint8 if maximum < 256 else ">u2")
+        present, needed, unit = len(body), count * depth.itemsize, "bytes"
+        values = np.frombuffer(body, depth, count).astype(np.int64) if present >= needed else None
+    else:
+        tokens = re.sub(rb"#[^\r\n]*", b"", body).split()
+        present, needed, unit = len(tokens), count, "pixels"
+        try:
+            values = np.array([int(token) for token in tokens[:count]]) if present >= needed else None
+        except ValueError as error:
+            raise InputError(f"{where}: a plain PGM holds whole numbers only") from error
+    if values is None:
+        raise InputError(f"{where}: the image is truncated: {present} of {needed} {unit}; save it again")
+    if values.min() < 0 or values.max() > maximum:
+        raise InputError(f"{where}: a pixel is outside 0 to {maximum}, the PGM's own maximum")
+    return (values * 255 // maximum).astype(np.uint8).reshape(height, width)
+
+
+Mode = Literal["trinary", "scale", "raw"]
+
+FREE_PIXEL = 254
+OCCUPIED_PIXEL = 0
+UNKNOWN_PIXEL = 205
+
+
+@dataclass(frozen=True)
+class MapFile:
+    """What a map's YAML file says."""
+
+    image: Path
+    resolution: float
+    """metres per pixel"""
+    origin: tuple[float, float]
+    """(x, y), metres, of the lower left corner of the lower left pixel"""
+    negate: bool
+    occupied_thresh: float
+    free_thresh: float
+    mode: Mode
+
+
+def load_map(yaml_path: Path) -> OccupancyGrid:
+    """The map as an int8 grid: -1 unknown, 0 free, 100 occupied; 1 to 98 between them in scale mode.
+
+    In raw mode a cell holds its pixel's value as a signed byte, whatever that means to the writer.
+
+    Raises:
+        InputError: either file is missing, unreadable, incomplete, or says what no map can.
+    """
+    file = read_map_file(yaml_path)
+    cells = occupancy(read_image(file.image, f"{yaml_path}: image"), file)
+    return OccupancyGrid(np.ascontiguousarray(cells[::-1]), file.resolution, file.origin)
+
+
+def read_map_file(yaml_path: Path) -> MapFile:
+    """The YAML file, checked. Keys that map_server does not know are passed over, as it does."""
+    values = read_yaml(yaml_path)
+    if not isinstance(values, dict):
+        raise InputError(f"{yaml_path}: (top level): a map's keys are needed: image, resolution, origin, ...")
+    reader = _Keys(yaml_path, values)
+    image = reader.get("image")
+    if not isinstance(image, str) or not image:
+        raise reader.error("image", f"a file name is needed (got {image!r})")
+    resolution = reader.number("resolution")
+    if resolution <= 0.0:
+        raise reader.error("resolution", f"must be above 0 metres per pixel (got {resolution:g})")
+    negate = reader.get("negate")
+    # nav2's map_server takes true and false here
+    if not isinstance(negate, bool) and (negate := reader.number("negate")) not in (0, 1):
+        raise reader.error("negate", f"must be 0 or 1 (got {negate:g})")
+    occupied, free = reader.number("occupied_thresh"), reader.number("free_thresh")
+    if not 0.0 <= free < occupied <= 1.0:
+        raise reader.error(
+            "free_thresh", f"0 <= free_thresh < occupied_thresh <= 1 is needed (got {free:g}, {occupied:g})"
+        )
+    mode = values.get("mode", "trinary")
+    if mode not in get_args(Mode):
+        raise reader.error("mode", f"no such mode '{mode}'{nearest_name(str(mode), get_args(Mode))}")
+    return MapFile(
+        yaml_path.parent / image, resolution, reader.origin(), bool(negate), occupied, free, cast(Mode, mode)
+    )
+
+
+class _Keys:
+    """A YAML file's keys, with errors that name file and key."""
+
+    def __init__(self, path: Path, values: dict[object, Any]) -> None:
+        self.path = path
+        self.values = values
+
+    def error(self, key: str, what: str) -> InputError:
+        return InputError(f"{self.path}: {key}: {what}")
+
+    def get(self, key: str) -> Any:
+        if self.values.get(key) is None:
+            raise self.error(key, "missing key; map_server needs it")
+        return self.values[key]
+
+    def number(self, key: str) -> float:
+        return self._finite(key, self.get(key))
+
+    def origin(self) -> tuple[float, float]:
+        value = self.get("origin")
+        if not isinstance(value, list) or len(value) != 3:
+            raise self.error("origin", f"three numbers are needed, [x, y, yaw] (got {value!r})")
+        x, y, yaw = (self._finite("origin", part) for part in value)
+        if yaw != 0.0:
+            raise self.error("origin", f"yaw must be 0 (got {yaw:g} rad); turn the image instead")
+        return x, y
+
+    def _finite(self, key: str, value: object) -> float:
+        # YAML 1.1 takes 5e-2 for a text
+        if isinstance(value, int | float | str) and not isinstance(value, bool):
+            try:
+                number = float(value)
+            except (ValueError, OverflowError):
+                number = math.nan
+            if math.isfinite(number):
+                return number
+        raise self.error(key, f"a number is needed (got {value!r})")
+
+
+def occupancy(image: npt.NDArray[np.uint8], file: MapFile) -> npt.NDArray[np.int8]:
+    """The cells of an image, in its own order (row 0 at the top), by the rules of the file's mode.
+
+    Args:
+        image: (height, width, channels) uint8; 1 grey, 3 colours, or 4: colours and alpha.
+        file: thresholds, ``negate`` and mode.
+    """
+    channels = image.shape[2]
+    # in trinary mode map_server averages alpha in, as if it were a colour
+    colours = channels if file.mode == "trinary" or channels < 4 else 3
+    average = image[:, :, :colours].mean(axis=2)
+    if file.negate:
+        average = 255.0 - average
+    if file.mode == "raw":
+        return average.astype(np.uint8).view(np.int8)
+
+    occupied_share = (255.0 - average) / 255.0
+    if file.mode == "trinary":
+        cells = np.full(average.shape, -1, np.int8)
+    else:
+        between = (occupied_share - file.free_thresh) / (file.occupied_thresh - file.free_thresh)
+        cells = (1.0 + 98.0 * between.clip(0.0, 1.0)).astype(np.int8)
+        if channels == 4:
+            cells[image[:, :, 3] == 0] = -1
+    cells[occupied_share < file.free_thresh] = 0
+    cells[occupied_share > file.occupied_thresh] = 100
+    return cells
+
+
+def save_map(grid: OccupancyGrid, yaml_path: Path, occ: int = 65, free: int = 25, comment: str = "") -> None:
+    """Write ``yaml_path`` and, beside it under the same name, a binary ``.pgm``, as map_saver does.
+
+    Values of 0 to ``free`` become white, ``occ`` and more black, all else the grey that loads as
+    unknown. The thresholds in the YAML are always 0.65 and 0.196: they tell these three apart.
+    A reader sees the old file or the new one, never half of one.
+
+    Args:
+        grid: int8, -1 unknown or 0 to 100.
+        yaml_path: usually ``*.yaml``; not ``*.pgm``.
+        occ: 1 to 100.
+        free: 0 to 100, below ``occ``.
+        comment: a line at the top of the YAML file, where a map says what it was made from.
+
+    Raises:
+        InputError: the thresholds are out of range, or a file cannot be written.
+    """
+    if grid.data.dtype != np.int8:
+        raise ValueError(f"costs are {grid.data.dtype}; int8 is needed, where -1 means unknown")
+    if not 0 <= free < occ <= 100:
+        raise InputError(f"{yaml_path}: 0 <= free < occ <= 100 is needed (got free {free}, occ {occ})")
+    image = yaml_path.with_suffix(".pgm")
+    if image == yaml_path:
+        raise InputError(f"{yaml_path}: name the YAML file; the image goes beside it as .pgm")
+    values = grid.data
+    pixels = np.full(values.shape, UNKNOWN_PIXEL, np.uint8)
+    pixels[(values >= 0) & (values <= free)] = FREE_PIXEL
+    pixels[values >= occ] = OCCUPIED_PIXEL
+
+    header = f"P5\n# {grid.resolution:.3f} m/pix\n{grid.width} {grid.height}\n255\n"
+    # a bare name, because loaders look beside the YAML file
+    name = yaml.safe_dump({"image": image.name}, allow_unicode=True)
+    heading = f"# {' '.join(comment.split())}\n" if comment else ""
+    text = (
+        f"{heading}{name}"
+        f"resolution: {grid.resolution:.6f}\n"
+        f"origin: [{grid.origin[0]:.6f}, {grid.origin[1]:.6f}, {0.0:.6f}]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    _replace(image, header.encode() + pixels[::-1].tobytes())
+    _replace(yaml_path, text.encode())
+
+
+def save_binary_map(grid: OccupancyGrid, yaml_path: Path) -> None:
+    """Write a binary grid (uint8, 0 occupied, 255 free; Eq. 1) as a map that any map_server reads.
+
+    Back it comes through :func:`load_map` and Eq. 1 with any thresh from 1 to 100.
+    """
+    if grid.data.dtype != np.uint8:
+        raise ValueError(f"a binary grid is uint8, this one is {grid.data.dtype}")
+    save_map(grid.with_data(np.where(grid.data == 0, 100, 0).astype(np.int8)), yaml_path)
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Write a file under another name and put it in place when it is whole."""
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from error

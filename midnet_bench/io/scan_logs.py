@@ -1,0 +1,371 @@
+"""Recorded scans with odometry: CARMEN logs and plain tables, by what stands in the file."""
+
+import gzip
+import math
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
+from midnet_bench.mapping.gmapping.motion_model import odometry_increment
+from midnet_bench.messages import LidarGeometry
+
+_LONGEST_SHOWN = 30
+
+
+def read_lines(path: Path) -> list[str]:
+    """The lines of a text file, gzipped or plain. Raises InputError if it cannot be read or holds no text."""
+    try:
+        data = path.read_bytes()
+        if data.startswith(b"\x1f\x8b"):
+            data = gzip.decompress(data)
+        lines = data.decode("utf-8").splitlines()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (EOFError, UnicodeDecodeError, zlib.error) as error:
+        raise InputError(f"{path}: cannot be read as a text file, gzipped or plain: {error}") from error
+    if not any(line.strip() for line in lines):
+        raise InputError(f"{path}: the file is empty; give a log with laser scans and odometry")
+    return lines
+
+
+def count_of(word: str) -> int | None:
+    """The whole number that a word is, or None: no sign, no digits but 0 to 9 and nine of them at most."""
+    return int(word) if word.isascii() and word.isdigit() and len(word) <= 9 else None
+
+
+def shown(word: str) -> str:
+    """A word for a message: in quotes, and no longer than a line has room for."""
+    return repr(word if len(word) <= _LONGEST_SHOWN else f"{word[:_LONGEST_SHOWN]}...")
+
+
+def numbers(words: list[str], where: str, what: str) -> list[float]:
+    """``words`` as floats. Raises InputError ``where: what: ...`` naming the first that is none."""
+    values = []
+    for word in words:
+        try:
+            values.append(float(word))
+        except ValueError:
+            raise InputError(f"{where}: {what}: {shown(word)} is not a number") from None
+    return values
+
+
+def finite(words: list[str], where: str, what: str) -> list[float]:
+    """``words`` as finite floats. Raises InputError as ``numbers`` does, also for nan and inf."""
+    values = numbers(words, where, what)
+    for word, value in zip(words, values, strict=True):
+        if not math.isfinite(value):
+            raise InputError(f"{where}: {what}: {shown(word)} is not a finite number")
+    return values
+
+
+SICK_RANGE_MAX_M = 81.8
+"""a SICK LMS reports 81.83 m or a little more where nothing comes back"""
+LARGEST_MAP_M = 1000.0
+"""How far a log's odometry may come from its origin, along x and y, and how far a reading may reach. A map of
+a square kilometre is 400 million cells of 5 cm and takes gigabytes; the largest published logs span half a
+kilometre, and one in millimetres comes there in no time."""
+
+
+class LoggedScan(NamedTuple):
+    """One scan of a log."""
+
+    stamp_s: float
+    odometry: Pose2D
+    """where the odometry put the robot's base"""
+    ranges_m: npt.NDArray[np.float64]
+    """(beams,) metres"""
+
+
+@dataclass(frozen=True, eq=False)
+class ScanLog:
+    """The scans of a log in the order of the file, all from one LiDAR."""
+
+    path: Path
+    geometry: LidarGeometry
+    scans: list[LoggedScan]
+
+    def __iter__(self) -> Iterator[LoggedScan]:
+        """The scans in order."""
+        return iter(self.scans)
+
+    def __len__(self) -> int:
+        """Number of scans."""
+        return len(self.scans)
+
+    @property
+    def invalid_ranges(self) -> int:
+        """How many ranges are NaN; their beams say nothing."""
+        return sum(int(np.count_nonzero(np.isnan(scan.ranges_m))) for scan in self.scans)
+
+
+def take_ranges(words: list[str], where: str) -> tuple[npt.NDArray[np.float64], list[str]]:
+    """The ranges at the head of ``words``, which begin with their number, and the words after them.
+
+    A range that is NaN is one that the sensor could not tell. So is an infinite one (NaN in the result): logs
+    do not say whether it means open space. Raises InputError, named by ``where``, if there are fewer ranges
+    than announced or one is no number.
+    """
+    count = count_of(words[0]) if words else None
+    if count is None or count < 2:
+        found = shown(words[0]) if words else "nothing"
+        raise InputError(f"{where}: the number of ranges must be a whole number from 2 on, not {found}")
+    if len(words) - 1 < count:
+        raise InputError(f"{where}: {count} ranges are announced, but only {len(words) - 1} words follow")
+    ranges_m = np.array(numbers(words[1 : 1 + count], where, "range"))
+    return np.where(np.isfinite(ranges_m), ranges_m, np.nan), words[1 + count :]
+
+
+def check_newest(scans: list[LoggedScan], where: str) -> None:
+    """Raise InputError if the last scan is not as long as the first one, or further off than a map may be."""
+    first, last = scans[0], scans[-1]
+    if len(first.ranges_m) != len(last.ranges_m):
+        raise InputError(
+            f"{where}: a scan of {len(last.ranges_m)} ranges in a log whose first scan has "
+            f"{len(first.ranges_m)}"
+        )
+    x, y, _ = last.odometry
+    if max(abs(x), abs(y)) > LARGEST_MAP_M:
+        raise InputError(
+            f"{where}: the odometry x {x:g}, y {y:g} lies more than {LARGEST_MAP_M:g} m from its origin, and "
+            "no map can be that large; is it in metres?"
+        )
+
+
+def half_circle(beams: int) -> LidarGeometry:
+    """The geometry of a scanner whose log does not tell it: beam i at -90 degrees + i steps, on the base.
+
+    180 beams lie 1 degree apart and so do 181, 360 and 361 half a degree, as in the SICK LMS: an even
+    number of beams leaves out the last one of the half circle.
+    """
+    step = math.pi / (beams if beams % 2 == 0 else beams - 1)
+    return LidarGeometry(beams, -math.pi / 2, step, 0.0, SICK_RANGE_MAX_M, Pose2D(0.0, 0.0, 0.0))
+
+
+def with_ceiling(geometry: LidarGeometry, scans: list[LoggedScan]) -> LidarGeometry:
+    """The geometry, its largest range lowered to the one at which this log's readings pile up, if they do.
+
+    Scanners differ in the number that they report for "no return". If the largest range of a log occurs
+    (within 1 cm) ten times and once in ten scans, it is taken for that number and not for a wall. Taken
+    wrongly, it costs these few beams.
+    """
+    ranges = np.concatenate([scan.ranges_m for scan in scans])
+    ranges = ranges[np.isfinite(ranges)]
+    largest_m = float(ranges.max(initial=0.0))
+    piled = np.count_nonzero(ranges >= largest_m - 0.01)
+    if largest_m >= geometry.range_max_m or piled < max(10, len(scans) / 10):
+        return geometry
+    return replace(geometry, range_max_m=largest_m)
+
+
+def parse_table(path: Path, lines: list[str]) -> ScanLog:
+    """The scans of a table whose lines are ``stamp x y theta n r1..rn``; ``#`` begins a comment.
+
+    x, y (metres) and theta (radians) are the wheel odometry; the beams' angles are those of ``half_circle``.
+
+    Raises:
+        InputError: odometry or ranges missing, a scan of another length, a word that is no number.
+    """
+    scans: list[LoggedScan] = []
+    for number, line in enumerate(lines, start=1):
+        words = line.split("#")[0].split()
+        if not words:
+            continue
+        where = f"{path}:{number}"
+        if len(words) < 5 or count_of(words[4]) is None:
+            raise InputError(
+                f"{where}: odometry missing: a line must read 'stamp x y theta n r1 .. rn', with the number "
+                "of ranges in the fifth place"
+            )
+        stamp_s, x, y, yaw = finite(words[:4], where, "stamp and odometry")
+        ranges_m, rest = take_ranges(words[4:], where)
+        if rest:
+            raise InputError(
+                f"{where}: {len(ranges_m)} ranges are announced, but {len(rest)} more words follow"
+            )
+        scans.append(LoggedScan(stamp_s, Pose2D(x, y, yaw), ranges_m))
+        check_newest(scans, where)
+    return ScanLog(path, half_circle(len(scans[0].ranges_m)), scans)
+
+
+Floats = npt.NDArray[np.float64]
+
+_SAME_PLACE = 1e-3
+"""metres and radians by which a fixed laser may seem to move on the robot, for want of digits in the log"""
+
+
+def parse_carmen(path: Path, lines: list[str]) -> ScanLog:
+    """The scans of a CARMEN log with the odometry that belongs to each.
+
+    - ``FLASER n r1..rn x y theta odom_x odom_y odom_theta stamp ...``: the second pose is the odometry.
+      The message does not tell the beams' angles: ``half_circle``.
+    - ``RAWLASER1 type start_angle fov step range_max accuracy mode n r1..rn m s1..sm stamp ...`` with
+      ``ODOM x y theta ...``: the last ODOM before a scan counts; scans before the first one are passed over.
+    - ``ROBOTLASER1`` as ``RAWLASER1`` up to the remissions, which old logs leave out, then the poses of laser
+      and robot and more; ``stamp host stamp`` end the line. The robot's pose is the odometry.
+
+    Where a laser's pose lies at one and the same place on the robot in the whole log, that is the sensor's
+    mount. In a log of several kinds, the kind that comes first counts. Comments and all other messages are
+    passed over.
+
+    Raises:
+        InputError: no scan, no odometry, a number that is none or that no scanner has, or a scan unlike the
+            first one of the log.
+    """
+    kind = next((words[0] for line in lines if (words := line.split()) and words[0] in _PARSERS), None)
+    if kind is None:
+        raise InputError(f"{path}: no laser scan: no line begins with {' or '.join(_PARSERS)}")
+    return _PARSERS[kind](path, lines)
+
+
+def _parse_flaser(path: Path, lines: list[str]) -> ScanLog:
+    scans: list[LoggedScan] = []
+    lasers_on_base: list[Pose2D] = []
+    for where, words in _messages(path, lines, "FLASER"):
+        ranges_m, rest = take_ranges(words[1:], where)
+        if len(rest) < 7:
+            raise InputError(
+                f"{where}: odometry missing: x y theta, odom_x odom_y odom_theta and a stamp must follow the "
+                f"{len(ranges_m)} ranges; the line holds {len(rest)} more words"
+            )
+        odometry, laser = _take_poses(rest, where)
+        scans.append(LoggedScan(finite(rest[6:7], where, "stamp")[0], odometry, ranges_m))
+        check_newest(scans, where)
+        lasers_on_base.append(laser)
+    geometry = _mounted(half_circle(len(scans[0].ranges_m)), lasers_on_base)
+    return ScanLog(path, geometry, scans)
+
+
+def _parse_rawlaser(path: Path, lines: list[str]) -> ScanLog:
+    scans: list[LoggedScan] = []
+    geometry: LidarGeometry | None = None
+    odometry: Pose2D | None = None
+    for where, words in _messages(path, lines, "ODOM", "RAWLASER1"):
+        if words[0] == "ODOM":
+            if len(words) < 4:
+                raise InputError(f"{where}: odometry missing: ODOM must be followed by x y theta")
+            odometry = Pose2D(*finite(words[1:4], where, "odometry"))
+        elif odometry is not None:
+            scanner, ranges_m, rest = _take_scan(words, where)
+            stamp = finite(rest[:1], where, "stamp")
+            if not stamp:
+                raise InputError(f"{where}: the line ends before the stamp of the scan")
+            scans.append(LoggedScan(stamp[0], odometry, ranges_m))
+            check_newest(scans, where)
+            geometry = geometry or scanner
+    if geometry is None:
+        raise InputError(f"{path}: odometry missing: no ODOM line comes before a RAWLASER1 line")
+    return ScanLog(path, geometry, scans)
+
+
+def _parse_robotlaser(path: Path, lines: list[str]) -> ScanLog:
+    scans: list[LoggedScan] = []
+    geometries: list[LidarGeometry] = []
+    lasers_on_base: list[Pose2D] = []
+    for where, words in _messages(path, lines, "ROBOTLASER1"):
+        scanner, ranges_m, rest = _take_scan(words, where)
+        if len(rest) < 9:
+            raise InputError(
+                f"{where}: odometry missing: laser_x laser_y laser_theta, robot_x robot_y robot_theta and at "
+                f"the end stamp host stamp must follow the scan; the line holds {len(rest)} more words"
+            )
+        odometry, laser = _take_poses(rest, where)
+        scans.append(LoggedScan(finite(rest[-3:-2], where, "stamp")[0], odometry, ranges_m))
+        check_newest(scans, where)
+        geometries.append(scanner)
+        lasers_on_base.append(laser)
+    return ScanLog(path, _mounted(geometries[0], lasers_on_base), scans)
+
+
+_PARSERS = {"FLASER": _parse_flaser, "RAWLASER1": _parse_rawlaser, "ROBOTLASER1": _parse_robotlaser}
+
+
+def _messages(path: Path, lines: list[str], *kinds: str) -> Iterator[tuple[str, list[str]]]:
+    """The words of each line of one of ``kinds``, and where it stands."""
+    for number, line in enumerate(lines, start=1):
+        words = line.split()
+        if words and words[0] in kinds:
+            yield f"{path}:{number}", words
+
+
+def _take_scan(words: list[str], where: str) -> tuple[LidarGeometry, Floats, list[str]]:
+    """The scanner on the robot's base, its ranges and the words after ranges and remissions.
+
+    Raises InputError, named by ``where``, for a scanner that cannot be.
+    """
+    if len(words) < 9:
+        raise InputError(f"{where}: the line ends before the number of ranges")
+    start_rad, _, step_rad, range_max_m = finite(words[2:6], where, "start angle, fov, step, largest range")
+    if step_rad == 0.0:
+        raise InputError(f"{where}: angle step: 0 rad; one beam lies beside the other in every scanner")
+    if range_max_m <= 0.0:
+        raise InputError(f"{where}: largest range: {range_max_m:g} m; it must be above 0")
+    ranges_m, rest = take_ranges(words[8:], where)
+    too_far = ranges_m[(ranges_m > LARGEST_MAP_M) & (ranges_m < range_max_m)]
+    if len(too_far):
+        raise InputError(
+            f"{where}: range: {too_far[0]:g} m is further than {LARGEST_MAP_M:g} m; are ranges in metres?"
+        )
+    count = count_of(rest[0]) if rest else None
+    remissions = 0 if count is None else 1 + count
+    base = Pose2D(0.0, 0.0, 0.0)
+    geometry = LidarGeometry(len(ranges_m), start_rad, step_rad, 0.0, range_max_m, base)
+    return geometry, ranges_m, rest[remissions:]
+
+
+def _take_poses(words: list[str], where: str) -> tuple[Pose2D, Pose2D]:
+    """Of the laser's pose and the robot's, three words each: the robot's, and the laser's on the robot."""
+    laser = Pose2D(*finite(words[0:3], where, "laser pose"))
+    odometry = Pose2D(*finite(words[3:6], where, "odometry"))
+    return odometry, odometry_increment(odometry, laser)
+
+
+def _mounted(geometry: LidarGeometry, lasers_on_base: list[Pose2D]) -> LidarGeometry:
+    """The geometry with its mount, if the laser has one place on the robot in the whole log."""
+    if np.ptp(np.array(lasers_on_base), axis=0).max() < _SAME_PLACE:
+        return replace(geometry, mount=lasers_on_base[0])
+    return geometry
+
+
+def read_scan_log(path: Path) -> ScanLog:
+    """The scans of a log, gzipped or plain: a table if it begins with a number, else CARMEN's format.
+
+    The largest range is that of the sensor or, where readings pile up below it, that of ``with_ceiling``.
+
+    Raises:
+        InputError: one line with the file and, where there is one, the line: an empty or unreadable file, no
+            scan, missing odometry, odometry too far off for a map, a scan of another length, a word that is
+            no number, NaN for odometry, or no range that says anything. Single NaN ranges are beams that say
+            nothing.
+    """
+    lines = read_lines(path)
+    words = next((line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")), [""])
+    log = parse_table(path, lines) if _is_number(words[0]) else parse_carmen(path, lines)
+    if log.invalid_ranges == len(log) * log.geometry.beams:
+        raise InputError(f"{path}: every range in the log is NaN or infinite; there is nothing to map")
+    told_m = log.geometry.range_max_m
+    log = replace(log, geometry=with_ceiling(log.geometry, log.scans))
+    largest_m = log.geometry.range_max_m
+    # 1 cm below it GMapping begins to take readings for "nothing came back"
+    if not any(np.any((scan.ranges_m > 0.0) & (scan.ranges_m < largest_m - 0.01)) for scan in log):
+        sensors = f"the sensor's {largest_m:g} m"
+        lowered = f"{largest_m:g} m, where readings pile up, which therefore count as 'nothing came back'"
+        raise InputError(
+            f"{path}: no range lies between 0 and {lowered if largest_m < told_m else sensors}; "
+            "there is nothing to map"
+        )
+    return log
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

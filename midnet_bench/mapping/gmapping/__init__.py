@@ -1,0 +1,1 @@
+"""GMapping: a grid map and a trajectory from scans and odometry, by particles."""

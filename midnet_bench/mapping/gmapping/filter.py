@@ -1,0 +1,250 @@
+"""GMapping: a Rao-Blackwellised particle filter in which every particle carries a map of its own."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.io.trajectory import Trajectory
+from midnet_bench.mapping.gmapping.motion_model import move_particles, odometry_increment
+from midnet_bench.mapping.gmapping.particle_map import ParticleMaps
+from midnet_bench.mapping.gmapping.scan_matcher import match_particles, matching_in_cells
+from midnet_bench.mapping.gmapping.settings import GmappingSettings
+from midnet_bench.mapping.gmapping.visit_map import VisitMap
+from midnet_bench.messages import LidarGeometry
+
+
+class ScanRays(NamedTuple):
+    """What a scan says, as rays from the sensor."""
+
+    ends_m: npt.NDArray[np.float64]
+    """(B, 2) ends of the rays in the sensor frame"""
+    hits: int
+    """how many of them, from the first on, end at an obstacle; the others only clear"""
+
+
+def scan_rays(geometry: LidarGeometry, ranges_m: npt.NDArray[np.float64], usable_m: float) -> ScanRays:
+    """The rays of a scan: first those that hit something nearer than ``usable_m``, then those that clear.
+
+    GMapping's rule (``registerScan``): a return below ``usable_m`` clears and hits; one from there up to the
+    sensor's largest range (0.01 m less, as slam_gmapping sets it) clears up to ``usable_m``. Not a number,
+    0, anything below the sensor's least range and a finite return beyond its largest say nothing.
+    Infinity means "nothing within range" (REP 117) and clears up to ``usable_m``; GMapping drops it,
+    and then never clears open space.
+
+    Args:
+        geometry: of the sensor; one convention of beam angles for matching and drawing (GMapping has two,
+            half a beam apart).
+        ranges_m: (B,) as the sensor reported them.
+        usable_m: ``maxUrange``.
+    """
+    largest_m = geometry.range_max_m - 0.01
+    usable_m = min(usable_m, largest_m)
+    angles = geometry.angles_rad
+    valid = (ranges_m >= geometry.range_min_m) & (ranges_m > 0.0)
+    hit = valid & (ranges_m < usable_m)
+    clear = valid & ~hit & ((ranges_m <= largest_m) | np.isposinf(ranges_m))
+    lengths = np.concatenate([ranges_m[hit], np.full(np.count_nonzero(clear), usable_m)])
+    directions = np.concatenate([angles[hit], angles[clear]])
+    ends = np.column_stack([lengths * np.cos(directions), lengths * np.sin(directions)])
+    return ScanRays(ends, int(np.count_nonzero(hit)))
+
+
+def normalized_weights(log_weights: npt.NDArray[np.float64], gain: float) -> npt.NDArray[np.float64]:
+    """(N,) weights that sum to 1 from summed log-likelihoods: proportional to exp(l / (gain * N)).
+
+    The division by N is GMapping's (``gridslamprocessor.hxx``, normalize).
+    """
+    flattened = np.exp((log_weights - log_weights.max()) / (gain * len(log_weights)))
+    return flattened / flattened.sum()
+
+
+def effective_particles(weights: npt.NDArray[np.float64]) -> float:
+    """Neff = 1 / sum of w^2: N for equal weights, 1 when one particle has all."""
+    return 1.0 / float((weights**2).sum())
+
+
+def systematic_resample(weights: npt.NDArray[np.float64], offset: float) -> npt.NDArray[np.int64]:
+    """(N,) indices of the particles that live on, ascending: one at each of N equally spaced places.
+
+    Args:
+        weights: (N,) that sum to 1.
+        offset: in [0, 1), where the first place lies in its interval of 1 / N.
+    """
+    places = (np.arange(len(weights)) + offset) / len(weights)
+    return np.minimum(np.searchsorted(np.cumsum(weights), places, side="right"), len(weights) - 1)
+
+
+class GMapping:
+    """The filter as openslam_gmapping releases it (``gridslamprocessor``), for one planar LiDAR.
+
+    As released, a particle is put *on* the maximum of its scan match; the improved proposal of the papers
+    (Grisetti et al. 2007) is not in that code, nor here. The best particle is the one with the largest
+    log-likelihood summed over its whole lineage. Departures: the docstrings of ``scan_rays``,
+    ``nearest_hit_squared``, ``ParticleMaps`` and ``VisitMap``.
+
+    Args:
+        geometry: of the sensor and its mount. The filter moves the sensor's pose, as GMapping does.
+        settings: the parameters.
+        initial: the robot's pose in the map frame when the first scan arrives.
+        rng: where motion noise and resampling offsets come from.
+    """
+
+    def __init__(
+        self, geometry: LidarGeometry, settings: GmappingSettings, initial: Pose2D, rng: np.random.Generator
+    ) -> None:
+        self.geometry = geometry
+        self.settings = settings
+        self._rng = rng
+        usable_m = settings.max_usable_range_m
+        self._usable_m = math.inf if usable_m is None else usable_m
+        self._matching = matching_in_cells(settings)
+        self._poses = np.tile(np.array(initial.compose(geometry.mount)), (settings.particles, 1))
+        self._weights = np.zeros(settings.particles)
+        self._weight_sums = np.zeros(settings.particles)
+        self._maps = ParticleMaps(settings.particles, settings.resolution_m)
+        self._correction = initial
+        self._odometry = Pose2D(0.0, 0.0, 0.0)
+        self._driven_m = 0.0
+        self._turned_rad = 0.0
+        self._stamps_s: list[float] = []
+        self._scans: list[ScanRays] = []
+        self._history: list[npt.NDArray[np.float64]] = []
+        self._ancestors: list[npt.NDArray[np.int64]] = []
+        self._visit_map = VisitMap(settings.resolution_m)
+        self._drawn: list[int] = []
+        self._bases: dict[tuple[int, int], Pose2D] = {}
+
+    def process(self, odometry_pose: Pose2D, ranges_m: npt.NDArray[np.float64], time_s: float) -> bool:
+        """Take a scan; True if it was integrated, False if the robot had not moved or waited enough.
+
+        Args:
+            odometry_pose: the robot's base in the odometry frame when the scan was taken.
+            ranges_m: (beams,) metres.
+            time_s: when the scan was taken, seconds.
+        """
+        if ranges_m.shape != (self.geometry.beams,):
+            raise ValueError(f"a scan of shape {ranges_m.shape} from a sensor of {self.geometry.beams} beams")
+        first = not self._stamps_s
+        if not first:
+            mount = self.geometry.mount
+            step = odometry_increment(self._odometry.compose(mount), odometry_pose.compose(mount))
+            self._poses = move_particles(self._poses, step, self.settings, self._rng)
+            self._driven_m += math.hypot(step.x, step.y)
+            self._turned_rad += abs(step.yaw)
+        self._odometry = odometry_pose
+        if not first and not self._is_due(time_s):
+            return False
+        self._driven_m = self._turned_rad = 0.0
+
+        rays = scan_rays(self.geometry, ranges_m, self._usable_m)
+        ancestors = np.arange(self.settings.particles)
+        if not first:
+            self._match(rays)
+            ancestors = self._resample(ancestors)
+        self._maps.register(self._poses, *rays)
+        self._stamps_s.append(time_s)
+        self._scans.append(rays)
+        self._history.append(self._poses)
+        self._ancestors.append(ancestors)
+        self._correction = self._base_pose(self._poses[self._best]).compose(odometry_pose.inverse())
+        return True
+
+    @property
+    def correction(self) -> Pose2D:
+        """The odometry frame in the map frame (map -> odom), as of the last integrated scan."""
+        return self._correction._replace(yaw=wrap_angle(self._correction.yaw))
+
+    @property
+    def best_pose(self) -> Pose2D:
+        """The robot's base in the map frame: the last odometry pose, corrected."""
+        pose = self._correction.compose(self._odometry)
+        return pose._replace(yaw=wrap_angle(pose.yaw))
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Where the best particle's lineage places the robot's base at each integrated scan."""
+        poses = [self._base_at(k, particle) for k, particle in enumerate(self._best_lineage())]
+        return Trajectory(np.array(self._stamps_s), np.array(poses, dtype=np.float64).reshape(-1, 3))
+
+    def occupancy(self, anew: bool = False) -> OccupancyGrid:
+        """The map along the best particle's trajectory: int8, 100 occupied, 0 free, -1 unknown.
+
+        Only what differs from the last call is drawn; ``anew`` draws all scans again, so that not even a
+        rounding at a cell's edge depends on how often the map was asked for before.
+        """
+        if anew:
+            self._visit_map, self._drawn = VisitMap(self.settings.resolution_m), []
+        lineage = self._best_lineage()
+        same = 0
+        while same < len(self._drawn) and self._drawn[same] == lineage[same]:
+            same += 1
+        for k in range(same, len(self._drawn)):
+            self._visit_map.remove(self._history[k][self._drawn[k]], *self._scans[k])
+        for k in range(same, len(lineage)):
+            self._visit_map.add(self._history[k][lineage[k]], *self._scans[k])
+        self._drawn = lineage
+        return self._visit_map.occupancy(self.settings.occupied_threshold)
+
+    @property
+    def _best(self) -> int:
+        return int(np.argmax(self._weight_sums))
+
+    def _is_due(self, time_s: float) -> bool:
+        settings = self.settings
+        return (
+            self._driven_m >= settings.linear_update_m
+            or self._turned_rad >= settings.angular_update_rad
+            or (
+                settings.temporal_update_s is not None
+                and time_s - self._stamps_s[-1] > settings.temporal_update_s
+            )
+        )
+
+    def _match(self, rays: ScanRays) -> None:
+        """Put every particle on its scan match and add the log-likelihood to its weights."""
+        matched, likelihoods = match_particles(
+            self._maps.means,
+            self._maps.tables,
+            rays.ends_m[: rays.hits] / self.settings.resolution_m,
+            self._maps.to_cells(self._poses),
+            self._matching,
+        )
+        self._poses = self._maps.to_metres(matched)
+        self._weights = self._weights + likelihoods
+        self._weight_sums = self._weight_sums + likelihoods
+
+    def _resample(self, ancestors: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """The ancestors of the particles after resampling, or as they were when none was needed."""
+        weights = normalized_weights(self._weights, self.settings.likelihood_gain)
+        if effective_particles(weights) >= self.settings.resample_threshold * len(weights):
+            return ancestors
+        ancestors = systematic_resample(weights, self._rng.random())
+        self._poses = self._poses[ancestors]
+        self._weight_sums = self._weight_sums[ancestors]
+        self._weights = np.zeros(len(weights))
+        self._maps.resample(ancestors)
+        return ancestors
+
+    def _best_lineage(self) -> list[int]:
+        """The place among the particles of the best one's ancestor at each integrated scan."""
+        lineage: list[int] = []
+        particle = self._best
+        for ancestors in reversed(self._ancestors):
+            lineage.append(particle)
+            particle = int(ancestors[particle])
+        return lineage[::-1]
+
+    def _base_at(self, k: int, particle: int) -> Pose2D:
+        """Where a particle placed the robot's base at an integrated scan; worked out once."""
+        if (k, particle) not in self._bases:
+            self._bases[k, particle] = self._base_pose(self._history[k][particle])
+        return self._bases[k, particle]
+
+    def _base_pose(self, sensor_pose: npt.NDArray[np.float64]) -> Pose2D:
+        x, y, yaw = (float(value) for value in sensor_pose)
+        pose = Pose2D(x, y, yaw).compose(self.geometry.mount.inverse())
+        return pose._replace(yaw=wrap_angle(pose.yaw))

@@ -1,0 +1,207 @@
+"""The maps that particles match scans against: patches of cells, shared until somebody writes."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from midnet_bench.mapping.gmapping.scan_matcher import (
+    EMPTY,
+    PATCH_CELLS,
+    PATCH_SHIFT,
+    FloatArray,
+    IndexArray,
+    MeanArray,
+)
+
+
+@njit(cache=True)
+def trace_line(column: int, row: int, end_column: int, end_row: int, cells: npt.NDArray[np.int64]) -> int:
+    """How many cells Bresenham's line visits before its end cell; ``cells[:count]`` holds them.
+
+    Args:
+        column: of the first cell.
+        row: of the first cell.
+        end_column: of the end cell.
+        end_row: of the end cell.
+        cells: (M, 2) int64, overwritten with (column, row); M of at least max(|dx|, |dy|).
+    """
+    dx, dy = abs(end_column - column), abs(end_row - row)
+    step_x = 1 if end_column > column else -1
+    step_y = 1 if end_row > row else -1
+    error = dx - dy
+    count = max(dx, dy)
+    for k in range(count):
+        cells[k, 0] = column
+        cells[k, 1] = row
+        twice = 2 * error
+        if twice > -dy:
+            error -= dy
+            column += step_x
+        if twice < dx:
+            error += dx
+            row += step_y
+    return count
+
+
+_FULLNESS = 0.1
+"""hits / visits above which a cell counts as an obstacle in matching (GMapping's fullnessThreshold)"""
+
+
+class ParticleMaps:
+    """One map of mean hit points for each of N particles.
+
+    A cell holds how many beams ended in it, how many ended in it or passed through, and the mean of the ends.
+    GMapping registers ends only, so what has moved away is matched for ever; here a ray
+    counts against the cells it passes, and a cell whose hits / visits sinks to 0.1 is emptied.
+    Cells nobody has hit are not counted, so free space costs no memory.
+
+    A map is a table of patch numbers into one pool; copying a particle copies its table (copy on write).
+    Cell (c, r) spans [c, c + 1) x [r, r + 1) times the resolution: corners lie on multiples of it, where
+    GMapping puts the centres.
+    """
+
+    def __init__(self, particles: int, resolution_m: float) -> None:
+        self.resolution_m = resolution_m
+        self.origin_cells = np.zeros(2, dtype=np.int64)
+        """(column, row) of the tables' first cell on the lattice through the map frame's origin"""
+        self.tables: IndexArray = np.zeros((particles, 1, 1), dtype=np.int32)
+        """(N, rows, columns) patch numbers; patch 0 is empty and never written"""
+        self.means: MeanArray = np.full((1, PATCH_CELLS, PATCH_CELLS, 2), EMPTY, dtype=np.float32)
+        """(P, 32, 32, 2) mean hit points in cells from their patch's corner; EMPTY where there are no hits"""
+        self.hits: IndexArray = np.zeros((1, PATCH_CELLS, PATCH_CELLS), dtype=np.int32)
+        self.visits: IndexArray = np.zeros((1, PATCH_CELLS, PATCH_CELLS), dtype=np.int32)
+
+    def to_cells(self, poses: FloatArray) -> FloatArray:
+        """(N, 3) poses with x and y in cells from the tables' corner instead of metres in the map frame."""
+        cells = poses.copy()
+        cells[:, :2] = poses[:, :2] / self.resolution_m - self.origin_cells
+        return cells
+
+    def to_metres(self, poses: FloatArray) -> FloatArray:
+        """The inverse of ``to_cells``."""
+        metres = poses.copy()
+        metres[:, :2] = (poses[:, :2] + self.origin_cells) * self.resolution_m
+        return metres
+
+    def register(self, poses: FloatArray, ends_m: FloatArray, hits: int) -> None:
+        """Enter a scan into every particle's map at that particle's pose.
+
+        Args:
+            poses: (N, 3) float64 sensor poses in the map frame, metres and radians.
+            ends_m: (B, 2) float64 ends of the rays in the sensor frame.
+            hits: how many of them, from the first on, end at an obstacle; the others only clear.
+        """
+        reach_m = math.sqrt(float((ends_m**2).sum(axis=1).max(initial=0.0)))
+        self._grow(poses[:, :2].min(axis=0) - reach_m, poses[:, :2].max(axis=0) + reach_m)
+        cells = self.to_cells(poses)
+        ends = ends_m / self.resolution_m
+        self._own(mark_patches(self.tables, cells, ends, hits))
+        register_rays(self.means, self.hits, self.visits, self.tables, cells, ends, hits)
+
+    def resample(self, ancestors: npt.NDArray[np.int64]) -> None:
+        """Give particle n a copy of the map of particle ``ancestors[n]``."""
+        self.tables = self.tables[ancestors]
+
+    def _grow(self, low_m: FloatArray, high_m: FloatArray) -> None:
+        """Let the tables cover the rectangle and a cell around it."""
+        low = np.floor(low_m / self.resolution_m).astype(np.int64) - 1 - self.origin_cells
+        high = np.floor(high_m / self.resolution_m).astype(np.int64) + 1 - self.origin_cells
+        rows, columns = self.tables.shape[1:]
+        before = np.maximum(-(low // PATCH_CELLS), 0)
+        after = np.maximum(high // PATCH_CELLS + 1 - (columns, rows), 0)
+        if before.any() or after.any():
+            self.tables = np.pad(self.tables, ((0, 0), (before[1], after[1]), (before[0], after[0])))
+            self.origin_cells = self.origin_cells - before * PATCH_CELLS
+
+    def _own(self, touched: npt.NDArray[np.bool_]) -> None:
+        """Give each (particle, patch) that is about to be written a patch of its own."""
+        users = np.bincount(self.tables.ravel(), minlength=len(self.means))
+        old = self.tables[touched]
+        shared = (old == 0) | (users[old] > 1)
+        where = tuple(index[shared] for index in np.nonzero(touched))
+        old = old[shared]
+        free = np.flatnonzero(users[1:] == 0) + 1
+        if len(free) < len(old):
+            self._enlarge_pool(max(len(old) - len(free), len(self.means)))
+            free = np.concatenate([free, np.arange(len(users), len(self.means))])
+        new = free[: len(old)]
+        self.means[new] = self.means[old]
+        self.hits[new] = self.hits[old]
+        self.visits[new] = self.visits[old]
+        self.tables[where] = new
+
+    def _enlarge_pool(self, patches: int) -> None:
+        self.means = np.concatenate([self.means, np.empty((patches, *self.means.shape[1:]), np.float32)])
+        counts = np.empty((patches, *self.hits.shape[1:]), np.int32)
+        self.hits = np.concatenate([self.hits, counts])
+        self.visits = np.concatenate([self.visits, counts])
+
+
+@njit(cache=True)
+def mark_patches(tables: IndexArray, poses: FloatArray, ends: FloatArray, hits: int) -> npt.NDArray[np.bool_]:
+    """(N, rows, columns) bool: the patches of each particle that a scan may change.
+
+    Those in which a ray ends, and those with hits that a ray passes through.
+    """
+    touched = np.zeros(tables.shape, dtype=np.bool_)
+    longest = 3 + math.ceil(np.sqrt((ends**2).sum(axis=1).max())) if ends.shape[0] else 0
+    line = np.empty((longest, 2), dtype=np.int64)
+    for n in range(tables.shape[0]):
+        cos, sin = math.cos(poses[n, 2]), math.sin(poses[n, 2])
+        column, row = math.floor(poses[n, 0]), math.floor(poses[n, 1])
+        for b in range(ends.shape[0]):
+            end_column = math.floor(poses[n, 0] + cos * ends[b, 0] - sin * ends[b, 1])
+            end_row = math.floor(poses[n, 1] + sin * ends[b, 0] + cos * ends[b, 1])
+            for k in range(trace_line(column, row, end_column, end_row, line)):
+                patch_row, patch_column = line[k, 1] >> PATCH_SHIFT, line[k, 0] >> PATCH_SHIFT
+                if tables[n, patch_row, patch_column] != 0:
+                    touched[n, patch_row, patch_column] = True
+            if b < hits:
+                touched[n, end_row >> PATCH_SHIFT, end_column >> PATCH_SHIFT] = True
+    return touched
+
+
+@njit(cache=True)
+def register_rays(
+    means: MeanArray,
+    cell_hits: IndexArray,
+    cell_visits: IndexArray,
+    tables: IndexArray,
+    poses: FloatArray,
+    ends: FloatArray,
+    hits: int,
+) -> None:
+    """Count a scan into patches that ``mark_patches`` found and each particle owns: passes, then hits."""
+    longest = 3 + math.ceil(np.sqrt((ends**2).sum(axis=1).max())) if ends.shape[0] else 0
+    line = np.empty((longest, 2), dtype=np.int64)
+    for n in range(tables.shape[0]):
+        cos, sin = math.cos(poses[n, 2]), math.sin(poses[n, 2])
+        column, row = math.floor(poses[n, 0]), math.floor(poses[n, 1])
+        for b in range(ends.shape[0]):
+            end_column = math.floor(poses[n, 0] + cos * ends[b, 0] - sin * ends[b, 1])
+            end_row = math.floor(poses[n, 1] + sin * ends[b, 0] + cos * ends[b, 1])
+            for k in range(trace_line(column, row, end_column, end_row, line)):
+                patch = tables[n, line[k, 1] >> PATCH_SHIFT, line[k, 0] >> PATCH_SHIFT]
+                r, c = line[k, 1] & (PATCH_CELLS - 1), line[k, 0] & (PATCH_CELLS - 1)
+                if cell_hits[patch, r, c] == 0:
+                    continue
+                cell_visits[patch, r, c] += 1
+                if cell_hits[patch, r, c] <= _FULLNESS * cell_visits[patch, r, c]:
+                    cell_hits[patch, r, c] = 0
+                    cell_visits[patch, r, c] = 0
+                    means[patch, r, c, :] = EMPTY
+        for b in range(hits):
+            end_x = poses[n, 0] + cos * ends[b, 0] - sin * ends[b, 1]
+            end_y = poses[n, 1] + sin * ends[b, 0] + cos * ends[b, 1]
+            column, row = math.floor(end_x), math.floor(end_y)
+            patch = tables[n, row >> PATCH_SHIFT, column >> PATCH_SHIFT]
+            r, c = row & (PATCH_CELLS - 1), column & (PATCH_CELLS - 1)
+            if cell_hits[patch, r, c] == 0:
+                means[patch, r, c, :] = 0.0
+            cell_hits[patch, r, c] += 1
+            cell_visits[patch, r, c] += 1
+            share = 1.0 / cell_hits[patch, r, c]
+            means[patch, r, c, 0] += (end_x - (column - c) - means[patch, r, c, 0]) * share
+            means[patch, r, c, 1] += (end_y - (row - r) - means[patch, r, c, 1]) * share

@@ -1,0 +1,228 @@
+"""How well a scan fits a particle's map, and the hill climb to the pose where it fits best.
+
+Poses and beams are in *cells* here: metres divided by the map's resolution, counted from the corner of
+the map's table, so that the cell of a point is its floor. Maps are the patches of ``particle_map``.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from midnet_bench.mapping.gmapping.settings import GmappingSettings
+
+PATCH_CELLS = 32
+"""side of a patch, cells"""
+PATCH_SHIFT = 5
+"""a cell's row or column shifted right by this is that of its patch"""
+EMPTY = 1e9
+"""coordinate that stands for "no hits here": so far away that it is never the nearest"""
+
+_NONE_SQUARED = EMPTY * EMPTY
+_NO_CANDIDATE = 1e12
+"""cells squared: far above any distance within three cells, far below one to EMPTY"""
+
+FloatArray = npt.NDArray[np.float64]
+MeanArray = npt.NDArray[np.float32]
+IndexArray = npt.NDArray[np.int32]
+
+
+class Matching(NamedTuple):
+    """The parameters of scan matching, lengths in cells."""
+
+    linear_step: float
+    angular_step: float
+    """radians"""
+    iterations: int
+    sigma: float
+    """squared cells"""
+    odometry_pull: float
+    """per squared cell"""
+    heading_pull: float
+    """per squared radian"""
+    minimum_score: float
+    likelihood_sigma: float
+    """squared cells"""
+    miss_log_likelihood: float
+
+
+def matching_in_cells(settings: GmappingSettings) -> Matching:
+    """The scan-matching part of the settings, metres turned into cells."""
+    cell_m = settings.resolution_m
+    return Matching(
+        linear_step=settings.linear_step_m / cell_m,
+        angular_step=settings.angular_step_rad,
+        iterations=settings.iterations,
+        sigma=settings.sigma_m2 / cell_m**2,
+        odometry_pull=settings.linear_reliability * cell_m**2,
+        heading_pull=settings.angular_reliability,
+        minimum_score=settings.minimum_score,
+        likelihood_sigma=settings.likelihood_sigma_m2 / cell_m**2,
+        miss_log_likelihood=-settings.miss_m2 / settings.likelihood_sigma_m2,
+    )
+
+
+@njit(cache=True)
+def nearest_hit_squared(means: MeanArray, table: IndexArray, x: float, y: float) -> float:
+    """Squared distance from (x, y) to the nearest mean hit point in the 3 x 3 cells around it, cells^2.
+
+    More than 1e12 if those cells hold no hits. GMapping also asks that a cell some way back along the beam be
+    free, but looks at an unrelated cell, so the test never decides anything; it is left out here.
+    """
+    column = math.floor(x)
+    row = math.floor(y)
+    rows, columns = table.shape
+    if not (1 <= column < columns * PATCH_CELLS - 1 and 1 <= row < rows * PATCH_CELLS - 1):
+        return _NONE_SQUARED
+    best = _NONE_SQUARED
+    inner_column = column & (PATCH_CELLS - 1)
+    inner_row = row & (PATCH_CELLS - 1)
+    if 1 <= inner_column < PATCH_CELLS - 1 and 1 <= inner_row < PATCH_CELLS - 1:
+        patch = table[row >> PATCH_SHIFT, column >> PATCH_SHIFT]
+        if patch == 0:
+            return best
+        inner_x = x - (column - inner_column)
+        inner_y = y - (row - inner_row)
+        for r in range(inner_row - 1, inner_row + 2):
+            for c in range(inner_column - 1, inner_column + 2):
+                dx = means[patch, r, c, 0] - inner_x
+                dy = means[patch, r, c, 1] - inner_y
+                best = min(best, dx * dx + dy * dy)
+        return best
+    # the nine cells lie in more than one patch
+    for r in range(row - 1, row + 2):
+        for c in range(column - 1, column + 2):
+            patch = table[r >> PATCH_SHIFT, c >> PATCH_SHIFT]
+            inner_row = r & (PATCH_CELLS - 1)
+            inner_column = c & (PATCH_CELLS - 1)
+            dx = means[patch, inner_row, inner_column, 0] - (x - (c - inner_column))
+            dy = means[patch, inner_row, inner_column, 1] - (y - (r - inner_row))
+            best = min(best, dx * dx + dy * dy)
+    return best
+
+
+@njit(cache=True)
+def rotate_beams(beams: FloatArray, yaw: float, rotated: FloatArray) -> None:
+    """Fill ``rotated`` (B, 2) with the beam ends (B, 2) turned by ``yaw``, radians."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    for b in range(beams.shape[0]):
+        rotated[b, 0] = cos * beams[b, 0] - sin * beams[b, 1]
+        rotated[b, 1] = sin * beams[b, 0] + cos * beams[b, 1]
+
+
+@njit(cache=True)
+def match_score(
+    means: MeanArray, table: IndexArray, rotated: FloatArray, x: float, y: float, sigma: float, enough: float
+) -> float:
+    """Sum over the beams of exp(-d^2 / sigma), d to the nearest mean hit point; 0 for a beam without one.
+
+    Not d^2 / (2 sigma^2): GMapping's sigma is a squared length (``scanmatcher.h``, score). 0 as soon as the
+    beams that are left cannot lift the sum above ``enough``.
+    """
+    total = 0.0
+    for b in range(rotated.shape[0]):
+        squared = nearest_hit_squared(means, table, x + rotated[b, 0], y + rotated[b, 1])
+        if squared < _NO_CANDIDATE:
+            total += math.exp(-squared / sigma)
+        if total + (rotated.shape[0] - 1 - b) <= enough:
+            return 0.0
+    return total
+
+
+@njit(cache=True)
+def log_likelihood(
+    means: MeanArray, table: IndexArray, rotated: FloatArray, x: float, y: float, sigma: float, miss: float
+) -> float:
+    """Sum over the beams of -d^2 / sigma, or ``miss`` for a beam without a candidate (likelihoodAndScore)."""
+    total = 0.0
+    for b in range(rotated.shape[0]):
+        squared = nearest_hit_squared(means, table, x + rotated[b, 0], y + rotated[b, 1])
+        total += -squared / sigma if squared < _NO_CANDIDATE else miss
+    return total
+
+
+@njit(cache=True)
+def climb(
+    means: MeanArray, table: IndexArray, beams: FloatArray, x: float, y: float, yaw: float, matching: Matching
+) -> tuple[float, float, float, float]:
+    """(x, y, yaw, score) of the best pose that a hill climb from (x, y, yaw) finds.
+
+    Each round tries +x, -x, -y, +y (map axes), +yaw, -yaw and takes the best if it beats the present score;
+    a round that finds nothing halves both steps; the end is a fruitless round after ``iterations`` halvings
+    (``scanmatcher.cpp``, optimize). The score of a pose at distance d and turn t from the start counts
+    exp(-odometry_pull * d^2 - heading_pull * t^2) times.
+    """
+    rotated = np.empty_like(beams)
+    turned = np.empty_like(beams)
+    rotate_beams(beams, yaw, rotated)
+    score = match_score(means, table, rotated, x, y, matching.sigma, 0.0)
+    start_x, start_y, start_yaw = x, y, yaw
+    linear_step, angular_step = matching.linear_step, matching.angular_step
+    halvings = 0
+    while True:
+        best, best_x, best_y, best_yaw = score, x, y, yaw
+        for move in range(6):
+            try_x, try_y, try_yaw = x, y, yaw
+            if move < 2:
+                try_x += linear_step if move == 0 else -linear_step
+            elif move < 4:
+                try_y += -linear_step if move == 2 else linear_step
+            else:
+                try_yaw += angular_step if move == 4 else -angular_step
+                rotate_beams(beams, try_yaw, turned)
+            away = (try_x - start_x) ** 2 + (try_y - start_y) ** 2
+            turn = (try_yaw - start_yaw) ** 2
+            pull = math.exp(-matching.odometry_pull * away - matching.heading_pull * turn)
+            found = pull * match_score(
+                means, table, rotated if move < 4 else turned, try_x, try_y, matching.sigma, best / pull
+            )
+            if found > best:
+                best, best_x, best_y, best_yaw = found, try_x, try_y, try_yaw
+        if best > score:
+            if best_yaw != yaw:
+                rotate_beams(beams, best_yaw, rotated)
+            score, x, y, yaw = best, best_x, best_y, best_yaw
+        elif halvings < matching.iterations:
+            halvings += 1
+            linear_step *= 0.5
+            angular_step *= 0.5
+        else:
+            return x, y, yaw, score
+
+
+@njit(cache=True)
+def match_particles(
+    means: MeanArray, tables: IndexArray, beams: FloatArray, poses: FloatArray, matching: Matching
+) -> tuple[FloatArray, FloatArray]:
+    """((N, 3) poses, (N,) log-likelihoods): every particle at its best match.
+
+    A particle whose match scores no more than the minimum keeps the pose that its noisy odometry gave it.
+
+    Args:
+        means: (P, 32, 32, 2) float32 mean hit points of all patches, cells from the patch's corner; EMPTY
+            where there are none.
+        tables: (N, rows, columns) int32 patch numbers of each particle's map; patch 0 has no hits.
+        beams: (B, 2) float64 ends of the usable beams in the sensor frame, cells.
+        poses: (N, 3) float64 sensor poses, cells and radians.
+        matching: parameters.
+    """
+    matched = poses.copy()
+    likelihoods = np.empty(poses.shape[0])
+    rotated = np.empty_like(beams)
+    for n in range(poses.shape[0]):
+        x, y, yaw, score = climb(means, tables[n], beams, poses[n, 0], poses[n, 1], poses[n, 2], matching)
+        if score > matching.minimum_score:
+            matched[n, 0], matched[n, 1], matched[n, 2] = x, y, yaw
+        rotate_beams(beams, matched[n, 2], rotated)
+        likelihoods[n] = log_likelihood(
+            means,
+            tables[n],
+            rotated,
+            matched[n, 0],
+            matched[n, 1],
+            matching.likelihood_sigma,
+            matching.miss_log_likelihood,
+        )
+    return matched, likelihoods

@@ -1,0 +1,110 @@
+"""The map that is published: how often each cell was hit and how often a ray reached it."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.mapping.gmapping.particle_map import trace_line
+
+_MARGIN_CELLS = 64
+"""spare cells on each side when the map grows, so that it does not grow with every scan"""
+
+
+class VisitMap:
+    """Hits and visits of traced scans; a scan can be taken back, which leaves no trace of it.
+
+    Bresenham from the sensor's cell to the end cell: every cell before the last gets a visit, the last one a
+    visit and a hit; a ray that only clears stops before its last cell (GMapping, ``computeActiveArea`` and
+    ``registerScan`` with generateMap).
+    """
+
+    def __init__(self, resolution_m: float) -> None:
+        self.resolution_m = resolution_m
+        self._origin_cells = np.zeros(2, dtype=np.int64)
+        self._hits = np.zeros((0, 0), dtype=np.int32)
+        self._visits = np.zeros((0, 0), dtype=np.int32)
+
+    def add(self, pose: npt.NDArray[np.float64], ends_m: npt.NDArray[np.float64], hits: int) -> None:
+        """Trace a scan.
+
+        Args:
+            pose: (3,) sensor pose in the map frame, metres and radians.
+            ends_m: (B, 2) float64 ends of the rays in the sensor frame.
+            hits: how many of them, from the first on, end at an obstacle.
+        """
+        self._trace(pose, ends_m, hits, 1)
+
+    def remove(self, pose: npt.NDArray[np.float64], ends_m: npt.NDArray[np.float64], hits: int) -> None:
+        """Take back a scan that was added with the same arguments."""
+        self._trace(pose, ends_m, hits, -1)
+
+    def occupancy(self, occupied_threshold: float) -> OccupancyGrid:
+        """int8 grid of what is known: 100 where hits / visits exceeds the threshold, 0 elsewhere, -1 unknown.
+
+        As large as the known cells; its origin is the corner of cell (0, 0), a multiple of the resolution
+        (GMapping publishes that cell's centre, half a cell off the convention).
+        """
+        rows = np.flatnonzero(self._visits.any(axis=1))
+        columns = np.flatnonzero(self._visits.any(axis=0))
+        if len(rows) == 0:
+            return OccupancyGrid(np.zeros((0, 0), dtype=np.int8), self.resolution_m, (0.0, 0.0))
+        window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+        hits, visits = self._hits[window], self._visits[window]
+        data = np.where(hits > occupied_threshold * visits, 100, 0)
+        data[visits == 0] = -1
+        corner_x = float(self._origin_cells[0] + columns[0]) * self.resolution_m
+        corner_y = float(self._origin_cells[1] + rows[0]) * self.resolution_m
+        return OccupancyGrid(data.astype(np.int8), self.resolution_m, (corner_x, corner_y))
+
+    def _trace(
+        self, pose: npt.NDArray[np.float64], ends_m: npt.NDArray[np.float64], hits: int, count: int
+    ) -> None:
+        if len(ends_m) == 0:
+            return
+        reach_m = math.sqrt(float((ends_m**2).sum(axis=1).max()))
+        self._grow(pose[:2] - reach_m, pose[:2] + reach_m)
+        cells = pose.copy()
+        cells[:2] = pose[:2] / self.resolution_m - self._origin_cells
+        trace_rays(self._hits, self._visits, cells, ends_m / self.resolution_m, hits, count)
+
+    def _grow(self, low_m: npt.NDArray[np.float64], high_m: npt.NDArray[np.float64]) -> None:
+        low = np.floor(low_m / self.resolution_m).astype(np.int64) - 1
+        high = np.floor(high_m / self.resolution_m).astype(np.int64) + 2
+        if self._visits.size == 0:
+            self._origin_cells = low.copy()
+        size = np.array(self._visits.shape[::-1])
+        before = self._origin_cells - low
+        after = high - self._origin_cells - size
+        before = np.where(before > 0, before + _MARGIN_CELLS, 0)
+        after = np.where(after > 0, after + _MARGIN_CELLS, 0)
+        if before.any() or after.any():
+            widths = ((before[1], after[1]), (before[0], after[0]))
+            self._hits = np.pad(self._hits, widths)
+            self._visits = np.pad(self._visits, widths)
+            self._origin_cells = self._origin_cells - before
+
+
+@njit(cache=True)
+def trace_rays(
+    cell_hits: npt.NDArray[np.int32],
+    cell_visits: npt.NDArray[np.int32],
+    pose: npt.NDArray[np.float64],
+    ends: npt.NDArray[np.float64],
+    hits: int,
+    count: int,
+) -> None:
+    """Add ``count`` (1 or -1) to the visits and hits of the cells on a scan's rays; all lengths in cells."""
+    line = np.empty((3 + math.ceil(np.sqrt((ends**2).sum(axis=1).max())), 2), dtype=np.int64)
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    column, row = math.floor(pose[0]), math.floor(pose[1])
+    for b in range(ends.shape[0]):
+        end_column = math.floor(pose[0] + cos * ends[b, 0] - sin * ends[b, 1])
+        end_row = math.floor(pose[1] + sin * ends[b, 0] + cos * ends[b, 1])
+        for k in range(trace_line(column, row, end_column, end_row, line)):
+            cell_visits[line[k, 1], line[k, 0]] += count
+        if b < hits:
+            cell_visits[end_row, end_column] += count
+            cell_hits[end_row, end_column] += count

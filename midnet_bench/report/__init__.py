@@ -1,1 +1,0 @@
-"""What a campaign or a trial looks like: tables, figures, pictures and clips."""

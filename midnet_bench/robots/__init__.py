@@ -1,0 +1,1 @@
+"""What each robot is: its measures, its body, its LiDAR."""

@@ -1,0 +1,1 @@
+"""The world in PyBullet; nothing else imports it."""

@@ -1,0 +1,106 @@
+"""A robot's body in PyBullet, and its drive."""
+
+import math
+from typing import NamedTuple
+
+from midnet_bench.geometry import Pose2D
+from midnet_bench.messages import Command
+from midnet_bench.robots.burger import (
+    BASE_LINK_HEIGHT_M,
+    MAX_ANGULAR_RADPS,
+    MAX_LINEAR_MPS,
+    RIM_ACCELERATION_MPS2,
+    URDF,
+    WHEEL_RADIUS_M,
+    WHEEL_SEPARATION_M,
+    WHEEL_TORQUE_NM,
+)
+from midnet_bench.simulation.bullet.engine import bullet
+
+# Collision groups: what a shape is, and (as its mask) with which groups it collides. PyBullet lets two shapes
+# collide when either one's mask names the other's group, so every mask here is answered by the other side's.
+# A ray acts as group 1, and sees nothing but what stands still: robots are discs in the scan plane, which
+# simulation/lidar.py intersects exactly.
+RAY, ROBOT, STATIC, FLOOR, ROLLER = 1, 2, 4, 8, 16
+
+
+class Burger(NamedTuple):
+    """One robot in a PyBullet client."""
+
+    body: int
+    wheels: tuple[int, int]
+    """joints, left and right"""
+
+
+def load_burger(client: int, pose: Pose2D) -> Burger:
+    """A Burger with its base_footprint at ``pose``. Wheels and caster touch the floor only."""
+    body = bullet.loadURDF(
+        str(URDF),
+        [pose.x, pose.y, BASE_LINK_HEIGHT_M],
+        bullet.getQuaternionFromEuler([0.0, 0.0, pose.yaw]),
+        flags=bullet.URDF_USE_INERTIA_FROM_FILE,
+        physicsClientId=client,
+    )
+    links = {"base_link": -1}
+    for joint in range(bullet.getNumJoints(body, physicsClientId=client)):
+        links[bullet.getJointInfo(body, joint, physicsClientId=client)[12].decode()] = joint
+    wheels = (links["wheel_left"], links["wheel_right"])
+    rollers = (*wheels, links["caster"])
+    for link in links.values():
+        group, mask = (ROLLER, FLOOR) if link in rollers else (ROBOT, ROBOT | STATIC | FLOOR)
+        bullet.setCollisionFilterGroupMask(body, link, group, mask, physicsClientId=client)
+        bullet.changeDynamics(body, link, contactProcessingThreshold=0.0, physicsClientId=client)
+    return Burger(body, wheels)
+
+
+class Drive:
+    """The wheel motors of several Burgers: clamps commands and ramps each wheel towards its target.
+
+    The ramp is the Gazebo plugin's wheelAcceleration, applied at every physics step. The plugin skips
+    the ramp of both wheels as soon as one of them is near its target; that jump is not copied.
+    """
+
+    def __init__(self, robots: list[Burger], client: int, step_s: float) -> None:
+        self._robots = robots
+        self._client = client
+        self._most = RIM_ACCELERATION_MPS2 * step_s
+        self._targets = [(0.0, 0.0)] * len(robots)
+        self._speeds = [(0.0, 0.0)] * len(robots)
+        for number in range(len(robots)):
+            self._set_motors(number)
+
+    def command(self, number: int, command: Command) -> None:
+        """Take a new command; it is held until the next one, as the plugin holds it."""
+        linear = min(max(command.linear_mps, -MAX_LINEAR_MPS), MAX_LINEAR_MPS)
+        angular = min(max(command.angular_radps, -MAX_ANGULAR_RADPS), MAX_ANGULAR_RADPS)
+        half = angular * WHEEL_SEPARATION_M / 2.0
+        self._targets[number] = (linear - half, linear + half)
+
+    def step(self) -> None:
+        """Move every wheel's speed one physics step closer to its target."""
+        for number, (target, speed) in enumerate(zip(self._targets, self._speeds, strict=True)):
+            if target != speed:
+                self._speeds[number] = (
+                    self._nearer(speed[0], target[0]),
+                    self._nearer(speed[1], target[1]),
+                )
+                self._set_motors(number)
+
+    def forget(self, number: int) -> None:
+        """Never touch that robot's motors again."""
+        self._targets[number] = self._speeds[number]
+
+    def _nearer(self, speed: float, target: float) -> float:
+        missing = target - speed
+        return target if abs(missing) <= self._most else speed + math.copysign(self._most, missing)
+
+    def _set_motors(self, number: int) -> None:
+        robot = self._robots[number]
+        bullet.setJointMotorControlArray(
+            robot.body,
+            robot.wheels,
+            bullet.VELOCITY_CONTROL,
+            targetVelocities=[speed / WHEEL_RADIUS_M for speed in self._speeds[number]],
+            forces=(WHEEL_TORQUE_NM, WHEEL_TORQUE_NM),
+            physicsClientId=self._client,
+        )

@@ -1,0 +1,114 @@
+"""``Fleet``: every robot of one world, stepped in lockstep on integer ticks."""
+
+from collections.abc import Sequence
+
+from midnet_bench.agents.mobile_robot import MobileRobot
+from midnet_bench.rng import stream
+from midnet_bench.robots.burger import LDS_01
+from midnet_bench.simulation.bullet.world import World
+from midnet_bench.simulation.imu import ImuSensor
+from midnet_bench.simulation.integrity import HealthTracker
+from midnet_bench.simulation.odometry import EncoderOdometer, OdometrySettings
+
+CONTROL_HZ = 10
+"""Pose filter and navigator; move_base's controller_frequency in turtlebot3_navigation."""
+SCAN_HZ = 5
+"""The LDS-01, and the costmaps it feeds (item 9)."""
+
+
+class Fleet:
+    """Drives a world's robots by their own software; robot i of the list is body i of the world."""
+
+    def __init__(
+        self, world: World, robots: Sequence[MobileRobot], odometry: OdometrySettings, seed: int
+    ) -> None:
+        """Each robot senses and controls with a phase of its own, drawn from ``seed`` (item 9).
+
+        Its streams go by its name, not by its index: an intruder's noise does not depend on the team's size.
+        """
+        self.world = world
+        self.robots = robots
+        self.health = HealthTracker(world.layout, world.poses())
+        hz = world.settings.step_hz
+        self._control_ticks = hz // CONTROL_HZ
+        self._scan_ticks = hz // SCAN_HZ
+        names = [robot.name for robot in robots]
+        phases = [int(stream(seed, "phase", name).integers(self._scan_ticks)) for name in names]
+        self._controlling = _schedule(robots, phases, self._control_ticks)
+        self._scanning = _schedule(robots, phases, self._scan_ticks)
+        self._lidar_noise = [stream(seed, "lidar", name) for name in names]
+        self._imus = [ImuSensor("gazebo", stream(seed, "imu", name)) for name in names]
+        self._odometers = (
+            [
+                EncoderOdometer(
+                    robot.pose,
+                    world.wheel_angles(robot.index),
+                    odometry,
+                    stream(seed, "odometry", robot.name),
+                )
+                for robot in robots
+            ]
+            if odometry.source == "encoder"
+            else None
+        )
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since the trial's start."""
+        return self.world.tick / self.world.settings.step_hz
+
+    def step(self) -> None:
+        """Let one tick pass: physics, then sensors and software of the robots that are due."""
+        world = self.world
+        world.step()
+        phase = world.tick % self._scan_ticks
+        if due := self._controlling[phase % self._control_ticks]:
+            self._localize(due)
+            self._scan(self._scanning[phase])
+            self._control(due)
+        if phase == 0:
+            self.health.update(world.poses())
+
+    def remove(self, robot: MobileRobot) -> None:
+        """Take a robot out of the arena for good."""
+        self.world.remove(robot.index)
+        # Lists of their own: a robot may be caught while the fleet goes through the old ones.
+        self._controlling, self._scanning = (
+            [[other for other in due if other is not robot] for due in schedule]
+            for schedule in (self._controlling, self._scanning)
+        )
+
+    def _localize(self, due: Sequence[MobileRobot]) -> None:
+        elapsed_s = 1.0 / CONTROL_HZ
+        for robot in due:
+            index = robot.index
+            odometry = self.world.odometry(index)
+            (_, _, yaw), linear_mps, angular_radps = odometry
+            imu = self._imus[index].read(yaw, angular_radps, linear_mps, elapsed_s)
+            if self._odometers is not None:
+                odometry = self._odometers[index].update(self.world.wheel_angles(index), elapsed_s)
+            robot.localize(odometry, imu, elapsed_s)
+
+    def _scan(self, scanning: Sequence[MobileRobot]) -> None:
+        if not scanning:
+            return
+        indices = [robot.index for robot in scanning]
+        ranges_m = self.world.scan(indices, [self._lidar_noise[i] for i in indices])
+        for robot, ranges in zip(scanning, ranges_m, strict=True):
+            robot.observe(ranges, LDS_01, self.time_s)
+
+    def _control(self, due: Sequence[MobileRobot]) -> None:
+        for robot in due:
+            x, y, _ = self.world.pose(robot.index)
+            robot.progress.update(x, y, self.time_s, robot.goal is not None)
+            self.world.drive(robot.index, robot.control(self.time_s))
+
+
+def _schedule(
+    robots: Sequence[MobileRobot], phases: Sequence[int], period_ticks: int
+) -> list[list[MobileRobot]]:
+    """For each tick of a period, which of the robots are due."""
+    return [
+        [robot for robot, phase in zip(robots, phases, strict=True) if phase % period_ticks == tick]
+        for tick in range(period_ticks)
+    ]

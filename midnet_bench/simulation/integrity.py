@@ -1,0 +1,55 @@
+"""Whether the robots moved, and only where bodies can."""
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from midnet_bench.arena.layout import Layout
+
+Floats = npt.NDArray[np.float64]
+
+
+class HealthTracker:
+    """How far each robot has come, and how often its centre went through a surface."""
+
+    def __init__(self, layout: Layout, poses: Floats) -> None:
+        self._surfaces = surfaces(layout)
+        self._last = poses[:, :2].copy()
+        self.distances_m: Floats = np.zeros(len(poses))
+        """(n,) path lengths so far"""
+        self.crossings: npt.NDArray[np.int64] = np.zeros(len(poses), dtype=np.int64)
+        """(n,) surfaces tunnelled through; anything but 0 says that the physics failed"""
+
+    def update(self, poses: Floats) -> None:
+        """Take the (n, 3) poses of a later tick, NaN for a robot that is gone. Five a second will do."""
+        now = poses[:, :2].copy()
+        self.distances_m = self.distances_m + np.nan_to_num(np.hypot(*(now - self._last).T))
+        self.crossings = self.crossings + crossed_wall(self._surfaces, self._last, now)
+        self._last = now
+
+
+def surfaces(layout: Layout) -> Floats:
+    """(k, 4) the sides of all walls and stationary intruders: x and y of one end, x and y of the other."""
+    outlines = [solid.outline() for solid in layout.solids]
+    return np.concatenate([np.hstack((outline, np.roll(outline, -1, axis=0))) for outline in outlines])
+
+
+@njit(cache=True)
+def crossed_wall(sides: Floats, before: Floats, after: Floats) -> npt.NDArray[np.bool_]:
+    """(n,) whether the straight way from (n, 2) ``before`` to ``after`` goes through one of ``surfaces``.
+
+    A robot's centre is never less than 38 mm from a surface that its body only touches, so going through
+    even one side means that the body went through. NaN crosses nothing.
+    """
+    crossed = np.zeros(len(before), dtype=np.bool_)
+    for i in range(len(before)):
+        xa, ya, xb, yb = before[i, 0], before[i, 1], after[i, 0], after[i, 1]
+        along_x, along_y = xb - xa, yb - ya
+        for k in range(len(sides)):
+            x1, y1, x2, y2 = sides[k, 0], sides[k, 1], sides[k, 2], sides[k, 3]
+            side_x, side_y = x2 - x1, y2 - y1
+            ends = (along_x * (y1 - ya) - along_y * (x1 - xa)) * (along_x * (y2 - ya) - along_y * (x2 - xa))
+            way = (side_x * (ya - y1) - side_y * (xa - x1)) * (side_x * (yb - y1) - side_y * (xb - x1))
+            if ends < 0.0 and way < 0.0:
+                crossed[i] = True
+    return crossed

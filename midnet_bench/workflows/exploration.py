@@ -1,0 +1,101 @@
+"""``write_exploration``: an exploration with everything that is to be seen of it, as files."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import midnet_bench
+from midnet_bench.analysis.tables import Table
+from midnet_bench.campaign.export import csv_text
+from midnet_bench.campaign.provenance import collect
+from midnet_bench.campaign.trial import Row
+from midnet_bench.drawing.exploration_clip import write_clip
+from midnet_bench.drawing.exploration_view import ExplorationRecording, exploration_page, heading_of
+from midnet_bench.drawing.growth_view import png_of_picture
+from midnet_bench.drawing.map_picture import draw_map
+from midnet_bench.drawing.plots import png_of
+from midnet_bench.drawing.recording import Recording
+from midnet_bench.experiments.mapping.parameters import MappingParameters
+from midnet_bench.experiments.mapping.trial import Exploration, ExplorationTrial
+from midnet_bench.io.files import write_atomically
+from midnet_bench.workflows.map_files import MapFiles, write_configuration, write_map, write_provenance
+
+DIGITS = {"coverage": 4, "wall_error_m": 4, "time_s": 1, "distance_m": 1}
+
+Progress = Callable[[float, float], None]
+"""Called after each simulated second: simulated seconds, and the share of the free space that is known."""
+
+
+@dataclass(frozen=True)
+class ExplorationFiles:
+    """What came of an exploration, and where it lies."""
+
+    exploration: Exploration
+    scores: Table
+    """one row"""
+    files: list[Path]
+    """the map first"""
+
+    def in_words(self) -> Table:
+        """The scores as a terminal has room for them: a line for each."""
+        (row,), (cells,) = self.scores.rows, self.scores.cells()
+        return Table(
+            self.scores.title, [{"": name, "value": cell} for name, cell in zip(row, cells, strict=True)]
+        )
+
+
+def write_exploration(
+    parameters: MappingParameters, seed: int, output: Path, clip: bool, progress: Progress
+) -> ExplorationFiles:
+    """Explore an arena and write the map and its binary grid, scores, pictures, and where they come from.
+
+    Args:
+        parameters: which arena, how many robots and so on.
+        seed: of everything random.
+        output: where to, as ``MapFiles`` takes it; nothing is made there unless the robots fit, and no other
+            run's map may be there.
+        clip: whether to make an MP4 too.
+        progress: is told how far it is.
+
+    Raises:
+        InputError: the robots do not fit into the arena, or nothing can be written.
+        MidnetBenchError: a file cannot be written.
+    """
+    provenance = collect(seed)
+    configuration = {"experiment": "mapping", "seed": seed, "parameters": parameters.model_dump(mode="json")}
+    with ExplorationTrial(parameters, seed) as trial:
+        files = MapFiles.at(output)
+        files.refuse_another(configuration)
+        recording = ExplorationRecording(trial)
+        for snapshot in trial.snapshots():
+            progress(snapshot.time_s, recording.take_snapshot(snapshot))
+        exploration = trial.result()
+        comment = f"{heading_of(trial)}; midnet-bench {midnet_bench.__version__}"
+        configured = write_configuration(files, configuration)
+        written = write_map(files, exploration.grid, comment)
+        written += _write_pictures(trial, recording, exploration, files, clip)
+        robots = trial.rows_of_robots()
+    place: Row = {"arena": trial.arena.name, "robots": parameters.robots, "seed": seed}
+    scores = Table("The map against the arena", [{**place, **exploration.row()}], DIGITS)
+    written += scores.write(files.named("scores"))
+    write_atomically(files.named("robots.csv"), csv_text(robots))
+    written += [files.named("robots.csv"), configured, write_provenance(files, provenance)]
+    return ExplorationFiles(exploration, scores, written)
+
+
+def _write_pictures(
+    trial: ExplorationTrial, recording: Recording, exploration: Exploration, files: MapFiles, clip: bool
+) -> list[Path]:
+    """``map.png``, ``growth.png`` and ``growth.mp4``."""
+    final, growth, film = (
+        files.map.with_suffix(".png"),
+        files.named("growth.png"),
+        files.named("growth.mp4"),
+    )
+    walls = [solid.outline() for solid in trial.arena.wall_solids()]
+    figure = draw_map(exploration.grid, recording.ways(), heading_of(trial), walls)
+    write_atomically(final, png_of(figure))
+    write_atomically(growth, png_of_picture(exploration_page(trial, recording)))
+    if clip:
+        write_clip(trial, recording, film)
+    return [final, growth, film] if clip else [final, growth]

@@ -1,0 +1,77 @@
+"""``write_log_map``: what GMapping makes of a recorded log, as files."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from midnet_bench.campaign.provenance import collect
+from midnet_bench.drawing.growth_view import png_of_picture
+from midnet_bench.drawing.log_view import LogRecording, log_page, write_log_clip
+from midnet_bench.drawing.map_picture import draw_map
+from midnet_bench.drawing.plots import png_of
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.io.files import write_atomically
+from midnet_bench.io.scan_logs import ScanLog
+from midnet_bench.io.trajectory import write_tum
+from midnet_bench.mapping.gmapping.settings import RECORDED_LOG
+from midnet_bench.mapping.log_mapping import map_scans
+from midnet_bench.workflows.map_files import MapFiles, write_configuration, write_map, write_provenance
+
+
+@dataclass(frozen=True)
+class LogMap:
+    """What was made of a log."""
+
+    grid: OccupancyGrid
+    """int8: 100 occupied, 0 free, -1 unknown"""
+    scans: int
+    files: list[Path]
+    """the map first"""
+    warnings: list[str]
+
+
+def write_log_map(
+    log: ScanLog, particles: int, seed: int, output: Path, clip: bool, progress: Callable[[int, int], None]
+) -> LogMap:
+    """Map a log; write map and binary grid, trajectory (TUM), pictures, a film, and where they come from.
+
+    Args:
+        log: the scans.
+        particles: of GMapping.
+        seed: of the motion noise and the resampling.
+        output: where to, as ``MapFiles`` takes it; no other run's map may be there.
+        clip: whether to make an MP4 too.
+        progress: called after each scan with the number of scans done and of all scans.
+
+    Raises:
+        InputError: the log cannot be mapped, or nothing can be written.
+        MidnetBenchError: a file cannot be written.
+    """
+    provenance = collect(seed)
+    name = log.path.name
+    configuration = {
+        "log": name,
+        "sha256": hashlib.sha256(log.path.read_bytes()).hexdigest(),
+        "seed": seed,
+        "gmapping": asdict(replace(RECORDED_LOG, particles=particles)),
+    }
+    files = MapFiles.at(output)
+    files.refuse_another(configuration)
+    recording = LogRecording()
+    result = map_scans(log, particles, seed, progress, recording.look)
+    comment = f"{name}, {result.scans} scans, by GMapping with {particles} particles, seed {seed}"
+    configured = write_configuration(files, configuration)
+    written = write_map(files, result.grid, comment)
+    trajectory = files.named("trajectory.tum")
+    write_tum(result.trajectory, trajectory)
+    picture, growth = files.map.with_suffix(".png"), files.named("growth.png")
+    write_atomically(picture, png_of(draw_map(result.grid, [result.trajectory.poses], comment)))
+    write_atomically(growth, png_of_picture(log_page(recording, comment)))
+    written += [trajectory, picture, growth]
+    if clip:
+        film = files.named("growth.mp4")
+        write_log_clip(recording, comment, film)
+        written.append(film)
+    written += [configured, write_provenance(files, provenance)]
+    return LogMap(result.grid, result.scans, written, result.warnings)

@@ -1,0 +1,109 @@
+"""``MapFiles``: where a map goes, and what lies beside it."""
+
+import json
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from midnet_bench.campaign.provenance import Provenance, now_utc
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.guarded.detector_node import binary_prior
+from midnet_bench.experiments.guarded.inputs import EXACT
+from midnet_bench.experiments.guarded.parameters import DetectionParameters, GuardParameters
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.io.checked_yaml import parse
+from midnet_bench.io.files import write_atomically
+from midnet_bench.io.map_server import save_binary_map, save_map
+
+YAML_ENDINGS = (".yaml", ".yml")
+CONFIGURATION = "configuration.json"
+
+
+@dataclass(frozen=True)
+class MapFiles:
+    """The paths of a map's files."""
+
+    map: Path
+    """its YAML file"""
+    prefix: str
+    """of the names of all files that are not called after the map"""
+
+    @classmethod
+    def at(cls, output: Path) -> "MapFiles":
+        """``output``/map.yaml and so on; or, if ``output`` names a YAML file, that one and files beside it.
+
+        The folder is made. Raises InputError if the map cannot be written there.
+        """
+        is_map = output.suffix in YAML_ENDINGS
+        folder = output.parent if is_map else output
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder):
+                pass
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
+        files = cls(output, f"{output.stem}_") if is_map else cls(output / "map.yaml", "")
+        for yaml_path in (files.map, files.binary):
+            for path in (yaml_path, yaml_path.with_suffix(".pgm")):
+                if path.is_dir():
+                    raise InputError(f"{path}: a folder lies where the map goes; give another place with -o")
+        return files
+
+    def refuse_another(self, configuration: Mapping[str, Any]) -> None:
+        """Raises InputError if a map lies here that was not made by this very configuration.
+
+        Nothing of a map is overwritten without a word, and no files of two runs lie side by side.
+        """
+        path = self.named(CONFIGURATION)
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            found = None
+        is_same = found == json.loads(json.dumps(configuration))
+        if not is_same and (path.exists() or self.map.exists()):
+            raise InputError(
+                f"{self.map}: the map of another run is there; give another place with -o, or remove it first"
+            )
+
+    @property
+    def binary(self) -> Path:
+        """The YAML file of the binary grid."""
+        return self.map.with_stem(f"{self.map.stem}_binary")
+
+    def named(self, name: str) -> Path:
+        """The file of that name; beside a map of a given name, led by the map's."""
+        return self.map.with_name(f"{self.prefix}{name}")
+
+
+def write_map(
+    files: MapFiles, grid: OccupancyGrid, comment: str, parameters: GuardParameters | None = None
+) -> list[Path]:
+    """Write a map (int8, map frame) and the binary grid that MIDNet subtracts of it; the two YAML files.
+
+    The binary grid is that of the detection test's defaults unless ``parameters`` are given.
+    """
+    if parameters is None:
+        fitting = {"prior_map": EXACT, "resolution_m": grid.resolution}
+        parameters = parse(DetectionParameters, fitting, str(files.map))
+    save_map(grid, files.map, comment=comment)
+    save_binary_map(binary_prior(grid, parameters), files.binary)
+    return [files.map, files.binary]
+
+
+def write_configuration(files: MapFiles, configuration: Mapping[str, Any]) -> Path:
+    """Write ``configuration.json``, what was run; first of all, so that what follows has a name."""
+    path = files.named(CONFIGURATION)
+    write_atomically(path, json.dumps(configuration, indent=1) + "\n")
+    return path
+
+
+def write_provenance(files: MapFiles, provenance: Provenance) -> Path:
+    """Write ``provenance.json``: by which code, where and when.
+
+    ``provenance`` was collected when the run began; it ends now.
+    """
+    path = files.named("provenance.json")
+    write_atomically(path, json.dumps([{**provenance, "ended_utc": now_utc()}], indent=1) + "\n")
+    return path
