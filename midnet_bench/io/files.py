@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 from midnet_bench.errors import InputError, MidnetBenchError
@@ -17,14 +18,31 @@ def write_atomically(path: Path, content: str | bytes) -> None:
         InputError: the place cannot be written.
         MidnetBenchError: there is no room.
     """
+    with draft_of(path) as draft:
+        draft.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+@contextlib.contextmanager
+def draft_of(path: Path) -> Iterator[Path]:
+    """A path beside ``path`` to write to; the file takes its place when the context ends without an error.
+
+    The folder is made. After an error the draft is gone and an older file is as it was.
+
+    Raises:
+        InputError: the place cannot be written.
+        MidnetBenchError: there is no room.
+    """
     draft = path.with_name(f".{path.name}.new")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        draft.write_bytes(content.encode() if isinstance(content, str) else content)
-        os.replace(draft, path)
+        try:
+            yield draft
+            os.replace(draft, path)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                draft.unlink(missing_ok=True)
+            raise
     except OSError as error:
-        with contextlib.suppress(OSError):
-            draft.unlink(missing_ok=True)
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise MidnetBenchError(f"{path}: cannot be written: {error.strerror}; make room") from error
         raise InputError(
