@@ -1,46 +1,62 @@
-"""The experiments by name: the parameters each one takes and the function that runs one trial of it."""
+"""The experiments by name: those of this package, of installed packages, and of a user's own files."""
 
-from midnet_bench.campaign.trial import TrialResult, TrialSpec
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING
+
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.experiments.guarded.parameters import (
-    DetectionParameters,
-    LabyrinthParameters,
-    ReadingsParameters,
-)
-from midnet_bench.experiments.mapping.parameters import MappingParameters
-from midnet_bench.io.checked_yaml import Spec
+from midnet_bench.experiments.detection import DETECTION
+from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.experiments.labyrinth import LABYRINTH
+from midnet_bench.experiments.mapping import MAPPING
+from midnet_bench.experiments.readings import READINGS
+from midnet_bench.plugins import load_reference
 
-_PARAMETERS: dict[str, type[Spec]] = {
-    "detection": DetectionParameters,
-    "labyrinth": LabyrinthParameters,
-    "mapping": MappingParameters,
-    "readings": ReadingsParameters,
-}
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
+    from midnet_bench.campaign.trial import TrialResult, TrialSpec
 
-def parameters_model(experiment: str) -> type[Spec]:
-    """The pydantic model of an experiment's parameters. Raises InputError on an unknown name."""
-    if experiment not in _PARAMETERS:
-        raise InputError(f"experiment: unknown name '{experiment}'{nearest_name(experiment, _PARAMETERS)}")
-    return _PARAMETERS[experiment]
+ENTRY_POINTS = "midnet_bench.experiments"
+"""the group under which an installed package offers experiments"""
+
+_OWN = {one.name: one for one in (DETECTION, LABYRINTH, MAPPING, READINGS)}
 
 
-def run_trial(spec: TrialSpec) -> TrialResult:
+def names() -> list[str]:
+    """The names that :func:`experiment` knows, this package's first; beside them it takes references."""
+    return list(dict.fromkeys([*_OWN, *(point.name for point in entry_points(group=ENTRY_POINTS))]))
+
+
+def experiment(name: str) -> Experiment:
+    """The experiment of that name.
+
+    Args:
+        name: one of :func:`names`, or a reference: ``package.module:NAME`` or ``path/file.py:NAME``.
+
+    Raises:
+        InputError: an unknown name, or a reference to something that is no ``Experiment``.
+    """
+    if name in _OWN:
+        return _OWN[name]
+    if ":" in name:
+        return _checked(name, load_reference(name))
+    for point in entry_points(group=ENTRY_POINTS, name=name):
+        return _checked(point.value, load_reference(point.value))
+    raise InputError(f"experiment: unknown name '{name}'{nearest_name(name, names())}")
+
+
+def parameters_model(name: str) -> "type[BaseModel]":
+    """The pydantic model of an experiment's parameters. Raises InputError as :func:`experiment`."""
+    return experiment(name).model
+
+
+def run_trial(spec: "TrialSpec") -> "TrialResult":
     """The tables of one trial, a pure function of ``spec``. Imports the simulator on first use."""
-    parameters = parameters_model(spec.experiment).model_validate(dict(spec.parameters))
-    if isinstance(parameters, ReadingsParameters):
-        from midnet_bench.experiments.readings.trial import run_readings
+    found = experiment(spec.experiment)
+    return found.run(found.model.model_validate(dict(spec.parameters)), spec.seed)
 
-        return run_readings(parameters, spec.seed)
-    if isinstance(parameters, DetectionParameters):
-        from midnet_bench.experiments.detection.trial import run_detection
 
-        return run_detection(parameters, spec.seed)
-    if isinstance(parameters, MappingParameters):
-        from midnet_bench.experiments.mapping.trial import run_mapping
-
-        return run_mapping(parameters, spec.seed)
-    from midnet_bench.experiments.labyrinth.trial import run_labyrinth
-
-    assert isinstance(parameters, LabyrinthParameters)
-    return run_labyrinth(parameters, spec.seed)
+def _checked(reference: str, found: object) -> Experiment:
+    if not isinstance(found, Experiment):
+        raise InputError(f"{reference}: expected an Experiment, got {type(found).__name__}")
+    return found

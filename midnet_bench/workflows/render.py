@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import nullcontext
 from pathlib import Path
 
+from pydantic import BaseModel
+
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.drawing.arena_view import draw_arena
 from midnet_bench.drawing.film import Film
@@ -21,7 +23,7 @@ from midnet_bench.experiments.guarded.parameters import (
 )
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
 from midnet_bench.experiments.registry import parameters_model
-from midnet_bench.io.checked_yaml import Spec, parse
+from midnet_bench.io.checked_yaml import parse
 from midnet_bench.io.files import write_atomically
 from midnet_bench.midnet.pipeline import Frame
 
@@ -97,7 +99,7 @@ def render_trial(
     return written + (film.paths if film is not None else [])
 
 
-def _trial(parameters: Spec, seed: int) -> Trial:
+def _trial(parameters: BaseModel, seed: int) -> Trial:
     if isinstance(parameters, DetectionParameters):
         return DetectionTrial(parameters, seed)
     assert isinstance(parameters, LabyrinthParameters)
@@ -110,7 +112,7 @@ def _frames(trial: Trial) -> Iterator[Frame]:
     return trial.frames(explain=True)
 
 
-def _frames_at_most(parameters: Spec) -> int:
+def _frames_at_most(parameters: BaseModel) -> int:
     if isinstance(parameters, DetectionParameters):
         return parameters.frames
     assert isinstance(parameters, LabyrinthParameters)

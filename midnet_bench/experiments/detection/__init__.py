@@ -1,1 +1,12 @@
 """The detection test of section V.A."""
+
+from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.plugins import later
+
+DETECTION = Experiment(
+    name="detection",
+    summary="Map 1, section V.A: which intruders are detected, frame by frame.",
+    parameters="midnet_bench.experiments.guarded.parameters:DetectionParameters",
+    run=later("midnet_bench.experiments.detection.trial:run_detection"),
+    demo=later("midnet_bench.experiments.detection.trial:DetectionTrial"),
+)

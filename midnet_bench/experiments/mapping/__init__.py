@@ -1,1 +1,11 @@
 """Map construction of section II.A."""
+
+from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.plugins import later
+
+MAPPING = Experiment(
+    name="mapping",
+    summary="Section II.A: how robots explore an unknown arena and map it.",
+    parameters="midnet_bench.experiments.mapping.parameters:MappingParameters",
+    run=later("midnet_bench.experiments.mapping.trial:run_mapping"),
+)

@@ -1,0 +1,45 @@
+"""``Experiment``: all that commands ask of an experiment, in one record.
+
+An experiment of your own is a Python file with such a record in it. A campaign file names it by
+``experiment: path/file.py:NAME`` or ``experiment: package.module:NAME``; a package can offer it under a name
+by an entry point of the group ``midnet_bench.experiments``.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from midnet_bench.plugins import load_reference
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+    from midnet_bench.campaign.trial import TrialResult
+
+Measures = Mapping[tuple[str, str], Mapping[int, float]]
+"""(cell, measure) -> its value at each seed"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """An experiment: its parameters, one trial of it, and what is made of a campaign's results.
+
+    Importing a record should be cheap: ``plugins.later`` imports a function when it is called. ``results`` is
+    an ``analysis.frames.Results``.
+    """
+
+    name: str
+    summary: str
+    """one sentence for the help"""
+    parameters: "type[BaseModel] | str"
+    """the flat pydantic model of its parameters, every one with a default; or a reference to it"""
+    run: "Callable[[Any, int], TrialResult]"
+    """(parameters, seed) -> the tables of one trial: a pure function, no file, no clock, no global state"""
+    demo: Callable[..., Any] | None = None
+    """(parameters, seed) -> a trial that ``render`` can draw; None if there is nothing to draw"""
+
+    @property
+    def model(self) -> "type[BaseModel]":
+        """The pydantic model of the parameters, imported if ``parameters`` is a reference."""
+        model = load_reference(self.parameters) if isinstance(self.parameters, str) else self.parameters
+        return model
