@@ -4,10 +4,12 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 RUN := $(BIN)/midnet-bench
+# processes that the tests share their work between
+JOBS ?= auto
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: detection labyrinth smoke test lint bench clean
+.PHONY: detection labyrinth smoke test test-all lint bench clean
 
 detection: .venv/ready
 	$(RUN) detection
@@ -19,7 +21,10 @@ smoke: .venv/ready
 	$(RUN) smoke
 
 test: .venv/ready
-	$(BIN)/pytest
+	$(BIN)/pytest -n $(JOBS) --maxprocesses 4 --dist loadscope -m "not slow"
+
+test-all: .venv/ready
+	$(BIN)/pytest -n $(JOBS) --maxprocesses 4 --dist loadscope
 
 lint: .venv/ready
 	$(BIN)/ruff check .

@@ -10,10 +10,11 @@ from midnet_bench.campaign.export import export_csv
 from midnet_bench.campaign.store import open_store
 
 HERE = Path(__file__).parent
+REPOSITORY = HERE.parents[1]
 
 
 def environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": str(HERE), "PYTHONWARNINGS": "error"}
+    return {**os.environ, "PYTHONPATH": str(REPOSITORY), "PYTHONWARNINGS": "error"}
 
 
 def start(directory: Path, campaign: dict[str, object], **options: object) -> subprocess.Popen[str]:

@@ -4,13 +4,12 @@ import json
 import sys
 from pathlib import Path
 
-import coin_experiments
-
 from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.campaign.spec import Campaign
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import MidnetBenchError
+from tests.campaign import coin_experiments
 
 
 class Telling(Progress):

@@ -10,14 +10,14 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import coin_experiments as coins
 import pytest
-from campaign_process import environment, exported, finish, start, wait_for
 
 from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.campaign.spec import Campaign
 from midnet_bench.campaign.store import open_store
 from midnet_bench.errors import InputError
+from tests.campaign import coin_experiments as coins
+from tests.campaign.campaign_process import environment, exported, finish, start, wait_for
 
 distributed = pytest.importorskip("distributed", reason="the extra midnet-bench[dask] is not installed")
 

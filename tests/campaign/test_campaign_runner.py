@@ -8,9 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TypedDict
 
-import coin_experiments as coins
 import pytest
-from campaign_process import environment, exported
 
 import midnet_bench
 from midnet_bench.campaign.plan import plan
@@ -20,6 +18,8 @@ from midnet_bench.campaign.spec import Campaign
 from midnet_bench.campaign.store import StoredTrial, open_store
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import InputError
+from tests.campaign import coin_experiments as coins
+from tests.campaign.campaign_process import environment, exported
 
 GRID = {"coins": [1, 2, 3], "table": ["wood", "glass"]}
 
@@ -319,7 +319,7 @@ def test_a_missing_dask_names_the_extra(tmp_path: Path) -> None:
         "from pathlib import Path\n"
         "from midnet_bench.campaign.runner import run_campaign\n"
         "from midnet_bench.campaign.spec import Campaign\n"
-        "import coin_experiments as coins\n"
+        "from tests.campaign import coin_experiments as coins\n"
         f"run_campaign(Campaign(experiment='coins'), Path({str(tmp_path)!r}), backend='dask',"
         " scheduler='tcp://127.0.0.1:8786', experiments=coins)"
     )

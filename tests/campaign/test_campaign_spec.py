@@ -1,7 +1,6 @@
 import itertools
 from pathlib import Path
 
-import coin_experiments as coins
 import numpy as np
 import pytest
 
@@ -11,6 +10,7 @@ from midnet_bench.campaign.spec import Campaign, check, load_campaign, override,
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
+from tests.campaign import coin_experiments as coins
 
 GOOD = """
 experiment: coins

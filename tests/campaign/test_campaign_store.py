@@ -2,7 +2,6 @@ import random
 import sqlite3
 from pathlib import Path
 
-import coin_experiments as coins
 import pytest
 
 from midnet_bench.campaign import database
@@ -14,6 +13,7 @@ from midnet_bench.campaign.store import Store, keep_aside, open_or_create, open_
 from midnet_bench.campaign.trial import TrialSpec
 from midnet_bench.campaign.worker import Outcome, attempt, encode_tables
 from midnet_bench.errors import InputError
+from tests.campaign import coin_experiments as coins
 
 CAMPAIGN = Campaign(experiment="coins", grid={"coins": [2, 1], "table": ["wood", "glass"]}, trials=3)
 

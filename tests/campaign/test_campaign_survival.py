@@ -10,11 +10,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from campaign_process import exported, finish, start, wait_for
 
 from midnet_bench.campaign.store import open_store
 from midnet_bench.errors import MidnetBenchError
 from midnet_bench.io.files import write_atomically
+from tests.campaign.campaign_process import exported, finish, start, wait_for
 
 FORTY = {"grid": {"coins": [1, 2], "table": ["wood", "glass"]}, "trials": 10, "parameters": {"work_s": 0.05}}
 LONG = {"trials": 400, "parameters": {"work_s": 0.2}}

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from command import MAP_KEYS, REPOSITORY, midnet_bench, one_line_of_complaint, rows
+
+from tests.cli.command import MAP_KEYS, REPOSITORY, midnet_bench, one_line_of_complaint, rows
 
 HEADER = "trial,frames,tp,fp,fn,precision,recall,f1"
 

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from command import midnet_bench, one_line_of_complaint, rows
 
 from midnet_bench.cli import main
 from midnet_bench.io.map_server import load_map
 from midnet_bench.io.trajectory import read_tum
+from tests.cli.command import midnet_bench, one_line_of_complaint, rows
 
 ROOM = {
     "name": "two small rooms",

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from command import MAP_KEYS, midnet_bench, one_line_of_complaint
+
+from tests.cli.command import MAP_KEYS, midnet_bench, one_line_of_complaint
 
 
 def huge_png() -> bytes:

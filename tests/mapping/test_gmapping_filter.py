@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 import pytest
-from gmapping_room import ROOM, ROUND_TRIP, Drive, drive
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.mapping.gmapping.filter import (
@@ -21,6 +20,7 @@ from midnet_bench.mapping.gmapping.settings import BURGER, TURTLEBOT3, GmappingS
 from midnet_bench.messages import LidarGeometry
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
+from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, Drive, drive
 
 LIDAR = LDS_01
 START = Pose2D(1.0, 1.0, 0.0)

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 import pytest
-from gmapping_room import ROOM, cast
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.mapping.gmapping.particle_map import ParticleMaps, trace_line
@@ -19,6 +18,7 @@ from midnet_bench.mapping.gmapping.scan_matcher import (
     rotate_beams,
 )
 from midnet_bench.mapping.gmapping.settings import BURGER_UKF, SLAM_GMAPPING
+from tests.mapping.gmapping_room import ROOM, cast
 
 CELL_M = 0.05
 Points = npt.NDArray[np.float64]

@@ -3,7 +3,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawn_buildings import Building, corridor, hull, map_of, random_frame, rooms, viewpoints
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
@@ -17,6 +16,7 @@ from midnet_bench.mapping.merge import (
     merge_by_start_poses,
 )
 from midnet_bench.rng import stream
+from tests.mapping.drawn_buildings import Building, corridor, hull, map_of, random_frame, rooms, viewpoints
 
 SAME = Pose2D(0.0, 0.0, 0.0)
 VALUES = {" ": 0, "#": 100, "?": -1, ".": 30}

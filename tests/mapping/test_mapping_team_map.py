@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from drawn_buildings import map_of, rooms, viewpoints
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import MapWindow, OccupancyGrid
 from midnet_bench.mapping.map_score import closed_spaces
 from midnet_bench.mapping.merge import by_features, by_known_starts
 from midnet_bench.rng import stream
+from tests.mapping.drawn_buildings import map_of, rooms, viewpoints
 
 VALUES = {" ": 0, "#": 100, "?": -1}
 

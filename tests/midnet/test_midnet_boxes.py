@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from ascii_maps import binary
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -8,6 +7,7 @@ from hypothesis.extra import numpy as hnp
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.boxes import bounding_boxes, find_contours
+from tests.midnet.ascii_maps import binary
 
 # cells of one metre from (0, 0), so that metres are cells
 PRIOR = OccupancyGrid(np.full((50, 50), 255, np.uint8), 1.0, (0.0, 0.0))

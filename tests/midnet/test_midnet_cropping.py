@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from ascii_maps import characters
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,6 +16,7 @@ from midnet_bench.midnet.cropping import (
     window_around,
     window_at_origin,
 )
+from tests.midnet.ascii_maps import characters
 
 # ``.`` the prior map alone, ``o`` the local grid alone, ``X`` both: cases a to j of the figure
 CASES = {

@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from ascii_maps import binary, costs, draw
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -12,6 +11,7 @@ from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.boxes import Sighting
 from midnet_bench.midnet.pipeline import MIDNet, MIDNetSettings, Observation
+from tests.midnet.ascii_maps import binary, costs, draw
 
 # a room of 12 x 9 cells of half a metre, its lower left corner at (-3, -2)
 ROOM = OccupancyGrid(

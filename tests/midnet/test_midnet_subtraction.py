@@ -1,10 +1,10 @@
 import numpy as np
-from ascii_maps import binary, draw
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from midnet_bench.midnet.subtraction import common_occupancy, foreground, foreground_directly
+from tests.midnet.ascii_maps import binary, draw
 
 
 def binary_pairs() -> st.SearchStrategy[tuple[np.ndarray, np.ndarray]]:

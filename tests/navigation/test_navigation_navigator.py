@@ -5,7 +5,6 @@ import sys
 
 import numpy as np
 import pytest
-from planar_world import Robot, World, drive
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
@@ -14,6 +13,7 @@ from midnet_bench.navigation.costmap import burger_global
 from midnet_bench.navigation.navigator import Navigator, NavigatorSettings, RotateRecovery, Status
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
 from midnet_bench.robots.burger import LDS_01
+from tests.navigation.planar_world import Robot, World, drive
 
 ROLLOUT = NavigatorSettings(local_planner=TrajectoryRolloutSettings())
 

@@ -2,7 +2,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from labyrinth_stores import labyrinth_store
 
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.provenance import collect
@@ -11,6 +10,7 @@ from midnet_bench.campaign.trial import TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome, encode_tables
 from midnet_bench.errors import InputError
 from midnet_bench.workflows.compare import names_of, write_comparison
+from tests.report.labyrinth_stores import labyrinth_store
 
 SMALL = {"intruders": [1, 2], "robots": [1, 2]}
 

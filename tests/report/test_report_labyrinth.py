@@ -8,7 +8,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from labyrinth_stores import Caught, labyrinth_store
 
 from midnet_bench.campaign.store import Store, open_store
 from midnet_bench.campaign.trial import Row, Scalar
@@ -31,6 +30,7 @@ from midnet_bench.experiments.labyrinth.trials import (
     team_sizes,
     variants_of,
 )
+from tests.report.labyrinth_stores import Caught, labyrinth_store
 
 SMALL: dict[str, list[Scalar]] = {"intruders": [1, 2], "robots": [1, 3]}
 

@@ -3,7 +3,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from labyrinth_stores import labyrinth_store
 
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.campaign.definition import Definition
@@ -14,6 +13,7 @@ from midnet_bench.campaign.worker import Outcome, encode_tables
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.labyrinth.power import least_difference, power_report, trials_needed
 from midnet_bench.workflows.verify import Finding, Verdict, verify
+from tests.report.labyrinth_stores import labyrinth_store
 
 
 def binomial_counts(rates: list[float]) -> "dict[tuple[int, int, int], int]":

@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-from scenes import run, scene, silent
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
@@ -10,6 +9,7 @@ from midnet_bench.messages import Command
 from midnet_bench.rng import stream
 from midnet_bench.simulation.bullet.world import World
 from midnet_bench.simulation.integrity import HealthTracker, crossed_wall, surfaces
+from tests.simulation.scenes import run, scene, silent
 
 
 def test_ways_through_walls_and_intruders_are_told_from_ways_past_them() -> None:

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scenes import beam_lengths, run, scene, silent
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
@@ -17,6 +16,7 @@ from midnet_bench.simulation import lidar
 from midnet_bench.simulation.bullet import rays
 from midnet_bench.simulation.bullet.world import TOO_NEAR_M, World, WorldSettings
 from midnet_bench.simulation.lidar import NOTHING, SOLID
+from tests.simulation.scenes import beam_lengths, run, scene, silent
 
 ANY = [stream(1, "unused")] * 10
 

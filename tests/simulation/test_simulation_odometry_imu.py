@@ -2,7 +2,6 @@ import math
 
 import numpy as np
 import pytest
-from scenes import run, scene, silent
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
@@ -10,6 +9,7 @@ from midnet_bench.rng import stream
 from midnet_bench.robots.burger import WHEEL_RADIUS_M, WHEEL_SEPARATION_M
 from midnet_bench.simulation.imu import ImuSensor
 from midnet_bench.simulation.odometry import TICK_RAD, EncoderOdometer, OdometrySettings
+from tests.simulation.scenes import run, scene, silent
 
 PERFECT = OdometrySettings(radius_error=0.0, separation_error=0.0, slip_m_per_sqrt_m=0.0)
 

@@ -7,13 +7,13 @@ import sys
 
 import numpy as np
 import pytest
-from scenes import run, scene, silent
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.messages import STOP, Command
 from midnet_bench.rng import stream
 from midnet_bench.simulation.bullet.world import World
+from tests.simulation.scenes import run, scene, silent
 
 BASE_FRONT_M = 0.038
 WALL_FACE_M = 2.925
