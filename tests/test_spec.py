@@ -42,7 +42,7 @@ def said(call: Any, *arguments: Any) -> str:
         (f"a: 0x{'f' * 5000}", "ff... is not a valid int"),
         ("a: !!bool perhaps", "'perhaps' is not a valid bool"),
         ("a: !!timestamp now", "'now' is not a valid timestamp"),
-        ("[" * 3000, "nested too deeply"),
+        ("[" * 200, "nested too deeply"),
         ("a: {frames: 5}\na: {frames: 7}", "line 2: the key 'a' is there twice; keep one"),
         ("a:\n  frames: 5\n  frames: 7", "line 3: the key 'frames' is there twice; keep one"),
         ("a: [1\nb: 2", "line 2: while parsing a flow sequence expected ',' or ']'"),
@@ -56,6 +56,13 @@ def test_yaml_that_cannot_be_read_names_file_and_line(tmp_path: Path, text: str,
     path.write_text(text)
     with pytest.raises(InputError, match="not valid YAML"):
         read_yaml(path)
+
+
+def test_yaml_is_read_to_a_depth_that_nobody_needs() -> None:
+    assert load_yaml("[" * 99 + "7" + "]" * 99, "f.yaml")
+    assert (
+        said(load_yaml, "[" * 100 + "7" + "]" * 100, "f.yaml") == "f.yaml: not valid YAML: nested too deeply"
+    )
 
 
 def test_a_merged_key_may_be_given_again() -> None:

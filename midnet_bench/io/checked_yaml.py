@@ -38,8 +38,23 @@ def _mentions(annotation: Any, kind: type) -> bool:
 SpecT = TypeVar("SpecT", bound=BaseModel)
 
 
+MAX_DEPTH = 100
+"""lists and mappings inside each other that a YAML text may have"""
+
+
 class _Loader(yaml.SafeLoader):
     """PyYAML's safe loader, whose every fault is a YAMLError, and which takes no key twice."""
+
+    _depth = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        # PyYAML's scanner takes seconds to reach Python's own limit
+        if self._depth == MAX_DEPTH:
+            raise yaml.YAMLError("nested too deeply")
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
 
     def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
         mapping = super().compose_mapping_node(anchor)
