@@ -3,6 +3,9 @@
 import math
 from typing import NamedTuple, Self
 
+import numpy as np
+import numpy.typing as npt
+
 
 def wrap_angle(angle_rad: float) -> float:
     """The same direction within [-pi, pi), radians."""
@@ -30,6 +33,16 @@ class Pose2D(NamedTuple):
         """The parent's pose in this frame."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose2D(-c * self.x - s * self.y, s * self.x - c * self.y, -self.yaw)
+
+    def relative_to(self, other: "Pose2D") -> "Pose2D":
+        """This pose in the frame of ``other``, both given in one frame; yaw within [-pi, pi)."""
+        local = other.inverse().compose(self)
+        return local._replace(yaw=wrap_angle(local.yaw))
+
+    def transform(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """(N, 2) float64 points that are given in this pose's frame, in the parent frame, metres."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return np.asarray(points @ np.array([[c, s], [-s, c]]) + (self.x, self.y), dtype=np.float64)
 
     def distance_to(self, other: "Pose2D") -> float:
         """The distance between the two origins, metres."""
@@ -65,6 +78,22 @@ class Box(NamedTuple):
         width = min(self.x_max, other.x_max) - max(self.x_min, other.x_min)
         height = min(self.y_max, other.y_max) - max(self.y_min, other.y_min)
         return width * height if width > 0.0 and height > 0.0 else 0.0
+
+    def iou(self, other: "Box") -> float:
+        """Eq. 7: the area that both boxes cover over the area that either covers, 0 to 1.
+
+        It is 0 for boxes that share no more than an edge, and whenever one of them has no area.
+        """
+        # written out on plain numbers: a frame asks for hundreds, and most pairs are apart
+        ax1, ay1, ax2, ay2 = self
+        bx1, by1, bx2, by2 = other
+        if ax2 <= bx1 or bx2 <= ax1 or ay2 <= by1 or by2 <= ay1:
+            return 0.0
+        width = (ax2 if ax2 < bx2 else bx2) - (ax1 if ax1 > bx1 else bx1)
+        height = (ay2 if ay2 < by2 else by2) - (ay1 if ay1 > by1 else by1)
+        both = width * height
+        either = (ax2 - ax1) * (ay2 - ay1) + (bx2 - bx1) * (by2 - by1) - both
+        return both / either if both > 0.0 else 0.0
 
     def distance_to_point(self, x: float, y: float) -> float:
         """From (x, y) to the nearest point of the box, metres; 0 inside."""

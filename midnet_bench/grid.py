@@ -1,13 +1,22 @@
-"""From the cells of a grid to points in metres and back, a whole array at a time."""
+"""Grids of square cells over the plane, and the way from cells to metres and back."""
 
 import math
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D
+FREE, UNKNOWN, OCCUPIED = 0, -1, 100
+"""Values of an int8 occupancy grid (nav_msgs/OccupancyGrid)."""
+OCCUPIED_FROM = 65
+"""Values of a map from here on are obstacles (map_server's occupied_thresh)."""
+
+_SLACK = 1e-6
+"""Of a cell: keeps a point that rounding moves off its cell's lower edge on that cell."""
+
+ScalarT = TypeVar("ScalarT", bound=np.generic)
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +34,13 @@ class OccupancyGrid:
     origin: tuple[float, float]
     """(x, y), metres"""
 
+    def __repr__(self) -> str:
+        """Size, resolution and origin; not the cells."""
+        return (
+            f"OccupancyGrid({self.width} x {self.height} cells of {self.resolution:g} m, "
+            f"{self.data.dtype}, origin ({self.origin[0]:g}, {self.origin[1]:g}))"
+        )
+
     @property
     def width(self) -> int:
         """Number of columns (x)."""
@@ -40,6 +56,16 @@ class OccupancyGrid:
         """(x_min, y_min, x_max, y_max) of the outer cell edges, metres."""
         x, y = self.origin
         return x, y, x + self.width * self.resolution, y + self.height * self.resolution
+
+    @property
+    def x_centers(self) -> npt.NDArray[np.float64]:
+        """(width,) x of the columns' centres, metres."""
+        return np.asarray(self.origin[0] + (np.arange(self.width) + 0.5) * self.resolution)
+
+    @property
+    def y_centers(self) -> npt.NDArray[np.float64]:
+        """(height,) y of the rows' centres, metres."""
+        return np.asarray(self.origin[1] + (np.arange(self.height) + 0.5) * self.resolution)
 
     def cell_at(self, x: float, y: float) -> tuple[int, int]:
         """(column, row) of the cell that holds the point, by floor; may lie outside the grid."""
@@ -64,9 +90,6 @@ class OccupancyGrid:
         if data.shape != self.data.shape:
             raise ValueError(f"data of shape {data.shape} on a grid of shape {self.data.shape}")
         return OccupancyGrid(data, self.resolution, self.origin)
-
-
-UNKNOWN = -1
 
 
 @dataclass(frozen=True)
@@ -106,26 +129,10 @@ class MapWindow:
         return window
 
 
-OCCUPIED_FROM = 65
-"""Values of a map from here on are obstacles (map_server's occupied_thresh)."""
-
-_SLACK = 1e-6
-"""Of a cell: keeps a point that rounding moves off its cell's lower edge on that cell."""
-
-ScalarT = TypeVar("ScalarT", bound=np.generic)
-
-
-def cell_centres(grid: OccupancyGrid, cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+def cell_centers(grid: OccupancyGrid, cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
     """(N, 2) x, y of the centres of the set cells in the grid's frame, metres; rows first."""
     rows, columns = np.nonzero(cells)
-    columns_rows = np.stack((columns, rows), axis=1).astype(np.float64)
-    return (columns_rows + 0.5) * grid.resolution + grid.origin
-
-
-def moved(points: npt.NDArray[np.float64], pose: Pose2D) -> npt.NDArray[np.float64]:
-    """(N, 2) points that are given in the frame of ``pose``, in its parent frame."""
-    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
-    return np.asarray(points @ np.array([[c, s], [-s, c]]) + (pose.x, pose.y), dtype=np.float64)
+    return np.stack((grid.x_centers[columns], grid.y_centers[rows]), axis=1)
 
 
 def values_at(
@@ -137,3 +144,15 @@ def values_at(
     found = np.full(len(points), outside, dtype=values.dtype)
     found[on_grid] = values[rows[on_grid], columns[on_grid]]
     return found
+
+
+def connected_to(column: int, row: int, cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """(H, W) bool: the set cells that steps in x and y over set cells reach from (column, row).
+
+    None are set where that cell is not set or lies off the grid.
+    """
+    height, width = cells.shape
+    if not (0 <= column < width and 0 <= row < height and cells[row, column]):
+        return np.zeros_like(cells)
+    _, labels = cv2.connectedComponents(cells.view(np.uint8), connectivity=4)
+    return np.asarray(labels == labels[row, column])

@@ -8,13 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.errors import InputError
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.grid import OCCUPIED, OccupancyGrid, connected_to
 
 CLEARANCE_M = 0.4
 """Third condition of section V.B: patrol points keep this far from any occupied cell."""
 DRIVABLE_M = 0.15
 """Where a Burger's centre may pass: its farthest corner is 0.15 m from it."""
-OCCUPIED = 100
 
 DRAWS_PER_RELAXATION = 200
 RELAXATION = 0.9
@@ -47,14 +46,10 @@ def patrol_points(
     """
     free = (prior_map.data != OCCUPIED).astype(np.uint8)
     distance_m = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * prior_map.resolution
-    x = prior_map.origin[0] + (np.arange(prior_map.width) + 0.5) * prior_map.resolution
-    y = prior_map.origin[1] + (np.arange(prior_map.height) + 0.5) * prior_map.resolution
+    x, y = prior_map.x_centers, prior_map.y_centers
     inside = (np.abs(x) < enclosure_m[0] / 2.0) & (np.abs(y) < enclosure_m[1] / 2.0)[:, None]
-    drivable = ((distance_m >= DRIVABLE_M) & inside & (prior_map.data >= 0)).astype(np.uint8)
-    _, labels = cv2.connectedComponents(drivable, connectivity=4)
-    column, row = prior_map.cell_at(*start)
-    reachable = drivable.astype(np.bool_)
-    reachable &= labels == (labels[row, column] if prior_map.contains_cell(column, row) else -1)
+    drivable = (distance_m >= DRIVABLE_M) & inside & (prior_map.data >= 0)
+    reachable = connected_to(*prior_map.cell_at(*start), drivable)
     rows, columns = np.nonzero(reachable & (distance_m >= clearance_m))
     if not len(rows):
         raise InputError(

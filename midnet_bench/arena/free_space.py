@@ -3,14 +3,12 @@
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
 from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.solids import Solid
 from midnet_bench.errors import InputError
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.grid import OccupancyGrid, connected_to
 
 RESOLUTION_M = 0.05
 
@@ -39,9 +37,8 @@ class FreeSpace:
         """
         rows, columns = np.nonzero(self.grid.data)
         if away_from is not None:
-            x = self.grid.origin[0] + (columns + 0.5) * self.grid.resolution - away_from[0]
-            y = self.grid.origin[1] + (rows + 0.5) * self.grid.resolution - away_from[1]
-            far = np.hypot(x, y) >= at_least_m
+            x, y = self.grid.x_centers[columns], self.grid.y_centers[rows]
+            far = np.hypot(x - away_from[0], y - away_from[1]) >= at_least_m
             rows, columns = rows[far], columns[far]
         if rows.size == 0:
             place = "" if away_from is None else f" from ({away_from[0]:g}, {away_from[1]:g})"
@@ -61,26 +58,21 @@ def free_space(arena: Arena, clearance_m: float, obstacles: tuple[Solid, ...] = 
     """
     near = cells_near(arena, (*arena.wall_solids(), *obstacles), clearance_m)
     half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
-    rows, columns = near.data.shape
-    x = np.abs(near.origin[0] + (np.arange(columns) + 0.5) * near.resolution)
-    y = np.abs(near.origin[1] + (np.arange(rows) + 0.5) * near.resolution)
-    free = ~near.data & (x < half_x) & (y < half_y)[:, None]
-    start = near.cell_at(*arena.robots.center_m)
-    if not free[start[1], start[0]]:
+    inside = (np.abs(near.x_centers) < half_x) & (np.abs(near.y_centers) < half_y)[:, None]
+    reachable = connected_to(*near.cell_at(*arena.robots.center_m), ~near.data & inside)
+    if not reachable.any():
         raise InputError(
             f"arena '{arena.name}': robots.center_m: less than {clearance_m:g} m from a wall or an obstacle"
         )
-    _, labels = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)
-    return FreeSpace(near.with_data(labels == labels[start[1], start[0]]))
+    return FreeSpace(near.with_data(reachable))
 
 
 def cells_near(arena: Arena, solids: tuple[Solid, ...], distance_m: float) -> OccupancyGrid:
     """A bool grid over the plane: True where a cell's centre is closer than ``distance_m`` to a solid."""
     columns, rows = (math.ceil(side / RESOLUTION_M - 1e-9) for side in arena.plane_m)
     origin = (-columns * RESOLUTION_M / 2.0, -rows * RESOLUTION_M / 2.0)
-    near: npt.NDArray[np.bool_] = np.zeros((rows, columns), dtype=np.bool_)
-    x = origin[0] + (np.arange(columns) + 0.5) * RESOLUTION_M
-    y = origin[1] + (np.arange(rows) + 0.5) * RESOLUTION_M
+    near = OccupancyGrid(np.zeros((rows, columns), dtype=np.bool_), RESOLUTION_M, origin)
+    x, y = near.x_centers, near.y_centers
     for solid in solids:
         box = solid.bounding_box()
         left, right = np.searchsorted(x, (box.x_min - distance_m, box.x_max + distance_m))
@@ -88,5 +80,5 @@ def cells_near(arena: Arena, solids: tuple[Solid, ...], distance_m: float) -> Oc
         mesh = np.stack(np.meshgrid(x[left:right], y[low:high]), axis=-1)
         # Walls put cell centres at round distances; a hair's breadth keeps rounding from deciding those.
         close = solid.distance_to(mesh.reshape(-1, 2)) < distance_m - 1e-9
-        near[low:high, left:right] |= close.reshape(mesh.shape[:2])
-    return OccupancyGrid(near, RESOLUTION_M, origin)
+        near.data[low:high, left:right] |= close.reshape(mesh.shape[:2])
+    return near

@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from midnet_bench.arena.arena import Arena
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.grid import FREE, OCCUPIED, OccupancyGrid
 from midnet_bench.io.map_server import load_map
-
-FREE, OCCUPIED = 0, 100
 
 
 def render_exact(arena: Arena, resolution_m: float = 0.05) -> OccupancyGrid:
@@ -24,10 +22,9 @@ def render_exact(arena: Arena, resolution_m: float = 0.05) -> OccupancyGrid:
     """
     columns, rows = (math.ceil(side / resolution_m - 1e-9) for side in arena.plane_m)
     origin = (-columns * resolution_m / 2.0, -rows * resolution_m / 2.0)
-    data = np.full((rows, columns), FREE, dtype=np.int8)
+    grid = OccupancyGrid(np.full((rows, columns), FREE, dtype=np.int8), resolution_m, origin)
     half_cell = resolution_m / 2.0
-    x = origin[0] + (np.arange(columns) + 0.5) * resolution_m
-    y = origin[1] + (np.arange(rows) + 0.5) * resolution_m
+    x, y = grid.x_centers, grid.y_centers
     for wall in arena.wall_solids():
         box = wall.bounding_box()
         left, right = np.searchsorted(x, (box.x_min - half_cell + 1e-9, box.x_max + half_cell - 1e-9))
@@ -39,8 +36,8 @@ def render_exact(arena: Arena, resolution_m: float = 0.05) -> OccupancyGrid:
         overlap = (np.abs(c * dx + s * dy) < wall.length_m / 2.0 + reach) & (
             np.abs(c * dy - s * dx) < wall.width_m / 2.0 + reach
         )
-        data[low:high, left:right][overlap] = OCCUPIED
-    return OccupancyGrid(data, resolution_m, origin)
+        grid.data[low:high, left:right][overlap] = OCCUPIED
+    return grid
 
 
 FOLDER = Path(__file__).parent / "maps"

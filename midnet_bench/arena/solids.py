@@ -62,8 +62,7 @@ class Solid:
         else:
             half = np.array([self.length_m, self.width_m]) / 2.0
             corners = half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
-        c, s = math.cos(self.pose.yaw), math.sin(self.pose.yaw)
-        return corners @ np.array([(c, s), (-s, c)]) + (self.pose.x, self.pose.y)
+        return self.pose.transform(corners)
 
     def bounding_box(self) -> Box:
         """The axis-aligned extent in the plane, which is also that in the scan plane (item 45)."""

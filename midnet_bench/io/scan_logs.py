@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.gmapping.motion_model import odometry_increment
 from midnet_bench.messages import LidarGeometry
 
 _LONGEST_SHOWN = 30
@@ -323,7 +322,7 @@ def _take_poses(words: list[str], where: str) -> tuple[Pose2D, Pose2D]:
     """Of the laser's pose and the robot's, three words each: the robot's, and the laser's on the robot."""
     laser = Pose2D(*finite(words[0:3], where, "laser pose"))
     odometry = Pose2D(*finite(words[3:6], where, "odometry"))
-    return odometry, odometry_increment(odometry, laser)
+    return odometry, laser.relative_to(odometry)
 
 
 def _mounted(geometry: LidarGeometry, lasers_on_base: list[Pose2D]) -> LidarGeometry:

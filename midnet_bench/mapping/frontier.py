@@ -11,9 +11,7 @@ import numpy.typing as npt
 from numba import njit
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.grid import OccupancyGrid
-
-UNKNOWN = -1
+from midnet_bench.grid import UNKNOWN, OccupancyGrid
 
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import scipy.fft
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cell_centres, moved, values_at
+from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cell_centers, values_at
 
 _HALO_M = 1.0
 _RATIO = 0.7
@@ -146,8 +146,8 @@ class WallMap:
         )
         return cls(
             grid,
-            cell_centres(grid, occupied),
-            cell_centres(grid, depth_m > TOLERANCE_M),
+            cell_centers(grid, occupied),
+            cell_centers(grid, depth_m > TOLERANCE_M),
             to_wall_m,
             depth_m,
             pulls,
@@ -177,7 +177,7 @@ def fit(a: WallMap, b: WallMap, pose: Pose2D) -> Fit:
     """How ``a`` and ``b`` agree with b's frame at ``pose`` in a's frame."""
     shared_m = contradicted_m = 0.0
     for seen, other, placed in ((a, b, pose), (b, a, pose.inverse())):
-        walls = moved(other.walls, placed)
+        walls = placed.transform(other.walls)
         same = values_at(seen.to_wall_m, seen.grid, walls, outside=math.inf) <= TOLERANCE_M
         in_the_open = values_at(seen.depth_m, seen.grid, walls, outside=0.0) > TOLERANCE_M
         shared_m += 0.5 * other.grid.resolution * float(np.count_nonzero(same))
@@ -208,8 +208,8 @@ def refine(a: WallMap, b: WallMap, pose: Pose2D) -> Pose2D:
             scores = []
             for move in moves:
                 placed = move.compose(from_middle)
-                on_a = _interpolated(pull_a, a.grid, moved(points_b, placed))
-                on_b = _interpolated(pull_b, b.grid, moved(points_a, placed.inverse()))
+                on_a = _interpolated(pull_a, a.grid, placed.transform(points_b))
+                on_b = _interpolated(pull_b, b.grid, placed.inverse().transform(points_a))
                 scores.append(on_a + on_b)
             winner = int(np.argmax(scores))
             if scores[winner] > best:
@@ -263,7 +263,7 @@ def coarse_placements(a: WallMap, b: WallMap, yaw_rad: float) -> list[Pose2D]:
 def _coarse(m: WallMap, yaw_rad: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(walls, open space, origin) of the map turned by ``yaw_rad``: 1 on cells of 0.1 m that hold any."""
     turn = Pose2D(0.0, 0.0, yaw_rad)
-    walls, spaces = moved(m.walls, turn), moved(m.open_space, turn)
+    walls, spaces = turn.transform(m.walls), turn.transform(m.open_space)
     points = np.concatenate((walls, spaces))
     origin = points.min(axis=0)
     width, height = ((points.max(axis=0) - origin) / _COARSE_CELL_M).astype(np.int64) + 1

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cell_centres, moved, values_at
+from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cell_centers, connected_to, values_at
 
 BURGER_RADIUS_M = 0.105
 
@@ -57,17 +57,17 @@ def score_map(
         ValueError: if no robot can stand at ``start``.
     """
     reachable = reachable_free(truth, start, robot_radius_m)
-    places = moved(cell_centres(truth, reachable), built_in_truth.inverse())
+    places = built_in_truth.inverse().transform(cell_centers(truth, reachable))
     known = values_at(built.data, built, places, outside=-1) >= 0
 
     faces = (truth.data >= OCCUPIED_FROM) & (cv2.dilate(reachable.view(np.uint8), np.ones((3, 3))) > 0)
-    walls = cell_centres(truth, truth.data >= OCCUPIED_FROM)
-    found = moved(cell_centres(built, built.data >= OCCUPIED_FROM), built_in_truth)
+    walls = cell_centers(truth, truth.data >= OCCUPIED_FROM)
+    found = built_in_truth.transform(cell_centers(built, built.data >= OCCUPIED_FROM))
     one_cell = truth.resolution * (1.0 + _SLACK)
     return MapScore(
         free_covered=_mean(known),
         occupied_precision=_mean(_nearest(found, walls, p=math.inf) <= one_cell),
-        occupied_recall=_mean(_nearest(cell_centres(truth, faces), found, p=math.inf) <= one_cell),
+        occupied_recall=_mean(_nearest(cell_centers(truth, faces), found, p=math.inf) <= one_cell),
         wall_error_m=_mean(_nearest(found, walls, p=2.0)),
     )
 
@@ -89,12 +89,10 @@ def reachable_free(
     # From centre to centre; an obstacle begins half a cell earlier, and so does the world beyond the grid.
     around = cv2.distanceTransform(np.pad(free, 1).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     fits = (around[1:-1, 1:-1] - 0.5) * truth.resolution >= robot_radius_m
-    column, row = truth.cell_at(*start)
-    if not truth.contains_cell(column, row) or not fits[row, column]:
+    within = connected_to(*truth.cell_at(*start), fits)
+    if not within.any():
         raise ValueError(f"no robot of radius {robot_radius_m} m fits at ({start[0]}, {start[1]})")
-    _, labels = cv2.connectedComponents(fits.view(np.uint8), connectivity=4)
-    beyond = (labels != labels[row, column]).view(np.uint8)
-    to_centres = cv2.distanceTransform(beyond, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    to_centres = cv2.distanceTransform((~within).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return free & ((to_centres - 0.5) * truth.resolution <= robot_radius_m)
 
 

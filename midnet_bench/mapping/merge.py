@@ -10,10 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.geometry import Pose2D, wrap_angle
-from midnet_bench.grid import OccupancyGrid, cell_centres, moved, values_at
+from midnet_bench.grid import UNKNOWN, OccupancyGrid, cell_centers, values_at
 from midnet_bench.mapping.map_alignment import WallMap, coarse_placements, fit, propose, refine
-
-UNKNOWN = -1
 
 
 @dataclass(frozen=True)
@@ -149,9 +147,9 @@ def compose(maps: Sequence[OccupancyGrid], placements: Sequence[Pose2D]) -> Occu
     """
     resolution = maps[0].resolution
     corners = np.concatenate(
-        [moved(_corners(grid), pose) for grid, pose in zip(maps, placements, strict=True)]
+        [pose.transform(_corners(grid)) for grid, pose in zip(maps, placements, strict=True)]
     )
-    anchor = moved(np.array([maps[0].origin]), placements[0])[0]
+    anchor = placements[0].transform(np.array([maps[0].origin]))[0]
     low = np.floor((corners.min(axis=0) - anchor) / resolution + 1e-6).astype(int)
     high = np.ceil((corners.max(axis=0) - anchor) / resolution - 1e-6).astype(int)
     origin_x, origin_y = (anchor + low * resolution).tolist()
@@ -164,14 +162,14 @@ def compose(maps: Sequence[OccupancyGrid], placements: Sequence[Pose2D]) -> Occu
 
 def _draw(grid: OccupancyGrid, pose: Pose2D, onto: OccupancyGrid) -> None:
     """Raise the cells of ``onto`` to what ``grid`` says, nearest neighbour."""
-    corner = (moved(np.array([grid.origin]), pose)[0] - onto.origin) / onto.resolution
+    corner = (pose.transform(np.array([grid.origin]))[0] - onto.origin) / onto.resolution
     column, row = np.rint(corner).astype(int).tolist()
     if pose.yaw == 0.0 and grid.resolution == onto.resolution and np.abs(corner - (column, row)).max() < 1e-6:
         cells = onto.data[row : row + grid.height, column : column + grid.width]
         np.maximum(cells, grid.data, out=cells)
         return
-    centres = cell_centres(onto, np.ones(onto.data.shape, dtype=np.bool_))
-    values = values_at(grid.data, grid, moved(centres, pose.inverse()), outside=UNKNOWN)
+    centres = cell_centers(onto, np.ones(onto.data.shape, dtype=np.bool_))
+    values = values_at(grid.data, grid, pose.inverse().transform(centres), outside=UNKNOWN)
     np.maximum(onto.data, values.reshape(onto.data.shape), out=onto.data)
 
 

@@ -2,16 +2,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.gmapping.motion_model import move_particles, noise_deviations, odometry_increment
+from midnet_bench.mapping.gmapping.motion_model import move_particles, noise_deviations
 from midnet_bench.mapping.gmapping.settings import SLAM_GMAPPING, GmappingSettings
 
 SHARES = GmappingSettings(noise_srr=0.1, noise_srt=0.2, noise_str=0.3, noise_stt=0.4)
-COORDINATE = st.floats(-50.0, 50.0)
-ANGLE = st.floats(-3.1, 3.1)
 
 
 def test_deviations_by_hand() -> None:
@@ -38,15 +34,3 @@ def test_a_standing_robot_gets_no_noise() -> None:
     poses = np.array([[1.0, 2.0, 0.5], [-1.0, 0.0, -2.0]])
     moved = move_particles(poses, Pose2D(0.0, 0.0, 0.0), SLAM_GMAPPING, np.random.default_rng(0))
     assert moved == pytest.approx(poses, abs=1e-15)
-
-
-@given(x=COORDINATE, y=COORDINATE, yaw=ANGLE, dx=COORDINATE, dy=COORDINATE, turn=ANGLE)
-def test_the_increment_leads_from_the_first_pose_to_the_second(
-    x: float, y: float, yaw: float, dx: float, dy: float, turn: float
-) -> None:
-    first, second = Pose2D(x, y, yaw), Pose2D(x + dx, y + dy, turn)
-    increment = odometry_increment(first, second)
-    reached = first.compose(increment)
-    assert reached.distance_to(second) < 1e-9
-    assert math.remainder(reached.yaw - second.yaw, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
-    assert -math.pi <= increment.yaw <= math.pi

@@ -3,10 +3,9 @@
 import math
 
 import numpy as np
-import pytest
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.grid import MapWindow, OccupancyGrid
+from midnet_bench.grid import OccupancyGrid
 from midnet_bench.mapping.map_score import closed_spaces
 from midnet_bench.mapping.merge import by_features, by_known_starts
 from midnet_bench.rng import stream
@@ -19,20 +18,6 @@ def grid(picture, resolution=1.0, origin=(0.0, 0.0)):
     """A map drawn as text; the first line has the highest y."""
     rows = [[VALUES[letter] for letter in line] for line in reversed(picture.strip("\n").split("\n"))]
     return OccupancyGrid(np.array(rows, dtype=np.int8), resolution, origin)
-
-
-def test_a_window_holds_its_rectangle_in_whole_cells():
-    window = MapWindow.around_origin(8.0, 6.15, 0.05).empty()
-    assert (window.width, window.height, window.origin) == (160, 124, (-4.0, pytest.approx(-3.1)))
-    assert (window.data == -1).all()
-
-
-def test_a_window_cuts_what_reaches_beyond_it_and_pads_what_does_not_fill_it():
-    window = MapWindow(column=-1, row=0, width=4, height=2, resolution_m=0.5)
-    cut = window.cut(grid("# #\n ##\n###", resolution=0.5, origin=(0.5, -0.5)))
-    assert cut.origin == (-0.5, 0.0)
-    assert cut.data.tolist() == [[-1, -1, 0, 100], [-1, -1, 100, 0]]
-    assert (window.cut(grid("#", resolution=0.5, origin=(9.0, 9.0))).data == -1).all()
 
 
 def test_maps_in_one_frame_are_laid_over_each_other():

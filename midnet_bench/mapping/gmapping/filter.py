@@ -9,7 +9,7 @@ import numpy.typing as npt
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.trajectory import Trajectory
-from midnet_bench.mapping.gmapping.motion_model import move_particles, odometry_increment
+from midnet_bench.mapping.gmapping.motion_model import move_particles
 from midnet_bench.mapping.gmapping.particle_map import ParticleMaps
 from midnet_bench.mapping.gmapping.scan_matcher import match_particles, matching_in_cells
 from midnet_bench.mapping.gmapping.settings import GmappingSettings
@@ -131,7 +131,7 @@ class GMapping:
         first = not self._stamps_s
         if not first:
             mount = self.geometry.mount
-            step = odometry_increment(self._odometry.compose(mount), odometry_pose.compose(mount))
+            step = odometry_pose.compose(mount).relative_to(self._odometry.compose(mount))
             self._poses = move_particles(self._poses, step, self.settings, self._rng)
             self._driven_m += math.hypot(step.x, step.y)
             self._turned_rad += abs(step.yaw)

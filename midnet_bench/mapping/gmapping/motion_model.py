@@ -5,14 +5,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.geometry import Pose2D
 from midnet_bench.mapping.gmapping.settings import GmappingSettings
-
-
-def odometry_increment(previous: Pose2D, current: Pose2D) -> Pose2D:
-    """``current`` in the frame of ``previous``, yaw within [-pi, pi)."""
-    step = previous.inverse().compose(current)
-    return step._replace(yaw=wrap_angle(step.yaw))
 
 
 def noise_deviations(increment: Pose2D, settings: GmappingSettings) -> npt.NDArray[np.float64]:

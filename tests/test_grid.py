@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from midnet_bench.grid import MapWindow, OccupancyGrid, cell_centers, connected_to
+
+WALLED = np.array(
+    [[character == "." for character in line] for line in ("..#.", "..#.", "##..", "...#")], dtype=np.bool_
+)
+"""Row 0 first; two rooms that touch at corners only."""
+
+
+def test_a_grid_prints_its_place_and_not_its_cells() -> None:
+    grid = OccupancyGrid(np.zeros((200, 300), dtype=np.int8), 0.05, (-4.0, 2.5))
+    assert repr(grid) == "OccupancyGrid(300 x 200 cells of 0.05 m, int8, origin (-4, 2.5))"
+
+
+def test_centers_are_those_of_the_cells() -> None:
+    grid = OccupancyGrid(np.zeros((2, 3), dtype=np.int8), 0.5, (-1.0, 4.0))
+    assert grid.x_centers.tolist() == [-0.75, -0.25, 0.25]
+    assert grid.y_centers.tolist() == [4.25, 4.75]
+    cells = np.array([[False, False, True], [True, False, False]])
+    assert cell_centers(grid, cells).tolist() == [[0.25, 4.25], [-0.75, 4.75]]
+    for column, row in ((2, 0), (0, 1)):
+        assert grid.center_of(column, row) == (grid.x_centers[column], grid.y_centers[row])
+
+
+def test_cells_are_connected_by_steps_in_x_and_y_and_not_over_corners() -> None:
+    found = connected_to(0, 0, WALLED)
+    assert found.tolist() == [[True, True, False, False]] * 2 + [[False] * 4] * 2
+    assert connected_to(3, 1, WALLED).tolist() == (WALLED & ~found).tolist()
+
+
+@pytest.mark.parametrize(("column", "row"), [(2, 0), (-1, 0), (0, 4), (4, 0)])
+def test_nothing_is_connected_to_a_cell_that_is_not_set_or_off_the_grid(column: int, row: int) -> None:
+    assert not connected_to(column, row, WALLED).any()
+
+
+def test_a_window_holds_its_rectangle_in_whole_cells() -> None:
+    window = MapWindow.around_origin(8.0, 6.15, 0.05).empty()
+    assert (window.width, window.height, window.origin) == (160, 124, (-4.0, pytest.approx(-3.1)))
+    assert (window.data == -1).all()
+
+
+def test_a_window_cuts_what_reaches_beyond_it_and_pads_what_does_not_fill_it() -> None:
+    window = MapWindow(column=-1, row=0, width=4, height=2, resolution_m=0.5)
+    rows = [[100, 100, 100], [-1, 100, 100], [100, 0, 100]]
+    cut = window.cut(OccupancyGrid(np.array(rows[::-1], dtype=np.int8), 0.5, (0.5, -0.5)))
+    assert cut.origin == (-0.5, 0.0)
+    assert cut.data.tolist() == [[-1, -1, -1, 100], [-1, -1, 100, 100]]
+    far = OccupancyGrid(np.array([[100]], dtype=np.int8), 0.5, (9.0, 9.0))
+    assert (window.cut(far).data == -1).all()
