@@ -1,10 +1,19 @@
-"""The real command, in a process of its own."""
+"""The command line as a user gives it: in this process where that is enough, else in one of its own."""
 
+import contextlib
 import csv
+import io
+import logging
 import os
+import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from unittest import mock
+
+from midnet_bench.cli import main
 
 REPOSITORY = Path(__file__).parents[2]
 MAP_KEYS = {
@@ -18,10 +27,65 @@ MAP_KEYS = {
 """a map of Map 1's size, which ``map.pgm`` beside it has the cells of"""
 
 
-def midnet_bench(*arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:
+@dataclass(frozen=True)
+class Done:
+    """How a command ended."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def midnet_bench(*arguments: object, folder: Path) -> Done:
+    """``midnet-bench`` in this process, which is as it was afterwards; an escaping exception is a failure."""
+    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", newline="") for _ in range(2))
+    argv = ["midnet-bench", *map(str, arguments)]
+    with (
+        _process_left_as_it_is(),
+        contextlib.chdir(folder),
+        mock.patch.dict(os.environ, {"NO_COLOR": "1"}),
+        mock.patch.object(sys, "argv", argv),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        code: object = 0
+        try:
+            main()
+        except SystemExit as ended:
+            code = ended.code
+    assert isinstance(code, int | None), code
+    return Done(code or 0, _written(out), _written(err))
+
+
+def in_its_own_process(
+    *arguments: object, folder: Path, environment: dict[str, str] | None = None
+) -> subprocess.CompletedProcess[str]:
+    """``python -m midnet_bench``: for what only a whole process can show."""
     command = [sys.executable, "-m", "midnet_bench", *map(str, arguments)]
-    environment = {**os.environ, "NO_COLOR": "1", "PYTHONPATH": str(REPOSITORY)}
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
+    variables = {**os.environ, "NO_COLOR": "1", "PYTHONPATH": str(REPOSITORY), **(environment or {})}
+    return subprocess.run(command, cwd=folder, env=variables, capture_output=True, text=True, timeout=300)
+
+
+@contextlib.contextmanager
+def _process_left_as_it_is() -> Iterator[None]:
+    """Signals and logging after this are what they were before."""
+    handler = signal.getsignal(signal.SIGINT)
+    loggers = [logging.getLogger(name) for name in (None, "midnet_bench")]
+    logging_before = [(logger, logger.level, list(logger.handlers)) for logger in loggers]
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        for logger, level, handlers in logging_before:
+            logger.setLevel(level)
+            logger.handlers[:] = handlers
+
+
+def _written(stream: io.TextIOWrapper) -> str:
+    stream.flush()
+    buffer = stream.buffer
+    assert isinstance(buffer, io.BytesIO)
+    return buffer.getvalue().decode()
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -29,7 +93,7 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def one_line_of_complaint(done: subprocess.CompletedProcess[str]) -> str:
+def one_line_of_complaint(done: Done | subprocess.CompletedProcess[str]) -> str:
     """What a command says to wrong input: exit code 2, and one line on stderr, which comes back."""
     assert done.returncode == 2, done.stderr
     assert "Traceback" not in done.stderr

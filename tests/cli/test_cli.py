@@ -10,7 +10,14 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.cli.command import MAP_KEYS, REPOSITORY, midnet_bench, one_line_of_complaint, rows
+from tests.cli.command import (
+    MAP_KEYS,
+    REPOSITORY,
+    in_its_own_process,
+    midnet_bench,
+    one_line_of_complaint,
+    rows,
+)
 
 HEADER = "trial,frames,tp,fp,fn,precision,recall,f1"
 
@@ -99,7 +106,14 @@ def test_a_dry_run_of_millions_of_trials_is_quick(tmp_path: Path) -> None:
     assert time.monotonic() - start_s < 30
 
 
-@pytest.mark.parametrize("command", ["parameters", "parameters --json", "--version"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "parameters",
+        pytest.param("parameters --json", marks=pytest.mark.slow),
+        pytest.param("--version", marks=pytest.mark.slow),
+    ],
+)
 @pytest.mark.parametrize(
     ("where", "code", "complaint"),
     [
@@ -117,9 +131,9 @@ def test_an_output_that_cannot_be_written_is_at_most_one_line(
     assert (done.returncode, done.stderr) == (code, complaint)
 
 
-def test_letters_that_the_output_lacks_cost_no_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PYTHONIOENCODING", "ascii")
-    done = midnet_bench("parameters", "detection", folder=REPOSITORY)
+def test_letters_that_the_output_lacks_cost_no_table() -> None:
+    ascii_only = {"PYTHONIOENCODING": "ascii"}
+    done = in_its_own_process("parameters", "detection", folder=REPOSITORY, environment=ascii_only)
     assert (done.returncode, done.stderr) == (0, "")
     assert "frames" in done.stdout
 

@@ -2,7 +2,6 @@
 
 import json
 import math
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,23 +12,18 @@ from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import open_or_create
 from midnet_bench.campaign.trial import TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome, encode_tables
-from midnet_bench.cli import main
+from tests.cli.command import midnet_bench
 
 Command = Callable[..., tuple[int, str, list[str]]]
 
 
 @pytest.fixture
-def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
-    """Runs ``midnet-bench`` in this process: exit code, what it printed, and its lines on stderr."""
+def command(tmp_path: Path) -> Command:
+    """Runs ``midnet-bench`` here: exit code, what it printed, and its lines on stderr."""
 
     def run(*arguments: object) -> tuple[int, str, list[str]]:
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(sys, "argv", ["midnet-bench", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        said = capsys.readouterr()
-        assert isinstance(ended.value.code, int | None)
-        return ended.value.code or 0, said.out, said.err.splitlines()
+        done = midnet_bench(*arguments, folder=tmp_path)
+        return done.returncode, done.stdout, done.stderr.splitlines()
 
     return run
 
