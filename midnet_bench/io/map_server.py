@@ -6,11 +6,8 @@ palette index, where here the palette's colours count. A rotated origin, which m
 ignore in silence, is refused (item 18).
 """
 
-import contextlib
 import io
 import math
-import os
-import re
 import struct
 import warnings
 import zlib
@@ -26,16 +23,15 @@ from PIL import Image
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.checked_yaml import read_yaml
+from midnet_bench.io.files import write_atomically
 
-_BLANK = rb"(?:\s|#[^\r\n]*[\r\n])+"
-_PGM_HEADER = re.compile(rb"P[25]" + (_BLANK + rb"(\d{1,9})") * 3 + rb"\s")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def read_image(path: Path, key: str) -> npt.NDArray[np.uint8]:
     """A PGM (plain or binary) or PNG as (height, width, channels) uint8, row 0 at the top.
 
-    Deeper pixels are brought to 8 bits. ``key`` says in errors who asked for the image. Raises
+    Other depths are brought to 8 bits. ``key`` says in errors who asked for the image. Raises
     InputError when the image is missing, of another kind, too large, or not whole.
     """
     where = f"{key}: {path}"
@@ -45,34 +41,31 @@ def read_image(path: Path, key: str) -> npt.NDArray[np.uint8]:
         raise InputError(f"{where}: cannot be read: {error.strerror}") from error
     except ValueError as error:
         raise InputError(f"{key}: {str(path)!r}: cannot be read: no file can have this name") from error
-    if data[:2] in (b"P2", b"P5"):
-        return _read_pgm(data, where)[:, :, np.newaxis]
-    if not data.startswith(_PNG_SIGNATURE):
+    is_png = data.startswith(_PNG_SIGNATURE)
+    if not is_png and data[:2] not in (b"P2", b"P5"):
         raise InputError(f"{where}: not a PGM (P2, P5) or PNG image")
-    return _read_png(data, where)
-
-
-def _read_png(data: bytes, where: str) -> npt.NDArray[np.uint8]:
     damaged = InputError(f"{where}: the image is truncated or damaged; save it again")
     try:
         with warnings.catch_warnings():
             # Pillow warns at half of the size that it refuses
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            image = Image.open(io.BytesIO(data), formats=["PNG"])
-            # Pillow paints what is missing black
-            if not _png_is_whole(data):
+            image = Image.open(io.BytesIO(data), formats=["PNG" if is_png else "PPM"])
+            if is_png and not _png_is_whole(data):
                 raise damaged
             return _pixels(image)
     except Image.DecompressionBombError as error:
-        width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
-        raise InputError(f"{where}: {width} x {height} pixels are too many for a map") from error
+        raise InputError(f"{where}: too many pixels for a map; cut or shrink the image") from error
     # what Pillow raises of damaged files, and of texts in them that unpack to far too much
     except (OSError, IndexError, SyntaxError, ValueError, struct.error, zlib.error) as error:
         raise damaged from error
 
 
 def _png_is_whole(data: bytes) -> bool:
-    """Whether all chunks to the last are there with the checksums that they claim, and enough pixels."""
+    """Whether all chunks to the last are there with the checksums that they claim, and enough pixels.
+
+    Pillow paints rows that are missing black, which would be walls. OpenCV refuses such files, but libpng
+    then prints its own words on the process's standard error.
+    """
     position = len(_PNG_SIGNATURE)
     packed = []
     kind = b""
@@ -102,32 +95,6 @@ def _pixels(image: Image.Image) -> npt.NDArray[np.uint8]:
         return np.atleast_3d(np.asarray(image.convert("L")))
     has_alpha = image.mode in ("LA", "RGBA") or "transparency" in image.info
     return np.asarray(image.convert("RGBA" if has_alpha else "RGB"))
-
-
-def _read_pgm(data: bytes, where: str) -> npt.NDArray[np.uint8]:
-    header = _PGM_HEADER.match(data)
-    if header is None:
-        raise InputError(f"{where}: a PGM needs width, height and maximum in its header, of 9 digits at most")
-    width, height, maximum = (int(field) for field in header.groups())
-    if width < 1 or height < 1 or not 1 <= maximum <= 65535:
-        raise InputError(f"{where}: a PGM of {width} x {height} pixels and maximum {maximum} cannot be read")
-    body, count = data[header.end() :], width * height
-    if data[:2] == b"P5":
-        depth = np.dtype(np.uint8 if maximum < 256 else ">u2")
-        present, needed, unit = len(body), count * depth.itemsize, "bytes"
-        values = np.frombuffer(body, depth, count).astype(np.int64) if present >= needed else None
-    else:
-        tokens = re.sub(rb"#[^\r\n]*", b"", body).split()
-        present, needed, unit = len(tokens), count, "pixels"
-        try:
-            values = np.array([int(token) for token in tokens[:count]]) if present >= needed else None
-        except ValueError as error:
-            raise InputError(f"{where}: a plain PGM holds whole numbers only") from error
-    if values is None:
-        raise InputError(f"{where}: the image is truncated: {present} of {needed} {unit}; save it again")
-    if values.min() < 0 or values.max() > maximum:
-        raise InputError(f"{where}: a pixel is outside 0 to {maximum}, the PGM's own maximum")
-    return (values * 255 // maximum).astype(np.uint8).reshape(height, width)
 
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -301,8 +268,8 @@ def save_map(grid: OccupancyGrid, yaml_path: Path, occ: int = 65, free: int = 25
         f"origin: [{grid.origin[0]:.6f}, {grid.origin[1]:.6f}, {0.0:.6f}]\n"
         "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
-    _replace(image, header.encode() + pixels[::-1].tobytes())
-    _replace(yaml_path, text.encode())
+    write_atomically(image, header.encode() + pixels[::-1].tobytes())
+    write_atomically(yaml_path, text)
 
 
 def save_binary_map(grid: OccupancyGrid, yaml_path: Path) -> None:
@@ -313,18 +280,3 @@ def save_binary_map(grid: OccupancyGrid, yaml_path: Path) -> None:
     if grid.data.dtype != np.uint8:
         raise ValueError(f"a binary grid is uint8, this one is {grid.data.dtype}")
     save_map(grid.with_data(np.where(grid.data == 0, 100, 0).astype(np.int8)), yaml_path)
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """Write a file under another name and put it in place when it is whole."""
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from error

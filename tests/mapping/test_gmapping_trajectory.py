@@ -1,14 +1,10 @@
-"""Trajectories on disk, and their error by hand-checked relations."""
+"""The error of a trajectory by hand-checked relations."""
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 from benchmarks.relations import (
     Relation,
@@ -18,34 +14,7 @@ from benchmarks.relations import (
 )
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.io.trajectory import Trajectory, read_tum, write_tum
-
-
-def test_a_tum_line_by_hand(tmp_path: Path) -> None:
-    path = tmp_path / "a.tum"
-    write_tum(Trajectory(np.array([976052890.244111]), np.array([[1.5, -2.0, math.pi / 2]])), path)
-    values = [float(word) for word in path.read_text(encoding="utf-8").splitlines()[-1].split()]
-    assert values == pytest.approx([976052890.244111, 1.5, -2.0, 0, 0, 0, math.sqrt(0.5), math.sqrt(0.5)])
-
-
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(poses=arrays(np.float64, (4, 3), elements=st.floats(-3.1, 3.1)))
-def test_a_tum_file_comes_back(tmp_path: Path, poses: np.ndarray[Any, np.dtype[np.float64]]) -> None:
-    path = tmp_path / "b.tum"
-    written = Trajectory(np.array([0.0, 1.25, 1.5, 976052890.244111]), poses)
-    write_tum(written, path)
-    read = read_tum(path)
-    assert read.stamps_s == pytest.approx(written.stamps_s, abs=1e-6)
-    assert read.poses == pytest.approx(written.poses, abs=1e-8)
-
-
-@pytest.mark.parametrize("line", ["1 2 3", "1 2 3 0 0 0 nan 1", "1 2 3 0 0 0 zero 1", "1 2 3 0 0 0 0 1 9"])
-def test_a_bad_tum_line_is_named(tmp_path: Path, line: str) -> None:
-    path = tmp_path / "c.tum"
-    path.write_text(f"# header\n1 2 3 0 0 0 0 1\n{line}\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"c\.tum:3: "):
-        read_tum(path)
-
+from midnet_bench.io.trajectory import Trajectory
 
 ODOMETRY = Trajectory(
     np.array([0.0, 1.0, 2.0, 3.0, 4.0]),

@@ -166,7 +166,7 @@ def test_other_kinds_of_png(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (png(0, 8, [b"\0"], says=(100_000, 100_000)), "100000 x 100000 pixels are too many"),
+        (png(0, 8, [b"\0"], says=(100_000, 100_000)), "too many pixels for a map"),
         (png(0, 8, [b"\0"], says=(12_000, 12_000)), "truncated or damaged"),
         (png(0, 8, [b"\0"], says=(0, 1)), "truncated or damaged"),
         (png(0, 8, [b"\0"], says=(1, 2)), "truncated or damaged"),
@@ -192,11 +192,13 @@ def test_headers_and_depths_of_pgm(tmp_path: Path) -> None:
     )  # the pixels may look like a comment
     assert load_map(yaml_path).data.tolist() == [[35, 33]]
     image.write_bytes(b"P2\n# plain\n3 2\n100\n0 50 100 # last of a row\n100\n50 0\n")
-    assert load_map(yaml_path).data[::-1].view(np.uint8).tolist() == [[0, 127, 255], [255, 127, 0]]
+    assert load_map(yaml_path).data[::-1].view(np.uint8).tolist() == [[0, 128, 255], [255, 128, 0]]
     image.write_bytes(b"P5\n2 1\n65535\n" + bytes([0, 255, 255, 255]))
     assert load_map(yaml_path).data.view(np.uint8).tolist() == [[0, 255]]
     image.write_bytes(b"P5\n2 1\n255\n" + bytes([1, 2, 3, 4]))  # what follows the image is not of it
     assert load_map(yaml_path).data.tolist() == [[1, 2]]
+    image.write_bytes(b"P5\n2 1\n100\n" + bytes([100, 255]))  # brighter than its own white is white
+    assert load_map(yaml_path).data.view(np.uint8).tolist() == [[255, 255]]
 
 
 @pytest.mark.parametrize(
@@ -262,17 +264,19 @@ def test_yaml_that_is_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"P5\n4 4\n255\n" + bytes(15), "the image is truncated: 15 of 16 bytes"),
-        (b"P5\n4 4\n1000\n" + bytes(31), "the image is truncated: 31 of 32 bytes"),
-        (b"P5\n400000 400000\n255\n", "the image is truncated: 0 of 160000000000 bytes"),
-        (b"P2\n2 2\n255\n1 2 3", "the image is truncated: 3 of 4 pixels"),
-        (b"P2\n2 1\n255\n1 x", "whole numbers only"),
-        (b"P2\n2 1\n255\n1 256", "a pixel is outside 0 to 255"),
-        (b"P5\n2 1\n100\n\x01\xff", "a pixel is outside 0 to 100"),
-        (b"P5\n4 4\n", "needs width, height and maximum"),
-        (b"P5\n" + b"9" * 5000 + b" 4\n255\n", "needs width, height and maximum in its header, of 9 digits"),
-        (b"P5\n0 4\n255\n", "0 x 4 pixels"),
-        (b"P5\n1 1\n65536\n\0\0\0", "maximum 65536"),
+        (b"P5\n4 4\n255\n" + bytes(15), "truncated or damaged"),
+        (b"P5\n4 4\n1000\n" + bytes(31), "truncated or damaged"),
+        (b"P5\n12000 12000\n255\n", "truncated or damaged"),
+        (b"P5\n400000 400000\n255\n", "too many pixels for a map"),
+        (b"P2\n2 2\n255\n1 2 3", "truncated or damaged"),
+        (b"P2\n2 1\n255\n1 x", "truncated or damaged"),
+        (b"P2\n2 1\n255\n1 -1", "truncated or damaged"),
+        (b"P2\n2 1\n255\n1 256", "truncated or damaged"),
+        (b"P5\n4 4\n", "truncated or damaged"),
+        (b"P5\n" + b"9" * 5000 + b" 4\n255\n", "truncated or damaged"),
+        (b"P5\n0 4\n255\n", "truncated or damaged"),
+        (b"P5\n1 1\n65536\n\0\0\0", "truncated or damaged"),
+        (b"P5\n1 1\n0\n\0", "truncated or damaged"),
         (b"P6\n1 1\n255\n\0\0\0", "not a PGM"),
         (b"", "not a PGM"),
     ],
@@ -372,8 +376,6 @@ def test_numbers_as_yaml_1_1_writes_them(tmp_path: Path) -> None:
 
 def test_failed_save_is_one_line_and_leaves_the_old_map(tmp_path: Path) -> None:
     grid = OccupancyGrid(np.zeros((1, 1), np.int8), 0.05, (0.0, 0.0))
-    with pytest.raises(InputError, match="cannot be written: No such file"):
-        save_map(grid, tmp_path / "nowhere" / "map.yaml")
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written: Not a directory"):
         save_map(grid, tmp_path / "file" / "map.yaml")
@@ -385,7 +387,7 @@ def test_failed_save_is_one_line_and_leaves_the_old_map(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"map\.yaml: cannot be written"):
         save_map(grid, tmp_path / "map.yaml")
     assert (tmp_path / "map.pgm").read_bytes() == before
-    assert not list(tmp_path.glob("*.tmp"))
+    assert {path.name for path in tmp_path.iterdir()} == {"file", "map.pgm", "map.yaml"}
 
 
 @pytest.mark.parametrize(("occ", "free"), [(65, 65), (25, 65), (101, 25), (65, -1), (0, 0)])

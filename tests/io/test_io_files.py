@@ -1,0 +1,78 @@
+"""A file is there in full or not at all, and a full disk is no wrong input."""
+
+import os
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from midnet_bench.errors import InputError, MidnetBenchError
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.io.files import draft_of, write_atomically
+from midnet_bench.io.map_server import save_map
+from midnet_bench.io.trajectory import Trajectory, write_tum
+
+
+@pytest.fixture
+def full_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk without a free byte."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", str(disk)]
+    if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode:
+        pytest.skip("mounting a small disk needs root")
+    (disk / "ballast").write_bytes(bytes(16384))
+    yield disk
+    subprocess.run(["umount", str(disk)], check=True)
+
+
+def save_a_map(folder: Path) -> None:
+    save_map(OccupancyGrid(np.zeros((100, 100), np.int8), 0.05, (0.0, 0.0)), folder / "map.yaml")
+
+
+def save_a_trajectory(folder: Path) -> None:
+    write_tum(Trajectory(np.zeros(1), np.zeros((1, 3))), folder / "map.tum")
+
+
+@pytest.mark.parametrize("save", [save_a_map, save_a_trajectory])
+def test_a_full_disk_ends_with_1_and_leaves_nothing_behind(full_disk: Path, save) -> None:
+    with pytest.raises(
+        MidnetBenchError, match=r"map\.\w+: cannot be written: No space .*; make room"
+    ) as caught:
+        save(full_disk)
+    assert not isinstance(caught.value, InputError)
+    assert caught.value.exit_code == 1
+    assert [path.name for path in full_disk.iterdir()] == ["ballast"]
+
+
+def test_the_folder_of_a_file_is_made(tmp_path: Path) -> None:
+    write_atomically(tmp_path / "new" / "folder" / "a.txt", "one\n")
+    assert (tmp_path / "new" / "folder" / "a.txt").read_text() == "one\n"
+
+
+def test_what_fails_half_way_leaves_the_old_file_and_no_draft(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    write_atomically(path, "old")
+
+    def write_half() -> None:
+        with draft_of(path) as draft:
+            draft.write_text("half of the ne")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        write_half()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_place_that_cannot_be_written_is_wrong_input(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written: Not a directory; its folder must be") as caught:
+        write_atomically(tmp_path / "file" / "a.txt", "text")
+    assert caught.value.exit_code == 2
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(InputError, match="cannot be written: Is a directory"):
+        write_atomically(tmp_path / "folder", "text")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]

@@ -1,0 +1,62 @@
+"""A recorded log becomes a map."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from gmapping_room import ROOM, ROUND_TRIP, drive
+
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
+from midnet_bench.io.scan_logs import half_circle, read_scan_log
+from midnet_bench.mapping.gmapping.filter import GMapping
+from midnet_bench.mapping.log_mapping import map_log, map_scans
+
+
+def written(tmp_path: Path, *lines: str) -> Path:
+    path = tmp_path / "some.log"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def test_a_log_whose_ranges_say_nothing_where_the_robot_moved(tmp_path: Path) -> None:
+    lines = ["0 0 0 0 3 0 0 90", "1 0 0 0 3 0 0 90", "2 0 0 0 3 1 2 90"]
+    with pytest.raises(InputError, match="no range of the scans after which the robot moved"):
+        map_log(written(tmp_path, *lines), particles=1)
+
+
+def test_a_log_becomes_a_map_and_the_same_seed_the_same_bytes(tmp_path: Path) -> None:
+    lidar = half_circle(180)
+    journey = drive(ROOM, lidar, Pose2D(1.0, 1.0, 0.0), ROUND_TRIP[:3], np.random.default_rng(5))
+    lines = []
+    for k in range(0, len(journey.stamps_s), 2):
+        ranges = " ".join(f"{r:.2f}" for r in journey.ranges_m[k])
+        x, y, yaw = journey.odometry[k]
+        lines.append(f"{journey.stamps_s[k]:.6f} {x} {y} {yaw} 180 {ranges}")
+    lines[5] = " ".join([*lines[5].split()[:-1], "nan"])
+    path, seen = written(tmp_path, *lines), []
+    result = map_log(path, particles=10, seed=3, progress=lambda done, total: seen.append((done, total)))
+    looks: list[tuple[int, int]] = []
+
+    def look(done: int, slam: GMapping) -> None:
+        looks.append((done, np.count_nonzero(slam.occupancy().data >= 0)))
+
+    again = map_scans(read_scan_log(path), particles=10, seed=3, look=look)
+
+    assert (looks[0][0], looks[-1][0]) == (1, len(lines))
+    assert looks[0][1] < looks[-1][1] == np.count_nonzero(result.grid.data >= 0)
+    assert seen == [(k, len(lines)) for k in range(1, len(lines) + 1)]
+    assert result.scans == len(lines)
+    assert 20 < len(result.trajectory) < len(lines)
+    assert result.warnings == [
+        f"{path}: 1 of {180 * len(lines)} ranges are NaN or infinite and were left out"
+    ]
+    assert result.grid.data.tobytes() == again.grid.data.tobytes()
+    assert result.trajectory.poses.tobytes() == again.trajectory.poses.tobytes()
+    last = int(np.searchsorted(journey.stamps_s, result.trajectory.stamps_s[-1] - 1e-6))
+    end = result.trajectory.pose(len(result.trajectory) - 1)
+    assert (
+        end.distance_to(journey.truth[last]) < 0.1 < journey.odometry[last].distance_to(journey.truth[last])
+    )
+    column, row = result.grid.cell_at(0.001, 3.0)
+    assert (result.grid.data[row - 5 : row + 5, column - 2 : column + 3] == 100).any(axis=1).mean() > 0.7
