@@ -13,11 +13,7 @@ import pytest
 import yaml
 
 from midnet_bench.io.map_server import load_map
-<<<<<<< HEAD
-from midnet_bench.io.trajectory import read_tum
 from tests.cli.command import midnet_bench, one_line_of_complaint, rows
-=======
->>>>>>> 9e2ceac (End with 1 when a map or a trajectory finds the disk full; read PGM images with Pillow; tests of io and arena in rooms of their own)
 
 ROOM = {
     "name": "two small rooms",

@@ -10,12 +10,6 @@ import pytest
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.io.scan_logs import half_circle, read_scan_log
-<<<<<<< HEAD:tests/mapping/test_gmapping_logs.py
-from midnet_bench.mapping.gmapping.filter import GMapping
-from midnet_bench.mapping.log_mapping import map_log, map_scans
-from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, drive
-=======
->>>>>>> 9e2ceac (End with 1 when a map or a trajectory finds the disk full; read PGM images with Pillow; tests of io and arena in rooms of their own):tests/io/test_io_scan_logs.py
 
 RANGES = ["1.5"] * 179 + ["2.5"]
 FLASER = f"FLASER 180 {' '.join(RANGES)} 1.1 2 0.5 1 2 0.5 100.25 host 0.1"

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from gmapping_room import ROOM, ROUND_TRIP, drive
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.io.scan_logs import half_circle, read_scan_log
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.log_mapping import map_log, map_scans
+from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, drive
 
 
 def written(tmp_path: Path, *lines: str) -> Path:

@@ -5,14 +5,20 @@ import sys
 
 from midnet_bench.errors import MidnetBenchError
 
-# The library greets every process that loads it from C, past sys.stderr, in the middle of a progress bar.
+
+class PyBulletMissingError(MidnetBenchError, ImportError):
+    """PyBullet is not installed; an ImportError too, so that programs may look for it as for any package."""
+
+
+# The library prints its build time from C, past sys.stderr, in every process that loads it: in the middle of
+# a progress bar. File descriptor 2 is closed to it for as long as the import takes, and only for the first.
 sys.stderr.flush()
 _stderr, _nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
 os.dup2(_nowhere, 2)
 try:
     import pybullet as bullet
 except ImportError as error:
-    raise MidnetBenchError(
+    raise PyBulletMissingError(
         "PyBullet is not installed: simulating needs it, and its ready-made wheels end at CPython 3.11 "
         "(use Python 3.11 and install again)"
     ) from error
@@ -21,4 +27,4 @@ finally:
     os.close(_stderr)
     os.close(_nowhere)
 
-__all__ = ["bullet"]
+__all__ = ["PyBulletMissingError", "bullet"]
