@@ -1,24 +1,33 @@
 """Trials on a Dask cluster, through joblib's Dask backend. Needs the extra ``midnet-bench[dask]``."""
 
 import asyncio
+import contextlib
 import logging
+import threading
+import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from importlib import metadata
 
 import joblib
 
 from midnet_bench.campaign.pools import WorkersLost, abandoning_quietly
-from midnet_bench.campaign.trial import TrialSpec
-from midnet_bench.campaign.worker import Outcome, RunTrial, attempt
+from midnet_bench.campaign.trial import RunTrial, TrialSpec
+from midnet_bench.campaign.worker import Outcome, attempt
 from midnet_bench.errors import InputError, MidnetBenchError
 
 try:
     import distributed
+
+    # private to joblib, which pyproject.toml bounds for it
     from joblib._dask import DaskDistributedBackend
 except ImportError as error:
     raise InputError("--backend dask needs Dask's scheduler: pip install 'midnet-bench[dask]'") from error
 
 CONNECT_TIMEOUT_S = 5
+POLL_S = 0.5
+"""how often the cluster is asked for its workers"""
+TELL_AFTER_S = 2.0
+"""without any worker; one that died is started again in less"""
 
 
 class _Backend(DaskDistributedBackend):  # type: ignore[misc]
@@ -47,12 +56,17 @@ class DaskPool:
 
     Workers may come and go; while there are none, trials wait.
 
+    Args:
+        scheduler: its address, such as ``tcp://127.0.0.1:8786``.
+        note: is told, in one line, when the trials begin to wait for a worker.
+
     Raises:
-        InputError: nobody answers at the address, or the workers lack this version of midnet-bench.
+        InputError: no scheduler answers at the address, or the workers lack this version of midnet-bench.
     """
 
-    def __init__(self, scheduler: str) -> None:
+    def __init__(self, scheduler: str, note: Callable[[str], None]) -> None:
         self._scheduler = scheduler
+        self._note = note
         self._logger = logging.getLogger("distributed.client")
         self._log_level = self._logger.level
         try:
@@ -70,14 +84,21 @@ class DaskPool:
             scheduler, timeout=CONNECT_TIMEOUT_S, set_as_default=False
         )
         try:
+            self._check_versions()
+        except BaseException:
+            self.close()
+            raise
+
+    def _check_versions(self) -> None:
+        """Raises InputError if a worker has another midnet-bench: it would fail in its first trial."""
+        try:
             versions = set(self._client.run(metadata.version, "midnet-bench").values())
         except metadata.PackageNotFoundError:
             versions = {"none"}
         here = metadata.version("midnet-bench")
-        if versions - {here}:  # without the package they would die of the first trial
-            self.close()
+        if versions - {here}:
             raise InputError(
-                f"--scheduler {scheduler}: its workers have midnet-bench {', '.join(sorted(versions))},"
+                f"--scheduler {self._scheduler}: its workers have midnet-bench {', '.join(sorted(versions))},"
                 f" here it is {here}; install the same one there"
             )
 
@@ -92,26 +113,68 @@ class DaskPool:
                 in_flight[spec.trial_id] = ""
                 yield joblib.delayed(attempt)(run_trial, spec, limit_s, None)
 
-        backend = _Backend(client=self._client, wait_for_workers_timeout=CONNECT_TIMEOUT_S)
-        with joblib.parallel_config(backend=backend, n_jobs=-1):
-            parallel = joblib.Parallel(
-                pre_dispatch=1 if one_at_a_time else "2 * n_jobs",
-                batch_size=1,
-                return_as="generator_unordered",
-            )
-            try:
-                for outcome in abandoning_quietly(parallel(tasks())):
-                    in_flight.pop(outcome.trial_id)
-                    yield outcome
-            except distributed.KilledWorker as error:
-                raise WorkersLost(str(error), in_flight) from error
-            except TimeoutError as error:
-                raise InputError(f"--scheduler {self._scheduler}: the scheduler has no workers") from error
-            except Exception as error:
-                raise MidnetBenchError(
-                    f"--scheduler {self._scheduler}: the cluster cannot go on: {type(error).__name__}:"
-                    f" {' '.join(str(error).split())}; the same command resumes"
-                ) from error
+        try:
+            with self._telling_when_there_are_no_workers():
+                self._wait_for_a_worker()
+                # with a time-out, joblib would end the campaign when it finds no worker for so long
+                backend = _Backend(client=self._client, wait_for_workers_timeout=0)
+                with joblib.parallel_config(backend=backend, n_jobs=-1):
+                    parallel = joblib.Parallel(
+                        pre_dispatch=1 if one_at_a_time else "2 * n_jobs",
+                        batch_size=1,
+                        return_as="generator_unordered",
+                    )
+                    for outcome in abandoning_quietly(parallel(tasks())):
+                        in_flight.pop(outcome.trial_id)
+                        yield outcome
+        except distributed.KilledWorker as error:
+            raise WorkersLost(str(error), in_flight) from error
+        except MidnetBenchError:
+            raise
+        except Exception as error:
+            raise MidnetBenchError(
+                f"--scheduler {self._scheduler}: the cluster stopped working: {type(error).__name__}:"
+                f" {' '.join(str(error).split())}; run the same command again to continue"
+            ) from error
+
+    def _has_workers(self) -> bool:
+        return bool(self._client.ncores())  # type: ignore[no-untyped-call]
+
+    def _wait_for_a_worker(self) -> None:
+        """Returns when there is one. joblib keeps as many trials in flight as there are workers by then."""
+        if not self._has_workers():
+            while not self._has_workers():
+                time.sleep(POLL_S)
+            self._check_versions()
+
+    @contextlib.contextmanager
+    def _telling_when_there_are_no_workers(self) -> Iterator[None]:
+        """Notes it once each time that the last worker has gone, for as long as this is open."""
+        is_over = threading.Event()
+
+        def watch() -> None:
+            absent_since_s: float | None = None
+            was_told = False
+            with contextlib.suppress(Exception):  # of a cluster that is lost: the main thread meets it too
+                while not is_over.wait(POLL_S):
+                    if self._has_workers():
+                        absent_since_s, was_told = None, False
+                    elif absent_since_s is None:
+                        absent_since_s = time.monotonic()
+                    elif not was_told and time.monotonic() - absent_since_s > TELL_AFTER_S:
+                        was_told = True
+                        self._note(
+                            f"--scheduler {self._scheduler}: no workers there; the trials wait for one"
+                            " (Ctrl-C stops, and the same command continues)"
+                        )
+
+        thread = threading.Thread(target=watch, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            is_over.set()
+            thread.join(CONNECT_TIMEOUT_S)
 
     def close(self) -> None:
         """Leaves the cluster, which drops what it was still running for us."""

@@ -67,7 +67,7 @@ def open_existing(path: Path) -> sqlite3.Connection:
     """
     with explained(path):
         connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", 30, isolation_level=None, uri=True)
-        # a damaged letter is for whoever reads the text to find, with the trial's name at hand
+        # invalid UTF-8 is reported by the reader of the text, which knows the trial's id
         connection.text_factory = lambda text: text.decode(errors="replace")
         with _closed_on_error(connection):
             _check(connection, path)
@@ -169,7 +169,7 @@ def explained(path: Path) -> Iterator[None]:
         if code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
             raise StoreFull(
                 f"{path}: cannot be written ({error}); what was stored is intact:"
-                " make room and give the same command again"
+                " make room and run the same command again to continue"
             ) from error
         if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR):
             raise InputError(

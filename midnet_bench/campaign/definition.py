@@ -1,18 +1,81 @@
-"""What a store was made for, and how much of it another campaign may change."""
+"""A campaign: an experiment, a grid of its parameters, and how many trials each cell of the grid gets.
 
+A :class:`Campaign` is what a user wrote. :func:`resolve` checks each cell against the experiment, once, and
+gives a :class:`ResolvedCampaign`, which is what runs. A :class:`Definition` is what the store keeps of it.
+"""
+
+import itertools
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Protocol
 
-from pydantic import TypeAdapter
+from pydantic import BaseModel, Field, PrivateAttr, Strict, TypeAdapter, field_validator
 
-from midnet_bench.campaign.spec import Campaign, Experiments, cells
-from midnet_bench.campaign.trial import Scalar
-from midnet_bench.experiments import registry
+from midnet_bench.campaign.trial import RunTrial, Scalar, TrialResult, TrialSpec
+from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.io.checked_yaml import Spec, load_yaml, parse, read_yaml
 
-MOST_SHOWN = 60
-"""characters of a value in a message: an arena taken in from a file is long"""
+MAX_SHOWN_CHARACTERS = 60
+"""of a value in a message: an arena that was read from a file is long"""
+
+
+class Experiments(Protocol):
+    """What the engine asks of the experiments. A module with these two functions is one."""
+
+    def parameters_model(self, experiment: str) -> type[BaseModel]:
+        """The flat model of an experiment's parameters. Raises InputError on an unknown name."""
+
+    def run_trial(self, spec: TrialSpec) -> TrialResult:
+        """One trial; a module-level function, so that other processes can import it."""
+
+
+class Campaign(Spec):
+    """What decides every number of a campaign, as it was written. See ``campaigns/*.yaml`` for examples."""
+
+    experiment: Annotated[str, Strict()]
+    """a name, ``package.module:NAME``, or ``file.py:NAME``"""
+    name: Annotated[str, Strict()] = Field(
+        "campaign", description="the file's name unless given; names its folder"
+    )
+    grid: dict[str, list[Scalar]] = Field(
+        default_factory=dict, description="factor -> values; a cell is one value of each"
+    )
+    trials: Annotated[int, Strict()] = Field(1, ge=1, le=1_000_000, description="seeds per cell")
+    base_seed: Annotated[int, Strict()] = Field(
+        1, ge=0, le=2**53, description="trial k of every cell has seed base_seed + k"
+    )
+    parameters: dict[str, Scalar] = Field(default_factory=dict, description="the same in every cell")
+    trial_timeout_s: float = Field(
+        3600.0, gt=0, le=1e6, description="wall time after which a trial has failed"
+    )
+
+    _source: str = PrivateAttr("campaign")
+    _before_override: "Campaign | None" = PrivateAttr(None)
+
+    @field_validator("name")
+    @classmethod
+    def _names_one_folder(cls, name: str) -> str:
+        if name in ("", ".", "..") or not name.isprintable() or "/" in name or "\\" in name:
+            raise ValueError("the results' folder is named so; give one plain name, such as evening-run")
+        return name
+
+    @field_validator("grid", "parameters", mode="before")
+    @classmethod
+    def _empty_section_is_a_mapping(cls, value: object) -> object:
+        return {} if value is None else value
+
+    @field_validator("grid")
+    @classmethod
+    def _has_values(cls, grid: dict[str, list[Scalar]]) -> dict[str, list[Scalar]]:
+        for factor, values in grid.items():
+            if not values:
+                raise ValueError(f"'{factor}' has no values; give at least one or leave it out")
+        return grid
 
 
 @dataclass(frozen=True)
@@ -20,15 +83,21 @@ class Definition:
     """A campaign with nothing left to defaults, so that its store can be read without the experiments."""
 
     experiment: str
+    """its name; of a reference to a file, the file's name without its folder, such as ``hide.py:HIDE``"""
     base_seed: int
     trials: int
     grid: dict[str, list[Scalar]]
     parameters: dict[str, Scalar]
     """every parameter that is not a factor of the grid, defaults filled in; files by their contents"""
+    experiment_file: str | None = None
+    """where that file is, as seen from the store's folder; None if the experiment is in no such file"""
 
     def to_json(self) -> str:
         """The text that :meth:`from_json` reads."""
-        return json.dumps(asdict(self), separators=(",", ":"))
+        values = asdict(self)
+        if self.experiment_file is None:
+            del values["experiment_file"]
+        return json.dumps(values, separators=(",", ":"))
 
     @classmethod
     def from_json(cls, text: str) -> "Definition":
@@ -44,19 +113,227 @@ class Definition:
         """The factors' values among the ``parameters`` of a trial: which cell it belongs to."""
         return {factor: parameters[factor] for factor in self.grid}
 
+    def reference(self, directory: Path) -> str:
+        """What finds the experiment again: its name, or the reference to its file.
 
-def definition_of(campaign: Campaign, experiments: Experiments = registry) -> Definition:
-    """What ``campaign`` runs, resolved."""
-    resolved = cells(campaign, experiments)
-    grid = {factor: list(dict.fromkeys(cell[factor] for cell in resolved)) for factor in campaign.grid}
-    parameters = {name: _in_all_cells(name, resolved) for name in resolved[0] if name not in grid}
-    return Definition(
-        experiment=campaign.experiment,
-        base_seed=campaign.base_seed,
-        trials=campaign.trials,
-        grid=grid,
-        parameters=parameters,
+        Args:
+            directory: the store's folder.
+        """
+        if self.experiment_file is None:
+            return self.experiment
+        _, name = _file_and_name(self.experiment)
+        return f"{(directory / self.experiment_file).resolve()}:{name}"
+
+
+@dataclass(frozen=True)
+class ResolvedCampaign:
+    """A campaign whose cells are valid, and how to run a trial of it. Made by :func:`resolve`."""
+
+    campaign: Campaign
+    definition: Definition
+    cells: list[dict[str, Scalar]]
+    """every cell's parameters, defaults filled in, the grid's last factor changing fastest"""
+    run_trial: RunTrial
+    """runs one of :meth:`trials`; other processes can import it"""
+
+    def trials(self) -> Iterator[TrialSpec]:
+        """Every trial, seed by seed, so that an interrupted campaign has visited all cells about equally.
+
+        Trial k of each cell has the seed ``base_seed + k``: cells are compared on the same worlds (common
+        random numbers, item 71), because a trial draws its world from its seed and from named axes that
+        leave team size and readings out.
+        """
+        first = self.definition.base_seed
+        for seed in range(first, first + self.definition.trials):
+            for parameters in self.cells:
+                yield TrialSpec(self.definition.experiment, parameters, seed)
+
+    def definition_in(self, directory: Path) -> Definition:
+        """The definition for a store in ``directory``: it tells where the experiment's file is from there."""
+        file, _ = _file_and_name(self.campaign.experiment)
+        if file is None:
+            return self.definition
+        return replace(self.definition, experiment_file=os.path.relpath(file.resolve(), directory.resolve()))
+
+
+def load_campaign(path: str | Path) -> Campaign:
+    """The campaign that a YAML file describes; :func:`resolve` checks its cells.
+
+    Raises:
+        InputError: in one line, naming the file and the key.
+    """
+    path = Path(path)
+    values = read_yaml(path)
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: (top level): a campaign is a mapping with at least the key 'experiment'")
+    campaign = parse_campaign({"name": path.stem, **values}, str(path))
+    file, name = _file_and_name(campaign.experiment)
+    if file is None:
+        return campaign
+    # a file is given as seen from the campaign's, whatever the working folder is
+    return campaign.model_copy(update={"experiment": f"{(path.parent / file).resolve()}:{name}"})
+
+
+def parse_campaign(values: Mapping[str, object], source: str) -> Campaign:
+    """``values`` as a campaign; messages about it, also those of :func:`resolve`, begin with ``source``.
+
+    Raises:
+        InputError: in one line, naming the key.
+    """
+    campaign = parse(Campaign, values, source)
+    campaign._source = source
+    return campaign
+
+
+def override(
+    campaign: Campaign,
+    settings: Mapping[str, Scalar],
+    *,
+    trials: int | None = None,
+    base_seed: int | None = None,
+) -> Campaign:
+    """``campaign`` with settings of the command line on top; a factor of the grid narrows to one value.
+
+    Raises:
+        InputError: ``trials`` or ``base_seed`` is out of range. The settings are :func:`resolve`'s to check.
+    """
+    values = campaign.model_dump()
+    for key, value in settings.items():
+        if key in values["grid"]:
+            values["grid"][key] = [value]
+        else:
+            values["parameters"][key] = value
+    values["trials"] = campaign.trials if trials is None else trials
+    values["base_seed"] = campaign.base_seed if base_seed is None else base_seed
+    changed = parse_campaign(values, "command line")
+    changed._before_override = campaign
+    return changed
+
+
+def parse_settings(settings: Iterable[str], map_file: Path | None = None) -> dict[str, Scalar]:
+    """``["capture=contact", "frames=200"]`` as a mapping, values read as YAML scalars.
+
+    Args:
+        settings: what ``--set`` gave.
+        map_file: what ``--map`` gave, which is short for ``prior_map``.
+
+    Raises:
+        InputError: no ``=``, no key, a key given twice or known as another option, or no scalar.
+    """
+    parsed: dict[str, Scalar] = {}
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        key = key.strip()
+        option = f"--set {setting}" if len(setting) <= 60 else f"--set {setting[:57]}..."
+        if not equals or not key:
+            raise InputError(f"{option}: expected key=value")
+        if key in parsed:
+            raise InputError(f"{option}: '{key}' is set twice")
+        if key == "seed":
+            raise InputError(f"{option}: the seed is no parameter; give it by --seed")
+        value = load_yaml(text, option)
+        if not isinstance(value, str | int | float | bool | None):
+            raise InputError(f"{option}: the value must be one number, word or true/false")
+        parsed[key] = value
+    if map_file is not None:
+        if "prior_map" in parsed:
+            raise InputError(
+                f"--map {map_file}: --set prior_map={parsed['prior_map']} too; give one of the two"
+            )
+        parsed["prior_map"] = str(map_file)
+    return parsed
+
+
+def resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
+    """What ``campaign`` runs: every cell checked by its experiment, each of them once.
+
+    Raises:
+        InputError: in one line, naming where the campaign comes from and the key: the experiment or one of
+            its parameters is unknown, a cell is not valid, or two cells are the same.
+    """
+    try:
+        return _resolve(campaign, experiments)
+    except InputError:
+        if campaign._before_override is not None:  # a fault that was there before is the file's
+            resolve(campaign._before_override, experiments)
+        raise
+
+
+def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
+    source = campaign._source
+    try:
+        model = experiments.parameters_model(campaign.experiment)
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from error
+    _check_keys(campaign, model)
+    file, name = _file_and_name(campaign.experiment)
+    identity = campaign.experiment if file is None else f"{file.name}:{name}"
+    products = [
+        dict(zip(campaign.grid, values, strict=True)) for values in itertools.product(*campaign.grid.values())
+    ]
+    try:
+        cells = [_cell(campaign, model, product) for product in products]
+    except InputError:
+        # no fault of a cell if the parameters that all cells share are wrong by themselves
+        parse(model, campaign.parameters, f"{source}: parameters")
+        raise
+    seen: set[str] = set()
+    for product, cell in zip(products, cells, strict=True):
+        trial_id = TrialSpec(identity, cell, 0).trial_id
+        if trial_id in seen:
+            raise InputError(f"{source}: grid: the cell {_shown_cell(product)} is there twice")
+        seen.add(trial_id)
+    grid = {factor: list(dict.fromkeys(cell[factor] for cell in cells)) for factor in campaign.grid}
+    return ResolvedCampaign(
+        campaign=campaign,
+        definition=Definition(
+            experiment=identity,
+            base_seed=campaign.base_seed,
+            trials=campaign.trials,
+            grid=grid,
+            parameters={name: _in_all_cells(name, cells) for name in cells[0] if name not in grid},
+        ),
+        cells=cells,
+        run_trial=experiments.run_trial
+        if file is None
+        else partial(_run_from_file, experiments.run_trial, campaign.experiment),
     )
+
+
+def _check_keys(campaign: Campaign, model: type[BaseModel]) -> None:
+    """Raises InputError unless every key is a parameter of the experiment, and given in one place."""
+    known = model.model_fields
+    for section in ("grid", "parameters"):
+        for key in getattr(campaign, section):
+            if key not in known:
+                raise InputError(
+                    f"{campaign._source}: {section}.{key}: unknown key{nearest_name(key, known)}"
+                )
+    twice = sorted(set(campaign.grid) & set(campaign.parameters))
+    if twice:
+        raise InputError(
+            f"{campaign._source}: parameters.{twice[0]}: also a factor of the grid; keep one of the two"
+        )
+
+
+def _cell(campaign: Campaign, model: type[BaseModel], product: dict[str, Scalar]) -> dict[str, Scalar]:
+    """The parameters of a cell, defaults filled in."""
+    source = f"{campaign._source}: cell {_shown_cell(product)}"
+    checked = parse(model, {**campaign.parameters, **product}, source)
+    parameters: dict[str, Scalar] = checked.model_dump(mode="json")
+    # a model may leave a default out, but what the grid varies tells the cells apart
+    return parameters | {key: getattr(checked, key) for key in product if key not in parameters}
+
+
+def _run_from_file(run_trial: RunTrial, reference: str, spec: TrialSpec) -> TrialResult:
+    """A trial whose experiment is in a file: its spec has the file's name alone, the same on any machine."""
+    return run_trial(replace(spec, experiment=reference))
+
+
+def _file_and_name(experiment: str) -> tuple[Path | None, str]:
+    """The file and the name inside it that a reference such as ``hide.py:HIDE`` gives; else no file."""
+    file, colon, name = experiment.rpartition(":")
+    return (Path(file), name) if colon and file.endswith(".py") else (None, experiment)
 
 
 def _in_all_cells(name: str, cells: list[dict[str, Scalar]]) -> Scalar:
@@ -81,7 +358,7 @@ def differences(old: Definition, new: Definition) -> list[str]:
         else:
             extends = was == is_now
         if not extends:
-            found.append(f"{name} {_show(was)} -> {_show(is_now)}")
+            found.append(f"{name} {_shown(was)} -> {_shown(is_now)}")
     return found
 
 
@@ -95,6 +372,10 @@ def _flat(definition: Definition) -> dict[str, Scalar | list[Scalar]]:
     }
 
 
-def _show(value: Scalar | list[Scalar]) -> str:
+def _shown(value: Scalar | list[Scalar]) -> str:
     text = f"[{', '.join(map(str, value))}]" if isinstance(value, list) else str(value)
-    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
+    return text if len(text) <= MAX_SHOWN_CHARACTERS else f"{text[:MAX_SHOWN_CHARACTERS]}..."
+
+
+def _shown_cell(cell: Mapping[str, Scalar]) -> str:
+    return ", ".join(f"{factor}={value}" for factor, value in cell.items()) or "(the only one)"

@@ -13,8 +13,8 @@ from typing import Protocol
 import joblib
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
-from midnet_bench.campaign.trial import TrialSpec
-from midnet_bench.campaign.worker import Outcome, RunTrial, attempt, marked, prepare_worker
+from midnet_bench.campaign.trial import RunTrial, TrialSpec
+from midnet_bench.campaign.worker import Outcome, attempt, marked, prepare_worker
 from midnet_bench.errors import InputError, nearest_name
 
 BACKENDS = ("loky", "dask")

@@ -42,7 +42,7 @@ class Lines(Progress):
         self._total, self._done, self._done_before, self._failed = total, done, done, 0
         self._start_s = self._printed_s = time.monotonic()
         if done:
-            self.note(f"{done} of {total} trials are there already")
+            self.note(f"{done} of {total} trials are already stored")
 
     def advance(self, outcome: Outcome) -> None:
         """See :class:`Progress`."""
@@ -55,7 +55,7 @@ class Lines(Progress):
             elapsed_s = now_s - self._start_s
             left_s = elapsed_s / (self._done - self._done_before) * (self._total - self._done)
             failed = f", {self._failed} failed" if self._failed else ""
-            time_note = f"took {_clock(elapsed_s)}" if is_last else f"about {_clock(left_s)} left"
+            time_note = f"took {_clock(elapsed_s)}" if is_last else f"estimated {_clock(left_s)} left"
             self.note(f"{self._done}/{self._total} trials{failed}, {time_note}")
 
     def note(self, text: str) -> None:

@@ -64,7 +64,7 @@ def _version(library: str) -> str | None:
 def _commit() -> tuple[str | None, bool | None]:
     """The commit of the checkout that this package runs from, and whether files were changed since."""
     checkout = Path(midnet_bench.__file__).parent.parent
-    if not (checkout / ".git").exists():  # installed: a repository around site-packages is somebody else's
+    if not (checkout / ".git").exists():  # installed: a repository around site-packages is another project's
         return None, None
     try:
         commit = _git(checkout, "rev-parse", "HEAD")

@@ -1,4 +1,4 @@
-"""Runs what a campaign's store is still missing, and loses nothing when it is stopped."""
+"""Runs the trials that a campaign's store lacks, or plans them; loses nothing when it is stopped."""
 
 import contextlib
 import signal
@@ -14,17 +14,18 @@ import joblib
 
 from midnet_bench.campaign import store as stores
 from midnet_bench.campaign.database import only_writer
-from midnet_bench.campaign.definition import definition_of
+from midnet_bench.campaign.definition import Definition, ResolvedCampaign
 from midnet_bench.campaign.pools import LokyPool, Pool, WorkersLost, check_options
 from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.provenance import collect
-from midnet_bench.campaign.spec import Campaign, Experiments, trials
-from midnet_bench.campaign.trial import TrialSpec
+from midnet_bench.campaign.trial import RunTrial, TrialSpec
 from midnet_bench.campaign.worker import HARD_LIMIT_S, Outcome
 from midnet_bench.errors import InputError, MidnetBenchError
-from midnet_bench.experiments import registry
 
-MOST_LOSSES_IN_VAIN = 3
+MAX_LOSSES_IN_VAIN = 3
+"""workers that die one after another before any of them has begun a trial"""
+RULE_OF_THUMB_WALL_S = 15.0
+RULE_OF_THUMB_BYTES = 20_000.0
 
 
 class Interrupted(MidnetBenchError):
@@ -49,9 +50,72 @@ class CampaignOutcome:
     """what the reader of the numbers should know, e.g. that they come from two versions of the code"""
 
 
+@dataclass(frozen=True)
+class Plan:
+    """The size of a campaign and of what is left of it."""
+
+    cells: int
+    trials: int
+    finished: int
+    failed: int
+    to_run: int
+    wall_s: float
+    """estimate for what is left, with all the workers busy"""
+    disk_bytes: float
+    """estimate for what is left"""
+    measured_on: int
+    """finished trials that the estimates stand on; 0: a rule of thumb"""
+
+
+def plan(
+    campaign: ResolvedCampaign,
+    directory: str | Path,
+    *,
+    jobs: int | None = None,
+    backend: str = "loky",
+    scheduler: str | None = None,
+    retry_failed: bool = False,
+    fresh: bool = False,
+) -> Plan:
+    """What :func:`run_campaign` with the same arguments would run; nothing is run and no store is made.
+
+    Raises:
+        InputError: as :func:`run_campaign`, of a wrong option or if the store in ``directory`` is no good
+            for ``campaign``. Whether a scheduler answers is not asked.
+    """
+    check_options(backend, jobs, scheduler)
+    definition = campaign.definition
+    statuses: dict[str, str] = {}
+    measured_on, wall_s, size = 0, RULE_OF_THUMB_WALL_S, RULE_OF_THUMB_BYTES
+    path = Path(directory) / stores.FILE_NAME
+    if path.exists() and not fresh:
+        with stores.open_store(path) as store:
+            store.refuse_unless_extended_by(definition)
+            damaged = set(store.damaged().values())
+            statuses = {key: status for key, status in store.statuses().items() if key not in damaged}
+            if "finished" in statuses.values():
+                measured_on, wall_s, size = store.sizes()
+    # a store holds no trials but those of the campaign that it was made for, and this one extends that
+    stored = list(statuses.values())
+    finished, failed = stored.count("finished"), stored.count("failed")
+    all_trials = _count(definition)
+    to_run = all_trials - finished - (0 if retry_failed else failed)
+    workers = min(jobs or joblib.cpu_count(), max(1, to_run))
+    return Plan(
+        cells=definition.cells,
+        trials=all_trials,
+        finished=finished,
+        failed=failed,
+        to_run=to_run,
+        wall_s=to_run * wall_s / workers,
+        disk_bytes=to_run * size,
+        measured_on=measured_on,
+    )
+
+
 def run_campaign(
-    campaign: Campaign,
-    directory: Path,
+    campaign: ResolvedCampaign,
+    directory: str | Path,
     *,
     jobs: int | None = None,
     backend: str = "loky",
@@ -59,9 +123,8 @@ def run_campaign(
     fresh: bool = False,
     retry_failed: bool = False,
     progress: Progress | None = None,
-    experiments: Experiments = registry,
 ) -> CampaignOutcome:
-    """Runs the trials that ``directory``'s store lacks; the same call again resumes.
+    """Runs the trials that ``directory``'s store lacks; the same call again continues.
 
     Args:
         campaign: what to run; it may extend what the store was made for by trials or grid values.
@@ -72,26 +135,25 @@ def run_campaign(
         fresh: starts over and keeps the old store aside.
         retry_failed: runs failed trials again.
         progress: is told how the campaign goes.
-        experiments: which experiments there are.
 
     Raises:
         InputError: a wrong option, or a store that is damaged, foreign, in use or another campaign's.
-        StoreFull: no room; resumes when there is some.
+        StoreFull: no room; the same call continues when there is some.
         Interrupted: Ctrl-C.
     """
     start_s = time.perf_counter()
     progress = progress or Progress()
-    definition = definition_of(campaign, experiments)
+    directory = Path(directory)
     path = directory / stores.FILE_NAME
-    with _pool(backend, jobs, scheduler, directory) as pool, only_writer(directory):
+    with _pool(backend, jobs, scheduler, directory, progress) as pool, only_writer(directory):
         if fresh and (aside := stores.keep_aside(path)):
             progress.note(f"the old store is kept as {aside}")
-        with stores.open_or_create(path, definition) as store:
+        with stores.open_or_create(path, campaign.definition_in(directory)) as store:
             _forget_damaged(store, progress)
-            missing = _missing(campaign, experiments, store, retry_failed)
+            missing = _missing(campaign, store, retry_failed)
             ran = len(missing)
             if missing:
-                _add_trials(store, pool, campaign, missing, experiments, progress)
+                _add_trials(store, pool, campaign, missing, progress)
             statuses = list(store.statuses().values())
             return CampaignOutcome(
                 store=path,
@@ -107,14 +169,13 @@ def run_campaign(
 def _add_trials(
     store: stores.Store,
     pool: Pool,
-    campaign: Campaign,
+    campaign: ResolvedCampaign,
     missing: dict[str, TrialSpec],
-    experiments: Experiments,
     progress: Progress,
 ) -> None:
     """Runs the missing trials and stores each as it ends. Raises Interrupted on Ctrl-C."""
-    run_id = store.begin_run(collect(campaign.base_seed))
-    total = store.definition.cells * store.definition.trials
+    run_id = store.begin_run(collect(campaign.definition.base_seed))
+    total = _count(campaign.definition)
 
     def keep(spec: TrialSpec, outcome: Outcome) -> None:
         store.record(run_id, spec, outcome)
@@ -123,11 +184,12 @@ def _add_trials(
     progress.begin(total, total - len(missing))
     try:
         with _interruptible():
-            _run(pool, missing, experiments, campaign.trial_timeout_s, keep, progress.note)
+            limit_s = campaign.campaign.trial_timeout_s
+            _run(pool, campaign.run_trial, missing, limit_s, keep, progress.note)
     except KeyboardInterrupt:
         raise Interrupted(
             f"interrupted; {len(store.statuses())} of {total} trials are stored in {store.path}:"
-            " the same command goes on with the rest"
+            " run the same command again to continue"
         ) from None
     finally:
         progress.end()
@@ -144,23 +206,23 @@ def _forget_damaged(store: stores.Store, progress: Progress) -> None:
         progress.note(f"{store.path}: damaged; what cannot be read is run again: trial {first}{more}")
 
 
-def _missing(
-    campaign: Campaign, experiments: Experiments, store: stores.Store, retry_failed: bool
-) -> dict[str, TrialSpec]:
+def _missing(campaign: ResolvedCampaign, store: stores.Store, retry_failed: bool) -> dict[str, TrialSpec]:
     statuses = store.statuses()
     kept = ("finished",) if retry_failed else ("finished", "failed")
-    specs = ((spec.trial_id, spec) for spec in trials(campaign, experiments))
+    specs = ((spec.trial_id, spec) for spec in campaign.trials())
     return {trial_id: spec for trial_id, spec in specs if statuses.get(trial_id) not in kept}
 
 
 @contextlib.contextmanager
-def _pool(backend: str, jobs: int | None, scheduler: str | None, directory: Path) -> Iterator[Pool]:
+def _pool(
+    backend: str, jobs: int | None, scheduler: str | None, directory: Path, progress: Progress
+) -> Iterator[Pool]:
     """The pool that the options ask for; says what is wrong with them before anything is touched."""
     check_options(backend, jobs, scheduler)
     if scheduler is not None:
         from midnet_bench.campaign.dask_pool import DaskPool
 
-        pool: Pool = DaskPool(scheduler)
+        pool: Pool = DaskPool(scheduler, progress.note)
     else:
         pool = LokyPool(joblib.cpu_count() if jobs is None else jobs, directory / ".running")
     with contextlib.closing(pool):
@@ -169,8 +231,8 @@ def _pool(backend: str, jobs: int | None, scheduler: str | None, directory: Path
 
 def _run(
     pool: Pool,
+    run_trial: RunTrial,
     missing: dict[str, TrialSpec],
-    experiments: Experiments,
     limit_s: float,
     keep: Callable[[TrialSpec, Outcome], None],
     note: Callable[[str], None],
@@ -186,9 +248,7 @@ def _run(
         alone = bool(suspects)
         batch = suspects if alone else missing
         try:
-            outcomes = pool.outcomes(
-                experiments.run_trial, list(batch.values()), limit_s, one_at_a_time=alone
-            )
+            outcomes = pool.outcomes(run_trial, list(batch.values()), limit_s, one_at_a_time=alone)
             with contextlib.closing(outcomes):
                 for outcome in outcomes:
                     keep(batch.pop(outcome.trial_id), outcome)
@@ -198,7 +258,7 @@ def _run(
         except WorkersLost as lost:
             in_flight = {trial_id: stack for trial_id, stack in lost.in_flight.items() if trial_id in batch}
             losses_in_vain = 0 if in_flight else losses_in_vain + 1
-            if losses_in_vain == MOST_LOSSES_IN_VAIN:
+            if losses_in_vain == MAX_LOSSES_IN_VAIN:
                 raise MidnetBenchError(f"workers die before they begin a trial: {lost}") from lost
             for trial_id, stack in in_flight.items():
                 spec = batch.pop(trial_id)
@@ -232,6 +292,10 @@ def _interruptible() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def _count(definition: Definition) -> int:
+    return definition.cells * definition.trials
 
 
 def _unusable(store: stores.Store) -> dict[str, int]:

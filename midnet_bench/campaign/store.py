@@ -217,7 +217,7 @@ class Store:
 def _damaged(path: Path, trial_id: str, seed: int, part: str) -> InputError:
     return InputError(
         f"{path}: trial {trial_id} (seed {seed}): its {part} cannot be read, the file is damaged there;"
-        " the command that ran the campaign, given again, runs this trial anew and keeps the others"
+        " run the campaign's command again to repeat this trial; the others are kept"
     )
 
 

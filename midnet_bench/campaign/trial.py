@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 Scalar = str | int | float | bool | None
@@ -16,7 +16,7 @@ class TrialSpec:
     """Everything that decides a trial's outcome. Two equal specs give the same bytes anywhere."""
 
     experiment: str
-    """a name that ``registry`` knows"""
+    """its name"""
     parameters: Mapping[str, Scalar]
     """every parameter of the experiment, resolved (defaults filled in)"""
     seed: int
@@ -33,10 +33,12 @@ class TrialSpec:
 class TrialResult:
     """The tables of one trial by name, rows in a fixed order; no clock time, no host, no path.
 
-    ``detection`` gives ``scores`` (one row), ``frames`` and ``robots``; ``labyrinth`` gives ``trial``
-    (one row), ``intruders`` and ``robots``; ``mapping`` gives ``maps`` (one row) and ``robots``; ``readings``
-    gives ``readings``. ``simulated_s`` is how long the trial lasted in its world.
+    ``simulated_s`` is how long the trial lasted in its world.
     """
 
     tables: Mapping[str, list[Row]]
     simulated_s: float
+
+
+RunTrial = Callable[[TrialSpec], TrialResult]
+"""What runs one trial: a pure function of the spec."""

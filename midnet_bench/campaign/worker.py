@@ -11,14 +11,12 @@ import threading
 import time
 import traceback
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec
-
-RunTrial = Callable[[TrialSpec], TrialResult]
+from midnet_bench.campaign.trial import Row, RunTrial, TrialResult, TrialSpec
 
 HARD_LIMIT_S = 2.0
 """native code that goes on this long after the time limit is ended together with its process"""
@@ -109,7 +107,7 @@ def _mark(marks: Path | None, trial_id: str) -> Iterator[IO[str]]:
             yield stack_file
             faulthandler.enable()
     finally:
-        (marks / trial_id).unlink(missing_ok=True)  # whoever tidied the folder up need not cost a trial
+        (marks / trial_id).unlink(missing_ok=True)  # it may be gone with its folder
 
 
 @contextlib.contextmanager
@@ -143,7 +141,7 @@ def _time_limit(limit_s: float, stack_file: IO[str]) -> Iterator[None]:
 
 
 def _use_one_thread() -> None:
-    """OpenCV's own pool would fight the other workers for the cores; BLAS and numba obey the environment."""
-    import cv2
-
-    cv2.setNumThreads(1)
+    """OpenCV's own pool would fight the other workers for the cores; loky sets what BLAS and numba obey."""
+    os.environ["OPENCV_FOR_THREADS_NUM"] = "1"  # for a trial that has yet to import it
+    if "cv2" in sys.modules:
+        sys.modules["cv2"].setNumThreads(1)

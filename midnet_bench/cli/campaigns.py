@@ -10,11 +10,11 @@ from midnet_bench.cli import options
 from midnet_bench.cli.app import app
 
 if TYPE_CHECKING:
+    from midnet_bench.campaign.definition import Campaign
     from midnet_bench.campaign.runner import CampaignOutcome
-    from midnet_bench.campaign.spec import Campaign
     from midnet_bench.campaign.trial import Scalar
 
-MOST_REASONS = 5
+MAX_REASONS = 5
 """different reasons that are told when trials fail; failures.csv has them all"""
 
 
@@ -85,7 +85,7 @@ def run(
     as_json: options.Json = False,
 ) -> None:
     """Run any campaign file; the same command again goes on where it stopped."""
-    from midnet_bench.campaign.spec import load_campaign, override
+    from midnet_bench.campaign.definition import load_campaign, override
 
     campaign = override(load_campaign(file), _parsed(settings, map_file), trials=trials, base_seed=seed)
     _run(campaign, output, jobs, dry_run, fresh, retry_failed, as_json, backend, scheduler)
@@ -98,15 +98,12 @@ def _campaign(
     seed: int,
     parameters: "dict[str, Scalar]",
 ) -> "Campaign":
-    from midnet_bench.campaign.spec import Campaign, check
-    from midnet_bench.io.checked_yaml import parse
+    from midnet_bench.campaign.definition import parse_campaign
 
     fixed = {key: value for key, value in parameters.items() if key not in grid}
     narrowed = {key: [parameters[key]] if key in parameters else values for key, values in grid.items()}
     values = {"experiment": experiment, "name": experiment, "grid": narrowed, "parameters": fixed}
-    campaign = parse(Campaign, {**values, "trials": trials, "base_seed": seed}, "command line")
-    check(campaign, "command line")
-    return campaign
+    return parse_campaign({**values, "trials": trials, "base_seed": seed}, "command line")
 
 
 def _run(
@@ -120,14 +117,16 @@ def _run(
     backend: str = "loky",
     scheduler: str | None = None,
 ) -> None:
-    from midnet_bench.campaign.plan import plan
+    from midnet_bench.campaign.definition import resolve
     from midnet_bench.campaign.progress import progress_on
-    from midnet_bench.campaign.runner import run_campaign
+    from midnet_bench.campaign.runner import plan, run_campaign
+    from midnet_bench.experiments import registry
 
     directory = output or options.RESULTS / campaign.name
+    resolved = resolve(campaign, registry)
     if dry_run:
         ahead = plan(
-            campaign,
+            resolved,
             directory,
             jobs=jobs,
             backend=backend,
@@ -144,7 +143,7 @@ def _run(
         )
         return
     outcome = run_campaign(
-        campaign,
+        resolved,
         directory,
         jobs=jobs,
         backend=backend,
@@ -166,7 +165,7 @@ def _tell_of_failures(outcome: "CampaignOutcome", file: Path) -> int:
     """Says why trials failed; the exit code: 2 if nothing but their input was wrong."""
     from midnet_bench.errors import InputError
 
-    for reason, count in list(outcome.unusable.items())[:MOST_REASONS]:
+    for reason, count in list(outcome.unusable.items())[:MAX_REASONS]:
         typer.echo(f"error: {reason} ({_counted(count, 'trial')})", err=True)
     unusable = sum(outcome.unusable.values())
     if unusable:
@@ -182,7 +181,7 @@ def _counted(count: int, noun: str) -> str:
 
 
 def _parsed(settings: list[str] | None, map_file: Path | None) -> "dict[str, Scalar]":
-    from midnet_bench.campaign.spec import parse_settings
+    from midnet_bench.campaign.definition import parse_settings
 
     return parse_settings(settings or [], map_file)
 

@@ -86,7 +86,7 @@ def _refuse(option: str, given: Mapping[str, object], names: Iterable[str]) -> N
 
 def _joined(values: "dict[str, Scalar]", settings: list[str]) -> "dict[str, Scalar]":
     """What arguments and ``--set`` ask for. Raises InputError if both name one thing."""
-    from midnet_bench.campaign.spec import parse_settings
+    from midnet_bench.campaign.definition import parse_settings
     from midnet_bench.errors import InputError
 
     parsed = parse_settings(settings)

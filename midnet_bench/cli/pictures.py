@@ -28,7 +28,7 @@ def render(
     output: options.Output = None,
 ) -> None:
     """Draw one trial: the arena from above, each guard's grids A to D, the detections, and a clip."""
-    from midnet_bench.campaign.spec import parse_settings
+    from midnet_bench.campaign.definition import parse_settings
     from midnet_bench.errors import InputError
     from midnet_bench.experiments.registry import parameters_model
     from midnet_bench.workflows.render import render_trial

@@ -24,8 +24,7 @@ def smoke(
 ) -> None:
     """Run a small grid of both tests and compare it with the committed numbers; in a checkout only."""
     from midnet_bench.campaign.progress import progress_on
-    from midnet_bench.campaign.runner import run_campaign
-    from midnet_bench.campaign.spec import load_campaign
+    from midnet_bench.experiments.campaigns import load_campaign, run_campaign
     from midnet_bench.workflows.report import write_report
     from midnet_bench.workflows.smoke import differences_from_golden, update_golden
 

@@ -4,9 +4,9 @@ import json
 import sys
 from pathlib import Path
 
+from midnet_bench.campaign.definition import Campaign, resolve
 from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.runner import run_campaign
-from midnet_bench.campaign.spec import Campaign
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import MidnetBenchError
 from tests.campaign import coin_experiments
@@ -29,9 +29,8 @@ def main() -> int:
     options = json.loads(sys.argv[2])
     campaign = Campaign(experiment="coins", **options.pop("campaign"))
     try:
-        outcome = run_campaign(
-            campaign, Path(sys.argv[1]), experiments=coin_experiments, progress=Telling(), **options
-        )
+        resolved = resolve(campaign, coin_experiments)
+        outcome = run_campaign(resolved, Path(sys.argv[1]), progress=Telling(), **options)
     except MidnetBenchError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code

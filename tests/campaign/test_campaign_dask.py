@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -12,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from midnet_bench.campaign.definition import Campaign, resolve
 from midnet_bench.campaign.runner import run_campaign
-from midnet_bench.campaign.spec import Campaign
 from midnet_bench.campaign.store import open_store
 from midnet_bench.errors import InputError
 from tests.campaign import coin_experiments as coins
@@ -22,6 +23,7 @@ from tests.campaign.campaign_process import environment, exported, finish, start
 distributed = pytest.importorskip("distributed", reason="the extra midnet-bench[dask] is not installed")
 
 PLAIN = {"grid": {"coins": [1, 2, 3], "table": ["wood", "glass"]}, "trials": 3}
+HERE = ("--host", "127.0.0.1")
 
 
 def serve(*arguments: str, folder: Path, path: Path | None = None) -> subprocess.Popen[bytes]:
@@ -33,38 +35,50 @@ def serve(*arguments: str, folder: Path, path: Path | None = None) -> subprocess
 
 
 @contextlib.contextmanager
-def cluster(folder: Path, workers: int, path: Path | None = None) -> Iterator[str]:
-    """The address of a scheduler with workers of one thread each, all with ``path`` before their own."""
-    contact = folder / "contact.json"
-    here = ("--host", "127.0.0.1")
-    processes = [serve("distributed.cli.dask_scheduler", *here, "--port", "0", folder=folder)]
+def process_of(process: subprocess.Popen[bytes]) -> Iterator[None]:
     try:
+        yield
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+@contextlib.contextmanager
+def scheduler_in(folder: Path) -> Iterator[str]:
+    """The address of a scheduler without workers; it leaves its address in ``folder`` for them."""
+    contact = folder / "contact.json"
+    with process_of(serve("distributed.cli.dask_scheduler", *HERE, "--port", "0", folder=folder)):
         deadline_s = time.monotonic() + 60
         while not contact.exists():
             assert time.monotonic() < deadline_s, (folder / "dask.log").read_text()
             time.sleep(0.05)
-        several = ("--nthreads", "1", "--nworkers", str(workers))
-        processes.append(serve("distributed.cli.dask_worker", *here, *several, folder=folder, path=path))
-        address = json.loads(contact.read_text())["address"]
-        with distributed.Client(address, set_as_default=False) as client:
-            client.wait_for_workers(workers, timeout=60)
-        yield address
-    finally:
-        for process in reversed(processes):
-            process.terminate()
-            process.wait(30)
+        yield json.loads(contact.read_text())["address"]
+
+
+def one_worker(folder: Path, path: Path | None = None) -> contextlib.AbstractContextManager[None]:
+    """A worker of one thread for the scheduler in ``folder``, with ``path`` before its own."""
+    one = ("--nthreads", "1", "--no-nanny")
+    return process_of(serve("distributed.cli.dask_worker", *HERE, *one, folder=folder, path=path))
 
 
 @pytest.fixture(scope="module")
 def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with cluster(tmp_path_factory.mktemp("cluster"), workers=2) as address:
+    """A scheduler with two workers, each of which is started again when it dies."""
+    folder = tmp_path_factory.mktemp("cluster")
+    two = ("--nthreads", "1", "--nworkers", "2")
+    with (
+        scheduler_in(folder) as address,
+        process_of(serve("distributed.cli.dask_worker", *HERE, *two, folder=folder)),
+    ):
+        with distributed.Client(address, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=60)
         yield address
 
 
 def run(directory: Path, scheduler: str | None, **keys: object) -> None:
     campaign = Campaign.model_validate({"experiment": "coins", **PLAIN, **keys})
     backend = "dask" if scheduler else "loky"
-    run_campaign(campaign, directory, jobs=2, backend=backend, scheduler=scheduler, experiments=coins)
+    run_campaign(resolve(campaign, coins), directory, jobs=2, backend=backend, scheduler=scheduler)
 
 
 def test_a_cluster_gives_the_same_bytes_as_this_machine(tmp_path: Path, scheduler: str) -> None:
@@ -106,7 +120,7 @@ def test_an_interrupt_leaves_the_cluster_in_order(tmp_path: Path, scheduler: str
     long = {"trials": 400, "parameters": {"work_s": 0.1}}
     process = start(tmp_path, long, backend="dask", scheduler=scheduler)
     wait_for(process, "stored", 3)
-    process.send_signal(2)
+    process.send_signal(signal.SIGINT)
     code, _, err = finish(process)
 
     assert code == 130
@@ -136,7 +150,43 @@ def test_workers_with_another_version_are_refused(tmp_path: Path) -> None:
     (other / "METADATA").write_text("Metadata-Version: 2.1\nName: midnet-bench\nVersion: 9.9.9\n")
 
     with (
-        cluster(tmp_path, workers=1, path=other.parent) as address,
+        scheduler_in(tmp_path) as address,
+        one_worker(tmp_path, path=other.parent),
         pytest.raises(InputError, match=r"its workers have midnet-bench 9\.9\.9, here it is"),
     ):
         run(tmp_path / "results", address)
+
+
+@pytest.mark.slow
+def test_trials_wait_for_workers_longer_than_joblib_would(tmp_path: Path) -> None:
+    """The note comes after two seconds; it was after five that the campaign ended."""
+    with scheduler_in(tmp_path) as address:
+        process = start(tmp_path / "run", {"trials": 3}, backend="dask", scheduler=address)
+        wait_for(process, "note")
+        time.sleep(5.0)
+        assert process.poll() is None
+        with one_worker(tmp_path):
+            code, out, err = finish(process)
+
+    assert (code, err) == (0, "")
+    assert "done 3 0 3" in out
+    assert "note" not in out  # one was enough
+
+
+@pytest.mark.slow
+def test_workers_that_leave_in_the_middle_are_waited_for_and_an_interrupt_is_heard(tmp_path: Path) -> None:
+    long = {"trials": 400, "parameters": {"work_s": 0.1}}
+    with scheduler_in(tmp_path) as address:
+        with one_worker(tmp_path):
+            process = start(tmp_path / "run", long, backend="dask", scheduler=address)
+            wait_for(process, "stored", 2)
+        wait_for(process, "note")
+        with one_worker(tmp_path):
+            wait_for(process, "stored", 2)
+        wait_for(process, "note")
+        process.send_signal(signal.SIGINT)
+        code, _, err = finish(process)
+
+    assert code == 130
+    assert err.startswith("error: interrupted; ")
+    assert len(err.splitlines()) == 1

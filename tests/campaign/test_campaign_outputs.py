@@ -65,8 +65,8 @@ def test_lines_are_few_and_end_with_the_whole(monkeypatch: pytest.MonkeyPatch) -
     lines.end()
 
     said = stream.getvalue().splitlines()
-    assert said[0] == "20 of 100 trials are there already"
-    assert said[1] == "30/100 trials, 1 failed, about 0:01:10 left"
+    assert said[0] == "20 of 100 trials are already stored"
+    assert said[1] == "30/100 trials, 1 failed, estimated 0:01:10 left"
     assert said[-1] == "100/100 trials, 1 failed, took 0:01:20"
     assert len(said) == 1 + 8
 

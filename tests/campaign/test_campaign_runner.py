@@ -11,10 +11,9 @@ from typing import TypedDict
 import pytest
 
 import midnet_bench
-from midnet_bench.campaign.plan import plan
+from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
 from midnet_bench.campaign.progress import Progress
-from midnet_bench.campaign.runner import CampaignOutcome, run_campaign
-from midnet_bench.campaign.spec import Campaign
+from midnet_bench.campaign.runner import CampaignOutcome, plan, run_campaign
 from midnet_bench.campaign.store import StoredTrial, open_store
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import InputError
@@ -55,8 +54,12 @@ class Options(TypedDict, total=False):
 
 def run(directory: Path, options: Options | None = None, **keys: object) -> CampaignOutcome:
     """A campaign of coins with ``keys`` of a campaign file, on two workers unless the options differ."""
-    campaign = Campaign.model_validate({"experiment": "coins", "grid": GRID, "trials": 3, **keys})
-    return run_campaign(campaign, directory, experiments=coins, **{"jobs": 2, **(options or {})})
+    return run_campaign(coin_campaign(**keys), directory, **{"jobs": 2, **(options or {})})
+
+
+def coin_campaign(**keys: object) -> ResolvedCampaign:
+    values = {"experiment": "coins", "grid": GRID, "trials": 3, **keys}
+    return resolve(Campaign.model_validate(values), coins)
 
 
 def stored(directory: Path) -> list[StoredTrial]:
@@ -123,8 +126,7 @@ def test_a_damaged_trial_alone_is_run_again(tmp_path: Path) -> None:
     connection.execute("UPDATE trials SET result = substr(result, 1, length(result) / 2) WHERE rowid = 4")
     connection.commit()
     connection.close()
-    campaign = Campaign(experiment="coins", grid=GRID, trials=3)
-    assert plan(campaign, tmp_path, experiments=coins).to_run == 1
+    assert plan(coin_campaign(), tmp_path).to_run == 1
     listener = Listener()
 
     again = run(tmp_path, {"progress": listener})
@@ -269,28 +271,27 @@ def test_a_wrong_option_is_refused_before_anything_is_touched(
     with pytest.raises(InputError, match=complaint):
         run(tmp_path, {"fresh": True, **options})
     with pytest.raises(InputError, match=complaint):
-        plan(Campaign(experiment="coins"), tmp_path / "new", experiments=coins, **options)
+        plan(coin_campaign(), tmp_path / "new", **options)
 
     assert (tmp_path / "campaign.sqlite").read_bytes() == before
 
 
 def test_a_plan_counts_what_is_left(tmp_path: Path) -> None:
-    campaign = Campaign(experiment="coins", grid=GRID, trials=3)
-    ahead = plan(campaign, tmp_path, jobs=2, experiments=coins)
+    ahead = plan(coin_campaign(), tmp_path, jobs=2)
     assert (ahead.cells, ahead.trials, ahead.to_run, ahead.measured_on) == (6, 18, 18, 0)
     assert ahead.wall_s > 0
     assert list(tmp_path.iterdir()) == []
 
     run(tmp_path, trials=2, parameters={"work_s": 0.02})
 
-    campaign = Campaign(experiment="coins", grid=GRID, trials=3, parameters={"work_s": 0.02})
-    ahead = plan(campaign, tmp_path, jobs=2, experiments=coins)
+    campaign = coin_campaign(parameters={"work_s": 0.02})
+    ahead = plan(campaign, tmp_path, jobs=2)
     assert (ahead.finished, ahead.to_run, ahead.measured_on) == (12, 6, 12)
     assert 6 * 0.02 / 2 <= ahead.wall_s < 6
     assert 0 < ahead.disk_bytes < 6 * 1000
-    assert plan(campaign, tmp_path, fresh=True, experiments=coins).to_run == 18
+    assert plan(campaign, tmp_path, fresh=True).to_run == 18
     with pytest.raises(InputError, match="made by another campaign"):
-        plan(Campaign(experiment="coins", grid=GRID), tmp_path, experiments=coins)
+        plan(coin_campaign(trials=1), tmp_path)
 
 
 @pytest.fixture
@@ -318,10 +319,10 @@ def test_a_missing_dask_names_the_extra(tmp_path: Path) -> None:
         "import sys; sys.modules['distributed'] = None\n"
         "from pathlib import Path\n"
         "from midnet_bench.campaign.runner import run_campaign\n"
-        "from midnet_bench.campaign.spec import Campaign\n"
+        "from midnet_bench.campaign.definition import Campaign, resolve\n"
         "from tests.campaign import coin_experiments as coins\n"
-        f"run_campaign(Campaign(experiment='coins'), Path({str(tmp_path)!r}), backend='dask',"
-        " scheduler='tcp://127.0.0.1:8786', experiments=coins)"
+        f"run_campaign(resolve(Campaign(experiment='coins'), coins), Path({str(tmp_path)!r}), backend='dask',"
+        " scheduler='tcp://127.0.0.1:8786')"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment()

@@ -6,9 +6,8 @@ import pytest
 
 from midnet_bench.campaign import database
 from midnet_bench.campaign.database import only_writer
-from midnet_bench.campaign.definition import Definition, definition_of
+from midnet_bench.campaign.definition import Campaign, Definition, resolve
 from midnet_bench.campaign.provenance import collect
-from midnet_bench.campaign.spec import Campaign, trials
 from midnet_bench.campaign.store import Store, keep_aside, open_or_create, open_store
 from midnet_bench.campaign.trial import TrialSpec
 from midnet_bench.campaign.worker import Outcome, attempt, encode_tables
@@ -19,12 +18,12 @@ CAMPAIGN = Campaign(experiment="coins", grid={"coins": [2, 1], "table": ["wood",
 
 
 def definition(campaign: Campaign = CAMPAIGN) -> Definition:
-    return definition_of(campaign, coins)
+    return resolve(campaign, coins).definition
 
 
 def fill(store: Store, campaign: Campaign = CAMPAIGN) -> None:
     run_id = store.begin_run(collect(campaign.base_seed))
-    for spec in reversed(list(trials(campaign, coins))):
+    for spec in reversed(list(resolve(campaign, coins).trials())):
         store.record(run_id, spec, attempt(coins.run_trial, spec, 60.0, None))
     store.end_run(run_id)
 
@@ -56,7 +55,7 @@ def test_trials_come_back_whole_and_in_the_campaigns_order(filled: Path) -> None
 
 
 def test_a_failure_is_kept_and_a_later_success_takes_its_place(filled: Path) -> None:
-    spec = next(iter(trials(CAMPAIGN, coins)))
+    spec = next(iter(resolve(CAMPAIGN, coins).trials()))
     with open_store(filled) as store:
         store.record(1, spec, Outcome(spec.trial_id, 0.1, failure="ValueError: no"))
         assert store.statuses()[spec.trial_id] == "failed"
@@ -134,7 +133,8 @@ def test_a_damaged_trial_is_named_and_can_be_forgotten(filled: Path, column: str
 
     with open_store(filled) as store:
         with pytest.raises(
-            InputError, match=r"campaign\.sqlite: trial \w{16} \(seed \d+\): its .* given again"
+            InputError,
+            match=r"campaign\.sqlite: trial \w{16} \(seed \d+\): its .* again to repeat this trial",
         ):
             _ = [trial.tables for trial in store.trials()]
         assert list(store.damaged()) == [5]
@@ -286,7 +286,7 @@ def test_a_store_of_a_killed_process_is_kept_aside_with_its_journal(filled: Path
 def test_readers_may_look_while_a_writer_is_at_it(filled: Path) -> None:
     with only_writer(filled.parent), open_store(filled) as writer, open_store(filled) as reader:
         run_id = writer.begin_run(collect(1))
-        spec = next(iter(trials(CAMPAIGN, coins)))
+        spec = next(iter(resolve(CAMPAIGN, coins).trials()))
         writer.record(run_id, spec, Outcome(spec.trial_id, 0.1, failure="no"))
         assert reader.statuses()[spec.trial_id] == "failed"
 

@@ -114,7 +114,7 @@ def test_one_interrupt_keeps_what_is_finished_and_says_how_to_go_on(tmp_path: Pa
     assert stored >= 3
     assert err.splitlines() == [
         f"error: interrupted; {stored} of 400 trials are stored in {tmp_path / 'campaign.sqlite'}:"
-        " the same command goes on with the rest"
+        " run the same command again to continue"
     ]
     assert not (tmp_path / ".running").exists()
 

@@ -9,10 +9,10 @@ import pytest
 from midnet_bench.arena import prior_maps as explored_map
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
-from midnet_bench.campaign.definition import definition_of
-from midnet_bench.campaign.spec import Campaign
+from midnet_bench.campaign.definition import Campaign, resolve
 from midnet_bench.campaign.trial import TrialSpec
 from midnet_bench.errors import InputError
+from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.trial import run_detection
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.detector_node import binary_prior
@@ -85,7 +85,7 @@ def test_each_arena_of_a_campaign_has_its_own_explored_map(packaged: Path) -> No
     campaign = Campaign(
         experiment="detection", grid={"arena": ["map1", "empty"]}, parameters={"prior_map": "explored"}
     )
-    value = definition_of(campaign).parameters["prior_map"]
+    value = resolve(campaign, registry).definition.parameters["prior_map"]
     one, two = str(value).split(" | ")
     assert one.startswith("explored:map1:")
     assert two.startswith("explored:empty:")

@@ -3,10 +3,10 @@ from pathlib import Path
 import pandas as pd
 
 from midnet_bench.analysis.frames import data_frames
+from midnet_bench.campaign.definition import Campaign
 from midnet_bench.campaign.export import export_csv
-from midnet_bench.campaign.runner import run_campaign
-from midnet_bench.campaign.spec import Campaign
 from midnet_bench.campaign.store import FILE_NAME, open_store
+from midnet_bench.experiments.campaigns import run_campaign
 
 
 def test_frames_hold_what_the_csv_files_hold(tmp_path: Path) -> None:

@@ -5,9 +5,17 @@ import numpy as np
 import pytest
 
 from midnet_bench.arena.arena import load_arena
-from midnet_bench.campaign.definition import Definition, definition_of, differences
-from midnet_bench.campaign.spec import Campaign, check, load_campaign, override, parse_settings, trials
+from midnet_bench.campaign.definition import (
+    Campaign,
+    Definition,
+    differences,
+    load_campaign,
+    override,
+    parse_settings,
+    resolve,
+)
 from midnet_bench.errors import InputError
+from midnet_bench.experiments import registry
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
 from tests.campaign import coin_experiments as coins
@@ -31,10 +39,10 @@ def campaign_file(folder: Path, text: str) -> Path:
 
 
 def test_a_file_becomes_resolved_trials_seed_by_seed(tmp_path: Path) -> None:
-    campaign = load_campaign(campaign_file(tmp_path, GOOD), coins)
+    campaign = load_campaign(campaign_file(tmp_path, GOOD))
 
     assert campaign.name == "tossing"
-    specs = list(trials(campaign, coins))
+    specs = list(resolve(campaign, coins).trials())
     placed = [(spec.seed, spec.parameters["coins"], spec.parameters["bias"]) for spec in specs]
     assert placed == list(itertools.product([10, 11], [1, 2], [0.0, 0.5, 1.0]))
     assert all(spec.parameters["table"] == "glass" for spec in specs)
@@ -46,8 +54,8 @@ def test_every_cell_meets_the_same_seeds() -> None:
     small = Campaign(experiment="coins", grid={"coins": [1, 2]}, trials=3)
     grown = Campaign(experiment="coins", grid={"coins": [1, 2, 3]}, trials=5)
 
-    ids = {spec.trial_id for spec in trials(small, coins)}
-    assert ids < {spec.trial_id for spec in trials(grown, coins)}
+    ids = {spec.trial_id for spec in resolve(small, coins).trials()}
+    assert ids < {spec.trial_id for spec in resolve(grown, coins).trials()}
 
 
 @pytest.mark.parametrize(
@@ -87,7 +95,7 @@ def test_a_wrong_file_is_one_line_with_file_and_key(
     path = campaign_file(tmp_path, GOOD.replace(before, after))
 
     with pytest.raises(InputError) as caught:
-        load_campaign(path, coins)
+        resolve(load_campaign(path), coins)
     message = str(caught.value)
     assert message.startswith(str(path))
     assert complaint in message
@@ -106,17 +114,17 @@ def test_a_map_is_held_against_the_arenas_of_the_grid_and_no_other(tmp_path: Pat
         f"parameters: {{prior_map: {tmp_path}/map.yaml}}"
     )
     path = campaign_file(tmp_path, text)
-    assert len(list(trials(load_campaign(path)))) == 1
+    assert len(resolve(load_campaign(path), registry).cells) == 1
     path = campaign_file(tmp_path, text.replace("grid: {arena: [", "grid: {arena: [map1, "))
     with pytest.raises(
         InputError, match=r"tossing\.yaml: .*map\.yaml: it reaches .* cover the arena, 6 x 6 m"
     ):
-        load_campaign(path)
+        resolve(load_campaign(path), registry)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nothing\.yaml: cannot be read: No such file"):
-        load_campaign(tmp_path / "nothing.yaml", coins)
+        load_campaign(tmp_path / "nothing.yaml")
 
 
 def test_settings_are_read_as_yaml_scalars() -> None:
@@ -140,28 +148,27 @@ def test_a_setting_given_twice_is_refused() -> None:
 def test_a_setting_replaces_a_parameter_or_narrows_a_factor() -> None:
     campaign = Campaign(experiment="coins", grid={"coins": [1, 2]}, parameters={"bias": 0.1})
 
-    changed = override(campaign, {"coins": 7, "bias": 0.2}, trials=4, base_seed=0, experiments=coins)
+    changed = override(campaign, {"coins": 7, "bias": 0.2}, trials=4, base_seed=0)
 
     assert changed.grid == {"coins": [7]}
     assert changed.parameters == {"bias": 0.2}
     assert (changed.trials, changed.base_seed) == (4, 0)
     with pytest.raises(InputError, match=r"command line: parameters\.bais: unknown key; did you mean 'bias'"):
-        override(campaign, {"bais": 1}, experiments=coins)
+        resolve(override(campaign, {"bais": 1}), coins)
     with pytest.raises(InputError, match="command line: trials"):
-        override(campaign, {}, trials=0, experiments=coins)
+        override(campaign, {}, trials=0)
 
 
 def test_a_campaign_without_a_grid_has_one_cell() -> None:
-    campaign = Campaign(experiment="coins", trials=3)
-    check(campaign, "test", coins)
+    campaign = resolve(Campaign(experiment="coins", trials=3), coins)
 
-    assert [spec.seed for spec in trials(campaign, coins)] == [1, 2, 3]
-    assert definition_of(campaign, coins).cells == 1
+    assert [spec.seed for spec in campaign.trials()] == [1, 2, 3]
+    assert campaign.definition.cells == 1
 
 
 def defined(**changes: object) -> Definition:
     values = {"experiment": "coins", "grid": {"coins": [1, 2]}, "trials": 3, "parameters": {"bias": 0.1}}
-    return definition_of(Campaign.model_validate({**values, **changes}), coins)
+    return resolve(Campaign.model_validate({**values, **changes}), coins).definition
 
 
 def test_a_definition_survives_its_text() -> None:

@@ -1,0 +1,54 @@
+"""Campaigns of this package's experiments, from Python: read a file, run it, resume it."""
+
+from pathlib import Path
+
+from midnet_bench.campaign import definition, runner
+from midnet_bench.campaign.definition import Campaign
+from midnet_bench.campaign.progress import Progress
+from midnet_bench.campaign.runner import CampaignOutcome
+from midnet_bench.experiments import registry
+
+load_campaign = definition.load_campaign
+
+
+def run_campaign(
+    campaign: Campaign,
+    directory: str | Path,
+    *,
+    jobs: int | None = None,
+    backend: str = "loky",
+    scheduler: str | None = None,
+    fresh: bool = False,
+    retry_failed: bool = False,
+    progress: Progress | None = None,
+) -> CampaignOutcome:
+    """Run the trials that the store in ``directory`` lacks; the same call again continues.
+
+    Args:
+        campaign: from :func:`load_campaign`, or made in Python.
+        directory: the folder for ``campaign.sqlite``, made if it is not there.
+        jobs: worker processes of this machine, all its cores unless given.
+        backend: ``loky``, or ``dask`` with the address of its ``scheduler``.
+        scheduler: such as ``tcp://127.0.0.1:8786``.
+        fresh: starts over and keeps the old store aside.
+        retry_failed: runs failed trials again.
+        progress: is told how the campaign goes; silent unless given.
+
+    Returns:
+        How many trials finished, failed and ran, and where the store is.
+
+    Raises:
+        InputError: the campaign, an option or the store is no good; the message says which and why.
+        StoreFull: the disk is full; what was finished is stored.
+        Interrupted: Ctrl-C; what was finished is stored.
+    """
+    return runner.run_campaign(
+        definition.resolve(campaign, registry),
+        directory,
+        jobs=jobs,
+        backend=backend,
+        scheduler=scheduler,
+        fresh=fresh,
+        retry_failed=retry_failed,
+        progress=progress,
+    )
