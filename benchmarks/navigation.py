@@ -19,9 +19,8 @@ from midnet_bench.navigation.costmap import (
     burger_local,
 )
 from midnet_bench.navigation.navfn import potential_to
-from midnet_bench.navigation.navigator import Navigator, NavigatorSettings
+from midnet_bench.navigation.navigator import Navigator, NavigatorSettings, compile_kernels
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
-from midnet_bench.navigation.warm_up import compile_kernels
 from midnet_bench.robots.burger import LDS_01
 
 LIDAR = LDS_01

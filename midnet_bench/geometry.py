@@ -34,6 +34,11 @@ class Pose2D(NamedTuple):
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose2D(-c * self.x - s * self.y, s * self.x - c * self.y, -self.yaw)
 
+    def require_finite(self) -> None:
+        """Raise ValueError if NaN or infinity is among the three numbers."""
+        if not math.isfinite(self.x + self.y + self.yaw):
+            raise ValueError(f"a pose must be finite, got {self}")
+
     def relative_to(self, other: "Pose2D") -> "Pose2D":
         """This pose in the frame of ``other``, both given in one frame; yaw within [-pi, pi)."""
         local = other.inverse().compose(self)

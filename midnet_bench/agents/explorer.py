@@ -105,7 +105,7 @@ class Explorer(MobileRobot):
         goal = self._frontiers.plan(self.pose, costmap, time_s, taken)
         if goal is None:
             self.is_done = True
-            self.stand()
+            self.cancel_goal()
         elif goal != self.goal:
             self.drive_to(goal)
 

@@ -1,15 +1,16 @@
-"""``MobileRobot``: the software of one Burger, guard or intruder, on its own sensors."""
+"""The software of one Burger on its own sensors: ``MobileRobot`` (an intruder), and ``Guard``."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.agents.progress import Progress
 from midnet_bench.geometry import Pose2D
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.messages import STOP, Command, Imu, LidarGeometry, Odometry
+from midnet_bench.navigation.costmap import RollingCostmap
 from midnet_bench.navigation.navigator import Navigator, Status
 
 Point = tuple[float, float]
@@ -18,7 +19,7 @@ GoalSource = Callable[["MobileRobot"], Point | None]
 
 
 class MobileRobot:
-    """Localises, keeps its costmaps, drives from goal to goal; knows the world by its sensors alone."""
+    """Localises, keeps its costmaps and drives from goal to goal, by its sensors alone."""
 
     def __init__(
         self,
@@ -75,7 +76,7 @@ class MobileRobot:
         self.progress.new_goal()
         self.navigator.set_goal(*goal)
 
-    def stand(self) -> None:
+    def cancel_goal(self) -> None:
         """Drop the goal at hand; the next one is asked for at the next control cycle."""
         self.goal = None
         self.navigator.cancel()
@@ -101,4 +102,92 @@ class MobileRobot:
             self.progress.goals_given_up += 1
         else:
             return
-        self.stand()
+        self.cancel_goal()
+
+
+class Guard(MobileRobot):
+    """A mobile robot that also keeps costmaps for MIDNet, beside those it drives by (II.B and IV.A)."""
+
+    def __init__(
+        self,
+        index: int,
+        name: str,
+        start: Pose2D,
+        navigator: Navigator,
+        ukf: PlanarUkf | None,
+        next_goal: GoalSource,
+        goal_timeout_s: float,
+        scan_to_map: ScanToMap | None = None,
+        detection_costmaps: Sequence[RollingCostmap] = (),
+    ) -> None:
+        """As ``MobileRobot``; each of ``detection_costmaps``, map frame, takes every scan of this robot."""
+        super().__init__(index, name, start, navigator, ukf, next_goal, goal_timeout_s, scan_to_map)
+        self.detection_costmaps = detection_costmaps
+
+    def observe(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:
+        """Take one scan into pose filter, navigator and detection costmaps."""
+        super().observe(ranges_m, lidar, time_s)
+        sensor_pose = self.pose.compose(lidar.mount)
+        for costmap in self.detection_costmaps:
+            costmap.update(self.pose, sensor_pose, ranges_m, lidar, time_s)
+
+
+class Progress:
+    """What one robot achieved and the time it lost, from its true positions; for ``robots.csv``."""
+
+    STUCK_RADIUS_M = 0.25
+    STUCK_AFTER_S = 5.0
+    PROGRESS_RADIUS_M = 0.5
+
+    def __init__(self) -> None:
+        """Nothing done yet."""
+        self.goals_reached = 0
+        self.goals_given_up = 0
+        self.stuck_s = 0.0
+        """seconds with a goal but within 0.25 m of one place, where that lasted longer than 5 s: a Burger
+        under way is through such a circle in 2.3 s, and one that swings to and fro never leaves it"""
+        self._stuck = _Dwell(self.STUCK_RADIUS_M)
+        self._without_progress = _Dwell(self.PROGRESS_RADIUS_M)
+        self._counted_until_s = 0.0
+        self._has_new_goal = True
+
+    def new_goal(self) -> None:
+        """Reset both timers: time spent on an earlier goal does not count."""
+        self._has_new_goal = True
+
+    def update(self, x: float, y: float, time_s: float, has_goal: bool) -> None:
+        """Note where the robot is, map frame, metres."""
+        if self._has_new_goal or not has_goal:
+            self._has_new_goal = False
+            self._stuck.begin(x, y, time_s)
+            self._without_progress.begin(x, y, time_s)
+        self._stuck.update(x, y, time_s)
+        self._without_progress.update(x, y, time_s)
+        if time_s - self._stuck.since_s > self.STUCK_AFTER_S:
+            # a long stand counts from its beginning
+            self.stuck_s += time_s - max(self._stuck.since_s, self._counted_until_s)
+            self._counted_until_s = time_s
+
+    def without_progress_s(self, time_s: float) -> float:
+        """How long the robot has been after its goal within half a metre of one place, seconds."""
+        return time_s - self._without_progress.since_s
+
+
+class _Dwell:
+    """How long a robot has been within ``radius_m`` of one place."""
+
+    def __init__(self, radius_m: float) -> None:
+        self._radius_m = radius_m
+        self._place = (math.nan, math.nan)
+        self.since_s = 0.0
+        """when it came there"""
+
+    def begin(self, x: float, y: float, time_s: float) -> None:
+        """Count from here and now."""
+        self._place = (x, y)
+        self.since_s = time_s
+
+    def update(self, x: float, y: float, time_s: float) -> None:
+        """Note where the robot is, metres; leaving the circle begins anew."""
+        if not math.hypot(x - self._place[0], y - self._place[1]) < self._radius_m:
+            self.begin(x, y, time_s)

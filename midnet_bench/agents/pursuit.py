@@ -1,12 +1,11 @@
-"""Who goes after whom: MIDNet's detections send guards in pursuit (items 53, 54)."""
+"""Which guard pursues which detected intruder (items 53, 54)."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from midnet_bench.agents.guard import Guard
-from midnet_bench.agents.mobile_robot import Point
+from midnet_bench.agents.mobile_robot import Guard, Point
 
 PursuitRule = Literal["nearest", "all", "none"]
 
@@ -16,16 +15,16 @@ RETARGET_M = 0.25
 
 @dataclass
 class Target:
-    """Somebody who was detected, as far as MIDNet knows."""
+    """An intruder that was detected, as far as MIDNet knows."""
 
     place: Point
-    """centre of the latest box on him, map frame, metres"""
+    """centre of the latest box on it, map frame, metres"""
     seen_s: float
     pursuers: list[Guard] = field(default_factory=list)
 
 
 class Pursuit:
-    """Keeps the targets and the guards that are after them."""
+    """Keeps the targets and the guards that pursue each."""
 
     def __init__(self, guards: Sequence[Guard], rule: PursuitRule, timeout_s: float) -> None:
         """``nearest`` sends one guard after each target, ``all`` every guard after the nearest one."""
@@ -39,18 +38,18 @@ class Pursuit:
         known = self.targets.setdefault(target, Target(place, time_s))
         known.place, known.seen_s = place, time_s
 
-    def forget(self, target: int) -> None:
-        """Call the pursuers of a target off: caught, or gone."""
+    def drop(self, target: int) -> None:
+        """Call the pursuers of a target off, which was caught or escaped."""
         lost = self.targets.pop(target, None)
         for guard in lost.pursuers if lost else ():
-            guard.stand()
+            guard.cancel_goal()
 
     def update(self, time_s: float) -> None:
         """Give up targets that were not detected for too long, then send free guards and new goals out."""
         for target in [
             name for name, known in self.targets.items() if time_s - known.seen_s > self._timeout_s
         ]:
-            self.forget(target)
+            self.drop(target)
         if self._rule == "none" or not self.targets:
             return
         for guard, known in self._assignments():
@@ -62,7 +61,7 @@ class Pursuit:
                     guard.drive_to(known.place)
 
     def _assignments(self) -> list[tuple[Guard, Target]]:
-        """Pairs of a guard that patrols and the target he is to go after, nearest pairs first."""
+        """Pairs of a guard that patrols and the target it is to pursue, nearest pairs first."""
         busy = {guard.index for known in self.targets.values() for guard in known.pursuers}
         free = [guard for guard in self._guards if guard.index not in busy]
         if self._rule == "all":

@@ -6,14 +6,12 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.agents.guard import Guard
-from midnet_bench.agents.mobile_robot import MobileRobot, Point
+from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.layout import Layout
 from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.midnet.pipeline import Frame
-from midnet_bench.navigation.costmap import at_pose
 from midnet_bench.robots.burger import LDS_01
 
 Floats = npt.NDArray[np.float64]
@@ -31,7 +29,7 @@ _LIDAR_MOUNT = LDS_01.mount
 
 def burger_at(pose: Pose2D, enlarged: float = 1.0) -> Floats:
     """(12, 2) a Burger's body from above, so many times as large as it is, map frame."""
-    return at_pose(BURGER_OUTLINE * enlarged, pose)
+    return pose.transform(BURGER_OUTLINE * enlarged)
 
 
 class Stage(Protocol):

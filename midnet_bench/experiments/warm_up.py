@@ -6,7 +6,7 @@ from midnet_bench.experiments.detection.trial import DetectionTrial
 from midnet_bench.experiments.guarded.parameters import DetectionParameters
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.mapping.trial import ExplorationTrial
-from midnet_bench.navigation.warm_up import compile_kernels as compile_navigation
+from midnet_bench.navigation.navigator import compile_kernels as compile_navigation
 
 EXPLORED_S = 5
 """long enough for a robot to match a few scans and to plan on its map"""

@@ -1,4 +1,8 @@
-"""costmap_2d: cost values, inflation, the obstacle layer, and the costmaps that are made of them."""
+"""costmap_2d: an obstacle layer fed by scans, inflation, and the rolling and global costmaps made of them.
+
+First the robot's footprint and the settings, then costs and their published values, the layers and costmaps,
+and last the compiled loops.
+"""
 
 import math
 from dataclasses import dataclass
@@ -11,8 +15,11 @@ from numba import njit
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid
 from midnet_bench.messages import LidarGeometry
+
+Cells = npt.NDArray[np.uint8]
+Floats = npt.NDArray[np.float64]
 
 FREE_SPACE = 0
 INSCRIBED = 253
@@ -21,269 +28,10 @@ LETHAL = 254
 """an obstacle is in this cell"""
 NO_INFORMATION = 255
 
-OCCUPIED = 100
-"""an occupancy grid's surely occupied cell"""
-
-
-def _published_values() -> npt.NDArray[np.int8]:
-    table = np.zeros(256, dtype=np.int8)
-    graded = np.arange(1, INSCRIBED)
-    table[graded] = 1 + 97 * (graded - 1) // 251
-    table[INSCRIBED] = 99
-    table[LETHAL] = OCCUPIED
-    table[NO_INFORMATION] = -1
-    return table
-
-
-PUBLISHED = _published_values()
-"""(256,) int8: published occupancy of each cost: 0 -> 0, 1..252 -> 1..98, 253 -> 99, 254 -> 100, 255 -> -1"""
-
-
-def published(costs: npt.NDArray[np.uint8]) -> npt.NDArray[np.int8]:
-    """(H, W) int8 occupancy values of a costmap, as costmap_2d publishes them."""
-    return np.asarray(cv2.LUT(costs, PUBLISHED), dtype=np.int8)
-
-
-def inflation_costs(
-    reach_cells: int, resolution: float, inscribed_radius_m: float, cost_scaling_factor: float
-) -> npt.NDArray[np.uint8]:
-    """(reach_cells**2 + 1,) uint8: a cell's cost by its squared distance, in cells, to a lethal one.
-
-    254 at 0, 253 within the inscribed radius, then 252 exp(-k (distance - inscribed radius)), truncated.
-    """
-    distance_m = np.sqrt(np.arange(reach_cells**2 + 1)) * resolution
-    beyond_m = np.maximum(distance_m - inscribed_radius_m, 0.0)
-    graded = (252.0 * np.exp(-cost_scaling_factor * beyond_m)).astype(np.uint8)
-    costs = np.where(beyond_m == 0.0, np.uint8(INSCRIBED), graded)
-    costs[0] = LETHAL
-    return costs
-
-
-def reach_cells(radius_m: float, resolution: float) -> int:
-    """A length as whole cells, rounded up, at least 0: how costmap_2d turns radii and ranges into cells."""
-    return max(0, math.ceil(round(radius_m / resolution, 9)))
-
-
-Cells = npt.NDArray[np.uint8]
-Floats = npt.NDArray[np.float64]
-
-_FREE, _LETHAL, _UNKNOWN, _INSCRIBED = 0, 254, 255, 253
-
-
-@njit(cache=True)
-def line_steps(dx: int, dy: int, width: int) -> tuple[int, int, int, int]:
-    """(steps along the dominant axis, steps along the other, flat index step of each) of a grid line.
-
-    The line is Bresenham's; x dominates ties. Walk it with an error that starts at half the dominant count.
-    """
-    step_x = 1 if dx > 0 else -1
-    step_y = width if dy > 0 else -width
-    if abs(dx) >= abs(dy):
-        return abs(dx), abs(dy), step_x, step_y
-    return abs(dy), abs(dx), step_y, step_x
-
-
-@njit(cache=True)
-def clear_line(cells: Cells, x0: int, y0: int, x1: int, y1: int, max_cells: int) -> None:
-    """Set the cells from (x0, y0) towards (x1, y1) free, both ends too, ``max_cells`` (Euclidean) at most."""
-    flat = cells.reshape(-1)
-    width = cells.shape[1]
-    major, minor, major_step, minor_step = line_steps(x1 - x0, y1 - y0, width)
-    length = math.hypot(x1 - x0, y1 - y0)
-    steps = major if length <= max_cells else int(max_cells / length * major)
-    error = major // 2
-    # Unsigned, so that no index is asked whether it counts from the end; steps back wrap round.
-    index, along, aside = np.uint64(y0 * width + x0), np.uint64(major_step), np.uint64(minor_step)
-    for _ in range(steps + 1):
-        flat[index] = _FREE
-        index += along
-        error += minor
-        if error >= major:
-            index += aside
-            error -= major
-
-
-@njit(cache=True)
-def clear_polygon(cells: Cells, corners: Floats) -> None:
-    """Set the cells of a convex polygon free; nothing if a corner is off the grid or they are fewer than 3.
-
-    ``corners``: (N, 2) in cells from the grid's lower-left corner. Each column is filled between the
-    outline's lowest and highest cell.
-    """
-    height, width = cells.shape
-    n = len(corners)
-    if n < 3:
-        return
-    for i in range(n):
-        x, y = corners[i, 0], corners[i, 1]
-        if x < 0.0 or y < 0.0 or x >= width or y >= height:
-            return
-    lowest = np.full(width, height, dtype=np.int64)
-    highest = np.full(width, -1, dtype=np.int64)
-    for i in range(n):
-        x0, y0 = int(corners[i - 1, 0]), int(corners[i - 1, 1])
-        x1, y1 = int(corners[i, 0]), int(corners[i, 1])
-        major, minor, major_step, minor_step = line_steps(x1 - x0, y1 - y0, width)
-        error = major // 2
-        index = y0 * width + x0
-        for _ in range(major + 1):
-            y, x = index // width, index % width
-            lowest[x] = min(lowest[x], y)
-            highest[x] = max(highest[x], y)
-            index += major_step
-            error += minor
-            if error >= major:
-                index += minor_step
-                error -= major
-    for x in range(width):
-        for y in range(lowest[x], highest[x] + 1):
-            cells[y, x] = _FREE
-
-
-@njit(cache=True)
-def placed(corners: Floats, pose: tuple[float, float, float]) -> Floats:
-    """(N, 2) corners, given in the frame of ``pose`` (x, y, yaw), in the frame that it is given in."""
-    x, y, yaw = pose
-    c, s = math.cos(yaw), math.sin(yaw)
-    moved = np.empty_like(corners)
-    for i in range(len(corners)):
-        moved[i, 0] = x + c * corners[i, 0] - s * corners[i, 1]
-        moved[i, 1] = y + s * corners[i, 0] + c * corners[i, 1]
-    return moved
-
-
-@njit(cache=True)
-def integrate_scan(
-    cells: Cells,
-    sensor: tuple[float, float, float],
-    resolution: float,
-    ranges: Floats,
-    directions: Floats,
-    range_limits: tuple[float, float],
-    obstacle_range: float,
-    raytrace_cells: int,
-    inf_is_valid: bool,
-    base: tuple[float, float, float],
-    footprint: Floats,
-    marked: npt.NDArray[np.int64],
-) -> int:
-    """Clear along every beam, then mark every hit, then free the footprint; returns how many were marked.
-
-    ``sensor``: x, y in cells from the grid's lower-left corner, yaw in radians. ``ranges``: (B,) metres;
-    ``directions``: (B, 2) cosine and sine of each beam in the sensor frame. A range outside
-    [range_min, range_max) neither clears nor marks, except that +inf clears under ``inf_is_valid``.
-    A hit at ``obstacle_range`` exactly is not marked. ``base``: as ``sensor``, where the robot stands;
-    ``footprint``: (N, 2) cells, its corners in its base frame; empty to clear none. ``marked``: (B,), takes
-    the flat indices of the marked cells.
-    """
-    height, width = cells.shape
-    sensor_x, sensor_y, yaw = sensor
-    cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
-    inside = 0.0 <= sensor_x < width and 0.0 <= sensor_y < height
-    start_x, start_y = int(sensor_x), int(sensor_y)
-    pulled_in = 0.001 / resolution
-    count = 0
-    last_end = -1
-    for i in range(len(ranges)):
-        distance = ranges[i]
-        if inf_is_valid and distance == math.inf:
-            distance = range_limits[1] - 0.0001
-        if not (range_limits[0] <= distance < range_limits[1]):
-            continue
-        reach = distance / resolution
-        a = reach * (cos_yaw * directions[i, 0] - sin_yaw * directions[i, 1])
-        b = reach * (sin_yaw * directions[i, 0] + cos_yaw * directions[i, 1])
-        x, y = sensor_x + a, sensor_y + b
-        if distance < obstacle_range and 0.0 <= x < width and 0.0 <= y < height:
-            marked[count] = int(y) * width + int(x)
-            count += 1
-        if not inside:
-            continue
-        if x < 0.0:
-            x, y = 0.0, sensor_y - b * sensor_x / a
-        if y < 0.0:
-            x, y = sensor_x - a * sensor_y / b, 0.0
-        if x > width:
-            x, y = width - pulled_in, sensor_y + b * (width - sensor_x) / a
-        if y > height:
-            x, y = sensor_x + a * (height - sensor_y) / b, height - pulled_in
-        end_x, end_y = int(x), int(y)
-        # Beams a degree apart often end in one cell, and the line to it is the same.
-        if 0 <= end_x < width and 0 <= end_y < height and end_y * width + end_x != last_end:
-            last_end = end_y * width + end_x
-            clear_line(cells, start_x, start_y, end_x, end_y, raytrace_cells)
-    flat = cells.reshape(-1)
-    for i in range(count):
-        flat[marked[i]] = _LETHAL
-    if len(footprint) > 0:
-        clear_polygon(cells, placed(footprint, base))
-    return count
-
-
-@njit(cache=True)
-def combined(static: Cells, obstacles: Cells) -> Cells:
-    """(H, W) uint8: the higher of both; an unknown cell gives way to a known one (combination method 1)."""
-    height, width = static.shape
-    costs = np.empty((height, width), dtype=np.uint8)
-    for row in range(height):
-        below, above, here = static[row], obstacles[row], costs[row]
-        for x in range(width):
-            if below[x] == _UNKNOWN or (above[x] != _UNKNOWN and above[x] > below[x]):
-                here[x] = above[x]
-            else:
-                here[x] = below[x]
-    return costs
-
-
-@njit(cache=True)
-def inflate(base: Cells, cost_by_squared_distance: Cells, reach: int) -> Cells:
-    """(H, W) uint8: ``base`` with the cost of the distance to its nearest lethal cell, where that is higher.
-
-    Exact Euclidean distances in two passes: down the columns first, then along the rows over the columns'
-    results. Unknown cells take a cost of 253 or more only. ``reach`` in cells, at most 100;
-    ``cost_by_squared_distance`` has reach**2 + 1 entries, and nothing is inflated beyond it.
-    """
-    height, width = base.shape
-    far = np.int16(reach + 1)
-    # Rows are taken out before their loops: the compiler then sees them apart and takes many cells at once.
-    gap = np.full((height + 2, width), far, dtype=np.int16)
-    for row in range(height):
-        cells, below, here = base[row], gap[row], gap[row + 1]
-        for x in range(width):
-            here[x] = 0 if cells[x] == _LETHAL else min(np.int16(below[x] + 1), far)
-    costs = base.copy()
-    limit = reach * reach
-    padded = np.full(width + 2 * reach, np.int16(far * far), dtype=np.int16)
-    squared = np.empty(width, dtype=np.int16)
-    for row in range(height - 1, -1, -1):
-        above, here, nearest = gap[row + 2], gap[row + 1], far
-        for x in range(width):
-            here[x] = min(np.int16(above[x] + 1), here[x])
-        for x in range(width):
-            nearest = min(nearest, here[x])
-        if nearest == far:
-            continue
-        for x in range(width):
-            squared[x] = here[x] * here[x]
-        padded[reach : reach + width] = squared
-        for offset in range(1, reach + 1):
-            left = padded[reach - offset : reach - offset + width]
-            right = padded[reach + offset : reach + offset + width]
-            added = np.int16(offset * offset)
-            for x in range(width):
-                squared[x] = min(squared[x], np.int16(min(left[x], right[x]) + added))
-        row_of_costs = costs[row]
-        for x in range(width):
-            if squared[x] <= limit:
-                cost = cost_by_squared_distance[squared[x]]
-                old = row_of_costs[x]
-                if (old == _UNKNOWN and cost >= _INSCRIBED) or (old != _UNKNOWN and cost > old):
-                    row_of_costs[x] = cost
-    return costs
-
 
 Footprint = tuple[tuple[float, float], ...]
 """the corners of a convex polygon in order, (x, y) in the base frame, metres"""
+
 
 BURGER: Footprint = ((-0.105, -0.105), (-0.105, 0.105), (0.041, 0.105), (0.041, -0.105))
 """TurtleBot3 Burger (costmap_common_params_burger.yaml), unpadded"""
@@ -309,11 +57,6 @@ def radii(footprint: Footprint) -> tuple[float, float]:
     along = np.clip(-(corners * edges).sum(axis=1) / (edges * edges).sum(axis=1), 0.0, 1.0)
     nearest = corners + along[:, None] * edges
     return float(np.hypot(*nearest.T).min()), float(np.hypot(*corners.T).max())
-
-
-def at_pose(corners: npt.NDArray[np.float64], pose: Pose2D) -> npt.NDArray[np.float64]:
-    """(N, 2) corners, given in the base frame, in the frame in which ``pose`` is given, metres."""
-    return np.asarray(placed(corners, (pose.x, pose.y, pose.yaw)))
 
 
 def corner_array(footprint: Footprint) -> npt.NDArray[np.float64]:
@@ -413,6 +156,58 @@ def _burger(resolution: float = 0.05, size_m: float = 3.0, centered: bool = Fals
     )
 
 
+def _published_values() -> npt.NDArray[np.int8]:
+    table = np.zeros(256, dtype=np.int8)
+    graded = np.arange(1, INSCRIBED)
+    table[graded] = 1 + 97 * (graded - 1) // 251
+    table[INSCRIBED] = 99
+    table[LETHAL] = OCCUPIED
+    table[NO_INFORMATION] = UNKNOWN
+    return table
+
+
+PUBLISHED = _published_values()
+"""(256,) int8: published occupancy of each cost: 0 -> 0, 1..252 -> 1..98, 253 -> 99, 254 -> 100, 255 -> -1"""
+
+
+def published(costs: npt.NDArray[np.uint8]) -> npt.NDArray[np.int8]:
+    """(H, W) int8 occupancy values of a costmap, as costmap_2d publishes them."""
+    return np.asarray(cv2.LUT(costs, PUBLISHED), dtype=np.int8)
+
+
+def inflation_costs(
+    reach_cells: int, resolution: float, inscribed_radius_m: float, cost_scaling_factor: float
+) -> npt.NDArray[np.uint8]:
+    """(reach_cells**2 + 1,) uint8: a cell's cost by its squared distance, in cells, to a lethal one.
+
+    254 at 0, 253 within the inscribed radius, then 252 exp(-k (distance - inscribed radius)), truncated.
+    """
+    distance_m = np.sqrt(np.arange(reach_cells**2 + 1)) * resolution
+    beyond_m = np.maximum(distance_m - inscribed_radius_m, 0.0)
+    graded = (252.0 * np.exp(-cost_scaling_factor * beyond_m)).astype(np.uint8)
+    costs = np.where(beyond_m == 0.0, np.uint8(INSCRIBED), graded)
+    costs[0] = LETHAL
+    return costs
+
+
+def reach_cells(radius_m: float, resolution: float) -> int:
+    """A length as whole cells, rounded up, at least 0: how costmap_2d turns radii and ranges into cells."""
+    return max(0, math.ceil(round(radius_m / resolution, 9)))
+
+
+class _Inflation:
+    """Inflates a grid of lethal, free and unknown cells with one costmap's parameters."""
+
+    def __init__(self, settings: CostmapSettings) -> None:
+        self.reach = reach_cells(settings.inflation_radius_m, settings.resolution)
+        self._costs = inflation_costs(
+            self.reach, settings.resolution, settings.inscribed_radius_m, settings.cost_scaling_factor
+        )
+
+    def __call__(self, base: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+        return np.asarray(inflate(base, self._costs, self.reach))
+
+
 _Value = TypeVar("_Value", bound=np.generic)
 
 
@@ -479,9 +274,11 @@ class ObstacleLayer:
         time_s: float,
     ) -> None:
         """Take one scan: clear along all beams, then mark all hits, then free the footprint."""
+        if ranges_m.shape != (geometry.beams,):
+            raise ValueError(f"{ranges_m.shape} ranges of a LiDAR with {geometry.beams} beams")
         settings = self.settings
         if not self._remembers_for_ever:
-            self._forget(time_s)
+            self._age(time_s)
         if len(self._marked) < len(ranges_m):
             self._marked = np.empty(len(ranges_m), dtype=np.int64)
         count = integrate_scan(
@@ -515,7 +312,7 @@ class ObstacleLayer:
         cleared[kept] = self.cells[kept]
         self.cells = cleared
 
-    def _forget(self, time_s: float) -> None:
+    def _age(self, time_s: float) -> None:
         memory_s = self.settings.memory_s
         if memory_s == 0.0:
             self.cells.fill(self._unseen)
@@ -532,19 +329,6 @@ def _moved(
     if x0 < x1 and y0 < y1:
         new[y0 - rows : y1 - rows, x0 - columns : x1 - columns] = old[y0:y1, x0:x1]
     return new
-
-
-class _Inflation:
-    """Inflates a grid of lethal, free and unknown cells with one costmap's parameters."""
-
-    def __init__(self, settings: CostmapSettings) -> None:
-        self.reach = reach_cells(settings.inflation_radius_m, settings.resolution)
-        self._costs = inflation_costs(
-            self.reach, settings.resolution, settings.inscribed_radius_m, settings.cost_scaling_factor
-        )
-
-    def __call__(self, base: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-        return np.asarray(inflate(base, self._costs, self.reach))
 
 
 class RollingCostmap:
@@ -587,7 +371,12 @@ class RollingCostmap:
 
         ``pose`` and ``sensor_pose``: the robot's base and its LiDAR at the scan's instant, in the costmap's
         frame. ``ranges_m``: (B,), inf or NaN where nothing came back.
+
+        Raises:
+            ValueError: a pose is not finite, or the ranges are not one for each beam.
         """
+        pose.require_finite()
+        sensor_pose.require_finite()
         column, row = self._window(pose)
         self.layer.move_to(column, row, self.settings.size_cells, self.settings.size_cells)
         self.layer.update(pose, sensor_pose, ranges_m, geometry, time_s)
@@ -674,7 +463,9 @@ class GlobalCostmap:
         geometry: LidarGeometry,
         time_s: float,
     ) -> None:
-        """Take one scan; arguments as for ``RollingCostmap.update``."""
+        """Take one scan; arguments and errors as for ``RollingCostmap.update``."""
+        pose.require_finite()
+        sensor_pose.require_finite()
         self.layer.update(pose, sensor_pose, ranges_m, geometry, time_s)
         if math.isinf(self.settings.memory_s):
             x, y = (math.floor(value) for value in self.layer.to_cells(sensor_pose.x, sensor_pose.y))
@@ -734,3 +525,215 @@ def static_costs(static_map: OccupancyGrid, settings: CostmapSettings) -> Occupa
 def _box(bounds: tuple[int, int, int, int]) -> tuple[slice, slice]:
     x0, y0, x1, y1 = bounds
     return slice(y0, y1), slice(x0, x1)
+
+
+@njit(cache=True)
+def line_steps(dx: int, dy: int, width: int) -> tuple[int, int, int, int]:
+    """(steps along the dominant axis, steps along the other, flat index step of each) of a grid line.
+
+    The line is Bresenham's; x dominates ties. Walk it with an error that starts at half the dominant count.
+    """
+    step_x = 1 if dx > 0 else -1
+    step_y = width if dy > 0 else -width
+    if abs(dx) >= abs(dy):
+        return abs(dx), abs(dy), step_x, step_y
+    return abs(dy), abs(dx), step_y, step_x
+
+
+@njit(cache=True)
+def clear_line(cells: Cells, x0: int, y0: int, x1: int, y1: int, max_cells: int) -> None:
+    """Set the cells from (x0, y0) towards (x1, y1) free, both ends too, ``max_cells`` (Euclidean) at most."""
+    flat = cells.reshape(-1)
+    width = cells.shape[1]
+    major, minor, major_step, minor_step = line_steps(x1 - x0, y1 - y0, width)
+    length = math.hypot(x1 - x0, y1 - y0)
+    steps = major if length <= max_cells else int(max_cells / length * major)
+    error = major // 2
+    # Unsigned, so that no index is asked whether it counts from the end; steps back wrap round.
+    index, along, aside = np.uint64(y0 * width + x0), np.uint64(major_step), np.uint64(minor_step)
+    for _ in range(steps + 1):
+        flat[index] = FREE_SPACE
+        index += along
+        error += minor
+        if error >= major:
+            index += aside
+            error -= major
+
+
+@njit(cache=True)
+def clear_polygon(cells: Cells, corners: Floats) -> None:
+    """Set the cells of a convex polygon free; nothing if a corner is off the grid or they are fewer than 3.
+
+    ``corners``: (N, 2) in cells from the grid's lower-left corner. Each column is filled between the
+    outline's lowest and highest cell.
+    """
+    height, width = cells.shape
+    n = len(corners)
+    if n < 3:
+        return
+    for i in range(n):
+        # not "x < 0 or x >= width", which lets a NaN through
+        if not (0.0 <= corners[i, 0] < width and 0.0 <= corners[i, 1] < height):
+            return
+    lowest = np.full(width, height, dtype=np.int64)
+    highest = np.full(width, -1, dtype=np.int64)
+    for i in range(n):
+        x0, y0 = int(corners[i - 1, 0]), int(corners[i - 1, 1])
+        x1, y1 = int(corners[i, 0]), int(corners[i, 1])
+        major, minor, major_step, minor_step = line_steps(x1 - x0, y1 - y0, width)
+        error = major // 2
+        index = y0 * width + x0
+        for _ in range(major + 1):
+            y, x = index // width, index % width
+            lowest[x] = min(lowest[x], y)
+            highest[x] = max(highest[x], y)
+            index += major_step
+            error += minor
+            if error >= major:
+                index += minor_step
+                error -= major
+    for x in range(width):
+        for y in range(lowest[x], highest[x] + 1):
+            cells[y, x] = FREE_SPACE
+
+
+@njit(cache=True)
+def placed(corners: Floats, pose: tuple[float, float, float]) -> Floats:
+    """(N, 2) corners, given in the frame of ``pose`` (x, y, yaw), in the frame that it is given in."""
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    moved = np.empty_like(corners)
+    for i in range(len(corners)):
+        moved[i, 0] = x + c * corners[i, 0] - s * corners[i, 1]
+        moved[i, 1] = y + s * corners[i, 0] + c * corners[i, 1]
+    return moved
+
+
+@njit(cache=True)
+def integrate_scan(
+    cells: Cells,
+    sensor: tuple[float, float, float],
+    resolution: float,
+    ranges: Floats,
+    directions: Floats,
+    range_limits: tuple[float, float],
+    obstacle_range: float,
+    raytrace_cells: int,
+    inf_is_valid: bool,
+    base: tuple[float, float, float],
+    footprint: Floats,
+    marked: npt.NDArray[np.int64],
+) -> int:
+    """Clear along every beam, then mark every hit, then free the footprint; returns how many were marked.
+
+    ``sensor``: x, y in cells from the grid's lower-left corner, yaw in radians. ``ranges``: (B,) metres;
+    ``directions``: (B, 2) cosine and sine of each beam in the sensor frame. A range outside
+    [range_min, range_max) neither clears nor marks, except that +inf clears under ``inf_is_valid``.
+    A hit at ``obstacle_range`` exactly is not marked. ``base``: as ``sensor``, where the robot stands;
+    ``footprint``: (N, 2) cells, its corners in its base frame; empty to clear none. ``marked``: (B,), takes
+    the flat indices of the marked cells.
+    """
+    height, width = cells.shape
+    sensor_x, sensor_y, yaw = sensor
+    cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
+    inside = 0.0 <= sensor_x < width and 0.0 <= sensor_y < height
+    start_x, start_y = int(sensor_x), int(sensor_y)
+    pulled_in = 0.001 / resolution
+    count = 0
+    last_end = -1
+    for i in range(len(ranges)):
+        distance = ranges[i]
+        if inf_is_valid and distance == math.inf:
+            distance = range_limits[1] - 0.0001
+        if not (range_limits[0] <= distance < range_limits[1]):
+            continue
+        reach = distance / resolution
+        a = reach * (cos_yaw * directions[i, 0] - sin_yaw * directions[i, 1])
+        b = reach * (sin_yaw * directions[i, 0] + cos_yaw * directions[i, 1])
+        x, y = sensor_x + a, sensor_y + b
+        if distance < obstacle_range and 0.0 <= x < width and 0.0 <= y < height:
+            marked[count] = int(y) * width + int(x)
+            count += 1
+        if not inside:
+            continue
+        if x < 0.0:
+            x, y = 0.0, sensor_y - b * sensor_x / a
+        if y < 0.0:
+            x, y = sensor_x - a * sensor_y / b, 0.0
+        if x > width:
+            x, y = width - pulled_in, sensor_y + b * (width - sensor_x) / a
+        if y > height:
+            x, y = sensor_x + a * (height - sensor_y) / b, height - pulled_in
+        end_x, end_y = int(x), int(y)
+        # Beams a degree apart often end in one cell, and the line to it is the same.
+        if 0 <= end_x < width and 0 <= end_y < height and end_y * width + end_x != last_end:
+            last_end = end_y * width + end_x
+            clear_line(cells, start_x, start_y, end_x, end_y, raytrace_cells)
+    flat = cells.reshape(-1)
+    for i in range(count):
+        flat[marked[i]] = LETHAL
+    if len(footprint) > 0:
+        clear_polygon(cells, placed(footprint, base))
+    return count
+
+
+@njit(cache=True)
+def combined(static: Cells, obstacles: Cells) -> Cells:
+    """(H, W) uint8: the higher of both; an unknown cell gives way to a known one (combination method 1)."""
+    height, width = static.shape
+    costs = np.empty((height, width), dtype=np.uint8)
+    for row in range(height):
+        below, above, here = static[row], obstacles[row], costs[row]
+        for x in range(width):
+            if below[x] == NO_INFORMATION or (above[x] != NO_INFORMATION and above[x] > below[x]):
+                here[x] = above[x]
+            else:
+                here[x] = below[x]
+    return costs
+
+
+@njit(cache=True)
+def inflate(base: Cells, cost_by_squared_distance: Cells, reach: int) -> Cells:
+    """(H, W) uint8: ``base`` with the cost of the distance to its nearest lethal cell, where that is higher.
+
+    Exact Euclidean distances in two passes: down the columns first, then along the rows over the columns'
+    results. Unknown cells take a cost of 253 or more only. ``reach`` in cells, at most 100;
+    ``cost_by_squared_distance`` has reach**2 + 1 entries, and nothing is inflated beyond it.
+    """
+    height, width = base.shape
+    far = np.int16(reach + 1)
+    # Rows are taken out before their loops: the compiler then sees them apart and takes many cells at once.
+    gap = np.full((height + 2, width), far, dtype=np.int16)
+    for row in range(height):
+        cells, below, here = base[row], gap[row], gap[row + 1]
+        for x in range(width):
+            here[x] = 0 if cells[x] == LETHAL else min(np.int16(below[x] + 1), far)
+    costs = base.copy()
+    limit = reach * reach
+    padded = np.full(width + 2 * reach, np.int16(far * far), dtype=np.int16)
+    squared = np.empty(width, dtype=np.int16)
+    for row in range(height - 1, -1, -1):
+        above, here, nearest = gap[row + 2], gap[row + 1], far
+        for x in range(width):
+            here[x] = min(np.int16(above[x] + 1), here[x])
+        for x in range(width):
+            nearest = min(nearest, here[x])
+        if nearest == far:
+            continue
+        for x in range(width):
+            squared[x] = here[x] * here[x]
+        padded[reach : reach + width] = squared
+        for offset in range(1, reach + 1):
+            left = padded[reach - offset : reach - offset + width]
+            right = padded[reach + offset : reach + offset + width]
+            added = np.int16(offset * offset)
+            for x in range(width):
+                squared[x] = min(squared[x], np.int16(min(left[x], right[x]) + added))
+        row_of_costs = costs[row]
+        for x in range(width):
+            if squared[x] <= limit:
+                cost = cost_by_squared_distance[squared[x]]
+                old = row_of_costs[x]
+                if (old == NO_INFORMATION and cost >= INSCRIBED) or (old != NO_INFORMATION and cost > old):
+                    row_of_costs[x] = cost
+    return costs

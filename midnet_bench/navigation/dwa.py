@@ -5,33 +5,108 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.messages import Command
-from midnet_bench.navigation.costmap import Footprint, RollingCostmap, corner_array
+from midnet_bench.navigation.costmap import Cells, Floats, Footprint, RollingCostmap, corner_array
 from midnet_bench.navigation.local_planner import (
     GOAL,
     GOAL_FRONT,
     ILLEGAL,
     PATH,
+    Grids,
     LocalGoalGrids,
     LocalPlannerLimits,
     Plan,
     outline_cost,
-    turn_is_free,
     velocity_samples,
 )
 
-Cells = npt.NDArray[np.uint8]
-Grids = npt.NDArray[np.int32]
-Floats = npt.NDArray[np.float64]
+
+@dataclass(frozen=True)
+class DwaSettings:
+    """Parameters of DWAPlannerROS; the defaults are those of dwa_local_planner_params_burger.yaml.
+
+    What never acts on a Burger is left out: the y axis, footprint scaling above 0.25 m/s, twirling, and
+    ``use_dwa: false`` (that is Trajectory Rollout's way of sampling).
+    """
+
+    limits: LocalPlannerLimits = field(default_factory=LocalPlannerLimits)
+    sim_time_s: float = 1.5
+    sim_granularity_m: float = 0.025
+    angular_sim_granularity_rad: float = 0.1
+    vx_samples: int = 20
+    vth_samples: int = 40
+    path_distance_bias: float = 32.0
+    goal_distance_bias: float = 20.0
+    occdist_scale: float = 0.02
+    forward_point_distance_m: float = 0.325
+    oscillation_reset_dist_m: float = 0.05
+    oscillation_reset_angle_rad: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name in (
+            "sim_time_s",
+            "sim_granularity_m",
+            "angular_sim_granularity_rad",
+            "vx_samples",
+            "vth_samples",
+        ):
+            if not getattr(self, name) > 0:
+                raise InputError(f"dwa: {name} must be greater than 0 (got {getattr(self, name)})")
 
 
-class Scales(NamedTuple):
-    """What ``search`` needs of the settings, in cells where they are lengths."""
+_ESCAPE_AFTER_S = 2.0
+"""after so long without a legal sample the planner looks for a way off instead of along the plan"""
+
+
+class _Oscillation:
+    """Which signs of velocity are forbidden, because the last commands swung to and fro.
+
+    A speed of the opposite sign to the one before forbids that old sign; the same for turning, but only while
+    the speed is no more than ``min_vel_trans``. All is allowed again after moving or turning far enough.
+    Plans here outlive a planner cycle, so the flags do what they are for; in move_base at 5 Hz each new plan
+    clears them.
+    """
+
+    def __init__(self, settings: DwaSettings) -> None:
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """Allow all signs of velocity."""
+        self.allowed = (True, True, True, True)
+        """forwards, backwards, left, right"""
+        self._last_speed_sign = 0
+        self._last_turn_sign = 0
+        self._set_at = Pose2D(0.0, 0.0, 0.0)
+
+    def note(self, command: Command, pose: Pose2D) -> None:
+        """Take the command that was chosen at ``pose``."""
+        forwards, backwards, left, right = self.allowed
+        sign = _sign(command.linear_mps)
+        if sign != 0 and self._last_speed_sign == -sign:
+            forwards, backwards = sign > 0, sign < 0
+        self._last_speed_sign = sign or self._last_speed_sign
+        if abs(command.linear_mps) <= self._settings.limits.min_vel_trans_mps:
+            sign = _sign(command.angular_radps)
+            if sign != 0 and self._last_turn_sign == -sign:
+                left, right = sign > 0, sign < 0
+            self._last_turn_sign = sign or self._last_turn_sign
+        if (forwards, backwards, left, right) != self.allowed:
+            self.allowed = (forwards, backwards, left, right)
+            self._set_at = pose
+        elif not all(self.allowed) and (
+            pose.distance_to(self._set_at) > self._settings.oscillation_reset_dist_m
+            or abs(wrap_angle(pose.yaw - self._set_at.yaw)) > self._settings.oscillation_reset_angle_rad
+        ):
+            self.reset()
+
+
+class SearchParameters(NamedTuple):
+    """What the compiled search needs of the settings, lengths in cells."""
 
     min_vel_trans: float
     max_vel_trans: float
@@ -47,6 +122,247 @@ class Scales(NamedTuple):
     occupied: float
     """total score per unit of cost"""
     forward_cells: float
+
+
+class DwaPlanner:
+    """Chooses the best of the velocities that can be reached within one control period.
+
+    When none has been legal for two seconds, the velocity is chosen that leads away from obstacles, with the
+    robot's bare outline for the padded one. dwa_local_planner has no such way off: where padding and the
+    rounding to cells leave a robot no legal motion, or two robots stand nose to flank, it stands for ever.
+    """
+
+    def __init__(
+        self,
+        settings: DwaSettings,
+        footprint: Footprint,
+        bare_footprint: Footprint,
+        resolution: float,
+        period_s: float,
+    ) -> None:
+        self.settings = settings
+        self._period_s = period_s
+        self._footprint_cells = corner_array(footprint) / resolution
+        self._bare_footprint_cells = corner_array(bare_footprint) / resolution
+        self._cycles_without_sample = 0
+        self._oscillation = _Oscillation(settings)
+        self._grids = LocalGoalGrids()
+        limits = settings.limits
+        self._parameters = SearchParameters(
+            min_vel_trans=float(limits.min_vel_trans_mps),
+            max_vel_trans=float(limits.max_vel_trans_mps),
+            min_vel_theta=float(limits.min_vel_theta_radps),
+            sim_time=float(settings.sim_time_s),
+            steps_per_mps=settings.sim_time_s / settings.sim_granularity_m,
+            steps_per_radps=settings.sim_time_s / settings.angular_sim_granularity_rad,
+            cells_per_m=1.0 / resolution,
+            path=settings.path_distance_bias * resolution,
+            goal=settings.goal_distance_bias * resolution,
+            occupied=float(settings.occdist_scale),
+            forward_cells=settings.forward_point_distance_m / resolution,
+        )
+
+    @property
+    def limits(self) -> LocalPlannerLimits:
+        """What the robot may do."""
+        return self.settings.limits
+
+    def reset(self) -> None:
+        """Allow all signs of velocity again."""
+        self._oscillation.reset()
+
+    def command(self, costmap: RollingCostmap, plan: Plan, pose: Pose2D, velocity: Command) -> Command | None:
+        """The sample with the lowest total of all critics; None when every sample is discarded.
+
+        Two points depart from the original: arithmetic is in double precision, and the alignment critic's
+        grids are made when plan or costmap change rather than at every cycle.
+        """
+        settings, limits = self.settings, self.settings.limits
+        reach_v = limits.acc_lim_x_mps2 * self._period_s
+        reach_w = limits.acc_lim_theta_radps2 * self._period_s
+        windows = (
+            _window(velocity[0], reach_v, limits.min_vel_x_mps, limits.max_vel_x_mps),
+            _window(velocity[1], reach_w, -limits.max_vel_theta_radps, limits.max_vel_theta_radps),
+            (settings.vx_samples, settings.vth_samples),
+        )
+        end_x, end_y = plan[-1].tolist()
+        start = (*costmap.layer.to_cells(pose.x, pose.y), pose.yaw)
+        found, speed, turn = best_velocity(
+            costmap.costs,
+            self._grids.grids(costmap, plan, pose, settings.forward_point_distance_m),
+            start,
+            *windows,
+            self._oscillation.allowed,
+            math.hypot(end_x - pose.x, end_y - pose.y) > settings.forward_point_distance_m,
+            self._footprint_cells,
+            self._parameters,
+        )
+        self._cycles_without_sample = 0 if found else self._cycles_without_sample + 1
+        if self._cycles_without_sample * self._period_s > _ESCAPE_AFTER_S:
+            found, speed, turn = escape(
+                costmap.costs, start, *windows, self._bare_footprint_cells, self._parameters
+            )
+        if not found:
+            return None
+        chosen = Command(speed, turn)
+        self._oscillation.note(chosen, pose)
+        return chosen
+
+
+def _window(now: float, reach: float, low: float, high: float) -> tuple[float, float]:
+    """What can be reached of [low, high]; a velocity outside it is brought back to the nearer end."""
+    return min(max(low, now - reach), high), max(min(high, now + reach), low)
+
+
+def _sign(value: float) -> int:
+    return (value > 0.0) - (value < 0.0)
+
+
+@njit(cache=True)
+def best_velocity(
+    costs: Cells,
+    grids: Grids,
+    start: tuple[float, float, float],
+    speed_window: tuple[float, float],
+    turn_window: tuple[float, float],
+    counts: tuple[int, int],
+    signs_allowed: tuple[bool, bool, bool, bool],
+    aligned: bool,
+    footprint: Floats,
+    params: SearchParameters,
+) -> tuple[bool, float, float]:
+    """(whether any is legal, speed in m/s, turn in rad/s) of the best among evenly spaced samples."""
+    speeds = velocity_samples(speed_window[0], speed_window[1], counts[0])
+    turns = velocity_samples(turn_window[0], turn_window[1], counts[1])
+    best, _ = search(costs, grids, start, speeds, turns, signs_allowed, aligned, footprint, params)
+    if best < 0:
+        return False, 0.0, 0.0
+    return True, speeds[best // len(turns)], turns[best % len(turns)]
+
+
+@njit(cache=True)
+def search(
+    costs: Cells,
+    grids: Grids,
+    start: tuple[float, float, float],
+    speeds: Floats,
+    turns: Floats,
+    signs_allowed: tuple[bool, bool, bool, bool],
+    aligned: bool,
+    footprint: Floats,
+    params: SearchParameters,
+) -> tuple[int, float]:
+    """(index, total score) of the best sample, the lower index in a tie; (-1, inf) when none is legal.
+
+    Index i * len(turns) + j stands for speeds[i], turns[j]. ``start``: x, y in cells from the window's
+    lower-left corner, yaw in radians. ``signs_allowed``: forwards, backwards, left, right.
+
+    All samples get the score of their last point first, which costs a look-up each. Obstacle scores are only
+    added and never negative, and at least that of the start, which all samples share. So an arc is followed
+    step by step only when its known part does not exceed the best total yet, which leaves the result that of
+    scoring them all. The most promising ones are followed first until one is legal.
+    """
+    scores = _end_scores(grids, start, speeds, turns, signs_allowed, aligned, params)
+    at_start = outline_cost(costs, start[0], start[1], math.cos(start[2]), math.sin(start[2]), footprint)
+    if at_start == ILLEGAL:
+        return -1, np.inf
+    least = params.occupied * at_start
+    best, best_total = -1, np.inf
+    in_order = -1
+    while True:
+        if best < 0:
+            sample = int(np.argmin(scores))
+            if scores[sample] == np.inf:
+                return -1, np.inf
+        else:
+            in_order += 1
+            while in_order < len(scores) and not scores[in_order] + least <= best_total:
+                in_order += 1
+            if in_order == len(scores):
+                return best, best_total
+            sample = in_order
+        speed, turn = speeds[sample // len(turns)], turns[sample % len(turns)]
+        steps = _simulation_steps(speed, turn, params)
+        highest = collision_cost(
+            costs,
+            grids,
+            start,
+            speed * params.cells_per_m,
+            turn,
+            steps,
+            params.sim_time / steps,
+            params.forward_cells,
+            footprint,
+        )
+        if highest != ILLEGAL:
+            total = scores[sample] + params.occupied * highest
+            if total < best_total or (total == best_total and sample < best):
+                best, best_total = sample, total
+        scores[sample] = np.inf
+
+
+@njit(cache=True)
+def _end_scores(
+    grids: Grids,
+    start: tuple[float, float, float],
+    speeds: Floats,
+    turns: Floats,
+    signs_allowed: tuple[bool, bool, bool, bool],
+    aligned: bool,
+    params: SearchParameters,
+) -> Floats:
+    """(len(speeds) * len(turns),) what the critics of the last point give; inf where a sample is discarded.
+
+    The last of n Euler points is known in closed form: the sum of n - 1 unit vectors, each turned on by the
+    same angle.
+    """
+    height, width = grids.shape[1] - 2, grids.shape[2] - 2
+    free_below = height * width
+    forward = params.forward_cells
+    scores = np.full(len(speeds) * len(turns), np.inf)
+    for j in range(len(turns)):
+        turn = turns[j]
+        if (turn > 0.0 and not signs_allowed[2]) or (turn < 0.0 and not signs_allowed[3]):
+            continue
+        steps_before = -1
+        sum_c, sum_s, end_c, end_s = 0.0, 0.0, 0.0, 0.0
+        for i in range(len(speeds)):
+            speed = speeds[i]
+            if (speed > 0.0 and not signs_allowed[0]) or (speed < 0.0 and not signs_allowed[1]):
+                continue
+            if abs(speed) + 1e-4 < params.min_vel_trans and abs(turn) + 1e-4 < params.min_vel_theta:
+                continue
+            if abs(speed) - 1e-4 > params.max_vel_trans:
+                continue
+            steps = _simulation_steps(speed, turn, params)
+            if steps == 0:
+                continue
+            if steps != steps_before:
+                steps_before = steps
+                angle = turn * params.sim_time / steps
+                half = math.sin(0.5 * angle)
+                ratio = (steps - 1.0) if half == 0.0 else math.sin(0.5 * (steps - 1) * angle) / half
+                middle = start[2] + 0.5 * (steps - 2) * angle
+                sum_c, sum_s = ratio * math.cos(middle), ratio * math.sin(middle)
+                end_c = math.cos(start[2] + (steps - 1) * angle)
+                end_s = math.sin(start[2] + (steps - 1) * angle)
+            advance = speed * params.cells_per_m * params.sim_time / steps
+            x, y = start[0] + advance * sum_c, start[1] + advance * sum_s
+            ahead_x, ahead_y = x + forward * end_c, y + forward * end_s
+            if not (0.0 <= x < width and 0.0 <= y < height):
+                continue
+            if not (0.0 <= ahead_x < width and 0.0 <= ahead_y < height):
+                continue
+            row, column = int(y) + 1, int(x) + 1
+            path, goal = grids[PATH, row, column], grids[GOAL, row, column]
+            if path >= free_below or goal >= free_below:
+                continue
+            row, column = int(ahead_y) + 1, int(ahead_x) + 1
+            score = params.goal * grids[GOAL_FRONT, row, column]
+            if aligned:
+                score += params.path * grids[PATH, row, column]
+            scores[i * len(turns) + j] = score + params.path * path + params.goal * goal
+    return scores
 
 
 @njit(cache=True)
@@ -95,155 +411,8 @@ def collision_cost(
 
 
 @njit(cache=True)
-def _simulation_steps(speed: float, turn: float, scales: Scales) -> int:
-    return math.ceil(max(abs(speed) * scales.steps_per_mps, abs(turn) * scales.steps_per_radps))
-
-
-@njit(cache=True)
-def _end_scores(
-    grids: Grids,
-    start: tuple[float, float, float],
-    speeds: Floats,
-    turns: Floats,
-    signs_allowed: tuple[bool, bool, bool, bool],
-    aligned: bool,
-    scales: Scales,
-) -> Floats:
-    """(len(speeds) * len(turns),) what the critics of the last point give; inf where a sample is discarded.
-
-    The last of n Euler points is known in closed form: the sum of n - 1 unit vectors, each turned on by the
-    same angle.
-    """
-    height, width = grids.shape[1] - 2, grids.shape[2] - 2
-    free_below = height * width
-    forward = scales.forward_cells
-    scores = np.full(len(speeds) * len(turns), np.inf)
-    for j in range(len(turns)):
-        turn = turns[j]
-        if (turn > 0.0 and not signs_allowed[2]) or (turn < 0.0 and not signs_allowed[3]):
-            continue
-        steps_before = -1
-        sum_c, sum_s, end_c, end_s = 0.0, 0.0, 0.0, 0.0
-        for i in range(len(speeds)):
-            speed = speeds[i]
-            if (speed > 0.0 and not signs_allowed[0]) or (speed < 0.0 and not signs_allowed[1]):
-                continue
-            if abs(speed) + 1e-4 < scales.min_vel_trans and abs(turn) + 1e-4 < scales.min_vel_theta:
-                continue
-            if abs(speed) - 1e-4 > scales.max_vel_trans:
-                continue
-            steps = _simulation_steps(speed, turn, scales)
-            if steps == 0:
-                continue
-            if steps != steps_before:
-                steps_before = steps
-                angle = turn * scales.sim_time / steps
-                half = math.sin(0.5 * angle)
-                ratio = (steps - 1.0) if half == 0.0 else math.sin(0.5 * (steps - 1) * angle) / half
-                middle = start[2] + 0.5 * (steps - 2) * angle
-                sum_c, sum_s = ratio * math.cos(middle), ratio * math.sin(middle)
-                end_c = math.cos(start[2] + (steps - 1) * angle)
-                end_s = math.sin(start[2] + (steps - 1) * angle)
-            advance = speed * scales.cells_per_m * scales.sim_time / steps
-            x, y = start[0] + advance * sum_c, start[1] + advance * sum_s
-            ahead_x, ahead_y = x + forward * end_c, y + forward * end_s
-            if not (0.0 <= x < width and 0.0 <= y < height):
-                continue
-            if not (0.0 <= ahead_x < width and 0.0 <= ahead_y < height):
-                continue
-            row, column = int(y) + 1, int(x) + 1
-            path, goal = grids[PATH, row, column], grids[GOAL, row, column]
-            if path >= free_below or goal >= free_below:
-                continue
-            row, column = int(ahead_y) + 1, int(ahead_x) + 1
-            score = scales.goal * grids[GOAL_FRONT, row, column]
-            if aligned:
-                score += scales.path * grids[PATH, row, column]
-            scores[i * len(turns) + j] = score + scales.path * path + scales.goal * goal
-    return scores
-
-
-@njit(cache=True)
-def search(
-    costs: Cells,
-    grids: Grids,
-    start: tuple[float, float, float],
-    speeds: Floats,
-    turns: Floats,
-    signs_allowed: tuple[bool, bool, bool, bool],
-    aligned: bool,
-    footprint: Floats,
-    scales: Scales,
-) -> tuple[int, float]:
-    """(index, total score) of the best sample, the lower index in a tie; (-1, inf) when none is legal.
-
-    Index i * len(turns) + j stands for speeds[i], turns[j]. ``start``: x, y in cells from the window's
-    lower-left corner, yaw in radians. ``signs_allowed``: forwards, backwards, left, right.
-
-    All samples get the score of their last point first, which costs a look-up each. Obstacle scores are only
-    added and never negative, and at least that of the start, which all samples share. So an arc is followed
-    step by step only when its known part does not exceed the best total yet, which leaves the result that of
-    scoring them all. The most promising ones are followed first until one is legal.
-    """
-    scores = _end_scores(grids, start, speeds, turns, signs_allowed, aligned, scales)
-    at_start = outline_cost(costs, start[0], start[1], math.cos(start[2]), math.sin(start[2]), footprint)
-    if at_start == ILLEGAL:
-        return -1, np.inf
-    least = scales.occupied * at_start
-    best, best_total = -1, np.inf
-    in_order = -1
-    while True:
-        if best < 0:
-            sample = int(np.argmin(scores))
-            if scores[sample] == np.inf:
-                return -1, np.inf
-        else:
-            in_order += 1
-            while in_order < len(scores) and not scores[in_order] + least <= best_total:
-                in_order += 1
-            if in_order == len(scores):
-                return best, best_total
-            sample = in_order
-        speed, turn = speeds[sample // len(turns)], turns[sample % len(turns)]
-        steps = _simulation_steps(speed, turn, scales)
-        highest = collision_cost(
-            costs,
-            grids,
-            start,
-            speed * scales.cells_per_m,
-            turn,
-            steps,
-            scales.sim_time / steps,
-            scales.forward_cells,
-            footprint,
-        )
-        if highest != ILLEGAL:
-            total = scores[sample] + scales.occupied * highest
-            if total < best_total or (total == best_total and sample < best):
-                best, best_total = sample, total
-        scores[sample] = np.inf
-
-
-@njit(cache=True)
-def best_velocity(
-    costs: Cells,
-    grids: Grids,
-    start: tuple[float, float, float],
-    speed_window: tuple[float, float],
-    turn_window: tuple[float, float],
-    counts: tuple[int, int],
-    signs_allowed: tuple[bool, bool, bool, bool],
-    aligned: bool,
-    footprint: Floats,
-    scales: Scales,
-) -> tuple[bool, float, float]:
-    """(whether any is legal, speed in m/s, turn in rad/s) of the best among evenly spaced samples."""
-    speeds = velocity_samples(speed_window[0], speed_window[1], counts[0])
-    turns = velocity_samples(turn_window[0], turn_window[1], counts[1])
-    best, _ = search(costs, grids, start, speeds, turns, signs_allowed, aligned, footprint, scales)
-    if best < 0:
-        return False, 0.0, 0.0
-    return True, speeds[best // len(turns)], turns[best % len(turns)]
+def _simulation_steps(speed: float, turn: float, params: SearchParameters) -> int:
+    return math.ceil(max(abs(speed) * params.steps_per_mps, abs(turn) * params.steps_per_radps))
 
 
 @njit(cache=True)
@@ -254,27 +423,29 @@ def escape(
     turn_window: tuple[float, float],
     counts: tuple[int, int],
     footprint: Floats,
-    scales: Scales,
+    params: SearchParameters,
 ) -> tuple[bool, float, float]:
     """As ``best_velocity``, of the sample that ends farthest from obstacles without an outline on one.
 
     Farthest means the lowest cost under the centre, lower than at the start; the first wins a tie. No plan is
-    asked for.
+    asked for. Nothing is found from a start off the window.
     """
+    height, width = costs.shape
+    if not (0.0 <= start[0] < width and 0.0 <= start[1] < height):
+        return False, 0.0, 0.0
     speeds = velocity_samples(speed_window[0], speed_window[1], counts[0])
     turns = velocity_samples(turn_window[0], turn_window[1], counts[1])
-    height, width = costs.shape
     no_plan = np.zeros((3, height + 2, width + 2), dtype=np.int32)
     best = -1
     lowest = int(costs[int(start[1]), int(start[0])])
     for sample in range(len(speeds) * len(turns)):
         speed, turn = speeds[sample // len(turns)], turns[sample % len(turns)]
-        if abs(speed) + 1e-4 < scales.min_vel_trans and abs(turn) + 1e-4 < scales.min_vel_theta:
+        if abs(speed) + 1e-4 < params.min_vel_trans and abs(turn) + 1e-4 < params.min_vel_theta:
             continue
-        steps = _simulation_steps(speed, turn, scales)
+        steps = _simulation_steps(speed, turn, params)
         if steps == 0:
             continue
-        dt, speed_cells = scales.sim_time / steps, speed * scales.cells_per_m
+        dt, speed_cells = params.sim_time / steps, speed * params.cells_per_m
         x, y, yaw = start
         for _ in range(steps - 1):
             x += speed_cells * dt * math.cos(yaw)
@@ -288,182 +459,3 @@ def escape(
     if best < 0:
         return False, 0.0, 0.0
     return True, speeds[best // len(turns)], turns[best % len(turns)]
-
-
-@dataclass(frozen=True)
-class DwaSettings:
-    """Parameters of DWAPlannerROS; the defaults are those of dwa_local_planner_params_burger.yaml.
-
-    What never acts on a Burger is left out: the y axis, footprint scaling above 0.25 m/s, twirling, and
-    ``use_dwa: false`` (that is Trajectory Rollout's way of sampling).
-    """
-
-    limits: LocalPlannerLimits = field(default_factory=LocalPlannerLimits)
-    sim_time_s: float = 1.5
-    sim_granularity_m: float = 0.025
-    angular_sim_granularity_rad: float = 0.1
-    vx_samples: int = 20
-    vth_samples: int = 40
-    path_distance_bias: float = 32.0
-    goal_distance_bias: float = 20.0
-    occdist_scale: float = 0.02
-    forward_point_distance_m: float = 0.325
-    oscillation_reset_dist_m: float = 0.05
-    oscillation_reset_angle_rad: float = 0.2
-
-    def __post_init__(self) -> None:
-        for name in (
-            "sim_time_s",
-            "sim_granularity_m",
-            "angular_sim_granularity_rad",
-            "vx_samples",
-            "vth_samples",
-        ):
-            if not getattr(self, name) > 0:
-                raise InputError(f"dwa: {name} must be greater than 0 (got {getattr(self, name)})")
-
-
-_STANDS_S = 2.0
-"""how long no sample was legal before the planner looks for a way off instead of along the plan"""
-
-
-class _Oscillation:
-    """Which signs of velocity are forbidden, because the last commands swung to and fro.
-
-    A speed of the opposite sign to the one before forbids that old sign; the same for turning, but only while
-    the speed is no more than ``min_vel_trans``. All is allowed again after moving or turning far enough.
-    Plans here outlive a planner cycle, so the flags do what they are for; in move_base at 5 Hz each new plan
-    clears them.
-    """
-
-    def __init__(self, settings: DwaSettings) -> None:
-        self._settings = settings
-        self.clear()
-
-    def clear(self) -> None:
-        self.allowed = (True, True, True, True)
-        """forwards, backwards, left, right"""
-        self._last_speed_sign = 0
-        self._last_turn_sign = 0
-        self._set_at = Pose2D(0.0, 0.0, 0.0)
-
-    def note(self, command: Command, pose: Pose2D) -> None:
-        """Take the command that was chosen at ``pose``."""
-        forwards, backwards, left, right = self.allowed
-        sign = _sign(command.linear_mps)
-        if sign != 0 and self._last_speed_sign == -sign:
-            forwards, backwards = sign > 0, sign < 0
-        self._last_speed_sign = sign or self._last_speed_sign
-        if abs(command.linear_mps) <= self._settings.limits.min_vel_trans_mps:
-            sign = _sign(command.angular_radps)
-            if sign != 0 and self._last_turn_sign == -sign:
-                left, right = sign > 0, sign < 0
-            self._last_turn_sign = sign or self._last_turn_sign
-        if (forwards, backwards, left, right) != self.allowed:
-            self.allowed = (forwards, backwards, left, right)
-            self._set_at = pose
-        elif not all(self.allowed) and (
-            pose.distance_to(self._set_at) > self._settings.oscillation_reset_dist_m
-            or abs(wrap_angle(pose.yaw - self._set_at.yaw)) > self._settings.oscillation_reset_angle_rad
-        ):
-            self.clear()
-
-
-class DwaPlanner:
-    """Chooses the best of the velocities that can be reached within one control period.
-
-    When none has been legal for two seconds, the velocity is chosen that leads away from obstacles, with the
-    robot's bare outline for the padded one. dwa_local_planner has no such way off: where padding and the
-    rounding to cells leave a robot no legal motion, or two robots stand nose to flank, it stands for ever.
-    """
-
-    def __init__(
-        self,
-        settings: DwaSettings,
-        footprint: Footprint,
-        bare_footprint: Footprint,
-        resolution: float,
-        period_s: float,
-    ) -> None:
-        self.settings = settings
-        self._period_s = period_s
-        self._footprint_cells = corner_array(footprint) / resolution
-        self._bare_footprint_cells = corner_array(bare_footprint) / resolution
-        self._cycles_without_sample = 0
-        self._oscillation = _Oscillation(settings)
-        self._grids = LocalGoalGrids()
-        limits = settings.limits
-        self._scales = Scales(
-            min_vel_trans=float(limits.min_vel_trans_mps),
-            max_vel_trans=float(limits.max_vel_trans_mps),
-            min_vel_theta=float(limits.min_vel_theta_radps),
-            sim_time=float(settings.sim_time_s),
-            steps_per_mps=settings.sim_time_s / settings.sim_granularity_m,
-            steps_per_radps=settings.sim_time_s / settings.angular_sim_granularity_rad,
-            cells_per_m=1.0 / resolution,
-            path=settings.path_distance_bias * resolution,
-            goal=settings.goal_distance_bias * resolution,
-            occupied=float(settings.occdist_scale),
-            forward_cells=settings.forward_point_distance_m / resolution,
-        )
-
-    @property
-    def limits(self) -> LocalPlannerLimits:
-        """What the robot may do."""
-        return self.settings.limits
-
-    def forget(self) -> None:
-        """Allow all signs of velocity again."""
-        self._oscillation.clear()
-
-    def command(self, costmap: RollingCostmap, plan: Plan, pose: Pose2D, velocity: Command) -> Command | None:
-        """The sample with the lowest total of all critics; None when every sample is discarded.
-
-        Two points depart from the original: arithmetic is in double precision, and the alignment critic's
-        grids are made when plan or costmap change rather than at every cycle.
-        """
-        settings, limits = self.settings, self.settings.limits
-        reach_v = limits.acc_lim_x_mps2 * self._period_s
-        reach_w = limits.acc_lim_theta_radps2 * self._period_s
-        windows = (
-            _window(velocity[0], reach_v, limits.min_vel_x_mps, limits.max_vel_x_mps),
-            _window(velocity[1], reach_w, -limits.max_vel_theta_radps, limits.max_vel_theta_radps),
-            (settings.vx_samples, settings.vth_samples),
-        )
-        end_x, end_y = plan[-1].tolist()
-        start = (*costmap.layer.to_cells(pose.x, pose.y), pose.yaw)
-        found, speed, turn = best_velocity(
-            costmap.costs,
-            self._grids.grids(costmap, plan, pose, settings.forward_point_distance_m),
-            start,
-            *windows,
-            self._oscillation.allowed,
-            math.hypot(end_x - pose.x, end_y - pose.y) > settings.forward_point_distance_m,
-            self._footprint_cells,
-            self._scales,
-        )
-        self._cycles_without_sample = 0 if found else self._cycles_without_sample + 1
-        if self._cycles_without_sample * self._period_s > _STANDS_S:
-            found, speed, turn = escape(
-                costmap.costs, start, *windows, self._bare_footprint_cells, self._scales
-            )
-        if not found:
-            return None
-        chosen = Command(speed, turn)
-        self._oscillation.note(chosen, pose)
-        return chosen
-
-    def turn_is_legal(self, costmap: RollingCostmap, pose: Pose2D, turn_radps: float) -> bool:
-        """Whether turning on the spot at this rate for ``sim_time_s`` keeps the outline off obstacles."""
-        x, y = costmap.layer.to_cells(pose.x, pose.y)
-        angle = float(turn_radps) * self.settings.sim_time_s
-        return bool(turn_is_free(costmap.costs, x, y, float(pose.yaw), angle, self._footprint_cells))
-
-
-def _window(now: float, reach: float, low: float, high: float) -> tuple[float, float]:
-    """What can be reached of [low, high]; a velocity outside it is brought back to the nearer end."""
-    return min(max(low, now - reach), high), max(min(high, now + reach), low)
-
-
-def _sign(value: float) -> int:
-    return (value > 0.0) - (value < 0.0)

@@ -1,14 +1,15 @@
-"""The global plan of one goal, kept up to date at the least cost."""
+"""The global plan to one goal, kept up to date at the least cost."""
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.costmap import (
     INSCRIBED,
+    LETHAL,
     NO_INFORMATION,
+    Cells,
     CostmapSettings,
     GlobalCostmap,
     inflation_costs,
@@ -18,19 +19,17 @@ from midnet_bench.navigation.costmap import (
 from midnet_bench.navigation.local_planner import Plan
 from midnet_bench.navigation.navfn import UNREACHED, Potential, potential_to
 
-Cells = npt.NDArray[np.uint8]
-
-_LETHAL = 254
 _POCKET_M2 = 1.0
+"""A goal from which the potential reaches less floor than this is closed in."""
 
 
-class PlanKeeper:
+class GlobalPlanner:
     """Plans to one goal over a global costmap.
 
     One potential serves until there is a reason for another: none yet, no way down from where the robot is,
     or an obstacle that came or went near the plan ahead, away from the walls of the static map (whose noise
     changes all the time and never matters). So a robot has a plan from where it is at planner rate, as under
-    move_base, at the price of a trace each time and a wave once in several seconds.
+    move_base, at the price of a trace each time and a potential once in several seconds.
     """
 
     def __init__(
@@ -44,26 +43,24 @@ class PlanKeeper:
         self._costmap = costmap
         self._allow_unknown = allow_unknown
         self._goal_tolerance_m = goal_tolerance_m
-        self._wave_period_s = wave_period_s
+        self._period_s = wave_period_s
         self._change_cells = reach_cells(change_radius_m, costmap.settings.resolution)
         self._tight_cost = _cost_at(costmap.settings, radii(costmap.settings.footprint)[1])
         self._potential: Potential | None = None
         self._obstacles_then = costmap.layer.cells
-        self._wave_at_s: float | None = None
+        self._computed_at_s: float | None = None
         self._doubted = False
         self.is_covered = False
-        """whether, at the newest wave, obstacles that are not on the map left no room at the goal"""
-        self.waves = 0
-        """potentials computed so far"""
+        """whether, at the newest potential, obstacles that are not on the map left no room at the goal"""
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Start anew: another goal, or costs that changed by more than scans."""
         self._potential = None
-        self._wave_at_s = None
+        self._computed_at_s = None
         self.is_covered = False
 
     def doubt(self) -> None:
-        """Ask for another potential as soon as the wave period allows: the plan could not be followed."""
+        """Ask for another potential as soon as ``wave_period_s`` allows: the plan could not be followed."""
         self._doubted = True
 
     def plan(self, goal: tuple[float, float], pose: Pose2D, time_s: float, until_m: float) -> Plan | None:
@@ -71,9 +68,9 @@ class PlanKeeper:
         path = self._potential.path_from(pose.x, pose.y, until_m) if self._potential else None
         if path is not None and not self._doubted and not self._changed_near(path):
             return path
-        if self._wave_at_s is not None and time_s - self._wave_at_s < self._wave_period_s:
+        if self._computed_at_s is not None and time_s - self._computed_at_s < self._period_s:
             return path
-        self._send_wave(goal, pose, time_s)
+        self._compute_potential(goal, pose, time_s)
         return self._potential.path_from(pose.x, pose.y, until_m) if self._potential else None
 
     def is_blocked(self, goal: tuple[float, float], costs: Cells) -> bool:
@@ -97,7 +94,7 @@ class PlanKeeper:
         """The way from the robot to the goal by the newest potential; for drawing."""
         return self._potential.path_from(pose.x, pose.y) if self._potential else None
 
-    def _send_wave(self, goal: tuple[float, float], pose: Pose2D, time_s: float) -> None:
+    def _compute_potential(self, goal: tuple[float, float], pose: Pose2D, time_s: float) -> None:
         costmap = self._costmap
         costs = OccupancyGrid(costmap.costs, costmap.settings.resolution, costmap.origin)
         self._potential = potential_to(
@@ -108,11 +105,10 @@ class PlanKeeper:
             tolerance_m=self._goal_tolerance_m,
         )
         self._obstacles_then = costmap.layer.cells.copy()
-        self._wave_at_s = time_s
+        self._computed_at_s = time_s
         self.is_covered = self._has_no_room_at(goal)
-        # A goal that plans end beside is looked at again with every wave that the period allows.
+        # A goal that plans end beside is looked at again as often as the period allows.
         self._doubted = self._potential is not None and self._potential.goal != goal
-        self.waves += 1
 
     def _has_no_room_at(self, goal: tuple[float, float]) -> bool:
         """Whether a scanned obstacle lies within the circumscribed radius of the goal, or all round it.
@@ -160,7 +156,7 @@ def changed_near(
     now: Cells,
     then: Cells,
     static_costs: Cells,
-    path: npt.NDArray[np.float64],
+    path: Plan,
     origin: tuple[float, float],
     resolution: float,
     radius: int,
@@ -177,7 +173,7 @@ def changed_near(
         row = int((path[i, 1] - origin[1]) / resolution)
         for y in range(max(row - radius, 0), min(row + radius + 1, height)):
             for x in range(max(column - radius, 0), min(column + radius + 1, width)):
-                is_lethal, was_lethal = now[y, x] == _LETHAL, then[y, x] == _LETHAL
+                is_lethal, was_lethal = now[y, x] == LETHAL, then[y, x] == LETHAL
                 if is_lethal == was_lethal or static_costs[y, x] >= INSCRIBED:
                     continue
                 if not _lethal_beside(then if is_lethal else now, x, y):
@@ -190,6 +186,6 @@ def _lethal_beside(cells: Cells, column: int, row: int) -> bool:
     height, width = cells.shape
     for y in range(max(row - 1, 0), min(row + 2, height)):
         for x in range(max(column - 1, 0), min(column + 2, width)):
-            if cells[y, x] == _LETHAL:
+            if cells[y, x] == LETHAL:
                 return True
     return False

@@ -1,4 +1,4 @@
-"""What the navigator asks of a local planner, whichever it is."""
+"""What local planners share: limits, the protocol, distances along the plan, the outline's cost, samples."""
 
 import math
 from dataclasses import dataclass, replace
@@ -11,7 +11,19 @@ from numba import njit
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
-from midnet_bench.navigation.costmap import RollingCostmap, clear_polygon, line_steps, placed
+from midnet_bench.navigation.costmap import (
+    INSCRIBED,
+    LETHAL,
+    NO_INFORMATION,
+    Cells,
+    Floats,
+    RollingCostmap,
+    clear_polygon,
+    line_steps,
+    placed,
+)
+
+Grids = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -28,10 +40,7 @@ class LocalPlannerLimits:
     min_vel_theta_radps: float = 1.37
     acc_lim_x_mps2: float = 2.5
     acc_lim_theta_radps2: float = 3.2
-    trans_stopped_vel_mps: float = 0.1
-    theta_stopped_vel_radps: float = 0.1
     xy_goal_tolerance_m: float = 0.05
-    yaw_goal_tolerance_rad: float = 0.17
 
     def __post_init__(self) -> None:
         if self.min_vel_x_mps > self.max_vel_x_mps:
@@ -43,7 +52,6 @@ class LocalPlannerLimits:
             "acc_lim_x_mps2",
             "acc_lim_theta_radps2",
             "xy_goal_tolerance_m",
-            "yaw_goal_tolerance_rad",
         ):
             if not getattr(self, name) > 0.0:
                 raise InputError(f"local planner: {name} must be greater than 0 (got {getattr(self, name)})")
@@ -60,15 +68,72 @@ class LocalPlannerLimits:
         )
 
 
-Cells = npt.NDArray[np.uint8]
-Grids = npt.NDArray[np.int32]
-Floats = npt.NDArray[np.float64]
+Plan = npt.NDArray[np.float64]
+"""(N, 2) points in the costmap's frame, metres, from the robot to where the plan leaves the window or ends"""
+
+
+class LocalPlanner(Protocol):
+    """Turns a plan into velocities, ten times a second."""
+
+    @property
+    def limits(self) -> LocalPlannerLimits:
+        """What the robot may do."""
+
+    def reset(self) -> None:
+        """Drop the memory against oscillation: there is a new goal or another way to it."""
+
+    def command(self, costmap: RollingCostmap, plan: Plan, pose: Pose2D, velocity: Command) -> Command | None:
+        """The velocity to drive now; None when no motion is legal."""
+
 
 PATH, GOAL, GOAL_FRONT = 0, 1, 2
 """index of a grid among the three: to the plan, to the local goal, to the goal pushed ahead"""
 
-_BLOCKED_FROM = 253
-_UNKNOWN = 255
+
+ILLEGAL = -1
+"""cost of an outline on an obstacle, on unknown cells or off the window"""
+
+
+class LocalGoalGrids:
+    """The distance grids of the newest plan in the newest local costmap, made once for both.
+
+    A plan or costmap that is the same object as before gives the grids of before.
+    """
+
+    def __init__(self) -> None:
+        self._costs: npt.NDArray[np.uint8] | None = None
+        self._plan: Plan | None = None
+        self._grids: Grids | None = None
+
+    def grids(
+        self,
+        costmap: RollingCostmap,
+        plan: Plan,
+        pose: Pose2D,
+        forward_m: float,
+        freed: npt.NDArray[np.float64] | None = None,
+    ) -> Grids:
+        """``local_grids`` of both; the plan's end is pushed ahead by ``forward_m`` for the third.
+
+        Cells under ``freed``, a footprint in cells, count as free where the robot stands.
+        """
+        if self._grids is None or costmap.costs is not self._costs or plan is not self._plan:
+            costs = costmap.costs
+            if freed is not None:
+                costs = costs.copy()
+                clear_polygon(costs, placed(freed, (*costmap.layer.to_cells(pose.x, pose.y), pose.yaw)))
+            self._grids = np.asarray(
+                local_grids(
+                    costs,
+                    plan,
+                    costmap.origin,
+                    costmap.settings.resolution,
+                    (pose.x, pose.y),
+                    forward_m,
+                )
+            )
+            self._costs, self._plan = costmap.costs, plan
+        return self._grids
 
 
 @njit(cache=True)
@@ -136,7 +201,7 @@ def _plan_cells(costs: Cells, plan: Floats, end: tuple[float, float]) -> tuple[n
             at_x = old_x + (x - old_x) * piece / pieces
             at_y = old_y + (y - old_y) * piece / pieces
             inside = 0.0 <= at_x < width and 0.0 <= at_y < height
-            if inside and costs[int(at_y), int(at_x)] != _UNKNOWN:
+            if inside and costs[int(at_y), int(at_x)] != NO_INFORMATION:
                 if count < len(found):
                     found[count] = (int(at_y) + 1) * (width + 2) + int(at_x) + 1
                     count += 1
@@ -161,7 +226,7 @@ def _spread(
         grid[row + 1, 0] = -1
         grid[row + 1, width + 1] = -1
         for column in range(width):
-            grid[row + 1, column + 1] = closed if costs[row, column] >= _BLOCKED_FROM else unreachable
+            grid[row + 1, column + 1] = closed if costs[row, column] >= INSCRIBED else unreachable
     flat = grid.reshape(-1)
     # Unsigned, so that no index is asked whether it counts from the end: a third of the time.
     one, stride = np.uint32(1), np.uint32(width + 2)
@@ -187,10 +252,6 @@ def _spread(
         for column in range(1, width + 1):
             if grid[row, column] == closed:
                 grid[row, column] = unreachable
-
-
-ILLEGAL = -1
-_LETHAL = 254
 
 
 @njit(cache=True)
@@ -245,7 +306,7 @@ def outline_cost(costs: Cells, x: float, y: float, cos_yaw: float, sin_yaw: floa
                 index += minor_step
                 error -= major
         old_x, old_y = new_x, new_y
-    return ILLEGAL if highest >= _LETHAL else highest
+    return ILLEGAL if highest >= LETHAL else highest
 
 
 @njit(cache=True)
@@ -257,66 +318,3 @@ def turn_is_free(costs: Cells, x: float, y: float, yaw: float, angle: float, foo
         if outline_cost(costs, x, y, math.cos(at), math.sin(at), footprint) == ILLEGAL:
             return False
     return True
-
-
-Plan = npt.NDArray[np.float64]
-"""(N, 2) points in the costmap's frame, metres, from the robot to where the plan leaves the window or ends"""
-
-
-class LocalPlanner(Protocol):
-    """Turns a plan into velocities, ten times a second."""
-
-    @property
-    def limits(self) -> LocalPlannerLimits:
-        """What the robot may do."""
-
-    def forget(self) -> None:
-        """Drop what was remembered against oscillation: there is a new goal or another way to it."""
-
-    def command(self, costmap: RollingCostmap, plan: Plan, pose: Pose2D, velocity: Command) -> Command | None:
-        """The velocity to drive now; None when no motion is legal."""
-
-    def turn_is_legal(self, costmap: RollingCostmap, pose: Pose2D, turn_radps: float) -> bool:
-        """Whether turning on the spot at this rate for the planner's horizon hits nothing."""
-
-
-class LocalGoalGrids:
-    """The distance grids of the newest plan in the newest local costmap, made once for both.
-
-    A plan or costmap that is the same object as before gives the grids of before.
-    """
-
-    def __init__(self) -> None:
-        self._costs: npt.NDArray[np.uint8] | None = None
-        self._plan: Plan | None = None
-        self._grids: npt.NDArray[np.int32] | None = None
-
-    def grids(
-        self,
-        costmap: RollingCostmap,
-        plan: Plan,
-        pose: Pose2D,
-        forward_m: float,
-        freed: npt.NDArray[np.float64] | None = None,
-    ) -> npt.NDArray[np.int32]:
-        """``map_grid.local_grids``: for the third, the plan's end is pushed ahead by ``forward_m``.
-
-        Cells under ``freed``, a footprint in cells, count as free where the robot stands.
-        """
-        if self._grids is None or costmap.costs is not self._costs or plan is not self._plan:
-            costs = costmap.costs
-            if freed is not None:
-                costs = costs.copy()
-                clear_polygon(costs, placed(freed, (*costmap.layer.to_cells(pose.x, pose.y), pose.yaw)))
-            self._grids = np.asarray(
-                local_grids(
-                    costs,
-                    plan,
-                    costmap.origin,
-                    costmap.settings.resolution,
-                    (pose.x, pose.y),
-                    forward_m,
-                )
-            )
-            self._costs, self._plan = costmap.costs, plan
-        return self._grids

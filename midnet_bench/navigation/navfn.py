@@ -9,21 +9,128 @@ import numpy.typing as npt
 from numba import njit
 
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.navigation.costmap import INSCRIBED, NO_INFORMATION
+from midnet_bench.navigation.costmap import INSCRIBED, NO_INFORMATION, Cells, Floats
 
 Potentials = npt.NDArray[np.float32]
 
 UNREACHED = np.float32(1e10)
-BLOCKED = 254
-"""traversal cost of a cell that the wave does not enter"""
+"""potential of a cell that the wave did not reach"""
 NEUTRAL = 50
 """traversal cost of a free cell"""
+UNSEEN = 253
+"""traversal cost of unknown cells where they are allowed: very dear, not blocked"""
+BLOCKED = 254
+"""traversal cost of a cell that the wave does not enter"""
+
+
+_ESCAPE_CELLS = 3
+"""how far a start without potential (a robot that touches an inflated obstacle) looks for one"""
+
+
+@dataclass(frozen=True, eq=False)
+class Potential:
+    """The cost of the way to ``goal`` from every cell that matters.
+
+    navfn sends its wave from the robot and traces back from the goal, anew for every plan. Here the wave
+    starts at the goal, so that one potential serves every later position of the robot for as long as the
+    costs hold: planning again is only tracing again, which has the effect of planning at that rate.
+    """
+
+    values: Potentials
+    """(H, W), 1e10 where the wave did not come"""
+    resolution: float
+    origin: tuple[float, float]
+    goal: tuple[float, float]
+    settled_below: float
+    """potentials below this are final; a robot beyond it needs another wave"""
+
+    def path_from(self, x: float, y: float, until_m: float = math.inf) -> Floats | None:
+        """(N, 2) points from (x, y) to the goal exactly, metres, half a cell apart; None without a way.
+
+        With ``until_m`` the path ends at its first point farther than that from (x, y). Unlike navfn's, the
+        potential belongs to cell centres (no half cell to the lower left), a path that could not be finished
+        is None rather than a stump, its length is bounded by the map's area rather than by 4 widths, and
+        where the descent vanishes (an obstacle dead ahead) the lowest neighbour is taken.
+        """
+        points, found = path_down(
+            self.values,
+            (x, y),
+            self.origin,
+            self.resolution,
+            self.goal,
+            self.settled_below,
+            _ESCAPE_CELLS,
+            until_m,
+        )
+        return np.asarray(points) if found else None
+
+
+def _traversal_table(allow_unknown: bool) -> Cells:
+    cost = np.arange(256)
+    table = np.where(cost < INSCRIBED, NEUTRAL + 4 * cost // 5, BLOCKED).astype(np.uint8)
+    if allow_unknown:
+        table[NO_INFORMATION] = UNSEEN
+    return table
+
+
+_TRAVERSAL = {allowed: _traversal_table(allowed) for allowed in (False, True)}
+
+
+def traversal_costs(costs: Cells, allow_unknown: bool = True) -> Cells:
+    """(H, W) uint8 cost of entering each cell: 50 to 251, 254 where blocked, as the outer ring is."""
+    traversal = np.asarray(cv2.LUT(costs, _TRAVERSAL[allow_unknown]), dtype=np.uint8)
+    traversal[0] = traversal[-1] = BLOCKED
+    traversal[:, 0] = traversal[:, -1] = BLOCKED
+    return traversal
+
+
+def potential_to(
+    goal: tuple[float, float],
+    costs: OccupancyGrid,
+    near: tuple[float, float] | None = None,
+    margin_m: float = 2.0,
+    allow_unknown: bool = True,
+    tolerance_m: float = 0.0,
+) -> Potential | None:
+    """The potential of ``goal`` over a costmap's costs (uint8); None when the goal's cell is blocked.
+
+    With ``near`` (the robot) the wave ends once everything is settled that lies up to ``margin_m`` of free
+    driving farther than it; without, the whole map is covered. With ``tolerance_m`` a blocked goal gives way
+    to the centre of the nearest cell within that distance that is not; the potential's ``goal`` tells.
+    """
+    column, row = costs.cell_at(*goal)
+    if not (0 < column < costs.width - 1 and 0 < row < costs.height - 1):
+        return None
+    traversal = traversal_costs(costs.data, allow_unknown)
+    if traversal[row, column] >= BLOCKED:
+        found = _nearest_open(traversal, column, row, int(tolerance_m / costs.resolution))
+        if found is None:
+            return None
+        column, row = found
+        goal = costs.center_of(column, row)
+    goal_cell, start_cell, margin = row * costs.width + column, 0, float(UNREACHED)
+    if near is not None:
+        near_column, near_row = costs.cell_at(*near)
+        if costs.contains_cell(near_column, near_row):
+            start_cell = near_row * costs.width + near_column
+            margin = margin_m / costs.resolution * NEUTRAL
+    values, settled_below = propagate(traversal, goal_cell, start_cell, margin)
+    return Potential(np.asarray(values), costs.resolution, costs.origin, goal, float(settled_below))
+
+
+def _nearest_open(traversal: Cells, column: int, row: int, radius: int) -> tuple[int, int] | None:
+    """(column, row) of the nearest cell within ``radius`` cells that the wave may enter; first in a tie."""
+    x0, y0 = max(column - radius, 0), max(row - radius, 0)
+    rows, columns = np.nonzero(traversal[y0 : row + radius + 1, x0 : column + radius + 1] < BLOCKED)
+    squared = (rows + y0 - row) ** 2 + (columns + x0 - column) ** 2
+    if not len(squared) or squared.min() > radius * radius:
+        return None
+    nearest = int(np.argmin(squared))
+    return int(columns[nearest]) + x0, int(rows[nearest]) + y0
 
 
 @njit(cache=True)
-def propagate(
-    traversal: npt.NDArray[np.uint8], goal: int, start: int, margin: float
-) -> tuple[Potentials, float]:
+def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[Potentials, float]:
     """(H, W) float32 potential, 0 in the goal cell, 1e10 where the wave did not come; and the settled bound.
 
     ``traversal``: (H, W) uint8 whose outer border is blocked. ``goal`` and ``start`` are flat cell indices.
@@ -91,23 +198,6 @@ def propagate(
 
 
 @njit(cache=True)
-def _descent(potential: Potentials, x: int, y: int) -> tuple[float, float]:
-    """The unit vector downhill at a cell, from differences to those neighbours that have a potential."""
-    here = float(potential[y, x])
-    dx, dy = 0.0, 0.0
-    if potential[y, x - 1] < UNREACHED:
-        dx += potential[y, x - 1] - here
-    if potential[y, x + 1] < UNREACHED:
-        dx += here - potential[y, x + 1]
-    if potential[y - 1, x] < UNREACHED:
-        dy += potential[y - 1, x] - here
-    if potential[y + 1, x] < UNREACHED:
-        dy += here - potential[y + 1, x]
-    norm = math.hypot(dx, dy)
-    return (dx / norm, dy / norm) if norm > 0.0 else (0.0, 0.0)
-
-
-@njit(cache=True)
 def path_down(
     potential: Potentials,
     start: tuple[float, float],
@@ -117,7 +207,7 @@ def path_down(
     settled_below: float,
     escape_cells: int,
     until_m: float,
-) -> tuple[npt.NDArray[np.float64], bool]:
+) -> tuple[Floats, bool]:
     """(N, 2) points in metres from ``start`` to ``goal`` or to the first one farther than ``until_m``.
 
     Beside it whether there is such a way; there is none from off the map, nor from where the wave was cut off
@@ -148,7 +238,7 @@ def path_down(
 @njit(cache=True)
 def descend(
     potential: Potentials, start: tuple[float, float], escape_cells: int, until_cells: float
-) -> tuple[npt.NDArray[np.float64], bool]:
+) -> tuple[Floats, bool]:
     """(N, 2) points from ``start`` down to next to the goal, and whether the way down was found.
 
     Coordinates are in cells with cell centres at whole numbers. Steps are half a cell along the bilinearly
@@ -225,112 +315,18 @@ def descend(
     return points[:count].copy(), False
 
 
-_UNKNOWN = 253
-"""traversal cost of unknown cells where they are allowed: very dear, not blocked"""
-
-_ESCAPE_CELLS = 3
-"""how far a start without potential (a robot that touches an inflated obstacle) looks for one"""
-
-
-@dataclass(frozen=True, eq=False)
-class Potential:
-    """The cost of the way to ``goal`` from every cell that matters.
-
-    navfn sends its wave from the robot and traces back from the goal, anew for every plan. Here the wave
-    starts at the goal, so that one potential serves every later position of the robot for as long as the
-    costs hold: planning again is only tracing again, which has the effect of planning at that rate.
-    """
-
-    values: npt.NDArray[np.float32]
-    """(H, W), 1e10 where the wave did not come"""
-    resolution: float
-    origin: tuple[float, float]
-    goal: tuple[float, float]
-    settled_below: float
-    """potentials below this are final; a robot beyond it needs another wave"""
-
-    def path_from(self, x: float, y: float, until_m: float = math.inf) -> npt.NDArray[np.float64] | None:
-        """(N, 2) points from (x, y) to the goal exactly, metres, half a cell apart; None without a way.
-
-        With ``until_m`` the path ends at its first point farther than that from (x, y). Unlike navfn's, the
-        potential belongs to cell centres (no half cell to the lower left), a path that could not be finished
-        is None rather than a stump, its length is bounded by the map's area rather than by 4 widths, and
-        where the descent vanishes (an obstacle dead ahead) the lowest neighbour is taken.
-        """
-        points, found = path_down(
-            self.values,
-            (x, y),
-            self.origin,
-            self.resolution,
-            self.goal,
-            self.settled_below,
-            _ESCAPE_CELLS,
-            until_m,
-        )
-        return np.asarray(points) if found else None
-
-
-def traversal_costs(costs: npt.NDArray[np.uint8], allow_unknown: bool = True) -> npt.NDArray[np.uint8]:
-    """(H, W) uint8 cost of entering each cell: 50 to 251, 254 where blocked, as the outer ring is."""
-    traversal = np.asarray(cv2.LUT(costs, _TRAVERSAL[allow_unknown]), dtype=np.uint8)
-    traversal[0] = traversal[-1] = BLOCKED
-    traversal[:, 0] = traversal[:, -1] = BLOCKED
-    return traversal
-
-
-def potential_to(
-    goal: tuple[float, float],
-    costs: OccupancyGrid,
-    near: tuple[float, float] | None = None,
-    margin_m: float = 2.0,
-    allow_unknown: bool = True,
-    tolerance_m: float = 0.0,
-) -> Potential | None:
-    """The potential of ``goal`` over a costmap's costs (uint8); None when the goal's cell is blocked.
-
-    With ``near`` (the robot) the wave ends once everything is settled that lies up to ``margin_m`` of free
-    driving farther than it; without, the whole map is covered. With ``tolerance_m`` a blocked goal gives way
-    to the centre of the nearest cell within that distance that is not; the potential's ``goal`` tells.
-    """
-    column, row = costs.cell_at(*goal)
-    if not (0 < column < costs.width - 1 and 0 < row < costs.height - 1):
-        return None
-    traversal = traversal_costs(costs.data, allow_unknown)
-    if traversal[row, column] >= BLOCKED:
-        found = _nearest_open(traversal, column, row, int(tolerance_m / costs.resolution))
-        if found is None:
-            return None
-        column, row = found
-        goal = costs.center_of(column, row)
-    goal_cell, start_cell, margin = row * costs.width + column, 0, float(UNREACHED)
-    if near is not None:
-        near_column, near_row = costs.cell_at(*near)
-        if costs.contains_cell(near_column, near_row):
-            start_cell = near_row * costs.width + near_column
-            margin = margin_m / costs.resolution * NEUTRAL
-    values, settled_below = propagate(traversal, goal_cell, start_cell, margin)
-    return Potential(np.asarray(values), costs.resolution, costs.origin, goal, float(settled_below))
-
-
-def _nearest_open(
-    traversal: npt.NDArray[np.uint8], column: int, row: int, radius: int
-) -> tuple[int, int] | None:
-    """(column, row) of the nearest cell within ``radius`` cells that the wave may enter; first in a tie."""
-    x0, y0 = max(column - radius, 0), max(row - radius, 0)
-    rows, columns = np.nonzero(traversal[y0 : row + radius + 1, x0 : column + radius + 1] < BLOCKED)
-    squared = (rows + y0 - row) ** 2 + (columns + x0 - column) ** 2
-    if not len(squared) or squared.min() > radius * radius:
-        return None
-    nearest = int(np.argmin(squared))
-    return int(columns[nearest]) + x0, int(rows[nearest]) + y0
-
-
-def _traversal_table(allow_unknown: bool) -> npt.NDArray[np.uint8]:
-    cost = np.arange(256)
-    table = np.where(cost < INSCRIBED, NEUTRAL + 4 * cost // 5, BLOCKED).astype(np.uint8)
-    if allow_unknown:
-        table[NO_INFORMATION] = _UNKNOWN
-    return table
-
-
-_TRAVERSAL = {allowed: _traversal_table(allowed) for allowed in (False, True)}
+@njit(cache=True)
+def _descent(potential: Potentials, x: int, y: int) -> tuple[float, float]:
+    """The unit vector downhill at a cell, from differences to those neighbours that have a potential."""
+    here = float(potential[y, x])
+    dx, dy = 0.0, 0.0
+    if potential[y, x - 1] < UNREACHED:
+        dx += potential[y, x - 1] - here
+    if potential[y, x + 1] < UNREACHED:
+        dx += here - potential[y, x + 1]
+    if potential[y - 1, x] < UNREACHED:
+        dy += potential[y - 1, x] - here
+    if potential[y + 1, x] < UNREACHED:
+        dy += here - potential[y + 1, x]
+    norm = math.hypot(dx, dy)
+    return (dx / norm, dy / norm) if norm > 0.0 else (0.0, 0.0)

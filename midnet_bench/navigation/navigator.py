@@ -12,6 +12,7 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import STOP, Command, LidarGeometry
 from midnet_bench.navigation.costmap import (
     BURGER,
+    LETHAL,
     CostmapSettings,
     Footprint,
     GlobalCostmap,
@@ -21,9 +22,10 @@ from midnet_bench.navigation.costmap import (
     corner_array,
 )
 from midnet_bench.navigation.dwa import DwaPlanner, DwaSettings
-from midnet_bench.navigation.global_planner import PlanKeeper
-from midnet_bench.navigation.local_planner import LocalPlanner, LocalPlannerLimits, Plan, turn_is_free
+from midnet_bench.navigation.global_planner import GlobalPlanner
+from midnet_bench.navigation.local_planner import LocalPlanner, Plan, turn_is_free
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner, TrajectoryRolloutSettings
+from midnet_bench.robots.burger import LDS_01
 
 
 @dataclass(frozen=True)
@@ -55,71 +57,256 @@ class NavigatorSettings:
     """obstacles that come or go this near to the plan ahead call for a new potential"""
 
 
-class StopRotate:
-    """Takes over once the robot is within the position tolerance, and keeps the robot until a new goal.
+class Status(enum.Enum):
+    """How the newest goal stands."""
 
-    move_base looks for the latch among its own parameters, so that the planner's file cannot set it; here it
-    is always on, since a robot that turns on the spot does not leave its place. Without a goal heading the
-    goal is reached with the position.
+    IDLE = "idle"
+    ACTIVE = "active"
+    SUCCEEDED = "succeeded"
+    ABORTED = "aborted"
+
+
+class _State(enum.Enum):
+    PLANNING = enum.auto()
+    CONTROLLING = enum.auto()
+    CLEARING = enum.auto()
+
+
+_BESIDE_M = 0.2
+"""how much farther than the tolerance a robot still counts as waiting at a covered goal"""
+
+
+class Navigator:
+    """Drives one robot to one goal at a time over a prior map (int8, -1 to 100), by its own scans.
+
+    A goal is a place; the robot may face any way there. Call ``observe`` at every scan and ``control`` at
+    ``controller_frequency_hz``. The states, clocks and the order of recoveries (clear all but a 3 m square,
+    turn once, clear all but 1.84 m, turn once) are move_base's. Departures: planning runs inside
+    ``control``, not in a thread of its own; a goal that the map alone makes impossible (off the map, in or
+    at a wall, walled off) is aborted at once; one that a scanned obstacle covers is approached as near as
+    can be and aborted if it is still covered after ``oscillation_timeout_s`` beside it; and the plan is
+    traced anew after each scan, not between.
     """
 
-    def __init__(self, planner: LocalPlanner, period_s: float) -> None:
-        self._planner = planner
-        self._period_s = period_s
-        self._at_position = False
-        self._rotating = False
-
-    def forget(self) -> None:
-        """Begin with a new goal."""
-        self._at_position = False
-        self._rotating = False
-
-    def arrived_at(self, goal: tuple[float, float], pose: Pose2D) -> bool:
-        """Whether the robot is, or was since the goal was set, within the position tolerance."""
-        near = math.hypot(goal[0] - pose.x, goal[1] - pose.y) <= self._planner.limits.xy_goal_tolerance_m
-        self._at_position = self._at_position or near
-        return self._at_position
-
-    def finished(self, goal_yaw: float | None, pose: Pose2D, velocity: Command) -> bool:
-        """Whether heading and standstill are reached too; to be asked once ``arrived_at`` holds."""
-        limits = self._planner.limits
-        if goal_yaw is None:
-            return True
-        turned = abs(wrap_angle(goal_yaw - pose.yaw)) <= limits.yaw_goal_tolerance_rad
-        return turned and _stopped(velocity, limits)
-
-    def command(
-        self, costmap: RollingCostmap, goal_yaw: float, pose: Pose2D, velocity: Command
-    ) -> Command | None:
-        """The velocity to stop or to turn with; None when turning would hit something."""
-        limits = self._planner.limits
-        v, w = velocity
-        reach_v, reach_w = (
-            limits.acc_lim_x_mps2 * self._period_s,
-            limits.acc_lim_theta_radps2 * self._period_s,
+    def __init__(self, prior: OccupancyGrid, settings: NavigatorSettings | None = None) -> None:
+        self.settings = settings = settings or NavigatorSettings()
+        self.local_costmap = RollingCostmap(settings.local_costmap, prior.origin)
+        self.global_costmap = GlobalCostmap(settings.global_costmap, prior)
+        self._global_planner = GlobalPlanner(
+            self.global_costmap,
+            settings.allow_unknown,
+            settings.goal_tolerance_m,
+            settings.wave_period_s,
+            settings.change_radius_m,
         )
-        angle = wrap_angle(goal_yaw - pose.yaw)
-        if abs(angle) <= limits.yaw_goal_tolerance_rad:
-            self._rotating = False
+        self._period_s = 1.0 / settings.controller_frequency_hz
+        self.local_planner = _local_planner(settings, self._period_s)
+        self._window_m = settings.local_costmap.size_m / 2.0
+        self.status = Status.IDLE
+        self.recoveries = 0
+        """recovery behaviours run so far, over all goals"""
+        self._goal: tuple[float, float] | None = None
+        self._pose: Pose2D | None = None
+        self._plan: Plan | None = None
+        """the way that is followed, up to where it leaves the local window"""
+        self._has_scan = self._scan_is_new = False
+        self._state = self._trigger = _State.PLANNING
+        self._recovery_index = 0
+        self._rotation: RotateRecovery | None = None
+        self._checked_on_map = False
+        # clocks of the goal at hand, seconds; they start with its first control cycle
+        self._started = False
+        self._planning_since_s = self._planned_at_s = self._valid_command_at_s = 0.0
+        self._moved_at_s = self._waiting_since_s = 0.0
+        self._moved_from = Pose2D(0.0, 0.0, 0.0)
+
+    @property
+    def goal(self) -> tuple[float, float] | None:
+        """Where the robot is to go, metres; None unless ACTIVE."""
+        return self._goal
+
+    def set_goal(self, x: float, y: float) -> None:
+        """Head for (x, y) in the map's frame, metres; the goal before is dropped."""
+        self._goal = (x, y)
+        self.status = Status.ACTIVE
+        self._state = self._trigger = _State.PLANNING
+        self._recovery_index = 0
+        self._rotation = None
+        self._started = False
+        self._checked_on_map = False
+        self._global_planner.reset()
+        self.local_planner.reset()
+        if self._global_planner.is_blocked((x, y), self.global_costmap.static_costs):
+            self._abort()
+
+    def cancel(self) -> None:
+        """Give the goal up; the next command is to stop."""
+        self._goal = None
+        self.status = Status.IDLE
+
+    def set_static(self, static_map: OccupancyGrid) -> None:
+        """Replace the prior map by a newer or larger one; the goal stays."""
+        self.global_costmap.set_static(static_map)
+        self._global_planner.doubt()
+
+    def observe(
+        self, pose: Pose2D, ranges_m: npt.NDArray[np.float64], geometry: LidarGeometry, time_s: float
+    ) -> None:
+        """Take one scan into both costmaps; errors as for ``RollingCostmap.update``.
+
+        ``pose``: the robot in the map's frame at that instant; ``ranges_m``: (beams,) metres.
+        """
+        pose.require_finite()
+        sensor_pose = pose.compose(geometry.mount)
+        self._has_scan = self._scan_is_new = True
+        self.local_costmap.update(pose, sensor_pose, ranges_m, geometry, time_s)
+        self.global_costmap.update(pose, sensor_pose, ranges_m, geometry, time_s)
+
+    def control(self, pose: Pose2D, velocity: Command, time_s: float) -> Command:
+        """The velocity to drive until the next call; ``velocity`` is the present one, in the body frame.
+
+        Before the first scan the robot stands still. Raises ValueError for a pose that is not finite.
+        """
+        pose.require_finite()
+        self._pose = pose
+        if self._goal is None or not self._has_scan:
             return STOP
-        if not self._rotating and not _stopped(velocity, limits):
-            return Command(
-                math.copysign(max(0.0, abs(v) - reach_v), v), math.copysign(max(0.0, abs(w) - reach_w), w)
-            )
-        self._rotating = True
-        low, high = limits.min_vel_theta_radps, limits.max_vel_theta_radps
-        speed = min(max(abs(angle), low), high)
-        speed = min(max(speed, abs(w) - reach_w), abs(w) + reach_w)
-        speed = min(speed, math.sqrt(2.0 * limits.acc_lim_theta_radps2 * abs(angle)))
-        turn = math.copysign(min(max(speed, low), high), angle)
-        return Command(0.0, turn) if self._planner.turn_is_legal(costmap, pose, turn) else None
+        has_new_scan, self._scan_is_new = self._scan_is_new, False
+        if not self._started:
+            self._started = True
+            self._planning_since_s = self._valid_command_at_s = time_s
+            self._moved_at_s = self._waiting_since_s = time_s
+            self._moved_from = pose
+        if self._state is _State.PLANNING:
+            self._make_plan(self._goal, pose, time_s)
+        if self._state is _State.CLEARING:
+            return self._recover(pose, time_s)
+        if self._state is _State.CONTROLLING and self._goal is not None and self._plan is not None:
+            return self._follow(self._goal, self._plan, pose, velocity, time_s, has_new_scan)
+        return STOP
+
+    def plan(self) -> Plan | None:
+        """(N, 2) the whole way from the robot's last pose to the goal, metres, for drawing; or None."""
+        if self._goal is None or self._pose is None:
+            return None
+        return self._global_planner.whole_plan(self._pose)
+
+    def _make_plan(self, goal: tuple[float, float], pose: Pose2D, time_s: float) -> None:
+        plan = self._global_planner.plan(goal, pose, time_s, self._window_m)
+        if plan is not None:
+            self._plan, self._planned_at_s = plan, time_s
+            self._state = _State.CONTROLLING
+            self.local_planner.reset()
+            if self._trigger is _State.PLANNING:
+                self._recovery_index = 0
+        elif not self._checked_on_map:
+            self._checked_on_map = True
+            if self._global_planner.is_walled_off(goal, pose):
+                self._abort()
+        elif time_s - self._planning_since_s > self.settings.planner_patience_s:
+            if self._recovery_index > 0 and self._global_planner.is_covered:
+                self._abort()
+            else:
+                self._clear_because(_State.PLANNING)
+
+    def _follow(
+        self,
+        goal: tuple[float, float],
+        plan: Plan,
+        pose: Pose2D,
+        velocity: Command,
+        time_s: float,
+        has_new_scan: bool,
+    ) -> Command:
+        settings = self.settings
+        to_goal_m = math.hypot(goal[0] - pose.x, goal[1] - pose.y)
+        if to_goal_m <= self.local_planner.limits.xy_goal_tolerance_m:
+            self._goal = None
+            self.status = Status.SUCCEEDED
+            return STOP
+        if self._waits_beside_goal(to_goal_m, time_s):
+            self._abort()
+            return STOP
+        if self._oscillates(pose, time_s):
+            self._clear_because(_State.CLEARING)
+            return STOP
+        planned_ago_s = time_s - self._planned_at_s
+        # Half a control period of slack locks planning to the scans' phase.
+        if has_new_scan and planned_ago_s > 1.0 / settings.planner_frequency_hz - 0.5 * self._period_s:
+            newer = self._global_planner.plan(goal, pose, time_s, self._window_m)
+            plan = plan if newer is None else newer
+            self._plan, self._planned_at_s = plan, time_s
+        command = self.local_planner.command(self.local_costmap, plan, pose, velocity)
+        if command is not None:
+            self._valid_command_at_s = time_s
+            if self._trigger is _State.CONTROLLING:
+                self._recovery_index = 0
+            return command
+        if time_s - self._valid_command_at_s > settings.controller_patience_s:
+            self._clear_because(_State.CONTROLLING)
+        else:
+            self._state = _State.PLANNING
+            self._planning_since_s = time_s
+            self._global_planner.doubt()
+        return STOP
+
+    def _oscillates(self, pose: Pose2D, time_s: float) -> bool:
+        """Whether the robot has stayed within the oscillation distance for too long."""
+        if pose.distance_to(self._moved_from) >= self.settings.oscillation_distance_m:
+            self._moved_from, self._moved_at_s = pose, time_s
+            if self._trigger is _State.CLEARING:
+                self._recovery_index = 0
+        return time_s - self._moved_at_s > self.settings.oscillation_timeout_s
+
+    def _waits_beside_goal(self, to_goal_m: float, time_s: float) -> bool:
+        """Whether the robot has stood beside a goal that something covers for longer than the timeout."""
+        near_m = self.settings.goal_tolerance_m + _BESIDE_M
+        if not self._global_planner.is_covered or to_goal_m > near_m:
+            self._waiting_since_s = time_s
+        return time_s - self._waiting_since_s > self.settings.oscillation_timeout_s
+
+    def _clear_because(self, trigger: _State) -> None:
+        """Begin a recovery; ``trigger`` is what failed: planning, controlling, or (CLEARING) moving on."""
+        self._trigger = trigger
+        self._state = _State.CLEARING
+
+    def _recover(self, pose: Pose2D, time_s: float) -> Command:
+        settings = self.settings
+        if self._recovery_index >= 4:
+            self._abort()
+            return STOP
+        command: Command | None = None
+        if self._recovery_index in (0, 2):
+            conservative = self._recovery_index == 0
+            side_m = settings.conservative_reset_dist_m if conservative else settings.aggressive_reset_dist_m
+            self.local_costmap.clear_outside(pose.x, pose.y, side_m)
+            self.global_costmap.clear_outside(pose.x, pose.y, side_m)
+            self._global_planner.reset()
+            self.recoveries += 1
+        else:
+            if self._rotation is None:
+                local = settings.local_costmap
+                self._rotation = RotateRecovery(local.footprint, local.resolution, pose.yaw)
+                self.recoveries += 1
+            command = self._rotation.command(self.local_costmap, pose)
+        if command is not None:
+            return command
+        self._rotation = None
+        self._recovery_index += 1
+        self._state = _State.PLANNING
+        self._planning_since_s = self._moved_at_s = time_s
+        return STOP
+
+    def _abort(self) -> None:
+        self._goal = None
+        self.status = Status.ABORTED
 
 
-def _stopped(velocity: Command, limits: LocalPlannerLimits) -> bool:
-    return (
-        abs(velocity[0]) <= limits.trans_stopped_vel_mps
-        and abs(velocity[1]) <= limits.theta_stopped_vel_radps
-    )
+def _local_planner(settings: NavigatorSettings, period_s: float) -> LocalPlanner:
+    chosen, costmap = settings.local_planner, settings.local_costmap
+    if isinstance(chosen, DwaSettings):
+        return DwaPlanner(chosen, costmap.footprint, settings.bare_footprint, costmap.resolution, period_s)
+    return TrajectoryRolloutPlanner(chosen, costmap.footprint, costmap.resolution)
 
 
 _ACCELERATION_RADPS2 = 3.2
@@ -154,240 +341,25 @@ class RotateRecovery:
         return Command(0.0, min(max(speed, _SLOWEST_RADPS), _FASTEST_RADPS))
 
 
-_BESIDE_M = 0.2
-"""how much farther than the tolerance a robot still counts as waiting at a covered goal"""
+def compile_kernels() -> None:
+    """Run every compiled loop of this room once, on a few square metres; about 10 s without a cache.
 
-
-class Status(enum.Enum):
-    """How the newest goal stands."""
-
-    IDLE = "idle"
-    ACTIVE = "active"
-    SUCCEEDED = "succeeded"
-    ABORTED = "aborted"
-
-
-class _State(enum.Enum):
-    PLANNING = enum.auto()
-    CONTROLLING = enum.auto()
-    CLEARING = enum.auto()
-
-
-class Navigator:
-    """Drives one robot to one goal at a time over a prior map (int8, -1 to 100), by its own scans.
-
-    Call ``observe`` at every scan and ``control`` at ``controller_frequency_hz``. The states, clocks and the
-    order of recoveries (clear all but a 3 m square, turn once, clear all but 1.84 m, turn once) are
-    move_base's. Departures: planning runs inside ``control``, not in a thread of its own; a goal that the
-    map alone makes impossible (off the map, in or at a wall, walled off) is aborted at once; one that a
-    scanned obstacle covers is approached as near as can be and aborted if it is still covered after
-    ``oscillation_timeout_s`` beside it; and the plan is traced anew after each scan, not between.
+    Worker processes that start afterwards find numba's cache filled.
     """
-
-    def __init__(self, prior: OccupancyGrid, settings: NavigatorSettings | None = None) -> None:
-        self.settings = settings = settings or NavigatorSettings()
-        self.local_costmap = RollingCostmap(settings.local_costmap, prior.origin)
-        self.global_costmap = GlobalCostmap(settings.global_costmap, prior)
-        self._keeper = PlanKeeper(
-            self.global_costmap,
-            settings.allow_unknown,
-            settings.goal_tolerance_m,
-            settings.wave_period_s,
-            settings.change_radius_m,
-        )
-        self._period_s = 1.0 / settings.controller_frequency_hz
-        self.local_planner = _local_planner(settings, self._period_s)
-        self._stop_rotate = StopRotate(self.local_planner, self._period_s)
-        self._window_m = settings.local_costmap.size_m / 2.0
-        self.status = Status.IDLE
-        self.recoveries = 0
-        self._goal: tuple[float, float] | None = None
-        self._goal_yaw: float | None = None
-        self._pose: Pose2D | None = None
-        self._has_scan = False
-
-    @property
-    def plans(self) -> int:
-        """How often the way was computed anew from the costs, over all goals."""
-        return self._keeper.waves
-
-    @property
-    def goal(self) -> tuple[float, float] | None:
-        """Where the robot is to go, metres; None unless ACTIVE."""
-        return self._goal
-
-    def set_goal(self, x: float, y: float, yaw: float | None = None) -> None:
-        """Head for (x, y) in the map's frame, metres; any heading will do there if ``yaw`` is None."""
-        self._goal, self._goal_yaw = (x, y), yaw
-        self.status = Status.ACTIVE
-        self._state = _State.PLANNING
-        self._trigger = _State.PLANNING
-        self._recovery_index = 0
-        self._rotation: RotateRecovery | None = None
-        self._started = False
-        self._checked_on_map = False
-        self._keeper.forget()
-        self.local_planner.forget()
-        self._stop_rotate.forget()
-        if self._keeper.is_blocked((x, y), self.global_costmap.static_costs):
-            self._abort()
-
-    def cancel(self) -> None:
-        """Give the goal up; the next command is to stop."""
-        self._goal = None
-        self.status = Status.IDLE
-
-    def set_static(self, static_map: OccupancyGrid) -> None:
-        """Replace the prior map by a newer or larger one; the goal stays."""
-        self.global_costmap.set_static(static_map)
-        self._keeper.doubt()
-
-    def observe(
-        self, pose: Pose2D, ranges_m: npt.NDArray[np.float64], geometry: LidarGeometry, time_s: float
-    ) -> None:
-        """Take one scan into both costmaps; ``pose``: the robot in the map's frame at that instant."""
-        sensor_pose = pose.compose(geometry.mount)
-        self._has_scan = self._scan_is_new = True
-        self.local_costmap.update(pose, sensor_pose, ranges_m, geometry, time_s)
-        self.global_costmap.update(pose, sensor_pose, ranges_m, geometry, time_s)
-
-    def control(self, pose: Pose2D, velocity: Command, time_s: float) -> Command:
-        """The velocity to drive until the next call; ``velocity`` is the present one, in the body frame.
-
-        Before the first scan the robot stands still.
-        """
-        self._pose = pose
-        if self._goal is None or not self._has_scan:
-            return STOP
-        has_new_scan, self._scan_is_new = self._scan_is_new, False
-        if not self._started:
-            self._started = True
-            self._planning_since_s = self._valid_command_at_s = time_s
-            self._moved_at_s = self._waiting_since_s = time_s
-            self._moved_from = pose
-        if self._state is _State.PLANNING:
-            self._make_plan(self._goal, pose, time_s)
-        if self._state is _State.CLEARING:
-            return self._recover(pose, time_s)
-        if self._state is _State.CONTROLLING and self._goal is not None:
-            return self._follow(self._goal, pose, velocity, time_s, has_new_scan)
-        return STOP
-
-    def plan(self) -> Plan | None:
-        """(N, 2) the whole way from the robot's last pose to the goal, metres, for drawing; or None."""
-        if self._goal is None or self._pose is None:
-            return None
-        return self._keeper.whole_plan(self._pose)
-
-    def _make_plan(self, goal: tuple[float, float], pose: Pose2D, time_s: float) -> None:
-        plan = self._keeper.plan(goal, pose, time_s, self._window_m)
-        if plan is not None:
-            self._plan, self._planned_at_s = plan, time_s
-            self._state = _State.CONTROLLING
-            self.local_planner.forget()
-            if self._trigger is _State.PLANNING:
-                self._recovery_index = 0
-        elif not self._checked_on_map:
-            self._checked_on_map = True
-            if self._keeper.is_walled_off(goal, pose):
-                self._abort()
-        elif time_s - self._planning_since_s > self.settings.planner_patience_s:
-            if self._recovery_index > 0 and self._keeper.is_covered:
-                self._abort()
-            else:
-                self._clear_because(_State.PLANNING)
-
-    def _follow(
-        self, goal: tuple[float, float], pose: Pose2D, velocity: Command, time_s: float, has_new_scan: bool
-    ) -> Command:
-        settings = self.settings
-        if self._stop_rotate.arrived_at(goal, pose):
-            if self._goal_yaw is None or self._stop_rotate.finished(self._goal_yaw, pose, velocity):
-                self._goal = None
-                self.status = Status.SUCCEEDED
-                return STOP
-            command = self._stop_rotate.command(self.local_costmap, self._goal_yaw, pose, velocity)
-        elif self._waits_at(goal, pose, time_s):
-            self._abort()
-            return STOP
-        elif self._oscillates(pose, time_s):
-            self._clear_because(_State.CLEARING)
-            return STOP
-        else:
-            planned_ago_s = time_s - self._planned_at_s
-            # Half a control period of slack locks planning to the scans' phase.
-            if has_new_scan and planned_ago_s > 1.0 / settings.planner_frequency_hz - 0.5 * self._period_s:
-                newer = self._keeper.plan(goal, pose, time_s, self._window_m)
-                self._plan = self._plan if newer is None else newer
-                self._planned_at_s = time_s
-            command = self.local_planner.command(self.local_costmap, self._plan, pose, velocity)
-        if command is not None:
-            self._valid_command_at_s = time_s
-            if self._trigger is _State.CONTROLLING:
-                self._recovery_index = 0
-            return command
-        if time_s - self._valid_command_at_s > settings.controller_patience_s:
-            self._clear_because(_State.CONTROLLING)
-        else:
-            self._state = _State.PLANNING
-            self._planning_since_s = time_s
-            self._keeper.doubt()
-        return STOP
-
-    def _oscillates(self, pose: Pose2D, time_s: float) -> bool:
-        """Whether the robot has stayed within the oscillation distance for too long."""
-        if pose.distance_to(self._moved_from) >= self.settings.oscillation_distance_m:
-            self._moved_from, self._moved_at_s = pose, time_s
-            if self._trigger is _State.CLEARING:
-                self._recovery_index = 0
-        return time_s - self._moved_at_s > self.settings.oscillation_timeout_s
-
-    def _waits_at(self, goal: tuple[float, float], pose: Pose2D, time_s: float) -> bool:
-        """Whether the robot has stood beside a goal that something covers for longer than the timeout."""
-        near_m = self.settings.goal_tolerance_m + _BESIDE_M
-        if not self._keeper.is_covered or math.hypot(goal[0] - pose.x, goal[1] - pose.y) > near_m:
-            self._waiting_since_s = time_s
-        return time_s - self._waiting_since_s > self.settings.oscillation_timeout_s
-
-    def _clear_because(self, trigger: _State) -> None:
-        """Begin a recovery; ``trigger`` is what failed: planning, controlling, or (CLEARING) moving on."""
-        self._trigger = trigger
-        self._state = _State.CLEARING
-
-    def _recover(self, pose: Pose2D, time_s: float) -> Command:
-        settings = self.settings
-        if self._recovery_index >= 4:
-            self._abort()
-            return STOP
-        command: Command | None = None
-        if self._recovery_index in (0, 2):
-            conservative = self._recovery_index == 0
-            side_m = settings.conservative_reset_dist_m if conservative else settings.aggressive_reset_dist_m
-            self.local_costmap.clear_outside(pose.x, pose.y, side_m)
-            self.global_costmap.clear_outside(pose.x, pose.y, side_m)
-            self._keeper.forget()
-            self.recoveries += 1
-        else:
-            if self._rotation is None:
-                local = settings.local_costmap
-                self._rotation = RotateRecovery(local.footprint, local.resolution, pose.yaw)
-                self.recoveries += 1
-            command = self._rotation.command(self.local_costmap, pose)
-        if command is not None:
-            return command
-        self._rotation = None
-        self._recovery_index += 1
-        self._state = _State.PLANNING
-        self._planning_since_s = self._moved_at_s = time_s
-        return STOP
-
-    def _abort(self) -> None:
-        self._goal = None
-        self.status = Status.ABORTED
-
-
-def _local_planner(settings: NavigatorSettings, period_s: float) -> LocalPlanner:
-    chosen, costmap = settings.local_planner, settings.local_costmap
-    if isinstance(chosen, DwaSettings):
-        return DwaPlanner(chosen, costmap.footprint, settings.bare_footprint, costmap.resolution, period_s)
-    return TrajectoryRolloutPlanner(chosen, costmap.footprint, costmap.resolution)
+    prior = OccupancyGrid(np.zeros((60, 60), dtype=np.int8), 0.05, (0.0, 0.0))
+    pose = Pose2D(1.5, 1.5, 0.0)
+    # The planners' own settings differ, their kernels are all of one signature each.
+    for settings in (NavigatorSettings(), NavigatorSettings(local_planner=TrajectoryRolloutSettings())):
+        navigator = Navigator(prior, settings)
+        navigator.set_goal(2.5, 1.5)
+        for tick in range(8):
+            navigator.observe(pose, np.full(LDS_01.beams, 2.5), LDS_01, 0.2 * tick)
+            navigator.control(pose, STOP, 0.2 * tick)
+        local = navigator.settings.local_costmap
+        RotateRecovery(local.footprint, local.resolution, pose.yaw).command(navigator.local_costmap, pose)
+        navigator.local_costmap.published()
+        # Shut in on all sides, DWA looks for a way off after two seconds.
+        navigator.local_costmap.layer.cells.fill(LETHAL)
+        navigator.local_costmap.clear_outside(pose.x, pose.y, 2.0 * local.size_m)
+        for tick in range(16, 46):
+            navigator.control(pose, STOP, 0.1 * tick)

@@ -1,6 +1,6 @@
 import numpy as np
 
-from midnet_bench.agents.guard import Guard
+from midnet_bench.agents.mobile_robot import Guard
 from midnet_bench.agents.pursuit import RETARGET_M, Pursuit
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
@@ -80,5 +80,5 @@ def test_a_caught_target_frees_his_pursuer() -> None:
     pursuit = Pursuit(team, "nearest", 3.0)
     pursuit.detected(7, (1.0, 0.0), 0.2)
     pursuit.update(0.2)
-    pursuit.forget(7)
+    pursuit.drop(7)
     assert team[0].goal is None

@@ -16,6 +16,7 @@ from midnet_bench.navigation.costmap import (
     GlobalCostmap,
     RollingCostmap,
     clear_line,
+    clear_polygon,
     inflate,
 )
 from midnet_bench.robots.burger import LDS_01
@@ -270,6 +271,43 @@ def test_unknown_cells_become_free_only_where_beams_went() -> None:
     assert (costmap.costs[10, 10:16] == 0).all()
     assert costmap.costs[10, 16] == 254
     assert (costmap.costs != 255).sum() == 7
+
+
+# What a costmap refuses
+
+
+def costmaps() -> list[RollingCostmap | GlobalCostmap]:
+    settings = CostmapSettings()
+    return [
+        RollingCostmap(settings),
+        RollingCostmap(dataclasses.replace(settings, centered=False)),
+        GlobalCostmap(settings, empty_map()),
+    ]
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("field", ["x", "y", "yaw"])
+def test_a_pose_that_is_not_finite_is_refused(field: str, wrong: float) -> None:
+    """A yaw that was no number ended the process with a segmentation fault."""
+    bad = START._replace(**{field: wrong})
+    for costmap in costmaps():
+        for pose, sensor in ((bad, START), (START, bad)):
+            with pytest.raises(ValueError, match="finite"):
+                costmap.update(pose, sensor, np.full(LDS_01.beams, 1.0), LDS_01, 0.0)
+
+
+@pytest.mark.parametrize("count", [0, 359, 361, 100_000])
+def test_a_scan_needs_one_range_for_each_beam(count: int) -> None:
+    """More of them were read with directions from behind the array's end."""
+    for costmap in costmaps():
+        with pytest.raises(ValueError, match="360 beams"):
+            costmap.update(START, START, np.full(count, 1.0), LDS_01, 0.0)
+
+
+def test_a_footprint_at_a_pose_that_is_no_number_frees_nothing() -> None:
+    cells = np.full((20, 20), 254, dtype=np.uint8)
+    clear_polygon(cells, np.array([(2.0, 2.0), (math.nan, 5.0), (5.0, math.nan)]))
+    assert (cells == 254).all()
 
 
 # Global

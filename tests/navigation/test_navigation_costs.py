@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation import costmap as footprint
 from midnet_bench.navigation.costmap import (
@@ -141,11 +140,6 @@ def test_footprint_radii_of_the_burger() -> None:
 def test_padding_leaves_zero_coordinates_alone() -> None:
     grown = footprint.padded(((0.0, 0.1), (-0.1, 0.0), (0.1, -0.1)), 0.02)
     assert np.array(grown) == pytest.approx(np.array([(0.0, 0.12), (-0.12, 0.0), (0.12, -0.12)]))
-
-
-def test_a_footprint_is_placed_by_rotation_then_translation() -> None:
-    placed = footprint.at_pose(np.array([[0.1, 0.0], [0.0, 0.2]]), Pose2D(1.0, 2.0, math.pi / 2))
-    assert placed == pytest.approx(np.array([[1.0, 2.1], [0.8, 2.0]]))
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,6 @@ from midnet_bench.navigation.local_planner import (
     outline_cost,
     velocity_samples,
 )
-from midnet_bench.navigation.navigator import StopRotate
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner, TrajectoryRolloutSettings
 from midnet_bench.robots.burger import LDS_01
 
@@ -183,9 +182,9 @@ def test_velocity_samples_include_zero_once() -> None:
 # DWA
 
 
-def scales(occupied: float) -> dwa_kernels.Scales:
+def scales(occupied: float) -> dwa_kernels.SearchParameters:
     """Weights are sums of few powers of two, so that totals are exact and ties are ties."""
-    return dwa_kernels.Scales(0.11, 0.22, 1.37, 1.5, 60.0, 15.0, 20.0, 1.5, 1.0, occupied, 6.5)
+    return dwa_kernels.SearchParameters(0.11, 0.22, 1.37, 1.5, 60.0, 15.0, 20.0, 1.5, 1.0, occupied, 6.5)
 
 
 def dwa_total(
@@ -195,7 +194,7 @@ def dwa_total(
     v: float,
     w: float,
     aligned: bool,
-    s: dwa_kernels.Scales,
+    s: dwa_kernels.SearchParameters,
 ) -> float | None:
     """One sample scored step by step, in the words of the notes; None when it is discarded."""
     if abs(v) + 1e-4 < s.min_vel_trans and abs(w) + 1e-4 < s.min_vel_theta:
@@ -368,6 +367,14 @@ def test_an_escape_ends_farther_from_obstacles_than_any_other_legal_motion(seed:
     assert dwa_kernels.escape(costs, start, (-0.22, 0.22), (-1.6, 1.6), (5, 5), FOOTPRINT, s) == best
 
 
+@pytest.mark.parametrize("start", [(-0.1, 20.0), (20.0, 1e6), (math.nan, 20.0), (20.0, math.inf)])
+def test_an_escape_from_off_the_window_is_none(start: tuple[float, float]) -> None:
+    """Found as a read outside the array, which ended the process."""
+    costs = np.full((SIZE, SIZE), 100, dtype=np.uint8)
+    windows = ((-0.22, 0.22), (-1.6, 1.6), (5, 5))
+    assert not dwa_kernels.escape(costs, (*start, 0.3), *windows, FOOTPRINT, scales(0.5))[0]
+
+
 def test_a_swing_forbids_the_old_direction_until_the_robot_has_moved() -> None:
     planner = dwa()
     memory = planner._oscillation
@@ -392,7 +399,7 @@ def rollout_total(
     velocity: tuple[float, float],
     speed: float,
     turn: float,
-    s: trajectory_rollout_kernels.RolloutScales,
+    s: trajectory_rollout_kernels.RolloutParameters,
 ) -> tuple[float, tuple[float, float, float]]:
     n = max(1, int(max(abs(speed) * s.sim_time * s.steps_per_m, abs(turn) * s.steps_per_radps) + 0.5))
     dt = s.sim_time / n
@@ -421,7 +428,9 @@ def rollout_total(
 def test_the_rollout_search_picks_what_scoring_every_rollout_picks(seed: int) -> None:
     rng = np.random.default_rng(seed + 2)
     costs, grids, _, start = scene(seed)
-    s = trajectory_rollout_kernels.RolloutScales(1.0, 2.0, 1.2, 40.0, 8.0, 20.0, 1.5, 1.0, 1 / 64, 0.325, 0.8)
+    s = trajectory_rollout_kernels.RolloutParameters(
+        1.0, 2.0, 1.2, 40.0, 8.0, 20.0, 1.5, 1.0, 1 / 64, 0.325, 0.8
+    )
     velocity = (rng.uniform(0.0, 0.2), rng.uniform(-1.0, 1.0))
     speeds, turns = np.linspace(0.05, 0.2, 4), np.linspace(-1.0, 1.0, 6)
     sides = (bool(rng.random() < 0.8), bool(rng.random() < 0.8))
@@ -463,37 +472,6 @@ def test_trajectory_rollout_backs_away_from_a_collision_and_then_goes_on() -> No
     onwards = planner.command(free, plan, Pose2D(0.90, 2.02, 0.0), Command(-0.1, 0.0))
     assert onwards is not None
     assert onwards.linear_mps > 0.0
-
-
-# At the goal
-
-
-def test_at_the_goal_the_robot_stops_turns_no_slower_than_it_can_and_ends() -> None:
-    costmap = room(1.01, 2.02)
-    controller = StopRotate(dwa(), 0.1)
-    goal = (1.03, 2.02)
-    assert not controller.arrived_at(goal, Pose2D(0.90, 2.02, 0.0))
-    assert controller.arrived_at(goal, Pose2D(1.01, 2.02, 0.0))
-    assert controller.arrived_at(goal, Pose2D(0.95, 2.02, 0.0))  # latched
-    pose, velocity, seen = Pose2D(1.01, 2.02, 0.0), Command(0.2, 0.0), []
-    for _ in range(60):
-        if controller.finished(1.5, pose, velocity):
-            break
-        command = controller.command(costmap, 1.5, pose, velocity)
-        assert command is not None
-        seen.append(command)
-        velocity = command
-        pose = pose._replace(yaw=pose.yaw + 0.1 * command.angular_radps)
-    assert seen[0] == (0.0, 0.0)
-    turning = [command.angular_radps for command in seen if command.angular_radps]
-    assert turning
-    assert all(1.37 <= turn <= 2.75 for turn in turning)
-    assert all(command.linear_mps == 0.0 for command in seen)
-    assert abs(pose.yaw - 1.5) <= 0.17
-
-
-def test_a_goal_without_heading_needs_no_turn() -> None:
-    assert StopRotate(dwa(), 0.1).finished(None, Pose2D(0.0, 0.0, 2.0), Command(0.2, 0.0))
 
 
 def test_settings_that_cannot_be_are_refused() -> None:

@@ -1,6 +1,6 @@
 """The detection test of section V.A: who is seen, frame by frame."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,9 +41,11 @@ class ScoredFrame:
 class DetectionTrial(GuardedArena):
     """Map 1 in motion: guards patrol, mobile intruders wander, MIDNet looks on."""
 
-    def __init__(self, parameters: DetectionParameters, seed: int) -> None:
+    def __init__(
+        self, parameters: DetectionParameters, seed: int, variants: Sequence[DetectionParameters] = ()
+    ) -> None:
         """Place everybody and give the intruders random goals, again and again."""
-        super().__init__(parameters, seed)
+        super().__init__(parameters, seed, variants=variants)
         self._test = parameters
         self._free = free_space(self.arena, GOAL_CLEARANCE_M, self.layout.stationary)
         self._stationary = {

@@ -1,14 +1,14 @@
 """``GuardedArena``: one trial in motion, advanced from MIDNet frame to MIDNet frame."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
-from midnet_bench.agents.guard import Guard
-from midnet_bench.agents.mobile_robot import MobileRobot, Point
+from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
 from midnet_bench.arena.layout import place
 from midnet_bench.campaign.trial import Row
-from midnet_bench.experiments.guarded.detector_node import Watch
+from midnet_bench.experiments.guarded.detector_node import Watch, costmap_settings
 from midnet_bench.experiments.guarded.inputs import arena_from, prior_map_from
 from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.experiments.robot_trial import RobotTrial
@@ -17,6 +17,7 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
 from midnet_bench.midnet.pipeline import Frame
+from midnet_bench.navigation.costmap import RollingCostmap
 from midnet_bench.navigation.dwa import DwaSettings
 from midnet_bench.navigation.navigator import Navigator, NavigatorSettings
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
@@ -31,8 +32,17 @@ FRAME_HZ = 5
 class GuardedArena(RobotTrial):
     """A world with its guards, its mobile intruders, and MIDNet over them."""
 
-    def __init__(self, parameters: GuardParameters, seed: int, mobile_intruders: int | None = None) -> None:
-        """Place everybody; time is 0. Intruders have no goals until ``next_goal`` is set on them."""
+    def __init__(
+        self,
+        parameters: GuardParameters,
+        seed: int,
+        mobile_intruders: int | None = None,
+        variants: Sequence[GuardParameters] = (),
+    ) -> None:
+        """Place everybody; time is 0. Intruders have no goals until ``next_goal`` is set on them.
+
+        ``variants``: further parameters of the detector, each of which watches the same run.
+        """
         self.parameters = parameters
         self.seed = seed
         self.arena = arena_from(parameters.arena)
@@ -40,8 +50,12 @@ class GuardedArena(RobotTrial):
         self.prior_map = prior_map_from(parameters.prior_map, self.arena, parameters.resolution_m)
         self._scan_to_map = ScanToMap(self.prior_map) if parameters.localization == "ukf+map" else None
         self.patrol = self._make_patrol()
+        self._detection_settings = [costmap_settings(each) for each in (parameters, *variants)]
         self.guards = [self._make_guard(i, pose) for i, pose in enumerate(self.layout.robots)]
-        self.watch = Watch(parameters, self.prior_map, self.guards)
+        self.watch, *self.variant_watches = (
+            Watch(each, self.prior_map, self.guards, number)
+            for number, each in enumerate((parameters, *variants))
+        )
         first = len(self.guards)
         self.intruders = [
             self._make_intruder(first + i, pose) for i, pose in enumerate(self.layout.intruders)
@@ -101,6 +115,7 @@ class GuardedArena(RobotTrial):
             self.next_patrol_point,
             self.parameters.goal_timeout_s,
             self._scan_to_map,
+            [RollingCostmap(settings, self.prior_map.origin) for settings in self._detection_settings],
         )
 
     def _make_intruder(self, index: int, start: Pose2D) -> MobileRobot:

@@ -4,12 +4,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from midnet_bench.agents.guard import Guard
+from midnet_bench.agents.mobile_robot import Guard
 from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.binary_map import binary_map
 from midnet_bench.midnet.pipeline import Frame, MIDNet, MIDNetSettings, Observation
-from midnet_bench.navigation.costmap import CostmapSettings, RollingCostmap, static_costs
+from midnet_bench.navigation.costmap import CostmapSettings, static_costs
 
 LETHAL_PUBLISHED, INSCRIBED_PUBLISHED = 100, 99
 
@@ -18,22 +18,27 @@ class Watch:
     """The prior map that is subtracted, a local costmap for each guard, and MIDNet."""
 
     def __init__(
-        self, parameters: GuardParameters, prior_map: OccupancyGrid, guards: Sequence[Guard]
+        self,
+        parameters: GuardParameters,
+        prior_map: OccupancyGrid,
+        guards: Sequence[Guard],
+        costmap_number: int = 0,
     ) -> None:
-        """Give each of the ``guards`` a local costmap; ``prior_map`` int8, 100 occupied, map frame."""
+        """Over the detection costmap of that number of each guard.
+
+        ``prior_map``: int8, 100 occupied, map frame; the costmaps have ``costmap_settings(parameters)``.
+        """
         self.prior = binary_prior(prior_map, parameters)
         self.midnet = MIDNet(self.prior, _midnet_settings(parameters))
-        settings = costmap_settings(parameters)
         self._guards = guards
-        self._costmaps = [RollingCostmap(settings, prior_map.origin) for _ in guards]
-        for guard, costmap in zip(guards, self._costmaps, strict=True):
-            guard.eyes.append(costmap)
+        self._costmap_number = costmap_number
 
     def look(self, explain: bool = False) -> Frame:
         """What MIDNet says now: each guard's latest pose, and the costmap of its last scan."""
-        pairs = zip(self._guards, self._costmaps, strict=True)
+        number = self._costmap_number
         return self.midnet.update(
-            [Observation(guard.pose, eyes.published()) for guard, eyes in pairs], explain
+            [Observation(guard.pose, guard.detection_costmaps[number].published()) for guard in self._guards],
+            explain,
         )
 
 

@@ -88,7 +88,7 @@ class LabyrinthTrial(GuardedArena):
                 fate.escaped_at_s = now_s
             else:
                 continue
-            self.pursuit.forget(robot.index)
+            self.pursuit.drop(robot.index)
             self.fleet.remove(robot)
         self.pursuit.update(now_s)
         if self._test.evasion == "flee":

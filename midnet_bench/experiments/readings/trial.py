@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from midnet_bench.campaign.trial import Row, Scalar, TrialResult
 from midnet_bench.experiments.detection.trial import DetectionTrial
 from midnet_bench.experiments.guarded.arena import FRAME_HZ
-from midnet_bench.experiments.guarded.detector_node import Watch
 from midnet_bench.experiments.guarded.parameters import ReadingsParameters
 from midnet_bench.scoring.frame_counts import FrameCounts, count_frame, total
 
@@ -83,15 +82,13 @@ class ReadingsTrial(DetectionTrial):
 
     def __init__(self, parameters: ReadingsParameters, seed: int) -> None:
         """Place everybody; one watch per reading that changes anything."""
-        super().__init__(parameters, seed)
         readings = calibration() if parameters.readings == "calibration" else items()
         base = parameters.model_dump()
         self.readings = {
             name: ReadingsParameters(**{**base, **changes}) for name, changes in readings.items()
         }
-        self._watches = {
-            name: Watch(reading, self.prior_map, self.guards) for name, reading in self.readings.items()
-        }
+        super().__init__(parameters, seed, variants=list(self.readings.values()))
+        self._watches = dict(zip(self.readings, self.variant_watches, strict=True))
 
     def counts(self) -> dict[str, FrameCounts]:
         """Counts of each reading, summed over all frames."""

@@ -1,6 +1,6 @@
 import pytest
 
-from midnet_bench.agents.progress import Progress
+from midnet_bench.agents.mobile_robot import Progress
 
 
 def drive(progress: Progress, places: list[tuple[float, float]], has_goal: bool = True) -> None:
@@ -20,6 +20,14 @@ def test_a_short_stand_does_not_count_and_a_long_one_counts_whole() -> None:
     drive(long, [(0.0, 0.0)] * 101)
     assert short.stuck_s == 0.0
     assert long.stuck_s == pytest.approx(10.0)
+
+
+def test_a_stand_counts_from_five_seconds_on() -> None:
+    under, over = Progress(), Progress()
+    drive(under, [(0.0, 0.0)] * 51)  # 5.0 s
+    drive(over, [(0.0, 0.0)] * 53)  # 5.2 s
+    assert under.stuck_s == 0.0
+    assert over.stuck_s == pytest.approx(5.2)
 
 
 def test_swinging_within_a_quarter_of_a_metre_is_standing() -> None:
