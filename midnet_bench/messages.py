@@ -47,6 +47,7 @@ class Imu(NamedTuple):
     yaw_rad: float
     yaw_rate_radps: float
     acceleration_x_mps2: float
+    """forward; no filter here reads it, but without its noise the gyroscope's random draws would be others"""
 
 
 class Command(NamedTuple):

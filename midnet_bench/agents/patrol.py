@@ -13,7 +13,7 @@ from midnet_bench.grid import OCCUPIED, OccupancyGrid, connected_to
 CLEARANCE_M = 0.4
 """Third condition of section V.B: patrol points keep this far from any occupied cell."""
 DRIVABLE_M = 0.15
-"""Where a Burger's centre may pass: its farthest corner is 0.15 m from it."""
+"""Where a Burger's centre may pass: the reach of its footprint, 0.1485 m, in whole cells of 5 cm."""
 
 DRAWS_PER_RELAXATION = 200
 RELAXATION = 0.9

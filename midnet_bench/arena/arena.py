@@ -70,7 +70,7 @@ class MobileIntruders(Spec):
 
     count: Count = 0
     clearance_m: Annotated[float, Field(ge=0.15, le=10.0)] = 0.3
-    """from a start to walls and stationary intruders (a Burger's corner is 0.13 m from its axle)"""
+    """from a start to walls and stationary intruders (a Burger's body reaches 0.124 m from its axle)"""
     spacing_m: Annotated[float, Field(ge=0.3, le=100.0)] = 0.6
     """from one start to the next"""
     clear_of_robots_m: Clearance = 1.0

@@ -16,7 +16,7 @@ from midnet_bench.rng import stream
 TEAM = 5
 """Intruders keep clear of the starts of all teams up to this size, so one seed's intruders suit them all."""
 ROBOT_CLEARANCE_M = 0.2
-"""From a security robot's start to anything that stands (a Burger's corner is 0.13 m from its axle)."""
+"""From a security robot's start to anything that stands (a Burger's body reaches 0.124 m from its axle)."""
 _TRIES, _RESTARTS = 200, 20
 
 

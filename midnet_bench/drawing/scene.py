@@ -121,7 +121,7 @@ def scene_of(trial: GuardedArena, frame: Frame) -> Scene:
     poses = trial.world.poses()
     robots = [robot for robot in trial.fleet.robots if active[robot.index]]
     targets = [solid.bounding_box() for solid in trial.layout.stationary]
-    targets += [trial.world.scan_outline(robot.index) for robot in trial.intruders if active[robot.index]]
+    targets += [trial.lidars.outline(robot.index) for robot in trial.intruders if active[robot.index]]
     return Scene(
         trial.fleet.time_s,
         [_mark(robot, Pose2D(*poses[robot.index].tolist()), len(trial.guards)) for robot in robots],

@@ -10,7 +10,9 @@ from midnet_bench.arena.layout import Layout
 from midnet_bench.campaign.trial import Row
 from midnet_bench.simulation.bullet.world import World, WorldSettings
 from midnet_bench.simulation.fleet import Fleet
+from midnet_bench.simulation.lidar import LidarSensors
 from midnet_bench.simulation.odometry import OdometrySettings
+from midnet_bench.simulation.simulator import Simulator
 
 
 class RobotTrial:
@@ -25,9 +27,10 @@ class RobotTrial:
         seed: int,
     ) -> None:
         """Let ``robots`` stand where ``layout`` has them; time is 0."""
-        self.world = World(layout, settings)
-        self.fleet = Fleet(self.world, robots, OdometrySettings(source=odometry), seed)
-        self.step_hz = settings.step_hz
+        self.world: Simulator = World(layout, settings)
+        self.lidars = LidarSensors(self.world, settings.robot_profile, settings.lidar_noise)
+        self.fleet = Fleet(self.world, self.lidars, robots, OdometrySettings(source=odometry), seed)
+        self.step_hz = self.world.step_hz
 
     def __enter__(self) -> Self:
         return self

@@ -10,8 +10,9 @@ from scipy.spatial import cKDTree
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cell_centers, connected_to, values_at
+from midnet_bench.robots.burger import BURGER
 
-BURGER_RADIUS_M = 0.105
+BURGER_RADIUS_M = BURGER.radius_m
 
 SAME_FRAME = Pose2D(0.0, 0.0, 0.0)
 

@@ -1,21 +1,11 @@
-"""The TurtleBot3 Burger: its measures, its LiDAR and its description."""
+"""The TurtleBot3 Burger with its LDS-01."""
 
 import math
 from pathlib import Path
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import LidarGeometry
-
-URDF = Path(__file__).parent / "burger.urdf"
-
-WHEEL_RADIUS_M = 0.033
-WHEEL_SEPARATION_M = 0.160
-MAX_LINEAR_MPS = 0.22
-MAX_ANGULAR_RADPS = 2.84
-RIM_ACCELERATION_MPS2 = 1.0
-"""How fast the Gazebo plugin lets the speed of a wheel's rim change (its wheelAcceleration)."""
-WHEEL_TORQUE_NM = 10.0
-BASE_LINK_HEIGHT_M = 0.010
+from midnet_bench.robots.model import Disc, RobotModel
 
 LDS_01 = LidarGeometry(
     beams=360,
@@ -29,3 +19,34 @@ LDS_01 = LidarGeometry(
 
 The spacing is the driver's 2 pi / 360; Gazebo's last beam repeats its first.
 """
+
+_HALF_BODY = (
+    (0.038, 0.070),
+    (0.030, 0.070),
+    (0.030, 0.089),
+    (-0.030, 0.089),
+    (-0.030, 0.070),
+    (-0.102, 0.070),
+)
+
+BURGER = RobotModel(
+    name="TurtleBot3 Burger",
+    urdf=Path(__file__).parent / "burger.urdf",
+    base_link_height_m=0.010,
+    # the base, and beside it what the wheels' width would touch
+    body=_HALF_BODY + tuple((x, -y) for x, y in reversed(_HALF_BODY)),
+    # footprint of turtlebot3_navigation's costmap_common_params_burger.yaml
+    footprint=((-0.105, -0.105), (-0.105, 0.105), (0.041, 0.105), (0.041, -0.105)),
+    radius_m=0.105,
+    wheel_radius_m=0.033,
+    wheel_separation_m=0.160,
+    max_linear_mps=0.22,
+    max_angular_radps=2.84,
+    # wheelAcceleration of the Gazebo plugin
+    rim_acceleration_mps2=1.0,
+    wheel_torque_nm=10.0,
+    lidar=LDS_01,
+    lidar_height_m=0.182,
+    # the LDS-01's housing, all that is in its plane (item 28); or a disc of the robot's radius
+    profiles={"urdf": Disc(0.055, -0.017), "disc": Disc(0.105, 0.0)},
+)

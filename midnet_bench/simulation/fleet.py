@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 from midnet_bench.agents.mobile_robot import MobileRobot
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import LDS_01
-from midnet_bench.simulation.bullet.world import World
 from midnet_bench.simulation.imu import ImuSensor
 from midnet_bench.simulation.integrity import HealthTracker
+from midnet_bench.simulation.lidar import LidarSensors
 from midnet_bench.simulation.odometry import EncoderOdometer, OdometrySettings
+from midnet_bench.simulation.simulator import Simulator
 
 CONTROL_HZ = 10
 """Pose filter and navigator; move_base's controller_frequency in turtlebot3_navigation."""
@@ -20,16 +20,22 @@ class Fleet:
     """Drives a world's robots by their own software; robot i of the list is body i of the world."""
 
     def __init__(
-        self, world: World, robots: Sequence[MobileRobot], odometry: OdometrySettings, seed: int
+        self,
+        world: Simulator,
+        lidars: LidarSensors,
+        robots: Sequence[MobileRobot],
+        odometry: OdometrySettings,
+        seed: int,
     ) -> None:
         """Each robot senses and controls with a phase of its own, drawn from ``seed`` (item 9).
 
         Its streams go by its name, not by its index: an intruder's noise does not depend on the team's size.
         """
         self.world = world
+        self._lidars = lidars
         self.robots = robots
         self.health = HealthTracker(world.layout, world.poses())
-        hz = world.settings.step_hz
+        hz = world.step_hz
         self._control_ticks = hz // CONTROL_HZ
         self._scan_ticks = hz // SCAN_HZ
         names = [robot.name for robot in robots]
@@ -45,6 +51,7 @@ class Fleet:
                     world.wheel_angles(robot.index),
                     odometry,
                     stream(seed, "odometry", robot.name),
+                    world.robot,
                 )
                 for robot in robots
             ]
@@ -55,7 +62,7 @@ class Fleet:
     @property
     def time_s(self) -> float:
         """Seconds since the trial's start."""
-        return self.world.tick / self.world.settings.step_hz
+        return self.world.tick / self.world.step_hz
 
     def step(self) -> None:
         """Let one tick pass: physics, then sensors and software of the robots that are due."""
@@ -93,9 +100,9 @@ class Fleet:
         if not scanning:
             return
         indices = [robot.index for robot in scanning]
-        ranges_m = self.world.scan(indices, [self._lidar_noise[i] for i in indices])
+        ranges_m = self._lidars.scan(indices, [self._lidar_noise[i] for i in indices])
         for robot, ranges in zip(scanning, ranges_m, strict=True):
-            robot.observe(ranges, LDS_01, self.time_s)
+            robot.observe(ranges, self.world.robot.lidar, self.time_s)
 
     def _control(self, due: Sequence[MobileRobot]) -> None:
         for robot in due:

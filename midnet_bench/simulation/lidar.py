@@ -1,4 +1,4 @@
-"""The LDS-01 in the simulated world: what its beams meet, and its noise.
+"""``LidarSensors``: the robots' LiDARs in a simulated world, what their beams meet and their noise.
 
 Walls and stationary intruders are met by the simulator's rays. Other robots are discs in the scan plane and
 are intersected here: PyBullet's own ray against a round shape errs by up to 9 mm at its edge, disagrees
@@ -7,13 +7,16 @@ on hit or miss for one beam in a hundred that passes near it, and costs four tim
 
 import math
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.arena.free_space import cells_near
+from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.rng import stream
+from midnet_bench.simulation.simulator import Beams, Simulator
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -109,70 +112,108 @@ def hide_behind_discs(
     return met
 
 
-_ANGLES_RAD = LDS_01.mount.yaw + LDS_01.angles_rad
-_COSINES, _SINES = np.cos(_ANGLES_RAD), np.sin(_ANGLES_RAD)
-
 LidarNoise = Literal["gazebo", "datasheet", "none"]
 RobotProfile = Literal["urdf", "disc"]
 """What beams see of a robot (item 28): the LDS-01's housing, all that is in their plane, or a larger disc."""
 
+TOO_NEAR_M = 0.0
+"""The range of a beam that ends before the sensor's least range, as the LDS-01's driver reports it."""
 
-class Profile(NamedTuple):
-    """A disc in the scan plane."""
-
-    radius_m: float
-    offset_x_m: float
-    """its centre ahead of the axle"""
+_BLIND_M = 0.20
+"""No solid this far from the middle of the axle's cell can be within the sensor's least range."""
 
 
-PROFILES: dict[str, Profile] = {"urdf": Profile(0.055, -0.017), "disc": Profile(0.105, 0.0)}
+class LidarSensors:
+    """The LiDARs of all robots of a simulator. All beams of a scan leave at one instant.
 
-
-class Beams(NamedTuple):
-    """The beams of m sensors in the map frame."""
-
-    axes: Floats
-    """(m, 2) where they meet"""
-    directions: Floats
-    """(m, beams, 2) unit vectors"""
-
-
-def beams_from(poses: Floats) -> Beams:
-    """The beams of robots at (m, 3) poses.
-
-    Horizontal, from yaw alone: the sensor nods with its robot by a fraction of a degree, these do not.
+    They are horizontal, from yaw alone: a real sensor nods with its robot by a fraction of a degree.
     """
-    return Beams(*beam_directions(poses, LDS_01.mount.x, _COSINES, _SINES))
 
+    def __init__(self, simulator: Simulator, profile: RobotProfile, noise: LidarNoise) -> None:
+        """``profile``: what beams meet of a robot; ``noise``: see :func:`add_noise`."""
+        robot, layout = simulator.robot, simulator.layout
+        self._simulator = simulator
+        self._lidar = robot.lidar
+        self._disc = robot.profiles[profile]
+        self._noise = noise
+        angles_rad = self._lidar.mount.yaw + self._lidar.angles_rad
+        self._cosines, self._sines = np.cos(angles_rad), np.sin(angles_rad)
+        # Named by side, so that an intruder's sensor does not change with the size of the team.
+        owners = [("robot", i) for i in range(len(layout.robots))]
+        owners += [("intruder", i) for i in range(len(layout.intruders))]
+        self._scales = np.array(
+            [draw_scale(stream(layout.seed, "lidar scale", side, i)) for side, i in owners]
+        )
+        self._blind_cells = cells_near(layout.arena, layout.solids, _BLIND_M)
 
-def hide_behind_robots(
-    ranges: Floats, beams: Beams, poses: Floats, profile: Profile, own: Sequence[int], far_m: float
-) -> Ints:
-    """(m, beams) what each beam meets first: a robot's number, ``SOLID`` or ``NOTHING``.
+    def scan(self, indices: Sequence[int], rngs: Sequence[np.random.Generator]) -> Floats:
+        """(len(indices), beams) ranges of those robots' LiDARs at this tick, metres.
 
-    ``ranges``: (m, beams), those of ``cast_on_solids``; shortened where a robot's disc is nearer. ``poses``:
-    (n, 3) of all robots, NaN for one that is gone; ``own[i]`` is the robot that sensor i sits on.
-    """
-    numbers = np.asarray(own, dtype=np.int64)
-    return np.asarray(
-        hide_behind_discs(ranges, *beams, poses, profile.offset_x_m, profile.radius_m, numbers, far_m)
-    )
+        inf where nothing reflects within range; 0 (``TOO_NEAR_M``) where something stands closer than
+        the sensor's least range. ``rngs`` are the robots' noise generators, one per index.
+        """
+        return self.scan_and_bodies(indices, rngs)[0]
+
+    def scan_and_bodies(
+        self, indices: Sequence[int], rngs: Sequence[np.random.Generator]
+    ) -> tuple[Floats, Ints]:
+        """What ``scan`` gives, and beside it which robot each beam met, both (len(indices), beams).
+
+        ``SOLID`` where it met a wall or a stationary intruder, ``NOTHING`` where it met nothing.
+
+        Raises:
+            ValueError: one of these robots was removed.
+        """
+        rows = list(indices)
+        active = self._simulator.active
+        for row in rows:
+            if not active[row]:
+                raise ValueError(f"robot {row} is not in this world: it was removed")
+        low, high = self._lidar.range_min_m, self._lidar.range_max_m
+        poses = self._simulator.poses()
+        beams = Beams(*beam_directions(poses[rows], self._lidar.mount.x, self._cosines, self._sines))
+        true_ranges = self._simulator.cast(beams, low, high)
+        for row in self._near_solids(rows):
+            # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
+            one = Beams(beams.axes[row : row + 1], beams.directions[row : row + 1])
+            true_ranges[row] = np.minimum(true_ranges[row], self._simulator.cast(one, 0.0, low)[0])
+        numbers = np.asarray(rows, dtype=np.int64)
+        bodies = hide_behind_discs(
+            true_ranges, *beams, poses, self._disc.offset_x_m, self._disc.radius_m, numbers, high
+        )
+        ranges = add_noise(true_ranges, self._noise, self._scales[rows], rngs, (low, high))
+        ranges[true_ranges < low] = TOO_NEAR_M
+        return ranges, np.asarray(bodies)
+
+    def outline(self, index: int) -> Box:
+        """The true box, map frame, of what beams see of a robot (item 45); NaN once it is removed."""
+        center = self._simulator.pose(index).compose(Pose2D(self._disc.offset_x_m, 0.0, 0.0))
+        return Box.square(center.x, center.y, 2.0 * self._disc.radius_m)
+
+    def _near_solids(self, rows: list[int]) -> list[int]:
+        """Which of ``rows``, by place, may have a solid within their sensor's least range."""
+        grid = self._blind_cells
+        cells = [grid.cell_at(*self._simulator.pose(row)[:2]) for row in rows]
+        return [i for i, cell in enumerate(cells) if grid.contains_cell(*cell) and grid.data[cell[::-1]]]
 
 
 def add_noise(
-    ranges: Floats, noise: LidarNoise, scales: Floats, rngs: Sequence[np.random.Generator]
+    ranges: Floats,
+    noise: LidarNoise,
+    scales: Floats,
+    rngs: Sequence[np.random.Generator],
+    limits_m: tuple[float, float],
 ) -> Floats:
     """Ranges as the sensor reports them; rows are robots. Beams without a return stay inf.
 
     ``gazebo`` adds a normal error of 10 mm at every range. ``datasheet`` reads the maker's precision
     (10 mm below 0.5 m, 3.5 % above) as three standard deviations, and its accuracy as ``scales``: (m,)
-    factors that belong to each sensor. Returns are clamped to the sensor's limits. Each robot's generator
-    gives one number per beam, whatever the beams meet.
+    factors that belong to each sensor. Returns are clamped to ``limits_m``, the sensor's own. Each robot's
+    generator gives one number per beam, whatever the beams meet.
     """
     if noise == "none":
         return ranges
     errors = np.array([rng.standard_normal(ranges.shape[1]) for rng in rngs]).reshape(ranges.shape)
-    limits_m = (LDS_01.range_min_m, LDS_01.range_max_m)
     if noise == "gazebo":
         return np.asarray(reported(ranges, errors, np.ones(len(ranges)), 0.010, 0.0, math.inf, limits_m))
     return np.asarray(reported(ranges, errors, scales, 0.010 / 3.0, 0.035 / 3.0, 0.5, limits_m))

@@ -10,7 +10,8 @@ from pydantic import Field
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.io.checked_yaml import Spec
 from midnet_bench.messages import Odometry
-from midnet_bench.robots.burger import WHEEL_RADIUS_M, WHEEL_SEPARATION_M
+from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.model import RobotModel
 
 TICK_RAD = 2.0 * math.pi / 4096
 """The least turn of a wheel that its encoder tells apart."""
@@ -44,6 +45,7 @@ class EncoderOdometer:
         wheel_angles_rad: npt.NDArray[np.float64],
         settings: OdometrySettings,
         rng: np.random.Generator,
+        robot: RobotModel = BURGER,
     ) -> None:
         """Start at a known pose (so the odom frame is the map frame) and draw this robot's own errors."""
         self._pose = start
@@ -51,15 +53,18 @@ class EncoderOdometer:
         self._rng = rng
         self._slip = settings.slip_m_per_sqrt_m
         self._scales = 1.0 + settings.radius_error * rng.standard_normal(2)
-        self._separation_m = WHEEL_SEPARATION_M * (1.0 + settings.separation_error * rng.standard_normal())
+        self._travel_per_tick_m = TICK_RAD * robot.wheel_radius_m
+        self._separation_m = robot.wheel_separation_m * (
+            1.0 + settings.separation_error * rng.standard_normal()
+        )
 
     def update(self, wheel_angles_rad: npt.NDArray[np.float64], elapsed_s: float) -> Odometry:
-        """The pose and the mean velocity after ``elapsed_s``, from ``World.wheel_angles``.
+        """The pose and the mean velocity after ``elapsed_s``, from ``Simulator.wheel_angles``.
 
         The pose moves along the heading half-way through the turn (midpoint rule).
         """
         ticks = _ticks(wheel_angles_rad)
-        travel = (ticks - self._ticks) * (TICK_RAD * WHEEL_RADIUS_M) * self._scales
+        travel = (ticks - self._ticks) * self._travel_per_tick_m * self._scales
         travel += self._slip * np.sqrt(np.abs(travel)) * self._rng.standard_normal(2)
         self._ticks = ticks
         left, right = travel.tolist()

@@ -9,7 +9,8 @@ from midnet_bench.arena.layout import Layout
 from midnet_bench.arena.solids import Solid
 from midnet_bench.geometry import Pose2D
 from midnet_bench.robots.burger import LDS_01
-from midnet_bench.simulation.bullet.world import World, WorldSettings
+from midnet_bench.simulation.bullet.world import World
+from midnet_bench.simulation.lidar import LidarSensors
 
 
 def scene(robots, intruders=(), stationary=(), arena: Arena | None = None, seed: int = 1) -> Layout:
@@ -23,13 +24,13 @@ def scene(robots, intruders=(), stationary=(), arena: Arena | None = None, seed:
     )
 
 
-def silent(layout: Layout) -> World:
-    """A world whose LiDARs have no noise."""
-    return World(layout, WorldSettings(lidar_noise="none"))
+def sensors(world: World, profile: str = "urdf", noise: str = "none") -> LidarSensors:
+    """The robots' LiDARs, without noise by default."""
+    return LidarSensors(world, profile, noise)
 
 
 def run(world: World, seconds: float) -> None:
-    for _ in range(round(seconds * world.settings.step_hz)):
+    for _ in range(round(seconds * world.step_hz)):
         world.step()
 
 

@@ -9,7 +9,7 @@ from midnet_bench.messages import Command
 from midnet_bench.rng import stream
 from midnet_bench.simulation.bullet.world import World
 from midnet_bench.simulation.integrity import HealthTracker, crossed_wall, surfaces
-from tests.simulation.scenes import run, scene, silent
+from tests.simulation.scenes import run, scene
 
 
 def test_ways_through_walls_and_intruders_are_told_from_ways_past_them() -> None:
@@ -64,7 +64,7 @@ def test_ten_burgers_that_charge_about_blindly_go_through_nothing() -> None:
 
 def test_a_robot_that_stands_travels_nothing() -> None:
     layout = scene([(0.0, 0.0, 0.0)])
-    with silent(layout) as world:
+    with World(layout) as world:
         tracker = HealthTracker(layout, world.poses())
         run(world, 5.0)
         tracker.update(world.poses())

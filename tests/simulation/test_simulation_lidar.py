@@ -14,11 +14,12 @@ from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
 from midnet_bench.simulation import lidar
 from midnet_bench.simulation.bullet import rays
-from midnet_bench.simulation.bullet.world import TOO_NEAR_M, World, WorldSettings
-from midnet_bench.simulation.lidar import NOTHING, SOLID
-from tests.simulation.scenes import beam_lengths, run, scene, silent
+from midnet_bench.simulation.bullet.world import World
+from midnet_bench.simulation.lidar import NOTHING, SOLID, TOO_NEAR_M
+from tests.simulation.scenes import beam_lengths, run, scene, sensors
 
 ANY = [stream(1, "unused")] * 10
+LIMITS_M = (LDS_01.range_min_m, LDS_01.range_max_m)
 
 
 def discs_seen(poses, by: int, radius: float = 0.055, offset: float = -0.017):
@@ -33,12 +34,12 @@ def discs_seen(poses, by: int, radius: float = 0.055, offset: float = -0.017):
 def test_ranges_are_those_of_an_independent_caster(name: str, seed: int) -> None:
     """To 3 mm, but for the few beams that pass within 2 mm of a corner or graze a 64-sided cylinder."""
     layout = place(load_arena(name), seed, 5, 5)
-    with silent(layout) as world:
+    with World(layout) as world:
         rng = stream(seed, "test")
         for index in range(10):
             world.drive(index, Command(rng.uniform(0.0, 0.22), rng.uniform(-1.0, 1.0)))
         run(world, 4.0)
-        ranges = world.scan(range(10), ANY)
+        ranges = sensors(world).scan(range(10), ANY)
         poses = world.poses()
     expected = np.array(
         [beam_lengths(poses[i], layout.solids, discs_seen(poses, by=i)) for i in range(len(poses))]
@@ -54,8 +55,9 @@ def test_ranges_are_those_of_an_independent_caster(name: str, seed: int) -> None
 @pytest.mark.parametrize(("profile", "radius", "offset"), [("urdf", 0.055, -0.017), ("disc", 0.105, 0.0)])
 def test_a_burger_shows_others_its_lds_or_all_of_itself(profile: str, radius: float, offset: float) -> None:
     layout = scene([(0.0, 0.0, 0.0)], [(0.8, 0.3, 2.0)])
-    with World(layout, WorldSettings(lidar_noise="none", robot_profile=profile)) as world:
-        ranges, bodies = world.scan_and_bodies([0], ANY[:1])
+    with World(layout) as world:
+        lidars = sensors(world, profile)
+        ranges, bodies = lidars.scan_and_bodies([0], ANY[:1])
         axis = Pose2D(*world.poses()[0]).compose(LDS_01.mount)
         ((x, y, _),) = discs_seen(world.poses(), by=0, radius=radius, offset=offset)
         met = np.flatnonzero(bodies[0] == 1)
@@ -66,24 +68,22 @@ def test_a_burger_shows_others_its_lds_or_all_of_itself(profile: str, radius: fl
         np.testing.assert_allclose(np.hypot(*(points - (x, y)).T), radius, atol=1e-9)
         width = 2.0 * math.degrees(math.asin(radius / math.hypot(x - axis.x, y - axis.y)))
         assert abs(len(met) - width) <= 1.0
-        box = world.scan_outline(1)
+        box = lidars.outline(1)
         np.testing.assert_allclose(box, (x - radius, y - radius, x + radius, y + radius))
 
 
 def test_a_burger_never_sees_itself() -> None:
     for profile in ("urdf", "disc"):
-        with World(
-            scene([(0.0, 0.0, 0.7)]), WorldSettings(lidar_noise="none", robot_profile=profile)
-        ) as world:
-            assert world.scan([0], ANY[:1]).min() > 2.8
+        with World(scene([(0.0, 0.0, 0.7)])) as world:
+            assert sensors(world, profile).scan([0], ANY[:1]).min() > 2.8
 
 
 def test_bodies_tell_robots_from_what_stands() -> None:
     block = Solid("box", Pose2D(-1.0, 0.0, 0.0), 0.5, 0.5, 0.5)
-    with silent(
+    with World(
         scene([(0.0, 0.0, 0.0)], [(0.0, 1.0, 0.0)], stationary=[block], arena=load_arena("map2"))
     ) as world:
-        ranges, bodies = world.scan_and_bodies([0, 1], ANY[:2])
+        ranges, bodies = sensors(world).scan_and_bodies([0, 1], ANY[:2])
     assert bodies[0, 90] == 1
     assert bodies[1, 270] == 0
     assert bodies[0, 180] == SOLID
@@ -93,8 +93,8 @@ def test_bodies_tell_robots_from_what_stands() -> None:
 
 
 def test_the_nearer_of_two_robots_hides_the_other() -> None:
-    with silent(scene([(0.0, 0.0, 0.0), (0.7, 0.0, 0.0)], [(1.5, 0.0, 0.0)])) as world:
-        _, bodies = world.scan_and_bodies([0], ANY[:1])
+    with World(scene([(0.0, 0.0, 0.0), (0.7, 0.0, 0.0)], [(1.5, 0.0, 0.0)])) as world:
+        _, bodies = sensors(world).scan_and_bodies([0], ANY[:1])
     assert 2 not in bodies
     assert np.count_nonzero(bodies == 1) == 9
 
@@ -102,10 +102,10 @@ def test_the_nearer_of_two_robots_hides_the_other() -> None:
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2])
 def test_a_wall_at_the_bumper_is_too_near_and_nothing_is_seen_through_it(yaw: float) -> None:
     start = (2.8 * math.cos(yaw), 2.8 * math.sin(yaw), yaw)
-    with silent(scene([start])) as world:
+    with World(scene([start])) as world:
         world.drive(0, Command(0.1, 0.0))
         run(world, 4.0)
-        ranges = world.scan([0], ANY[:1])[0]
+        ranges = sensors(world).scan([0], ANY[:1])[0]
         expected = beam_lengths(world.poses()[0], world.layout.solids, [])
     assert np.count_nonzero(ranges == TOO_NEAR_M) > 60
     assert np.array_equal(ranges == TOO_NEAR_M, expected == 0.0)
@@ -113,8 +113,8 @@ def test_a_wall_at_the_bumper_is_too_near_and_nothing_is_seen_through_it(yaw: fl
 
 
 def test_a_robot_at_the_bumper_is_too_near() -> None:
-    with silent(scene([(0.0, 0.0, 0.0)], [(0.08, 0.0, math.pi)])) as world:
-        ranges, bodies = world.scan_and_bodies([0], ANY[:1])
+    with World(scene([(0.0, 0.0, 0.0)], [(0.08, 0.0, math.pi)])) as world:
+        ranges, bodies = sensors(world).scan_and_bodies([0], ANY[:1])
     assert ranges[0, 0] == TOO_NEAR_M
     assert bodies[0, 0] == 1
     assert ranges[0, 180] > 2.5
@@ -123,34 +123,35 @@ def test_a_robot_at_the_bumper_is_too_near() -> None:
 def test_a_scan_does_not_depend_on_who_scans_with_it() -> None:
     layout = place(load_arena("map1"), 2, 5)
     with World(layout) as world:
-        together = world.scan(range(10), [stream(1, "noise", i) for i in range(10)])
-        alone = [world.scan([i], [stream(1, "noise", i)])[0] for i in range(10)]
-        reversed_order = world.scan([9, 4], [stream(1, "noise", 9), stream(1, "noise", 4)])
+        lidars = sensors(world, noise="gazebo")
+        together = lidars.scan(range(10), [stream(1, "noise", i) for i in range(10)])
+        alone = [lidars.scan([i], [stream(1, "noise", i)])[0] for i in range(10)]
+        reversed_order = lidars.scan([9, 4], [stream(1, "noise", 9), stream(1, "noise", 4)])
     assert np.array_equal(together, alone)
     assert np.array_equal(reversed_order, together[[9, 4]])
 
 
 def test_more_rays_than_one_batch_holds_are_split() -> None:
-    with silent(scene([(0.0, 0.0, 0.0)])) as world:
-        one = world.scan([0], ANY[:1])
-        many = world.scan([0] * 50, ANY[:1] * 50)
+    with World(scene([(0.0, 0.0, 0.0)])) as world:
+        one = sensors(world).scan([0], ANY[:1])
+        many = sensors(world).scan([0] * 50, ANY[:1] * 50)
     assert rays.MAX_BATCH < 50 * 360
     assert np.array_equal(many, np.repeat(one, 50, axis=0))
-    with silent(scene([(0.0, 0.0, 0.0)])) as world:
-        assert world.scan([], []).shape == (0, 360)
+    with World(scene([(0.0, 0.0, 0.0)])) as world:
+        assert sensors(world).scan([], []).shape == (0, 360)
 
 
-def noisy_scans(settings: WorldSettings, scans: int = 300) -> tuple[np.ndarray, np.ndarray]:
+def noisy_scans(noise: str, scans: int = 300) -> tuple[np.ndarray, np.ndarray]:
     layout = place(load_arena("map2"), 3, 1, 0)
-    with silent(layout) as world:
-        truth = world.scan([0], ANY[:1])[0]
-    with World(layout, settings) as world:
+    with World(layout) as world:
+        truth = sensors(world).scan([0], ANY[:1])[0]
+        lidars = sensors(world, noise=noise)
         rng = stream(3, "lidar", 0)
-        return truth, np.array([world.scan([0], [rng])[0] for _ in range(scans)])
+        return truth, np.array([lidars.scan([0], [rng])[0] for _ in range(scans)])
 
 
 def test_gazebo_noise_is_normal_with_one_centimetre_at_every_range() -> None:
-    truth, scans = noisy_scans(WorldSettings(lidar_noise="gazebo"))
+    truth, scans = noisy_scans("gazebo")
     seen = (truth > 0.2) & (truth < 3.4)
     errors = scans[:, seen] - truth[seen]
     assert abs(errors.mean()) < 4 * 0.01 / math.sqrt(errors.size)
@@ -162,7 +163,7 @@ def test_gazebo_noise_is_normal_with_one_centimetre_at_every_range() -> None:
 
 
 def test_datasheet_noise_grows_with_range_and_has_a_scale_of_its_own() -> None:
-    truth, scans = noisy_scans(WorldSettings(lidar_noise="datasheet"))
+    truth, scans = noisy_scans("datasheet")
     seen = (truth > 0.6) & (truth < 3.2)
     scale = (scans[:, seen].mean(axis=0) / truth[seen]).mean()
     expected = lidar.draw_scale(stream(3, "lidar scale", "robot", 0))
@@ -175,7 +176,7 @@ def test_datasheet_noise_grows_with_range_and_has_a_scale_of_its_own() -> None:
 
 def test_datasheet_noise_is_a_third_of_a_centimetre_close_by() -> None:
     ranges = np.full((1, 20000), 0.3)
-    noisy = lidar.add_noise(ranges, "datasheet", np.ones(1), [stream(1, "a")])
+    noisy = lidar.add_noise(ranges, "datasheet", np.ones(1), [stream(1, "a")], LIMITS_M)
     assert noisy.std() == pytest.approx(0.010 / 3.0, rel=0.03)
 
 
@@ -187,5 +188,5 @@ def test_sensors_scales_are_spread_as_the_maker_says() -> None:
 
 def test_ranges_are_clamped_to_the_sensor_s_limits() -> None:
     ranges = np.array([[0.1201] * 500 + [3.499] * 500])
-    noisy = lidar.add_noise(ranges, "gazebo", np.ones(1), [stream(1, "a")])
+    noisy = lidar.add_noise(ranges, "gazebo", np.ones(1), [stream(1, "a")], LIMITS_M)
     assert (noisy.min(), noisy.max()) == (0.12, 3.5)

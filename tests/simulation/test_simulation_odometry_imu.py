@@ -6,17 +6,19 @@ import pytest
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import WHEEL_RADIUS_M, WHEEL_SEPARATION_M
+from midnet_bench.robots.burger import BURGER
+from midnet_bench.simulation.bullet.world import World
 from midnet_bench.simulation.imu import ImuSensor
 from midnet_bench.simulation.odometry import TICK_RAD, EncoderOdometer, OdometrySettings
-from tests.simulation.scenes import run, scene, silent
+from tests.simulation.scenes import run, scene
 
+RADIUS_M, SEPARATION_M = BURGER.wheel_radius_m, BURGER.wheel_separation_m
 PERFECT = OdometrySettings(radius_error=0.0, separation_error=0.0, slip_m_per_sqrt_m=0.0)
 
 
 def around_a_square(settings: OdometrySettings, seed: int) -> tuple[float, float]:
     """Distance driven, and how far encoder odometry ends from the truth, metres."""
-    with silent(scene([(-1.0, -1.0, 0.0)])) as world:
+    with World(scene([(-1.0, -1.0, 0.0)])) as world:
         start = Pose2D(*world.poses()[0])
         odometer = EncoderOdometer(start, world.wheel_angles(0), settings, stream(seed, "odometry", 0))
         driven, last = 0.0, start
@@ -49,7 +51,7 @@ def test_midpoint_rule_on_a_circle_by_hand() -> None:
     radius, steps = 0.5, 90
     for step in range(1, steps + 1):
         turned = math.pi / 2 * step / steps
-        wheels = turned * (radius + np.array([-0.5, 0.5]) * WHEEL_SEPARATION_M) / WHEEL_RADIUS_M
+        wheels = turned * (radius + np.array([-0.5, 0.5]) * SEPARATION_M) / RADIUS_M
         odometry = odometer.update(wheels, 0.1)
     np.testing.assert_allclose(odometry.pose, (radius, radius, math.pi / 2), atol=1e-3)
     assert odometry.angular_radps == pytest.approx(math.pi / 2 / steps / 0.1, rel=0.05)
@@ -59,10 +61,10 @@ def test_midpoint_rule_on_a_circle_by_hand() -> None:
 def test_less_than_a_tick_is_not_seen_and_never_lost() -> None:
     odometer = EncoderOdometer(Pose2D(0.0, 0.0, 0.0), np.zeros(2), PERFECT, stream(1, "a"))
     assert odometer.update(np.full(2, 0.9 * TICK_RAD), 0.1).pose.x == 0.0
-    assert odometer.update(np.full(2, 1.8 * TICK_RAD), 0.1).pose.x == pytest.approx(TICK_RAD * WHEEL_RADIUS_M)
+    assert odometer.update(np.full(2, 1.8 * TICK_RAD), 0.1).pose.x == pytest.approx(TICK_RAD * RADIUS_M)
     for number in range(3, 1001):
         pose = odometer.update(np.full(2, 0.9 * number * TICK_RAD), 0.1).pose
-    assert pose.x == pytest.approx(900 * TICK_RAD * WHEEL_RADIUS_M, abs=TICK_RAD * WHEEL_RADIUS_M)
+    assert pose.x == pytest.approx(900 * TICK_RAD * RADIUS_M, abs=TICK_RAD * RADIUS_M)
 
 
 def test_slip_grows_with_the_root_of_the_travel_whatever_the_rate() -> None:
@@ -71,11 +73,11 @@ def test_slip_grows_with_the_root_of_the_travel_whatever_the_rate() -> None:
         ends = []
         for number in range(200):
             odometer = EncoderOdometer(Pose2D(0, 0, 0), np.zeros(2), settings, stream(number, "slip"))
-            turn = step_m / WHEEL_RADIUS_M
+            turn = step_m / RADIUS_M
             for step in range(1, round(1.0 / step_m) + 1):
                 pose = odometer.update(np.full(2, step * turn), 0.1).pose
             ends.append(pose.yaw)
-        expected = 0.01 * math.sqrt(2.0) / WHEEL_SEPARATION_M
+        expected = 0.01 * math.sqrt(2.0) / SEPARATION_M
         assert np.std(ends) == pytest.approx(expected, rel=0.2)
 
 
@@ -95,7 +97,7 @@ def test_the_imu_follows_the_facts() -> None:
 
 def test_the_imu_of_ros_1_is_exact_and_feels_a_robot_start() -> None:
     sensor = ImuSensor("none", stream(1, "imu"))
-    with silent(scene([(0.0, 0.0, 0.5)])) as world:
+    with World(scene([(0.0, 0.0, 0.5)])) as world:
         world.drive(0, Command(0.2, 0.0))
         felt = []
         for _ in range(6):

@@ -13,14 +13,14 @@ from midnet_bench.arena.layout import place
 from midnet_bench.messages import STOP, Command
 from midnet_bench.rng import stream
 from midnet_bench.simulation.bullet.world import World
-from tests.simulation.scenes import run, scene, silent
+from tests.simulation.scenes import run, scene, sensors
 
 BASE_FRONT_M = 0.038
 WALL_FACE_M = 2.925
 
 
 def test_a_burger_drives_straight_at_the_speed_asked_for() -> None:
-    with silent(scene([(-2.0, 0.0, 0.0)])) as world:
+    with World(scene([(-2.0, 0.0, 0.0)])) as world:
         world.drive(0, Command(0.2, 0.0))
         run(world, 1.0)
         before = world.poses()[0]
@@ -35,7 +35,7 @@ def test_a_burger_drives_straight_at_the_speed_asked_for() -> None:
     ("linear", "angular"), [(0.0, 0.5), (0.0, 2.84), (0.2, 0.5), (0.1, -2.5), (-0.1, 1.0)]
 )
 def test_a_burger_turns_at_the_rate_asked_for(linear: float, angular: float) -> None:
-    with silent(scene([(0.0, 0.0, 0.3)])) as world:
+    with World(scene([(0.0, 0.0, 0.3)])) as world:
         world.drive(0, Command(linear, angular))
         run(world, 1.0)
         yaws, velocities, xy = [world.poses()[0, 2]], [], [world.poses()[0, :2]]
@@ -50,7 +50,7 @@ def test_a_burger_turns_at_the_rate_asked_for(linear: float, angular: float) -> 
 
 
 def test_commands_are_clamped_and_ramped() -> None:
-    with silent(scene([(-2.0, 0.0, 0.0)])) as world:
+    with World(scene([(-2.0, 0.0, 0.0)])) as world:
         world.drive(0, Command(5.0, 0.0))
         speeds = []
         for _ in range(60):
@@ -70,7 +70,7 @@ def test_commands_are_clamped_and_ramped() -> None:
 
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2, math.pi, 0.6])
 def test_a_burger_stops_at_a_wall(yaw: float) -> None:
-    with silent(scene([(2.0 * math.cos(yaw), 2.0 * math.sin(yaw), yaw)])) as world:
+    with World(scene([(2.0 * math.cos(yaw), 2.0 * math.sin(yaw), yaw)])) as world:
         world.drive(0, Command(0.22, 0.0))
         run(world, 15.0)
         x, y, heading = world.poses()[0]
@@ -82,7 +82,7 @@ def test_a_burger_stops_at_a_wall(yaw: float) -> None:
 
 
 def test_two_burgers_head_on_stop_each_other_and_both_count_it() -> None:
-    with silent(scene([(-0.4, 0.0, 0.0)], [(0.4, 0.0, math.pi)])) as world:
+    with World(scene([(-0.4, 0.0, 0.0)], [(0.4, 0.0, math.pi)])) as world:
         world.drive(0, Command(0.2, 0.0))
         world.drive(1, Command(0.2, 0.0))
         run(world, 6.0)
@@ -104,7 +104,7 @@ def test_a_burger_is_as_wide_as_its_wheels(gap: float, passes: bool) -> None:
     arena = load_arena("empty")
     end = (gap + arena.wall_thickness_m) / 2.0
     gate = (((0.5, end), (0.5, 2.0)), ((0.5, -2.0), (0.5, -end)))
-    with silent(scene([(0.0, 0.0, 0.0)], arena=arena.model_copy(update={"walls": gate}))) as world:
+    with World(scene([(0.0, 0.0, 0.0)], arena=arena.model_copy(update={"walls": gate}))) as world:
         world.drive(0, Command(0.2, 0.0))
         run(world, 6.0)
         assert bool(world.poses()[0, 0] > 1.0) is passes
@@ -122,6 +122,7 @@ def moving(world: World, seconds: float, digest):
     count = len(world.active)
     rngs = [stream(world.layout.seed, "test lidar", i) for i in range(count)]
     steer = stream(world.layout.seed, "test steering")
+    lidars = sensors(world, noise="gazebo")
     for tick in range(round(seconds * 60)):
         if tick % 30 == 0:
             for index in np.flatnonzero(world.active):
@@ -129,7 +130,7 @@ def moving(world: World, seconds: float, digest):
         world.step()
         if tick % 12 == 0:
             present = np.flatnonzero(world.active).tolist()
-            digest.update(world.scan(present, [rngs[i] for i in present]).tobytes())
+            digest.update(lidars.scan(present, [rngs[i] for i in present]).tobytes())
         present = np.flatnonzero(world.active).tolist()
         moves = [(*world.odometry(i)[1:], *world.wheel_angles(i)) for i in present]
         digest.update(world.poses().tobytes() + np.array(moves).tobytes())
@@ -187,16 +188,17 @@ def test_a_caught_intruder_leaves_and_the_rest_goes_on_the_same_way_each_time() 
             with pytest.raises(ValueError, match="robot 3 is not in this world"):
                 world.odometry(3)[1:]
             with pytest.raises(ValueError, match="robot 3 is not in this world"):
-                world.scan([0, 3], [stream(1, "a"), stream(1, "b")])
+                sensors(world).scan([0, 3], [stream(1, "a"), stream(1, "b")])
         digests.append(digest.hexdigest())
     assert digests[0] == digests[1]
 
 
 def test_a_removed_robot_is_neither_seen_nor_bumped_into() -> None:
-    with silent(scene([(0.0, 0.0, 0.0)], [(0.6, 0.0, 0.0)])) as world:
-        assert world.scan([0], [stream(1, "a")])[0, 0] < 1.0
+    with World(scene([(0.0, 0.0, 0.0)], [(0.6, 0.0, 0.0)])) as world:
+        lidars = sensors(world)
+        assert lidars.scan([0], [stream(1, "a")])[0, 0] < 1.0
         world.remove(1)
-        assert world.scan([0], [stream(1, "a")])[0, 0] == pytest.approx(WALL_FACE_M + 0.032, abs=0.003)
+        assert lidars.scan([0], [stream(1, "a")])[0, 0] == pytest.approx(WALL_FACE_M + 0.032, abs=0.003)
         world.drive(0, Command(0.22, 0.0))
         run(world, 6.0)
         assert world.poses()[0, 0] > 1.2
@@ -205,7 +207,7 @@ def test_a_removed_robot_is_neither_seen_nor_bumped_into() -> None:
 
 def test_robots_stand_still_where_they_were_put_until_told_otherwise() -> None:
     layout = place(load_arena("map1"), 5, 5)
-    with silent(layout) as world:
+    with World(layout) as world:
         run(world, 10.0)
         starts = np.array([tuple(pose) for pose in layout.robots + layout.intruders])
         np.testing.assert_allclose(world.poses()[:, :2], starts[:, :2], atol=1e-3)
@@ -215,7 +217,7 @@ def test_robots_stand_still_where_they_were_put_until_told_otherwise() -> None:
 
 
 def test_truth_comes_read_only_and_fresh() -> None:
-    with silent(scene([(0.0, 0.0, 0.0)])) as world:
+    with World(scene([(0.0, 0.0, 0.0)])) as world:
         poses = world.poses()
         assert world.poses() is poses
         with pytest.raises(ValueError, match="read-only"):
@@ -228,8 +230,8 @@ def test_truth_comes_read_only_and_fresh() -> None:
 
 def test_the_outline_is_the_disc_in_the_scan_plane() -> None:
     yaw = 1.0
-    with silent(scene([(0.5, -0.5, yaw)])) as world:
-        box = world.scan_outline(0)
+    with World(scene([(0.5, -0.5, yaw)])) as world:
+        box = sensors(world).outline(0)
         assert box.center == pytest.approx(
             (0.5 - 0.017 * math.cos(yaw), -0.5 - 0.017 * math.sin(yaw)), abs=1e-3
         )
@@ -237,6 +239,6 @@ def test_the_outline_is_the_disc_in_the_scan_plane() -> None:
 
 
 def test_closing_twice_does_no_harm() -> None:
-    world = silent(scene([(0.0, 0.0, 0.0)]))
+    world = World(scene([(0.0, 0.0, 0.0)]))
     world.close()
     world.close()

@@ -87,13 +87,13 @@ class DetectionTrial(GuardedArena):
         return in_range
 
     def _bodies(self) -> list[TruthObject]:
-        mobile = {robot.name: self.world.scan_outline(robot.index) for robot in self.intruders}
+        mobile = {robot.name: self.lidars.outline(robot.index) for robot in self.intruders}
         return [TruthObject(name, box, box.center) for name, box in (self._stationary | mobile).items()]
 
     def _in_sight(self) -> list[bool]:
         """For each truth, whether a beam of some guard would meet it within range at this instant."""
         guards = [guard.index for guard in self.guards]
-        ranges_m, bodies = self.world.scan_and_bodies(guards, self._sight_noise)
+        ranges_m, bodies = self.lidars.scan_and_bodies(guards, self._sight_noise)
         near = ranges_m <= USABLE_RANGE_M
         met = set(bodies[near].tolist())
         beams = self.world.poses()[guards, 2, None] + LDS_01.angles_rad

@@ -15,12 +15,13 @@ from midnet_bench.experiments.guarded.parameters import LabyrinthParameters
 from midnet_bench.geometry import Box
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
+from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.integrity import crossed_wall, surfaces
 
 GOAL_CLEARANCE_M = 0.4
 """From an escape point to any wall, as for every other goal."""
-CONTACT_M = 0.21
-"""Two Burgers whose centres are this near touch: twice the robot's radius."""
+CONTACT_M = 2.0 * BURGER.radius_m
+"""Two Burgers whose centres are this near touch."""
 REFUGES = 64
 """How many random points a fleeing intruder weighs against each other."""
 
@@ -96,7 +97,7 @@ class LabyrinthTrial(GuardedArena):
 
     def _boxes_on(self, robot: MobileRobot, midnet: Frame) -> list[Box]:
         """The detections that cover some of an intruder (item 53)."""
-        outline = self.world.scan_outline(robot.index)
+        outline = self.lidars.outline(robot.index)
         return [box for box in midnet.detections if box.intersection_area(outline) > 0.0]
 
     def _is_caught(self, robot: MobileRobot) -> bool:

@@ -5,16 +5,7 @@ from typing import NamedTuple
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
-from midnet_bench.robots.burger import (
-    BASE_LINK_HEIGHT_M,
-    MAX_ANGULAR_RADPS,
-    MAX_LINEAR_MPS,
-    RIM_ACCELERATION_MPS2,
-    URDF,
-    WHEEL_RADIUS_M,
-    WHEEL_SEPARATION_M,
-    WHEEL_TORQUE_NM,
-)
+from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.bullet.engine import bullet
 
 # Collision groups: what a shape is, and (as its mask) with which groups it collides. PyBullet lets two shapes
@@ -24,7 +15,7 @@ from midnet_bench.simulation.bullet.engine import bullet
 RAY, ROBOT, STATIC, FLOOR, ROLLER = 1, 2, 4, 8, 16
 
 
-class Burger(NamedTuple):
+class Body(NamedTuple):
     """One robot in a PyBullet client."""
 
     body: int
@@ -32,11 +23,11 @@ class Burger(NamedTuple):
     """joints, left and right"""
 
 
-def load_burger(client: int, pose: Pose2D) -> Burger:
-    """A Burger with its base_footprint at ``pose``. Wheels and caster touch the floor only."""
+def load_robot(client: int, robot: RobotModel, pose: Pose2D) -> Body:
+    """A robot with its base frame at ``pose``. Wheels and caster touch the floor only."""
     body = bullet.loadURDF(
-        str(URDF),
-        [pose.x, pose.y, BASE_LINK_HEIGHT_M],
+        str(robot.urdf),
+        [pose.x, pose.y, robot.base_link_height_m],
         bullet.getQuaternionFromEuler([0.0, 0.0, pose.yaw]),
         flags=bullet.URDF_USE_INERTIA_FROM_FILE,
         physicsClientId=client,
@@ -50,30 +41,32 @@ def load_burger(client: int, pose: Pose2D) -> Burger:
         group, mask = (ROLLER, FLOOR) if link in rollers else (ROBOT, ROBOT | STATIC | FLOOR)
         bullet.setCollisionFilterGroupMask(body, link, group, mask, physicsClientId=client)
         bullet.changeDynamics(body, link, contactProcessingThreshold=0.0, physicsClientId=client)
-    return Burger(body, wheels)
+    return Body(body, wheels)
 
 
 class Drive:
-    """The wheel motors of several Burgers: clamps commands and ramps each wheel towards its target.
+    """The wheel motors of several robots: clamps commands and ramps each wheel towards its target.
 
     The ramp is the Gazebo plugin's wheelAcceleration, applied at every physics step. The plugin skips
     the ramp of both wheels as soon as one of them is near its target; that jump is not copied.
     """
 
-    def __init__(self, robots: list[Burger], client: int, step_s: float) -> None:
-        self._robots = robots
+    def __init__(self, robot: RobotModel, bodies: list[Body], client: int, step_s: float) -> None:
+        self._robot = robot
+        self._bodies = bodies
         self._client = client
-        self._most = RIM_ACCELERATION_MPS2 * step_s
-        self._targets = [(0.0, 0.0)] * len(robots)
-        self._speeds = [(0.0, 0.0)] * len(robots)
-        for number in range(len(robots)):
+        self._most = robot.rim_acceleration_mps2 * step_s
+        self._targets = [(0.0, 0.0)] * len(bodies)
+        self._speeds = [(0.0, 0.0)] * len(bodies)
+        for number in range(len(bodies)):
             self._set_motors(number)
 
     def command(self, number: int, command: Command) -> None:
         """Take a new command; it is held until the next one, as the plugin holds it."""
-        linear = min(max(command.linear_mps, -MAX_LINEAR_MPS), MAX_LINEAR_MPS)
-        angular = min(max(command.angular_radps, -MAX_ANGULAR_RADPS), MAX_ANGULAR_RADPS)
-        half = angular * WHEEL_SEPARATION_M / 2.0
+        robot = self._robot
+        linear = min(max(command.linear_mps, -robot.max_linear_mps), robot.max_linear_mps)
+        angular = min(max(command.angular_radps, -robot.max_angular_radps), robot.max_angular_radps)
+        half = angular * robot.wheel_separation_m / 2.0
         self._targets[number] = (linear - half, linear + half)
 
     def step(self) -> None:
@@ -95,12 +88,12 @@ class Drive:
         return target if abs(missing) <= self._most else speed + math.copysign(self._most, missing)
 
     def _set_motors(self, number: int) -> None:
-        robot = self._robots[number]
+        body, robot = self._bodies[number], self._robot
         bullet.setJointMotorControlArray(
-            robot.body,
-            robot.wheels,
+            body.body,
+            body.wheels,
             bullet.VELOCITY_CONTROL,
-            targetVelocities=[speed / WHEEL_RADIUS_M for speed in self._speeds[number]],
-            forces=(WHEEL_TORQUE_NM, WHEEL_TORQUE_NM),
+            targetVelocities=[speed / robot.wheel_radius_m for speed in self._speeds[number]],
+            forces=(robot.wheel_torque_nm, robot.wheel_torque_nm),
             physicsClientId=self._client,
         )

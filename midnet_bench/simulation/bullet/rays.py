@@ -7,13 +7,12 @@ import numpy.typing as npt
 from numba import njit
 
 from midnet_bench.simulation.bullet.engine import bullet
-from midnet_bench.simulation.lidar import Beams
+from midnet_bench.simulation.simulator import Beams
 
 Floats = npt.NDArray[np.float64]
 
 _FRACTION = itemgetter(2)
 """of a ray's result, as PyBullet gives it"""
-BEAM_HEIGHT_M = 0.182
 MAX_BATCH = 16383
 """One ray more, and PyBullet answers with nothing at all."""
 
@@ -44,9 +43,9 @@ def distances(met: Floats, near_m: float, far_m: float) -> Floats:
     return found
 
 
-def cast_on_solids(client: int, beams: Beams, near_m: float, far_m: float) -> Floats:
+def cast_on_solids(client: int, beams: Beams, near_m: float, far_m: float, height_m: float) -> Floats:
     """(m, beams) distance from the axis to the first solid between near and far; inf if there is none."""
-    starts, ends = ray_ends(*beams, near_m, far_m, BEAM_HEIGHT_M)
+    starts, ends = ray_ends(*beams, near_m, far_m, height_m)
     met = np.empty(len(starts))
     for first in range(0, len(starts), MAX_BATCH):
         batch = slice(first, first + MAX_BATCH)

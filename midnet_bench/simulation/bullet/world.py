@@ -1,7 +1,6 @@
-"""``World``: one trial's Burgers, walls and intruders in a PyBullet client of their own."""
+"""``World``: one trial's robots, walls and intruders in a PyBullet client of their own."""
 
 import math
-from collections.abc import Sequence
 from types import TracebackType
 from typing import Annotated, Self
 
@@ -9,28 +8,23 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from midnet_bench.arena.free_space import cells_near
 from midnet_bench.arena.layout import Layout
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import Pose2D
 from midnet_bench.io.checked_yaml import Spec
 from midnet_bench.messages import Command, Odometry
-from midnet_bench.rng import stream
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation import lidar
 from midnet_bench.simulation.bullet import rays
-from midnet_bench.simulation.bullet.body import Drive, load_burger
+from midnet_bench.simulation.bullet.body import Drive, load_robot
 from midnet_bench.simulation.bullet.engine import bullet
 from midnet_bench.simulation.bullet.stage import add_floor, add_solids
+from midnet_bench.simulation.simulator import Beams
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-TOO_NEAR_M = 0.0
-"""The range of a beam that ends before the sensor's least range, as the LDS-01's driver reports it."""
-
 _SETTLE_S = 1.0
-_BLIND_M = 0.20
-"""No solid this far from the middle of the axle's cell can be within the sensor's least range."""
 _CONTACT_HZ = 10
 _EPISODE_GAP_S = 1.0
 
@@ -45,21 +39,23 @@ class WorldSettings(Spec):
 
 
 class World:
-    """Security robots (index 0 up) and, after them, mobile intruders, in the layout's order.
+    """The :class:`~midnet_bench.simulation.simulator.Simulator` that PyBullet makes; a context manager.
 
-    Time is ``tick`` / ``settings.step_hz`` and starts at 0 once the robots have settled on their wheels.
-    Two worlds made alike and driven alike agree bit for bit, in any process, next to any other world.
-    Arrays come back read-only and are fresh per tick. Close it, or use it as a context manager.
+    Tick 0 is when the robots have settled on their wheels. Worlds in one process do not touch each other.
     """
 
-    def __init__(self, layout: Layout, settings: WorldSettings | None = None) -> None:
+    def __init__(
+        self, layout: Layout, settings: WorldSettings | None = None, robot: RobotModel = BURGER
+    ) -> None:
         self.layout = layout
+        self.robot = robot
         self.settings = settings or WorldSettings()
+        self.step_hz = self.settings.step_hz
         self.tick = 0
         starts = layout.robots + layout.intruders
         self._client = bullet.connect(bullet.DIRECT)
         bullet.setPhysicsEngineParameter(
-            fixedTimeStep=1.0 / self.settings.step_hz,
+            fixedTimeStep=1.0 / self.step_hz,
             numSolverIterations=self.settings.solver_iterations,
             deterministicOverlappingPairs=1,
             physicsClientId=self._client,
@@ -67,21 +63,14 @@ class World:
         bullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
         self._floor = add_floor(self._client)
         add_solids(self._client, layout.solids)
-        self._burgers = [load_burger(self._client, pose) for pose in starts]
-        self._drive = Drive(self._burgers, self._client, 1.0 / self.settings.step_hz)
+        self._robots = [load_robot(self._client, robot, pose) for pose in starts]
+        self._drive = Drive(robot, self._robots, self._client, 1.0 / self.step_hz)
         self._active = np.ones(len(starts), dtype=np.bool_)
-        # Named by side, so that an intruder's sensor does not change with the size of the team.
-        owners = [("robot", i) for i in range(len(layout.robots))]
-        owners += [("intruder", i) for i in range(len(layout.intruders))]
-        self._lidar_scales = np.array(
-            [lidar.draw_scale(stream(layout.seed, "lidar scale", side, i)) for side, i in owners]
-        )
-        self._blind_cells = cells_near(layout.arena, layout.solids, _BLIND_M)
         self._collisions = np.zeros(len(starts), dtype=np.int64)
         self._last_contact = np.full(len(starts), -(10**9), dtype=np.int64)
         self._poses: list[Pose2D | None] = [None] * len(starts)
         self._pose_array: Floats | None = None
-        for _ in range(round(_SETTLE_S * self.settings.step_hz)):
+        for _ in range(round(_SETTLE_S * self.step_hz)):
             bullet.stepSimulation(physicsClientId=self._client)
 
     def __enter__(self) -> Self:
@@ -104,7 +93,7 @@ class World:
         return self._active.copy()
 
     def drive(self, index: int, command: Command) -> None:
-        """Give a robot its new velocity; held until the next one. Clamped to the Burger's limits."""
+        """Give a robot its new velocity; held until the next one. Clamped to the robot's limits."""
         self._require(index)
         self._drive.command(index, command)
 
@@ -114,7 +103,7 @@ class World:
         bullet.stepSimulation(physicsClientId=self._client)
         self.tick += 1
         self._forget_poses()
-        if self.tick % (self.settings.step_hz // _CONTACT_HZ) == 0:
+        if self.tick % (self.step_hz // _CONTACT_HZ) == 0:
             self._count_collisions()
 
     def pose(self, index: int) -> Pose2D:
@@ -127,7 +116,7 @@ class World:
     def poses(self) -> Floats:
         """(n, 3) x, y, yaw of what ``pose`` gives for every robot."""
         if self._pose_array is None:
-            poses = np.array([self.pose(index) for index in range(len(self._burgers))])
+            poses = np.array([self.pose(index) for index in range(len(self._robots))])
             poses.flags.writeable = False
             self._pose_array = poses
         return self._pose_array
@@ -135,59 +124,25 @@ class World:
     def odometry(self, index: int) -> Odometry:
         """A robot's true pose, forward speed (m/s) and yaw rate (rad/s), map frame."""
         self._require(index)
-        (x, y, _), (_, _, turn) = bullet.getBaseVelocity(self._burgers[index].body, self._client)
+        (x, y, _), (_, _, turn) = bullet.getBaseVelocity(self._robots[index].body, self._client)
         pose = self.pose(index)
         return Odometry(pose, x * math.cos(pose.yaw) + y * math.sin(pose.yaw), turn)
 
     def wheel_angles(self, index: int) -> Floats:
         """(2,) how far a robot's left and right wheel have turned, radians."""
         self._require(index)
-        body, wheels = self._burgers[index]
+        body, wheels = self._robots[index]
         states = bullet.getJointStates(body, wheels, physicsClientId=self._client)
         return np.array([state[0] for state in states])
 
-    def scan(self, indices: Sequence[int], rngs: Sequence[np.random.Generator]) -> Floats:
-        """(len(indices), beams) ranges of those robots' LiDARs at this tick, metres, in one batch of rays.
-
-        inf where nothing reflects within range; 0 (``TOO_NEAR_M``) where something stands closer than
-        the sensor's least range. ``rngs`` are the robots' noise generators, one per index.
-        """
-        return self.scan_and_bodies(indices, rngs)[0]
-
-    def scan_and_bodies(
-        self, indices: Sequence[int], rngs: Sequence[np.random.Generator]
-    ) -> tuple[Floats, Ints]:
-        """What ``scan`` gives, and beside it which robot each beam met, both (len(indices), beams).
-
-        ``SOLID`` where it met a wall or a stationary intruder, ``NOTHING`` where it met nothing.
-        """
-        for index in indices:
-            self._require(index)
-        low, high = LDS_01.range_min_m, LDS_01.range_max_m
-        profile = lidar.PROFILES[self.settings.robot_profile]
-        rows = list(indices)
-        beams = lidar.beams_from(self.poses()[rows])
-        true_ranges = rays.cast_on_solids(self._client, beams, low, high)
-        for row in self._near_solids(rows):
-            # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
-            one = lidar.Beams(beams.axes[row : row + 1], beams.directions[row : row + 1])
-            near = rays.cast_on_solids(self._client, one, 0.0, low)[0]
-            true_ranges[row] = np.minimum(true_ranges[row], near)
-        bodies = lidar.hide_behind_robots(true_ranges, beams, self.poses(), profile, rows, high)
-        ranges = lidar.add_noise(true_ranges, self.settings.lidar_noise, self._lidar_scales[rows], rngs)
-        ranges[true_ranges < low] = TOO_NEAR_M
-        return ranges, bodies
-
-    def scan_outline(self, index: int) -> Box:
-        """The true box, map frame, of what beams see of a robot (item 45); NaN once it is removed."""
-        profile = lidar.PROFILES[self.settings.robot_profile]
-        center = self.pose(index).compose(Pose2D(profile.offset_x_m, 0.0, 0.0))
-        return Box.square(center.x, center.y, 2.0 * profile.radius_m)
+    def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
+        """(m, beams) metres from the axis to the first solid between near and far; inf if there is none."""
+        return rays.cast_on_solids(self._client, beams, near_m, far_m, self.robot.lidar_height_m)
 
     def remove(self, index: int) -> None:
         """Take a robot out of the arena for good, as a caught intruder is."""
         self._require(index)
-        bullet.removeBody(self._burgers[index].body, physicsClientId=self._client)
+        bullet.removeBody(self._robots[index].body, physicsClientId=self._client)
         self._drive.forget(index)
         self._active[index] = False
         self._forget_poses()
@@ -200,32 +155,26 @@ class World:
         return self._collisions.copy()
 
     def _require(self, index: int) -> None:
-        if not 0 <= index < len(self._burgers) or not self._active[index]:
+        if not 0 <= index < len(self._robots) or not self._active[index]:
             raise ValueError(
-                f"robot {index} is not in this world (it has {len(self._burgers)}, or it was removed)"
+                f"robot {index} is not in this world (it has {len(self._robots)}, or it was removed)"
             )
 
     def _forget_poses(self) -> None:
-        self._poses = [None] * len(self._burgers)
+        self._poses = [None] * len(self._robots)
         self._pose_array = None
 
     def _fetch_pose(self, index: int) -> Pose2D:
         if not self._active[index]:
             return Pose2D(math.nan, math.nan, math.nan)
-        at, (x, y, z, w) = bullet.getBasePositionAndOrientation(self._burgers[index].body, self._client)
+        at, (x, y, z, w) = bullet.getBasePositionAndOrientation(self._robots[index].body, self._client)
         return Pose2D(at[0], at[1], math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
-    def _near_solids(self, rows: list[int]) -> list[int]:
-        """Which of ``rows``, by place, may have a solid within their sensor's least range."""
-        grid = self._blind_cells
-        cells = [grid.cell_at(*self.pose(row)[:2]) for row in rows]
-        return [i for i, cell in enumerate(cells) if grid.contains_cell(*cell) and grid.data[cell[::-1]]]
-
     def _count_collisions(self) -> None:
-        gap = _EPISODE_GAP_S * self.settings.step_hz
+        gap = _EPISODE_GAP_S * self.step_hz
         for index in self._active.nonzero()[0].tolist():
             contacts = bullet.getContactPoints(
-                bodyA=self._burgers[index].body, linkIndexA=-1, physicsClientId=self._client
+                bodyA=self._robots[index].body, linkIndexA=-1, physicsClientId=self._client
             )
             if any(contact[2] != self._floor and contact[8] <= 0.0 for contact in contacts):
                 if self.tick - self._last_contact[index] > gap:

@@ -1,0 +1,23 @@
+"""PyBullet is asked for in one place, which says what to do without it and keeps it quiet."""
+
+import subprocess
+import sys
+
+
+def test_that_it_is_missing_is_an_import_error_that_says_what_to_do() -> None:
+    program = (
+        "import sys; sys.modules['pybullet'] = None\n"
+        "try: import midnet_bench.simulation.bullet.world\n"
+        "except ImportError as error: print(error, error.exit_code)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    (line,) = done.stdout.splitlines()
+    assert "use Python 3.11 and install again" in line
+    assert line.endswith(" 1")
+    assert done.stderr == ""
+
+
+def test_pybullet_greets_nobody_and_standard_error_stays_open() -> None:
+    program = "import sys, midnet_bench.simulation.bullet.engine; print('a line of ours', file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "a line of ours\n")
