@@ -17,11 +17,11 @@ from midnet_bench.errors import InputError, MidnetBenchError
 
 try:
     import distributed
-
-    # private to joblib, which pyproject.toml bounds for it
-    from joblib._dask import DaskDistributedBackend
 except ImportError as error:
     raise InputError("--backend dask needs Dask's scheduler: pip install 'midnet-bench[dask]'") from error
+
+# private to joblib, which pyproject.toml bounds for it
+from joblib._dask import DaskDistributedBackend
 
 CONNECT_TIMEOUT_S = 5
 POLL_S = 0.5

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Protocol
 
 import joblib
+
+# private to joblib, which pyproject.toml bounds for it
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from midnet_bench.campaign.trial import RunTrial, TrialSpec

@@ -6,10 +6,6 @@ import time
 from datetime import timedelta
 from typing import TextIO
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.progress import Progress as RichProgress
-
 from midnet_bench.campaign.worker import Outcome
 
 SECONDS_BETWEEN_LINES = 10.0
@@ -67,7 +63,18 @@ class Bar(Progress):
     """A bar with the time that is left."""
 
     def __init__(self, stream: TextIO) -> None:
-        self._bar = RichProgress(
+        # rich takes a while to import, and a program that shows no bar has no use for it
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
+
+        self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
             MofNCompleteColumn(),

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -13,11 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from midnet_bench.campaign.definition import Campaign, resolve
+from midnet_bench.campaign.definition import Campaign, load_campaign, resolve
 from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.campaign.store import open_store
 from midnet_bench.errors import InputError
+from midnet_bench.experiments import registry
 from tests.campaign import coin_experiments as coins
+from tests.campaign import dice
 from tests.campaign.campaign_process import environment, exported, finish, start, wait_for
 
 distributed = pytest.importorskip("distributed", reason="the extra midnet-bench[dask] is not installed")
@@ -63,15 +66,20 @@ def one_worker(folder: Path, path: Path | None = None) -> contextlib.AbstractCon
 
 @pytest.fixture(scope="module")
 def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A scheduler with two workers, each of which is started again when it dies."""
+    """The address of a scheduler with one worker."""
     folder = tmp_path_factory.mktemp("cluster")
+    with scheduler_in(folder) as address, one_worker(folder):
+        yield address
+
+
+@pytest.fixture
+def two_mended_workers(tmp_path: Path) -> Iterator[str]:
+    """The address of a scheduler with two workers, each of which is started again when it dies."""
     two = ("--nthreads", "1", "--nworkers", "2")
     with (
-        scheduler_in(folder) as address,
-        process_of(serve("distributed.cli.dask_worker", *HERE, *two, folder=folder)),
+        scheduler_in(tmp_path) as address,
+        process_of(serve("distributed.cli.dask_worker", *HERE, *two, folder=tmp_path)),
     ):
-        with distributed.Client(address, set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=60)
         yield address
 
 
@@ -88,6 +96,17 @@ def test_a_cluster_gives_the_same_bytes_as_this_machine(tmp_path: Path, schedule
     assert exported(tmp_path / "cluster") == exported(tmp_path / "here")
 
 
+def test_an_experiment_in_a_file_runs_in_a_cluster(tmp_path: Path, scheduler: str) -> None:
+    (tmp_path / "rolling.yaml").write_text("{experiment: dice.py:DICE, trials: 2}")
+    shutil.copy(dice.__file__, tmp_path / "dice.py")
+    campaign = resolve(load_campaign(tmp_path / "rolling.yaml"), registry)
+    run_campaign(campaign, tmp_path / "cluster", backend="dask", scheduler=scheduler)
+    run_campaign(campaign, tmp_path / "here", jobs=2)
+
+    assert exported(tmp_path / "cluster") == exported(tmp_path / "here")
+    assert run_campaign(campaign, tmp_path / "cluster", jobs=2).ran == 0
+
+
 def test_a_campaign_begun_here_goes_on_in_a_cluster(tmp_path: Path, scheduler: str) -> None:
     run(tmp_path, None, trials=1)
     run(tmp_path, scheduler, trials=3)
@@ -101,21 +120,31 @@ def test_a_campaign_begun_here_goes_on_in_a_cluster(tmp_path: Path, scheduler: s
     [
         ("raise", "ValueError: the coin stands on its edge"),
         ("spin", "still running after its limit of 0.5 s of wall time"),
-        ("die", "its worker died twice"),
     ],
 )
 def test_trials_that_go_wrong_fail_alone(
     tmp_path: Path, scheduler: str, trouble: str, last_line: str
 ) -> None:
-    parameters = {"trouble": trouble, "trouble_seed": 2}
-    run(tmp_path, scheduler, grid={"coins": [1]}, trials=4, trial_timeout_s=0.5, parameters=parameters)
+    assert last_line in failure_of_the_second_trial(tmp_path, scheduler, trouble)
 
-    with open_store(tmp_path / "campaign.sqlite") as store:
+
+@pytest.mark.slow
+def test_a_trial_that_its_workers_die_of_fails_alone(tmp_path: Path, two_mended_workers: str) -> None:
+    last_line = failure_of_the_second_trial(tmp_path / "run", two_mended_workers, "die")
+    assert "its worker died twice" in last_line
+
+
+def failure_of_the_second_trial(directory: Path, scheduler: str, trouble: str) -> str:
+    """The last line of its traceback; the other three trials have finished."""
+    parameters = {"trouble": trouble, "trouble_seed": 2}
+    run(directory, scheduler, grid={"coins": [1]}, trials=4, trial_timeout_s=0.5, parameters=parameters)
+    with open_store(directory / "campaign.sqlite") as store:
         stored = {trial.seed: trial.traceback for trial in store.trials()}
     assert [seed for seed, traceback in stored.items() if traceback is None] == [1, 3, 4]
-    assert last_line in str(stored[2]).splitlines()[-1]
+    return str(stored[2]).splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_an_interrupt_leaves_the_cluster_in_order(tmp_path: Path, scheduler: str) -> None:
     long = {"trials": 400, "parameters": {"work_s": 0.1}}
     process = start(tmp_path, long, backend="dask", scheduler=scheduler)
@@ -144,6 +173,7 @@ def test_an_address_that_is_none_is_one_line(tmp_path: Path, address: str) -> No
         run(tmp_path, address)
 
 
+@pytest.mark.slow
 def test_workers_with_another_version_are_refused(tmp_path: Path) -> None:
     other = tmp_path / "other" / "midnet_bench-9.9.9.dist-info"
     other.mkdir(parents=True)

@@ -1,9 +1,13 @@
 import csv
+import importlib
+import inspect
 import os
+import re
 import sqlite3
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TypedDict
@@ -18,7 +22,7 @@ from midnet_bench.campaign.store import StoredTrial, open_store
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import InputError
 from tests.campaign import coin_experiments as coins
-from tests.campaign.campaign_process import environment, exported
+from tests.campaign.campaign_process import REPOSITORY, exported
 
 GRID = {"coins": [1, 2, 3], "table": ["wood", "glass"]}
 
@@ -105,7 +109,7 @@ def test_the_tidy_tables_lead_with_factors_and_seed(tmp_path: Path) -> None:
     assert len(rows) == (1 + 2 + 3) * 2 * 3
     world = {(row["seed"], row["toss"]): row["height_m"] for row in rows}
     assert all(world[row["seed"], row["toss"]] == row["height_m"] for row in rows)  # cells share their worlds
-    assert tables["trial.csv"].splitlines()[1] == b"1,wood,1,0,0.0,"
+    assert tables["trial.csv"].splitlines()[1] == b"1,wood,1,1,1.0,"
     timing = (tmp_path / "csv" / "timing.csv").read_text().splitlines()
     assert timing[0] == "coins,table,seed,status,wall_s,simulated_s,finished_utc"
     assert len(timing) == 19
@@ -217,7 +221,10 @@ def test_a_trial_that_always_crashes_fails_alone(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("trouble", "last_line", "where"),
-    [("spin", "its limit of 0.5 s", "while True"), ("sleep", "in native code", "make_trouble")],
+    [
+        ("spin", "its limit of 0.5 s", "while True"),
+        pytest.param("sleep", "in native code", "make_trouble", marks=pytest.mark.slow),
+    ],
 )
 def test_a_trial_over_its_time_fails_and_the_rest_goes_on(
     tmp_path: Path, trouble: str, last_line: str, where: str
@@ -314,21 +321,23 @@ def test_workers_leave_with_their_parent(running_process: subprocess.Popen[bytes
     assert time.monotonic() - start_s < 60
 
 
-def test_a_missing_dask_names_the_extra(tmp_path: Path) -> None:
-    code = (
-        "import sys; sys.modules['distributed'] = None\n"
-        "from pathlib import Path\n"
-        "from midnet_bench.campaign.runner import run_campaign\n"
-        "from midnet_bench.campaign.definition import Campaign, resolve\n"
-        "from tests.campaign import coin_experiments as coins\n"
-        f"run_campaign(resolve(Campaign(experiment='coins'), coins), Path({str(tmp_path)!r}), backend='dask',"
-        " scheduler='tcp://127.0.0.1:8786')"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, env=environment()
-    )
-    last = done.stderr.splitlines()[-1]
-    assert last.endswith(
-        "InputError: --backend dask needs Dask's scheduler: pip install 'midnet-bench[dask]'"
-    )
+def test_a_missing_dask_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    monkeypatch.delitem(sys.modules, "midnet_bench.campaign.dask_pool", raising=False)
+    wanted = re.escape("--backend dask needs Dask's scheduler: pip install 'midnet-bench[dask]'")
+    with pytest.raises(InputError, match=wanted):
+        run(tmp_path, {"backend": "dask", "scheduler": "tcp://127.0.0.1:8786"})
     assert not (tmp_path / "campaign.sqlite").exists()
+
+
+def test_what_joblib_keeps_private_is_where_the_pools_look_for_it() -> None:
+    """joblib may move these in any release: adapt campaign/pools.py, dask_pool.py and the bound on joblib."""
+    executor = importlib.import_module("joblib.externals.loky.process_executor")
+    assert issubclass(executor.BrokenProcessPool, Exception)
+    backend = importlib.import_module("joblib._dask").DaskDistributedBackend
+    for method in ("submit", "retrieve_result_callback", "effective_n_jobs"):
+        assert callable(getattr(backend, method))
+    assert "wait_for_workers_timeout" in inspect.signature(backend.__init__).parameters
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    (joblib,) = (wanted for wanted in project["dependencies"] if wanted.startswith("joblib"))
+    assert "<" in joblib

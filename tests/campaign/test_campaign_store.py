@@ -1,4 +1,5 @@
 import random
+import shutil
 import sqlite3
 from pathlib import Path
 
@@ -28,12 +29,18 @@ def fill(store: Store, campaign: Campaign = CAMPAIGN) -> None:
     store.end_run(run_id)
 
 
-@pytest.fixture
-def filled(tmp_path: Path) -> Path:
-    path = tmp_path / "campaign.sqlite"
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("original") / "campaign.sqlite"
     with open_or_create(path, definition()) as store:
         fill(store)
     return path
+
+
+@pytest.fixture
+def filled(tmp_path: Path, original: Path) -> Path:
+    """A store of twelve finished trials, for the test alone."""
+    return Path(shutil.copy(original, tmp_path))
 
 
 def test_trials_come_back_whole_and_in_the_campaigns_order(filled: Path) -> None:

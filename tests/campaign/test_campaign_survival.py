@@ -11,9 +11,13 @@ from pathlib import Path
 
 import pytest
 
+from midnet_bench.campaign.database import StoreFull, only_writer
+from midnet_bench.campaign.definition import Campaign, resolve
+from midnet_bench.campaign.runner import CampaignOutcome, run_campaign
 from midnet_bench.campaign.store import open_store
 from midnet_bench.errors import MidnetBenchError
 from midnet_bench.io.files import write_atomically
+from tests.campaign import coin_experiments as coins
 from tests.campaign.campaign_process import exported, finish, start, wait_for
 
 FORTY = {"grid": {"coins": [1, 2], "table": ["wood", "glass"]}, "trials": 10, "parameters": {"work_s": 0.05}}
@@ -23,8 +27,14 @@ LONG = {"trials": 400, "parameters": {"work_s": 0.2}}
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     directory = tmp_path_factory.mktemp("undisturbed")
-    assert finish(start(directory, FORTY, jobs=2))[0] == 0
+    run_here(directory, FORTY)
     return exported(directory)
+
+
+def run_here(directory: Path, campaign: dict[str, object]) -> CampaignOutcome:
+    """The campaign in this process: its worker processes stay for the next one."""
+    resolved = resolve(Campaign.model_validate({"experiment": "coins", **campaign}), coins)
+    return run_campaign(resolved, directory, jobs=2)
 
 
 def kill(process: subprocess.Popen[str]) -> None:
@@ -54,24 +64,26 @@ def test_twenty_kills_change_nothing(tmp_path: Path, undisturbed: dict[str, byte
         kill(process)
 
     before = stored_in(tmp_path)
-    code, out, _ = finish(start(tmp_path, FORTY, jobs=2))
+    outcome = run_here(tmp_path, FORTY)
 
-    assert code == 0
     assert 0 < before < 40
-    assert f"done 40 0 {40 - before}" in out
+    assert (outcome.finished, outcome.failed, outcome.ran) == (40, 0, 40 - before)
     assert exported(tmp_path) == undisturbed
 
 
-def test_workers_of_a_killed_campaign_go_away(tmp_path: Path) -> None:
-    process = start(tmp_path, LONG, jobs=2)
-    wait_for(process, "stored", 2)
-    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-    if not children.exists():
-        kill(process)
-        pytest.skip("needs Linux's /proc to find the workers")
-    workers = [int(pid) for pid in children.read_text().split()]
+def test_a_kill_while_trials_are_stored_changes_nothing_and_the_workers_go_away(
+    tmp_path: Path, undisturbed: dict[str, bytes]
+) -> None:
+    process = start(tmp_path, FORTY, jobs=2)
+    wait_for(process, "stored", 5)
+    workers = children_of(process)
     kill(process)
+    before = stored_in(tmp_path)
+    outcome = run_here(tmp_path, FORTY)
 
+    assert 5 <= before < 40
+    assert (outcome.finished, outcome.failed, outcome.ran) == (40, 0, 40 - before)
+    assert exported(tmp_path) == undisturbed
     deadline_s = time.monotonic() + 20
     while any(Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < deadline_s:
         time.sleep(0.05)
@@ -79,15 +91,20 @@ def test_workers_of_a_killed_campaign_go_away(tmp_path: Path) -> None:
     assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
 
 
-def test_a_killed_worker_costs_nothing(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
-    process = start(tmp_path, FORTY, jobs=2)
-    wait_for(process, "stored", 3)
-    (marks,) = tmp_path.glob(".running")
+def children_of(process: subprocess.Popen[str]) -> list[int]:
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
     if not children.exists():
         kill(process)
         pytest.skip("needs Linux's /proc to find the workers")
-    busiest = max(map(int, children.read_text().split()), key=processor_time)
+    return [int(pid) for pid in children.read_text().split()]
+
+
+@pytest.mark.slow
+def test_a_killed_worker_costs_nothing(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
+    process = start(tmp_path, FORTY, jobs=2)
+    wait_for(process, "stored", 3)
+    (marks,) = tmp_path.glob(".running")
+    busiest = max(children_of(process), key=processor_time)
     os.kill(busiest, signal.SIGKILL)
 
     code, out, _ = finish(process)
@@ -119,6 +136,7 @@ def test_one_interrupt_keeps_what_is_finished_and_says_how_to_go_on(tmp_path: Pa
     assert not (tmp_path / ".running").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after_s", [0.1, 0.3, 0.6])
 def test_an_interrupt_while_workers_start_is_one_line_too(tmp_path: Path, after_s: float) -> None:
     process = start(tmp_path, LONG, jobs=2)
@@ -132,6 +150,7 @@ def test_an_interrupt_while_workers_start_is_one_line_too(tmp_path: Path, after_
     assert len(err.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_two_interrupts_end_at_once(tmp_path: Path) -> None:
     process = start(tmp_path, LONG, jobs=2)
     wait_for(process, "stored", 3)
@@ -143,6 +162,17 @@ def test_two_interrupts_end_at_once(tmp_path: Path) -> None:
     assert stored_in(tmp_path) >= 3
 
 
+def test_a_process_is_refused_while_another_one_writes(tmp_path: Path) -> None:
+    with only_writer(tmp_path):
+        code, _, err = finish(start(tmp_path, FORTY, jobs=2))
+
+    assert code == 2
+    assert "another midnet-bench is running this campaign" in err
+    assert len(err.splitlines()) == 1
+    assert not (tmp_path / "campaign.sqlite").exists()
+
+
+@pytest.mark.slow
 def test_a_second_process_is_refused_and_the_first_goes_on(tmp_path: Path) -> None:
     gate = tmp_path / "gate"
     last_waits = {"trouble": "wait", "trouble_seed": 6, "trouble_file": str(gate)}
@@ -188,9 +218,33 @@ def test_a_table_that_a_full_disk_has_no_room_for_is_no_wrong_input(small_disk: 
     assert caught.value.exit_code == 1
 
 
-def test_a_full_disk_is_one_line_and_resumes_when_there_is_room(tmp_path: Path, small_disk: Path) -> None:
-    noisy = {"trials": 40, "parameters": {"noise_bytes": 20_000}}
-    code, out, err = finish(start(small_disk, noisy, jobs=2))
+NOISY = {"trials": 40, "parameters": {"noise_bytes": 20_000}}
+
+
+def make_room(disk: Path) -> None:
+    subprocess.run(["mount", "-o", "remount,size=8m", str(disk)], check=True)
+
+
+def test_a_full_disk_keeps_what_was_stored_and_the_rest_runs_when_there_is_room(
+    tmp_path: Path, small_disk: Path
+) -> None:
+    with pytest.raises(
+        StoreFull, match=r"campaign\.sqlite: cannot be written \(.*full\).*make room"
+    ) as caught:
+        run_here(small_disk, NOISY)
+    assert caught.value.exit_code == 1
+    stored = stored_in(small_disk)
+    assert 2 <= stored < 40
+
+    make_room(small_disk)
+    assert run_here(small_disk, NOISY).ran == 40 - stored
+    run_here(tmp_path / "roomy", NOISY)
+    assert exported(small_disk) == exported(tmp_path / "roomy")
+
+
+@pytest.mark.slow
+def test_a_process_on_a_full_disk_ends_with_one_line_however_often_it_is_run(small_disk: Path) -> None:
+    code, out, err = finish(start(small_disk, NOISY, jobs=2))
 
     assert code == 1
     (line,) = err.splitlines()
@@ -200,21 +254,21 @@ def test_a_full_disk_is_one_line_and_resumes_when_there_is_room(tmp_path: Path, 
     assert 2 <= stored < 40
     assert out.count("stored") == stored
 
-    code, _, err = finish(start(small_disk, noisy, jobs=2))  # still no room
+    code, _, err = finish(start(small_disk, NOISY, jobs=2))  # still no room
     assert code == 1
     assert len(err.splitlines()) == 1
     assert stored_in(small_disk) >= stored
 
-    subprocess.run(["mount", "-o", "remount,size=8m", str(small_disk)], check=True)
-    assert finish(start(small_disk, noisy, jobs=2))[0] == 0
-    assert finish(start(tmp_path / "roomy", noisy, jobs=2))[0] == 0
-    assert exported(small_disk) == exported(tmp_path / "roomy")
+    make_room(small_disk)
+    code, out, _ = finish(start(small_disk, NOISY, jobs=2))
+    assert code == 0
+    assert "done 40 0" in out
 
 
 def test_a_campaign_cannot_start_on_a_full_disk(small_disk: Path) -> None:
     fill(small_disk)
-    code, _, err = finish(start(small_disk / "results", FORTY, jobs=2))
+    with pytest.raises(MidnetBenchError) as caught:
+        run_here(small_disk / "results", FORTY)
 
-    assert code in (1, 2)
-    assert len(err.splitlines()) == 1
-    assert "error: " in err
+    assert caught.value.exit_code in (1, 2)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,66 @@
+"""One trial of tossing coins. It imports little, because many workers of these tests begin with it."""
+
+import ctypes
+import os
+import time
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec
+from midnet_bench.errors import InputError
+
+
+def run_trial(spec: TrialSpec) -> TrialResult:
+    parameters: dict[str, Any] = dict(spec.parameters)
+    time.sleep(parameters["work_s"])
+    chance = Random(spec.seed)
+    tosses = [chance.random() for _ in range(parameters["coins"])]
+    heads = sum(toss < parameters["bias"] for toss in tosses)
+    row: Row = {"heads": heads, "share": heads / len(tosses), "undefined": float("nan")}
+    if parameters["noise_bytes"]:  # a result that does not compress below this size
+        row["noise"] = chance.randbytes(parameters["noise_bytes"]).hex()
+    tables: dict[str, list[Row]] = {
+        "trial": [row],
+        "tosses": [{"toss": k, "height_m": toss} for k, toss in enumerate(tosses)],
+    }
+    if parameters["table"] == "threads":
+        tables["threads"] = [threads()]
+    if spec.seed == parameters["trouble_seed"]:
+        make_trouble(parameters["trouble"], Path(parameters["trouble_file"]), tables)
+    return TrialResult(tables, simulated_s=float(len(tosses)))
+
+
+def make_trouble(kind: str, file: Path, tables: dict[str, list[Row]]) -> None:
+    if kind in ("first", "once") and not file.exists():
+        file.mkdir()  # a file would count as an input of the campaign
+        if kind == "first":
+            raise ValueError("the first time it goes wrong")
+        os.kill(os.getpid(), 9)  # as the kernel does when memory runs out
+    elif kind == "die":
+        os.kill(os.getpid(), 9)
+    elif kind == "segfault":
+        ctypes.string_at(0)
+    elif kind == "raise":
+        raise ValueError("the coin stands on its edge")
+    elif kind == "refuse":
+        raise InputError("table: nothing stands on it")
+    elif kind == "exit":
+        raise SystemExit(3)
+    elif kind == "odd":
+        tables["trial"][0]["heads"] = 1j  # type: ignore[assignment]
+    elif kind == "spin":
+        while True:
+            pass
+    elif kind == "wait":
+        while not file.exists():
+            time.sleep(0.01)
+    elif kind == "sleep":
+        time.sleep(3600)
+
+
+def threads() -> Row:
+    import cv2
+
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "MKL_NUM_THREADS")
+    return {**{name: int(os.environ[name]) for name in names}, "cv2": cv2.getNumThreads()}

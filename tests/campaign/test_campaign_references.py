@@ -1,0 +1,164 @@
+"""Experiments by reference, to a file beside the campaign's or to a module; how often cells are checked."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from midnet_bench.arena.arena import load_arena
+from midnet_bench.campaign.definition import Campaign, load_campaign, resolve
+from midnet_bench.campaign.runner import plan, run_campaign
+from midnet_bench.campaign.store import open_store
+from midnet_bench.errors import InputError
+from midnet_bench.experiments import registry
+from midnet_bench.experiments.campaigns import run_campaign as run_with_registry
+from tests.campaign import dice
+from tests.campaign.campaign_process import environment
+
+CAMPAIGN = """
+experiment: own/dice.py:DICE
+grid: {sides: [6, 20]}
+trials: 2
+"""
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """A folder with a campaign file and, in a folder below it, the file of its experiment."""
+    (tmp_path / "project" / "own").mkdir(parents=True)
+    shutil.copy(dice.__file__, tmp_path / "project" / "own" / "dice.py")
+    (tmp_path / "project" / "rolling.yaml").write_text(CAMPAIGN)
+    return tmp_path / "project"
+
+
+def rows(directory: Path) -> dict[str, object]:
+    """Trial id -> its only row."""
+    with open_store(directory / "campaign.sqlite") as store:
+        return {trial.trial_id: trial.tables["rolls"][0] for trial in store.trials()}
+
+
+def test_a_file_beside_the_campaigns_is_found_from_any_folder_and_kept_in_the_store(
+    project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(project)
+    first = run_with_registry(load_campaign("rolling.yaml"), "results/rolling", jobs=2)
+    monkeypatch.chdir("/")
+    again = run_with_registry(load_campaign(str(project / "rolling.yaml")), project / "results" / "rolling")
+
+    assert (first.finished, first.ran, again.ran) == (4, 4, 0)
+    with open_store(project / "results" / "rolling" / "campaign.sqlite") as store:
+        definition = store.definition
+    assert definition.experiment == "dice.py:DICE"
+    assert definition.experiment_file == "../../own/dice.py"
+    found = registry.experiment(definition.reference(project / "results" / "rolling"))
+    assert found.summary == "Roll a die."
+
+
+def test_a_project_that_moved_goes_on_where_it_stopped(project: Path) -> None:
+    run_with_registry(load_campaign(project / "rolling.yaml"), project / "rolled", jobs=2)
+    before = rows(project / "rolled")
+    moved = project.rename(project.with_name("moved"))
+    campaign = load_campaign(moved / "rolling.yaml").model_copy(update={"trials": 3})
+
+    outcome = run_with_registry(campaign, moved / "rolled", jobs=2)
+
+    assert (outcome.ran, outcome.finished) == (2, 6)
+    assert before.items() <= rows(moved / "rolled").items()
+
+
+def test_a_module_is_referred_to_by_its_name(tmp_path: Path) -> None:
+    campaign = Campaign(experiment="tests.campaign.dice:DICE", trials=2)
+    assert run_with_registry(campaign, tmp_path, jobs=2).finished == 2
+    with open_store(tmp_path / "campaign.sqlite") as store:
+        assert store.definition.experiment == "tests.campaign.dice:DICE"
+        assert store.definition.reference(tmp_path) == "tests.campaign.dice:DICE"
+
+
+@pytest.mark.parametrize(
+    ("reference", "complaint"),
+    [
+        ("own/dice.py:DYCE", "no 'DYCE' in .*did you mean 'DICE'"),
+        ("own/dice.py:roll", "expected an Experiment, got function"),
+        ("dice.py:DICE", "cannot be read: No such file"),
+        ("no.such.module:DICE", "cannot be imported"),
+    ],
+)
+def test_a_reference_to_nothing_names_the_campaign_file(
+    project: Path, reference: str, complaint: str
+) -> None:
+    path = project / "rolling.yaml"
+    path.write_text(CAMPAIGN.replace("own/dice.py:DICE", reference))
+    with pytest.raises(InputError, match=complaint) as caught:
+        resolve(load_campaign(path), registry)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+def test_each_cell_is_checked_once_in_the_campaign_and_once_in_the_worker(tmp_path: Path) -> None:
+    grid = {"sides": [2, 4, 6, 8, 20], "colour": ["red", "green", "blue", "black", "white"]}
+    dice.validations = 0
+    campaign = resolve(
+        Campaign.model_validate({"experiment": "tests.campaign.dice:DICE", "grid": grid}), registry
+    )
+    plan(campaign, tmp_path)
+    run_campaign(campaign, tmp_path, jobs=2)
+    plan(campaign, tmp_path)
+    assert run_campaign(campaign, tmp_path, jobs=2).ran == 0
+    assert dice.validations == 25
+
+    assert [row["validations"] for row in rows(tmp_path).values()] == [1] * 25
+
+
+def test_an_arena_in_a_file_is_read_once_for_each_cell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arena = tmp_path / "hall.yaml"
+    arena.write_text(load_arena("map2").model_dump_json())
+    grid = {"robots": [1, 2, 3, 4, 5], "intruders": [1, 2, 3, 4, 5]}
+    fixed = {"arena": str(arena), "prior_map": "exact"}
+    values = {"experiment": "labyrinth", "grid": grid, "parameters": fixed, "trials": 9}
+    read: list[Path] = []
+    read_text = Path.read_text
+
+    def counted(path: Path, *options: Any, **named: Any) -> str:
+        read.append(path)
+        return read_text(path, *options, **named)
+
+    monkeypatch.setattr(Path, "read_text", counted)
+    resolved = resolve(Campaign.model_validate(values), registry)
+    plan(resolved, tmp_path / "results")
+
+    assert len(list(resolved.trials())) == 25 * 9
+    assert read.count(arena) == 25
+
+
+def test_the_engine_runs_an_experiment_of_its_own_without_any_of_the_packages(tmp_path: Path) -> None:
+    program = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from midnet_bench.campaign.definition import Campaign, resolve\n"
+        "from midnet_bench.campaign.export import export_csv\n"
+        "from midnet_bench.campaign.runner import plan, run_campaign\n"
+        "from midnet_bench.campaign.store import open_store\n"
+        "from tests.campaign import coin_experiments as coins\n"
+        "directory = Path(sys.argv[1])\n"
+        "campaign = resolve(Campaign(experiment='coins', trials=2), coins)\n"
+        "assert plan(campaign, directory).to_run == 2\n"
+        "assert run_campaign(campaign, directory, jobs=2).finished == 2\n"
+        "with open_store(directory / 'campaign.sqlite') as store:\n"
+        "    export_csv(store, directory)\n"
+        "above = ('analysis', 'drawing', 'experiments', 'workflows', 'cli', 'simulation')\n"
+        "print(*[name for name in sys.modules if name.startswith('midnet_bench') and"
+        " name.split('.')[1:2] and name.split('.')[1] in above])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=environment(),
+    )
+    assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "", "")
+    assert (tmp_path / "trial.csv").exists()
