@@ -143,18 +143,24 @@ def test_one_of_each_is_counted_in_the_singular(tmp_path: Path) -> None:
     assert done.stdout.startswith("1 cell, 1 trial, 1 of them to run")
 
 
-def test_labyrinth_then_report_power_and_verify(tmp_path: Path) -> None:
-    run = ("labyrinth", "--trials", 2, "--robots", "1,2", "--intruders", 1, "--set", "time_limit_s=4")
-    assert midnet_bench(*run, "-o", "maze", folder=tmp_path).returncode == 0
-    (tmp_path / "maze" / "success_rate.csv").unlink()
-    assert midnet_bench("report", "maze", folder=tmp_path).returncode == 0
-    assert (tmp_path / "maze" / "success_rate.csv").exists()
-    assert len(rows(tmp_path / "maze" / "trial.csv")) == 4
-    power = midnet_bench("power", "maze", "--robots", 1, 2, "--difference", 20, folder=tmp_path)
+def test_labyrinth_then_report_power_and_verify(labyrinth_campaign: Path) -> None:
+    folder, name = labyrinth_campaign.parent, labyrinth_campaign.name
+    assert midnet_bench("report", name, folder=folder).returncode == 0
+    assert (labyrinth_campaign / "success_rate.csv").exists()
+    assert len(rows(labyrinth_campaign / "trial.csv")) == 4
+    power = midnet_bench("power", name, "--robots", 1, 2, "--difference", 20, folder=folder)
     assert power.returncode == 0, power.stderr
-    verdict = midnet_bench("verify", "maze", folder=tmp_path)
+    verdict = midnet_bench("verify", name, folder=folder)
     assert verdict.returncode in (0, 3, 4), verdict.stderr
     assert "cannot be told" in verdict.stdout
+
+
+def test_labyrinth_goes_on_with_a_store_of_the_same_trials(labyrinth_campaign: Path) -> None:
+    run = ("labyrinth", "--robots", "1,2", "--intruders", 1, "--set", "time_limit_s=4")
+    done = midnet_bench(*run, "--trials", 2, "-o", labyrinth_campaign, folder=labyrinth_campaign.parent)
+    assert done.returncode == 0, done.stderr
+    assert (labyrinth_campaign / "success_rate.csv").exists()
+    assert len(json.loads((labyrinth_campaign / "provenance.json").read_text())) == 1, "nothing was run"
 
 
 def test_campaign_files_say_what_the_two_commands_run() -> None:

@@ -39,7 +39,7 @@ def write_arena(folder: Path, **changes: object) -> Path:
 def explored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("explored")
     write_arena(folder)
-    done = midnet_bench("map", "rooms.yaml", "--robots", 2, "-o", "out", folder=folder)
+    done = midnet_bench("map", "rooms.yaml", "--robots", 2, "--no-clip", "-o", "out", folder=folder)
     assert done.returncode == 0, done.stderr
     assert "explored" in done.stderr.splitlines()[-1]
     assert "two small rooms" in done.stdout
@@ -70,7 +70,7 @@ def test_an_exploration_leaves_scores_robots_configuration_and_provenance(explor
     assert run["libraries"]["pybullet"]
 
 
-def test_an_exploration_is_drawn_and_filmed(explored: Path) -> None:
+def test_an_exploration_is_drawn(explored: Path) -> None:
     growth = cv2.imread(str(explored / "growth.png"))
     assert growth is not None
     first, last = growth[80:540, 20:480], growth[600:1060, 1010:1470]
@@ -78,13 +78,22 @@ def test_an_exploration_is_drawn_and_filmed(explored: Path) -> None:
     assert unknown[0] > unknown[1] + 0.05
     final = cv2.imread(str(explored / "map.png"))
     assert final is not None
-    film = cv2.VideoCapture(str(explored / "growth.mp4"))
+
+
+@pytest.mark.slow
+def test_an_exploration_is_filmed_in_real_time(explored: Path) -> None:
+    run = ("map", "rooms.yaml", "--robots", 2, "-o", "filmed")
+    assert midnet_bench(*run, folder=explored.parent).returncode == 0
+    folder = explored.parent / "filmed"
+    assert (folder / "map.pgm").read_bytes() == (explored / "map.pgm").read_bytes()
+    film = cv2.VideoCapture(str(folder / "growth.mp4"))
     assert film.get(cv2.CAP_PROP_FRAME_WIDTH) == 1280
     seconds = film.get(cv2.CAP_PROP_FRAME_COUNT) / film.get(cv2.CAP_PROP_FPS)
-    (score,) = rows(explored / "scores.csv")
-    assert seconds == pytest.approx(float(score["time_s"]) - 1.0 + 2.0, abs=0.5)  # in real time, and the end
+    (score,) = rows(folder / "scores.csv")
+    assert seconds == pytest.approx(float(score["time_s"]) - 1.0 + 2.0, abs=0.5)  # and the end
 
 
+@pytest.mark.slow
 def test_the_same_seed_explores_the_same_bytes(explored: Path) -> None:
     folder = explored.parent
     run = ("map", "rooms.yaml", "--robots", 2, "--no-clip", "--json")

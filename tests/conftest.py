@@ -1,0 +1,85 @@
+"""Real trials that tests share, and fewer resamples for intervals. Heavy rooms are imported on first use."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+FAST_RESAMPLES = 999
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _real_resamples() -> Iterator[int]:
+    """Intervals from a tenth of the resamples: as good for a test, in a tenth of the time."""
+    from midnet_bench.analysis import statistics
+
+    real = statistics.RESAMPLES
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(statistics, "RESAMPLES", FAST_RESAMPLES)
+        yield real
+
+
+@pytest.fixture
+def all_resamples(_real_resamples: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Intervals as users get them, for a test of numbers that are published."""
+    from midnet_bench.analysis import statistics
+
+    monkeypatch.setattr(statistics, "RESAMPLES", _real_resamples)
+
+
+def campaign_folder(directory: Path, **campaign: Any) -> Path:
+    """``directory`` with a campaign's store and CSV files; its trials run one by one in this process."""
+    from midnet_bench.campaign.definition import Campaign, resolve
+    from midnet_bench.campaign.export import export_csv
+    from midnet_bench.campaign.provenance import collect
+    from midnet_bench.campaign.store import FILE_NAME, open_or_create
+    from midnet_bench.campaign.worker import Outcome, encode_tables
+    from midnet_bench.experiments import registry
+
+    resolved = resolve(Campaign.model_validate(campaign), registry)
+    directory.mkdir(parents=True)
+    with open_or_create(directory / FILE_NAME, resolved.definition) as store:
+        run_id = store.begin_run(collect(resolved.definition.base_seed, ["midnet-bench"]))
+        for spec in resolved.trials():
+            result = resolved.run_trial(spec)
+            outcome = Outcome(spec.trial_id, 1.0, result.simulated_s, encode_tables(result))
+            store.record(run_id, spec, outcome)
+        store.end_run(run_id)
+        export_csv(store, directory)
+    return directory
+
+
+@pytest.fixture(scope="session")
+def _detection_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return campaign_folder(
+        tmp_path_factory.mktemp("shared") / "detection",
+        experiment="detection",
+        grid={"robots": [1, 5]},
+        trials=2,
+        parameters={"frames": 20},
+    )
+
+
+@pytest.fixture
+def detection_campaign(_detection_campaign: Path, tmp_path: Path) -> Path:
+    """A real detection campaign, for you to change: 1 and 5 robots, seeds 1 and 2, 20 frames."""
+    return Path(shutil.copytree(_detection_campaign, tmp_path / "detection"))
+
+
+@pytest.fixture(scope="session")
+def _labyrinth_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return campaign_folder(
+        tmp_path_factory.mktemp("shared") / "labyrinth",
+        experiment="labyrinth",
+        grid={"intruders": [1], "robots": [1, 2]},
+        trials=2,
+        parameters={"time_limit_s": 4},
+    )
+
+
+@pytest.fixture
+def labyrinth_campaign(_labyrinth_campaign: Path, tmp_path: Path) -> Path:
+    """A real labyrinth campaign, for you to change: 1 and 2 robots, seeds 1 and 2, 4 s each."""
+    return Path(shutil.copytree(_labyrinth_campaign, tmp_path / "labyrinth"))
