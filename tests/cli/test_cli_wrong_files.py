@@ -55,7 +55,7 @@ HEAD = b"experiment: detection\n"
         ),
         ({"campaign.yaml": HEAD + b"grid: {robots: [true]}"}, RUN, ["campaign.yaml", "robots", "True"]),
         ({"map.yaml": b"image: 2020-13-45"}, MAP, ["prior_map: map.yaml: not valid YAML: line 1"]),
-        (map_files(huge_png(), "map.png"), MAP, ["map.yaml: image: map.png: 100000 x 100000 pixels"]),
+        (map_files(huge_png(), "map.png"), MAP, ["map.yaml: image: map.png: ", "pixels"]),
         (map_files(b"P5\n" + b"9" * 5000 + b" 1\n255\n"), MAP, ["map.yaml: image: map.pgm: "]),
         (map_files(b"P5\n20 20\n255\n" + bytes([254]) * 400), MAP, ["map.yaml: it reaches", "not cover"]),
         (map_files(b"P5\n160 160\n255\n" + bytes(25600)), MAP, ["map.yaml: no cell is 0.4 m from walls"]),
