@@ -22,7 +22,7 @@ from midnet_bench.drawing.scene import RobotMark, Scene, title_of, view_of
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.allies import RemovedAlly
+from midnet_bench.midnet.fusion import RemovedAlly
 from midnet_bench.midnet.pipeline import Explanation, RobotView
 
 COLUMNS = (

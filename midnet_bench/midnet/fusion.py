@@ -1,4 +1,4 @@
-"""Section IV.C.2: the robots' lists of boxes become one.
+"""Section IV.C: the robots' boxes become the team's: allies are taken out (C.1), lists are fused (C.2).
 
 The paper says that the result holds no overlapping boxes and that the order of the robots does not
 matter. Neither holds (item 35): IoU >= t is not transitive, a box is compared only up to its first
@@ -7,38 +7,94 @@ tests pin an example of each.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
-from midnet_bench.midnet.allies import iou
-from midnet_bench.midnet.boxes import Sighting
+from midnet_bench.geometry import Box, Pose2D
+
+AllyRemove = Literal["first", "best", "all"]
 
 # metres make boxes of whole cells differ in the last bits; a tie in cells stays a tie (item 37)
 ROUNDING = 1e-9
 
 
-class FusionEvent(NamedTuple):
-    """One box that a fusion dropped, and why."""
+class Sighting(NamedTuple):
+    """One box, map frame, and the robot that found it."""
 
-    dropped: Sighting
-    kept: Sighting
-    """what stands in the list in its stead"""
-    compared: tuple[Sighting, Sighting]
-    """(i, j) of Algorithm 4; ``kept`` and ``dropped`` unless j had been replaced before"""
+    box: Box
+    robot: int
+    """index in the team"""
+
+
+class RemovedAlly(NamedTuple):
+    """A robot's box that was taken for an ally."""
+
+    sighting: Sighting
+    ally: int
+    """index of the robot whose pose it matched"""
     iou: float
-    """of the two compared"""
+    """with that ally's square"""
 
 
-class Fusion(NamedTuple):
-    """One list out of several, and how it came about."""
+class AllyRemoval(NamedTuple):
+    """What Algorithm 2 leaves and what it takes."""
 
-    sightings: list[Sighting]
-    events: list[FusionEvent]
-    """in the order they happened; each input box is in ``sightings`` or dropped by one event"""
+    kept: list[list[Sighting]]
+    """one list per robot, in their old order"""
+    removed: list[RemovedAlly]
+    """in the order of removal"""
+
+
+def ally_box(pose: Pose2D, diameter_m: float) -> Box:
+    """``bbox`` of Algorithm 2: the upright square of side di about a robot's position."""
+    return Box.square(pose.x, pose.y, diameter_m)
+
+
+def remove_ally_detections(
+    poses: Sequence[Pose2D],
+    sightings: Sequence[Sequence[Sighting]],
+    diameter_m: float,
+    threshold: float,
+    remove: AllyRemove = "first",
+) -> AllyRemoval:
+    """Algorithm 2, Remove Ally Detections: each ally's box out of the lists of all the others.
+
+    The paper takes out one box per ally and observer and then stops looking, so an ally that is seen
+    as two boxes leaves one behind (item 30). The inputs are not changed (item 32).
+
+    Args:
+        poses: of each robot as it reports it, map frame (R, ``i.pos``).
+        sightings: of each robot, in the same order (``j.d``).
+        diameter_m: di, the diameter of the circle around a robot (item 27).
+        threshold: t, 0 < t <= 1; an IoU of t or more is the ally (item 29).
+        remove: ``first`` in the list, as the paper; ``best`` IoU; or ``all`` of t or more.
+    """
+    kept = [list(own) for own in sightings]
+    removed = []
+    for ally, pose in enumerate(poses):
+        square = ally_box(pose, diameter_m)
+        for observer, own in enumerate(kept):
+            if observer == ally:
+                continue
+            matches = [
+                RemovedAlly(sighting, ally, score)
+                for sighting in own
+                if (score := square.iou(sighting.box)) >= threshold
+            ]
+            if not matches:
+                continue
+            if remove == "first":
+                matches = matches[:1]
+            elif remove == "best":
+                matches = [max(matches, key=lambda match: match.iou)]
+            for match in matches:
+                own.remove(match.sighting)
+            removed += matches
+    return AllyRemoval(kept, removed)
 
 
 def divide_and_conquer(
     lists: Sequence[Sequence[Sighting]], left: int, right: int, threshold: float
-) -> Fusion:
+) -> list[Sighting]:
     """Algorithm 3, Divide and Conquer: the lists ``left`` to ``right`` fused in pairs, up a binary tree.
 
     The paper's recursive calls forget t; it is passed on (item 33). A single list is returned as it
@@ -51,15 +107,14 @@ def divide_and_conquer(
         threshold: t, 0 < t <= 1.
     """
     if left == right:
-        return Fusion(list(lists[left]), [])
+        return list(lists[left])
     middle = (left + right) // 2
     first = divide_and_conquer(lists, left, middle, threshold)
     second = divide_and_conquer(lists, middle + 1, right, threshold)
-    fused = fuse_detections(second.sightings, first.sightings, threshold)
-    return Fusion(fused.sightings, first.events + second.events + fused.events)
+    return fuse_detections(second, first, threshold)
 
 
-def fuse_detections(s1: Sequence[Sighting], s2: Sequence[Sighting], threshold: float) -> Fusion:
+def fuse_detections(s1: Sequence[Sighting], s2: Sequence[Sighting], threshold: float) -> list[Sighting]:
     """Algorithm 4, Fuse Detections: ``s2``, with the boxes of ``s1`` in place of smaller ones or behind.
 
     Each box i of ``s1`` is compared with those of ``s2`` up to the first j with IoU >= t. If i has the
@@ -68,19 +123,13 @@ def fuse_detections(s1: Sequence[Sighting], s2: Sequence[Sighting], threshold: f
     second i can push out one that had just taken j's place, though the two may not even touch.
     """
     fused = list(s2)
-    events = []
     least = threshold * (1.0 - ROUNDING)
     for i in s1:
         for index, j in enumerate(s2):
-            score = iou(i.box, j.box)
-            if score >= least:
-                standing = fused[index]
+            if i.box.iou(j.box) >= least:
                 if i.box.area > j.box.area * (1.0 + ROUNDING):
                     fused[index] = i
-                    events.append(FusionEvent(standing, i, (i, j), score))
-                else:
-                    events.append(FusionEvent(i, standing, (i, j), score))
                 break
         else:
             fused.append(i)
-    return Fusion(fused, events)
+    return fused

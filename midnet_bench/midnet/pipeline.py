@@ -10,12 +10,22 @@ import numpy as np
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.allies import AllyRemove, RemovedAlly, remove_ally_detections
 from midnet_bench.midnet.binary_map import FREE, OCCUPIED, Unknown, binary_map
-from midnet_bench.midnet.boxes import Sighting, bounding_boxes, find_contours
 from midnet_bench.midnet.cropping import Align, Crop, crop_to_prior
-from midnet_bench.midnet.fusion import FusionEvent, divide_and_conquer
-from midnet_bench.midnet.subtraction import BinaryArray, common_occupancy, foreground
+from midnet_bench.midnet.foreground import (
+    BinaryArray,
+    bounding_boxes,
+    common_occupancy,
+    find_contours,
+    foreground,
+)
+from midnet_bench.midnet.fusion import (
+    AllyRemove,
+    RemovedAlly,
+    Sighting,
+    divide_and_conquer,
+    remove_ally_detections,
+)
 
 
 @dataclass(frozen=True)
@@ -98,8 +108,6 @@ class Explanation:
     """of each robot, in index order"""
     removed: list[RemovedAlly]
     """boxes taken for allies, in the order of removal"""
-    fusions: list[FusionEvent]
-    """boxes that a fusion dropped, in the order of the combine tree"""
 
 
 @dataclass(frozen=True)
@@ -146,7 +154,7 @@ class MIDNet:
             InputError: a costmap's resolution differs from the prior map's.
         """
         if not observations:
-            return Frame([], [], Explanation([], [], []) if explain else None)
+            return Frame([], [], Explanation([], []) if explain else None)
         settings = self.settings
         seen = [self._look(observation) for observation in observations]
         allies = remove_ally_detections(
@@ -156,14 +164,14 @@ class MIDNet:
             settings.iou_ally,
             settings.ally_remove,
         )
-        fusion = divide_and_conquer(allies.kept, 0, len(observations) - 1, settings.iou_fuse)
+        fused = divide_and_conquer(allies.kept, 0, len(observations) - 1, settings.iou_fuse)
         explanation = None
         if explain:
             views = [self._view(one, kept) for one, kept in zip(seen, allies.kept, strict=True)]
-            explanation = Explanation(views, allies.removed, fusion.events)
+            explanation = Explanation(views, allies.removed)
         return Frame(
-            [sighting.box for sighting in fusion.sightings],
-            [sighting.robot for sighting in fusion.sightings],
+            [sighting.box for sighting in fused],
+            [sighting.robot for sighting in fused],
             explanation,
         )
 

@@ -12,7 +12,6 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from midnet_bench.geometry import Box
-from midnet_bench.midnet.allies import iou
 
 InRange = Literal["edge", "centre"]
 
@@ -87,7 +86,7 @@ def match_frame(detections: Sequence[Box], truths: Sequence[TruthObject]) -> Fra
     Only a box and a truth with a common area greater than zero make a pair (item 44). Solved by
     scipy's ``linear_sum_assignment`` (a Hungarian-type method).
     """
-    overlaps = [[iou(box, truth.box) for truth in truths] for box in detections]
+    overlaps = [[box.iou(truth.box) for truth in truths] for box in detections]
     touched = [[truth for truth, overlap in enumerate(row) if overlap > 0.0] for row in overlaps]
     truth_of: list[int | None] = [None] * len(detections)
     detection_of: list[int | None] = [None] * len(truths)

@@ -1,13 +1,11 @@
 import copy
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.geometry import Box, Pose2D
-from midnet_bench.midnet.allies import ally_box, iou, remove_ally_detections
-from midnet_bench.midnet.boxes import Sighting
+from midnet_bench.midnet.fusion import Sighting, ally_box, remove_ally_detections
 
 FAR = Pose2D(50.0, 50.0, 0.0)
 
@@ -20,25 +18,6 @@ def cell_boxes(draw: st.DrawFn, side: int = 12) -> Box:
 
 def sightings(*lists: list[Box]) -> list[list[Sighting]]:
     return [[Sighting(box, robot) for box in boxes] for robot, boxes in enumerate(lists)]
-
-
-@given(cell_boxes(), cell_boxes())
-def test_iou_is_the_share_of_common_cells(a: Box, b: Box) -> None:
-    raster = np.zeros((2, 12, 12), bool)
-    for layer, box in zip(raster, (a, b), strict=True):
-        layer[int(box.y_min) : int(box.y_max), int(box.x_min) : int(box.x_max)] = True
-    expected = np.count_nonzero(raster.all(axis=0)) / np.count_nonzero(raster.any(axis=0))
-    assert iou(a, b) == pytest.approx(expected)
-    assert iou(a, b) == iou(b, a)
-    assert iou(a, a) == 1.0
-
-
-def test_boxes_that_only_touch_or_have_no_area_do_not_overlap() -> None:
-    box = Box(0.0, 0.0, 1.0, 1.0)
-    assert iou(box, Box(1.0, 0.0, 2.0, 1.0)) == 0.0
-    assert iou(box, Box(1.0, 1.0, 2.0, 2.0)) == 0.0
-    assert iou(box, Box(0.5, 0.2, 0.5, 0.8)) == 0.0
-    assert iou(Box(0.5, 0.5, 0.5, 0.5), Box(0.5, 0.5, 0.5, 0.5)) == 0.0
 
 
 def test_ally_box_is_the_square_about_the_robot_however_it_is_turned() -> None:
@@ -91,7 +70,7 @@ def as_the_paper_writes_it(poses: list[Pose2D], d: list[list[Box]], di: float, t
         b = Box(poses[i].x - di / 2, poses[i].y - di / 2, poses[i].x + di / 2, poses[i].y + di / 2)
         for j in others:
             for k in d[j]:
-                if iou(b, k) >= t:
+                if b.iou(k) >= t:
                     d[j].remove(k)
                     break
     return d

@@ -1,6 +1,5 @@
 """Algorithms 3 and 4, and what the paper claims of them that does not hold (item 35)."""
 
-import math
 from fractions import Fraction
 
 import pytest
@@ -8,9 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.geometry import Box
-from midnet_bench.midnet.allies import iou
-from midnet_bench.midnet.boxes import Sighting
-from midnet_bench.midnet.fusion import Fusion, divide_and_conquer, fuse_detections
+from midnet_bench.midnet.fusion import Sighting, divide_and_conquer, fuse_detections
 
 T = 0.1
 
@@ -19,11 +16,11 @@ def of(robot: int, *boxes: Box) -> list[Sighting]:
     return [Sighting(box, robot) for box in boxes]
 
 
-def boxes_in(fusion: Fusion) -> list[Box]:
-    return [sighting.box for sighting in fusion.sightings]
+def boxes_in(sightings: list[Sighting]) -> list[Box]:
+    return [sighting.box for sighting in sightings]
 
 
-def fuse_all(*lists: list[Box], threshold: float = T) -> Fusion:
+def fuse_all(*lists: list[Box], threshold: float = T) -> list[Sighting]:
     return divide_and_conquer([of(r, *boxes) for r, boxes in enumerate(lists)], 0, len(lists) - 1, threshold)
 
 
@@ -33,30 +30,24 @@ ELSEWHERE = Box(20, 0, 24, 4)
 
 
 def test_larger_box_of_the_first_list_takes_the_place_of_the_smaller() -> None:
-    fusion = fuse_detections(of(1, LARGE), of(0, ELSEWHERE, SMALL), T)
-    assert fusion.sightings == [*of(0, ELSEWHERE), *of(1, LARGE)]
-    (event,) = fusion.events
-    assert (event.dropped, event.kept) == (Sighting(SMALL, 0), Sighting(LARGE, 1))
-    assert event.compared == (Sighting(LARGE, 1), Sighting(SMALL, 0))
-    assert event.iou == pytest.approx(0.8)
+    fused = fuse_detections(of(1, LARGE), of(0, ELSEWHERE, SMALL), T)
+    assert fused == [*of(0, ELSEWHERE), *of(1, LARGE)]
 
 
 def test_smaller_or_equal_box_of_the_first_list_is_dropped() -> None:
-    assert fuse_detections(of(1, SMALL), of(0, LARGE), T).sightings == of(0, LARGE)
-    assert fuse_detections(of(1, SMALL), of(0, SMALL), T).sightings == of(0, SMALL)
+    assert fuse_detections(of(1, SMALL), of(0, LARGE), T) == of(0, LARGE)
+    assert fuse_detections(of(1, SMALL), of(0, SMALL), T) == of(0, SMALL)
 
 
 def test_box_without_a_partner_is_appended() -> None:
-    fusion = fuse_detections(of(1, ELSEWHERE), of(0, SMALL), T)
-    assert fusion.sightings == [*of(0, SMALL), *of(1, ELSEWHERE)]
-    assert fusion.events == []
+    assert fuse_detections(of(1, ELSEWHERE), of(0, SMALL), T) == [*of(0, SMALL), *of(1, ELSEWHERE)]
 
 
 def test_iou_of_exactly_t_fuses_and_less_does_not() -> None:
     tenth = Box(0, 0, 4, 4), Box(0, 0, 2, 0.8)  # 1.6 of 16
-    assert iou(*tenth) == pytest.approx(T)
-    assert len(fuse_all([tenth[0]], [tenth[1]]).sightings) == 1
-    assert len(fuse_all([tenth[0]], [Box(0, 0, 2, 0.79)]).sightings) == 2
+    assert tenth[0].iou(tenth[1]) == pytest.approx(T)
+    assert len(fuse_all([tenth[0]], [tenth[1]])) == 1
+    assert len(fuse_all([tenth[0]], [Box(0, 0, 2, 0.79)])) == 2
 
 
 @given(st.integers(-200, 200), st.integers(-200, 200))
@@ -71,34 +62,18 @@ def test_equal_cells_tie_wherever_they_lie_on_the_map(column: int, row: int) -> 
         return Box(x_min, y_min, x_max, y_max)
 
     # 16 cells each, so j stays; 2 of 20 cells in common, exactly t
-    assert fuse_all([box(0, 0, 4, 4)], [box(1, 0, 5, 4)]).sightings == of(0, box(0, 0, 4, 4))
-    assert len(fuse_all([box(0, 0, 3, 4)], [box(2, 2, 4, 7)]).sightings) == 1
-
-
-def test_five_robots_are_fused_in_the_order_of_the_papers_tree() -> None:
-    # all see the same box: in each fusion the left half's stays, so the events spell out the tree
-    #        {1..5}
-    #     {1..3}  {4,5}
-    #   {1,2} {3}
-    fusion = fuse_all([SMALL], [SMALL], [SMALL], [SMALL], [SMALL])
-    assert [(event.dropped.robot + 1, event.kept.robot + 1) for event in fusion.events] == [
-        (2, 1),
-        (3, 1),
-        (5, 4),
-        (4, 1),
-    ]
-    assert fusion.sightings == of(0, SMALL)
+    assert fuse_all([box(0, 0, 4, 4)], [box(1, 0, 5, 4)]) == of(0, box(0, 0, 4, 4))
+    assert len(fuse_all([box(0, 0, 3, 4)], [box(2, 2, 4, 7)])) == 1
 
 
 def test_five_robots_with_boxes_of_their_own_come_out_in_index_order() -> None:
     own = [Box(10 * robot, 0, 10 * robot + 4, 4) for robot in range(5)]
-    fusion = fuse_all(*([box] for box in own))
-    assert fusion.sightings == [Sighting(box, robot) for robot, box in enumerate(own)]
+    assert fuse_all(*([box] for box in own)) == [Sighting(box, robot) for robot, box in enumerate(own)]
 
 
 def test_recursion_takes_a_range_of_robots() -> None:
     lists = [of(robot, Box(10 * robot, 0, 10 * robot + 4, 4)) for robot in range(5)]
-    assert divide_and_conquer(lists, 1, 3, T).sightings == lists[1] + lists[2] + lists[3]
+    assert divide_and_conquer(lists, 1, 3, T) == lists[1] + lists[2] + lists[3]
 
 
 def test_a_single_robot_keeps_its_overlapping_boxes() -> None:
@@ -121,8 +96,8 @@ def test_number_of_detections_depends_on_the_order_of_the_robots() -> None:
 
 def test_result_can_hold_boxes_that_overlap_by_more_than_t() -> None:
     left = boxes_in(fuse_all([A], [C], [B]))
-    assert iou(*left) == pytest.approx(0.25)
-    assert iou(*left) >= T
+    assert left[0].iou(left[1]) == pytest.approx(0.25)
+    assert left[0].iou(left[1]) >= T
 
 
 def test_fusing_a_list_with_itself_can_change_it() -> None:
@@ -136,13 +111,8 @@ def test_a_box_can_be_pushed_out_by_one_that_it_does_not_even_overlap() -> None:
     #   i1     111111......    takes j's place
     #   i2     ......222222    is compared with j, which is gone, and pushes out i1
     j, i1, i2 = Box(4, 0, 8, 4), Box(0, 0, 6, 4), Box(6, 0, 12, 4)
-    fusion = fuse_detections(of(1, i1, i2), of(0, j), T)
-    assert boxes_in(fusion) == [i2]
-    assert iou(i1, i2) == 0.0
-    last = fusion.events[-1]
-    assert (last.dropped.box, last.kept.box) == (i1, i2)
-    assert last.compared == (Sighting(i2, 1), Sighting(j, 0))
-    assert last.iou == pytest.approx(0.25)
+    assert fuse_detections(of(1, i1, i2), of(0, j), T) == of(1, i2)
+    assert i1.iou(i2) == 0.0
 
 
 def test_removing_a_box_can_leave_more_detections() -> None:
@@ -152,8 +122,11 @@ def test_removing_a_box_can_leave_more_detections() -> None:
     assert boxes_in(fuse_all([], [left, right])) == [left, right]
 
 
+Cells = tuple[int, int, int, int]
+
+
 @st.composite
-def cell_boxes(draw: st.DrawFn) -> tuple[int, int, int, int]:
+def cell_boxes(draw: st.DrawFn) -> Cells:
     x1, y1 = draw(st.integers(0, 9)), draw(st.integers(0, 9))
     return x1, y1, x1 + draw(st.integers(1, 6)), y1 + draw(st.integers(1, 6))
 
@@ -161,19 +134,17 @@ def cell_boxes(draw: st.DrawFn) -> tuple[int, int, int, int]:
 LISTS = st.lists(st.lists(cell_boxes(), max_size=4, unique=True), min_size=1, max_size=5)
 
 
-def in_metres(cells: tuple[int, int, int, int]) -> Box:
+def in_metres(cells: Cells) -> Box:
     return Box(*(-3.97 + 0.05 * edge for edge in cells))
 
 
-def as_the_paper_writes_it(
-    s1: list[tuple[int, int, int, int]], s2: list[tuple[int, int, int, int]], t: Fraction
-) -> list[tuple[int, int, int, int]]:
+def as_the_paper_writes_it(s1: list[Cells], s2: list[Cells], t: Fraction) -> list[Cells]:
     """Algorithm 4 word for word, on whole cells and fractions."""
 
-    def area(box: tuple[int, int, int, int]) -> int:
+    def area(box: Cells) -> int:
         return (box[2] - box[0]) * (box[3] - box[1])
 
-    def overlap(a: tuple[int, int, int, int], b: tuple[int, int, int, int]) -> Fraction:
+    def overlap(a: Cells, b: Cells) -> Fraction:
         width = max(0, min(a[2], b[2]) - max(a[0], b[0]))
         height = max(0, min(a[3], b[3]) - max(a[1], b[1]))
         return Fraction(width * height, area(a) + area(b) - width * height)
@@ -197,35 +168,28 @@ def as_the_paper_writes_it(
     st.lists(cell_boxes(), max_size=6, unique=True),
     st.sampled_from([Fraction(1, 10), Fraction(1, 5), Fraction(1, 2), Fraction(1)]),
 )
-def test_fusion_in_metres_is_algorithm_4_in_cells(
-    s1: list[tuple[int, int, int, int]], s2: list[tuple[int, int, int, int]], t: Fraction
-) -> None:
+def test_fusion_in_metres_is_algorithm_4_in_cells(s1: list[Cells], s2: list[Cells], t: Fraction) -> None:
     fusion = fuse_detections(of(1, *map(in_metres, s1)), of(0, *map(in_metres, s2)), float(t))
     assert boxes_in(fusion) == [in_metres(box) for box in as_the_paper_writes_it(s1, s2, t)]
 
 
+def tree_of_the_paper(lists: list[list[Cells]], left: int, right: int) -> list[Cells]:
+    """Algorithm 3 on whole cells: for five robots, ((1 2) 3) (4 5)."""
+    if left == right:
+        return lists[left]
+    middle = (left + right) // 2
+    first, second = tree_of_the_paper(lists, left, middle), tree_of_the_paper(lists, middle + 1, right)
+    return as_the_paper_writes_it(second, first, Fraction(1, 10))
+
+
 @given(LISTS)
-def test_every_box_ends_in_the_result_or_in_one_event(lists: list[list[tuple[int, int, int, int]]]) -> None:
+def test_robots_are_fused_in_the_order_of_algorithm_3(lists: list[list[Cells]]) -> None:
+    fused = fuse_all(*([in_metres(cells) for cells in own] for own in lists))
+    assert boxes_in(fused) == [in_metres(cells) for cells in tree_of_the_paper(lists, 0, len(lists) - 1)]
+
+
+@given(LISTS)
+def test_every_detection_is_a_box_of_the_robot_that_it_names(lists: list[list[Cells]]) -> None:
     found = [[in_metres(cells) for cells in own] for own in lists]
-    fusion = fuse_all(*found)
-    everything = [Sighting(box, robot) for robot, own in enumerate(found) for box in own]
-    assert len(fusion.sightings) <= len(everything)
-    dropped = [event.dropped for event in fusion.events]
-    assert sorted(fusion.sightings + dropped) == sorted(everything)
-    for event in fusion.events:
-        assert event.iou == iou(event.compared[0].box, event.compared[1].box)
-        assert event.iou > T or math.isclose(event.iou, T)
-        assert event.dropped in event.compared or event.kept in event.compared
-
-
-@given(LISTS)
-def test_events_lead_from_each_dropped_box_to_a_detection(
-    lists: list[list[tuple[int, int, int, int]]],
-) -> None:
-    fusion = fuse_all(*([in_metres(cells) for cells in own] for own in lists))
-    for start, event in enumerate(fusion.events):
-        stands = event.kept
-        for later in fusion.events[start + 1 :]:
-            if later.dropped == stands:
-                stands = later.kept
-        assert stands in fusion.sightings
+    for sighting in fuse_all(*found):
+        assert sighting.box in found[sighting.robot]

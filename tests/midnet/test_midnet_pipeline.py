@@ -9,7 +9,6 @@ from hypothesis.extra import numpy as hnp
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.boxes import Sighting
 from midnet_bench.midnet.pipeline import MIDNet, MIDNetSettings, Observation
 from tests.midnet.ascii_maps import binary, costs, draw
 
@@ -139,12 +138,8 @@ def test_intruder_that_two_robots_see_is_one_detection() -> None:
     assert midnet.update([LEFT, right]).detections == [INTRUDER]
     assert midnet.update([LEFT, right]).robots == [0]
 
-    frame = midnet.update([LEFT, larger], explain=True)
+    frame = midnet.update([LEFT, larger])
     assert (frame.detections, frame.robots) == ([Box(-1.0, -1.0, 0.5, 0.0)], [1])
-    assert frame.explanation is not None
-    (event,) = frame.explanation.fusions
-    assert event.dropped == Sighting(INTRUDER, 0)
-    assert event.kept == Sighting(Box(-1.0, -1.0, 0.5, 0.0), 1)
 
 
 def test_ally_is_no_intruder() -> None:

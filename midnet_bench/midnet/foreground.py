@@ -1,7 +1,7 @@
-"""Sections IV.B.3 and IV.B.4: contours of the foreground, and upright boxes around them in metres."""
+"""Sections IV.B.2 to IV.B.4: what the local grid has and the prior map has not, as boxes in metres."""
 
 from collections.abc import Sequence
-from typing import NamedTuple, cast
+from typing import cast
 
 import cv2
 import numpy as np
@@ -10,15 +10,24 @@ import numpy.typing as npt
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 
+BinaryArray = npt.NDArray[np.uint8]
 Contour = npt.NDArray[np.int32]
 
 
-class Sighting(NamedTuple):
-    """One box, map frame, and the robot that found it."""
+def common_occupancy(a: BinaryArray, b: BinaryArray) -> BinaryArray:
+    """C of Eq. 5: 0 where both ``a`` (local) and ``b`` (prior) are occupied, else 255 (item 20).
 
-    box: Box
-    robot: int
-    """index in the team"""
+    Both are uint8 of one shape with at least one cell, 0 or 255.
+    """
+    return cast(BinaryArray, cv2.bitwise_or(a, b))
+
+
+def foreground(a: BinaryArray, c: BinaryArray) -> BinaryArray:
+    """D of Eq. 6, |A - C|: 255 where ``a`` is occupied and ``c`` is not, else 0.
+
+    Plain subtraction of bytes would wrap round to 1 instead of 255 (item 21).
+    """
+    return cast(BinaryArray, cv2.absdiff(a, c))
 
 
 def find_contours(d: npt.NDArray[np.uint8]) -> Sequence[Contour]:
