@@ -1,4 +1,4 @@
-"""``Canvas``: a view of the map frame on a numpy picture, drawn on with OpenCV."""
+"""``Canvas``: a view of the map frame on a numpy picture, and what is drawn on it; with OpenCV."""
 
 import math
 from functools import cache, lru_cache
@@ -10,14 +10,27 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-from midnet_bench.drawing.palette import RGB
-from midnet_bench.geometry import Box
+from midnet_bench.drawing.palette import (
+    DETECTION,
+    FALSE_DETECTION,
+    FLOOR,
+    GROUND,
+    INTRUDER,
+    INTRUDER_FAINT,
+    RGB,
+    WHITE,
+    WOOD,
+    WOOD_EDGE,
+)
+from midnet_bench.drawing.scene import BURGER_LENGTH_M, Floats, FloorPlan, Point, burger_at
+from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 
 Picture = npt.NDArray[np.uint8]
 """(height, width, 3) red, green, blue"""
-Floats = npt.NDArray[np.float64]
 
+MIN_BURGER_PX = 14.0
+"""Robots in a large arena are drawn larger than they are, so that they stay visible."""
 _SHIFT = 4
 """OpenCV takes coordinates in sixteenths of a pixel, which keeps slow motion smooth."""
 
@@ -32,6 +45,11 @@ class Canvas:
         """pixels per metre"""
         x, y = view.center
         self._offset = np.array([width / 2.0 - x * self.scale, height / 2.0 + y * self.scale])
+
+    @property
+    def enlarged(self) -> float:
+        """How many times as large as they are robots are drawn, 1 or more."""
+        return max(1.0, MIN_BURGER_PX / (BURGER_LENGTH_M * self.scale))
 
     def pixels(self, points: npt.ArrayLike) -> Floats:
         """(n, 2) points in metres as column and row, y down, fractions kept."""
@@ -63,11 +81,18 @@ class Canvas:
             for right in (0, 1):
                 self.picture[rows[seen] + down, columns[seen] + right] = color
 
-    def circle(self, center: tuple[float, float], radius_m: float, color: RGB, width: int = 1) -> None:
+    def circle(self, center: Point, radius_m: float, color: RGB, width: int = 1) -> None:
         """A circle; filled if ``width`` is -1."""
         x, y = self._fixed([center])[0].tolist()
         radius = round(radius_m * self.scale * 2**_SHIFT)
         cv2.circle(self.picture, (x, y), radius, color, width, cv2.LINE_AA, _SHIFT)
+
+    def cross(self, at: Point, color: RGB) -> None:
+        """A diagonal cross of ten pixels: a goal."""
+        x, y = at
+        arm = 5.0 / self.scale
+        self.line([(x - arm, y - arm), (x + arm, y + arm)], color, 2)
+        self.line([(x - arm, y + arm), (x + arm, y - arm)], color, 2)
 
     def box(self, box: Box, color: RGB, width: int = 1) -> None:
         """The outline of a box."""
@@ -89,9 +114,7 @@ class Canvas:
         on_x, on_y = (columns >= 0) & (columns < codes.width), (rows >= 0) & (rows < codes.height)
         self.picture[np.ix_(on_y, on_x)] = shades[codes.data[np.ix_(rows[on_y], columns[on_x])]]
 
-    def label(
-        self, at: tuple[float, float], text: str, color: RGB, right_px: float = 0, down_px: float = 0
-    ) -> None:
+    def label(self, at: Point, text: str, color: RGB, right_px: float = 0, down_px: float = 0) -> None:
         """Bold text with a white halo in the middle of a point that lies so far from (x, y)."""
         x, y = self.pixels(at)
         mask = text_mask(text, 13, True)
@@ -103,11 +126,69 @@ class Canvas:
         return np.rint(self.pixels(points) * 2**_SHIFT).astype(np.int32)
 
 
+def paint_floor_plan(canvas: Canvas, plan: FloorPlan) -> None:
+    """Ground, floor, walls and stationary intruders, over the whole picture."""
+    canvas.picture[:] = GROUND
+    canvas.fill(plan.enclosure, FLOOR)
+    # edges first, so that pieces of wall that share an end look like one
+    for wall in plan.walls:
+        canvas.polygon(wall, None, WOOD_EDGE, 3)
+    for wall in plan.walls:
+        canvas.polygon(wall, WOOD)
+    for number, outline in enumerate(plan.stationary, 1):
+        canvas.polygon(outline, INTRUDER_FAINT, INTRUDER, 2)
+        x, y = outline.mean(axis=0).tolist()
+        canvas.label((x, y), f"S{number}", INTRUDER)
+
+
+def paint_burger(canvas: Canvas, pose: Pose2D, enlarged: float, color: RGB) -> None:
+    """A Burger from above, ``enlarged`` times as large as it is; a white line points ahead."""
+    canvas.polygon(burger_at(pose, enlarged), color, WHITE)
+    ahead = pose.compose(Pose2D(0.045 * enlarged, 0.0, 0.0))
+    canvas.line([pose[:2], ahead[:2]], WHITE, 2)
+
+
+def paint_path(canvas: Canvas, goal: Point, plan: Floats | None, color: RGB, is_guard: bool) -> None:
+    """A robot's path in dots, and its goal: a cross for a guard, a diamond for an intruder."""
+    if plan is not None:
+        canvas.dots(plan, color)
+    if is_guard:
+        canvas.cross(goal, color)
+        return
+    x, y = goal
+    arm = 5.0 / canvas.scale
+    canvas.polygon([(x - arm, y), (x, y - arm), (x + arm, y), (x, y + arm)], WHITE, color, 2)
+
+
+def paint_detection(canvas: Canvas, box: Box, is_false: bool) -> None:
+    """A detection. A false one is crossed out as well: not everybody can go by colour alone."""
+    color = FALSE_DETECTION if is_false else DETECTION
+    canvas.box(box, color, 2)
+    if is_false:
+        canvas.line([box[:2], box[2:]], color)
+
+
+def blank_page(width: int, height: int) -> Picture:
+    """(height, width, 3) a white picture."""
+    return np.full((height, width, 3), WHITE, dtype=np.uint8)
+
+
+def png_of(picture: Picture) -> bytes:
+    """A picture as a PNG file."""
+    _, png = cv2.imencode(".png", picture[..., ::-1])
+    return png.tobytes()
+
+
 def write(
     picture: Picture, left: int, top: int, text: str, size_px: int, color: RGB, bold: bool = False
 ) -> None:
     """Draw a line of text whose upper left corner is at (left, top); what lies outside is cut off."""
     _blend(picture, text_mask(text, size_px, bold), left, top, color)
+
+
+def write_right(picture: Picture, right: int, top: int, text: str, size_px: int, color: RGB) -> None:
+    """Draw a bold line of text whose upper right corner is at (right, top)."""
+    write(picture, right - text_mask(text, size_px, True).shape[1], top, text, size_px, color, bold=True)
 
 
 @lru_cache(maxsize=1024)

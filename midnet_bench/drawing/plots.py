@@ -26,19 +26,26 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     return figure
 
 
-def png_of(figure: Figure) -> bytes:
+def png_of_figure(figure: Figure) -> bytes:
     """The figure as a PNG file, the same bytes for the same figure."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
     return buffer.getvalue()
 
 
-def show_metres(axes: Axes, view: Box) -> None:
-    """Make the axes show ``view`` in metres of the map frame, y up, both directions to one scale."""
+def show_metres(axes: Axes, view: Box, title: str | None = None) -> None:
+    """Make the axes show ``view`` in metres of the map frame, y up, both directions to one scale.
+
+    With a ``title``, the axes get labels too.
+    """
     axes.set_xlim(view.x_min, view.x_max)
     axes.set_ylim(view.y_min, view.y_max)
     axes.set_aspect("equal")
     axes.tick_params(labelsize=8)
+    if title is not None:
+        axes.set_title(title, fontsize=11, loc="left")
+        axes.set_xlabel("x / m", fontsize=9)
+        axes.set_ylabel("y / m", fontsize=9)
 
 
 def show_grid(axes: Axes, grid: OccupancyGrid, unknown: float = 0.8, occupied: float = 0.25) -> None:

@@ -1,67 +1,99 @@
-"""``Scene``: what a picture shows of a trial at one instant, whoever draws it."""
+"""What the pictures of a guarded trial show, as plain data: drawing needs no trial and no simulator."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.layout import Layout
-from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
 from midnet_bench.geometry import Box, Pose2D
-from midnet_bench.midnet.pipeline import Frame
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.midnet.pipeline import Explanation
 from midnet_bench.robots.burger import LDS_01
 
 Floats = npt.NDArray[np.float64]
+Point = tuple[float, float]
+"""x, y: metres, map frame"""
 
-_BURGER: Floats = np.array(
-    # half of it, from front to back; the collision boxes of burger.urdf: the base, and the wheels beside it
+_HALF: Floats = np.array(
+    # from front to back; the collision boxes of burger.urdf: the base, and the wheels beside it
     [(0.038, 0.070), (0.030, 0.070), (0.030, 0.089), (-0.030, 0.089), (-0.030, 0.070), (-0.102, 0.070)]
 )
-BURGER_OUTLINE: Floats = np.vstack((_BURGER, _BURGER[::-1] * (1.0, -1.0)))
+BURGER_OUTLINE: Floats = np.vstack((_HALF, _HALF[::-1] * (1.0, -1.0)))
 """(12, 2) a Burger's body from above in its base frame, x ahead, metres"""
-
+BURGER_LENGTH_M = 0.140
 _FRONT = Pose2D(0.038, 0.0, 0.0)
-_LIDAR_MOUNT = LDS_01.mount
 
 
 def burger_at(pose: Pose2D, enlarged: float = 1.0) -> Floats:
-    """(12, 2) a Burger's body from above, so many times as large as it is, map frame."""
+    """(12, 2) the outline of a Burger at ``pose``, ``enlarged`` times its true size; metres, map frame."""
     return pose.transform(BURGER_OUTLINE * enlarged)
 
 
-class Stage(Protocol):
-    """What a picture needs to know of a trial that stands still: a guarded arena, or one that is explored."""
+@dataclass(frozen=True)
+class FloorPlan:
+    """What never moves in an arena; metres, map frame."""
 
-    @property
-    def seed(self) -> int:
-        """The trial's seed."""
+    title: str
+    """which trial it is, in a line"""
+    enclosure: Box
+    """the walled region, from wall centre to wall centre"""
+    walls: list[Floats]
+    """the outline of each wall, (n, 2)"""
+    stationary: list[Floats]
+    """the outline of each stationary intruder, (n, 2)"""
 
-    @property
-    def arena(self) -> Arena:
-        """The place."""
+    @classmethod
+    def of(cls, arena: Arena, layout: Layout, seed: int) -> "FloorPlan":
+        """The plan of an arena with the stationary intruders of a seed's layout."""
+        x, y = (side / 2.0 for side in arena.enclosure_m)
+        walls = [solid.outline() for solid in arena.wall_solids()]
+        stationary = [solid.outline() for solid in layout.stationary]
+        return cls(f"{arena.name}, seed {seed}", Box(-x, -y, x, y), walls, stationary)
 
-    @property
-    def layout(self) -> Layout:
-        """What stands where."""
+    def view(self, margin_m: float) -> Box:
+        """What a picture from above must show: the enclosure, all walls, and ``margin_m`` around them."""
+        enclosure = np.array(self.enclosure).reshape(2, 2)
+        corners = np.concatenate([enclosure, *self.walls, *self.stationary])
+        return Box(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()).shrunk(-margin_m)
 
 
 @dataclass(frozen=True)
-class RobotMark:
+class Setup:
+    """What stays the same during a guarded trial."""
+
+    plan: FloorPlan
+    prior_map: OccupancyGrid
+    """int8: 100 occupied, 0 free, -1 unknown; before inflation"""
+    prior: OccupancyGrid
+    """the binary grid that MIDNet subtracts, uint8: 0 occupied, 255 free"""
+    guards: int
+    mobile_intruders: int
+    """when the trial begins"""
+    usable_range_m: float
+    """of a guard's LiDAR"""
+    local_size_m: float
+    """side of a guard's local costmap"""
+    frame_hz: float
+    """MIDNet frames per simulated second"""
+
+
+@dataclass(frozen=True)
+class Robot:
     """A robot that is in the arena."""
 
     number: int
-    """counted from 1 among its kind"""
+    """counted from 1, guards and intruders apart"""
     is_guard: bool
     pose: Pose2D
-    """as it truly is"""
+    """true pose, map frame"""
     believed: Pose2D
-    """as it takes it to be"""
+    """pose by its own localization, map frame"""
     goal: Point | None
     plan: Floats | None
-    """(n, 2) its way to the goal"""
+    """(n, 2) its path to the goal, metres, map frame"""
 
     @property
     def outline(self) -> Floats:
@@ -76,80 +108,50 @@ class RobotMark:
     @property
     def sensor(self) -> Point:
         """(x, y) of its LiDAR."""
-        return self.pose.compose(_LIDAR_MOUNT)[:2]
+        return self.pose.compose(LDS_01.mount)[:2]
 
 
 @dataclass(frozen=True)
-class DetectionMark:
+class Detection:
     """One fused detection."""
 
     box: Box
-    robot: int
-    """number of the robot whose box it is, from 1"""
+    guard: int
+    """number of the guard whose box it is, from 1"""
     is_false: bool
-    """whether it touches nobody who is there now"""
+    """whether it touches no intruder"""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Everybody at one instant, map frame, metres. Who was caught or escaped is not in it."""
+    """A trial at one instant, map frame, metres. Intruders that were caught or have escaped are not in it."""
 
     time_s: float
-    robots: list[RobotMark]
+    frame: int
+    """number of the MIDNet frame, from 1"""
+    robots: list[Robot]
     """guards first"""
-    detections: list[DetectionMark]
+    detections: list[Detection]
+    explanation: Explanation | None = None
+    """each guard's grids and boxes; without them, pictures show the detections alone"""
 
     @property
-    def guards(self) -> list[RobotMark]:
-        """The security robots."""
+    def guards(self) -> list[Robot]:
+        """The guards."""
         return [robot for robot in self.robots if robot.is_guard]
 
     @property
-    def intruders(self) -> list[RobotMark]:
-        """The mobile intruders that are at large."""
+    def intruders(self) -> list[Robot]:
+        """The mobile intruders at large."""
         return [robot for robot in self.robots if not robot.is_guard]
 
-    @property
-    def frame_number(self) -> int:
-        """Of the MIDNet frame at this instant, from 1."""
-        return round(self.time_s * FRAME_HZ)
 
+@dataclass(frozen=True)
+class Demo:
+    """A trial that can be drawn frame by frame: what an experiment gives to ``midnet-bench render``."""
 
-def scene_of(trial: GuardedArena, frame: Frame) -> Scene:
-    """The trial as it is now, with the detections of its newest frame."""
-    active = trial.world.active
-    poses = trial.world.poses()
-    robots = [robot for robot in trial.fleet.robots if active[robot.index]]
-    targets = [solid.bounding_box() for solid in trial.layout.stationary]
-    targets += [trial.lidars.outline(robot.index) for robot in trial.intruders if active[robot.index]]
-    return Scene(
-        trial.fleet.time_s,
-        [_mark(robot, Pose2D(*poses[robot.index].tolist()), len(trial.guards)) for robot in robots],
-        [
-            DetectionMark(box, robot + 1, not any(box.intersection_area(target) > 0.0 for target in targets))
-            for box, robot in zip(frame.detections, frame.robots, strict=True)
-        ],
-    )
-
-
-def title_of(trial: Stage) -> str:
-    """Which trial it is, in a line."""
-    return f"{trial.arena.name}, seed {trial.seed}"
-
-
-def enclosure_of(trial: Stage) -> Box:
-    """The walled region, from wall centre to wall centre."""
-    width_m, height_m = trial.arena.enclosure_m
-    return Box(-width_m / 2.0, -height_m / 2.0, width_m / 2.0, height_m / 2.0)
-
-
-def view_of(trial: Stage, margin_m: float) -> Box:
-    """What a picture from above must show: all walls and the enclosure, and ``margin_m`` around them."""
-    corners = np.array([enclosure_of(trial), *(solid.bounding_box() for solid in trial.layout.solids)])
-    return Box(*corners[:, :2].min(axis=0).tolist(), *corners[:, 2:].max(axis=0).tolist()).shrunk(-margin_m)
-
-
-def _mark(robot: MobileRobot, pose: Pose2D, guards: int) -> RobotMark:
-    is_guard = isinstance(robot, Guard)
-    number = robot.index + 1 if is_guard else robot.index - guards + 1
-    return RobotMark(number, is_guard, pose, robot.pose, robot.goal, robot.navigator.plan())
+    setup: Setup
+    max_frames: int
+    """the trial has no more; it may end earlier"""
+    scenes: Iterator[Scene]
+    """one per MIDNet frame; each is simulated when it is asked for"""

@@ -36,7 +36,8 @@ class Experiment:
     run: "Callable[[Any, int], TrialResult]"
     """(parameters, seed) -> the tables of one trial: a pure function, no file, no clock, no global state"""
     demo: Callable[..., Any] | None = None
-    """(parameters, seed) -> a trial that ``render`` can draw; None if there is nothing to draw"""
+    """(parameters, seed) -> a context manager that gives a ``drawing.scene.Demo``, a trial for
+    ``midnet-bench render``; None if there is nothing to draw"""
 
     @property
     def model(self) -> "type[BaseModel]":

@@ -4,20 +4,28 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+
 import midnet_bench
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.export import csv_text
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.trial import Row
-from midnet_bench.drawing.exploration_clip import write_clip
-from midnet_bench.drawing.exploration_view import ExplorationRecording, exploration_page, heading_of
-from midnet_bench.drawing.growth_view import png_of_picture
-from midnet_bench.drawing.map_picture import draw_map
-from midnet_bench.drawing.plots import png_of
-from midnet_bench.drawing.recording import Recording
+from midnet_bench.drawing.canvas import png_of
+from midnet_bench.drawing.growth import (
+    MapHistory,
+    MapSnapshot,
+    exploration_page,
+    write_exploration_video,
+)
+from midnet_bench.drawing.plots import png_of_figure
+from midnet_bench.drawing.scene import FloorPlan
+from midnet_bench.drawing.stills import draw_map
 from midnet_bench.experiments.mapping.parameters import MappingParameters
-from midnet_bench.experiments.mapping.trial import Exploration, ExplorationTrial
+from midnet_bench.experiments.mapping.trial import Exploration, ExplorationTrial, Snapshot
 from midnet_bench.io.files import write_atomically
+from midnet_bench.mapping.map_score import reachable_free
 from midnet_bench.workflows.map_files import MapFiles, write_configuration, write_map, write_provenance
 
 DIGITS = {"coverage": 4, "wall_error_m": 4, "time_s": 1, "distance_m": 1}
@@ -66,14 +74,18 @@ def write_exploration(
     with ExplorationTrial(parameters, seed) as trial:
         files = MapFiles.at(output)
         files.refuse_another(configuration)
-        recording = ExplorationRecording(trial)
+        history, start = MapHistory(), trial.layout.robots[0]
+        within_reach = reachable_free(trial.truth(), (start.x, start.y))
         for snapshot in trial.snapshots():
-            progress(snapshot.time_s, recording.take_snapshot(snapshot))
+            history.take(map_snapshot(snapshot, within_reach))
+            progress(snapshot.time_s, history.known)
         exploration = trial.result()
-        comment = f"{heading_of(trial)}; midnet-bench {midnet_bench.__version__}"
+        plan = FloorPlan.of(trial.arena, trial.layout, seed)
+        team = f"explored by {parameters.robots} Burger{'s' if parameters.robots > 1 else ''}"
+        comment = f"{plan.title}: {team}; midnet-bench {midnet_bench.__version__}"
         configured = write_configuration(files, configuration)
         written = write_map(files, exploration.grid, comment)
-        written += _write_pictures(trial, recording, exploration, files, clip)
+        written += _write_pictures(plan, team, history, exploration, files, clip)
         robots = trial.rows_of_robots()
     place: Row = {"arena": trial.arena.name, "robots": parameters.robots, "seed": seed}
     scores = Table("The map against the arena", [{**place, **exploration.row()}], DIGITS)
@@ -83,19 +95,31 @@ def write_exploration(
     return ExplorationFiles(exploration, scores, written)
 
 
+def map_snapshot(snapshot: Snapshot, within_reach: npt.NDArray[np.bool_]) -> MapSnapshot:
+    """A snapshot of a trial as plain data to be drawn.
+
+    Args:
+        snapshot: of the trial.
+        within_reach: (rows, columns) which cells of its map a robot can reach and are truly free.
+    """
+    known = float(np.mean(snapshot.grid.data[within_reach] >= 0))
+    return MapSnapshot(
+        snapshot.time_s, known, snapshot.grid, snapshot.poses, snapshot.believed, snapshot.goals, paths=[]
+    )
+
+
 def _write_pictures(
-    trial: ExplorationTrial, recording: Recording, exploration: Exploration, files: MapFiles, clip: bool
+    plan: FloorPlan, team: str, history: MapHistory, exploration: Exploration, files: MapFiles, clip: bool
 ) -> list[Path]:
     """``map.png``, ``growth.png`` and ``growth.mp4``."""
-    final, growth, film = (
+    final, growth, video = (
         files.map.with_suffix(".png"),
         files.named("growth.png"),
         files.named("growth.mp4"),
     )
-    walls = [solid.outline() for solid in trial.arena.wall_solids()]
-    figure = draw_map(exploration.grid, recording.ways(), heading_of(trial), walls)
-    write_atomically(final, png_of(figure))
-    write_atomically(growth, png_of_picture(exploration_page(trial, recording)))
+    figure = draw_map(exploration.grid, history.paths(), f"{plan.title}: {team}", plan.walls)
+    write_atomically(final, png_of_figure(figure))
+    write_atomically(growth, png_of(exploration_page(plan, team, history)))
     if clip:
-        write_clip(trial, recording, film)
-    return [final, growth, film] if clip else [final, growth]
+        write_exploration_video(plan, team, history, video)
+    return [final, growth, video] if clip else [final, growth]

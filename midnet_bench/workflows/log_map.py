@@ -5,15 +5,18 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from midnet_bench.campaign.provenance import collect
-from midnet_bench.drawing.growth_view import png_of_picture
-from midnet_bench.drawing.log_view import LogRecording, log_page, write_log_clip
-from midnet_bench.drawing.map_picture import draw_map
-from midnet_bench.drawing.plots import png_of
+from midnet_bench.drawing.canvas import png_of
+from midnet_bench.drawing.growth import MapHistory, MapSnapshot, log_page, write_log_video
+from midnet_bench.drawing.plots import png_of_figure
+from midnet_bench.drawing.stills import draw_map
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import write_atomically
 from midnet_bench.io.scan_logs import ScanLog
 from midnet_bench.io.trajectory import write_tum
+from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.gmapping.settings import RECORDED_LOG
 from midnet_bench.mapping.log_mapping import map_scans
 from midnet_bench.workflows.map_files import MapFiles, write_configuration, write_map, write_provenance
@@ -34,7 +37,7 @@ class LogMap:
 def write_log_map(
     log: ScanLog, particles: int, seed: int, output: Path, clip: bool, progress: Callable[[int, int], None]
 ) -> LogMap:
-    """Map a log; write map and binary grid, trajectory (TUM), pictures, a film, and where they come from.
+    """Map a log; write map and binary grid, trajectory (TUM), pictures, a video, and where they come from.
 
     Args:
         log: the scans.
@@ -58,20 +61,30 @@ def write_log_map(
     }
     files = MapFiles.at(output)
     files.refuse_another(configuration)
-    recording = LogRecording()
-    result = map_scans(log, particles, seed, progress, recording.look)
+    history = MapHistory()
+    result = map_scans(
+        log, particles, seed, progress, lambda done, slam: history.take(log_snapshot(done, slam))
+    )
     comment = f"{name}, {result.scans} scans, by GMapping with {particles} particles, seed {seed}"
     configured = write_configuration(files, configuration)
     written = write_map(files, result.grid, comment)
     trajectory = files.named("trajectory.tum")
     write_tum(result.trajectory, trajectory)
     picture, growth = files.map.with_suffix(".png"), files.named("growth.png")
-    write_atomically(picture, png_of(draw_map(result.grid, [result.trajectory.poses], comment)))
-    write_atomically(growth, png_of_picture(log_page(recording, comment)))
+    write_atomically(picture, png_of_figure(draw_map(result.grid, [result.trajectory.poses], comment)))
+    write_atomically(growth, png_of(log_page(history, comment)))
     written += [trajectory, picture, growth]
     if clip:
-        film = files.named("growth.mp4")
-        write_log_clip(recording, comment, film)
-        written.append(film)
+        video = files.named("growth.mp4")
+        write_log_video(history, comment, video)
+        written.append(video)
     written += [configured, write_provenance(files, provenance)]
     return LogMap(result.grid, result.scans, written, result.warnings)
+
+
+def log_snapshot(done: int, slam: GMapping) -> MapSnapshot:
+    """The best particle's map and path after ``done`` scans, as plain data to be drawn."""
+    grid = slam.occupancy()
+    known_m2 = float(np.count_nonzero(grid.data >= 0)) * grid.resolution**2
+    believed, path = np.array([slam.best_pose]), slam.trajectory.poses[:, :2]
+    return MapSnapshot(float(done), known_m2, grid, np.empty((0, 3)), believed, [None], [path])

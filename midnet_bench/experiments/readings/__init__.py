@@ -8,5 +8,5 @@ READINGS = Experiment(
     summary="The detection test under many readings of the paper's gaps at once.",
     parameters="midnet_bench.experiments.guarded.parameters:ReadingsParameters",
     run=later("midnet_bench.experiments.readings.trial:run_readings"),
-    demo=later("midnet_bench.experiments.detection.trial:DetectionTrial"),
+    demo=later("midnet_bench.experiments.detection.demo:demo"),
 )

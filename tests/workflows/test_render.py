@@ -11,11 +11,10 @@ import pytest
 
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.drawing.palette import WOOD
-from midnet_bench.drawing.video import VideoFile
-from midnet_bench.errors import InputError, MidnetBenchError
+from midnet_bench.errors import InputError
 from midnet_bench.workflows.render import render_trial
 
-FRAMES = 12
+FRAMES = 6
 SMALL: dict[str, Scalar] = {"robots": 2, "frames": FRAMES}
 PICTURES = ["arena.png", "grids.png", "detections.png"]
 
@@ -24,7 +23,9 @@ PICTURES = ["arena.png", "grids.png", "detections.png"]
 def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("rendered") / "made" / "here"
     told: list[tuple[int, int]] = []
-    paths = render_trial("detection", SMALL, 5, folder, 8, progress=lambda done, of: told.append((done, of)))
+    paths = render_trial(
+        "detection", SMALL, 5, folder, FRAMES, progress=lambda done, of: told.append((done, of))
+    )
     assert [path.name for path in paths] == [*PICTURES, "trial.mp4", "storyboard.png"]
     assert told == [(number, FRAMES) for number in range(1, FRAMES + 1)]
     assert sorted(path.name for path in folder.iterdir()) == sorted(path.name for path in paths)
@@ -61,13 +62,20 @@ def test_the_clip_plays_anywhere_and_has_every_frame(rendered: Path) -> None:
     assert content.index(b"moov") < content.index(b"mdat"), "a browser cannot begin before the end"
 
 
-def test_same_seed_same_bytes_another_seed_others(rendered: Path, tmp_path: Path) -> None:
-    render_trial("detection", SMALL, 5, tmp_path / "again", 8)
+def test_same_seed_same_bytes_and_the_last_frame_unless_asked(rendered: Path, tmp_path: Path) -> None:
+    render_trial("detection", SMALL, 5, tmp_path)
     for name in [*PICTURES, "storyboard.png"]:
-        assert (tmp_path / "again" / name).read_bytes() == (rendered / name).read_bytes()
-    paths = render_trial("detection", SMALL, 6, tmp_path / "other", 1, clip=False)
+        assert (tmp_path / name).read_bytes() == (rendered / name).read_bytes()
+
+
+def test_another_seed_another_picture_and_no_clip_unless_wanted(rendered: Path, tmp_path: Path) -> None:
+    done: list[int] = []
+    paths = render_trial(
+        "detection", SMALL, 6, tmp_path, 2, clip=False, progress=lambda number, most: done.append(number)
+    )
     assert [path.name for path in paths] == PICTURES
-    assert not (tmp_path / "other" / "trial.mp4").exists()
+    assert not (tmp_path / "trial.mp4").exists()
+    assert done == [1], "the trial goes on after its picture"
     for path in paths:
         assert path.read_bytes() != (rendered / path.name).read_bytes()
 
@@ -80,36 +88,31 @@ def test_speed_sets_the_pictures_per_second(tmp_path: Path) -> None:
     film.release()
 
 
-def test_without_a_wish_the_last_frame_of_a_short_trial_is_drawn(tmp_path: Path) -> None:
-    last, unasked = tmp_path / "last", tmp_path / "unasked"
-    short: dict[str, Scalar] = {"robots": 1, "frames": 3}
-    render_trial("detection", short, 1, last, 3, clip=False)
-    render_trial("detection", short, 1, unasked, clip=False)
-    assert [(unasked / name).read_bytes() for name in PICTURES] == [
-        (last / name).read_bytes() for name in PICTURES
-    ]
+def test_a_trial_may_end_before_the_frame_that_is_drawn_unless_asked(tmp_path: Path) -> None:
     # a time limit shorter than a frame; and a trial that ends early since everybody has left
     paths = render_trial("labyrinth", {"time_limit_s": 0.05}, 1, tmp_path / "short", clip=False)
     assert [path.name for path in paths] == PICTURES
     all_gone: dict[str, Scalar] = {"escape_distance_m": 0.0, "escape_radius_m": 5.0, "capture": "detected"}
     done: list[int] = []
-    paths = render_trial(
-        "labyrinth",
-        {**all_gone, "intruders": 1},
-        2,
-        tmp_path / "early",
-        clip=False,
-        progress=lambda number, most: done.append(number),
-    )
-    assert [path.name for path in paths] == PICTURES
-    assert len(done) < 100
+    with pytest.raises(InputError) as told:
+        render_trial(
+            "labyrinth",
+            {**all_gone, "intruders": 1},
+            2,
+            tmp_path / "early",
+            100,
+            clip=False,
+            progress=lambda number, most: done.append(number),
+        )
+    assert 0 < len(done) < 100
+    assert f"frame: 100 is out of range; this trial ended with frame {len(done)}" in str(told.value)
 
 
 @pytest.mark.parametrize(
     ("parameters", "frame", "speed", "message"),
     [
-        (SMALL, 0, 2.0, "frame: 0 is out of range; the trial has frames 1 to 12"),
-        (SMALL, 13, 2.0, "frame: 13 is out of range; the trial has frames 1 to 12"),
+        (SMALL, 0, 2.0, "frame: 0 is out of range; the trial has frames 1 to 6"),
+        (SMALL, 7, 2.0, "frame: 7 is out of range; the trial has frames 1 to 6"),
         (SMALL, 1, 0.0, "speed: 0 is out of range"),
         ({"robts": 2}, 1, 2.0, "detection: robts: unknown key; did you mean 'robots'"),
         ({"robots": 0}, 1, 2.0, "detection: robots: "),
@@ -129,22 +132,3 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("here already")
     with pytest.raises(InputError, match="cannot be made"):
         render_trial("detection", SMALL, 5, tmp_path / "file" / "out", 1)
-
-
-def film_of_40_pictures(path: Path, fails_at: int | None = None) -> None:
-    with VideoFile(path, 640, 640, 10.0) as film:
-        for number in range(40):
-            if number == fails_at:
-                raise KeyError(number)
-            film.append(np.full((640, 640, 3), number, dtype=np.uint8))
-
-
-def test_a_clip_that_fails_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(MidnetBenchError, match="cannot be written") as told:
-        film_of_40_pictures(tmp_path / "missing" / "film.mp4")
-    assert "\n" not in str(told.value)
-    with pytest.raises(KeyError):
-        film_of_40_pictures(tmp_path / "film.mp4", fails_at=30)
-    assert list(tmp_path.iterdir()) == []
-    film_of_40_pictures(tmp_path / "film.mp4")
-    assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]

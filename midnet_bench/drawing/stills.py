@@ -1,0 +1,428 @@
+"""Pictures for print, by matplotlib: an arena, the grids of MIDNet, its detections, a map."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Patch
+
+from midnet_bench.drawing.palette import (
+    DETECTION,
+    EXPLORERS,
+    FALSE_DETECTION,
+    FLOOR,
+    GROUND,
+    GUARD,
+    GUARD_FAINT,
+    INK,
+    INTRUDER,
+    INTRUDER_FAINT,
+    TRUTH,
+    WOOD,
+    WOOD_EDGE,
+    hexadecimal,
+)
+from midnet_bench.drawing.plots import (
+    add_box,
+    add_label,
+    add_polygon,
+    new_figure,
+    show_greys,
+    show_grid,
+    show_metres,
+)
+from midnet_bench.drawing.scene import Floats, FloorPlan, Robot, Scene, Setup
+from midnet_bench.geometry import Box
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.midnet.fusion import RemovedAlly
+from midnet_bench.midnet.pipeline import Explanation, RobotView
+
+MARGIN_M = 0.4
+"""around an arena"""
+HATCH = "////"
+DASHED, LONG_DASHED, ALLY_DASH = (0, (2, 1.5)), (0, (4, 1.5)), (0, (3, 2))
+
+COLUMNS = (
+    "A: local grid (Eq. 1), boxes from D",
+    "B: prior map, cropped",
+    "C: occupied in both (Eq. 5)",
+    "D: occupied in A only (Eq. 6)",
+)
+OUTSIDE = "#cccccc"
+
+UNKNOWN, OCCUPIED = 0.8, 0.15
+"""shades of grey of a map; free is white"""
+MAP_MARGIN_M = 0.3
+MAX_CELLS = 4000
+"""along a side of what is drawn; the picture has some 1000 pixels there"""
+HEIGHT_IN = 7.6
+SIDE_IN, TOP_IN, BOTTOM_IN = 0.75, 0.4, 0.8
+
+
+def draw_arena(setup: Setup, scene: Scene) -> Figure:
+    """Walls, stationary and mobile intruders, guards with the range of their LiDARs, paths and goals."""
+    plan = setup.plan
+    figure, axes = _plan_with_legend(plan, f"{plan.title}, t = {scene.time_s:.1f} s", _arena_legend(setup))
+    axes.set_facecolor(hexadecimal(GROUND))
+    add_box(axes, plan.enclosure, FLOOR, fill=True, facecolor=hexadecimal(FLOOR), zorder=0)
+    faint = hexadecimal(GUARD_FAINT)
+    for robot in scene.guards:
+        at, range_m = robot.sensor, setup.usable_range_m
+        axes.add_patch(Circle(at, range_m, color=faint, alpha=0.05, zorder=1))
+        axes.add_patch(Circle(at, range_m, fill=False, color=faint, linewidth=0.7, zorder=1))
+    _add_floor_plan(axes, plan)
+    for robot in scene.robots:
+        _add_path(axes, robot)
+    for robot in scene.robots:
+        _add_robot(axes, robot, scene)
+    return figure
+
+
+def draw_grids(setup: Setup, scene: Scene, explanation: Explanation) -> Figure:
+    """Grids A to D of each guard, a row per guard, in the paper's colours: 0 black, 255 white.
+
+    On A, the boxes around the blobs of D: those that were kept, and those that were taken for an ally. A
+    row shows the whole window of the guard's costmap; where it leaves the prior map there is no grid.
+    """
+    rows = len(explanation.views)
+    height_in = 1.15 + 2.75 * rows
+    figure = new_figure(11.0, height_in)
+    axes = figure.subplots(rows, len(COLUMNS), squeeze=False)
+    figure.subplots_adjust(
+        left=0.08, right=0.99, top=1.0 - 0.62 / height_in, bottom=0.8 / height_in, wspace=0.14, hspace=0.14
+    )
+    for guard, view, row in zip(scene.guards, explanation.views, axes, strict=True):
+        for grid, one in zip((view.a, view.b, view.c, view.d), row, strict=True):
+            _show_binary(one, grid, Box.square(guard.believed.x, guard.believed.y, setup.local_size_m))
+        removed = [item for item in explanation.removed if item.sighting.robot == guard.number - 1]
+        _add_boxes(row[0], view, removed)
+        row[0].set_ylabel("y / m", fontsize=8)
+        row[0].text(
+            -0.32,
+            0.5,
+            f"guard {guard.number}",
+            transform=row[0].transAxes,
+            rotation=90,
+            ha="center",
+            va="center",
+            fontsize=10,
+            fontweight="bold",
+        )
+        for one in row[1:]:
+            one.tick_params(labelleft=False)  # one window, one scale a row
+        for one in row:
+            one.plot(guard.believed.x, guard.believed.y, marker="+", color=hexadecimal(GUARD), markersize=8)
+    for text, one in zip(COLUMNS, axes[0], strict=True):
+        one.set_title(text, fontsize=9.5)
+    for one in axes[-1]:
+        one.set_xlabel("x / m", fontsize=8)
+    figure.suptitle(
+        f"{setup.plan.title}: frame {scene.frame}, t = {scene.time_s:.1f} s, map frame",
+        x=0.08,
+        y=1.0 - 0.12 / height_in,
+        ha="left",
+        va="top",
+        fontsize=11,
+    )
+    removed_box = _empty_patch("box, removed as the ally of that number", GUARD, linestyle=ALLY_DASH)
+    cross = Line2D([], [], color=hexadecimal(GUARD), marker="+", markersize=8, linestyle="none")
+    cross.set_label("the guard's believed position")
+    handles: list[Artist] = [
+        _empty_patch("box, kept", DETECTION),
+        removed_box,
+        cross,
+        Patch(facecolor=OUTSIDE, label="outside the prior map"),
+    ]
+    figure.legend(handles=handles, loc="lower center", ncols=4, fontsize=9, frameon=False)
+    return figure
+
+
+def draw_detections(setup: Setup, scene: Scene) -> Figure:
+    """The fused detections on the prior map before inflation, with the true outlines thin underneath.
+
+    Both kinds of error stand out: a detection that touches no intruder, and an intruder that no detection
+    touches, which may be out of every guard's sight.
+    """
+    outlines = [*setup.plan.stationary, *(robot.outline for robot in scene.intruders)]
+    missed = [not any(_touch(outline, found.box) for found in scene.detections) for outline in outlines]
+    legend = _detections_legend(any(found.is_false for found in scene.detections), any(missed))
+    title = f"{setup.plan.title}: detections of frame {scene.frame}, t = {scene.time_s:.1f} s"
+    figure, axes = _plan_with_legend(setup.plan, title, legend)
+    show_grid(axes, setup.prior_map)
+    for outline, is_missed in zip(outlines, missed, strict=True):
+        style = {"linestyle": DASHED, "linewidth": 1.4} if is_missed else {"linewidth": 0.8}
+        add_polygon(axes, outline, fill=False, edgecolor=hexadecimal(INTRUDER), **style)
+    for robot in scene.guards:
+        add_polygon(axes, robot.outline, fill=False, edgecolor=hexadecimal(GUARD), linewidth=0.8)
+        add_label(axes, robot.pose[:2], str(robot.number), GUARD, fontsize=7, xytext=(5, -9))
+    for found in scene.detections:
+        color = FALSE_DETECTION if found.is_false else DETECTION
+        style = {"linestyle": LONG_DASHED, "linewidth": 2.0} if found.is_false else {"linewidth": 1.6}
+        add_box(axes, found.box, color, zorder=5, **style)
+        add_label(axes, (found.box.x_min, found.box.y_max), str(found.guard), color, fontweight="bold")
+    return figure
+
+
+def draw_map(
+    grid: OccupancyGrid, paths: Sequence[Floats], title: str, walls: Sequence[Floats] = ()
+) -> Figure:
+    """The known part of a map, and all true walls, with each robot's path on it, metres of the map frame.
+
+    Args:
+        grid: int8, 100 occupied, 0 free, -1 unknown.
+        paths: of each robot, (k, 3) or (k, 2) poses in driving order.
+        title: stands above.
+        walls: outlines of the true walls, (n, 2) each, where they are known.
+    """
+    corners = np.array([*known_corners(grid), *(corner for outline in walls for corner in outline)])
+    view = Box(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()).shrunk(-MAP_MARGIN_M)
+    aspect = (view.x_max - view.x_min) / (view.y_max - view.y_min)
+    plot_in = HEIGHT_IN - TOP_IN - BOTTOM_IN
+    width_in = max(7.5, plot_in * aspect + 2 * SIDE_IN)
+    figure = new_figure(width_in, HEIGHT_IN)
+    axes = figure.add_axes(
+        (SIDE_IN / width_in, BOTTOM_IN / HEIGHT_IN, 1 - 2 * SIDE_IN / width_in, plot_in / HEIGHT_IN)
+    )
+    axes.set_facecolor(str(UNKNOWN))
+    show_grid(axes, coarsened(grid, MAX_CELLS), UNKNOWN, OCCUPIED)
+    show_metres(axes, view, title)
+    for outline in walls:
+        add_polygon(axes, outline, fill=False, edgecolor=hexadecimal(TRUTH), linewidth=0.6, zorder=2)
+    for number, path in enumerate(paths, 1):
+        _add_driven(axes, path, number, len(paths))
+    handles = _map_legend(len(paths), bool(walls))
+    figure.legend(handles=handles, loc="lower center", ncols=6, fontsize=8.5, frameon=False)
+    return figure
+
+
+def coarsened(grid: OccupancyGrid, max_cells: int) -> OccupancyGrid:
+    """A map of the same place with at most ``max_cells`` cells along each side.
+
+    A cell of it is occupied if one of those that it is made of is, else free if one is. The grid itself if it
+    is small enough.
+    """
+    factor = -(-max(grid.width, grid.height) // max_cells)
+    if factor <= 1:
+        return grid
+    starts = [np.arange(0, size, factor) for size in grid.data.shape]
+    # 100 occupied, 0 free, -1 unknown: the largest says the most
+    rows = np.maximum.reduceat(grid.data, starts[0], axis=0)
+    return OccupancyGrid(np.maximum.reduceat(rows, starts[1], axis=1), factor * grid.resolution, grid.origin)
+
+
+def known_corners(grid: OccupancyGrid) -> tuple[tuple[float, float], tuple[float, float]]:
+    """(x, y) of the lower left and the upper right corner of the known cells, or of a grid without any."""
+    rows, columns = np.nonzero(grid.data >= 0)
+    if not len(rows):
+        x_min, y_min, x_max, y_max = grid.extent
+        return (x_min, y_min), (x_max, y_max)
+    x, y = grid.origin
+    return (
+        (x + grid.resolution * float(columns.min()), y + grid.resolution * float(rows.min())),
+        (x + grid.resolution * float(columns.max() + 1), y + grid.resolution * float(rows.max() + 1)),
+    )
+
+
+def _plan_with_legend(plan: FloorPlan, title: str, handles: Sequence[Artist]) -> tuple[Figure, Axes]:
+    """A figure as high as the arena needs, its axes in metres, and a legend on their right."""
+    view = plan.view(MARGIN_M)
+    left_in, top_in, bottom_in, legend_in, side_in = 0.72, 0.4, 0.55, 2.45, 6.5
+    aspect = (view.x_max - view.x_min) / (view.y_max - view.y_min)
+    wide_in, high_in = (side_in, side_in / aspect) if aspect >= 1.0 else (side_in * aspect, side_in)
+    # room for the legend beside a very wide arena
+    figure_wide_in, figure_high_in = left_in + wide_in + legend_in, max(top_in + high_in + bottom_in, 3.2)
+    figure = new_figure(figure_wide_in, figure_high_in)
+    axes = figure.add_axes(
+        (
+            left_in / figure_wide_in,
+            1.0 - (top_in + high_in) / figure_high_in,
+            wide_in / figure_wide_in,
+            high_in / figure_high_in,
+        )
+    )
+    show_metres(axes, view, title)
+    figure.legend(
+        handles=handles,
+        loc="upper left",
+        bbox_to_anchor=((left_in + wide_in + 0.15) / figure_wide_in, 1.0 - top_in / figure_high_in),
+        borderaxespad=0.0,
+        fontsize=8.5,
+        frameon=False,
+        labelspacing=0.9,
+    )
+    return figure, axes
+
+
+def _add_floor_plan(axes: Axes, plan: FloorPlan) -> None:
+    # edges first, so that pieces of wall that share an end look like one
+    for wall in plan.walls:
+        add_polygon(axes, wall, fill=False, edgecolor=hexadecimal(WOOD_EDGE), linewidth=2, zorder=2)
+    for wall in plan.walls:
+        add_polygon(axes, wall, facecolor=hexadecimal(WOOD), edgecolor="none", zorder=2.1)
+    for number, outline in enumerate(plan.stationary, 1):
+        add_polygon(
+            axes,
+            outline,
+            facecolor=hexadecimal(INTRUDER_FAINT),
+            edgecolor=hexadecimal(INTRUDER),
+            hatch=HATCH,
+            linewidth=1.2,
+            zorder=3,
+        )
+        x, y = outline.mean(axis=0).tolist()
+        add_label(axes, (x, y), f"S{number}", INTRUDER, ha="center", va="center", xytext=(0, 0))
+
+
+def _add_path(axes: Axes, robot: Robot) -> None:
+    if robot.goal is None:
+        return
+    color = GUARD if robot.is_guard else INTRUDER
+    marker = "x" if robot.is_guard else "D"
+    axes.plot(*robot.goal, marker=marker, color=hexadecimal(color), markersize=5, fillstyle="none", zorder=4)
+    add_label(axes, robot.goal, str(robot.number), color, fontsize=7, xytext=(4, -7))
+    if robot.plan is not None:
+        axes.plot(*robot.plan.T, color=hexadecimal(color), linewidth=0.9, linestyle=":", zorder=3.5)
+
+
+def _add_robot(axes: Axes, robot: Robot, scene: Scene) -> None:
+    color = GUARD if robot.is_guard else INTRUDER
+    x, y, _ = robot.pose
+    # a disc of fixed size under it, to be found by where a Burger to scale is a few dots
+    axes.scatter([x], [y], s=40, color=hexadecimal(color), alpha=0.35, linewidths=0, zorder=4)
+    add_polygon(axes, robot.outline, facecolor=hexadecimal(color), edgecolor="white", linewidth=0.4, zorder=5)
+    axes.plot(*zip((x, y), robot.front, strict=True), color="white", linewidth=1.2, zorder=6)
+    right, up = _away_from_others(robot, scene)
+    add_label(
+        axes,
+        (x, y),
+        str(robot.number),
+        color,
+        fontweight="bold",
+        fontsize=9,
+        xytext=(11 * right, 11 * up),
+        ha="center",
+        va="center",
+    )
+
+
+def _away_from_others(robot: Robot, scene: Scene) -> tuple[float, float]:
+    """A unit vector to where a label does not lie on the next robot."""
+    x, y, _ = robot.pose
+    others = [other.pose for other in scene.robots if other is not robot]
+    nearest = min(others, key=robot.pose.distance_to, default=None)
+    if nearest is None or robot.pose.distance_to(nearest) > 0.6:
+        return math.sqrt(0.5), math.sqrt(0.5)
+    gap = robot.pose.distance_to(nearest)
+    return (x - nearest.x) / gap, (y - nearest.y) / gap
+
+
+def _arena_legend(setup: Setup) -> list[Artist]:
+    """What the colours and marks of this very picture mean."""
+    guard, intruder = hexadecimal(GUARD), hexadecimal(INTRUDER)
+    usable = Line2D([], [], color=hexadecimal(GUARD_FAINT), marker="o", markersize=9, fillstyle="none")
+    usable.set(linestyle="none", label=f"usable LiDAR range, {setup.usable_range_m:g} m")
+    handles: list[Artist] = [
+        Patch(facecolor=hexadecimal(WOOD), edgecolor=hexadecimal(WOOD_EDGE), label="wall"),
+        Patch(facecolor=guard, label="guard (the white notch is\nits front)"),
+        usable,
+        Line2D([], [], color=guard, marker="x", linestyle=":", label="a guard's path and goal"),
+    ]
+    if setup.mobile_intruders:
+        path = Line2D([], [], color=intruder, marker="D", fillstyle="none", linestyle=":")
+        path.set_label("an intruder's path and goal")
+        handles += [Patch(facecolor=intruder, label="mobile intruder"), path]
+    if setup.plan.stationary:
+        stationary = Patch(facecolor=hexadecimal(INTRUDER_FAINT), edgecolor=intruder, hatch=HATCH)
+        stationary.set_label("stationary intruder")
+        handles.append(stationary)
+    return handles
+
+
+def _show_binary(axes: Axes, grid: OccupancyGrid, window: Box) -> None:
+    axes.set_facecolor(OUTSIDE)
+    if grid.data.size:
+        show_greys(axes, grid, 255.0)
+    show_metres(axes, window)
+
+
+def _add_boxes(axes: Axes, view: RobotView, removed: Sequence[RemovedAlly]) -> None:
+    for box in view.kept:
+        add_box(axes, box, DETECTION, linewidth=1.3)
+    for item in removed:
+        box = item.sighting.box
+        add_box(axes, box, GUARD, linewidth=1.3, linestyle=ALLY_DASH)
+        add_label(axes, (box.x_max, box.y_max), str(item.ally + 1), GUARD, xytext=(1, 0), fontweight="bold")
+
+
+def _touch(outline: Floats, box: Box) -> bool:
+    """Whether a detection overlaps the bounding box of an outline."""
+    return box.intersection_area(Box(*outline.min(axis=0).tolist(), *outline.max(axis=0).tolist())) > 0.0
+
+
+def _detections_legend(has_false: bool, has_missed: bool) -> list[Artist]:
+    handles: list[Artist] = [
+        Patch(facecolor="#404040", label="wall on the prior map"),
+        _empty_patch("detection, with the\nnumber of its guard", DETECTION),
+    ]
+    if has_false:
+        text = "detection that touches\nno intruder"
+        handles.append(_empty_patch(text, FALSE_DETECTION, linewidth=2.0, linestyle=LONG_DASHED))
+    handles.append(_empty_patch("intruder, true outline", INTRUDER, linewidth=0.8))
+    if has_missed:
+        text = "intruder that no\ndetection touches"
+        handles.append(_empty_patch(text, INTRUDER, linewidth=1.4, linestyle=DASHED))
+    handles.append(_empty_patch("guard, true outline", GUARD, linewidth=0.8))
+    return handles
+
+
+def _empty_patch(
+    label: str,
+    color: tuple[int, int, int],
+    linewidth: float = 1.6,
+    linestyle: tuple[float, Sequence[float]] | None = None,
+) -> Patch:
+    return Patch(
+        facecolor="none",
+        edgecolor=hexadecimal(color),
+        linewidth=linewidth,
+        linestyle=linestyle,
+        label=label,
+    )
+
+
+def _add_driven(axes: Axes, path: Floats, number: int, of: int) -> None:
+    color = EXPLORERS[(number - 1) % len(EXPLORERS)]
+    axes.plot(path[:, 0], path[:, 1], color=hexadecimal(color), linewidth=1.0, zorder=3)
+    for pose, fill in ((path[0], "none"), (path[-1], "full")):
+        axes.plot(
+            pose[0],
+            pose[1],
+            marker="o",
+            markersize=6,
+            fillstyle=fill,
+            color=hexadecimal(color),
+            zorder=4,
+        )
+    if of > 1:
+        end = (float(path[-1, 0]), float(path[-1, 1]))
+        add_label(axes, end, str(number), color, xytext=(5, 5), fontsize=9, fontweight="bold")
+
+
+def _map_legend(robots: int, has_truth: bool) -> list[Artist]:
+    handles: list[Artist] = [
+        Patch(facecolor=str(OCCUPIED), label="occupied"),
+        Patch(facecolor="white", edgecolor="#999999", label="free"),
+        Patch(facecolor=str(UNKNOWN), label="unknown"),
+    ]
+    if has_truth:
+        handles.append(Patch(facecolor="none", edgecolor=hexadecimal(TRUTH), label="true walls"))
+    color = hexadecimal(EXPLORERS[0] if robots == 1 else INK)
+    handles += [
+        Line2D([], [], color=color, marker="o", markevery=[0], fillstyle="none", label="start and path"),
+        Line2D([], [], color=color, marker="o", linestyle="none", label="end"),
+    ]
+    return handles

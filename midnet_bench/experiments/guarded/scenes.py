@@ -1,0 +1,48 @@
+"""A guarded trial as the plain data that pictures are drawn from."""
+
+from midnet_bench.agents.mobile_robot import Guard, MobileRobot
+from midnet_bench.drawing.scene import Detection, FloorPlan, Robot, Scene, Setup
+from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
+from midnet_bench.geometry import Pose2D
+from midnet_bench.midnet.pipeline import Frame
+
+
+def setup_of(trial: GuardedArena) -> Setup:
+    """What stays the same during the trial, which has not begun yet."""
+    return Setup(
+        plan=FloorPlan.of(trial.arena, trial.layout, trial.seed),
+        prior_map=trial.prior_map,
+        prior=trial.prior,
+        guards=len(trial.guards),
+        mobile_intruders=len(trial.intruders),
+        usable_range_m=trial.parameters.obstacle_range_m,
+        local_size_m=trial.parameters.local_size_m,
+        frame_hz=FRAME_HZ,
+    )
+
+
+def scene_of(trial: GuardedArena, frame: Frame) -> Scene:
+    """The trial as it is now, with the detections of ``frame``, its newest."""
+    active, poses = trial.world.active, trial.world.poses()
+    targets = [solid.bounding_box() for solid in trial.layout.stationary]
+    targets += [trial.lidars.outline(robot.index) for robot in trial.intruders if active[robot.index]]
+    return Scene(
+        time_s=trial.fleet.time_s,
+        frame=round(trial.fleet.time_s * FRAME_HZ),
+        robots=[
+            _robot(robot, Pose2D(*poses[robot.index].tolist()), len(trial.guards))
+            for robot in trial.fleet.robots
+            if active[robot.index]
+        ],
+        detections=[
+            Detection(box, guard + 1, not any(box.intersection_area(target) > 0.0 for target in targets))
+            for box, guard in zip(frame.detections, frame.robots, strict=True)
+        ],
+        explanation=frame.explanation,
+    )
+
+
+def _robot(robot: MobileRobot, pose: Pose2D, guards: int) -> Robot:
+    is_guard = isinstance(robot, Guard)
+    number = robot.index + 1 if is_guard else robot.index - guards + 1
+    return Robot(number, is_guard, pose, robot.pose, robot.goal, robot.navigator.plan())

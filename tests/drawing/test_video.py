@@ -1,0 +1,82 @@
+"""A video is there in full or not at all."""
+
+import os
+import subprocess
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from midnet_bench.drawing.video import mp4_file
+from midnet_bench.errors import InputError, MidnetBenchError
+
+
+def write_40_pictures(path: Path, fails_at: int | None = None) -> None:
+    with mp4_file(path, 640, 640, 10.0) as append:
+        for number in range(40):
+            if number == fails_at:
+                raise KeyError(number)
+            append(np.full((640, 640, 3), number, dtype=np.uint8))
+
+
+def test_a_video_has_all_its_pictures_and_its_folder_is_made(tmp_path: Path) -> None:
+    write_40_pictures(tmp_path / "new" / "video.mp4")
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["video.mp4"]
+    video = cv2.VideoCapture(str(tmp_path / "new" / "video.mp4"))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 40
+    video.release()
+
+
+def test_an_error_on_the_way_leaves_nothing_and_an_older_video_alone(tmp_path: Path) -> None:
+    with pytest.raises(KeyError):
+        write_40_pictures(tmp_path / "video.mp4", fails_at=30)
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "video.mp4").write_text("older")
+    with pytest.raises(KeyError):
+        write_40_pictures(tmp_path / "video.mp4", fails_at=30)
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["older"]
+
+
+def test_a_place_that_cannot_be_written_is_wrong_input(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("here already")
+    with pytest.raises(InputError, match="cannot be written") as told:
+        write_40_pictures(tmp_path / "file" / "video.mp4")
+    assert "\n" not in str(told.value)
+
+
+def write_an_odd_size(path: Path) -> None:
+    with mp4_file(path, 641, 641, 10.0) as append:
+        for _ in range(40):
+            append(np.zeros((641, 641, 3), dtype=np.uint8))
+
+
+def test_ffmpeg_that_fails_is_told_in_a_line(tmp_path: Path) -> None:
+    # half a pixel of colour: yuv420p takes even sizes only
+    with pytest.raises(MidnetBenchError, match="cannot be written") as told:
+        write_an_odd_size(tmp_path / "odd.mp4")
+    assert not isinstance(told.value, InputError)
+    assert "\n" not in str(told.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def write_noise(path: Path) -> None:
+    rng = np.random.default_rng(1)
+    with mp4_file(path, 320, 320, 10.0) as append:
+        for _ in range(40):
+            append(rng.integers(0, 256, (320, 320, 3), dtype=np.uint8))
+
+
+def test_a_full_disk_is_no_wrong_input(tmp_path: Path) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", str(disk)]
+    if os.geteuid() or subprocess.run(command, capture_output=True, check=False).returncode:
+        pytest.skip("mounting a small disk needs root")
+    try:
+        with pytest.raises(MidnetBenchError, match="No space") as told:
+            write_noise(disk / "noise.mp4")
+        assert not isinstance(told.value, InputError)
+        assert list(disk.iterdir()) == []
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)

@@ -1,0 +1,87 @@
+"""A recorded log becomes a map, without a simulator."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from midnet_bench.drawing.growth import MapHistory
+from midnet_bench.geometry import Pose2D
+from midnet_bench.io.map_server import load_map
+from midnet_bench.io.scan_logs import LoggedScan, ScanLog, half_circle
+from midnet_bench.mapping.log_mapping import MappingResult, map_scans
+from midnet_bench.workflows.log_map import log_snapshot
+
+SIDE_M = 6.0
+TURNS = 9
+
+
+def room_log(path: Path) -> ScanLog:
+    """A square room, of which a robot sees the half before it; it turns round once on its place."""
+    lidar, scans = half_circle(180), []
+    for step in range(TURNS):
+        yaw = step * np.pi / 4
+        beams = yaw + lidar.angles_rad
+        ranges = SIDE_M / 2.0 / np.maximum(np.abs(np.cos(beams)), np.abs(np.sin(beams)))
+        scans.append(LoggedScan(float(step), Pose2D(0.0, 0.0, yaw), ranges))
+    return ScanLog(path, lidar, scans)
+
+
+def carmen_text(log: ScanLog) -> str:
+    """The log as CARMEN writes it."""
+    lines = []
+    for scan in log.scans:
+        ranges = " ".join(f"{range_m:.3f}" for range_m in scan.ranges_m.tolist())
+        x, y, yaw = scan.odometry
+        place = f"{x} {y} {yaw} {x} {y} {yaw} {scan.stamp_s} host {scan.stamp_s}"
+        lines.append(f"FLASER {len(scan.ranges_m)} {ranges} {place}")
+    return "\n".join(lines) + "\n"
+
+
+def test_map_from_log_needs_no_pybullet(tmp_path: Path) -> None:
+    (tmp_path / "room.log").write_text(carmen_text(room_log(tmp_path / "room.log")))
+    code = """
+import sys
+sys.modules["pybullet"] = None
+from midnet_bench.cli import main
+sys.argv = ["midnet-bench", "map", "--from-log", "room.log", "--particles", "2", "-o", "made"]
+main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    made = {path.name for path in (tmp_path / "made").iterdir()}
+    assert {"map.yaml", "map_binary.yaml", "map.png", "growth.png", "growth.mp4", "trajectory.tum"} <= made
+    grid = load_map(tmp_path / "made" / "map.yaml")
+    assert np.count_nonzero(grid.data >= 0) * grid.resolution**2 == pytest.approx(SIDE_M**2, abs=3.0)
+
+
+@pytest.fixture(scope="module")
+def mapped() -> tuple[MapHistory, MappingResult]:
+    history = MapHistory()
+    result = map_scans(
+        room_log(Path("room.log")),
+        3,
+        1,
+        look=lambda done, slam: history.take(log_snapshot(done, slam)),
+    )
+    return history, result
+
+
+def test_snapshots_lead_to_the_map(mapped: tuple[MapHistory, MappingResult]) -> None:
+    history, result = mapped
+    assert history.clocks == list(range(1, TURNS + 1))
+    first, last = history.at(1), history.at(TURNS)
+    np.testing.assert_array_equal(last.grid.data, result.grid.data)
+    assert first.known == pytest.approx(SIDE_M**2 / 2.0, abs=2.0)
+    assert last.known == pytest.approx(SIDE_M**2, abs=3.0)
+    assert len(last.paths[0]) == len(result.trajectory) + 1
+    assert last.poses.shape == (0, 3)
+    view = history.view()
+    for clock in history.clocks:
+        x_min, y_min, x_max, y_max = history.at(clock).grid.extent
+        assert view.x_min < x_min < x_max < view.x_max
+        assert view.y_min < y_min < y_max < view.y_max
