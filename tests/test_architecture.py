@@ -42,16 +42,6 @@ KNOWN: set[str] = {
     "campaign.plan -> experiments.registry",
     "campaign.runner -> experiments.registry",
     "campaign.spec -> experiments.registry",
-    "drawing.arena_view -> experiments.guarded.arena",
-    "drawing.clip -> experiments.guarded.arena",
-    "drawing.exploration_clip -> experiments.mapping.trial",
-    "drawing.exploration_view -> experiments.mapping.trial",
-    "drawing.film -> experiments.guarded.arena",
-    "drawing.grid_view -> experiments.guarded.arena",
-    "drawing.map_view -> experiments.guarded.arena",
-    "drawing.scene -> experiments.guarded.arena",
-    "drawing.storyboard -> experiments.guarded.arena",
-    "drawing.world_view -> experiments.guarded.arena",
     "io.scan_logs -> mapping.gmapping.motion_model",
     "experiments.labyrinth.figures -> experiments.labyrinth.tables",
     "experiments.mapping.figures -> experiments.mapping.tables",
@@ -143,33 +133,19 @@ def test_libraries_stay_where_they_belong() -> None:
 
 STANDS_ON_PYBULLET = {
     "simulation.fleet",
+    "experiments.detection.demo",
     "experiments.detection.trial",
     "experiments.guarded.arena",
+    "experiments.guarded.scenes",
+    "experiments.labyrinth.demo",
     "experiments.labyrinth.trial",
     "experiments.mapping.trial",
     "experiments.readings.trial",
     "experiments.robot_trial",
     "experiments.warm_up",
     "workflows.exploration",
-    "workflows.render",
 }
 """what simulates, outside ``simulation/bullet``"""
-STILL_ON_PYBULLET = {
-    "drawing.arena_view",
-    "drawing.clip",
-    "drawing.exploration_clip",
-    "drawing.exploration_view",
-    "drawing.film",
-    "drawing.grid_view",
-    "drawing.growth_view",
-    "drawing.log_view",
-    "drawing.map_view",
-    "drawing.marks",
-    "drawing.scene",
-    "drawing.storyboard",
-    "drawing.world_view",
-    "workflows.log_map",
-}
 WITHOUT_PYBULLET = """
 import importlib, sys
 sys.modules["pybullet"] = None
@@ -187,7 +163,7 @@ def test_what_needs_no_physics_is_imported_without_pybullet() -> None:
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
     failed = {line.strip().removeprefix("midnet_bench.") for line in done.stdout.splitlines()}
     physics = {name for name in failed if name.startswith("simulation.bullet.")}
-    assert failed - physics - STILL_ON_PYBULLET <= STANDS_ON_PYBULLET
+    assert failed - physics <= STANDS_ON_PYBULLET
 
 
 @pytest.mark.parametrize("arguments", [["-c", "import midnet_bench"], ["-m", "midnet_bench", "--help"]])
