@@ -11,24 +11,20 @@ from midnet_bench.arena.layout import Layout
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Explanation
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.burger import BURGER
 
 Floats = npt.NDArray[np.float64]
 Point = tuple[float, float]
 """x, y: metres, map frame"""
 
-_HALF: Floats = np.array(
-    # from front to back; the collision boxes of burger.urdf: the base, and the wheels beside it
-    [(0.038, 0.070), (0.030, 0.070), (0.030, 0.089), (-0.030, 0.089), (-0.030, 0.070), (-0.102, 0.070)]
-)
-BURGER_OUTLINE: Floats = np.vstack((_HALF, _HALF[::-1] * (1.0, -1.0)))
-"""(12, 2) a Burger's body from above in its base frame, x ahead, metres"""
-BURGER_LENGTH_M = 0.140
-_FRONT = Pose2D(0.038, 0.0, 0.0)
+BURGER_OUTLINE: Floats = np.array(BURGER.body)
+"""(n, 2) a Burger's body from above in its base frame, x ahead, metres"""
+BURGER_LENGTH_M = float(np.ptp(BURGER_OUTLINE[:, 0]))
+_FRONT = Pose2D(float(BURGER_OUTLINE[:, 0].max()), 0.0, 0.0)
 
 
 def burger_at(pose: Pose2D, enlarged: float = 1.0) -> Floats:
-    """(12, 2) the outline of a Burger at ``pose``, ``enlarged`` times its true size; metres, map frame."""
+    """(n, 2) the outline of a Burger at ``pose``, ``enlarged`` times its true size; metres, map frame."""
     return pose.transform(BURGER_OUTLINE * enlarged)
 
 
@@ -97,7 +93,7 @@ class Robot:
 
     @property
     def outline(self) -> Floats:
-        """(12, 2) its body from above, map frame, metres."""
+        """(n, 2) its body from above, map frame, metres."""
         return burger_at(self.pose)
 
     @property
@@ -108,7 +104,7 @@ class Robot:
     @property
     def sensor(self) -> Point:
         """(x, y) of its LiDAR."""
-        return self.pose.compose(LDS_01.mount)[:2]
+        return self.pose.compose(BURGER.lidar.mount)[:2]
 
 
 @dataclass(frozen=True)

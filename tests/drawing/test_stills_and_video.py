@@ -3,7 +3,6 @@
 import math
 import subprocess
 import sys
-import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import cv2
@@ -24,7 +23,7 @@ from midnet_bench.drawing.palette import (
     WOOD,
 )
 from midnet_bench.drawing.plots import png_of_figure
-from midnet_bench.drawing.scene import BURGER_LENGTH_M, BURGER_OUTLINE, Scene, burger_at
+from midnet_bench.drawing.scene import Scene, burger_at
 from midnet_bench.drawing.stills import coarsened, draw_arena, draw_detections, draw_grids, known_corners
 from midnet_bench.drawing.trial_video import (
     FOREGROUND,
@@ -40,7 +39,6 @@ from midnet_bench.drawing.trial_video import (
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Explanation
-from midnet_bench.robots.burger import URDF
 from tests.drawing.hand_made import GHOST, layout_of, setup_and_scene, without_explanation
 
 BESIDE = (Pose2D(-0.05, 0.045, 0.0), Pose2D(-0.05, -0.045, 0.0))
@@ -72,26 +70,6 @@ assert not above, above
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-
-
-def test_the_outline_of_a_burger_is_that_of_its_collision_boxes() -> None:
-    root = ET.parse(URDF).getroot()
-    corners, filled = [], np.zeros((400, 400), dtype=bool)
-    at = (np.arange(400) + 0.5) * 0.001 - 0.2
-    for collision in root.findall("./link[@name='base_link']/collision"):
-        origin, box = collision.find("origin"), collision.find("geometry/box")
-        assert origin is not None
-        assert box is not None
-        x, y, _ = map(float, origin.attrib["xyz"].split())
-        length, width, _ = map(float, box.attrib["size"].split())
-        filled |= (np.abs(at - x) < length / 2.0) & (np.abs(at[:, None] - y) < width / 2.0)
-        corners += [(x + sx * length / 2.0, y + sy * width / 2.0) for sx in (-1, 1) for sy in (-1, 1)]
-    assert BURGER_OUTLINE.min(axis=0) == pytest.approx(np.min(corners, axis=0))
-    assert BURGER_OUTLINE.max(axis=0) == pytest.approx(np.max(corners, axis=0))
-    assert pytest.approx(np.ptp(BURGER_OUTLINE[:, 0])) == BURGER_LENGTH_M
-    x, y = BURGER_OUTLINE.T
-    area = 0.5 * abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1)))
-    assert area == pytest.approx(filled.sum() * 1e-6, rel=1e-9)
 
 
 def test_the_video_shows_walls_robots_and_intruders_where_they_are() -> None:
