@@ -10,8 +10,9 @@ import time
 from pathlib import Path
 
 from benchmarks.relations import read_dense_odometry, read_relations, relations_error
+from midnet_bench.io.scan_logs import read_scan_log
 from midnet_bench.mapping.gmapping.settings import RECORDED_LOG
-from midnet_bench.mapping.log_mapping import map_log
+from midnet_bench.mapping.log_mapping import map_scans
 
 
 def main(scans: str, odometry: str, relations: str, *seeds: str) -> None:
@@ -19,7 +20,7 @@ def main(scans: str, odometry: str, relations: str, *seeds: str) -> None:
     print(f"{scans}, {RECORDED_LOG.particles} particles, {len(checked)} relations")
     for seed in map(int, seeds or ("1", "2", "3")):
         begin = time.perf_counter()
-        result = map_log(Path(scans), seed=seed)
+        result = map_scans(read_scan_log(Path(scans)), seed=seed)
         taken_s = time.perf_counter() - begin
         error = relations_error(checked, result.trajectory, dense)
         print(f"  seed {seed}: mean translational error {error.mean_m:.3f} m, {taken_s:.0f} s", flush=True)

@@ -15,21 +15,46 @@ from midnet_bench.messages import LidarGeometry
 
 FloatArray = npt.NDArray[np.float64]
 
+
 WIDE_M, NARROW_M = 0.15, 0.04
 """Distance to a wall at which a beam counts a quarter: at first, and, after halvings, in the end.
 
 It does not end below one cell: a wall is not known better than that.
 """
+
+
 GATE = 3.0
 """A beam that ends this many such distances from any wall has met something that the map does not have."""
-MOST_ROUNDS = 20
-SETTLED = 1e-4
-"""metres and radians: a shorter last step ends the search"""
-LEAST_SAY = 0.05
-"""A direction for which no larger share of the beams on walls speaks is taken for unseen.
 
-Along a corridor whose map is bumpy some always do, and would hold the robot to the same bumps as it drives.
+
+MAX_ROUNDS = 20
+
+
+SETTLED_STEP = 1e-4
+"""metres and radians: a shorter last step ends the search"""
+
+
+MIN_INFORMATION = 0.05
+"""A direction that no larger share of the beams on walls constrains counts as unseen.
+
+Along a corridor whose map is bumpy some beams always do, and would hold the robot to the same bumps.
 """
+
+
+MIN_BEAMS = 30
+"""On walls: fewer, a twelfth of the circle, may all meet one wall; our choice."""
+
+
+MIN_SHARE = 0.3
+"""Of the beams with a return: if fewer lie on walls, there is no match; our choice."""
+
+
+CORRELATED_BEAMS = 10.0
+"""Beams that count as one independent measurement: neighbours, and the next scan, meet the same cells."""
+
+
+UNSEEN_DEVIATION = 1.0
+"""metres and radians: standard deviation along a direction that the scan does not constrain"""
 
 
 class Terms(NamedTuple):
@@ -41,6 +66,70 @@ class Terms(NamedTuple):
     """that end within the gate"""
     variance_m2: float
     """weighted mean of their squared distances"""
+
+
+class ScanToMap:
+    """Fits scans to the walls of one prior map; one serves all robots.
+
+    Gauss-Newton on the distance from each beam's end to the nearest wall face, negative behind it, read
+    between the centres of the map's cells. The Geman-McClure weights start wide and narrow down, so that
+    beams which met a robot or an intruder lose their weight.
+
+    Errors of consecutive scans are correlated, as they meet the same cells. So the covariance is inflated:
+    a wall's beams count as few, and no number of them makes a position surer than a wall's place within its
+    cell, however often the filter takes such a match.
+    """
+
+    def __init__(self, prior_map: OccupancyGrid) -> None:
+        """``prior_map`` int8 (100 occupied, 0 free, -1 unknown), map frame; exact or explored."""
+        # Around an explored map, whose outer walls are its last cells, beams end a little outside.
+        margin = math.ceil(GATE * WIDE_M / prior_map.resolution) + 1
+        cells = np.pad(prior_map.data, margin, constant_values=-1)
+        free = cells == 0
+        beside_free = cv2.dilate(free.astype(np.uint8), np.ones((3, 3), np.uint8)) == 1
+        # Only faces pull: what lies behind one, solid or never seen, ends no beam.
+        face = (cells == 100) & beside_free
+        to_face = cv2.distanceTransform((~face).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        distances_m = to_face.astype(np.float64) * prior_map.resolution
+        self._distances_m = np.where(free, distances_m, -distances_m)
+        # Where the known ends without a wall, the change of sign is no face.
+        self._distances_m[beside_free & ~free & ~face] = np.nan
+        self._cell_m = prior_map.resolution
+        self._first_center = prior_map.center_of(-margin, -margin)
+
+    def match(
+        self, pose: Pose2D, ranges_m: FloatArray, geometry: LidarGeometry
+    ) -> tuple[Pose2D, FloatArray] | None:
+        """The robot's pose by its scan, and the (3, 3) covariance of x, y, yaw; None if too little fits.
+
+        The covariance is positive definite, metres and radians squared. It is wider than the fit alone
+        would have it, and about a metre along a corridor with no end in sight.
+
+        Args:
+            pose: where the robot believes it is, map frame; off by at most about 0.2 m and 6 degrees, and
+                towards a wall by half its thickness if no other one can tell: beyond, its far side is nearer.
+            ranges_m: (beams,) metres; beams outside the sensor's limits, inf or NaN are left out.
+            geometry: of the beams, with the sensor's mount on the robot.
+        """
+        returned = (ranges_m > geometry.range_min_m) & (ranges_m < geometry.range_max_m)
+        ends = ranges_m[returned, None] * _directions(geometry)[returned] + geometry.mount[:2]
+        x, y = self._first_center
+        start = np.array([pose.x - x, pose.y - y, pose.yaw])
+        fitted, terms = fit(self._distances_m, self._cell_m, ends, start)
+        if terms.beams < max(MIN_BEAMS, MIN_SHARE * len(ends)):
+            return None
+        variance = CORRELATED_BEAMS * max(terms.variance_m2, self._cell_m**2 / 12.0)
+        covariance = np.linalg.inv(terms.hessian / variance + np.eye(3) / UNSEEN_DEVIATION**2)
+        covariance += np.diag((self._cell_m, self._cell_m, 0.0)) ** 2 / 12.0
+        dx, dy, yaw = fitted.tolist()
+        return Pose2D(x + dx, y + dy, wrap_angle(yaw)), (covariance + covariance.T) / 2.0
+
+
+@functools.lru_cache(maxsize=16)
+def _directions(geometry: LidarGeometry) -> FloatArray:
+    """(beams, 2) unit vectors, robot frame."""
+    angles = geometry.angles_rad + geometry.mount.yaw
+    return np.column_stack((np.cos(angles), np.sin(angles)))
 
 
 @njit(cache=True)
@@ -58,11 +147,11 @@ def fit(
     narrow_m = max(NARROW_M, cell_m)
     pose = start.copy()
     scale_m = WIDE_M
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         terms = _terms(distances_m, cell_m, ends, pose, scale_m)
         step = _step(terms.hessian, terms.gradient)
         pose -= step
-        if scale_m == narrow_m and np.abs(step).max() < SETTLED:
+        if scale_m == narrow_m and np.abs(step).max() < SETTLED_STEP:
             break
         scale_m = max(scale_m / 2.0, narrow_m)
     return pose, _terms(distances_m, cell_m, ends, pose, narrow_m)
@@ -103,15 +192,15 @@ def _terms(
         beams += 1
         weights += weight
         squares += weight * distance**2
-    _leave_out_unseen(hessian, gradient, LEAST_SAY * weights)
+    _leave_out_unseen(hessian, gradient, MIN_INFORMATION * weights)
     return Terms(hessian, gradient, beams, squares / max(weights, 1.0))
 
 
 @njit(cache=True)
 def _leave_out_unseen(hessian: FloatArray, gradient: FloatArray, least: float) -> None:
-    """Zero what they say of the directions in the plane of which they say no more than ``least``.
+    """Zero both along directions in the plane whose information is no more than ``least``.
 
-    Not just leave it small: by the cross terms a sure heading would push the pose along a corridor.
+    Left small, the cross terms would let a sure heading push the pose along a corridor.
     """
     mean = (hessian[0, 0] + hessian[1, 1]) / 2.0
     half, cross = (hessian[0, 0] - hessian[1, 1]) / 2.0, hessian[0, 1]
@@ -146,77 +235,3 @@ def _step(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
             step[k] -= left[k, j] * step[j]
         step[k] /= left[k, k]
     return step
-
-
-LEAST_BEAMS = 30
-"""with a return: fewer, a twelfth of the circle, may all meet one wall; our choice"""
-LEAST_SHARE = 0.3
-"""of the beams with a return: if fewer lie on walls, nothing is said; our choice"""
-BEAMS_PER_WITNESS = 10.0
-"""Beams that count as one: neighbours meet the same cells, and the next scan meets them again; our choice."""
-VAGUE = 1.0
-"""metres and radians: standard deviation along a direction of which the scan says nothing"""
-
-
-class ScanToMap:
-    """Fits scans to the walls of one prior map; built once, asked by all robots.
-
-    Gauss-Newton on the distance from each beam's end to the nearest wall face, negative behind it, read
-    between the centres of the map's cells. The Geman-McClure weights start wide and narrow down, so that
-    beams which met a robot or an intruder lose their say.
-
-    Scan after scan errs alike, against the same cells. So the covariance counts a wall's beams as few, and
-    no number of them makes a position surer than a wall's place within its cell: a filter that takes each
-    scan for news does not grow sure by repetition.
-    """
-
-    def __init__(self, prior_map: OccupancyGrid) -> None:
-        """``prior_map`` int8 (100 occupied, 0 free, -1 unknown), map frame; exact or explored."""
-        # Around an explored map, whose outer walls are its last cells, beams end a little outside.
-        margin = math.ceil(GATE * WIDE_M / prior_map.resolution) + 1
-        cells = np.pad(prior_map.data, margin, constant_values=-1)
-        free = cells == 0
-        beside_free = cv2.dilate(free.astype(np.uint8), np.ones((3, 3), np.uint8)) == 1
-        # Only faces pull: what lies behind one, solid or never seen, ends no beam.
-        face = (cells == 100) & beside_free
-        to_face = cv2.distanceTransform((~face).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        distances_m = to_face.astype(np.float64) * prior_map.resolution
-        self._distances_m = np.where(free, distances_m, -distances_m)
-        # Where the known ends without a wall, the change of sign is no face.
-        self._distances_m[beside_free & ~free & ~face] = np.nan
-        self._cell_m = prior_map.resolution
-        self._first_center = prior_map.center_of(-margin, -margin)
-
-    def match(
-        self, pose: Pose2D, ranges_m: FloatArray, geometry: LidarGeometry
-    ) -> tuple[Pose2D, FloatArray] | None:
-        """The robot's pose by its scan, and the (3, 3) covariance of x, y, yaw; None if too little fits.
-
-        The covariance is positive definite, metres and radians squared. It is wider than the fit alone
-        would have it, and about a metre along a corridor with no end in sight.
-
-        Args:
-            pose: where the robot believes it is, map frame; off by at most about 0.2 m and 6 degrees, and
-                towards a wall by half its thickness if no other one can tell: beyond, its far side is nearer.
-            ranges_m: (beams,) metres; beams outside the sensor's limits, inf or NaN are left out.
-            geometry: of the beams, with the sensor's mount on the robot.
-        """
-        returned = (ranges_m > geometry.range_min_m) & (ranges_m < geometry.range_max_m)
-        ends = ranges_m[returned, None] * _directions(geometry)[returned] + geometry.mount[:2]
-        x, y = self._first_center
-        start = np.array([pose.x - x, pose.y - y, pose.yaw])
-        fitted, terms = fit(self._distances_m, self._cell_m, ends, start)
-        if terms.beams < max(LEAST_BEAMS, LEAST_SHARE * len(ends)):
-            return None
-        variance = BEAMS_PER_WITNESS * max(terms.variance_m2, self._cell_m**2 / 12.0)
-        covariance = np.linalg.inv(terms.hessian / variance + np.eye(3) / VAGUE**2)
-        covariance += np.diag((self._cell_m, self._cell_m, 0.0)) ** 2 / 12.0
-        dx, dy, yaw = fitted.tolist()
-        return Pose2D(x + dx, y + dy, wrap_angle(yaw)), (covariance + covariance.T) / 2.0
-
-
-@functools.lru_cache(maxsize=16)
-def _directions(geometry: LidarGeometry) -> FloatArray:
-    """(beams, 2) unit vectors, robot frame."""
-    angles = geometry.angles_rad + geometry.mount.yaw
-    return np.column_stack((np.cos(angles), np.sin(angles)))

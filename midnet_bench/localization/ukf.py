@@ -6,99 +6,17 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from numba import njit
 
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.messages import Imu, Odometry
 
-Floats = npt.NDArray[np.float64]
-
-
-@njit(cache=True)
-def step_noise(yaw_rad: float, per_second: Floats, dt_s: float, lasts_s: float) -> Floats:
-    """(6, 6): what a step of ``dt_s`` adds to the covariance; ``per_second``: (6,) variances.
-
-    A change of velocity moves the robot, along its heading, for the ``lasts_s`` of the step that it acts in.
-    """
-    c, s = lasts_s * math.cos(yaw_rad), lasts_s * math.sin(yaw_rad)
-    reach = np.zeros((6, 3))
-    reach[0, 0], reach[0, 1] = c, -s
-    reach[1, 0], reach[1, 1] = s, c
-    reach[2, 2] = lasts_s
-    for k in range(3):
-        reach[3 + k, k] = 1.0
-    noise = (reach * (dt_s * per_second[3:])) @ reach.T
-    for k in range(3):
-        noise[k, k] += dt_s * per_second[k]
-    return noise
-
-
-@njit(cache=True)
-def predicted(
-    state: Floats,
-    covariance: Floats,
-    per_second: Floats,
-    dt_s: float,
-    lasts_s: float,
-    scale: float,
-    wm: Floats,
-    wc: Floats,
-) -> tuple[Floats, Floats]:
-    """(6,) state and (6, 6) covariance ``dt_s`` later: the unscented transform of constant body velocity.
-
-    ``scale``: the spread of the sigma points, n + lambda; ``wm``, ``wc``: (13,) weights of mean and
-    covariance, the centre point first; ``per_second``, ``lasts_s``: as for ``step_noise``. Raises LinAlgError
-    where the covariance is not positive definite.
-    """
-    size = len(state)
-    root = np.linalg.cholesky(scale * covariance)
-    points = np.empty((2 * size + 1, size))
-    points[0] = state
-    for i in range(size):
-        for k in range(size):
-            points[1 + i, k] = state[k] + root[k, i]
-            points[1 + size + i, k] = state[k] - root[k, i]
-    mean = np.zeros(size)
-    for i in range(len(points)):
-        c, s = math.cos(points[i, 2]), math.sin(points[i, 2])
-        vx, vy = points[i, 3], points[i, 4]
-        points[i, 0] += (c * vx - s * vy) * dt_s
-        points[i, 1] += (s * vx + c * vy) * dt_s
-        points[i, 2] += points[i, 5] * dt_s
-        for k in range(size):
-            mean[k] += wm[i] * points[i, k]
-    spread = step_noise(state[2], per_second, dt_s, lasts_s)
-    for i in range(len(points)):
-        for j in range(size):
-            weighted = wc[i] * (points[i, j] - mean[j])
-            for k in range(size):
-                spread[j, k] += weighted * (points[i, k] - mean[k])
-    return mean, spread
-
-
-@njit(cache=True)
-def corrected(
-    state: Floats, covariance: Floats, measured: Floats, noise: Floats, first: int
-) -> tuple[Floats, Floats]:
-    """(6,) state and (6, 6) covariance, symmetric, after measuring the states from number ``first`` on.
-
-    ``measured``: (m,), ``noise``: (m, m). What is measured is a part of the state, and the unscented
-    transform of a linear function is exact, so no sigma points are drawn: the innovation's covariance is that
-    part of the state's, plus the noise.
-    """
-    last = first + len(measured)
-    cross = np.ascontiguousarray(covariance[:, first:last])
-    innovation = cross[first:last] + noise
-    gain = np.linalg.solve(innovation, cross.T).T
-    after = covariance - gain @ cross.T
-    return state + gain @ (measured - state[first:last]), 0.5 * (after + after.T)
-
-
 FloatArray = npt.NDArray[np.float64]
 
-LEAST_VARIANCE = 1e-9
+
+MIN_VARIANCE = 1e-9
 """A smaller measurement variance, 0 included, is raised to this, as robot_localization does."""
+
 
 _POSE, _YAW = 0, 2
 """number of the first state that a measurement of the pose, or of yaw and velocities, says something of"""
@@ -144,6 +62,8 @@ class UkfSettings:
 class PlanarUkf:
     """An unscented Kalman filter over [x, y, yaw, vx, vy, vyaw]; velocities in the body frame.
 
+    Merwe's scaled sigma points (van der Merwe 2004), as in filterpy, whose filter the tests compare it with.
+
     The state is what robot_localization's 15 come down to with ``two_d_mode`` and no acceleration fused,
     and so are the fused quantities: vx, vy (a measured 0 that stands in for the wheels' constraint) and
     vyaw of the odometry's twist, yaw and vyaw of the IMU, never odometry's pose beside its velocities.
@@ -161,41 +81,53 @@ class PlanarUkf:
 
     def __init__(self, initial: Pose2D, settings: UkfSettings) -> None:
         """A robot at rest at ``initial``, its pose in the map frame."""
-        self._filter = _CompiledUkf(settings)
-        self._filter.x = np.array([initial.x, initial.y, initial.yaw, 0.0, 0.0, 0.0])
-        self._filter.P = settings.initial_variance * np.eye(6)
-        vx, vy, wheel_rate = (max(variance, LEAST_VARIANCE) for variance in settings.twist_variance)
-        yaw = max(settings.imu_yaw_variance, LEAST_VARIANCE)
-        gyro_rate = max(settings.imu_yaw_rate_variance, LEAST_VARIANCE)
+        self._state = np.array([initial.x, initial.y, initial.yaw, 0.0, 0.0, 0.0])
+        self._covariance = settings.initial_variance * np.eye(6)
+        self._process_noise = np.array(settings.process_noise)
+        self._change_lasts = 1.0 if settings.twist_is_mean else 0.5
+        self._scale = settings.alpha**2 * (6 + settings.kappa)
+        self._mean_weights, self._covariance_weights = _merwe_weights(settings)
+        vx, vy, wheel_rate = (max(variance, MIN_VARIANCE) for variance in settings.twist_variance)
+        yaw = max(settings.imu_yaw_variance, MIN_VARIANCE)
+        gyro_rate = max(settings.imu_yaw_rate_variance, MIN_VARIANCE)
         # Two independent readings of one quantity are one reading, weighted by trust: the same estimate,
         # and S stays well conditioned where both variances are tiny.
         self._gyro_share = wheel_rate / (wheel_rate + gyro_rate)
-        self._filter.R = np.diag([yaw, vx, vy, gyro_rate * self._gyro_share])
+        self._twist_and_imu_noise = np.diag([yaw, vx, vy, gyro_rate * self._gyro_share])
 
     @property
     def pose(self) -> Pose2D:
         """The estimated pose in the map frame, yaw within [-pi, pi)."""
-        x, y, yaw = self._filter.x[:3].tolist()
+        x, y, yaw = self._state[:3].tolist()
         return Pose2D(x, y, wrap_angle(yaw))
 
     @property
     def velocity(self) -> tuple[float, float]:
         """(forward velocity in m/s, turn rate in rad/s), body frame."""
-        return float(self._filter.x[3]), float(self._filter.x[5])
+        return float(self._state[3]), float(self._state[5])
 
     @property
     def covariance(self) -> FloatArray:
         """(6, 6) float64, a copy: the covariance of x, y, yaw, vx, vy, vyaw."""
-        return self._filter.P.copy()
+        return self._covariance.copy()
 
     def step(self, odometry: Odometry, imu: Imu, dt_s: float) -> Pose2D:
         """The pose ``dt_s`` > 0 seconds after the last step, given what odometry and IMU say now."""
         if not dt_s > 0.0:
             raise ValueError(f"dt_s must be positive, got {dt_s}")
-        self._filter.predict(dt_s)
+        self._state, self._covariance = predicted(
+            self._state,
+            self._covariance,
+            self._process_noise,
+            dt_s,
+            self._change_lasts * dt_s,
+            self._scale,
+            self._mean_weights,
+            self._covariance_weights,
+        )
         yaw_rate = odometry.angular_radps + self._gyro_share * (imu.yaw_rate_radps - odometry.angular_radps)
         measured = np.array([self._near_yaw(imu.yaw_rad), odometry.linear_mps, 0.0, yaw_rate])
-        self._filter.update(measured, self._filter.R, _YAW)
+        self._correct(measured, self._twist_and_imu_noise, _YAW)
         return self.pose
 
     def correct_pose(self, pose: Pose2D, covariance: FloatArray) -> Pose2D:
@@ -206,33 +138,104 @@ class PlanarUkf:
             covariance: (3, 3) float64 of x, y, yaw; metres and radians, squared; positive definite.
         """
         measured = np.array([pose.x, pose.y, self._near_yaw(pose.yaw)])
-        self._filter.update(measured, covariance, _POSE)
+        self._correct(measured, covariance, _POSE)
         return self.pose
 
     def _near_yaw(self, yaw_rad: float) -> float:
         """``yaw_rad`` plus the whole turns that bring it nearest to the estimate, which is not wrapped."""
-        estimate = float(self._filter.x[2])
+        estimate = float(self._state[2])
         return estimate + wrap_angle(yaw_rad - estimate)
 
+    def _correct(self, measured: FloatArray, noise: FloatArray, first: int) -> None:
+        """Take a measurement of the states from number ``first`` on, of covariance ``noise``."""
+        self._state, self._covariance = corrected(self._state, self._covariance, measured, noise, first)
 
-class _CompiledUkf(UnscentedKalmanFilter):  # type: ignore[misc]
-    """filterpy's filter with its two steps compiled: the same estimates, a tenth of the time."""
 
-    x: FloatArray
-    P: FloatArray
+def _merwe_weights(settings: UkfSettings) -> tuple[FloatArray, FloatArray]:
+    """((13,), (13,)) weights of mean and covariance, the centre point first."""
+    spread = settings.alpha**2 * (6 + settings.kappa) - 6
+    mean = np.full(13, 0.5 / (6 + spread))
+    covariance = mean.copy()
+    mean[0] = spread / (6 + spread)
+    covariance[0] = spread / (6 + spread) + (1 - settings.alpha**2 + settings.beta)
+    return mean, covariance
 
-    def __init__(self, settings: UkfSettings) -> None:
-        points = MerweScaledSigmaPoints(6, settings.alpha, settings.beta, settings.kappa)
-        super().__init__(6, 4, 1.0, hx=None, fx=None, points=points)
-        self._scale = settings.alpha**2 * (6 + settings.kappa)
-        self._noise = np.array(settings.process_noise)
-        self._change_lasts = 1.0 if settings.twist_is_mean else 0.5
 
-    def predict(self, dt: float) -> None:
-        """Move on by ``dt`` seconds at constant body velocity."""
-        lasts_s = self._change_lasts * dt
-        self.x, self.P = predicted(self.x, self.P, self._noise, dt, lasts_s, self._scale, self.Wm, self.Wc)
+@njit(cache=True)
+def predicted(
+    state: FloatArray,
+    covariance: FloatArray,
+    per_second: FloatArray,
+    dt_s: float,
+    lasts_s: float,
+    scale: float,
+    wm: FloatArray,
+    wc: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """(6,) state and (6, 6) covariance ``dt_s`` later: the unscented transform of constant body velocity.
 
-    def update(self, z: FloatArray, R: FloatArray, first: int) -> None:
-        """Correct by ``z``, a measurement of the states from number ``first`` on, of covariance ``R``."""
-        self.x, self.P = corrected(self.x, self.P, z, R, first)
+    ``scale``: the spread of the sigma points, n + lambda; ``wm``, ``wc``: (13,) weights of mean and
+    covariance, the centre point first; ``per_second``, ``lasts_s``: as for ``step_noise``. Raises LinAlgError
+    where the covariance is not positive definite.
+    """
+    size = len(state)
+    root = np.linalg.cholesky(scale * covariance)
+    points = np.empty((2 * size + 1, size))
+    points[0] = state
+    for i in range(size):
+        for k in range(size):
+            points[1 + i, k] = state[k] + root[k, i]
+            points[1 + size + i, k] = state[k] - root[k, i]
+    mean = np.zeros(size)
+    for i in range(len(points)):
+        c, s = math.cos(points[i, 2]), math.sin(points[i, 2])
+        vx, vy = points[i, 3], points[i, 4]
+        points[i, 0] += (c * vx - s * vy) * dt_s
+        points[i, 1] += (s * vx + c * vy) * dt_s
+        points[i, 2] += points[i, 5] * dt_s
+        for k in range(size):
+            mean[k] += wm[i] * points[i, k]
+    spread = step_noise(state[2], per_second, dt_s, lasts_s)
+    for i in range(len(points)):
+        for j in range(size):
+            weighted = wc[i] * (points[i, j] - mean[j])
+            for k in range(size):
+                spread[j, k] += weighted * (points[i, k] - mean[k])
+    return mean, spread
+
+
+@njit(cache=True)
+def step_noise(yaw_rad: float, per_second: FloatArray, dt_s: float, lasts_s: float) -> FloatArray:
+    """(6, 6): what a step of ``dt_s`` adds to the covariance; ``per_second``: (6,) variances.
+
+    A change of velocity moves the robot, along its heading, for the ``lasts_s`` of the step that it acts in.
+    """
+    c, s = lasts_s * math.cos(yaw_rad), lasts_s * math.sin(yaw_rad)
+    reach = np.zeros((6, 3))
+    reach[0, 0], reach[0, 1] = c, -s
+    reach[1, 0], reach[1, 1] = s, c
+    reach[2, 2] = lasts_s
+    for k in range(3):
+        reach[3 + k, k] = 1.0
+    noise = (reach * (dt_s * per_second[3:])) @ reach.T
+    for k in range(3):
+        noise[k, k] += dt_s * per_second[k]
+    return noise
+
+
+@njit(cache=True)
+def corrected(
+    state: FloatArray, covariance: FloatArray, measured: FloatArray, noise: FloatArray, first: int
+) -> tuple[FloatArray, FloatArray]:
+    """(6,) state and (6, 6) covariance, symmetric, after measuring the states from number ``first`` on.
+
+    ``measured``: (m,), ``noise``: (m, m). What is measured is a part of the state, and the unscented
+    transform of a linear function is exact, so no sigma points are drawn: the innovation's covariance is that
+    part of the state's, plus the noise.
+    """
+    last = first + len(measured)
+    cross = np.ascontiguousarray(covariance[:, first:last])
+    innovation = cross[first:last] + noise
+    gain = np.linalg.solve(innovation, cross.T).T
+    after = covariance - gain @ cross.T
+    return state + gain @ (measured - state[first:last]), 0.5 * (after + after.T)

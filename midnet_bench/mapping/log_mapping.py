@@ -3,17 +3,16 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.scan_logs import ScanLog, read_scan_log
+from midnet_bench.io.scan_logs import ScanLog
 from midnet_bench.io.trajectory import Trajectory
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.gmapping.settings import RECORDED_LOG
 from midnet_bench.rng import stream
 
-MOST_LOOKS = 200
+MAX_LOOKS = 200
 
 Look = Callable[[int, GMapping], None]
 """Is shown the filter after so many scans; it may ask for its map, pose and trajectory."""
@@ -39,16 +38,6 @@ def start_mapping(log: ScanLog, particles: int, seed: int) -> GMapping:
     return GMapping(log.geometry, settings, log.scans[0].odometry, stream(seed, "gmapping"))
 
 
-def map_log(
-    path: Path,
-    particles: int = RECORDED_LOG.particles,
-    seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
-) -> MappingResult:
-    """``map_scans`` of the log at ``path``, as ``read_scan_log`` takes it."""
-    return map_scans(read_scan_log(path), particles, seed, progress)
-
-
 def map_scans(
     log: ScanLog,
     particles: int = RECORDED_LOG.particles,
@@ -70,7 +59,7 @@ def map_scans(
         InputError: no scan that counts has a usable range.
     """
     slam = start_mapping(log, particles, seed)
-    every = math.ceil(len(log) / (MOST_LOOKS - 1))
+    every = math.ceil(len(log) / (MAX_LOOKS - 1))
     for done, scan in enumerate(log, start=1):
         slam.process(scan.odometry, scan.ranges_m, scan.stamp_s)
         if look is not None and (done in (1, len(log)) or done % every == 0):

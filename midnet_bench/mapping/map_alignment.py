@@ -1,4 +1,4 @@
-"""How well one map fits onto another at a placement, the best placement nearby, and its rivals elsewhere."""
+"""Where one map lies in another: a proposal by features, its refinement on the grids, and its rivals."""
 
 import math
 from dataclasses import dataclass
@@ -12,10 +12,24 @@ import scipy.fft
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cell_centers, values_at
 
+FloatArray = npt.NDArray[np.float64]
+
+TOLERANCE_M = 0.1
+"""Walls this near to each other are the same wall; a wall deeper than this in free space contradicts it."""
+
+_REACHES_M = (0.2, 0.1, 0.05)
+_FINEST_STEP_M = 0.002
+_MOVES = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
+_POINTS = 1500
+_COARSE_CELL_M = 0.1
+_PEAKS_PER_TURN = 2
+_PEAK_RADIUS_M = 0.6
+_CONTRADICTION_WEIGHT = 3.0
+
 _HALO_M = 1.0
 _RATIO = 0.7
 _INLIER_CELLS = 3.0
-_LEAST_MATCHES = 6
+_MIN_MATCHES = 6
 
 
 class Proposal(NamedTuple):
@@ -33,9 +47,10 @@ def propose(first: OccupancyGrid, second: OccupancyGrid) -> Proposal | None:
     """The placement that most feature matches agree on; None when fewer than six matches are found.
 
     multirobot_map_merge's front end: AKAZE features, the ratio test at 0.7 both ways, RANSAC for rotation,
-    translation and one scale. What it is fed differs: not the grid's bytes, where the ragged edge of the
-    unknown is the strongest feature, but each cell's distance from the nearest occupied one up to 1 m,
-    which two partial views of a wall have in common.
+    translation and one scale (OpenCV's draws from a generator of its own, always alike). What it is fed
+    differs: not the grid's bytes, where the ragged edge of the unknown is the strongest feature, but each
+    cell's distance from the nearest occupied one up to 1 m, which two partial views of a wall have in
+    common.
 
     Args:
         first: int8, occupied from 65 on.
@@ -47,10 +62,9 @@ def propose(first: OccupancyGrid, second: OccupancyGrid) -> Proposal | None:
         set(_distinct(descriptors_a, descriptors_b))
         | {(a, b) for b, a in _distinct(descriptors_b, descriptors_a)}
     )
-    if len(pairs) < _LEAST_MATCHES:
+    if len(pairs) < _MIN_MATCHES:
         return None
     matched_a, matched_b = points_a[[a for a, _ in pairs]], points_b[[b for _, b in pairs]]
-    cv2.setRNGSeed(0)
     transform, inlier_mask = cv2.estimateAffinePartial2D(
         matched_b,
         matched_a,
@@ -70,7 +84,7 @@ def propose(first: OccupancyGrid, second: OccupancyGrid) -> Proposal | None:
     return Proposal(pose, float(inliers.sum()) / (8.0 + 0.3 * len(pairs)), math.hypot(c, s))
 
 
-def _features(grid: OccupancyGrid) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.uint8]]:
+def _features(grid: OccupancyGrid) -> tuple[FloatArray, npt.NDArray[np.uint8]]:
     """((N, 2) x, y in the grid's frame in metres, (N, 61) descriptors)."""
     not_wall = (grid.data < OCCUPIED_FROM).view(np.uint8)
     none = np.zeros((0, 2)), np.zeros((0, 61), dtype=np.uint8)
@@ -95,21 +109,6 @@ def _distinct(queries: npt.NDArray[np.uint8], targets: npt.NDArray[np.uint8]) ->
         for best, next_best in ranked
         if best.distance < _RATIO * next_best.distance
     ]
-
-
-FloatArray = npt.NDArray[np.float64]
-
-TOLERANCE_M = 0.1
-"""Walls this near to each other are the same wall; a wall deeper than this in free space contradicts it."""
-
-_REACHES_M = (0.2, 0.1, 0.05)
-_FINEST_STEP_M = 0.002
-_MOVES = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
-_POINTS = 1500
-_COARSE_CELL_M = 0.1
-_PEAKS_PER_TURN = 2
-_PEAK_RADIUS_M = 0.6
-_CONTRADICTION_WEIGHT = 3.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""``TeamMap``: what a team brings home, whether or not its robots know where they started."""
+"""One map of a team's maps, whether or not the robots know where they started."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -101,7 +101,7 @@ def match_maps(
 
 
 def merge_by_features(maps: Sequence[OccupancyGrid], settings: MergeSettings | None = None) -> TeamMerge:
-    """The maps of a team whose start poses nobody knows, merged as far as they can be trusted.
+    """The maps of a team whose start poses nobody knows, merged as far as the matches can be trusted.
 
     All pairs are matched; the largest group that accepted pairs connect is drawn in the frame of its
     first map, each map placed over the pairs with the most evidence. Maps outside the group are left
@@ -120,26 +120,14 @@ def merge_by_features(maps: Sequence[OccupancyGrid], settings: MergeSettings | N
     return TeamMerge(merged, tuple(largest.get(k) for k in range(len(maps))), matches)
 
 
-def merge_by_start_poses(maps: Sequence[OccupancyGrid], start_poses: Sequence[Pose2D]) -> OccupancyGrid:
-    """The maps of robots whose start poses are known, in the frame of those poses.
-
-    Each map's frame begins where its robot started: a point of the map lies at start_pose * point,
-    in metres, with the map's own origin. The package puts metres into a transform of pixels, applies
-    the inverse, ignores origins and moves (0, 0) to the middle of the result; none of that is done here.
-
-    Args:
-        maps: at least one; int8, -1 unknown, 0 to 100.
-        start_poses: as many, in the common frame.
-    """
-    return compose(maps, start_poses)
-
-
 def compose(maps: Sequence[OccupancyGrid], placements: Sequence[Pose2D]) -> OccupancyGrid:
     """All maps in one grid that holds them all: the largest value known of each cell, -1 where none is.
 
-    Nearest neighbour and signed maximum, as in multirobot_map_merge: known beats unknown, occupied
-    beats free, the order does not matter. Cells have the first map's resolution, and lie on its lattice if
-    its placement is not turned, so that a map alone at the identity comes back as it is.
+    Nearest neighbour and signed maximum, as in multirobot_map_merge: known beats unknown, occupied beats
+    free, the order does not matter. Not so the transform: the package puts metres into one of pixels,
+    applies the inverse, ignores origins and moves (0, 0) to the middle of the result. Cells have the first
+    map's resolution, and lie on its lattice if its placement is not turned, so that a map alone at the
+    identity comes back as it is.
 
     Args:
         maps: at least one; int8, -1 unknown, 0 to 100.

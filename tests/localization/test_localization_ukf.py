@@ -273,7 +273,9 @@ def test_compiled_steps_are_filterpys_own(source):
     reference = UnscentedKalmanFilter(6, 4, DT_S, hx=lambda state: state[2:], fx=moved, points=points)
     reference.P = settings.initial_variance * np.eye(6)
     ours = PlanarUkf(Pose2D(0.0, 0.0, 0.0), settings)
-    reference.R = ours._filter.R
+    reference.R = ours._twist_and_imu_noise
+    assert ours._mean_weights.tobytes() == points.Wm.tobytes()
+    assert ours._covariance_weights.tobytes() == points.Wc.tobytes()
     rng = np.random.default_rng(3)
     for step in drive([(0.2, 0.4)] * 40 + [(0.1, -0.6)] * 40):
         odometry = Odometry(step.pose, step.v + rng.normal(0, 0.01), step.w + rng.normal(0, 0.1))
@@ -284,5 +286,5 @@ def test_compiled_steps_are_filterpys_own(source):
         yaw = reference.x[2] + wrap_angle(imu.yaw_rad - reference.x[2])
         reference.update(np.array([yaw, odometry.linear_mps, 0.0, rate]))
         ours.step(odometry, imu, DT_S)
-        np.testing.assert_allclose(ours._filter.x, reference.x, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(ours._state, reference.x, rtol=0, atol=1e-10)
         np.testing.assert_allclose(ours.covariance, reference.P, rtol=1e-7, atol=1e-13)

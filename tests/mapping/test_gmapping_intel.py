@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from benchmarks.relations import read_dense_odometry, read_relations, relations_error
+from midnet_bench.io.scan_logs import read_scan_log
 from midnet_bench.io.trajectory import Trajectory
-from midnet_bench.mapping.log_mapping import map_log, read_scan_log
+from midnet_bench.mapping.log_mapping import map_scans
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "intel"
 pytestmark = pytest.mark.skipif(
@@ -33,7 +34,7 @@ def test_the_first_150_scans_are_mapped_as_well_as_by_gmapping(tmp_path: Path) -
     assert by_wheels.relations == 463
     assert by_wheels.mean_m == pytest.approx(3.2, abs=0.05)
 
-    result = map_log(path, particles=30, seed=0)
+    result = map_scans(log, particles=30, seed=0)
     mapped = relations_error(relations, result.trajectory, odometry)
     assert mapped.relations >= 455
     assert mapped.mean_m < 0.045

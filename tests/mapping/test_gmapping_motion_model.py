@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.gmapping.motion_model import move_particles, noise_deviations
+from midnet_bench.mapping.gmapping.filter import move_particles, noise_deviations
 from midnet_bench.mapping.gmapping.settings import SLAM_GMAPPING, GmappingSettings
 
 SHARES = GmappingSettings(noise_srr=0.1, noise_srt=0.2, noise_str=0.3, noise_stt=0.4)

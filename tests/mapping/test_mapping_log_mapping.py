@@ -9,7 +9,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.io.scan_logs import half_circle, read_scan_log
 from midnet_bench.mapping.gmapping.filter import GMapping
-from midnet_bench.mapping.log_mapping import map_log, map_scans
+from midnet_bench.mapping.log_mapping import map_scans
 from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, drive
 
 
@@ -22,7 +22,7 @@ def written(tmp_path: Path, *lines: str) -> Path:
 def test_a_log_whose_ranges_say_nothing_where_the_robot_moved(tmp_path: Path) -> None:
     lines = ["0 0 0 0 3 0 0 90", "1 0 0 0 3 0 0 90", "2 0 0 0 3 1 2 90"]
     with pytest.raises(InputError, match="no range of the scans after which the robot moved"):
-        map_log(written(tmp_path, *lines), particles=1)
+        map_scans(read_scan_log(written(tmp_path, *lines)), particles=1)
 
 
 def test_a_log_becomes_a_map_and_the_same_seed_the_same_bytes(tmp_path: Path) -> None:
@@ -35,7 +35,8 @@ def test_a_log_becomes_a_map_and_the_same_seed_the_same_bytes(tmp_path: Path) ->
         lines.append(f"{journey.stamps_s[k]:.6f} {x} {y} {yaw} 180 {ranges}")
     lines[5] = " ".join([*lines[5].split()[:-1], "nan"])
     path, seen = written(tmp_path, *lines), []
-    result = map_log(path, particles=10, seed=3, progress=lambda done, total: seen.append((done, total)))
+    log = read_scan_log(path)
+    result = map_scans(log, particles=10, seed=3, progress=lambda done, total: seen.append((done, total)))
     looks: list[tuple[int, int]] = []
 
     def look(done: int, slam: GMapping) -> None:

@@ -1,6 +1,7 @@
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -13,7 +14,6 @@ from midnet_bench.mapping.merge import (
     compose,
     match_maps,
     merge_by_features,
-    merge_by_start_poses,
 )
 from midnet_bench.rng import stream
 from tests.mapping.drawn_buildings import Building, corridor, hull, map_of, random_frame, rooms, viewpoints
@@ -49,9 +49,12 @@ def errors(placement, truth, placed_map):
     return off_m, math.degrees(abs(wrap_angle(placement.yaw - truth.yaw)))
 
 
-def test_views_of_one_building_are_merged_rightly_or_refused():
+@pytest.mark.parametrize(
+    ("seeds", "enough"), [(range(4), 3), pytest.param(range(20), 15, marks=pytest.mark.slow)]
+)
+def test_views_of_one_building_are_merged_rightly_or_refused(seeds, enough):
     merged = 0
-    for seed in range(20):
+    for seed in seeds:
         rng = stream(seed, "merge")
         building = (rooms, corridor)[seed % 2](rng)
         left, right, truth = two_views(building, rng, 0.75, pose_error_m=0.02)
@@ -62,11 +65,12 @@ def test_views_of_one_building_are_merged_rightly_or_refused():
             off_m, off_deg = errors(match.placement, truth, right)
             assert off_m <= 0.1
             assert off_deg <= 2.0
-    assert merged >= 15
+    assert merged >= enough
 
 
-def test_views_of_different_buildings_are_refused():
-    for seed in range(20):
+@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(20), marks=pytest.mark.slow)])
+def test_views_of_different_buildings_are_refused(seeds):
+    for seed in seeds:
         rng = stream(seed, "strangers")
         draw = (rooms, corridor)[seed % 2]
         maps = []
@@ -124,8 +128,14 @@ def test_one_thing_out_of_symmetry_settles_it():
 def test_a_match_is_repeatable_and_its_inverse_the_same_placement():
     rng = stream(1, "twice")
     left, right, _ = two_views(rooms(rng), rng, 0.75)
-    there, again, back = match_maps(left, right), match_maps(left, right), match_maps(right, left)
-    assert there == again
+    cv2.setRNGSeed(5)
+    unused = cv2.randu(np.zeros(8), 0.0, 1.0)
+    cv2.setRNGSeed(5)
+    there = match_maps(left, right)
+    # OpenCV's global generator is neither drawn from nor seeded anew
+    assert cv2.randu(np.zeros(8), 0.0, 1.0).tolist() == unused.tolist()
+    assert match_maps(left, right) == there
+    back = match_maps(right, left)
     off_m, off_deg = errors(back.placement.inverse(), there.placement, right)
     assert off_m < 0.03
     assert off_deg < 0.2
@@ -210,7 +220,7 @@ def test_one_map_comes_back_unchanged():
 def test_start_poses_are_metres_in_the_common_frame():
     # each robot starts at (0, 0) of its own map, half a metre from its corner, and sees a wall ahead
     ahead = OccupancyGrid(np.kron(grid("? #").data, np.ones((5, 5), dtype=np.int8)), 0.1, (-0.5, -0.25))
-    merged = merge_by_start_poses([ahead, ahead], [Pose2D(1.0, 0.0, 0.0), Pose2D(1.0, 2.0, math.pi / 2)])
+    merged = compose([ahead, ahead], [Pose2D(1.0, 0.0, 0.0), Pose2D(1.0, 2.0, math.pi / 2)])
     for x, y, value in ((1.25, 0.0, 0), (1.75, 0.0, 100), (1.0, 2.25, 0), (1.0, 2.75, 100), (1.75, 2.0, -1)):
         column, row = merged.cell_at(x, y)
         assert merged.data[row, column] == value
@@ -224,7 +234,7 @@ def test_maps_of_known_starts_show_the_building_once():
         map_of(building, viewpoints(building, rng, *share), start, rng)
         for share, start in zip(((0.0, 0.6), (0.4, 1.0)), starts, strict=True)
     ]
-    merged = merge_by_start_poses(maps, starts)
+    merged = compose(maps, starts)
     rows, columns = np.nonzero(merged.data == 100)
     walls = [merged.center_of(int(column), int(row)) for column, row in zip(columns, rows, strict=True)]
     off = [min(box.distance_to_point(x, y) for box in building.boxes) for x, y in walls]

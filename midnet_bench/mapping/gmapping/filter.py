@@ -1,4 +1,7 @@
-"""GMapping: a Rao-Blackwellised particle filter in which every particle carries a map of its own."""
+"""GMapping: a Rao-Blackwellised particle filter in which every particle carries a map of its own.
+
+The filter, then what it is made of: its motion model, the rays of a scan, weights and resampling.
+"""
 
 import math
 from typing import NamedTuple
@@ -9,7 +12,6 @@ import numpy.typing as npt
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.trajectory import Trajectory
-from midnet_bench.mapping.gmapping.motion_model import move_particles
 from midnet_bench.mapping.gmapping.particle_map import ParticleMaps
 from midnet_bench.mapping.gmapping.scan_matcher import match_particles, matching_in_cells
 from midnet_bench.mapping.gmapping.settings import GmappingSettings
@@ -24,58 +26,6 @@ class ScanRays(NamedTuple):
     """(B, 2) ends of the rays in the sensor frame"""
     hits: int
     """how many of them, from the first on, end at an obstacle; the others only clear"""
-
-
-def scan_rays(geometry: LidarGeometry, ranges_m: npt.NDArray[np.float64], usable_m: float) -> ScanRays:
-    """The rays of a scan: first those that hit something nearer than ``usable_m``, then those that clear.
-
-    GMapping's rule (``registerScan``): a return below ``usable_m`` clears and hits; one from there up to the
-    sensor's largest range (0.01 m less, as slam_gmapping sets it) clears up to ``usable_m``. Not a number,
-    0, anything below the sensor's least range and a finite return beyond its largest say nothing.
-    Infinity means "nothing within range" (REP 117) and clears up to ``usable_m``; GMapping drops it,
-    and then never clears open space.
-
-    Args:
-        geometry: of the sensor; one convention of beam angles for matching and drawing (GMapping has two,
-            half a beam apart).
-        ranges_m: (B,) as the sensor reported them.
-        usable_m: ``maxUrange``.
-    """
-    largest_m = geometry.range_max_m - 0.01
-    usable_m = min(usable_m, largest_m)
-    angles = geometry.angles_rad
-    valid = (ranges_m >= geometry.range_min_m) & (ranges_m > 0.0)
-    hit = valid & (ranges_m < usable_m)
-    clear = valid & ~hit & ((ranges_m <= largest_m) | np.isposinf(ranges_m))
-    lengths = np.concatenate([ranges_m[hit], np.full(np.count_nonzero(clear), usable_m)])
-    directions = np.concatenate([angles[hit], angles[clear]])
-    ends = np.column_stack([lengths * np.cos(directions), lengths * np.sin(directions)])
-    return ScanRays(ends, int(np.count_nonzero(hit)))
-
-
-def normalized_weights(log_weights: npt.NDArray[np.float64], gain: float) -> npt.NDArray[np.float64]:
-    """(N,) weights that sum to 1 from summed log-likelihoods: proportional to exp(l / (gain * N)).
-
-    The division by N is GMapping's (``gridslamprocessor.hxx``, normalize).
-    """
-    flattened = np.exp((log_weights - log_weights.max()) / (gain * len(log_weights)))
-    return flattened / flattened.sum()
-
-
-def effective_particles(weights: npt.NDArray[np.float64]) -> float:
-    """Neff = 1 / sum of w^2: N for equal weights, 1 when one particle has all."""
-    return 1.0 / float((weights**2).sum())
-
-
-def systematic_resample(weights: npt.NDArray[np.float64], offset: float) -> npt.NDArray[np.int64]:
-    """(N,) indices of the particles that live on, ascending: one at each of N equally spaced places.
-
-    Args:
-        weights: (N,) that sum to 1.
-        offset: in [0, 1), where the first place lies in its interval of 1 / N.
-    """
-    places = (np.arange(len(weights)) + offset) / len(weights)
-    return np.minimum(np.searchsorted(np.cumsum(weights), places, side="right"), len(weights) - 1)
 
 
 class GMapping:
@@ -248,3 +198,100 @@ class GMapping:
         x, y, yaw = (float(value) for value in sensor_pose)
         pose = Pose2D(x, y, yaw).compose(self.geometry.mount.inverse())
         return pose._replace(yaw=wrap_angle(pose.yaw))
+
+
+def noise_deviations(increment: Pose2D, settings: GmappingSettings) -> npt.NDArray[np.float64]:
+    """(3,) standard deviations of the noise on an increment's x, y (metres) and yaw (radians).
+
+    Proportional to the motion, so a standing robot's particles stay where they are. ``str`` weighs
+    rotation into translation and ``srt`` translation into rotation, as GMapping's code has it
+    (the comments in its ini files say the opposite).
+    """
+    dx, dy, turn = abs(increment.x), abs(increment.y), abs(increment.yaw)
+    s = settings
+    return np.array(
+        [
+            s.noise_srr * dx + s.noise_str * turn + 0.3 * s.noise_srr * dy,
+            s.noise_srr * dy + s.noise_str * turn + 0.3 * s.noise_srr * dx,
+            s.noise_stt * turn + s.noise_srt * math.hypot(dx, dy),
+        ]
+    )
+
+
+def move_particles(
+    poses: npt.NDArray[np.float64],
+    increment: Pose2D,
+    settings: GmappingSettings,
+    rng: np.random.Generator,
+) -> npt.NDArray[np.float64]:
+    """(N, 3) poses after the increment with Gaussian noise of its own for each particle.
+
+    Args:
+        poses: (N, 3) float64, x, y (metres) and yaw (radians) in the map frame.
+        increment: the odometry's motion in the frame of its previous pose.
+        settings: the four noise shares.
+        rng: three standard normal draws per particle are taken, also for a standing robot.
+    """
+    noise = rng.standard_normal(poses.shape) * noise_deviations(increment, settings)
+    steps = np.array(increment) + noise
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    yaw = poses[:, 2] + steps[:, 2]
+    return np.column_stack(
+        [
+            poses[:, 0] + cos * steps[:, 0] - sin * steps[:, 1],
+            poses[:, 1] + sin * steps[:, 0] + cos * steps[:, 1],
+            (yaw + np.pi) % (2.0 * np.pi) - np.pi,
+        ]
+    )
+
+
+def scan_rays(geometry: LidarGeometry, ranges_m: npt.NDArray[np.float64], usable_m: float) -> ScanRays:
+    """The rays of a scan: first those that hit something nearer than ``usable_m``, then those that clear.
+
+    GMapping's rule (``registerScan``): a return below ``usable_m`` clears and hits; one from there up to the
+    sensor's largest range (0.01 m less, as slam_gmapping sets it) clears up to ``usable_m``. Not a number,
+    0, anything below the sensor's least range and a finite return beyond its largest say nothing.
+    Infinity means "nothing within range" (REP 117) and clears up to ``usable_m``; GMapping drops it,
+    and then never clears open space.
+
+    Args:
+        geometry: of the sensor; one convention of beam angles for matching and drawing (GMapping has two,
+            half a beam apart).
+        ranges_m: (B,) as the sensor reported them.
+        usable_m: ``maxUrange``.
+    """
+    largest_m = geometry.range_max_m - 0.01
+    usable_m = min(usable_m, largest_m)
+    angles = geometry.angles_rad
+    valid = (ranges_m >= geometry.range_min_m) & (ranges_m > 0.0)
+    hit = valid & (ranges_m < usable_m)
+    clear = valid & ~hit & ((ranges_m <= largest_m) | np.isposinf(ranges_m))
+    lengths = np.concatenate([ranges_m[hit], np.full(np.count_nonzero(clear), usable_m)])
+    directions = np.concatenate([angles[hit], angles[clear]])
+    ends = np.column_stack([lengths * np.cos(directions), lengths * np.sin(directions)])
+    return ScanRays(ends, int(np.count_nonzero(hit)))
+
+
+def normalized_weights(log_weights: npt.NDArray[np.float64], gain: float) -> npt.NDArray[np.float64]:
+    """(N,) weights that sum to 1 from summed log-likelihoods: proportional to exp(l / (gain * N)).
+
+    The division by N is GMapping's (``gridslamprocessor.hxx``, normalize).
+    """
+    flattened = np.exp((log_weights - log_weights.max()) / (gain * len(log_weights)))
+    return flattened / flattened.sum()
+
+
+def effective_particles(weights: npt.NDArray[np.float64]) -> float:
+    """Neff = 1 / sum of w^2: N for equal weights, 1 when one particle has all."""
+    return 1.0 / float((weights**2).sum())
+
+
+def systematic_resample(weights: npt.NDArray[np.float64], offset: float) -> npt.NDArray[np.int64]:
+    """(N,) indices of the particles that live on, ascending: one at each of N equally spaced places.
+
+    Args:
+        weights: (N,) that sum to 1.
+        offset: in [0, 1), where the first place lies in its interval of 1 / N.
+    """
+    places = (np.arange(len(weights)) + offset) / len(weights)
+    return np.minimum(np.searchsorted(np.cumsum(weights), places, side="right"), len(weights) - 1)
