@@ -1,11 +1,17 @@
-"""What ``pyproject.toml`` cannot say beside a search for packages: campaign files travel with the package.
+"""Which folders of the repository travel inside the package; ``pyproject.toml`` says all the rest.
 
-``campaigns/`` is the one home of the campaign files, and a wheel has them as ``midnet_bench/campaigns/``.
+Each has one home, and a wheel has a copy: ``midnet_bench.workflows.shipped`` finds whichever is there.
 """
 
 from setuptools import find_namespace_packages, setup
 
+SHIPPED = {
+    "midnet_bench.campaigns": "campaigns",
+    "midnet_bench.golden.smoke-detection": "results/reference/smoke/smoke-detection",
+    "midnet_bench.golden.smoke-labyrinth": "results/reference/smoke/smoke-labyrinth",
+}
+
 setup(
-    packages=[*find_namespace_packages(include=["midnet_bench", "midnet_bench.*"]), "midnet_bench.campaigns"],
-    package_dir={"midnet_bench.campaigns": "campaigns"},
+    packages=[*find_namespace_packages(include=["midnet_bench", "midnet_bench.*"]), *SHIPPED],
+    package_dir=SHIPPED,
 )

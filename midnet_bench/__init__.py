@@ -1,6 +1,79 @@
 """midnet-bench: how well does a team of LiDAR robots guard a building?
 
-Importing this package loads nothing heavy; PyBullet is imported by ``midnet_bench.simulation`` alone.
+The names in ``__all__`` are the public API; ``docs/api.md`` describes them. Importing this package loads
+nothing heavy: each name is imported when it is first used. Only ``simulate`` and ``run_campaign`` need
+PyBullet.
+
+    >>> import midnet_bench as mb
+    >>> detector = mb.MIDNet(mb.prior_map("map.yaml"))
+    >>> frame = detector.update([mb.Observation(mb.Pose2D(0.0, 0.0, 0.0), costmap)])
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from midnet_bench.analysis.frames import data_frames as results
+    from midnet_bench.errors import InputError, MidnetBenchError
+    from midnet_bench.experiments.campaigns import run_campaign
+    from midnet_bench.experiments.experiment import Experiment
+    from midnet_bench.geometry import Box, Pose2D
+    from midnet_bench.grid import OccupancyGrid
+    from midnet_bench.io.map_server import load_map
+    from midnet_bench.midnet.pipeline import MIDNet, MIDNetSettings, Observation
+    from midnet_bench.workflows.campaigns import load_campaign
+    from midnet_bench.workflows.prior_map import prior_map
+    from midnet_bench.workflows.simulate import simulate
+
 __version__ = "0.1.0"
+
+_HOMES = {
+    "Box": "midnet_bench.geometry:Box",
+    "Experiment": "midnet_bench.experiments.experiment:Experiment",
+    "InputError": "midnet_bench.errors:InputError",
+    "MIDNet": "midnet_bench.midnet.pipeline:MIDNet",
+    "MIDNetSettings": "midnet_bench.midnet.pipeline:MIDNetSettings",
+    "MidnetBenchError": "midnet_bench.errors:MidnetBenchError",
+    "Observation": "midnet_bench.midnet.pipeline:Observation",
+    "OccupancyGrid": "midnet_bench.grid:OccupancyGrid",
+    "Pose2D": "midnet_bench.geometry:Pose2D",
+    "load_campaign": "midnet_bench.workflows.campaigns:load_campaign",
+    "load_map": "midnet_bench.io.map_server:load_map",
+    "prior_map": "midnet_bench.workflows.prior_map:prior_map",
+    "results": "midnet_bench.analysis.frames:data_frames",
+    "run_campaign": "midnet_bench.experiments.campaigns:run_campaign",
+    "simulate": "midnet_bench.workflows.simulate:simulate",
+}
+"""public name -> where it is defined"""
+
+__all__ = [
+    "Box",
+    "Experiment",
+    "InputError",
+    "MIDNet",
+    "MIDNetSettings",
+    "MidnetBenchError",
+    "Observation",
+    "OccupancyGrid",
+    "Pose2D",
+    "load_campaign",
+    "load_map",
+    "prior_map",
+    "results",
+    "run_campaign",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> object:
+    """A public name, imported on first use (PEP 562)."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, _, original = _HOMES[name].partition(":")
+    value = getattr(import_module(module), original)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, *(name for name in globals() if name.startswith("__"))])

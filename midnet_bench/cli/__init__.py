@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from midnet_bench.cli import campaigns, inputs, maps, pictures, reports, smoke
+from midnet_bench.cli import campaigns, inputs, maps, messages, pictures, reports, smoke
 from midnet_bench.cli.app import app, printing
 from midnet_bench.errors import MidnetBenchError
 
@@ -17,19 +17,22 @@ def main() -> None:
 
     A known error is one line on stderr; with MIDNET_BENCH_DEBUG set it keeps its traceback.
     """
+    messages.set_up()
     try:
         with printing():
-            code = app(standalone_mode=False)
+            code = app(prog_name="midnet-bench", standalone_mode=False)
     except typer.TyperException as error:
         # without a command the help is shown, and there is nothing to add
         if message := error.format_message():
-            print(f"error: {message}", file=sys.stderr)
+            messages.log.error("error: %s", message)
         code = error.exit_code
     except MidnetBenchError as error:
         if os.environ.get("MIDNET_BENCH_DEBUG"):
             raise
-        print(f"error: {error}", file=sys.stderr)
+        messages.log.error("error: %s", error)
         code = error.exit_code
     except (KeyboardInterrupt, typer.Abort):
         code = 130
+    finally:
+        messages.shut_down()
     sys.exit(code)

@@ -1,15 +1,19 @@
 """The Typer application that every command file adds to, and the standard output that they print on."""
 
 import contextlib
+import dataclasses
 import errno
+import inspect
 import io
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any, get_type_hints
 
 import typer
 
 from midnet_bench import __version__
+from midnet_bench.cli import messages, options
 from midnet_bench.errors import MidnetBenchError
 
 READER_GONE = 141
@@ -19,18 +23,88 @@ CANNOT_WRITE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 app = typer.Typer(
     name="midnet-bench",
     no_args_is_help=True,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
     help="""How well does a team of LiDAR robots guard a building?
 
-    [bold]midnet-bench detection[/bold]  prints the paper's table, in about a minute.
+    [bold]midnet-bench detection[/bold]  prints the paper's detection table, in about a minute.
 
-    [bold]midnet-bench labyrinth --trials 20[/bold]  runs the paper's 500-trial sweep, resumable.
+    [bold]midnet-bench labyrinth[/bold]  runs the paper's 500 labyrinth trials; run it again to continue.
 
-    [bold]midnet-bench render --seed 1[/bold]  draws one trial: pictures and a clip.
+    [bold]midnet-bench render[/bold]  draws one trial: pictures and a film.
+
+    [bold]midnet-bench COMMAND -h[/bold]  explains a command, with an example.
     """,
 )
+
+
+def command(
+    panel: str, name: str | None = None, *, example: str
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Register a command under a heading of the help; it also takes the options of :class:`options.Messages`.
+
+    A parameter that is a dataclass of options becomes one option per field. The docstring is the help.
+
+    Args:
+        panel: the heading.
+        name: of the command; the function's unless given.
+        example: a command line that the command's help opens with.
+    """
+
+    def register(function: Callable[..., None]) -> Callable[..., None]:
+        # one line a paragraph: rich keeps the line breaks that it is given
+        paragraphs = [
+            " ".join(part.split()) for part in inspect.cleandoc(function.__doc__ or "").split("\n\n")
+        ]
+        app.command(
+            name,
+            rich_help_panel=panel,
+            help="\n\n".join((f"[bold]$ {example}[/bold]", *paragraphs)),
+            short_help=paragraphs[0],  # what the list of commands shows
+        )(_with_flat_options(function))
+        return function
+
+    return register
+
+
+def _with_flat_options(function: Callable[..., None]) -> Callable[..., None]:
+    """``function`` as Typer can read it: every dataclass of options as options of their own, and Messages."""
+    parameters: list[inspect.Parameter] = []
+    groups: dict[str, Any] = {}
+    for parameter in inspect.signature(function, eval_str=True).parameters.values():
+        if dataclasses.is_dataclass(parameter.annotation):
+            groups[parameter.name] = parameter.annotation
+        else:
+            parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+    for group in (*groups.values(), options.Messages):
+        parameters += _options_of(group)
+
+    def run(**values: Any) -> None:
+        messages.set_up(**_take(values, options.Messages))
+        for name, group in groups.items():
+            values[name] = group(**_take(values, group))
+        function(**values)
+
+    run.__name__ = function.__name__
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return run
+
+
+def _options_of(group: Any) -> list[inspect.Parameter]:
+    hints = get_type_hints(group, include_extras=True)
+    return [
+        inspect.Parameter(
+            field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[field.name]
+        )
+        for field in dataclasses.fields(group)
+    ]
+
+
+def _take(values: dict[str, Any], group: Any) -> dict[str, Any]:
+    """The fields of ``group``, out of ``values``."""
+    return {field.name: values.pop(field.name) for field in dataclasses.fields(group)}
 
 
 @contextlib.contextmanager
@@ -39,7 +113,7 @@ def printing() -> Iterator[None]:
 
     Raises:
         MidnetBenchError: it is closed, or cannot be written.
-        SystemExit: 141; whoever read it has gone.
+        SystemExit: 141; the reader of the pipe has gone.
     """
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lasts
@@ -47,7 +121,7 @@ def printing() -> Iterator[None]:
         # the next file to be opened would take its number, and what a library in C prints would land there
         raise MidnetBenchError("standard output is closed; direct it somewhere, such as to /dev/null")
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # a letter that the terminal lacks costs that letter alone
+        sys.stdout.reconfigure(errors="replace")  # for characters that the terminal lacks
     try:
         try:
             yield
@@ -67,7 +141,7 @@ def printing() -> Iterator[None]:
 
 
 def _drop_the_rest() -> None:
-    """What is still to be written goes nowhere, so that Python does not try once more when it ends."""
+    """Send what is still buffered to /dev/null: Python would try to write it again when it ends."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
     os.close(nowhere)

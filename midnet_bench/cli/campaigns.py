@@ -1,164 +1,254 @@
-"""The commands that run campaigns: ``detection``, ``labyrinth``, ``run``."""
+"""The commands that run campaigns: ``detection``, ``labyrinth``, ``run``, ``campaigns``."""
 
+import dataclasses
+import json
+from collections.abc import Mapping
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from midnet_bench.cli import options
-from midnet_bench.cli.app import app
+from midnet_bench.cli import completion, messages, options
+from midnet_bench.cli.app import command
 
 if TYPE_CHECKING:
     from midnet_bench.campaign.definition import Campaign
-    from midnet_bench.campaign.runner import CampaignOutcome
-    from midnet_bench.campaign.trial import Scalar
+    from midnet_bench.campaign.runner import CampaignOutcome, Plan
 
 MAX_REASONS = 5
 """different reasons that are told when trials fail; failures.csv has them all"""
 
+FirstSeed = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        metavar="N",
+        help="First seed; further trials count up from it (default 1).",
+    ),
+]
 
-@app.command(rich_help_panel="Campaigns")
+
+@command("Campaigns", example="midnet-bench detection --seeds 20 -o results/twenty")
 def detection(
-    robots: Annotated[str, typer.Option(help="Team sizes, separated by commas.")] = "1,5",
-    frames: Annotated[int, typer.Option(help="MIDNet frames per trial, at 5 Hz.")] = 1999,
-    seed: options.Seed = 1,
-    seeds: Annotated[int, typer.Option(min=1, help="Trials per team size, one seed each.")] = 1,
-    arena: Annotated[str, typer.Option(help="Packaged arena or YAML file.")] = "map1",
-    map_file: options.Map = None,
-    settings: options.Settings = None,
-    output: options.Output = None,
-    jobs: options.Jobs = None,
-    dry_run: options.DryRun = False,
-    fresh: options.Fresh = False,
-    retry_failed: options.RetryFailed = False,
-    as_json: options.Json = False,
+    campaign: options.Campaign,
+    robots: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N,N",
+            help="Team sizes, separated by commas (default 1,5).",
+        ),
+    ] = None,
+    frames: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="MIDNet frames per trial, 5 a second (default 1999).",
+        ),
+    ] = None,
+    seed: FirstSeed = None,
+    seeds: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="Trials per team size, one seed each (default 1).",
+        ),
+    ] = None,
+    arena: options.Arena = None,
 ) -> None:
-    """Print the paper's detection table, from simulated scans."""
-    parameters = {"arena": arena, "frames": frames, **_parsed(settings, map_file)}
-    campaign = _campaign("detection", {"robots": _integers(robots, "--robots")}, seeds, seed, parameters)
-    _run(campaign, output, jobs, dry_run, fresh, retry_failed, as_json)
+    """Run the paper's detection test and print its table: precision, recall and F1, ours and the paper's.
+
+    The same command again continues where it stopped, or prints the table of what is there.
+    """
+    _run_packaged(
+        "detection",
+        {"robots": _integers(robots, "--robots"), "frames": frames, "arena": arena},
+        seeds,
+        seed,
+        campaign,
+    )
 
 
-@app.command(rich_help_panel="Campaigns")
+@command("Campaigns", example="midnet-bench labyrinth --trials 5 --robots 1,3")
 def labyrinth(
-    trials: Annotated[int, typer.Option(min=1, help="Trials per cell, one seed each.")] = 20,
-    robots: Annotated[str, typer.Option(help="Team sizes, separated by commas.")] = "1,2,3,4,5",
-    intruders: Annotated[str, typer.Option(help="Numbers of intruders, separated by commas.")] = "1,2,3,4,5",
-    seed: options.Seed = 1,
-    arena: Annotated[str, typer.Option(help="Packaged arena or YAML file.")] = "map2",
-    map_file: options.Map = None,
-    settings: options.Settings = None,
-    output: options.Output = None,
-    jobs: options.Jobs = None,
-    backend: options.Backend = "loky",
-    scheduler: options.Scheduler = None,
-    dry_run: options.DryRun = False,
-    fresh: options.Fresh = False,
-    retry_failed: options.RetryFailed = False,
-    as_json: options.Json = False,
+    campaign: options.Campaign,
+    trials: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="Trials per cell, one seed each (default 20).",
+        ),
+    ] = None,
+    robots: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N,N",
+            help="Team sizes, separated by commas (default 1,2,3,4,5).",
+        ),
+    ] = None,
+    intruders: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N,N",
+            help="Numbers of intruders, separated by commas (default 1,2,3,4,5).",
+        ),
+    ] = None,
+    seed: FirstSeed = None,
+    arena: options.Arena = None,
 ) -> None:
-    """Run the paper's labyrinth sweep; the same command again goes on where it stopped."""
-    parameters = {"arena": arena, **_parsed(settings, map_file)}
-    grid = {
-        "intruders": _integers(intruders, "--intruders"),
-        "robots": _integers(robots, "--robots"),
-    }
-    campaign = _campaign("labyrinth", grid, trials, seed, parameters)
-    _run(campaign, output, jobs, dry_run, fresh, retry_failed, as_json, backend, scheduler)
+    """Run the paper's labyrinth test: which share of the intruders is caught, by team size.
+
+    One trial per team size and number of intruders is a cell. The same command again continues where it
+    stopped; more trials are added to those that are there.
+    """
+    _run_packaged(
+        "labyrinth",
+        {
+            "intruders": _integers(intruders, "--intruders"),
+            "robots": _integers(robots, "--robots"),
+            "arena": arena,
+        },
+        trials,
+        seed,
+        campaign,
+    )
 
 
-@app.command(rich_help_panel="Campaigns")
+@command("Campaigns", example="midnet-bench run readings --trials 2 --set frames=500")
 def run(
-    file: Annotated[Path, typer.Argument(help="A campaign file, such as campaigns/labyrinth.yaml.")],
-    trials: Annotated[int | None, typer.Option(min=1, help="Trials per cell instead of the file's.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="First seed instead of the file's.")] = None,
-    map_file: options.Map = None,
-    settings: options.Settings = None,
-    output: options.Output = None,
-    jobs: options.Jobs = None,
-    backend: options.Backend = "loky",
-    scheduler: options.Scheduler = None,
-    dry_run: options.DryRun = False,
-    fresh: options.Fresh = False,
-    retry_failed: options.RetryFailed = False,
-    as_json: options.Json = False,
+    campaign: options.Campaign,
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="CAMPAIGN",
+            help="A campaign file, or the name of a packaged one; see 'midnet-bench campaigns'.",
+            autocompletion=completion.campaigns,
+        ),
+    ],
+    trials: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="Trials per cell (default the campaign's).",
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            metavar="N",
+            help="First seed (default the campaign's).",
+        ),
+    ] = None,
 ) -> None:
-    """Run any campaign file; the same command again goes on where it stopped."""
+    """Run a campaign; the same command again continues where it stopped."""
     from midnet_bench.campaign.definition import load_campaign, override
+    from midnet_bench.workflows.campaigns import campaign_file
 
-    campaign = override(load_campaign(file), _parsed(settings, map_file), trials=trials, base_seed=seed)
-    _run(campaign, output, jobs, dry_run, fresh, retry_failed, as_json, backend, scheduler)
-
-
-def _campaign(
-    experiment: str,
-    grid: "dict[str, list[int]]",
-    trials: int,
-    seed: int,
-    parameters: "dict[str, Scalar]",
-) -> "Campaign":
-    from midnet_bench.campaign.definition import parse_campaign
-
-    fixed = {key: value for key, value in parameters.items() if key not in grid}
-    narrowed = {key: [parameters[key]] if key in parameters else values for key, values in grid.items()}
-    values = {"experiment": experiment, "name": experiment, "grid": narrowed, "parameters": fixed}
-    return parse_campaign({**values, "trials": trials, "base_seed": seed}, "command line")
+    settings = options.settings_with({}, campaign.settings, campaign.map_file)
+    written = load_campaign(campaign_file(file))
+    _run(override(written, settings, trials=trials, base_seed=seed), campaign)
 
 
-def _run(
-    campaign: "Campaign",
-    output: Path | None,
-    jobs: int | None,
-    dry_run: bool,
-    fresh: bool,
-    retry_failed: bool,
-    as_json: bool,
-    backend: str = "loky",
-    scheduler: str | None = None,
+@command("Campaigns", example="midnet-bench campaigns")
+def campaigns(as_json: options.Json = False) -> None:
+    """List the campaigns that come with the package; 'midnet-bench run NAME' runs one."""
+    from midnet_bench.workflows.campaigns import packaged_campaigns, summary_of
+
+    found = {name: summary_of(path) for name, path in packaged_campaigns().items()}
+    if as_json:
+        typer.echo(json.dumps(found, indent=1))
+        return
+    width = max(map(len, found))
+    for name, summary in found.items():
+        typer.echo(f"{name:{width}}  {summary}")
+
+
+def _run_packaged(
+    name: str,
+    named: "Mapping[str, int | str | list[int] | None]",
+    trials: int | None,
+    seed: int | None,
+    chosen: options.Campaign,
 ) -> None:
+    """Run a packaged campaign with what the command line changes: lists are values of the grid."""
+    from midnet_bench.campaign.definition import load_campaign, parse_campaign
+    from midnet_bench.workflows.campaigns import packaged_campaigns
+
+    settings = options.settings_with(named, chosen.settings, chosen.map_file)
+    values = load_campaign(packaged_campaigns()[name]).model_dump()
+    given = {key: value for key, value in named.items() if value is not None}
+    for key, value in {**given, **settings}.items():
+        if isinstance(value, list):
+            values["grid"][key] = value
+        elif key in values["grid"]:
+            values["grid"][key] = [value]
+        else:
+            values["parameters"][key] = value
+    if trials is not None:
+        values["trials"] = trials
+    if seed is not None:
+        values["base_seed"] = seed
+    _run(parse_campaign(values, "command line"), chosen)
+
+
+def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
     from midnet_bench.campaign.definition import resolve
-    from midnet_bench.campaign.progress import progress_on
     from midnet_bench.campaign.runner import plan, run_campaign
+    from midnet_bench.cli.reports import present
     from midnet_bench.experiments import registry
 
-    directory = output or options.RESULTS / campaign.name
+    directory = chosen.output or options.RESULTS / campaign.name
     resolved = resolve(campaign, registry)
-    if dry_run:
+    if chosen.dry_run:
         ahead = plan(
             resolved,
             directory,
-            jobs=jobs,
-            backend=backend,
-            scheduler=scheduler,
-            retry_failed=retry_failed,
-            fresh=fresh,
+            jobs=chosen.jobs,
+            backend=chosen.backend,
+            scheduler=chosen.scheduler,
+            retry_failed=chosen.retry_failed,
+            fresh=chosen.fresh,
         )
-        finished = _counted(ahead.measured_on, "finished trial")
-        basis = finished if ahead.measured_on else "a rule of thumb"
-        typer.echo(
-            f"{_counted(ahead.cells, 'cell')}, {_counted(ahead.trials, 'trial')},"
-            f" {ahead.to_run} of them to run; by {basis} about "
-            f"{timedelta(seconds=round(ahead.wall_s))} and {ahead.disk_bytes / 1e6:.1f} MB in {directory}"
-        )
+        _tell_plan(ahead, directory, chosen.as_json)
         return
     outcome = run_campaign(
         resolved,
         directory,
-        jobs=jobs,
-        backend=backend,
-        scheduler=scheduler,
-        fresh=fresh,
-        retry_failed=retry_failed,
-        progress=progress_on(),
+        jobs=chosen.jobs,
+        backend=chosen.backend,
+        scheduler=chosen.scheduler,
+        fresh=chosen.fresh,
+        retry_failed=chosen.retry_failed,
+        progress=messages.campaign_progress(),
     )
-    from midnet_bench.cli.reports import present
-
-    present(directory, as_json)
+    present(directory, chosen.as_json)
     for note in outcome.notes:
-        typer.echo(f"note: {note}", err=True)
+        messages.log.warning("note: %s", note)
+    if not chosen.as_json:
+        messages.tell_where(directory)
     if outcome.failed:
         raise typer.Exit(_tell_of_failures(outcome, directory / "failures.csv"))
+
+
+def _tell_plan(ahead: "Plan", directory: Path, as_json: bool) -> None:
+    if as_json:
+        document = {"schema": 1, "directory": str(directory), **dataclasses.asdict(ahead)}
+        typer.echo(json.dumps(document, indent=1))
+        return
+    basis = (
+        f"from {_counted(ahead.measured_on, 'finished trial')}"
+        if ahead.measured_on
+        else "before any trial is measured"
+    )
+    typer.echo(
+        f"{_counted(ahead.cells, 'cell')}, {_counted(ahead.trials, 'trial')},"
+        f" {ahead.to_run} of them to run; estimated {timedelta(seconds=round(ahead.wall_s))}"
+        f" and {ahead.disk_bytes / 1e6:.1f} MB in {directory} ({basis})"
+    )
 
 
 def _tell_of_failures(outcome: "CampaignOutcome", file: Path) -> int:
@@ -166,13 +256,13 @@ def _tell_of_failures(outcome: "CampaignOutcome", file: Path) -> int:
     from midnet_bench.errors import InputError
 
     for reason, count in list(outcome.unusable.items())[:MAX_REASONS]:
-        typer.echo(f"error: {reason} ({_counted(count, 'trial')})", err=True)
+        messages.log.error("error: %s (%s)", reason, _counted(count, "trial"))
     unusable = sum(outcome.unusable.values())
     if unusable:
-        typer.echo(f"{_counted(unusable, 'trial')} could not use the input: see {file}", err=True)
+        messages.log.error("%s could not use the input: see %s", _counted(unusable, "trial"), file)
     others = outcome.failed - unusable
     if others:
-        typer.echo(f"{_counted(others, 'trial')} failed: see {file}; --retry-failed tries again", err=True)
+        messages.log.error("%s failed: see %s; --retry-failed tries again", _counted(others, "trial"), file)
     return 1 if others else InputError.exit_code
 
 
@@ -180,15 +270,11 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def _parsed(settings: list[str] | None, map_file: Path | None) -> "dict[str, Scalar]":
-    from midnet_bench.campaign.definition import parse_settings
-
-    return parse_settings(settings or [], map_file)
-
-
-def _integers(text: str, option: str) -> list[int]:
+def _integers(text: str | None, option: str) -> list[int] | None:
     from midnet_bench.errors import InputError
 
+    if text is None:
+        return None
     try:
         return [int(part) for part in text.split(",")]
     except ValueError as error:

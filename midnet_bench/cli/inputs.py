@@ -4,13 +4,19 @@ from typing import Annotated
 
 import typer
 
-from midnet_bench.cli import options
-from midnet_bench.cli.app import app
+from midnet_bench.cli import completion, options
+from midnet_bench.cli.app import command
 
 
-@app.command(rich_help_panel="Inputs")
+@command("Inputs", example="midnet-bench parameters labyrinth")
 def parameters(
-    experiment: Annotated[str, typer.Argument(help="detection, labyrinth or mapping")] = "detection",
+    experiment: Annotated[
+        str,
+        typer.Argument(
+            help="detection, labyrinth, mapping, readings, or one of your own.",
+            autocompletion=completion.experiments,
+        ),
+    ] = "detection",
     as_json: options.Json = False,
 ) -> None:
     """List every parameter of an experiment: default, range, meaning."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from midnet_bench.cli import options
-from midnet_bench.cli.app import app
+from midnet_bench.cli import completion, messages, options
+from midnet_bench.cli.app import command
 
 if TYPE_CHECKING:
     from midnet_bench.analysis.tables import Table
@@ -32,28 +32,45 @@ SET_BY_EXACT = (
 _ENDINGS = re.compile(r"(\.(yaml|yml|log|clf|carmen|txt|dat))?(\.gz)?$")
 
 
-@app.command("map", rich_help_panel="Inputs")
+@command("Inputs", "map", example="midnet-bench map map2 --robots 3")
 def make_map(
-    arena: Annotated[str | None, typer.Argument(help="Packaged arena or YAML file, to be explored.")] = None,
-    robots: Annotated[int | None, typer.Option(help="Burgers that explore it; 1 unless given.")] = None,
-    exact: Annotated[bool, typer.Option("--exact", help="Draw the arena's walls, explore nothing.")] = False,
-    from_log: Annotated[
-        Path | None, typer.Option(help="Run GMapping over a recorded log: CARMEN, or a table of scans.")
+    arena: Annotated[
+        str | None,
+        typer.Argument(
+            help="The arena to explore: map1, map2, empty, or a YAML file.", autocompletion=completion.arenas
+        ),
     ] = None,
-    particles: Annotated[int | None, typer.Option(min=1, help="Of GMapping; 30 unless given.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, help="Of everything random; 1 unless given.")] = None,
-    clip: Annotated[bool | None, typer.Option(CLIP, help="Make an MP4 of the growing map, or none.")] = None,
+    robots: Annotated[int | None, typer.Option(metavar="N", help="Robots that explore (default 1).")] = None,
+    exact: Annotated[bool, typer.Option("--exact", help="Draw the arena's walls without exploring.")] = False,
+    from_log: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Run GMapping over a recorded log: a CARMEN log or a table of scans."
+        ),
+    ] = None,
+    particles: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Number of GMapping particles (default 30).")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, metavar="N", help="Random seed (default 1).")] = None,
+    clip: Annotated[
+        bool | None, typer.Option(CLIP, help="Make a film (MP4) of the growing map (default clip).")
+    ] = None,
     settings: options.Settings = None,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", help="Folder, or the map's YAML file with all else beside it."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="Folder, or the map's YAML file; all else goes beside it (default results/map-NAME).",
+        ),
     ] = None,
     as_json: options.Json = False,
 ) -> None:
     """Make a map: explore an arena, run GMapping over a recorded log, or draw an arena exactly.
 
-    Writes what ROS map_server reads and the binary grid that MIDNet subtracts; pictures and a film of the
-    growing map, unless it is exact; and, of an exploration, scores.
+    Writes a map for ROS map_server and the binary grid that MIDNet subtracts. An exploration and a log also
+    give pictures and a film of the growing map; an exploration gives scores.
     """
     from midnet_bench.errors import InputError
 
@@ -86,13 +103,7 @@ def _refuse(option: str, given: Mapping[str, object], names: Iterable[str]) -> N
 
 def _joined(values: "dict[str, Scalar]", settings: list[str]) -> "dict[str, Scalar]":
     """What arguments and ``--set`` ask for. Raises InputError if both name one thing."""
-    from midnet_bench.campaign.definition import parse_settings
-    from midnet_bench.errors import InputError
-
-    parsed = parse_settings(settings)
-    for name in values.keys() & parsed.keys():
-        raise InputError(f"--set {name}: the command line names it without --set too; give it once")
-    return {**values, **parsed}
+    return {**values, **options.settings_with(values, settings)}
 
 
 def _draw_exactly(arena: str, settings: list[str], output: Path, as_json: bool) -> None:
@@ -164,7 +175,7 @@ def _tell(
 ) -> None:
     """Print what was made: warnings and lines for people, or one JSON document."""
     for warning in warnings:
-        typer.echo(f"warning: {warning}", err=True)
+        messages.log.warning("warning: %s", warning)
     if as_json:
         from midnet_bench.cli.reports import json_of
 
@@ -183,4 +194,4 @@ def _tell(
 
 def _tell_scans(done: int, scans: int) -> None:
     if done % 100 == 0 or done == scans:
-        typer.echo(f"scan {done} of {scans}", err=True)
+        messages.log.info("scan %d of %d", done, scans)

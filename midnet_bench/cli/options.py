@@ -1,24 +1,127 @@
-"""Options that mean the same for every command."""
+"""Options that mean the same for every command; a dataclass is a group of them."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from midnet_bench.cli import completion
+
+if TYPE_CHECKING:
+    from midnet_bench.campaign.trial import Scalar
 
 RESULTS = Path("results")
 """Where results go unless ``-o`` says otherwise."""
 
-Output = Annotated[Path | None, typer.Option("-o", "--output", help="Folder for the results.")]
-Jobs = Annotated[int | None, typer.Option(min=1, help="Worker processes; all cores unless given.")]
-Seed = Annotated[int, typer.Option(min=0, help="First seed.")]
+Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Random seed.")]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Any parameter; see 'midnet-bench parameters'."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Set any parameter; 'midnet-bench parameters' lists them. May be repeated.",
+        autocompletion=completion.settings,
+    ),
 ]
-Map = Annotated[Path | None, typer.Option("--map", help="Prior map: a map_server YAML file.")]
-DryRun = Annotated[bool, typer.Option("--dry-run", "-n", help="Say what would run, and stop.")]
-Fresh = Annotated[bool, typer.Option(help="Start over; the old store is kept aside.")]
-RetryFailed = Annotated[bool, typer.Option(help="Run failed trials again.")]
-Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
-Backend = Annotated[str, typer.Option(help="loky (this machine) or dask.")]
-Scheduler = Annotated[str | None, typer.Option(help="Dask scheduler, such as tcp://127.0.0.1:8786.")]
+Map = Annotated[
+    Path | None,
+    typer.Option("--map", metavar="FILE", help="Prior map: the YAML file of a ROS map_server map."),
+]
+Arena = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ARENA",
+        help="Packaged arena (map1, map2, empty) or a YAML file.",
+        show_default=False,
+        autocompletion=completion.arenas,
+    ),
+]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        metavar="N",
+        help="Worker processes (default all cores).",
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
+
+_MESSAGES = "Messages"
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What every command that runs a campaign takes, besides what that campaign is."""
+
+    map_file: Map = None
+    settings: Settings = None
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder for the results (default results/CAMPAIGN).",
+        ),
+    ] = None
+    jobs: Jobs = None
+    backend: Annotated[
+        str, typer.Option(metavar="NAME", help="Where trials run: loky (this machine) or dask.")
+    ] = "loky"
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Address of the Dask scheduler, such as tcp://127.0.0.1:8786."),
+    ] = None
+    dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Say what would run, and stop.")] = False
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Start over; the old results database is kept beside the new one.")
+    ] = False
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Run trials that failed once more.")
+    ] = False
+    as_json: Json = False
+
+
+@dataclass(frozen=True)
+class Messages:
+    """What every command takes: how much it says while it works."""
+
+    quiet: Annotated[
+        bool,
+        typer.Option("-q", "--quiet", help="Say only what goes wrong.", rich_help_panel=_MESSAGES),
+    ] = False
+    verbose: Annotated[
+        bool,
+        typer.Option("-v", "--verbose", help="Say more: each trial as it ends.", rich_help_panel=_MESSAGES),
+    ] = False
+    log_file: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Append every message with its time to this file.", rich_help_panel=_MESSAGES
+        ),
+    ] = None
+
+
+def settings_with(
+    named: "Mapping[str, object]", settings: list[str] | None, map_file: Path | None = None
+) -> "dict[str, Scalar]":
+    """What ``--set`` and ``--map`` ask for.
+
+    Args:
+        named: what options of their own gave for parameters, such as ``--frames``; None if not given.
+        settings: what ``--set`` gave.
+        map_file: what ``--map`` gave.
+
+    Raises:
+        InputError: a setting is no ``key=value``, or an option of its own names the same parameter.
+    """
+    from midnet_bench.campaign.definition import parse_settings
+    from midnet_bench.errors import InputError
+
+    parsed = parse_settings(settings or [], map_file)
+    for name, value in named.items():
+        if name in parsed and value is not None:
+            raise InputError(f"--set {name}: the command line gives '{name}' without --set too; give it once")
+    return parsed

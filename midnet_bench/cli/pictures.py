@@ -1,47 +1,70 @@
 """The command that draws a trial: ``render``."""
 
-import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from midnet_bench.cli import options
-from midnet_bench.cli.app import app
+from midnet_bench.cli import completion, messages, options
+from midnet_bench.cli.app import command
+
+ROBOTS = 5
+"""of a trial that is drawn, unless the user says otherwise"""
 
 
-@app.command(rich_help_panel="Results")
+@command("Results", example="midnet-bench render labyrinth --robots 3 --intruders 2 --seed 4")
 def render(
-    experiment: Annotated[str, typer.Argument(help="detection or labyrinth")] = "detection",
-    robots: Annotated[int, typer.Option(help="Security robots.")] = 5,
-    intruders: Annotated[int | None, typer.Option(help="Mobile intruders, in the labyrinth.")] = None,
-    frames: Annotated[int | None, typer.Option(help="Frames of a detection trial, at 5 Hz.")] = None,
+    experiment: Annotated[
+        str, typer.Argument(help="detection or labyrinth.", autocompletion=completion.experiments)
+    ] = "detection",
+    robots: Annotated[int | None, typer.Option(metavar="N", help="Security robots (default 5).")] = None,
+    intruders: Annotated[
+        int | None, typer.Option(metavar="N", help="Mobile intruders in the labyrinth.")
+    ] = None,
+    frames: Annotated[
+        int | None, typer.Option(metavar="N", help="Frames of a detection trial, 5 a second.")
+    ] = None,
     seed: options.Seed = 1,
     frame: Annotated[
         int | None,
-        typer.Option(help="The frame that the pictures show, counted from 1; 100 or the last unless given."),
+        typer.Option(
+            metavar="N",
+            help="Which frame the pictures show, counted from 1 (default 100 or the last).",
+        ),
     ] = None,
-    clip: Annotated[bool, typer.Option(help="Make an MP4 and a storyboard of the whole trial.")] = True,
-    speed: Annotated[float, typer.Option(help="How much faster than real time the clip runs.")] = 4.0,
-    arena: Annotated[str | None, typer.Option(help="Packaged arena or YAML file.")] = None,
+    clip: Annotated[bool, typer.Option(help="Make a film (MP4) and a storyboard of the whole trial.")] = True,
+    speed: Annotated[
+        float, typer.Option(metavar="FACTOR", help="How much faster than real time the film runs.")
+    ] = 4.0,
+    arena: options.Arena = None,
     map_file: options.Map = None,
     settings: options.Settings = None,
-    output: options.Output = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Folder for the pictures (default results/render-...).",
+        ),
+    ] = None,
 ) -> None:
-    """Draw one trial: the arena from above, each guard's grids A to D, the detections, and a clip."""
-    from midnet_bench.campaign.definition import parse_settings
+    """Draw one trial: the arena from above, each robot's grids A to D, the detections, and a film."""
     from midnet_bench.errors import InputError
     from midnet_bench.experiments.registry import parameters_model
     from midnet_bench.workflows.render import render_trial
 
     chosen = {"robots": robots, "intruders": intruders, "frames": frames, "arena": arena}
+    given = options.settings_with(chosen, settings, map_file)
     parameters = {key: value for key, value in chosen.items() if value is not None}
+    known = parameters_model(experiment).model_fields
     for key in parameters:
-        if key not in parameters_model(experiment).model_fields:
+        if key not in known:
             raise InputError(f"render: --{key} does not go with '{experiment}', which has no such parameter")
     directory = output or options.RESULTS / f"render-{experiment}-{seed}"
     files = render_trial(
         experiment,
-        {**parameters, **parse_settings(settings or [], map_file)},
+        {**({"robots": ROBOTS} if "robots" in known else {}), **parameters, **given},
         seed,
         directory,
         frame,
@@ -55,4 +78,4 @@ def render(
 
 def _tell(done: int, most: int) -> None:
     if done % 250 == 0:
-        print(f"frame {done} of at most {most}", file=sys.stderr, flush=True)
+        messages.log.info("frame %d of at most %d", done, most)

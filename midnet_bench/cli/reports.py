@@ -1,4 +1,4 @@
-"""The commands that read a campaign's store: ``report``; and what a campaign prints when it ends."""
+"""The commands that read a campaign's results: ``report``, ``verify``, ``power``, ``compare``."""
 
 import json
 import math
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from midnet_bench.cli import options
-from midnet_bench.cli.app import app
+from midnet_bench.cli import completion, messages, options
+from midnet_bench.cli.app import command
 
 if TYPE_CHECKING:
     from midnet_bench.analysis.tables import Table
@@ -24,7 +24,7 @@ def _campaigns_folder(directory: Path) -> Path:
     from midnet_bench.errors import InputError
 
     if directory.is_file():
-        raise InputError(f"{directory}: give the campaign's folder, {directory.parent}, and no file in it")
+        raise InputError(f"{directory}: this is a file; give the campaign's folder, {directory.parent}")
     if not directory.is_dir():
         raise InputError(
             f"{directory}: there is no such folder; give a campaign's, such as results/labyrinth"
@@ -38,23 +38,32 @@ def _campaigns_folders(directories: list[Path]) -> list[Path]:
 
 Directory = Annotated[
     Path,
-    typer.Argument(help="A campaign's folder, such as results/labyrinth.", callback=_campaigns_folder),
+    typer.Argument(
+        help="A campaign's folder, such as results/labyrinth.",
+        callback=_campaigns_folder,
+        autocompletion=completion.results,
+    ),
 ]
 
 
-@app.command(rich_help_panel="Results")
+@command("Results", example="midnet-bench report results/labyrinth")
 def report(directory: Directory, as_json: options.Json = False) -> None:
-    """Make all tables and figures of a campaign again, from its store alone."""
+    """Rebuild all tables and figures from the stored trials, without simulating."""
     from midnet_bench.errors import InputError
 
     if not present(directory, as_json):
         hint = "; see failures.csv there" if (directory / "failures.csv").exists() else ""
         raise InputError(f"{directory}: no finished trial yet{hint}")
+    if not as_json:
+        messages.tell_where(directory)
 
 
-@app.command(rich_help_panel="Results")
+@command("Results", example="midnet-bench verify results/labyrinth")
 def verify(directory: Directory, as_json: options.Json = False) -> None:
-    """Hold a campaign against what the paper states; exit 0 reproduced, 3 cannot tell, 4 not reproduced."""
+    """Check each claim of the paper against your results.
+
+    Exit code: 0 all claims are reproduced, 3 some are inconclusive, 4 some are contradicted.
+    """
     from midnet_bench.workflows.verify import verify as hold_against_paper
 
     table, code = hold_against_paper(directory)
@@ -62,15 +71,22 @@ def verify(directory: Directory, as_json: options.Json = False) -> None:
     raise typer.Exit(code)
 
 
-@app.command(rich_help_panel="Results")
+@command("Results", example="midnet-bench power results/labyrinth --difference 5 --robots 4 5")
 def power(
     directory: Directory,
-    difference: Annotated[float, typer.Option(help="Change of the success rate, percentage points.")] = 5.0,
-    robots: Annotated[tuple[int, int], typer.Option(help="The two team sizes to compare.")] = (4, 5),
-    probability: Annotated[float, typer.Option("--power", help="Chance of finding the change.")] = 0.8,
+    difference: Annotated[
+        float, typer.Option(metavar="POINTS", help="Change of the success rate to detect, percentage points.")
+    ] = 5.0,
+    robots: Annotated[tuple[int, int], typer.Option(metavar="N N", help="The two team sizes to compare.")] = (
+        4,
+        5,
+    ),
+    probability: Annotated[
+        float, typer.Option("--power", metavar="P", help="Probability of detecting the change.")
+    ] = 0.8,
     as_json: options.Json = False,
 ) -> None:
-    """Tell how many trials a change of the success rate needs to be found, from the results at hand."""
+    """Estimate how many trials you need to detect a given change of the labyrinth's success rate."""
     from midnet_bench.errors import InputError
     from midnet_bench.experiments.labyrinth.power import power_report
 
@@ -79,19 +95,28 @@ def power(
     show([power_report(directory, difference, robots, probability)], as_json)
 
 
-@app.command(rich_help_panel="Results")
+@command("Results", example="midnet-bench compare results/one results/other -o results/comparison")
 def compare(
     directories: Annotated[
         list[Path],
-        typer.Argument(help="Folders of detection or labyrinth campaigns.", callback=_campaigns_folders),
+        typer.Argument(
+            help="Two or more folders of detection or of labyrinth campaigns.",
+            callback=_campaigns_folders,
+            autocompletion=completion.results,
+        ),
     ],
-    output: options.Output = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="DIR", help="Also write tables and figures into this folder."),
+    ] = None,
     as_json: options.Json = False,
 ) -> None:
-    """Tell what differs between campaigns of one experiment, seed by seed; labyrinths in one figure too."""
+    """Compare campaigns on the seeds they share: difference and 95 % interval for each score."""
     from midnet_bench.workflows.compare import write_comparison
 
     show(write_comparison(directories, output or Path("results/comparison")), as_json)
+    if output is not None and not as_json:
+        messages.tell_where(output)
 
 
 def present(directory: Path, as_json: bool) -> bool:

@@ -35,6 +35,8 @@ class Experiment:
     """the flat pydantic model of its parameters, every one with a default; or a reference to it"""
     run: "Callable[[Any, int], TrialResult]"
     """(parameters, seed) -> the tables of one trial: a pure function, no file, no clock, no global state"""
+    trial: Callable[..., Any] | None = None
+    """(parameters, seed) -> a context manager with ``frames(explain)`` for ``simulate``; else None"""
     demo: Callable[..., Any] | None = None
     """(parameters, seed) -> a context manager that gives a ``drawing.scene.Demo``, a trial for
     ``midnet-bench render``; None if there is nothing to draw"""

@@ -50,7 +50,7 @@ def test_what_is_no_campaigns_folder_gets_a_hint(tmp_path: Path, command: Comman
     detection_store(tmp_path / "one", range(1, 3))
     for name in ("report", "verify", "power", "compare"):
         code, _, (line,) = command(name, "one/campaign.sqlite")
-        assert (code, "give the campaign's folder, one," in line) == (2, True), line
+        assert (code, "give the campaign's folder, one" in line) == (2, True), line
         code, _, (line,) = command(name, "two")
         assert (code, "two: there is no such folder" in line) == (2, True), line
 

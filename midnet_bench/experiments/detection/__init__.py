@@ -8,5 +8,6 @@ DETECTION = Experiment(
     summary="Map 1, section V.A: which intruders are detected, frame by frame.",
     parameters="midnet_bench.experiments.guarded.parameters:DetectionParameters",
     run=later("midnet_bench.experiments.detection.trial:run_detection"),
+    trial=later("midnet_bench.experiments.detection.trial:DetectionTrial"),
     demo=later("midnet_bench.experiments.detection.demo:demo"),
 )

@@ -1,0 +1,123 @@
+"""What commands say beside their results: lines on stderr, and in a log file if one is asked for.
+
+Every module speaks through ``logging.getLogger("midnet_bench")``: ``debug`` what ``-v`` shows, ``info`` what
+``-q`` silences, ``warning`` and ``error`` always.
+"""
+
+import logging
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from midnet_bench import __version__
+from midnet_bench.errors import InputError
+
+if TYPE_CHECKING:
+    from midnet_bench.campaign.progress import Progress
+
+log = logging.getLogger("midnet_bench")
+
+
+_handlers: list[logging.Handler] = []
+
+
+class _Stderr(logging.Handler):
+    """Bare lines on whatever stderr is when the line comes."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        print(record.getMessage(), file=sys.stderr, flush=True)
+
+
+def set_up(*, quiet: bool = False, verbose: bool = False, log_file: Path | None = None) -> None:
+    """Direct the messages of one command, in place of what an earlier call set up.
+
+    Raises:
+        InputError: ``quiet`` and ``verbose`` at once, or the log file cannot be written.
+    """
+    if quiet and verbose:
+        raise InputError("--quiet and --verbose: give one of the two")
+    shut_down()
+    console = _Stderr()
+    console.setLevel(logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO)
+    _add(console)
+    log.setLevel(logging.DEBUG)
+    log.propagate = False
+    if log_file is not None:
+        try:
+            log_file.parent.mkdir(parents=True, exist_ok=True)
+            to_file = logging.FileHandler(log_file, encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"--log-file {log_file}: cannot be written: {error.strerror}") from error
+        to_file.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+        to_file.setLevel(logging.DEBUG)
+        _add(to_file)
+    log.debug("midnet-bench %s: %s", __version__, " ".join(sys.argv[1:]))
+
+
+def shut_down() -> None:
+    """Close what :func:`set_up` opened."""
+    while _handlers:
+        handler = _handlers.pop()
+        log.removeHandler(handler)
+        handler.close()
+
+
+def _add(handler: logging.Handler) -> None:
+    _handlers.append(handler)
+    log.addHandler(handler)
+
+
+def level() -> int:
+    """From which level on messages reach stderr."""
+    return min(
+        (handler.level for handler in log.handlers if isinstance(handler, _Stderr)), default=logging.INFO
+    )
+
+
+def tell_where(directory: Path) -> None:
+    """The line that a command with results ends with."""
+    files = sum(path.is_file() for path in directory.rglob("*"))
+    log.info("results in %s (%d file%s)", directory, files, "" if files == 1 else "s")
+
+
+def campaign_progress() -> "Progress":
+    """Shows how a campaign goes as ``-q`` and ``-v`` ask for; the log file gets each trial in any case."""
+    from midnet_bench.campaign.progress import Progress, progress_on
+
+    # a bar that the lines of -v run through would be neither
+    return _logged(progress_on(sys.stderr) if level() == logging.INFO else Progress())
+
+
+def _logged(shown: "Progress") -> "Progress":
+    from midnet_bench.campaign.progress import Progress
+    from midnet_bench.campaign.worker import Outcome
+
+    class Logged(Progress):
+        """Hands everything on and keeps a line of it."""
+
+        def begin(self, total: int, done: int) -> None:
+            self._total, self._done = total, done
+            log.debug("%d trials, %d of them already stored", total, done)
+            shown.begin(total, done)
+
+        def advance(self, outcome: Outcome) -> None:
+            self._done += 1
+            how = "failed" if outcome.failure else "finished"
+            log.debug(
+                "trial %s %s after %.1f s (%d of %d)",
+                outcome.trial_id,
+                how,
+                outcome.wall_s,
+                self._done,
+                self._total,
+            )
+            shown.advance(outcome)
+
+        def note(self, text: str) -> None:
+            log.debug("%s", text)
+            shown.note(text)
+
+        def end(self) -> None:
+            shown.end()
+
+    return Logged()

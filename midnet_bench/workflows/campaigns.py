@@ -1,0 +1,61 @@
+"""Campaigns by file or by name: those of ``campaigns/`` come with the package."""
+
+from pathlib import Path
+
+from midnet_bench.campaign.definition import Campaign, resolve
+from midnet_bench.campaign.definition import load_campaign as load
+from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.experiments import registry
+from midnet_bench.workflows.shipped import shipped_folder
+
+
+def packaged_campaigns() -> dict[str, Path]:
+    """The campaign files that come with the package, by name, in alphabetical order."""
+    return {path.stem: path for path in sorted(shipped_folder("campaigns", "campaigns").glob("*.yaml"))}
+
+
+def campaign_file(name_or_path: str | Path) -> Path:
+    """The file that is meant: the one at this path, else the packaged campaign of this name.
+
+    Raises:
+        InputError: there is neither.
+    """
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    packaged = packaged_campaigns()
+    name = str(name_or_path)
+    if name in packaged:
+        return packaged[name]
+    if path.stem in packaged:
+        raise InputError(
+            f"{path}: there is no such file; 'midnet-bench run {path.stem}' runs the packaged campaign"
+        )
+    if path.suffix or path.name != name:
+        raise InputError(f"{path}: there is no such file; the path starts from the working folder")
+    raise InputError(f"{name}: neither a campaign file nor a packaged campaign{nearest_name(name, packaged)}")
+
+
+def summary_of(path: Path) -> str:
+    """What a campaign is for, in one line: the first sentence of its file's leading comment; else empty."""
+    comment = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        comment.append(line.removeprefix("#").strip())
+    sentence, stop, _ = " ".join(comment).partition(". ")
+    return sentence + stop.strip()
+
+
+def load_campaign(name_or_path: str | Path) -> Campaign:
+    """A campaign, every cell checked against its experiment.
+
+    Args:
+        name_or_path: a YAML file, or the name of a packaged campaign such as ``"labyrinth"``.
+
+    Raises:
+        InputError: in one line, naming the file and the key.
+    """
+    campaign = load(campaign_file(name_or_path))
+    resolve(campaign, registry)
+    return campaign

@@ -1,0 +1,69 @@
+"""``simulate``: one trial, frame by frame."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Any, Self
+
+from midnet_bench.campaign.trial import Scalar
+from midnet_bench.errors import InputError
+from midnet_bench.experiments import registry
+from midnet_bench.io.checked_yaml import parse
+
+
+class Simulation(Iterator[Any]):
+    """The frames of one trial. The simulator is freed at the last frame, by :meth:`close` or by ``with``."""
+
+    def __init__(self, trial: Any, explain: bool) -> None:
+        self._resources = ExitStack()
+        self.trial = self._resources.enter_context(trial)
+        """the trial as it is now: its ``guards``, ``intruders``, ``arena``, ``prior_map`` and ``world``"""
+        self._frames: Iterator[Any] = trial.frames(explain)
+
+    def __next__(self) -> Any:
+        try:
+            return next(self._frames)
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the trial and free the simulator; there are no more frames."""
+        self._frames = iter(())
+        self._resources.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def simulate(
+    experiment: str = "detection", *, seed: int = 1, explain: bool = False, **parameters: Scalar
+) -> Simulation:
+    """One trial, frame by frame, 5 frames per simulated second.
+
+    Args:
+        experiment: ``"detection"`` or ``"labyrinth"``, or a reference to one of your own.
+        seed: of everything random; the same seed gives the same frames.
+        explain: keep each robot's grids A to D and what happened to each box, in ``frame.explanation``.
+        parameters: those that are not to have their default, such as ``robots=5, frames=100``;
+            ``midnet-bench parameters`` describes them.
+
+    Returns:
+        An iterator, which is also a context manager: ``with simulate(robots=1) as frames:``. ``detection``
+        gives ``ScoredFrame``: ``midnet`` (the detections), ``truths``, ``in_range`` and ``counts``.
+        ``labyrinth`` gives MIDNet's ``Frame``. Boxes are in the map frame, metres. ``.trial`` is the trial.
+
+    Raises:
+        InputError: an unknown experiment or parameter, a value out of range, or an experiment without frames.
+        MidnetBenchError: PyBullet is not installed.
+    """
+    found = registry.experiment(experiment)
+    if found.trial is None:
+        raise InputError(f"simulate: '{experiment}' has no frames; detection and labyrinth have")
+    checked = parse(found.model, parameters, f"simulate: {experiment}")
+    return Simulation(found.trial(checked, seed), explain)

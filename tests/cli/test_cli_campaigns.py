@@ -1,0 +1,64 @@
+"""Campaigns by name: listed, found from any folder, and told apart from files."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from command import REPOSITORY, midnet_bench, one_line_of_complaint
+
+
+def test_campaigns_lists_every_file_with_its_first_sentence(tmp_path: Path) -> None:
+    done = midnet_bench("campaigns", folder=tmp_path)
+    files = sorted(path.stem for path in (REPOSITORY / "campaigns").glob("*.yaml"))
+    assert [line.split()[0] for line in done.stdout.splitlines()] == files
+    assert "labyrinth        The paper's 500 labyrinth trials, section V.B." in done.stdout
+    told = json.loads(midnet_bench("campaigns", "--json", folder=tmp_path).stdout)
+    assert list(told) == files
+    assert all(text.endswith(".") and len(text) < 120 for text in told.values())
+
+
+@pytest.mark.parametrize(
+    "path", sorted((REPOSITORY / "campaigns").glob("*.yaml")), ids=lambda path: path.stem
+)
+def test_every_packaged_campaign_can_be_planned_from_any_folder(path: Path, tmp_path: Path) -> None:
+    done = midnet_bench("run", path.stem, "-n", "--json", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    written = yaml.safe_load(path.read_text())
+    cells = 1
+    for values in written["grid"].values():
+        cells *= len(values)
+    plan = json.loads(done.stdout)
+    assert (plan["cells"], plan["trials"]) == (cells, cells * written["trials"])
+    assert plan["directory"] == f"results/{path.stem}"
+
+
+def test_a_file_of_that_name_comes_first(tmp_path: Path) -> None:
+    (tmp_path / "labyrinth").write_text("experiment: detection\ngrid: {robots: [1, 2, 3]}\n")
+    done = midnet_bench("run", "labyrinth", "-n", folder=tmp_path)
+    assert done.stdout.startswith("3 cells, 3 trials")
+
+
+def test_a_folder_of_that_name_does_not_hide_the_campaign(tmp_path: Path) -> None:
+    (tmp_path / "labyrinth").mkdir()
+    assert midnet_bench("run", "labyrinth", "-n", folder=tmp_path).stdout.startswith("25 cells, 500 trials")
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("labirynth", ["labirynth", "did you mean 'labyrinth'"]),
+        ("campaigns/labyrinth.yaml", ["campaigns/labyrinth.yaml", "'midnet-bench run labyrinth'"]),
+        ("mine.yaml", ["mine.yaml", "working folder"]),
+    ],
+)
+def test_what_is_neither_file_nor_name_gets_a_hint(given: str, words: list[str], tmp_path: Path) -> None:
+    complaint = one_line_of_complaint(midnet_bench("run", given, folder=tmp_path))
+    assert all(word in complaint for word in words), complaint
+
+
+@pytest.mark.slow
+def test_smoke_agrees_with_the_expected_numbers(tmp_path: Path) -> None:
+    done = midnet_bench("smoke", "--jobs", 2, folder=tmp_path)
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.startswith("0 differences")

@@ -1,0 +1,184 @@
+"""How commands behave whatever they do: help, options given twice, messages, completion, the last line."""
+
+import contextlib
+import json
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer.main
+import yaml
+from command import REPOSITORY, midnet_bench, one_line_of_complaint
+
+from midnet_bench.cli.app import app
+
+COMMANDS = [one.name or one.callback.__name__ for one in app.registered_commands if one.callback]
+TINY = ("detection", "--robots", 1, "--frames", 2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        (("detection", "--frames", 10, "--set", "frames=20"), "frames"),
+        (("detection", "--robots", "1,5", "--set", "robots=3"), "robots"),
+        (("detection", "--arena", "map1", "--set", "arena=map2"), "arena"),
+        (("labyrinth", "--arena", "map2", "--set", "arena=map1"), "arena"),
+        (("labyrinth", "--intruders", 2, "--set", "intruders=3"), "intruders"),
+        (("labyrinth", "--robots", 2, "--set", "robots=3"), "robots"),
+        (("render", "--frames", 10, "--set", "frames=20"), "frames"),
+        (("render", "--robots", 1, "--set", "robots=2"), "robots"),
+        (("map", "map1", "--robots", 1, "--set", "robots=2"), "robots"),
+    ],
+)
+def test_a_parameter_given_by_its_own_option_and_by_set_is_refused(
+    arguments: tuple[object, ...], key: str, tmp_path: Path
+) -> None:
+    complaint = one_line_of_complaint(midnet_bench(*arguments, folder=tmp_path))
+    assert f"--set {key}" in complaint
+    assert "give it once" in complaint
+    assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments", [("detection", "--seed", 3, "--set", "seed=4"), ("labyrinth", "--set", "seed=4")]
+)
+def test_the_seed_is_no_setting(arguments: tuple[object, ...], tmp_path: Path) -> None:
+    assert "--seed" in one_line_of_complaint(midnet_bench(*arguments, folder=tmp_path))
+
+
+def test_set_alone_narrows_the_grid(tmp_path: Path) -> None:
+    done = midnet_bench(
+        "detection", "--set", "robots=3", "--set", "frames=20", "-n", "--json", folder=tmp_path
+    )
+    assert (json.loads(done.stdout)["cells"], done.stderr) == (1, "")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_of_every_command_opens_with_an_example_that_it_understands(
+    name: str, tmp_path: Path
+) -> None:
+    done = midnet_bench(name, "-h", folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    example = next(line.strip() for line in done.stdout.splitlines() if line.strip().startswith("$ "))
+    assert example.startswith(f"$ midnet-bench {name}")
+    arguments = shlex.split(example)[3:]
+    command = typer.main.get_command(app).commands[name]
+    for argument in arguments:  # folders that the example names
+        if argument.startswith("results/"):
+            (tmp_path / argument).mkdir(parents=True, exist_ok=True)
+    with contextlib.chdir(tmp_path):
+        assert command.make_context(name, arguments).args == []
+
+
+def test_the_options_help_names_the_defaults_of_the_packaged_campaigns(tmp_path: Path) -> None:
+    def campaign(name: str) -> dict[str, object]:
+        values = yaml.safe_load((REPOSITORY / "campaigns" / f"{name}.yaml").read_text())
+        return {**values, **values["grid"], **values.get("parameters", {})}
+
+    for name, options in (
+        ("detection", {"robots": "robots", "frames": "frames", "seeds": "trials", "seed": "base_seed"}),
+        (
+            "labyrinth",
+            {"robots": "robots", "intruders": "intruders", "trials": "trials", "seed": "base_seed"},
+        ),
+    ):
+        command = typer.main.get_command(app).commands[name]
+        helps = {parameter.name: parameter.help for parameter in command.params}
+        values = campaign(name)
+        for option, key in options.items():
+            value = values[key]
+            said = ",".join(map(str, value)) if isinstance(value, list) else str(value)
+            assert f"(default {said})" in str(helps[option])
+
+
+def test_a_run_ends_by_naming_its_folder_unless_it_is_quiet_or_prints_json(tmp_path: Path) -> None:
+    done = midnet_bench(*TINY, folder=tmp_path)
+    files = sum(path.is_file() for path in (tmp_path / "results").rglob("*"))
+    assert done.stderr.splitlines()[-1] == f"results in results/detection ({files} files)"
+    assert "1-robot" in done.stdout
+
+    quiet = midnet_bench(*TINY, "-q", folder=tmp_path)
+    assert (quiet.stderr, quiet.stdout) == ("", done.stdout)
+
+    as_json = midnet_bench(*TINY, "--json", folder=tmp_path)
+    json.loads(as_json.stdout)
+    assert "results in" not in as_json.stderr
+
+    again = midnet_bench("report", "results/detection", folder=tmp_path)
+    assert again.stderr == f"results in results/detection ({files} files)\n"
+
+
+def test_verbose_and_the_log_file_tell_each_trial(tmp_path: Path) -> None:
+    done = midnet_bench(*TINY, "--seeds", 2, "-v", "--log-file", "logs/run.txt", folder=tmp_path)
+    assert done.returncode == 0
+    lines = (tmp_path / "logs" / "run.txt").read_text().splitlines()
+    for text in (done.stderr.splitlines(), lines):
+        assert sum(" finished after " in line for line in text) == 2
+    assert "detection --robots 1" in lines[0]
+    assert all(line.split()[2] in ("DEBUG", "INFO") for line in lines)
+
+    wrong = midnet_bench(
+        "detection", "--set", "frames=-1", "-q", "--log-file", "logs/run.txt", folder=tmp_path
+    )
+    last = (tmp_path / "logs" / "run.txt").read_text().splitlines()[-1]
+    assert last.split(maxsplit=3)[2:] == ["ERROR", wrong.stderr.strip()]
+
+
+def test_quiet_and_verbose_exclude_each_other(tmp_path: Path) -> None:
+    assert "--quiet and --verbose" in one_line_of_complaint(midnet_bench(*TINY, "-q", "-v", folder=tmp_path))
+
+
+def test_a_log_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    done = midnet_bench(*TINY, "--log-file", tmp_path, folder=tmp_path)
+    assert f"--log-file {tmp_path}" in one_line_of_complaint(done)
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_dry_run_in_json_is_one_document(tmp_path: Path) -> None:
+    done = midnet_bench("labyrinth", "-n", "--json", folder=tmp_path)
+    plan = json.loads(done.stdout)
+    assert (plan["schema"], plan["cells"], plan["trials"], plan["to_run"]) == (1, 25, 500, 500)
+    assert plan["directory"] == "results/labyrinth"
+
+
+def completed(line: str, folder: Path) -> list[str]:
+    """What bash offers at the end of a command line."""
+    words = line.split(" ")
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(REPOSITORY),
+        "_MIDNET_BENCH_COMPLETE": "complete_bash",
+        "COMP_WORDS": line,
+        "COMP_CWORD": str(len(words) - 1),
+    }
+    done = subprocess.run(
+        [sys.executable, "-m", "midnet_bench"],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stderr == ""
+    return done.stdout.split()
+
+
+def test_the_shell_completes_names(tmp_path: Path) -> None:
+    for name in ("results/mine", "results/not-a-campaign", "elsewhere/other"):
+        (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "results/mine/campaign.sqlite").touch()
+    (tmp_path / "elsewhere/other/configuration.json").touch()
+    (tmp_path / "labels.yaml").touch()
+    assert completed("midnet-bench ver", tmp_path) == ["verify"]
+    assert completed("midnet-bench run lab", tmp_path) == ["labyrinth", "labels.yaml"]
+    assert completed("midnet-bench parameters lab", tmp_path) == ["labyrinth"]
+    assert completed("midnet-bench detection --arena map", tmp_path) == ["map1", "map2"]
+    assert completed("midnet-bench report ", tmp_path) == ["results/mine"]
+    assert completed("midnet-bench report elsewhere/o", tmp_path) == ["elsewhere/other"]
+    assert completed("midnet-bench labyrinth --set escape_", tmp_path) == [
+        "escape_distance_m=",
+        "escape_radius_m=",
+    ]
