@@ -1,0 +1,125 @@
+"""Wrong programs that a test must notice: ``python -m tests.mutants`` prints which test notices which.
+
+A mutant is one changed line of the package, tried in a copy of the checkout's package and tests.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+REPOSITORY = Path(__file__).parents[1]
+TESTS_FAILED = 1
+"""pytest's exit code when tests ran and some failed; a broken import or an unknown test is another"""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """A change of the package, and the test that must fail with it."""
+
+    name: str
+    file: str
+    """below ``midnet_bench/``"""
+    old: str
+    """stands there exactly once"""
+    new: str
+    test: str
+    """below ``tests/``"""
+
+
+MUTANTS = [
+    Mutant(
+        "usable range 2.6 m instead of 2.5 m",
+        "experiments/detection/trial.py",
+        "USABLE_RANGE_M = 2.5",
+        "USABLE_RANGE_M = 2.6",
+        "experiments/test_experiments_detection.py",
+    ),
+    Mutant(
+        "the readings are not ranked",
+        "experiments/readings/tables.py",
+        "return noise > 0.0, math.inf if math.isnan(gap) else round(gap, 2), false",
+        "return False, 0.0, 0.0",
+        "experiments/test_experiments_readings.py",
+    ),
+    Mutant(
+        "golden bounds agree with anything",
+        "workflows/smoke.py",
+        "return abs(float(ours) - float(golden)) <= absolute + share * abs(float(golden))",
+        "return True",
+        "workflows/test_smoke.py",
+    ),
+    Mutant(
+        "stuck after 8 s instead of 5 s",
+        "agents/mobile_robot.py",
+        "STUCK_AFTER_S = 5.0",
+        "STUCK_AFTER_S = 8.0",
+        "agents/test_progress.py",
+    ),
+    Mutant(
+        "Eq. 11 counts who was detected, not who was caught",
+        "experiments/labyrinth/trial.py",
+        '"success_rate": 100.0 * caught / len(fates),',
+        '"success_rate": 100.0 * sum(not math.isnan(fate.detected_at_s) for fate in fates) / len(fates),',
+        "experiments/test_experiments_labyrinth.py",
+    ),
+    Mutant(
+        "guards pursue the true position of an intruder, not its box",
+        "experiments/labyrinth/trial.py",
+        "self.pursuit.detected(robot.index, boxes[0].center, now_s)",
+        "self.pursuit.detected(robot.index, self._place(robot), now_s)",
+        "experiments/test_experiments_labyrinth.py",
+    ),
+]
+
+
+def killed_by(mutant: Mutant, folder: Path) -> list[str]:
+    """The tests that fail with ``mutant`` in a copy of the package in ``folder``; none if it lives.
+
+    Raises:
+        ValueError: the text to change does not stand exactly once in its file, or the tests did not run.
+    """
+    for part in ("midnet_bench", "tests", "campaigns", "results", "docs"):
+        if (REPOSITORY / part).is_dir():
+            shutil.copytree(REPOSITORY / part, folder / part)  # with its times, so that numba's cache holds
+    shutil.copy(REPOSITORY / "pyproject.toml", folder)
+    source = folder / "midnet_bench" / mutant.file
+    text = source.read_text(encoding="utf-8")
+    if text.count(mutant.old) != 1:
+        raise ValueError(f"{mutant.name}: not exactly once in {mutant.file}: {mutant.old}")
+    source.write_text(text.replace(mutant.old, mutant.new), encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", f"tests/{mutant.test}", "-x", "-q", "--tb=no", "-rf"]
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("PYTEST_")}
+    done = subprocess.run(
+        [*command, "-p", "no:cacheprovider", "-p", "no:xdist"],
+        cwd=folder,
+        env={**environment, "PYTHONPATH": str(folder)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    if done.returncode not in (0, TESTS_FAILED):
+        raise ValueError(f"{mutant.name}: the tests did not run:\n{done.stdout}{done.stderr}")
+    failed = [line.split()[1] for line in done.stdout.splitlines() if line.startswith("FAILED ")]
+    return failed if done.returncode == TESTS_FAILED else []
+
+
+def main() -> int:
+    """Print the table; 1 if a mutant lives."""
+    lives = False
+    for mutant in MUTANTS:
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                said = ", ".join(killed_by(mutant, Path(folder))) or "LIVES"
+            except ValueError as error:
+                said = f"LIVES: {str(error).splitlines()[0]}"
+        lives |= said.startswith("LIVES")
+        print(f"{mutant.name:62} {said}", flush=True)
+    return int(lives)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
