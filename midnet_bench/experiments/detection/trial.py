@@ -18,8 +18,6 @@ from midnet_bench.scoring.frame_counts import FrameCounts, TruthObject, count_fr
 from midnet_bench.scoring.ratios import ratios
 from midnet_bench.simulation.lidar import SOLID
 
-USABLE_RANGE_M = 2.5
-"""Laser scan range of section V.A, from the sensor: whom a guard could have seen."""
 ON_SURFACE_M = 0.05
 """A noisy return this near to a stationary intruder is one of its own; walls are farther off."""
 GOAL_CLEARANCE_M = 0.4
@@ -79,22 +77,24 @@ class DetectionTrial(GuardedArena):
     def in_range(self, test: DetectionParameters) -> list[bool]:
         """For each truth, whether not finding it now counts as a false negative (item 46).
 
-        The range goes to the intruder itself, whatever box it is scored by.
+        "Laser scan range" of section V.A is how far from the sensor a return is marked (item 7). It goes to
+        the intruder itself, whatever box it is scored by.
         """
-        in_range = truths_in_range(self._bodies(), self.sensor_positions(), USABLE_RANGE_M, test.in_range)
+        range_m = test.obstacle_range_m
+        in_range = truths_in_range(self._bodies(), self.sensor_positions(), range_m, test.in_range)
         if test.require_line_of_sight:
-            in_range = [near and seen for near, seen in zip(in_range, self._in_sight(), strict=True)]
+            in_range = [near and seen for near, seen in zip(in_range, self._in_sight(range_m), strict=True)]
         return in_range
 
     def _bodies(self) -> list[TruthObject]:
         mobile = {robot.name: self.lidars.outline(robot.index) for robot in self.intruders}
         return [TruthObject(name, box, box.center) for name, box in (self._stationary | mobile).items()]
 
-    def _in_sight(self) -> list[bool]:
+    def _in_sight(self, range_m: float) -> list[bool]:
         """For each truth, whether a beam of some guard would meet it within range at this instant."""
         guards = [guard.index for guard in self.guards]
         ranges_m, bodies = self.lidars.scan_and_bodies(guards, self._sight_noise)
-        near = ranges_m <= USABLE_RANGE_M
+        near = ranges_m <= range_m
         met = set(bodies[near].tolist())
         beams = self.world.poses()[guards, 2, None] + LDS_01.angles_rad
         ends = np.array(self.sensor_positions())[:, None] + ranges_m[..., None] * np.stack(

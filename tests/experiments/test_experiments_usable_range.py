@@ -1,0 +1,75 @@
+"""An intruder counts as missed only within the usable range: 2.5 m, or what obstacle_range_m says."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from midnet_bench.experiments.detection.trial import DetectionTrial
+from midnet_bench.experiments.guarded.parameters import DetectionParameters, ReadingsParameters
+from midnet_bench.experiments.readings.trial import ReadingsTrial
+from midnet_bench.robots.burger import LDS_01
+
+SIDE_M = 0.4
+FARTHER = {"obstacle_range_m": 3.0, "raytrace_range_m": 3.5}
+
+
+def hall(folder: Path, gap_m: float, rule: str = "edge") -> str:
+    """An arena whose one intruder, a box, stands ``gap_m`` ahead of the only guard's LiDAR."""
+    beyond_m = SIDE_M / 2.0 if rule == "edge" else 0.0
+    box = {
+        "shape": "box",
+        "x_m": LDS_01.mount.x + gap_m + beyond_m,
+        "y_m": 0.0,
+        "size_m": [SIDE_M, SIDE_M],
+    }
+    corners = [[-5, -5], [5, -5], [5, 5], [-5, 5], [-5, -5]]
+    arena = {
+        "name": "hall",
+        "plane_m": [12.0, 12.0],
+        "enclosure_m": [10.0, 10.0],
+        "wall_thickness_m": 0.15,
+        "wall_height_m": 0.5,
+        "walls": [corners],
+        "stationary_intruders": {"placed": [box]},
+    }
+    path = folder / "hall.yaml"
+    path.write_text(yaml.safe_dump(arena))
+    return str(path)
+
+
+def is_in_range(folder: Path, gap_m: float, rule: str, **changes: object) -> bool:
+    parameters = DetectionParameters(
+        arena=hall(folder, gap_m, rule), prior_map="exact", in_range=rule, **changes
+    )
+    with DetectionTrial(parameters, 1) as trial:
+        (answer,) = trial.in_range(parameters)
+    return answer
+
+
+@pytest.mark.parametrize("rule", ["edge", "centre"])
+def test_usable_range_is_two_and_a_half_metres_by_default(tmp_path: Path, rule: str) -> None:
+    assert is_in_range(tmp_path, 2.45, rule)
+    assert not is_in_range(tmp_path, 2.55, rule)
+
+
+@pytest.mark.parametrize("rule", ["edge", "centre"])
+def test_usable_range_follows_obstacle_range(tmp_path: Path, rule: str) -> None:
+    assert is_in_range(tmp_path, 2.95, rule, **FARTHER)
+    assert not is_in_range(tmp_path, 3.05, rule, **FARTHER)
+    assert not is_in_range(tmp_path, 2.05, rule, obstacle_range_m=2.0)
+
+
+def test_line_of_sight_reaches_as_far_as_the_usable_range(tmp_path: Path) -> None:
+    exact = {"require_line_of_sight": True, "lidar_noise": "none"}
+    assert is_in_range(tmp_path, 2.45, "edge", **exact)
+    assert is_in_range(tmp_path, 2.95, "edge", **exact, **FARTHER)
+
+
+def test_each_reading_is_scored_within_its_own_usable_range(tmp_path: Path) -> None:
+    parameters = ReadingsParameters(arena=hall(tmp_path, 2.75), prior_map="exact", readings="items", frames=1)
+    with ReadingsTrial(parameters, 1) as trial:
+        counts = trial.counts()
+    farther = "obstacle_range_m=3.0 raytrace_range_m=3.5"
+    assert counts[farther].in_range == 1
+    assert [name for name, count in counts.items() if count.in_range] == [farther]
