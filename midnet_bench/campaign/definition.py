@@ -135,6 +135,8 @@ class ResolvedCampaign:
     """every cell's parameters, defaults filled in, the grid's last factor changing fastest"""
     run_trial: RunTrial
     """runs one of :meth:`trials`; other processes can import it"""
+    experiment_file: Path | None
+    """where the experiment is, if it is in a file that the campaign refers to"""
 
     def trials(self) -> Iterator[TrialSpec]:
         """Every trial, seed by seed, so that an interrupted campaign has visited all cells about equally.
@@ -150,10 +152,10 @@ class ResolvedCampaign:
 
     def definition_in(self, directory: Path) -> Definition:
         """The definition for a store in ``directory``: it tells where the experiment's file is from there."""
-        file, _ = _file_and_name(self.campaign.experiment)
-        if file is None:
+        if self.experiment_file is None:
             return self.definition
-        return replace(self.definition, experiment_file=os.path.relpath(file.resolve(), directory.resolve()))
+        seen_from_there = os.path.relpath(self.experiment_file.resolve(), directory.resolve())
+        return replace(self.definition, experiment_file=seen_from_there)
 
 
 def load_campaign(path: str | Path) -> Campaign:
@@ -297,6 +299,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
         run_trial=experiments.run_trial
         if file is None
         else partial(_run_from_file, experiments.run_trial, campaign.experiment),
+        experiment_file=file,
     )
 
 

@@ -17,7 +17,6 @@ LIBRARIES = (
     "pybullet",
     "numba",
     "scipy",
-    "filterpy",
     "pydantic",
     "joblib",
 )

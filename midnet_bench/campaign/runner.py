@@ -1,6 +1,7 @@
 """Runs the trials that a campaign's store lacks, or plans them; loses nothing when it is stopped."""
 
 import contextlib
+import hashlib
 import signal
 import threading
 import time
@@ -17,7 +18,7 @@ from midnet_bench.campaign.database import only_writer
 from midnet_bench.campaign.definition import Definition, ResolvedCampaign
 from midnet_bench.campaign.pools import LokyPool, Pool, WorkersLost, check_options
 from midnet_bench.campaign.progress import Progress
-from midnet_bench.campaign.provenance import collect
+from midnet_bench.campaign.provenance import Provenance, collect
 from midnet_bench.campaign.trial import RunTrial, TrialSpec
 from midnet_bench.campaign.worker import HARD_LIMIT_S, Outcome
 from midnet_bench.errors import InputError, MidnetBenchError
@@ -174,7 +175,7 @@ def _add_trials(
     progress: Progress,
 ) -> None:
     """Runs the missing trials and stores each as it ends. Raises Interrupted on Ctrl-C."""
-    run_id = store.begin_run(collect(campaign.definition.base_seed))
+    run_id = store.begin_run(_provenance(campaign))
     total = _count(campaign.definition)
 
     def keep(spec: TrialSpec, outcome: Outcome) -> None:
@@ -303,12 +304,23 @@ def _unusable(store: stores.Store) -> dict[str, int]:
     return Counter(line.removeprefix(name) for line in store.failures() if line.startswith(name))
 
 
+def _provenance(campaign: ResolvedCampaign) -> Provenance:
+    """Where this run's trials come from; the package's commit says nothing of an experiment in a file."""
+    provenance = collect(campaign.definition.base_seed)
+    if campaign.experiment_file is not None:
+        content = campaign.experiment_file.read_bytes()
+        provenance["experiment_sha256"] = hashlib.sha256(content).hexdigest()
+    return provenance
+
+
 def _notes(store: stores.Store) -> list[str]:
-    codes = [
-        f"{run.get('midnet_bench', 'unknown')} {str(run.get('commit') or 'installed')[:12]}"
-        for run in store.runs()
-    ]
-    different = list(dict.fromkeys(codes))
+    different = list(dict.fromkeys(_code(run) for run in store.runs()))
     if len(different) > 1:
-        return [f"these trials were run by {len(different)} versions of the code: {', '.join(different)}"]
+        return [f"these trials were run by {len(different)} versions of the code: {'; '.join(different)}"]
     return []
+
+
+def _code(run: Provenance) -> str:
+    code = f"{run.get('midnet_bench', 'unknown')} {str(run.get('commit') or 'installed')[:12]}"
+    digest = run.get("experiment_sha256")
+    return f"{code}, experiment {str(digest)[:12]}" if digest else code

@@ -30,7 +30,7 @@ HERE = ("--host", "127.0.0.1")
 
 
 def serve(*arguments: str, folder: Path, path: Path | None = None) -> subprocess.Popen[bytes]:
-    env = {**environment(), "PYTHONWARNINGS": "default"}
+    env = {**environment(), "PYTHONWARNINGS": "default", "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
     env["PYTHONPATH"] = os.pathsep.join([*([str(path)] if path else []), env["PYTHONPATH"]])
     with (folder / "dask.log").open("ab") as log:
         command = [sys.executable, "-m", *arguments, "--scheduler-file", "contact.json", "--no-dashboard"]
@@ -48,7 +48,10 @@ def process_of(process: subprocess.Popen[bytes]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def scheduler_in(folder: Path) -> Iterator[str]:
-    """The address of a scheduler without workers; it leaves its address in ``folder`` for them."""
+    """The address of a scheduler without workers; it leaves its address in ``folder`` for them.
+
+    A trial that one worker died of is given up at once, so that the tests need not wait for three more.
+    """
     contact = folder / "contact.json"
     with process_of(serve("distributed.cli.dask_scheduler", *HERE, "--port", "0", folder=folder)):
         deadline_s = time.monotonic() + 60

@@ -102,7 +102,7 @@ def test_a_wrong_file_is_one_line_with_file_and_key(
     assert "\n" not in message
 
 
-def test_a_map_is_held_against_the_arenas_of_the_grid_and_no_other(tmp_path: Path) -> None:
+def test_a_map_is_checked_against_the_arenas_of_the_grid_and_no_other(tmp_path: Path) -> None:
     arena = load_arena("empty")
     small = arena.model_copy(
         update={"enclosure_m": (3.0, 3.0), "walls": (((-1.5, -1.5), (1.5, -1.5), (1.5, 1.5)),)}

@@ -69,6 +69,19 @@ def test_a_project_that_moved_goes_on_where_it_stopped(project: Path) -> None:
     assert before.items() <= rows(moved / "rolled").items()
 
 
+def test_an_experiment_file_that_changed_between_runs_is_told(project: Path) -> None:
+    campaign = load_campaign(project / "rolling.yaml")
+    run_with_registry(campaign, project / "rolled", jobs=2)
+    with (project / "own" / "dice.py").open("a") as file:
+        file.write("\n# another version\n")
+
+    again = run_with_registry(campaign.model_copy(update={"trials": 3}), project / "rolled", jobs=2)
+
+    (note,) = again.notes
+    assert note.startswith("these trials were run by 2 versions of the code: ")
+    assert note.count(", experiment ") == 2
+
+
 def test_a_module_is_referred_to_by_its_name(tmp_path: Path) -> None:
     campaign = Campaign(experiment="tests.campaign.dice:DICE", trials=2)
     assert run_with_registry(campaign, tmp_path, jobs=2).finished == 2
