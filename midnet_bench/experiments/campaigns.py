@@ -1,4 +1,4 @@
-"""Campaigns of this package's experiments, from Python: read a file, run it, resume it."""
+"""Campaigns of the registered experiments, from Python."""
 
 from pathlib import Path
 
@@ -7,8 +7,6 @@ from midnet_bench.campaign.definition import Campaign
 from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.runner import CampaignOutcome
 from midnet_bench.experiments import registry
-
-load_campaign = definition.load_campaign
 
 
 def run_campaign(
@@ -25,7 +23,7 @@ def run_campaign(
     """Run the trials that the store in ``directory`` lacks; the same call again continues.
 
     Args:
-        campaign: from :func:`load_campaign`, or made in Python.
+        campaign: read from a file, or made in Python.
         directory: the folder for ``campaign.sqlite``, made if it is not there.
         jobs: worker processes of this machine, all its cores unless given.
         backend: ``loky``, or ``dask`` with the address of its ``scheduler``.
