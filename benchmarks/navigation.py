@@ -11,16 +11,15 @@ import numpy as np
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import Command
-from midnet_bench.navigation.costmap import (
+from midnet_bench.navigation.costmap import GlobalCostmap, RollingCostmap
+from midnet_bench.navigation.navfn import potential_to
+from midnet_bench.navigation.navigator import Navigator, compile_kernels
+from midnet_bench.navigation.settings import (
     CostmapSettings,
-    GlobalCostmap,
-    RollingCostmap,
+    NavigatorSettings,
     burger_global,
     burger_local,
 )
-from midnet_bench.navigation.navfn import potential_to
-from midnet_bench.navigation.navigator import Navigator, NavigatorSettings, compile_kernels
-from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
 from midnet_bench.robots.burger import LDS_01
 
 LIDAR = LDS_01
@@ -92,7 +91,7 @@ def main() -> None:
     empty = OccupancyGrid(np.zeros((160, 160), dtype=np.int8), 0.05, (-4.0, -4.0))
     for name, navigating in (
         ("DWA", NavigatorSettings()),
-        ("Trajectory Rollout", NavigatorSettings(local_planner=TrajectoryRolloutSettings())),
+        ("Trajectory Rollout", NavigatorSettings(controller="trajectory_rollout")),
     ):
         navigator = Navigator(empty, navigating)
         navigator.set_goal(2.5, -1.5)

@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
-from midnet_bench.experiments.guarded.parameters import DetectionParameters
 from midnet_bench.experiments.warm_up import compile_kernels
 from midnet_bench.simulation.bullet import rays
 from midnet_bench.simulation.bullet.engine import bullet
@@ -39,7 +39,7 @@ def main() -> None:
         Stopwatch(timed) for timed in (bullet.stepSimulation, bullet.rayTestBatch, rays.ray_fractions)
     )
     bullet.stepSimulation, bullet.rayTestBatch, rays.ray_fractions = step, call, read  # type: ignore[assignment]
-    with DetectionTrial(DetectionParameters(robots=ROBOTS, frames=FRAMES), seed=1) as trial:
+    with DetectionTrial(DetectionParameters.of(robots=ROBOTS, frames=FRAMES), seed=1) as trial:
         midnet = trial.watch.midnet
         look = midnet.update = Stopwatch(midnet.update)  # type: ignore[method-assign]
         next(frames := trial.frames())  # what is loaded and compiled on first use

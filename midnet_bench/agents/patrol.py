@@ -7,11 +7,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.agents.settings import PatrolSettings
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OCCUPIED, OccupancyGrid, connected_to
 
-CLEARANCE_M = 0.4
-"""Third condition of section V.B: patrol points keep this far from any occupied cell."""
 DRIVABLE_M = 0.15
 """Where a Burger's centre may pass: the reach of its footprint, 0.1485 m, in whole cells of 5 cm."""
 
@@ -22,13 +21,16 @@ RELAXATION = 0.9
 Point = tuple[float, float]
 
 
-def safe_distance(diagonal_m: float, robots: int, z_factor: float = 0.5) -> float:
+def safe_distance(diagonal_m: float, robots: int, z_factor: float = PatrolSettings().z_factor) -> float:
     """The distance z of Eq. 12, metres: p / 2q with p the enclosure's diagonal and q the number of robots."""
     return z_factor * diagonal_m / robots
 
 
 def patrol_points(
-    prior_map: OccupancyGrid, start: Point, enclosure_m: tuple[float, float], clearance_m: float = CLEARANCE_M
+    prior_map: OccupancyGrid,
+    start: Point,
+    enclosure_m: tuple[float, float],
+    clearance_m: float = PatrolSettings().clearance_m,
 ) -> npt.NDArray[np.float64]:
     """(n, 2) cell centres, metres, map frame, that a patrol may be sent to.
 

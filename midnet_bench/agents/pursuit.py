@@ -3,14 +3,9 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 from midnet_bench.agents.mobile_robot import Guard, Point
-
-PursuitRule = Literal["nearest", "all", "none"]
-
-RETARGET_M = 0.25
-"""A pursuer gets a new goal once its target has moved this far: a Burger needs more than a second for it."""
+from midnet_bench.agents.settings import PursuitSettings
 
 
 @dataclass
@@ -26,12 +21,11 @@ class Target:
 class Pursuit:
     """Keeps the targets and the guards that pursue each."""
 
-    def __init__(self, guards: Sequence[Guard], rule: PursuitRule, timeout_s: float) -> None:
-        """``nearest`` sends one guard after each target, ``all`` every guard after the nearest one."""
+    def __init__(self, guards: Sequence[Guard], settings: PursuitSettings) -> None:
+        """No targets yet; ``guards`` are those that may be sent."""
         self.targets: dict[int, Target] = {}
         self._guards = guards
-        self._rule = rule
-        self._timeout_s = timeout_s
+        self._settings = settings
 
     def detected(self, target: int, place: Point, time_s: float) -> None:
         """A detection at ``place`` was put down to ``target``."""
@@ -47,24 +41,24 @@ class Pursuit:
     def update(self, time_s: float) -> None:
         """Give up targets that were not detected for too long, then send free guards and new goals out."""
         for target in [
-            name for name, known in self.targets.items() if time_s - known.seen_s > self._timeout_s
+            name for name, known in self.targets.items() if time_s - known.seen_s > self._settings.timeout_s
         ]:
             self.drop(target)
-        if self._rule == "none" or not self.targets:
+        if self._settings.rule == "none" or not self.targets:
             return
         for guard, known in self._assignments():
             known.pursuers.append(guard)
             guard.drive_to(known.place)
         for known in self.targets.values():
             for guard in known.pursuers:
-                if guard.goal is None or math.dist(guard.goal, known.place) >= RETARGET_M:
+                if guard.goal is None or math.dist(guard.goal, known.place) >= self._settings.retarget_m:
                     guard.drive_to(known.place)
 
     def _assignments(self) -> list[tuple[Guard, Target]]:
         """Pairs of a guard that patrols and the target it is to pursue, nearest pairs first."""
         busy = {guard.index for known in self.targets.values() for guard in known.pursuers}
         free = [guard for guard in self._guards if guard.index not in busy]
-        if self._rule == "all":
+        if self._settings.rule == "all":
             return [
                 (guard, min(self.targets.values(), key=lambda known: _gap(guard, known))) for guard in free
             ]

@@ -14,11 +14,12 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Protocol
 
-from pydantic import BaseModel, Field, PrivateAttr, Strict, TypeAdapter, field_validator
+from pydantic import Field, PrivateAttr, Strict, TypeAdapter, field_validator
 
 from midnet_bench.campaign.trial import RunTrial, Scalar, TrialResult, TrialSpec
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.checked_yaml import Spec, load_yaml, parse, read_yaml
+from midnet_bench.io.parameters import Parameters
 
 MAX_SHOWN_CHARACTERS = 60
 """of a value in a message: an arena that was read from a file is long"""
@@ -27,8 +28,8 @@ MAX_SHOWN_CHARACTERS = 60
 class Experiments(Protocol):
     """What the engine asks of the experiments. A module with these two functions is one."""
 
-    def parameters_model(self, experiment: str) -> type[BaseModel]:
-        """The flat model of an experiment's parameters. Raises InputError on an unknown name."""
+    def parameters_model(self, experiment: str) -> type[Parameters]:
+        """The class of an experiment's parameters. Raises InputError on an unknown name."""
 
     def run_trial(self, spec: TrialSpec) -> TrialResult:
         """One trial; a module-level function, so that other processes can import it."""
@@ -264,20 +265,20 @@ def resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
 def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     source = campaign._source
     try:
-        model = experiments.parameters_model(campaign.experiment)
+        parameters = experiments.parameters_model(campaign.experiment)
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
-    _check_keys(campaign, model)
+    _check_keys(campaign, parameters)
     file, name = _file_and_name(campaign.experiment)
     identity = campaign.experiment if file is None else f"{file.name}:{name}"
     products = [
         dict(zip(campaign.grid, values, strict=True)) for values in itertools.product(*campaign.grid.values())
     ]
     try:
-        cells = [_cell(campaign, model, product) for product in products]
+        cells = [_cell(campaign, parameters, product) for product in products]
     except InputError:
         # no fault of a cell if the parameters that all cells share are wrong by themselves
-        parse(model, campaign.parameters, f"{source}: parameters")
+        parameters.resolve(campaign.parameters, f"{source}: parameters")
         raise
     seen: set[str] = set()
     for product, cell in zip(products, cells, strict=True):
@@ -303,9 +304,9 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     )
 
 
-def _check_keys(campaign: Campaign, model: type[BaseModel]) -> None:
+def _check_keys(campaign: Campaign, parameters: type[Parameters]) -> None:
     """Raises InputError unless every key is a parameter of the experiment, and given in one place."""
-    known = model.model_fields
+    known = parameters.defaults()
     for section in ("grid", "parameters"):
         for key in getattr(campaign, section):
             if key not in known:
@@ -319,13 +320,13 @@ def _check_keys(campaign: Campaign, model: type[BaseModel]) -> None:
         )
 
 
-def _cell(campaign: Campaign, model: type[BaseModel], product: dict[str, Scalar]) -> dict[str, Scalar]:
+def _cell(campaign: Campaign, parameters: type[Parameters], product: dict[str, Scalar]) -> dict[str, Scalar]:
     """The parameters of a cell, defaults filled in."""
     source = f"{campaign._source}: cell {_shown_cell(product)}"
-    checked = parse(model, {**campaign.parameters, **product}, source)
-    parameters: dict[str, Scalar] = checked.model_dump(mode="json")
-    # a model may leave a default out, but what the grid varies tells the cells apart
-    return parameters | {key: getattr(checked, key) for key in product if key not in parameters}
+    checked = parameters.parse({**campaign.parameters, **product}, source)
+    flat, values = checked.flat(), checked.flat_values()
+    # a newer option is left out at its default, but what the grid varies tells the cells apart
+    return flat | {key: values[key] for key in product if key not in flat}
 
 
 def _run_from_file(run_trial: RunTrial, reference: str, spec: TrialSpec) -> TrialResult:

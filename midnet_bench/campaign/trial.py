@@ -5,8 +5,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-Scalar = str | int | float | bool | None
-"""What a parameter or a table cell may hold; NaN stands for an undefined number."""
+from midnet_bench.settings import Scalar as Scalar
 
 Row = dict[str, Scalar]
 

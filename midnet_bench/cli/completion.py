@@ -44,7 +44,7 @@ def settings(context: typer.Context, incomplete: str) -> list[str]:
 
     named = str(context.params.get("experiment") or context.info_name)
     names = [named] if named in experiment_names() else experiment_names()
-    keys = {key: None for name in names for key in parameters_model(name).model_fields}
+    keys = {key: None for name in names for key in parameters_model(name).defaults()}
     return [f"{key}=" for key in keys if key.startswith(incomplete)]
 
 

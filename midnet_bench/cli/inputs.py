@@ -1,46 +1,103 @@
 """The command about what a campaign stands on: ``parameters``."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from midnet_bench.cli import completion, options
 from midnet_bench.cli.app import command
 
+if TYPE_CHECKING:
+    from midnet_bench.settings import Leaf
 
-@command("Inputs", example="midnet-bench parameters labyrinth")
+
+@command("Inputs", example="midnet-bench parameters localization")
 def parameters(
-    experiment: Annotated[
+    name: Annotated[
         str,
         typer.Argument(
-            help="detection, labyrinth, mapping, readings, or one of your own.",
-            autocompletion=completion.experiments,
+            help="An experiment, or a parameter of any experiment.", autocompletion=completion.experiments
         ),
     ] = "detection",
     as_json: options.Json = False,
 ) -> None:
-    """List every parameter of an experiment: default, range, meaning."""
-    import json
+    """List an experiment's parameters: default, range, meaning. Of one parameter, say more."""
+    from midnet_bench.errors import InputError, nearest_name
+    from midnet_bench.experiments.registry import names, parameters_model
+    from midnet_bench.settings import leaves
 
-    from midnet_bench.experiments.registry import parameters_model
+    of_all = {one: leaves(parameters_model(one)) for one in names()}
+    if name in of_all or ":" in name:
+        _list(name, list(leaves(parameters_model(name)).values()), as_json)
+        return
+    users = {one: known[name] for one, known in of_all.items() if name in known}
+    if not users:
+        known_names = {*of_all, *(key for known in of_all.values() for key in known)}
+        raise InputError(f"parameters: no experiment or parameter '{name}'{nearest_name(name, known_names)}")
+    _explain(name, users, as_json)
 
-    model = parameters_model(experiment)
+
+def _list(experiment: str, options: "list[Leaf]", as_json: bool) -> None:
     if as_json:
-        typer.echo(json.dumps(model.model_json_schema(), indent=1))
+        _dump({"schema": 1, "experiment": experiment, "parameters": [_described(one) for one in options]})
         return
     from rich.console import Console
     from rich.table import Table
 
     shown = Table("parameter", "default", "allowed", "meaning", title=experiment, title_justify="left")
-    for name, schema in model.model_json_schema()["properties"].items():
-        shown.add_row(name, str(schema.get("default")), _allowed(schema), schema.get("description", ""))
+    group = ""
+    for one in options:
+        if one.group != group:
+            shown.add_section()
+            shown.add_row(f"[bold]{one.group}[/bold]")
+            group = one.group
+        shown.add_row(one.key, _written(one.default), one.allowed, one.option.help)
     Console().print(shown)
 
 
-def _allowed(schema: dict[str, object]) -> str:
-    if "enum" in schema:
-        return " | ".join(map(str, schema["enum"]))  # type: ignore[call-overload]
-    low = f">= {schema['minimum']}" if "minimum" in schema else ""
-    low = f"> {schema['exclusiveMinimum']}" if "exclusiveMinimum" in schema else low
-    high = f"<= {schema['maximum']}" if "maximum" in schema else ""
-    return ", ".join(part for part in (low, high) if part) or str(schema.get("type", ""))
+def _explain(name: str, users: "dict[str, Leaf]", as_json: bool) -> None:
+    from midnet_bench.workflows.readings import readings_of
+
+    readings = readings_of(name)
+    if as_json:
+        rows = [{"experiment": experiment, **_described(leaf)} for experiment, leaf in users.items()]
+        _dump({"schema": 1, "parameter": name, "experiments": rows, "readings": [*map(vars, readings)]})
+        return
+    typer.echo(name)
+    said: dict[tuple[str, str, str], list[str]] = {}
+    for experiment, leaf in users.items():
+        said.setdefault((leaf.option.help, _written(leaf.default), leaf.allowed), []).append(experiment)
+    for (help, default, allowed), experiments in said.items():
+        typer.echo(f"\n  {help}")
+        typer.echo(f"  default: {default}\n  allowed: {allowed}\n  experiments: {', '.join(experiments)}")
+    for one in readings:
+        typer.echo(f"\n  The paper leaves open (item {one.item}): {one.open}.")
+        typer.echo(f"  Our reading: {one.reading}.")
+
+
+def _described(leaf: "Leaf") -> dict[str, Any]:
+    from midnet_bench.settings import choices_of
+
+    said = leaf.option
+    return {
+        "key": leaf.key,
+        "default": leaf.default,
+        "choices": list(choices_of(leaf.kind)) or None,
+        "minimum": said.ge,
+        "above": said.gt,
+        "maximum": said.le,
+        "multiple_of": said.multiple_of,
+        "group": leaf.group or None,
+        "help": said.help,
+    }
+
+
+def _written(value: object) -> str:
+    """A default as YAML writes it."""
+    return str(value).lower() if isinstance(value, bool) else "null" if value is None else str(value)
+
+
+def _dump(values: dict[str, Any]) -> None:
+    import json
+
+    typer.echo(json.dumps(values, indent=1))

@@ -108,22 +108,22 @@ def _joined(values: "dict[str, Scalar]", settings: list[str]) -> "dict[str, Scal
 
 def _draw_exactly(arena: str, settings: list[str], output: Path, as_json: bool) -> None:
     from midnet_bench.errors import InputError
+    from midnet_bench.experiments.detection.parameters import DetectionParameters
     from midnet_bench.experiments.guarded.inputs import EXACT, arena_from, prior_map_from
-    from midnet_bench.experiments.guarded.parameters import DetectionParameters
-    from midnet_bench.io.checked_yaml import parse
     from midnet_bench.workflows.map_files import MapFiles, write_configuration, write_map
 
     values = _joined({"arena": arena}, settings)
-    for name in values.keys() & DetectionParameters.model_fields.keys() - {"arena", *SET_BY_EXACT}:
+    for name in values.keys() & DetectionParameters.defaults().keys() - {"arena", *SET_BY_EXACT}:
         raise InputError(
             f"--set {name}: changes nothing of an exact map; --set takes {', '.join(SET_BY_EXACT)}"
         )
-    chosen = parse(DetectionParameters, {"prior_map": EXACT, **values}, "command line")
+    chosen = DetectionParameters.parse({"prior_map": EXACT, **values}, "command line")
     place = arena_from(chosen.arena)
     files = MapFiles.at(output)
-    configuration = {"map": EXACT, **chosen.model_dump(mode="json", include={"arena", *SET_BY_EXACT})}
+    used = {key: value for key, value in chosen.flat().items() if key in ("arena", *SET_BY_EXACT)}
+    configuration = {"map": EXACT, **used}
     files.refuse_another(configuration)
-    grid = prior_map_from(EXACT, place, chosen.resolution_m)
+    grid = prior_map_from(EXACT, chosen.arena, chosen.resolution_m)
     configured = write_configuration(files, configuration)
     written = write_map(files, grid, f"{place.name}, drawn exactly", chosen)
     _tell(grid, [*written, configured], [], as_json)
@@ -150,10 +150,9 @@ def _explore(values: "dict[str, Scalar]", seed: int, clip: bool, output: Path, a
     from midnet_bench.cli.progress import exploration_progress_on
     from midnet_bench.cli.reports import show
     from midnet_bench.experiments.mapping.parameters import MappingParameters
-    from midnet_bench.io.checked_yaml import parse
     from midnet_bench.workflows.exploration import write_exploration
 
-    parameters = parse(MappingParameters, values, "command line")
+    parameters = MappingParameters.parse(values, "command line")
     with exploration_progress_on(sys.stderr) as progress:
         made = write_exploration(parameters, seed, output, clip, progress)
     if not as_json:

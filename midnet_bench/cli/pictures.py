@@ -57,7 +57,7 @@ def render(
     chosen = {"robots": robots, "intruders": intruders, "frames": frames, "arena": arena}
     given = options.settings_with(chosen, settings, map_file)
     parameters = {key: value for key, value in chosen.items() if value is not None}
-    known = parameters_model(experiment).model_fields
+    known = parameters_model(experiment).defaults()
     for key in parameters:
         if key not in known:
             raise InputError(f"render: --{key} does not go with '{experiment}', which has no such parameter")

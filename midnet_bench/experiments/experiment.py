@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any
 from midnet_bench.plugins import load_reference
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel
-
     from midnet_bench.campaign.trial import TrialResult
+    from midnet_bench.io.parameters import Parameters
 
 Measures = Mapping[tuple[str, str], Mapping[int, float]]
 """(cell, measure) -> its value at each seed"""
@@ -31,8 +30,8 @@ class Experiment:
     name: str
     summary: str
     """one sentence for the help"""
-    parameters: "type[BaseModel] | str"
-    """the flat pydantic model of its parameters, every one with a default; or a reference to it"""
+    parameters: "type[Parameters] | str"
+    """the class of its parameters, a subclass of ``io.parameters.Parameters``; or a reference to it"""
     run: "Callable[[Any, int], TrialResult]"
     """(parameters, seed) -> the tables of one trial: a pure function, no file, no clock, no global state"""
     trial: Callable[..., Any] | None = None
@@ -42,7 +41,7 @@ class Experiment:
     ``midnet-bench render``; None if there is nothing to draw"""
 
     @property
-    def model(self) -> "type[BaseModel]":
-        """The pydantic model of the parameters, imported if ``parameters`` is a reference."""
+    def model(self) -> "type[Parameters]":
+        """The class of the parameters, imported if ``parameters`` is a reference."""
         model = load_reference(self.parameters) if isinstance(self.parameters, str) else self.parameters
         return model

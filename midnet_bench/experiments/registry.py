@@ -12,9 +12,8 @@ from midnet_bench.experiments.readings import READINGS
 from midnet_bench.plugins import load_reference
 
 if TYPE_CHECKING:
-    from pydantic import BaseModel
-
     from midnet_bench.campaign.trial import TrialResult, TrialSpec
+    from midnet_bench.io.parameters import Parameters
 
 ENTRY_POINTS = "midnet_bench.experiments"
 """the group under which an installed package offers experiments"""
@@ -45,15 +44,15 @@ def experiment(name: str) -> Experiment:
     raise InputError(f"experiment: unknown name '{name}'{nearest_name(name, names())}")
 
 
-def parameters_model(name: str) -> "type[BaseModel]":
-    """The pydantic model of an experiment's parameters. Raises InputError as :func:`experiment`."""
+def parameters_model(name: str) -> "type[Parameters]":
+    """The class of an experiment's parameters. Raises InputError as :func:`experiment`."""
     return experiment(name).model
 
 
 def run_trial(spec: "TrialSpec") -> "TrialResult":
     """The tables of one trial, a pure function of ``spec``. Imports the simulator on first use."""
     found = experiment(spec.experiment)
-    return found.run(found.model.model_validate(dict(spec.parameters)), spec.seed)
+    return found.run(found.model.from_flat(spec.parameters), spec.seed)
 
 
 def _checked(reference: str, found: object) -> Experiment:

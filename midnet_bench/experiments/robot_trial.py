@@ -3,15 +3,15 @@
 import math
 from collections.abc import Sequence
 from types import TracebackType
-from typing import Literal, Self
+from typing import Self
 
 from midnet_bench.agents.mobile_robot import MobileRobot
 from midnet_bench.arena.layout import Layout
 from midnet_bench.campaign.trial import Row
-from midnet_bench.simulation.bullet.world import World, WorldSettings
+from midnet_bench.simulation.bullet.world import World
 from midnet_bench.simulation.fleet import Fleet
 from midnet_bench.simulation.lidar import LidarSensors
-from midnet_bench.simulation.odometry import OdometrySettings
+from midnet_bench.simulation.settings import SimulationSettings
 from midnet_bench.simulation.simulator import Simulator
 
 
@@ -22,14 +22,13 @@ class RobotTrial:
         self,
         layout: Layout,
         robots: Sequence[MobileRobot],
-        settings: WorldSettings,
-        odometry: Literal["world", "encoder"],
+        settings: SimulationSettings,
         seed: int,
     ) -> None:
         """Let ``robots`` stand where ``layout`` has them; time is 0."""
-        self.world: Simulator = World(layout, settings)
-        self.lidars = LidarSensors(self.world, settings.robot_profile, settings.lidar_noise)
-        self.fleet = Fleet(self.world, self.lidars, robots, OdometrySettings(source=odometry), seed)
+        self.world: Simulator = World(layout, settings.world)
+        self.lidars = LidarSensors(self.world, settings.lidar)
+        self.fleet = Fleet(self.world, self.lidars, robots, settings, seed)
         self.step_hz = self.world.step_hz
 
     def __enter__(self) -> Self:

@@ -2,8 +2,8 @@
 
 from itertools import islice
 
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
-from midnet_bench.experiments.guarded.parameters import DetectionParameters
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.mapping.trial import ExplorationTrial
 from midnet_bench.navigation.navigator import compile_kernels as compile_navigation
@@ -15,10 +15,10 @@ EXPLORED_S = 5
 def compile_kernels() -> None:
     """Run every compiled loop once; about half a minute without a cache."""
     compile_navigation()
-    values = {"odometry": "encoder", "localization": "ukf+map", "frames": 5}
-    with DetectionTrial(DetectionParameters.model_validate(values), seed=1) as detection:
+    parameters = DetectionParameters.of(odometry="encoder", localization="ukf+map", frames=5)
+    with DetectionTrial(parameters, seed=1) as detection:
         for _ in detection.frames():
             pass
-    with ExplorationTrial(MappingParameters.model_validate({}), seed=1) as exploration:
+    with ExplorationTrial(MappingParameters(), seed=1) as exploration:
         for _ in islice(exploration.snapshots(), EXPLORED_S):
             pass

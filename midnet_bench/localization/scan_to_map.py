@@ -11,6 +11,7 @@ from numba import njit
 
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.localization.settings import ScanToMapSettings
 from midnet_bench.messages import LidarGeometry
 
 FloatArray = npt.NDArray[np.float64]
@@ -41,22 +42,6 @@ Along a corridor whose map is bumpy some beams always do, and would hold the rob
 """
 
 
-MIN_BEAMS = 30
-"""On walls: fewer, a twelfth of the circle, may all meet one wall; our choice."""
-
-
-MIN_SHARE = 0.3
-"""Of the beams with a return: if fewer lie on walls, there is no match; our choice."""
-
-
-CORRELATED_BEAMS = 10.0
-"""Beams that count as one independent measurement: neighbours, and the next scan, meet the same cells."""
-
-
-UNSEEN_DEVIATION = 1.0
-"""metres and radians: standard deviation along a direction that the scan does not constrain"""
-
-
 class Terms(NamedTuple):
     """The weighted normal equations of the squared distances at a pose (x, y, yaw), 0 where unseen."""
 
@@ -80,8 +65,9 @@ class ScanToMap:
     cell, however often the filter takes such a match.
     """
 
-    def __init__(self, prior_map: OccupancyGrid) -> None:
+    def __init__(self, prior_map: OccupancyGrid, settings: ScanToMapSettings | None = None) -> None:
         """``prior_map`` int8 (100 occupied, 0 free, -1 unknown), map frame; exact or explored."""
+        self._settings = settings or ScanToMapSettings()
         # Around an explored map, whose outer walls are its last cells, beams end a little outside.
         margin = math.ceil(GATE * WIDE_M / prior_map.resolution) + 1
         cells = np.pad(prior_map.data, margin, constant_values=-1)
@@ -116,10 +102,11 @@ class ScanToMap:
         x, y = self._first_center
         start = np.array([pose.x - x, pose.y - y, pose.yaw])
         fitted, terms = fit(self._distances_m, self._cell_m, ends, start)
-        if terms.beams < max(MIN_BEAMS, MIN_SHARE * len(ends)):
+        settings = self._settings
+        if terms.beams < max(settings.min_beams, settings.min_share * len(ends)):
             return None
-        variance = CORRELATED_BEAMS * max(terms.variance_m2, self._cell_m**2 / 12.0)
-        covariance = np.linalg.inv(terms.hessian / variance + np.eye(3) / UNSEEN_DEVIATION**2)
+        variance = settings.correlated_beams * max(terms.variance_m2, self._cell_m**2 / 12.0)
+        covariance = np.linalg.inv(terms.hessian / variance + np.eye(3) / settings.unseen_deviation**2)
         covariance += np.diag((self._cell_m, self._cell_m, 0.0)) ** 2 / 12.0
         dx, dy, yaw = fitted.tolist()
         return Pose2D(x + dx, y + dy, wrap_angle(yaw)), (covariance + covariance.T) / 2.0

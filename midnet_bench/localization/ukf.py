@@ -1,14 +1,13 @@
 """The pose filter of robot_localization in its two-dimensional mode: wheel odometry's twist and an IMU."""
 
 import math
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
 from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.localization.settings import UkfSettings
 from midnet_bench.messages import Imu, Odometry
 
 FloatArray = npt.NDArray[np.float64]
@@ -20,43 +19,6 @@ MIN_VARIANCE = 1e-9
 
 _POSE, _YAW = 0, 2
 """number of the first state that a measurement of the pose, or of yaw and velocities, says something of"""
-
-
-@dataclass(frozen=True)
-class UkfSettings:
-    """What the filter trusts. Variances are in squared units (m/s, rad, rad/s).
-
-    The process noise is robot_localization's default diagonal for the six states that its
-    ``two_d_mode`` leaves free. Its default ``alpha`` is 0.001, which puts a weight of about -1e6 on the
-    centre point; with 1 and ``kappa`` 0 no weight is negative, so a predicted covariance cannot lose
-    its definiteness, and the estimates are the same to far below a millimetre.
-    """
-
-    twist_variance: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """odometry's vx, vy, vyaw; the default is Gazebo's ``world`` odometry: trusted fully"""
-    twist_is_mean: bool = False
-    """whether odometry's twist is the mean since the last step, as encoders give it, or of the instant"""
-    imu_yaw_variance: float = 1e-6
-    imu_yaw_rate_variance: float = 1e-6
-    process_noise: tuple[float, float, float, float, float, float] = (0.05, 0.05, 0.06, 0.025, 0.025, 0.02)
-    """x, y, yaw, vx, vy, vyaw: variance gained per second"""
-    initial_variance: float = 1e-9
-    """of every state at the start, whose pose is known"""
-    alpha: float = 1.0
-    beta: float = 2.0
-    kappa: float = 0.0
-
-    @classmethod
-    def for_odometry(cls, source: Literal["world", "encoder"]) -> "UkfSettings":
-        """Settings for exact odometry (``world``) or for wheels that slip (``encoder``).
-
-        A slipping wheel says little about turning, which the gyroscope knows a hundred times better; the
-        sideways velocity that no wheel measures is a constraint, held to 1 cm/s. These variances are our
-        choice; robot_localization leaves them to whoever publishes the odometry.
-        """
-        if source == "world":
-            return cls()
-        return cls(twist_variance=(1e-4, 1e-4, 1e-2), twist_is_mean=True)
 
 
 class PlanarUkf:

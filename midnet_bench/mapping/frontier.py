@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -12,28 +11,9 @@ from numba import njit
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import UNKNOWN, OccupancyGrid
+from midnet_bench.mapping.settings import FrontierSettings
 
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-
-
-@dataclass(frozen=True)
-class FrontierSettings:
-    """The parameters of explore_lite, and those of the repairs made here."""
-
-    potential_scale: float = 3.0
-    """cost per metre of the way to a frontier (the package's launch files)"""
-    gain_scale: float = 1.0
-    """cost taken off per metre of a frontier's length"""
-    min_frontier_size_m: float = 0.5
-    progress_timeout_s: float = 30.0
-    blacklist_half_width_m: float = 0.5
-    """a goal within this of a given-up one, in x and in y, is not tried (the package: 5 cells)"""
-    second_chances: int = 1
-    """how often the blacklist is emptied when it holds all that is left; the package never does"""
-    traversable_below: int = 99
-    """published costs from 0 to below this can be driven through; 99 is the inscribed radius"""
-    taken_radius_m: float = 2.0
-    """goals this near to a team mate's are left to the team mate while there are others"""
 
 
 class Frontier(NamedTuple):

@@ -12,21 +12,7 @@ import numpy.typing as npt
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import UNKNOWN, OccupancyGrid, cell_centers, values_at
 from midnet_bench.mapping.map_alignment import WallMap, coarse_placements, fit, propose, refine
-
-
-@dataclass(frozen=True)
-class MergeSettings:
-    """When two maps are merged and when they are refused."""
-
-    least_confidence: float = 0.7
-    """of the features; of 150 pairs of different buildings one came to 0.79, the others stayed below 0.66"""
-    greatest_scale_error: float = 0.02
-    least_agreement: float = 0.9
-    """share of shared wall in all wall that lies where the other map knows"""
-    least_overlap: float = 0.25
-    """evidence over the length of wall in the map that has less of it"""
-    greatest_rival: float = 0.3
-    """a placement elsewhere with more than this share of the best one's evidence makes it ambiguous"""
+from midnet_bench.mapping.settings import MergeSettings
 
 
 @dataclass(frozen=True)
@@ -77,7 +63,7 @@ def match_maps(
     proposal = propose(first, second)
     if proposal is None:
         return MapMatch(None, "too few features match", 0.0, 0.0, 0.0)
-    if abs(proposal.scale - 1.0) > settings.greatest_scale_error:
+    if abs(proposal.scale - 1.0) > settings.max_scale_error:
         refusal = f"features want a scale of {proposal.scale:.3f}, not 1"
         return MapMatch(None, refusal, proposal.confidence, 0.0, 0.0)
 
@@ -85,7 +71,7 @@ def match_maps(
     poses = [refine(a, b, proposal.pose)]
     poses += [refine(a, b, pose) for pose in coarse_placements(a, b, poses[0].yaw)]
     fits = [fit(a, b, pose) for pose in poses]
-    evidence = [found.evidence_m(settings.least_agreement) for found in fits]
+    evidence = [found.evidence_m(settings.min_agreement) for found in fits]
     best = int(np.argmax(evidence))
     middle = b.walls.mean(axis=0)
     elsewhere = [
@@ -165,15 +151,13 @@ def _refusal(
     confidence: float, agreement: float, overlap: float, rival: float, settings: MergeSettings
 ) -> str:
     """Why a match is not to be trusted; empty if it is."""
-    if confidence < settings.least_confidence:
-        return f"confidence {confidence:.2f} of the features is below {settings.least_confidence}"
-    if agreement < settings.least_agreement:
-        return f"agreement {agreement:.2f} of the grids is below {settings.least_agreement}"
-    if overlap < settings.least_overlap:
-        return (
-            f"only {overlap:.0%} of the smaller map's wall is shared, less than {settings.least_overlap:.0%}"
-        )
-    if rival > settings.greatest_rival:
+    if confidence < settings.min_confidence:
+        return f"confidence {confidence:.2f} of the features is below {settings.min_confidence}"
+    if agreement < settings.min_agreement:
+        return f"agreement {agreement:.2f} of the grids is below {settings.min_agreement}"
+    if overlap < settings.min_overlap:
+        return f"only {overlap:.0%} of the smaller map's wall is shared, less than {settings.min_overlap:.0%}"
+    if rival > settings.max_rival:
         return f"ambiguous: another placement has {rival:.0%} of the best one's evidence"
     return ""
 

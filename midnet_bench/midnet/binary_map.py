@@ -1,9 +1,12 @@
 """Section IV.A: a costmap as a binary grid."""
 
-from typing import Literal
+from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
+
+from midnet_bench.settings import Settings, option
 
 OCCUPIED = 0
 """black, where something is"""
@@ -11,6 +14,28 @@ FREE = 255
 """white, where nothing is, or nothing is known"""
 
 Unknown = Literal["free", "occupied"]
+
+
+@dataclass(frozen=True)
+class PriorMapSettings(Settings):
+    """How the prior map's costmap becomes the grid that is subtracted."""
+
+    concern: ClassVar[str] = "prior map"
+
+    thresh: int = option(
+        30,
+        "Cost from which a cell of the prior map's costmap counts as occupied, thresh of Eq. 1; 30 is 0.225 "
+        "m around a wall, a higher one reaches less far.",
+        ge=1,
+        le=100,
+        key="thresh_global",
+    )
+    unknown: Unknown = option(
+        "free",
+        "What counts as lying in cells of the prior map that nobody has explored: nothing (free) or a wall "
+        "(occupied).",
+        key="unknown_in_prior",
+    )
 
 
 def binary_map(costs: npt.NDArray[np.int8], thresh: int, unknown: Unknown = "free") -> npt.NDArray[np.uint8]:

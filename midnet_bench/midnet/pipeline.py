@@ -3,11 +3,11 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, get_args
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.binary_map import FREE, OCCUPIED, Unknown, binary_map
@@ -26,48 +26,62 @@ from midnet_bench.midnet.fusion import (
     divide_and_conquer,
     remove_ally_detections,
 )
+from midnet_bench.settings import Settings, option
 
 
 @dataclass(frozen=True)
-class MIDNetSettings:
-    """What section IV leaves open; the defaults are our readings. Raises InputError when out of range."""
+class MIDNetSettings(Settings):
+    """What section IV leaves open; the defaults are our readings."""
 
-    thresh_local: int = 99
-    """thresh of Eq. 1 for local costmaps, 1 to 100 (items 1, 2)"""
-    unknown: Unknown = "free"
-    """what an unknown cell of a local costmap counts as (item 4)"""
-    align: Align = "floor"
-    """crop by the robot's pose, Eqs. 2 to 4, or by the costmap's own ``origin`` (item 16)"""
-    min_area_cells: int = 1
-    """boxes of fewer cells are dropped, >= 1 (item 23)"""
+    concern: ClassVar[str] = "midnet"
+
+    thresh_local: int = option(
+        99,
+        "Cost from which a cell of a local costmap counts as occupied, thresh of Eq. 1; 99 is 0.105 m "
+        "around a return, a lower one reaches farther.",
+        ge=1,
+        le=100,
+    )
+    unknown: Unknown = option(
+        "free",
+        "What Eq. 1 makes of a cell of a local costmap that no beam has met yet.",
+        key="unknown_in_local",
+    )
+    align: Align = option(
+        "floor",
+        "Which part of the prior map a local costmap is compared with: by the robot's pose, rounded down to "
+        "cells (floor, Eqs. 2 to 4), or by the costmap's own origin (origin).",
+    )
+    min_area_cells: int = option(1, "Blobs of fewer cells are dropped.", ge=1, le=1000)
     deflate_boxes_m: float = 0.0
     """taken off each side of a box as soon as it is found, >= 0; changes every later IoU (item 25)"""
-    ally_diameter_m: float = 0.297
-    """di of Algorithm 2, > 0 (item 27)"""
-    iou_ally: float = 0.05
-    """t of Algorithm 2, above 0, at most 1 (item 29)"""
-    ally_remove: AllyRemove = "first"
-    """which boxes of one observer go for one ally (item 30)"""
-    iou_fuse: float = 0.1
-    """t of Algorithms 3 and 4, above 0, at most 1 (item 29)"""
+    ally_diameter_m: float = option(
+        0.297, "Side of the square that a guard is taken to fill, di of Algorithm 2.", gt=0, le=2
+    )
+    iou_ally: float = option(
+        0.05,
+        "IoU with an ally's square from which a box is removed as that ally, t of Algorithm 2.",
+        gt=0,
+        le=1,
+    )
+    ally_remove: AllyRemove = option(
+        "first",
+        "Which boxes of one guard are removed for one ally: the first that overlaps enough, the one that "
+        "overlaps most (best), or all that overlap enough.",
+    )
+    iou_fuse: float = option(
+        0.1,
+        "IoU from which boxes of two guards are fused into one detection, t of Algorithms 3 and 4.",
+        gt=0,
+        le=1,
+    )
 
     def __post_init__(self) -> None:
-        self._require("thresh_local", 1 <= self.thresh_local <= 100, "1 to 100")
-        self._require("min_area_cells", self.min_area_cells >= 1, "1 or more")
-        self._require("deflate_boxes_m", 0.0 <= self.deflate_boxes_m < math.inf, "0 or more")
-        self._require("ally_diameter_m", 0.0 < self.ally_diameter_m < math.inf, "more than 0")
-        self._require("iou_ally", 0.0 < self.iou_ally <= 1.0, "above 0 and at most 1")
-        self._require("iou_fuse", 0.0 < self.iou_fuse <= 1.0, "above 0 and at most 1")
-        for key, choices in (("unknown", Unknown), ("align", Align), ("ally_remove", AllyRemove)):
-            value = getattr(self, key)
-            if value not in get_args(choices):
-                raise InputError(
-                    f"midnet: {key}: no such choice '{value}'{nearest_name(value, get_args(choices))}"
-                )
-
-    def _require(self, key: str, holds: bool, allowed: str) -> None:
-        if not holds:
-            raise InputError(f"midnet: {key}: {getattr(self, key)} is out of range; allowed: {allowed}")
+        super().__post_init__()
+        if not 0.0 <= self.deflate_boxes_m < math.inf:
+            raise InputError(
+                f"midnet: deflate_boxes_m: {self.deflate_boxes_m} is out of range; allowed: 0 or more"
+            )
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,14 @@
 """dwa_local_planner: the Dynamic Window Approach (Fox et al. 1997) with ROS 1's samples and critics."""
 
 import math
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.messages import Command
-from midnet_bench.navigation.costmap import Cells, Floats, Footprint, RollingCostmap, corner_array
+from midnet_bench.navigation.costmap import Cells, Floats, RollingCostmap, corner_array
 from midnet_bench.navigation.local_planner import (
     GOAL,
     GOAL_FRONT,
@@ -18,45 +16,11 @@ from midnet_bench.navigation.local_planner import (
     PATH,
     Grids,
     LocalGoalGrids,
-    LocalPlannerLimits,
     Plan,
     outline_cost,
     velocity_samples,
 )
-
-
-@dataclass(frozen=True)
-class DwaSettings:
-    """Parameters of DWAPlannerROS; the defaults are those of dwa_local_planner_params_burger.yaml.
-
-    What never acts on a Burger is left out: the y axis, footprint scaling above 0.25 m/s, twirling, and
-    ``use_dwa: false`` (that is Trajectory Rollout's way of sampling).
-    """
-
-    limits: LocalPlannerLimits = field(default_factory=LocalPlannerLimits)
-    sim_time_s: float = 1.5
-    sim_granularity_m: float = 0.025
-    angular_sim_granularity_rad: float = 0.1
-    vx_samples: int = 20
-    vth_samples: int = 40
-    path_distance_bias: float = 32.0
-    goal_distance_bias: float = 20.0
-    occdist_scale: float = 0.02
-    forward_point_distance_m: float = 0.325
-    oscillation_reset_dist_m: float = 0.05
-    oscillation_reset_angle_rad: float = 0.2
-
-    def __post_init__(self) -> None:
-        for name in (
-            "sim_time_s",
-            "sim_granularity_m",
-            "angular_sim_granularity_rad",
-            "vx_samples",
-            "vth_samples",
-        ):
-            if not getattr(self, name) > 0:
-                raise InputError(f"dwa: {name} must be greater than 0 (got {getattr(self, name)})")
-
+from midnet_bench.navigation.settings import DwaSettings, Footprint, LocalPlannerLimits
 
 _ESCAPE_AFTER_S = 2.0
 """after so long without a legal sample the planner looks for a way off instead of along the plan"""

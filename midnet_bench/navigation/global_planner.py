@@ -10,14 +10,13 @@ from midnet_bench.navigation.costmap import (
     LETHAL,
     NO_INFORMATION,
     Cells,
-    CostmapSettings,
     GlobalCostmap,
     inflation_costs,
-    radii,
     reach_cells,
 )
 from midnet_bench.navigation.local_planner import Plan
 from midnet_bench.navigation.navfn import UNREACHED, Potential, potential_to
+from midnet_bench.navigation.settings import CostmapSettings, radii
 
 _POCKET_M2 = 1.0
 """A goal from which the potential reaches less floor than this is closed in."""

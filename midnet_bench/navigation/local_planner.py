@@ -1,14 +1,12 @@
 """What local planners share: limits, the protocol, distances along the plan, the outline's cost, samples."""
 
 import math
-from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.navigation.costmap import (
@@ -22,50 +20,9 @@ from midnet_bench.navigation.costmap import (
     line_steps,
     placed,
 )
+from midnet_bench.navigation.settings import LocalPlannerLimits
 
 Grids = npt.NDArray[np.int32]
-
-
-@dataclass(frozen=True)
-class LocalPlannerLimits:
-    """Velocities in the body frame, accelerations, tolerances; defaults: dwa_local_planner_params_burger."""
-
-    max_vel_x_mps: float = 0.22
-    min_vel_x_mps: float = -0.22
-    """negative: may drive backwards"""
-    max_vel_trans_mps: float = 0.22
-    min_vel_trans_mps: float = 0.11
-    """slower than this *and* turning slower than ``min_vel_theta_radps`` is no command"""
-    max_vel_theta_radps: float = 2.75
-    min_vel_theta_radps: float = 1.37
-    acc_lim_x_mps2: float = 2.5
-    acc_lim_theta_radps2: float = 3.2
-    xy_goal_tolerance_m: float = 0.05
-
-    def __post_init__(self) -> None:
-        if self.min_vel_x_mps > self.max_vel_x_mps:
-            raise InputError(
-                f"local planner: min_vel_x_mps {self.min_vel_x_mps} must not exceed "
-                f"max_vel_x_mps {self.max_vel_x_mps}"
-            )
-        for name in (
-            "acc_lim_x_mps2",
-            "acc_lim_theta_radps2",
-            "xy_goal_tolerance_m",
-        ):
-            if not getattr(self, name) > 0.0:
-                raise InputError(f"local planner: {name} must be greater than 0 (got {getattr(self, name)})")
-
-    def at_speed(self, top_mps: float) -> "LocalPlannerLimits":
-        """The limits of a robot whose top speed is ``top_mps``; its other speeds change in proportion."""
-        share = top_mps / self.max_vel_x_mps
-        return replace(
-            self,
-            max_vel_x_mps=top_mps,
-            min_vel_x_mps=share * self.min_vel_x_mps,
-            max_vel_trans_mps=share * self.max_vel_trans_mps,
-            min_vel_trans_mps=share * self.min_vel_trans_mps,
-        )
 
 
 Plan = npt.NDArray[np.float64]

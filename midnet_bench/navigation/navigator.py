@@ -2,7 +2,6 @@
 
 import enum
 import math
-from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -11,50 +10,17 @@ from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import STOP, Command, LidarGeometry
 from midnet_bench.navigation.costmap import (
-    BURGER,
     LETHAL,
-    CostmapSettings,
-    Footprint,
     GlobalCostmap,
     RollingCostmap,
-    burger_global,
-    burger_local,
     corner_array,
 )
-from midnet_bench.navigation.dwa import DwaPlanner, DwaSettings
+from midnet_bench.navigation.dwa import DwaPlanner
 from midnet_bench.navigation.global_planner import GlobalPlanner
 from midnet_bench.navigation.local_planner import LocalPlanner, Plan, turn_is_free
-from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner, TrajectoryRolloutSettings
+from midnet_bench.navigation.settings import DwaSettings, Footprint, NavigatorSettings
+from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
 from midnet_bench.robots.burger import LDS_01
-
-
-@dataclass(frozen=True)
-class NavigatorSettings:
-    """Defaults: turtlebot3_navigation's files for the Burger."""
-
-    local_costmap: CostmapSettings = field(default_factory=burger_local)
-    global_costmap: CostmapSettings = field(default_factory=burger_global)
-    local_planner: DwaSettings | TrajectoryRolloutSettings = field(default_factory=DwaSettings)
-    bare_footprint: Footprint = BURGER
-    """the robot's outline without padding: what a robot that is stuck may still move with"""
-    allow_unknown: bool = True
-    """plans may cross cells that nobody has seen"""
-    goal_tolerance_m: float = 0.5
-    """a goal that a scanned obstacle covers (another robot that passes) is approached up to this far; navfn's
-    default_tolerance, 0 in TurtleBot3's files, where such a goal is not approached at all"""
-    controller_frequency_hz: float = 10.0
-    planner_frequency_hz: float = 5.0
-    planner_patience_s: float = 5.0
-    controller_patience_s: float = 15.0
-    oscillation_timeout_s: float = 10.0
-    oscillation_distance_m: float = 0.2
-    conservative_reset_dist_m: float = 3.0
-    aggressive_reset_dist_m: float = 1.84
-    """four times move_base's own circumscribed radius (0.46 m)"""
-    wave_period_s: float = 1.0
-    """no new potential sooner than this after the last one for the same goal"""
-    change_radius_m: float = 0.3
-    """obstacles that come or go this near to the plan ahead call for a new potential"""
 
 
 class Status(enum.Enum):
@@ -349,7 +315,7 @@ def compile_kernels() -> None:
     prior = OccupancyGrid(np.zeros((60, 60), dtype=np.int8), 0.05, (0.0, 0.0))
     pose = Pose2D(1.5, 1.5, 0.0)
     # The planners' own settings differ, their kernels are all of one signature each.
-    for settings in (NavigatorSettings(), NavigatorSettings(local_planner=TrajectoryRolloutSettings())):
+    for settings in (NavigatorSettings(), NavigatorSettings(controller="trajectory_rollout")):
         navigator = Navigator(prior, settings)
         navigator.set_goal(2.5, 1.5)
         for tick in range(8):

@@ -1,81 +1,24 @@
 """base_local_planner's TrajectoryPlannerROS: Trajectory Rollout (Gerkey and Konolige 2008)."""
 
 import math
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.messages import Command
-from midnet_bench.navigation.costmap import Cells, Floats, Footprint, RollingCostmap, corner_array
+from midnet_bench.navigation.costmap import Cells, Floats, RollingCostmap, corner_array
 from midnet_bench.navigation.local_planner import (
     GOAL,
     ILLEGAL,
     PATH,
     Grids,
     LocalGoalGrids,
-    LocalPlannerLimits,
     Plan,
     outline_cost,
 )
-
-
-def _burger_limits() -> LocalPlannerLimits:
-    return LocalPlannerLimits(
-        max_vel_x_mps=0.18,
-        min_vel_x_mps=0.08,
-        max_vel_trans_mps=0.18,
-        min_vel_trans_mps=0.08,
-        max_vel_theta_radps=1.0,
-        min_vel_theta_radps=1.0,
-        xy_goal_tolerance_m=0.10,
-    )
-
-
-@dataclass(frozen=True)
-class TrajectoryRolloutSettings:
-    """Parameters of TrajectoryPlannerROS (dwa false, meter_scoring false, no heading scoring).
-
-    Speeds, samples and tolerances are those of turtlebot3's base_local_planner_params.yaml, which no launch
-    file loads. The rest of that file does not carry a Burger round a corner: at 0.08 m/s a step of 0.05 m
-    looks no farther than the start, and 0.6 rad/s2 is a fifth of what the robot does. So horizon, step and
-    accelerations are those of the Burger's DWA file, and ``occdist_scale`` is 0.05, not the package's 0.01,
-    with which the robot cuts corners until it is stuck at them.
-    """
-
-    limits: LocalPlannerLimits = field(default_factory=_burger_limits)
-    """``min_vel_theta_radps`` is min_in_place_vel_theta"""
-    sim_time_s: float = 1.5
-    sim_granularity_m: float = 0.025
-    angular_sim_granularity_rad: float = 0.025
-    vx_samples: int = 18
-    vtheta_samples: int = 20
-    path_distance_bias: float = 0.6
-    goal_distance_bias: float = 0.8
-    occdist_scale: float = 0.05
-    heading_lookahead_m: float = 0.325
-    oscillation_reset_dist_m: float = 0.05
-    escape_vel_mps: float = -0.1
-    escape_reset_dist_m: float = 0.10
-    escape_reset_theta_rad: float = math.pi / 2
-
-    def __post_init__(self) -> None:
-        names = (
-            "sim_time_s",
-            "sim_granularity_m",
-            "angular_sim_granularity_rad",
-            "vx_samples",
-            "vtheta_samples",
-        )
-        for name in names:
-            if not getattr(self, name) > 0:
-                raise InputError(
-                    f"trajectory rollout: {name} must be greater than 0 (got {getattr(self, name)})"
-                )
-
+from midnet_bench.navigation.settings import Footprint, LocalPlannerLimits, TrajectoryRolloutSettings
 
 HITS, BLOCKED = -1.0, -2.0
 """cost of a rollout whose footprint is illegal or off the window; of one that leaves path or goal's reach"""

@@ -7,7 +7,8 @@ from midnet_bench.rng import stream
 from midnet_bench.simulation.imu import ImuSensor
 from midnet_bench.simulation.integrity import HealthTracker
 from midnet_bench.simulation.lidar import LidarSensors
-from midnet_bench.simulation.odometry import EncoderOdometer, OdometrySettings
+from midnet_bench.simulation.odometry import EncoderOdometer
+from midnet_bench.simulation.settings import SimulationSettings
 from midnet_bench.simulation.simulator import Simulator
 
 CONTROL_HZ = 10
@@ -24,7 +25,7 @@ class Fleet:
         world: Simulator,
         lidars: LidarSensors,
         robots: Sequence[MobileRobot],
-        odometry: OdometrySettings,
+        settings: SimulationSettings,
         seed: int,
     ) -> None:
         """Each robot senses and controls with a phase of its own, drawn from ``seed`` (item 9).
@@ -43,19 +44,19 @@ class Fleet:
         self._controlling = _schedule(robots, phases, self._control_ticks)
         self._scanning = _schedule(robots, phases, self._scan_ticks)
         self._lidar_noise = [stream(seed, "lidar", name) for name in names]
-        self._imus = [ImuSensor("gazebo", stream(seed, "imu", name)) for name in names]
+        self._imus = [ImuSensor(settings.imu, stream(seed, "imu", name)) for name in names]
         self._odometers = (
             [
                 EncoderOdometer(
                     robot.pose,
                     world.wheel_angles(robot.index),
-                    odometry,
+                    settings.odometry,
                     stream(seed, "odometry", robot.name),
                     world.robot,
                 )
                 for robot in robots
             ]
-            if odometry.source == "encoder"
+            if settings.odometry.source == "encoder"
             else None
         )
 

@@ -1,15 +1,11 @@
 """The Burger's IMU, in the plane."""
 
-from typing import Literal
-
 import numpy as np
 
 from midnet_bench.geometry import wrap_angle
 from midnet_bench.messages import Imu
+from midnet_bench.simulation.settings import ImuSettings
 
-ImuNoise = Literal["gazebo", "none"]
-
-GYRO_STDDEV_RADPS, GYRO_BIAS_RADPS, GYRO_BIAS_STDDEV_RADPS = 2e-4, 7.5e-6, 8e-7
 ACCELEROMETER_STDDEV_MPS2, ACCELEROMETER_BIAS_MPS2, ACCELEROMETER_BIAS_STDDEV_MPS2 = 1.7e-2, 0.1, 1e-3
 
 
@@ -21,12 +17,15 @@ class ImuSensor:
     plus the integral of the gyroscope's errors, as of a filter that has nothing else to go by.
     """
 
-    def __init__(self, noise: ImuNoise, rng: np.random.Generator) -> None:
-        self._noisy = noise == "gazebo"
+    def __init__(self, settings: ImuSettings, rng: np.random.Generator) -> None:
+        self._noisy = settings.noise == "gazebo"
+        self._gyro_stddev_radps = settings.gyro_stddev_radps
         self._rng = rng
         signs = rng.choice((-1.0, 1.0), size=2)
         draws = rng.standard_normal(2)
-        self._gyro_bias = float(signs[0] * (GYRO_BIAS_RADPS + GYRO_BIAS_STDDEV_RADPS * draws[0]))
+        self._gyro_bias = float(
+            signs[0] * (settings.gyro_bias_radps + settings.gyro_bias_stddev_radps * draws[0])
+        )
         self._accelerometer_bias = float(
             signs[1] * (ACCELEROMETER_BIAS_MPS2 + ACCELEROMETER_BIAS_STDDEV_MPS2 * draws[1])
         )
@@ -44,7 +43,7 @@ class ImuSensor:
         if not self._noisy:
             return Imu(yaw_rad, yaw_rate_radps, acceleration)
         gyro, accelerometer = self._rng.standard_normal(2).tolist()
-        rate_error = self._gyro_bias + GYRO_STDDEV_RADPS * gyro
+        rate_error = self._gyro_bias + self._gyro_stddev_radps * gyro
         self._drift_rad += rate_error * elapsed_s
         return Imu(
             wrap_angle(yaw_rad + self._drift_rad),

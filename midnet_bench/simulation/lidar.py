@@ -7,7 +7,6 @@ on hit or miss for one beam in a hundred that passes near it, and costs four tim
 
 import math
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +15,7 @@ from numba import njit
 from midnet_bench.arena.free_space import cells_near
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.rng import stream
+from midnet_bench.simulation.settings import LidarNoise, LidarSettings
 from midnet_bench.simulation.simulator import Beams, Simulator
 
 Floats = npt.NDArray[np.float64]
@@ -112,10 +112,6 @@ def hide_behind_discs(
     return met
 
 
-LidarNoise = Literal["gazebo", "datasheet", "none"]
-RobotProfile = Literal["urdf", "disc"]
-"""What beams see of a robot (item 28): the LDS-01's housing, all that is in their plane, or a larger disc."""
-
 TOO_NEAR_M = 0.0
 """The range of a beam that ends before the sensor's least range, as the LDS-01's driver reports it."""
 
@@ -129,13 +125,13 @@ class LidarSensors:
     They are horizontal, from yaw alone: a real sensor nods with its robot by a fraction of a degree.
     """
 
-    def __init__(self, simulator: Simulator, profile: RobotProfile, noise: LidarNoise) -> None:
-        """``profile``: what beams meet of a robot; ``noise``: see :func:`add_noise`."""
+    def __init__(self, simulator: Simulator, settings: LidarSettings | None = None) -> None:
+        settings = settings or LidarSettings()
         robot, layout = simulator.robot, simulator.layout
         self._simulator = simulator
         self._lidar = robot.lidar
-        self._disc = robot.profiles[profile]
-        self._noise = noise
+        self._disc = robot.profiles[settings.robot_profile]
+        self._noise = settings.noise
         angles_rad = self._lidar.mount.yaw + self._lidar.angles_rad
         self._cosines, self._sines = np.cos(angles_rad), np.sin(angles_rad)
         # Named by side, so that an intruder's sensor does not change with the size of the team.

@@ -1,39 +1,18 @@
 """What a Burger believes of its own motion: exactly, as Gazebo told it, or from its wheel encoders."""
 
 import math
-from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
 
 from midnet_bench.geometry import Pose2D, wrap_angle
-from midnet_bench.io.checked_yaml import Spec
 from midnet_bench.messages import Odometry
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
+from midnet_bench.simulation.settings import OdometrySettings
 
 TICK_RAD = 2.0 * math.pi / 4096
 """The least turn of a wheel that its encoder tells apart."""
-
-Share = Annotated[float, Field(ge=0.0, le=0.2)]
-
-
-class OdometrySettings(Spec):
-    """Where odometry comes from and, for ``encoder``, how wrong it is.
-
-    Nobody publishes the last three of a Burger. They are our choice: wheels true to a fifth of a
-    millimetre, a track true to 1.6 mm, and slip that leaves 2 mm after a metre.
-    """
-
-    source: Literal["world", "encoder"] = "world"
-    """``world`` is what gazebo_ros_diff_drive published for a Burger: the true pose and velocity"""
-    radius_error: Share = 0.005
-    """standard deviation of each wheel's radius, as a share of it; drawn once per robot"""
-    separation_error: Share = 0.01
-    """standard deviation of the wheels' separation, as a share of it; drawn once per robot"""
-    slip_m_per_sqrt_m: Share = 0.002
-    """standard deviation of a wheel's slip after one metre; its variance grows with the travel"""
 
 
 class EncoderOdometer:

@@ -70,7 +70,7 @@ def write_exploration(
         MidnetBenchError: a file cannot be written.
     """
     provenance = collect(seed)
-    configuration = {"experiment": "mapping", "seed": seed, "parameters": parameters.model_dump(mode="json")}
+    configuration = {"experiment": "mapping", "seed": seed, "parameters": parameters.flat()}
     with ExplorationTrial(parameters, seed) as trial:
         files = MapFiles.at(output)
         files.refuse_another(configuration)

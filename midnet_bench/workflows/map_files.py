@@ -9,11 +9,11 @@ from typing import Any
 
 from midnet_bench.campaign.provenance import Provenance, now_utc
 from midnet_bench.errors import InputError
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.detector_node import binary_prior
 from midnet_bench.experiments.guarded.inputs import EXACT
-from midnet_bench.experiments.guarded.parameters import DetectionParameters, GuardParameters
+from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.checked_yaml import parse
 from midnet_bench.io.files import write_atomically
 from midnet_bench.io.map_server import save_binary_map, save_map
 
@@ -86,7 +86,7 @@ def write_map(
     """
     if parameters is None:
         fitting = {"prior_map": EXACT, "resolution_m": grid.resolution}
-        parameters = parse(DetectionParameters, fitting, str(files.map))
+        parameters = DetectionParameters.parse(fitting, str(files.map))
     save_map(grid, files.map, comment=comment)
     save_binary_map(binary_prior(grid, parameters), files.binary)
     return [files.map, files.binary]

@@ -4,10 +4,9 @@ from pathlib import Path
 
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.detector_node import binary_prior
-from midnet_bench.experiments.guarded.parameters import DetectionParameters
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.checked_yaml import parse
 from midnet_bench.io.map_server import load_map
 
 PRIOR_MAP_PARAMETERS = (
@@ -47,4 +46,4 @@ def prior_map(building: OccupancyGrid | str | Path, **parameters: Scalar) -> Occ
                 f"prior_map: {name}: no such parameter{nearest_name(name, PRIOR_MAP_PARAMETERS)}"
             )
     values = {"prior_map": "exact", "resolution_m": grid.resolution, **parameters}
-    return binary_prior(grid, parse(DetectionParameters, values, "prior_map"))
+    return binary_prior(grid, DetectionParameters.parse(values, "prior_map"))

@@ -11,7 +11,6 @@ from midnet_bench.drawing.stills import draw_arena, draw_detections, draw_grids
 from midnet_bench.drawing.trial_video import trial_video
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
-from midnet_bench.io.checked_yaml import parse
 from midnet_bench.io.files import write_atomically
 
 DEFAULT_FRAME = 100
@@ -58,7 +57,7 @@ def render_trial(
         raise InputError(f"render: '{experiment}' has no guards; 'midnet-bench map ARENA' draws explorations")
     if not 0.0 < speed <= MAX_SPEED:
         raise InputError(f"speed: {speed:g} is out of range; allowed: above 0, at most {MAX_SPEED:g}")
-    with found.demo(parse(found.model, dict(parameters), experiment), seed) as demo:
+    with found.demo(found.model.parse(parameters, experiment), seed) as demo:
         chosen = min(DEFAULT_FRAME, demo.max_frames) if frame_number is None else frame_number
         if not 1 <= chosen <= demo.max_frames:
             raise InputError(f"frame: {chosen} is out of range; the trial has frames 1 to {demo.max_frames}")

@@ -8,7 +8,6 @@ from typing import Any, Self
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
-from midnet_bench.io.checked_yaml import parse
 
 
 class Simulation(Iterator[Any]):
@@ -65,5 +64,5 @@ def simulate(
     found = registry.experiment(experiment)
     if found.trial is None:
         raise InputError(f"simulate: '{experiment}' has no frames; detection and labyrinth have")
-    checked = parse(found.model, parameters, f"simulate: {experiment}")
+    checked = found.model.parse(parameters, f"simulate: {experiment}")
     return Simulation(found.trial(checked, seed), explain)

@@ -7,13 +7,14 @@ import numpy.typing as npt
 from midnet_bench.agents.explorer import Explorer
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import MapWindow
-from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
+from midnet_bench.localization.settings import UkfSettings
+from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import FrontierExplorer
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.gmapping.settings import BURGER_UKF
 from midnet_bench.messages import STOP, Imu, Odometry
-from midnet_bench.navigation.costmap import burger_global
-from midnet_bench.navigation.navigator import Navigator, NavigatorSettings
+from midnet_bench.navigation.navigator import Navigator
+from midnet_bench.navigation.settings import NavigatorSettings, burger_global
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
 

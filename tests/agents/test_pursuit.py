@@ -1,7 +1,8 @@
 import numpy as np
 
 from midnet_bench.agents.mobile_robot import Guard
-from midnet_bench.agents.pursuit import RETARGET_M, Pursuit
+from midnet_bench.agents.pursuit import Pursuit
+from midnet_bench.agents.settings import PursuitSettings
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.navigator import Navigator
@@ -18,7 +19,7 @@ def guards(*places: tuple[float, float]) -> list[Guard]:
 
 def test_the_nearest_guard_goes_and_the_others_patrol() -> None:
     team = guards((-3.0, 0.0), (1.0, 0.0), (3.0, 3.0))
-    pursuit = Pursuit(team, "nearest", 3.0)
+    pursuit = Pursuit(team, PursuitSettings(rule="nearest"))
     pursuit.detected(7, (2.0, 0.0), 0.2)
     pursuit.update(0.2)
     assert [guard.goal for guard in team] == [None, (2.0, 0.0), None]
@@ -26,7 +27,7 @@ def test_the_nearest_guard_goes_and_the_others_patrol() -> None:
 
 def test_two_targets_get_a_guard_each() -> None:
     team = guards((-3.0, 0.0), (0.0, 0.0))
-    pursuit = Pursuit(team, "nearest", 3.0)
+    pursuit = Pursuit(team, PursuitSettings(rule="nearest"))
     pursuit.detected(7, (1.0, 0.0), 0.2)
     pursuit.detected(8, (2.0, 0.0), 0.2)
     pursuit.update(0.2)
@@ -35,10 +36,10 @@ def test_two_targets_get_a_guard_each() -> None:
 
 def test_a_pursuer_stays_on_his_target_and_follows_it() -> None:
     team = guards((0.0, 0.0), (3.0, 0.0))
-    pursuit = Pursuit(team, "nearest", 3.0)
+    pursuit = Pursuit(team, PursuitSettings(rule="nearest"))
     pursuit.detected(7, (1.0, 0.0), 0.2)
     pursuit.update(0.2)
-    pursuit.detected(7, (1.0 + 0.9 * RETARGET_M, 0.0), 0.4)
+    pursuit.detected(7, (1.0 + 0.9 * PursuitSettings().retarget_m, 0.0), 0.4)
     pursuit.update(0.4)
     assert team[0].goal == (1.0, 0.0)
     pursuit.detected(7, (3.0, 0.1), 0.6)
@@ -48,7 +49,7 @@ def test_a_pursuer_stays_on_his_target_and_follows_it() -> None:
 
 def test_a_target_out_of_sight_is_given_up() -> None:
     team = guards((0.0, 0.0))
-    pursuit = Pursuit(team, "nearest", 3.0)
+    pursuit = Pursuit(team, PursuitSettings(rule="nearest"))
     pursuit.detected(7, (1.0, 0.0), 0.2)
     pursuit.update(0.2)
     pursuit.update(3.2)
@@ -60,7 +61,7 @@ def test_a_target_out_of_sight_is_given_up() -> None:
 
 def test_everybody_goes_after_the_nearest_one_under_all() -> None:
     team = guards((-3.0, 0.0), (3.0, 0.0))
-    pursuit = Pursuit(team, "all", 3.0)
+    pursuit = Pursuit(team, PursuitSettings(rule="all"))
     pursuit.detected(7, (-2.0, 0.0), 0.2)
     pursuit.detected(8, (2.0, 0.0), 0.2)
     pursuit.update(0.2)
@@ -69,7 +70,7 @@ def test_everybody_goes_after_the_nearest_one_under_all() -> None:
 
 def test_nobody_goes_under_none() -> None:
     team = guards((0.0, 0.0))
-    pursuit = Pursuit(team, "none", 3.0)
+    pursuit = Pursuit(team, PursuitSettings(rule="none"))
     pursuit.detected(7, (1.0, 0.0), 0.2)
     pursuit.update(0.2)
     assert team[0].goal is None
@@ -77,7 +78,7 @@ def test_nobody_goes_under_none() -> None:
 
 def test_a_caught_target_frees_his_pursuer() -> None:
     team = guards((0.0, 0.0))
-    pursuit = Pursuit(team, "nearest", 3.0)
+    pursuit = Pursuit(team, PursuitSettings(rule="nearest"))
     pursuit.detected(7, (1.0, 0.0), 0.2)
     pursuit.update(0.2)
     pursuit.drop(7)

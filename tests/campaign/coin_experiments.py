@@ -1,21 +1,23 @@
 """A tiny experiment that goes through the real engine: tossing coins, with ways to go wrong on demand."""
 
-from pydantic import Field
+from dataclasses import dataclass
 
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.io.checked_yaml import Spec
+from midnet_bench.io.parameters import Parameters
+from midnet_bench.settings import option
 from tests.campaign.coin_trial import run_trial as run_trial
 
 
-class CoinParameters(Spec):
-    coins: int = Field(3, ge=1)
-    bias: float = Field(0.5, ge=0, le=1)
-    work_s: float = Field(0.0, ge=0)
-    noise_bytes: int = 0
-    table: str = "wood"
-    trouble: str = ""
-    trouble_seed: int = -1
-    trouble_file: str = ""
+@dataclass(frozen=True)
+class CoinParameters(Parameters):
+    coins: int = option(3, "Coins tossed.", ge=1)
+    bias: float = option(0.5, "Probability of heads.", ge=0, le=1)
+    work_s: float = option(0.0, "How long a trial takes.", ge=0)
+    noise_bytes: int = option(0, "Size of a result that does not compress.")
+    table: str = option("wood", "What the coins fall on.")
+    trouble: str = option("", "What goes wrong.")
+    trouble_seed: int = option(-1, "Seed of the trial that goes wrong.")
+    trouble_file: str = option("", "File that trouble needs.")
 
 
 def parameters_model(experiment: str) -> type[CoinParameters]:

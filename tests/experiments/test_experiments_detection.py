@@ -1,6 +1,5 @@
 import json
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,19 +9,19 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.campaign.trial import TrialResult, TrialSpec
 from midnet_bench.errors import InputError
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
-from midnet_bench.experiments.guarded.detector_node import binary_prior, costmap_settings, inflation_m
-from midnet_bench.experiments.guarded.parameters import DetectionParameters, ReadingsParameters
+from midnet_bench.experiments.guarded.detector_node import binary_prior
+from midnet_bench.experiments.readings.parameters import ReadingsParameters
 from midnet_bench.experiments.readings.trial import run_readings
 from midnet_bench.experiments.registry import run_trial
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
-from midnet_bench.midnet.pipeline import MIDNetSettings
-from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
+from midnet_bench.navigation.settings import TrajectoryRolloutSettings
 
 
 def detection(seed: int = 3, **changes: object) -> TrialResult:
-    return run_detection(DetectionParameters(**{"robots": 2, "frames": 25, **changes}), seed)
+    return run_detection(DetectionParameters.of(**{"robots": 2, "frames": 25, **changes}), seed)
 
 
 def as_bytes(result: TrialResult) -> bytes:
@@ -35,20 +34,20 @@ def test_the_seed_decides_every_byte() -> None:
 
 
 def test_a_spec_says_all_that_a_trial_needs() -> None:
-    parameters = DetectionParameters(robots=2, frames=25).model_dump()
+    parameters = DetectionParameters.of(robots=2, frames=25).flat()
     assert as_bytes(run_trial(TrialSpec("detection", parameters, 3))) == as_bytes(detection(seed=3))
 
 
 def test_teams_of_one_seed_meet_the_same_intruders() -> None:
     def start(robots: int) -> tuple[object, ...]:
-        with DetectionTrial(DetectionParameters(robots=robots), 5) as trial:
+        with DetectionTrial(DetectionParameters.of(robots=robots), 5) as trial:
             return trial.layout.stationary, trial.layout.intruders
 
     assert start(1) == start(5)
 
 
 def test_everybody_drives_and_eight_intruders_are_scored() -> None:
-    with DetectionTrial(DetectionParameters(robots=5, frames=100), 7) as trial:
+    with DetectionTrial(DetectionParameters.of(robots=5, frames=100), 7) as trial:
         frames = list(trial.frames())
         rows = trial.rows_of_robots()
     assert [len(frame.truths) for frame in frames] == [8] * 100
@@ -60,7 +59,7 @@ def test_everybody_drives_and_eight_intruders_are_scored() -> None:
 
 def test_trajectory_rollout_drives_at_its_own_speeds() -> None:
     own = TrajectoryRolloutSettings().limits
-    parameters = DetectionParameters(
+    parameters = DetectionParameters.of(
         robots=1, frames=75, controller="trajectory_rollout", intruder_speed_mps=0.1
     )
     with DetectionTrial(parameters, 3) as trial:
@@ -73,20 +72,6 @@ def test_trajectory_rollout_drives_at_its_own_speeds() -> None:
     assert 0.17 < max(speeds) < own.max_vel_x_mps + 0.01
     assert rows[0]["distance_m"] > 1.0
     assert 0.5 < max(row["distance_m"] for row in rows[1:]) < 0.1 * 15.0 + 0.05
-
-
-def test_the_library_reads_the_paper_as_the_trials_do() -> None:
-    trials = DetectionParameters()
-    for field in (
-        "thresh_local",
-        "align",
-        "min_area_cells",
-        "ally_diameter_m",
-        "iou_ally",
-        "ally_remove",
-        "iou_fuse",
-    ):
-        assert getattr(MIDNetSettings(), field) == getattr(trials, field)
 
 
 def test_how_an_intruder_is_scored_does_not_change_who_is_in_range() -> None:
@@ -111,7 +96,7 @@ def test_guards_alone_leave_ghosts_of_each_other_and_a_single_scan_has_none() ->
 
 
 def test_all_readings_watch_the_simulation_that_the_detection_test_runs() -> None:
-    rows = run_readings(ReadingsParameters(robots=2, frames=25, readings="items"), 3).tables["readings"]
+    rows = run_readings(ReadingsParameters.of(robots=2, frames=25, readings="items"), 3).tables["readings"]
     by_name = {row["reading"]: row for row in rows}
     alone = detection(seed=3).tables["scores"][0]
     assert {key: by_name["default"][key] for key in ("tp", "fp", "fn", "matched")} == {
@@ -129,17 +114,15 @@ def test_all_readings_watch_the_simulation_that_the_detection_test_runs() -> Non
 )
 def test_a_threshold_stands_for_a_distance(thresh: int, reach_m: float) -> None:
     # the figures of item 1, for k = 10 and an inscribed radius of 0.105 m
-    settings = costmap_settings(DetectionParameters())
-    assert inflation_m(replace(settings, inscribed_radius_m=0.105), thresh) == pytest.approx(
-        reach_m, abs=0.004
-    )
+    assert DetectionParameters().local_costmap.reach_m(thresh) == pytest.approx(reach_m, abs=0.004)
 
 
 def test_the_prior_map_is_fatter_than_the_local_one() -> None:
     parameters = DetectionParameters()
     exact = render_exact(load_arena("map1"))
     prior = binary_prior(exact, parameters)
-    local = binary_prior(exact, parameters.model_copy(update={"thresh_global": parameters.thresh_local}))
+    thinner = DetectionParameters.of(thresh_global=parameters.midnet.thresh_local)
+    local = binary_prior(exact, thinner)
     assert ((local.data == 0) <= (prior.data == 0)).all()
     assert (prior.data == 0).sum() > (local.data == 0).sum() > (exact.data == 100).sum()
 
@@ -154,10 +137,10 @@ def test_a_trial_does_not_read_its_files_again(tmp_path: Path) -> None:
     arena = tmp_path / "mine.yaml"
     arena.write_text(load_arena("map1").model_dump_json())
     save_map(render_exact(load_arena("map1")), tmp_path / "map.yaml")
-    parameters = DetectionParameters(
+    parameters = DetectionParameters.of(
         robots=1, frames=5, arena=str(arena), prior_map=str(tmp_path / "map.yaml")
     )
-    spec = TrialSpec("detection", parameters.model_dump(), 1)
+    spec = TrialSpec("detection", parameters.flat(), 1)
     for file in tmp_path.iterdir():
         file.unlink()
     assert run_trial(spec).tables["scores"]
@@ -165,7 +148,7 @@ def test_a_trial_does_not_read_its_files_again(tmp_path: Path) -> None:
 
 def test_a_file_counts_by_its_contents(tmp_path: Path) -> None:
     def trial_id() -> str:
-        values = DetectionParameters(prior_map=str(tmp_path / "map.yaml")).model_dump()
+        values = DetectionParameters.of(prior_map=str(tmp_path / "map.yaml")).flat()
         return TrialSpec("detection", values, 1).trial_id
 
     save_map(render_exact(load_arena("map1")), tmp_path / "map.yaml")
@@ -181,4 +164,4 @@ def test_another_resolution_than_the_local_grids_is_refused(tmp_path: Path) -> N
     grid = OccupancyGrid(np.zeros((80, 80), np.int8), 0.1, (-4.0, -4.0))
     save_map(grid, tmp_path / "coarse.yaml")
     with pytest.raises(InputError, match=r"prior_map.*0\.1"):
-        DetectionParameters(prior_map=str(tmp_path / "coarse.yaml"))
+        DetectionParameters.of(prior_map=str(tmp_path / "coarse.yaml"))

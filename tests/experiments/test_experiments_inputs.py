@@ -11,10 +11,10 @@ import pytest
 from midnet_bench.arena.arena import arena_names, load_arena
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.errors import InputError
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.inputs import _as_text
-from midnet_bench.experiments.guarded.parameters import DetectionParameters, LabyrinthParameters
+from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.checked_yaml import parse
 from midnet_bench.io.map_server import save_map
 
 
@@ -27,7 +27,7 @@ def free_map(path: Path, side_m: float, center: tuple[float, float] = (0.0, 0.0)
 
 def refused(values: dict[str, Any], source: str = "f.yaml: parameters") -> str:
     with pytest.raises(InputError) as caught:
-        parse(DetectionParameters, values, source)
+        DetectionParameters.parse(values, source)
     message = str(caught.value)
     assert "\n" not in message
     return message
@@ -36,7 +36,7 @@ def refused(values: dict[str, Any], source: str = "f.yaml: parameters") -> str:
 @pytest.mark.parametrize("side_m", [5.8, 6.0, 8.0, 30.0])
 def test_a_map_that_reaches_the_walls_or_beyond_is_taken(tmp_path: Path, side_m: float) -> None:
     path = free_map(tmp_path / "map.yaml", side_m)
-    assert DetectionParameters(prior_map=str(path)).prior_map.startswith("{")
+    assert DetectionParameters.of(prior_map=str(path)).prior_map.startswith("{")
 
 
 @pytest.mark.parametrize(("side_m", "center"), [(1.0, (0.0, 0.0)), (5.6, (0.0, 0.0)), (8.0, (2.0, 0.0))])
@@ -54,12 +54,12 @@ def test_a_map_that_ends_inside_the_arena_is_refused(
 @pytest.mark.parametrize("name", arena_names())
 def test_exact_maps_from_files_cover_their_arenas(tmp_path: Path, name: str) -> None:
     save_map(render_exact(load_arena(name)), tmp_path / "map.yaml")
-    DetectionParameters(arena=name, prior_map=str(tmp_path / "map.yaml"))
+    DetectionParameters.of(arena=name, prior_map=str(tmp_path / "map.yaml"))
 
 
 def test_explored_maps_cover_their_arenas() -> None:
-    assert DetectionParameters(prior_map="explored").arena == "map1"
-    assert LabyrinthParameters(prior_map="explored").arena == "map2"
+    assert DetectionParameters.of(prior_map="explored").arena == "map1"
+    assert LabyrinthParameters.of(prior_map="explored").arena == "map2"
 
 
 def test_what_is_wrong_with_a_map_names_its_file(tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def test_what_is_wrong_with_a_map_names_its_file(tmp_path: Path) -> None:
         f"f.yaml: parameters: prior_map: {full}: no cell is 0.4 m from walls"
     )
     assert "prior_map: absent.yaml: cannot be read: No such file" in refused({"prior_map": "absent.yaml"})
-    assert "prior_map: resolution 0.05 m" in refused({"resolution_m": 0.1})
+    assert "prior_map: explored: resolution 0.05 m" in refused({"resolution_m": 0.1})
     assert "prior_map: explored: resolution 0.05 m" in refused({"resolution_m": 0.1, "prior_map": "explored"})
 
 
@@ -141,8 +141,8 @@ def test_a_text_that_only_begins_like_an_arena_is_none(text: str, words: str) ->
 def test_what_was_taken_in_is_taken_again_as_it_is(tmp_path: Path) -> None:
     own = tmp_path / "own.yaml"
     own.write_text(load_arena("map1").model_dump_json())
-    first = DetectionParameters(arena=str(own), prior_map=str(free_map(tmp_path / "map.yaml", 8.0)))
-    assert DetectionParameters(**first.model_dump()) == first
+    first = DetectionParameters.of(arena=str(own), prior_map=str(free_map(tmp_path / "map.yaml", 8.0)))
+    assert DetectionParameters.of(**first.flat()) == first
     assert changed(lambda values: None) == first.prior_map
 
 
@@ -152,4 +152,4 @@ def test_true_is_no_number(key: str) -> None:
 
 
 def test_a_quoted_number_is_one() -> None:
-    assert DetectionParameters.model_validate({"robots": "5"}).robots == 5
+    assert DetectionParameters.of(robots="5").robots == 5

@@ -1,9 +1,10 @@
 import json
 import math
+from dataclasses import replace
 
 import pytest
 
-from midnet_bench.experiments.guarded.parameters import LabyrinthParameters
+from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial, run_labyrinth
 
 # a long corridor with the guard's post in the middle: who goes from end to end has to pass it
@@ -26,7 +27,7 @@ def corridor(**changes: object) -> LabyrinthParameters:
         "escape_distance_m": 7.5,
         "time_limit_s": 90.0,
     }
-    return LabyrinthParameters(**{**values, **changes})
+    return LabyrinthParameters.of(**{**values, **changes})
 
 
 def test_a_guard_in_the_way_catches_who_has_to_pass() -> None:
@@ -67,10 +68,10 @@ def test_who_reaches_his_escape_is_gone() -> None:
 
 
 def test_the_labyrinth_is_repeatable_and_its_cells_share_their_worlds() -> None:
-    short = LabyrinthParameters(robots=2, intruders=2, time_limit_s=6.0)
+    short = LabyrinthParameters.of(robots=2, intruders=2, time_limit_s=6.0)
     first, again = run_labyrinth(short, 9), run_labyrinth(short, 9)
     assert json.dumps(first.tables) == json.dumps(again.tables)
-    more_guards = run_labyrinth(short.model_copy(update={"robots": 4}), 9)
+    more_guards = run_labyrinth(replace(short, robots=4), 9)
     straight = [[row["straight_m"] for row in result.tables["intruders"]] for result in (first, more_guards)]
     assert straight[0] == straight[1]
     assert min(straight[0]) >= 12.0

@@ -5,15 +5,16 @@ import pytest
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
-from midnet_bench.experiments.guarded.parameters import DetectionParameters, LabyrinthParameters
+from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import run_labyrinth
 from midnet_bench.io.map_server import save_map
 
 
 def worst_late_error_m(**changes):
     """Of a guard with slipping wheels, in the second half of 80 s."""
-    parameters = DetectionParameters(
+    parameters = DetectionParameters.of(
         arena="empty", prior_map="exact", robots=1, frames=400, odometry="encoder", **changes
     )
     with DetectionTrial(parameters, 1001) as trial:
@@ -43,7 +44,7 @@ def test_the_prior_map_takes_the_drift_out_of_a_guards_pose():
 @pytest.mark.parametrize("odometry", ["encoder", "world"])
 def test_the_seed_decides_every_byte_with_scan_matching_too(odometry):
     def tables(seed):
-        parameters = DetectionParameters(
+        parameters = DetectionParameters.of(
             prior_map="exact", robots=2, frames=25, localization="ukf+map", odometry=odometry
         )
         return json.dumps(run_detection(parameters, seed).tables, sort_keys=True)
@@ -54,7 +55,7 @@ def test_the_seed_decides_every_byte_with_scan_matching_too(odometry):
 
 def test_the_labyrinth_takes_it_and_a_map_from_a_file(tmp_path):
     save_map(render_exact(load_arena("map2")), tmp_path / "map.yaml")
-    parameters = LabyrinthParameters(
+    parameters = LabyrinthParameters.of(
         prior_map=str(tmp_path / "map.yaml"),
         robots=2,
         time_limit_s=20.0,

@@ -9,7 +9,6 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.mapping.trial import Exploration, ExplorationTrial, Snapshot, run_mapping
 from midnet_bench.experiments.registry import run_trial
-from midnet_bench.io.checked_yaml import parse
 
 # a hall with a wall across it, so that the far side has to be driven to; the door in the east leads outside
 HALL = {
@@ -35,7 +34,7 @@ CELLAR = {
 
 
 def hall(arena: object = HALL, **changes: object) -> MappingParameters:
-    return MappingParameters(**{"arena": json.dumps(arena), "particles": 10, **changes})
+    return MappingParameters.of(**{"arena": json.dumps(arena), "particles": 10, **changes})
 
 
 def explore(parameters: MappingParameters, seed: int) -> tuple[Exploration, list[Snapshot]]:
@@ -134,7 +133,7 @@ def test_the_time_limit_leaves_half_a_map_and_says_so() -> None:
 
 
 def test_the_registry_runs_it_and_its_tables_are_whole() -> None:
-    parameters = hall(time_limit_s=3.0).model_dump(mode="json")
+    parameters = hall(time_limit_s=3.0).flat()
     result = run_trial(TrialSpec("mapping", parameters, 1003))
     assert result.simulated_s == pytest.approx(3.0)
     (row,) = result.tables["maps"]
@@ -149,6 +148,6 @@ def test_the_registry_runs_it_and_its_tables_are_whole() -> None:
 
 def test_wrong_parameters_are_named() -> None:
     with pytest.raises(InputError, match="merge"):
-        parse(MappingParameters, {"merge": "by eye"}, "test")
+        MappingParameters.parse({"merge": "by eye"}, "test")
     with pytest.raises(InputError, match="no arena is called"):
-        MappingParameters(arena="map3")
+        MappingParameters.of(arena="map3")

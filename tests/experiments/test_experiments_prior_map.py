@@ -13,11 +13,12 @@ from midnet_bench.campaign.definition import Campaign, resolve
 from midnet_bench.campaign.trial import TrialSpec
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import run_detection
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.detector_node import binary_prior
 from midnet_bench.experiments.guarded.inputs import prior_map_from
-from midnet_bench.experiments.guarded.parameters import DetectionParameters, LabyrinthParameters
+from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
 
@@ -43,15 +44,15 @@ def packaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_an_explored_map_is_named_with_its_contents(packaged: Path) -> None:
-    first = DetectionParameters(prior_map="explored")
+    first = DetectionParameters.of(prior_map="explored")
     assert first.prior_map.startswith("explored:map1:")
-    assert DetectionParameters(**first.model_dump()) == first
-    grid = prior_map_from(first.prior_map, load_arena("map1"), 0.05)
+    assert DetectionParameters.of(**first.flat()) == first
+    grid = prior_map_from(first.prior_map, "map1", 0.05)
     np.testing.assert_array_equal(grid.data, as_explored("map1").data)
 
 
 def test_another_explored_map_makes_other_trials(packaged: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    old = DetectionParameters(prior_map="explored")
+    old = DetectionParameters.of(prior_map="explored")
     other = as_explored("map1")
     other.data[60, 60] = 100
     later = packaged / "later"
@@ -59,25 +60,25 @@ def test_another_explored_map_makes_other_trials(packaged: Path, monkeypatch: py
     save_map(other, later / "map1.yaml")
     monkeypatch.setattr(explored_map, "FOLDER", later)
 
-    new = DetectionParameters(prior_map="explored")
-    ids = {TrialSpec("detection", values.model_dump(mode="json"), 1).trial_id for values in (old, new)}
+    new = DetectionParameters.of(prior_map="explored")
+    ids = {TrialSpec("detection", values.flat(), 1).trial_id for values in (old, new)}
     assert len(ids) == 2
     with pytest.raises(InputError, match=f"{old.prior_map}.*{new.prior_map}"):
-        DetectionParameters(prior_map=old.prior_map)
+        DetectionParameters.of(prior_map=old.prior_map)
 
 
 def test_an_arena_without_an_explored_map_says_how_to_make_one(packaged: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"midnet-bench map empty.*--map.*exact"):
-        DetectionParameters(arena="empty", prior_map="explored")
+        DetectionParameters.of(arena="empty", prior_map="explored")
     own = tmp_path / "own.yaml"
     own.write_text(load_arena("empty").model_dump_json(), encoding="utf-8")
     with pytest.raises(InputError, match=r"midnet-bench map ARENA\.yaml"):
-        DetectionParameters(arena=str(own), prior_map="explored")
+        DetectionParameters.of(arena=str(own), prior_map="explored")
 
 
 def test_a_wrong_arena_is_reported_before_its_map(packaged: Path) -> None:
     with pytest.raises(InputError, match="map9"):
-        DetectionParameters(arena="map9", prior_map="explored")
+        DetectionParameters.of(arena="map9", prior_map="explored")
 
 
 def test_each_arena_of_a_campaign_has_its_own_explored_map(packaged: Path) -> None:
@@ -93,12 +94,12 @@ def test_each_arena_of_a_campaign_has_its_own_explored_map(packaged: Path) -> No
 
 def test_the_labyrinths_own_arena_decides(packaged: Path) -> None:
     with pytest.raises(InputError, match="midnet-bench map map2"):
-        LabyrinthParameters(prior_map="explored")
+        LabyrinthParameters.of(prior_map="explored")
 
 
 @pytest.mark.parametrize("unknown", ["free", "occupied"])
 def test_behind_a_thin_wall_is_as_much_margin_as_behind_a_thick_one(unknown: str) -> None:
-    parameters = DetectionParameters(unknown_in_prior=unknown)
+    parameters = DetectionParameters.of(unknown_in_prior=unknown)
     thin = binary_prior(as_explored("map1"), parameters)
     thick = binary_prior(render_exact(load_arena("map1")), parameters)
     column, row = thin.cell_at(3.0 - 0.1, 0.0)
@@ -111,14 +112,14 @@ def test_behind_a_thin_wall_is_as_much_margin_as_behind_a_thick_one(unknown: str
 def test_guards_patrol_and_detect_on_an_explored_map_as_on_the_exact_one(packaged: Path) -> None:
     scores = {}
     for prior_map in ("explored", "exact"):
-        parameters = DetectionParameters(prior_map=prior_map, frames=40)
+        parameters = DetectionParameters.of(prior_map=prior_map, frames=40)
         (scores[prior_map],) = run_detection(parameters, 1).tables["scores"]
     assert scores["explored"]["tp"]
     assert scores["explored"] == scores["exact"]
 
 
 def test_nobody_is_sent_where_nothing_is_known(packaged: Path) -> None:
-    with GuardedArena(DetectionParameters(prior_map="explored"), 1) as trial:
+    with GuardedArena(DetectionParameters.of(prior_map="explored"), 1) as trial:
         known = trial.prior_map
         cells = [known.cell_at(x, y) for x, y in trial.patrol.points]
         assert all(known.data[row, column] == 0 for column, row in cells)

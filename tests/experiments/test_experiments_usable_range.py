@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
-from midnet_bench.experiments.guarded.parameters import DetectionParameters, ReadingsParameters
+from midnet_bench.experiments.readings.parameters import ReadingsParameters
 from midnet_bench.experiments.readings.trial import ReadingsTrial
 from midnet_bench.robots.burger import LDS_01
 

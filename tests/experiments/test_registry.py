@@ -11,13 +11,16 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.registry import experiment, names, parameters_model, run_trial
 
 DICE = """
-from pydantic import BaseModel
+from dataclasses import dataclass
 from midnet_bench.campaign.trial import TrialResult
 from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.io.parameters import Parameters
 from midnet_bench.rng import stream
+from midnet_bench.settings import option
 
-class DiceParameters(BaseModel):
-    sides: int = 6
+@dataclass(frozen=True)
+class DiceParameters(Parameters):
+    sides: int = option(6, "Sides of the die.", ge=2)
 
 def roll(parameters, seed):
     return TrialResult({"rolls": [{"eyes": int(stream(seed, "dice").integers(parameters.sides))}]}, 1.0)
@@ -31,7 +34,7 @@ def test_each_name_is_the_name_of_its_record() -> None:
     assert names()[:4] == ["detection", "labyrinth", "mapping", "readings"]
     for name in names():
         assert experiment(name).name == name
-        assert parameters_model(name).model_fields
+        assert parameters_model(name).defaults()
 
 
 def test_records_are_imported_without_what_they_refer_to() -> None:
@@ -47,7 +50,7 @@ def test_an_experiment_in_a_file_is_run_by_reference(tmp_path: Path) -> None:
     (tmp_path / "dice.py").write_text(DICE)
     reference = f"{tmp_path}/dice.py:DICE"
     assert experiment(reference).name == "dice"
-    assert parameters_model(reference).model_fields.keys() == {"sides"}
+    assert parameters_model(reference).defaults().keys() == {"sides"}
     first, again = (run_trial(TrialSpec(reference, {"sides": 1000}, 7)) for _ in range(2))
     assert first == again
     assert 0 <= int(first.tables["rolls"][0]["eyes"] or 0) < 1000

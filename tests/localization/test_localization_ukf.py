@@ -8,7 +8,8 @@ import pytest
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from midnet_bench.geometry import Pose2D, wrap_angle
-from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
+from midnet_bench.localization.settings import UkfSettings
+from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.messages import Imu, Odometry
 from midnet_bench.rng import stream
 
@@ -180,7 +181,9 @@ class PlainUkf:
 @pytest.mark.parametrize(("twist_is_mean", "change_lasts_s"), [(False, 0.05), (True, 0.1)])
 def test_steps_agree_with_a_plain_filter_that_fuses_message_by_message(twist_is_mean, change_lasts_s):
     settings = UkfSettings(
-        twist_variance=(4e-4, 1e-4, 1e-2),
+        vx_variance=4e-4,
+        vy_variance=1e-4,
+        vyaw_variance=1e-2,
         imu_yaw_variance=1e-4,
         imu_yaw_rate_variance=1e-3,
         twist_is_mean=twist_is_mean,

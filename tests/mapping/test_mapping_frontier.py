@@ -9,7 +9,8 @@ from hypothesis.extra.numpy import arrays
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.mapping.frontier import FrontierExplorer, FrontierSettings, find_frontiers
+from midnet_bench.mapping.frontier import FrontierExplorer, find_frontiers
+from midnet_bench.mapping.settings import FrontierSettings
 
 VALUES = {" ": 0, "#": 100, "?": -1, "i": 99, "~": 50}
 

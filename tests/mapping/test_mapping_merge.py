@@ -9,12 +9,8 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.geometry import Box, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.mapping.merge import (
-    MergeSettings,
-    compose,
-    match_maps,
-    merge_by_features,
-)
+from midnet_bench.mapping.merge import compose, match_maps, merge_by_features
+from midnet_bench.mapping.settings import MergeSettings
 from midnet_bench.rng import stream
 from tests.mapping.drawn_buildings import Building, corridor, hull, map_of, random_frame, rooms, viewpoints
 
@@ -89,8 +85,8 @@ def test_features_and_grids_each_refuse_different_buildings(gate):
     for _ in range(2):
         building = rooms(rng)
         maps.append(map_of(building, viewpoints(building, rng, 0.0, 1.0), random_frame(rng), rng))
-    features_only = MergeSettings(greatest_scale_error=1e9, least_agreement=1e-9, least_overlap=-1e9)
-    grids_only = MergeSettings(greatest_scale_error=1e9, least_confidence=0.0)
+    features_only = MergeSettings(max_scale_error=1e9, min_agreement=1e-9, min_overlap=-1e9)
+    grids_only = MergeSettings(max_scale_error=1e9, min_confidence=0.0)
     refusal = match_maps(*maps, features_only if gate == "confidence" else grids_only).refusal
     assert refusal.startswith(("confidence", "too few") if gate == "confidence" else ("agreement", "only"))
 
@@ -109,7 +105,7 @@ def test_a_building_that_half_a_turn_leaves_as_it_is_is_ambiguous():
     assert match.refusal.startswith("ambiguous")
     assert match.confidence > 1.0
     assert match.agreement > 0.99
-    believed = match_maps(labyrinth, labyrinth, MergeSettings(greatest_rival=1.1)).placement
+    believed = match_maps(labyrinth, labyrinth, MergeSettings(max_rival=1.1)).placement
     assert abs(math.sin(believed.yaw)) < 0.01
 
 
@@ -258,10 +254,10 @@ def test_a_stricter_setting_refuses_what_the_default_accepts():
     match = match_maps(left, right)
     assert match.placement is not None
     for stricter, word in (
-        ({"least_confidence": match.confidence + 0.1}, "confidence"),
-        ({"least_overlap": 5.0}, "only"),
-        ({"greatest_rival": -1.0}, "ambiguous"),
-        ({"greatest_scale_error": -1.0}, "features want"),
+        ({"min_confidence": match.confidence + 0.1}, "confidence"),
+        ({"min_overlap": 5.0}, "only"),
+        ({"max_rival": -1.0}, "ambiguous"),
+        ({"max_scale_error": -1.0}, "features want"),
     ):
         refusal = match_maps(left, right, replace(MergeSettings(), **stricter)).refusal
         assert refusal.startswith(word)

@@ -11,14 +11,8 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry
-from midnet_bench.navigation.costmap import (
-    CostmapSettings,
-    GlobalCostmap,
-    RollingCostmap,
-    clear_line,
-    clear_polygon,
-    inflate,
-)
+from midnet_bench.navigation.costmap import GlobalCostmap, RollingCostmap, clear_line, clear_polygon, inflate
+from midnet_bench.navigation.settings import CostmapSettings
 from midnet_bench.robots.burger import LDS_01
 
 ONE_BEAM = LidarGeometry(1, 0.0, 0.1, 0.12, 3.5, Pose2D(0.0, 0.0, 0.0))
@@ -197,14 +191,14 @@ def test_the_static_map_stays_under_the_footprint() -> None:
 
 
 def test_a_memory_of_zero_keeps_the_newest_scan_only() -> None:
-    costmap = RollingCostmap(dataclasses.replace(BARE, memory_s=0.0))
+    costmap = RollingCostmap(dataclasses.replace(BARE, memory="single_scan"))
     look(costmap, [1.0], time_s=0.0)
     look(costmap, [0.5], time_s=0.2)
     assert marked(costmap) == [(10, 0)]
 
 
 def test_marks_decay_after_their_memory() -> None:
-    costmap = RollingCostmap(dataclasses.replace(BARE, memory_s=1.0))
+    costmap = RollingCostmap(dataclasses.replace(BARE, memory="decay", decay_s=1.0))
     look(costmap, [1.0], time_s=0.0)
     look(costmap, [0.5], time_s=1.0)
     assert marked(costmap) == [(10, 0), (20, 0)]
@@ -339,7 +333,9 @@ def test_bounded_updates_equal_a_costmap_made_in_one_go(track_unknown: bool) -> 
 
 
 def test_marks_decay_everywhere_in_a_global_costmap() -> None:
-    settings = dataclasses.replace(BARE, memory_s=0.5, obstacle_range_m=0.6, raytrace_range_m=0.6)
+    settings = dataclasses.replace(
+        BARE, memory="decay", decay_s=0.5, obstacle_range_m=0.6, raytrace_range_m=0.6
+    )
     costmap = GlobalCostmap(settings, empty_map(100))
     look(costmap, [0.5], pose=Pose2D(0.225, 0.225, 0.0))
     assert len(marked(costmap)) == 1

@@ -8,12 +8,9 @@ from scipy.ndimage import distance_transform_edt
 
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.navigation import costmap as footprint
+from midnet_bench.navigation import settings as footprint
 from midnet_bench.navigation.costmap import (
     PUBLISHED,
-    CostmapSettings,
-    burger_global,
-    burger_local,
     inflate,
     inflation_costs,
     published,
@@ -21,6 +18,8 @@ from midnet_bench.navigation.costmap import (
     static_costs,
     static_layer,
 )
+from midnet_bench.navigation.settings import CostmapSettings, burger_global, burger_local
+from midnet_bench.robots.burger import BURGER
 
 
 def one_obstacle(settings: CostmapSettings, cells: int = 61) -> OccupancyGrid:
@@ -132,7 +131,7 @@ def test_a_binary_image_is_not_taken_for_an_occupancy_grid() -> None:
 
 
 def test_footprint_radii_of_the_burger() -> None:
-    assert footprint.radii(footprint.BURGER) == pytest.approx((0.041, 0.148492), abs=1e-6)
+    assert footprint.radii(BURGER.footprint) == pytest.approx((0.041, 0.148492), abs=1e-6)
     assert footprint.radii(footprint.BURGER_PADDED) == pytest.approx((0.051, 0.162635), abs=1e-6)
     assert burger_local().inscribed_radius_m == pytest.approx(0.071)
 
@@ -144,7 +143,7 @@ def test_padding_leaves_zero_coordinates_alone() -> None:
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"resolution": 0.0}, {"obstacle_range_m": -1.0}, {"cost_scaling_factor": math.nan}, {"memory_s": -0.1},
+    [{"resolution": 0.0}, {"obstacle_range_m": -1.0}, {"cost_scaling_factor": math.nan}, {"decay_s": -0.1},
      {"inflation_radius_m": 6.0}],
 )  # fmt: skip
 def test_impossible_settings_are_refused_by_name(wrong: dict[str, float]) -> None:

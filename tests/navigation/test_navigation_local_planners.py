@@ -13,19 +13,24 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.navigation import dwa as dwa_kernels
 from midnet_bench.navigation import trajectory_rollout as trajectory_rollout_kernels
-from midnet_bench.navigation.costmap import BURGER, RollingCostmap, burger_local
-from midnet_bench.navigation.dwa import DwaPlanner, DwaSettings
+from midnet_bench.navigation.costmap import RollingCostmap
+from midnet_bench.navigation.dwa import DwaPlanner
 from midnet_bench.navigation.local_planner import (
     GOAL,
     GOAL_FRONT,
     PATH,
-    LocalPlannerLimits,
     distance_grids,
     outline_cost,
     velocity_samples,
 )
-from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner, TrajectoryRolloutSettings
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.navigation.settings import (
+    DwaSettings,
+    LocalPlannerLimits,
+    TrajectoryRolloutSettings,
+    burger_local,
+)
+from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
+from midnet_bench.robots.burger import BURGER, LDS_01
 
 Costs = npt.NDArray[np.uint8]
 FOOTPRINT = np.array([(-2.3, -2.3), (-2.3, 2.3), (1.02, 2.3), (1.02, -2.3)])
@@ -273,7 +278,7 @@ def room(x: float, y: float, ahead_m: float = 3.0) -> RollingCostmap:
 
 def dwa(**changed: float) -> DwaPlanner:
     settings = DwaSettings(limits=LocalPlannerLimits(**changed))
-    return DwaPlanner(settings, burger_local().footprint, BURGER, 0.05, 0.1)
+    return DwaPlanner(settings, burger_local().footprint, BURGER.footprint, 0.05, 0.1)
 
 
 def straight_plan(x: float, y: float, length_m: float = 1.4) -> npt.NDArray[np.float64]:

@@ -10,13 +10,12 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.messages import STOP, Command
 from midnet_bench.navigation import global_planner, navfn
-from midnet_bench.navigation.costmap import burger_global
-from midnet_bench.navigation.navigator import Navigator, NavigatorSettings, RotateRecovery, Status
-from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
+from midnet_bench.navigation.navigator import Navigator, RotateRecovery, Status
+from midnet_bench.navigation.settings import NavigatorSettings, burger_global
 from midnet_bench.robots.burger import LDS_01
 from tests.navigation.planar_world import Robot, World, drive
 
-ROLLOUT = NavigatorSettings(local_planner=TrajectoryRolloutSettings())
+ROLLOUT = NavigatorSettings(controller="trajectory_rollout")
 
 
 def enclosure(size_m: float, *inside: Box) -> World:

@@ -11,6 +11,7 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.robots.burger import LDS_01
 from midnet_bench.simulation.bullet.world import World
 from midnet_bench.simulation.lidar import LidarSensors
+from midnet_bench.simulation.settings import LidarSettings
 
 
 def scene(robots, intruders=(), stationary=(), arena: Arena | None = None, seed: int = 1) -> Layout:
@@ -26,7 +27,7 @@ def scene(robots, intruders=(), stationary=(), arena: Arena | None = None, seed:
 
 def sensors(world: World, profile: str = "urdf", noise: str = "none") -> LidarSensors:
     """The robots' LiDARs, without noise by default."""
-    return LidarSensors(world, profile, noise)
+    return LidarSensors(world, LidarSettings(robot_profile=profile, noise=noise))
 
 
 def run(world: World, seconds: float) -> None:

@@ -9,7 +9,8 @@ from midnet_bench.rng import stream
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.bullet.world import World
 from midnet_bench.simulation.imu import ImuSensor
-from midnet_bench.simulation.odometry import TICK_RAD, EncoderOdometer, OdometrySettings
+from midnet_bench.simulation.odometry import TICK_RAD, EncoderOdometer
+from midnet_bench.simulation.settings import ImuSettings, OdometrySettings
 from tests.simulation.scenes import run, scene
 
 RADIUS_M, SEPARATION_M = BURGER.wheel_radius_m, BURGER.wheel_separation_m
@@ -82,7 +83,7 @@ def test_slip_grows_with_the_root_of_the_travel_whatever_the_rate() -> None:
 
 
 def test_the_imu_follows_the_facts() -> None:
-    sensors = [ImuSensor("gazebo", stream(number, "imu")) for number in range(200)]
+    sensors = [ImuSensor(ImuSettings(), stream(number, "imu")) for number in range(200)]
     readings = np.array([[sensor.read(0.0, 0.0, 0.0, 0.1) for _ in range(100)] for sensor in sensors])
     yaw, rate, acceleration = np.moveaxis(readings, 2, 0)
     assert rate.std() == pytest.approx(2e-4, rel=0.03)
@@ -96,7 +97,7 @@ def test_the_imu_follows_the_facts() -> None:
 
 
 def test_the_imu_of_ros_1_is_exact_and_feels_a_robot_start() -> None:
-    sensor = ImuSensor("none", stream(1, "imu"))
+    sensor = ImuSensor(ImuSettings(noise="none"), stream(1, "imu"))
     with World(scene([(0.0, 0.0, 0.5)])) as world:
         world.drive(0, Command(0.2, 0.0))
         felt = []

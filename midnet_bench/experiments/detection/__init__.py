@@ -6,7 +6,7 @@ from midnet_bench.plugins import later
 DETECTION = Experiment(
     name="detection",
     summary="Map 1, section V.A: which intruders are detected, frame by frame.",
-    parameters="midnet_bench.experiments.guarded.parameters:DetectionParameters",
+    parameters="midnet_bench.experiments.detection.parameters:DetectionParameters",
     run=later("midnet_bench.experiments.detection.trial:run_detection"),
     trial=later("midnet_bench.experiments.detection.trial:DetectionTrial"),
     demo=later("midnet_bench.experiments.detection.demo:demo"),

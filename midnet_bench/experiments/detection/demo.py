@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from midnet_bench.drawing.scene import Demo
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
-from midnet_bench.experiments.guarded.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.scenes import scene_of, setup_of
 
 

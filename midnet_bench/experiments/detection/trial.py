@@ -8,9 +8,8 @@ import numpy as np
 from midnet_bench.agents.mobile_robot import MobileRobot, Point
 from midnet_bench.arena.free_space import free_space
 from midnet_bench.campaign.trial import Row, TrialResult
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
-from midnet_bench.experiments.guarded.detector_node import costmap_settings, inflation_m
-from midnet_bench.experiments.guarded.parameters import DetectionParameters
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
@@ -70,7 +69,7 @@ class DetectionTrial(GuardedArena):
         """The intruders as they are now: the stationary ones, then the mobile ones (item 45)."""
         test = test or self._test
         margin_m = (
-            inflation_m(costmap_settings(test), test.thresh_local) if test.truth_box == "inflated" else 0.0
+            test.local_costmap.reach_m(test.midnet.thresh_local) if test.truth_box == "inflated" else 0.0
         )
         return [truth._replace(box=truth.box.shrunk(-margin_m)) for truth in self._bodies()]
 
@@ -80,7 +79,7 @@ class DetectionTrial(GuardedArena):
         "Laser scan range" of section V.A is how far from the sensor a return is marked (item 7). It goes to
         the intruder itself, whatever box it is scored by.
         """
-        range_m = test.obstacle_range_m
+        range_m = test.costmap.obstacle_range_m
         in_range = truths_in_range(self._bodies(), self.sensor_positions(), range_m, test.in_range)
         if test.require_line_of_sight:
             in_range = [near and seen for near, seen in zip(in_range, self._in_sight(range_m), strict=True)]

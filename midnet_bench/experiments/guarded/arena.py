@@ -2,28 +2,24 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
 from midnet_bench.arena.layout import place
 from midnet_bench.campaign.trial import Row
-from midnet_bench.experiments.guarded.detector_node import Watch, costmap_settings
+from midnet_bench.experiments.guarded.detector_node import Watch
 from midnet_bench.experiments.guarded.inputs import arena_from, prior_map_from
 from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.localization.scan_to_map import ScanToMap
-from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
+from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.navigation.costmap import RollingCostmap
-from midnet_bench.navigation.dwa import DwaSettings
-from midnet_bench.navigation.navigator import Navigator, NavigatorSettings
-from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutSettings
+from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
-from midnet_bench.simulation.bullet.world import WorldSettings
 
 FRAME_HZ = 5
 """One MIDNet frame per LiDAR period (items 9, 42)."""
@@ -47,10 +43,14 @@ class GuardedArena(RobotTrial):
         self.seed = seed
         self.arena = arena_from(parameters.arena)
         self.layout = place(self.arena, seed, parameters.robots, mobile_intruders)
-        self.prior_map = prior_map_from(parameters.prior_map, self.arena, parameters.resolution_m)
-        self._scan_to_map = ScanToMap(self.prior_map) if parameters.localization == "ukf+map" else None
+        self.prior_map = prior_map_from(parameters.prior_map, parameters.arena, parameters.resolution_m)
+        self._scan_to_map = (
+            ScanToMap(self.prior_map, parameters.scan_to_map)
+            if parameters.localization == "ukf+map"
+            else None
+        )
         self.patrol = self._make_patrol()
-        self._detection_settings = [costmap_settings(each) for each in (parameters, *variants)]
+        self._detection_settings = [each.local_costmap for each in (parameters, *variants)]
         self.guards = [self._make_guard(i, pose) for i, pose in enumerate(self.layout.robots)]
         self.watch, *self.variant_watches = (
             Watch(each, self.prior_map, self.guards, number)
@@ -60,12 +60,10 @@ class GuardedArena(RobotTrial):
         self.intruders = [
             self._make_intruder(first + i, pose) for i, pose in enumerate(self.layout.intruders)
         ]
-        # a robot that is told its true pose takes it from exact odometry
         super().__init__(
             self.layout,
             [*self.guards, *self.intruders],
-            WorldSettings(robot_profile=parameters.robot_profile, lidar_noise=parameters.lidar_noise),
-            "world" if parameters.localization == "truth" else parameters.odometry,
+            parameters.robot_simulation,
             seed,
         )
         self._frame_ticks = self.step_hz // FRAME_HZ
@@ -101,8 +99,9 @@ class GuardedArena(RobotTrial):
     def _make_patrol(self) -> Patrol:
         width_m, height_m = self.arena.enclosure_m
         start = self.layout.robots[0]
-        points = patrol_points(self.prior_map, (start.x, start.y), (width_m, height_m))
-        z_m = safe_distance(math.hypot(width_m, height_m), self.parameters.robots, self.parameters.z_factor)
+        patrol = self.parameters.patrol
+        points = patrol_points(self.prior_map, (start.x, start.y), (width_m, height_m), patrol.clearance_m)
+        z_m = safe_distance(math.hypot(width_m, height_m), self.parameters.robots, patrol.z_factor)
         return Patrol(points, z_m, stream(self.seed, "patrol"))
 
     def _make_guard(self, index: int, start: Pose2D) -> Guard:
@@ -110,10 +109,10 @@ class GuardedArena(RobotTrial):
             index,
             f"guard {index + 1}",
             start,
-            self._navigator(),
+            Navigator(self.prior_map, self.parameters.guard_navigator),
             self._ukf(start),
             self.next_patrol_point,
-            self.parameters.goal_timeout_s,
+            self.parameters.goals.timeout_s,
             self._scan_to_map,
             [RollingCostmap(settings, self.prior_map.origin) for settings in self._detection_settings],
         )
@@ -123,21 +122,13 @@ class GuardedArena(RobotTrial):
             index,
             f"intruder {index - len(self.guards) + 1}",
             start,
-            self._navigator(self.parameters.intruder_speed_mps),
+            Navigator(self.prior_map, self.parameters.intruder_navigator),
             self._ukf(start),
             lambda robot: None,
-            self.parameters.goal_timeout_s,
+            self.parameters.goals.timeout_s,
             self._scan_to_map,
         )
 
     def _ukf(self, start: Pose2D) -> PlanarUkf | None:
-        if self.parameters.localization == "truth":
-            return None
-        return PlanarUkf(start, UkfSettings.for_odometry(self.parameters.odometry))
-
-    def _navigator(self, top_mps: float | None = None) -> Navigator:
-        """With the chosen controller's own limits, or those of a robot of another top speed."""
-        planner = DwaSettings() if self.parameters.controller == "dwa" else TrajectoryRolloutSettings()
-        if top_mps is not None:
-            planner = replace(planner, limits=planner.limits.at_speed(top_mps))
-        return Navigator(self.prior_map, NavigatorSettings(local_planner=planner))
+        settings = self.parameters.pose_filter
+        return None if settings is None else PlanarUkf(start, settings)

@@ -78,30 +78,33 @@ def inline_prior_map(value: str, arena: str) -> str:
         raise InputError(f"prior_map: {error}") from error
 
 
-def prior_map_from(value: str, arena: Arena, resolution_m: float) -> OccupancyGrid:
-    """The prior map that ``inline_prior_map`` wrote down: int8, 100 occupied, 0 free, -1 unknown, map frame.
+def prior_map_from(value: str, arena: str, resolution_m: float) -> OccupancyGrid:
+    """The prior map, int8, 100 occupied, 0 free, -1 unknown, map frame; arguments as ``inline_prior_map``.
 
     Raises:
-        InputError: its resolution is not that of the local costmaps (item 19), or it ends inside the arena.
+        InputError: as ``inline_prior_map``; or its resolution is not that of the local costmaps (item 19), or
+            it ends inside the arena.
     """
     if value == EXACT:
-        return render_exact(arena, resolution_m)
-    grid = _explored(value.split(":")[1]) if value.startswith(EXPLORED) else _from_text(value)
+        return render_exact(arena_from(arena), resolution_m)
+    taken = inline_prior_map(value, arena)
+    grid = _explored(arena) if taken.startswith(EXPLORED) else _from_text(taken)
     if abs(grid.resolution - resolution_m) > 1e-9:
         raise InputError(
             f"prior_map: resolution {grid.resolution:g} m differs from the local costmaps' "
             f"{resolution_m:g} m; resample the map, set resolution_m, or take prior_map=exact"
         )
-    _check_covers(grid, arena)
+    _check_covers(grid, arena_from(arena))
     return grid
 
 
-def check_prior_map(value: str, arena: Arena, resolution_m: float, robots: int) -> None:
+def check_prior_map(value: str, arena: str, resolution_m: float, robots: int, clearance_m: float) -> None:
     """Raises InputError unless ``robots`` guards can patrol the arena on a map, as far as no seed decides."""
     grid = prior_map_from(value, arena, resolution_m)
     if value.startswith("{"):
-        start = robot_starts(arena, robots)[0]
-        patrol_points(grid, (start.x, start.y), arena.enclosure_m)
+        place = arena_from(arena)
+        start = robot_starts(place, robots)[0]
+        patrol_points(grid, (start.x, start.y), place.enclosure_m, clearance_m)
 
 
 def _check_covers(grid: OccupancyGrid, arena: Arena) -> None:

@@ -15,8 +15,8 @@ def setup_of(trial: GuardedArena) -> Setup:
         prior=trial.prior,
         guards=len(trial.guards),
         mobile_intruders=len(trial.intruders),
-        usable_range_m=trial.parameters.obstacle_range_m,
-        local_size_m=trial.parameters.local_size_m,
+        usable_range_m=trial.parameters.costmap.obstacle_range_m,
+        local_size_m=trial.parameters.costmap.size_m,
         frame_hz=FRAME_HZ,
     )
 

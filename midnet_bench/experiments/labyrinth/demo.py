@@ -6,8 +6,8 @@ from contextlib import contextmanager
 
 from midnet_bench.drawing.scene import Demo
 from midnet_bench.experiments.guarded.arena import FRAME_HZ
-from midnet_bench.experiments.guarded.parameters import LabyrinthParameters
 from midnet_bench.experiments.guarded.scenes import scene_of, setup_of
+from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
 
 

@@ -11,7 +11,7 @@ from midnet_bench.agents.pursuit import Pursuit
 from midnet_bench.arena.free_space import free_space
 from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.experiments.guarded.arena import GuardedArena
-from midnet_bench.experiments.guarded.parameters import LabyrinthParameters
+from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.geometry import Box
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
@@ -54,7 +54,7 @@ class LabyrinthTrial(GuardedArena):
         self._free = free_space(self.arena, GOAL_CLEARANCE_M, self.layout.stationary)
         self._surfaces = surfaces(self.layout)
         self._refuge_rng = stream(seed, "refuge")
-        self.pursuit = Pursuit(self.guards, parameters.pursuit, parameters.pursuit_timeout_s)
+        self.pursuit = Pursuit(self.guards, parameters.pursuit)
         self.fates: dict[int, Fate] = {}
         for robot in self.intruders:
             start = (robot.pose.x, robot.pose.y)

@@ -1,30 +1,80 @@
-"""The named options of map construction (section II.A), flat like those of the other experiments."""
+"""What map construction (section II.A) lets a user set."""
 
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, Self
 
-from pydantic import Field, field_validator
-
+from midnet_bench.agents.settings import GoalSettings
 from midnet_bench.experiments.guarded.inputs import inline_arena
-from midnet_bench.io.checked_yaml import Spec
+from midnet_bench.io.parameters import Parameters
+from midnet_bench.localization.settings import UkfSettings
+from midnet_bench.mapping.gmapping.settings import BURGER_UKF, GmappingSettings
+from midnet_bench.mapping.settings import FrontierSettings, MergeSettings
+from midnet_bench.navigation.settings import NavigatorSettings, burger_global
+from midnet_bench.settings import group, option
+from midnet_bench.simulation.settings import OdometrySettings, SimulationSettings
 
 
-class MappingParameters(Spec):
+@dataclass(frozen=True)
+class MappingParameters(Parameters):
     """How a team of Burgers explores an arena and merges what its robots see."""
 
-    arena: str = Field("map1", description="name of a packaged arena, or a YAML file")
-    robots: int = Field(1, ge=1, le=20, description="explorers")
-    odometry: Literal["world", "encoder"] = Field("encoder", description="exact, or wheels that slip")
-    lidar_noise: Literal["gazebo", "datasheet", "none"] = Field("gazebo", description="LDS-01 range noise")
-    robot_profile: Literal["urdf", "disc"] = Field("urdf", description="what beams see of a Burger; item 28")
-    resolution_m: float = Field(0.05, ge=0.02, le=0.2, description="of the maps and global costmaps")
-    particles: int = Field(30, ge=1, le=1000, description="of each robot's GMapping")
-    merge: Literal["start_poses", "features"] = Field(
-        "start_poses", description="by known start poses as they go, or by features at the end"
+    recorded: ClassVar[tuple[str, ...] | None] = (
+        "arena",
+        "robots",
+        "odometry",
+        "lidar_noise",
+        "robot_profile",
+        "resolution_m",
+        "particles",
+        "merge",
+        "goal_timeout_s",
+        "time_limit_s",
     )
-    goal_timeout_s: float = Field(30.0, gt=0, le=600, description="no progress: another frontier; item 62")
-    time_limit_s: float = Field(3600.0, gt=0, le=36_000, description="simulated; ends an exploration")
 
-    @field_validator("arena")
-    @classmethod
-    def _take_in_the_arena(cls, value: str) -> str:
-        return inline_arena(value)
+    arena: str = option("map1", "Name of a packaged arena, or an arena's YAML file.")
+    robots: int = option(1, "Number of exploring robots.", ge=1, le=20)
+    resolution_m: float = option(
+        0.05, "Side of a cell of the maps and of the global costmaps.", ge=0.02, le=0.2
+    )
+    merge: Literal["start_poses", "features"] = option(
+        "start_poses",
+        "How the robots' maps are merged: by their known start poses while they explore (start_poses), or by "
+        "matching features of the maps at the end (features).",
+    )
+    time_limit_s: float = option(3600.0, "Simulated time after which an exploration ends.", gt=0, le=36_000)
+
+    simulation: SimulationSettings = group(
+        SimulationSettings(odometry=OdometrySettings(source="encoder")), "simulation"
+    )
+    ukf: UkfSettings = group(UkfSettings(), "pose filter", prefix="ukf_")
+    gmapping: GmappingSettings = group(
+        BURGER_UKF, "GMapping", prefix="gmapping_", keys={"particles": "particles", "resolution_m": None}
+    )
+    frontier: FrontierSettings = group(FrontierSettings(), "frontier exploration", prefix="frontier_")
+    merging: MergeSettings = group(MergeSettings(), "merging by features", prefix="merge_")
+    navigator: NavigatorSettings = group(
+        NavigatorSettings(global_costmap=replace(burger_global(), track_unknown=True)), "navigator"
+    )
+    goals: GoalSettings = group(GoalSettings(), "goals")
+
+    @property
+    def pose_filter(self) -> UkfSettings:
+        """What the pose filter trusts."""
+        return self.ukf.suited_to(self.simulation.odometry.source)
+
+    @property
+    def slam(self) -> GmappingSettings:
+        """GMapping at these maps' resolution."""
+        return replace(self.gmapping, resolution_m=self.resolution_m)
+
+    @property
+    def explorer_navigator(self) -> NavigatorSettings:
+        """What an explorer drives by, on maps of this resolution."""
+        settings = self.navigator
+        return replace(
+            settings, global_costmap=replace(settings.global_costmap, resolution=self.resolution_m)
+        )
+
+    def with_files_read(self) -> Self:
+        """See :class:`Parameters`: the arena by its contents."""
+        return replace(self, arena=inline_arena(self.arena))

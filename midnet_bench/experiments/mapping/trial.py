@@ -1,7 +1,7 @@
 """Map construction of section II.A: Burgers explore an arena that they do not know."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -17,17 +17,14 @@ from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import MapWindow, OccupancyGrid
-from midnet_bench.localization.ukf import PlanarUkf, UkfSettings
+from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import FrontierExplorer
 from midnet_bench.mapping.gmapping.filter import GMapping
-from midnet_bench.mapping.gmapping.settings import BURGER_UKF
 from midnet_bench.mapping.map_score import MapScore, closed_spaces, score_map
 from midnet_bench.mapping.merge import by_features, by_known_starts, largest
-from midnet_bench.navigation.costmap import burger_global
-from midnet_bench.navigation.navigator import Navigator, NavigatorSettings
+from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
-from midnet_bench.simulation.bullet.world import WorldSettings
 from midnet_bench.simulation.fleet import SCAN_HZ
 
 MAP_PERIOD_S = 2
@@ -105,8 +102,7 @@ class ExplorationTrial(RobotTrial):
         super().__init__(
             self.layout,
             self.explorers,
-            WorldSettings(robot_profile=parameters.robot_profile, lidar_noise=parameters.lidar_noise),
-            parameters.odometry,
+            parameters.simulation,
             seed,
         )
         self._newest = self._plane.empty()
@@ -134,7 +130,11 @@ class ExplorationTrial(RobotTrial):
         """The map so far and what it is worth."""
         parts = self._parts()
         starts, truth = self.layout.robots, self.truth()
-        team = by_known_starts(parts) if self._knows_starts else by_features(parts, starts)
+        team = (
+            by_known_starts(parts)
+            if self._knows_starts
+            else by_features(parts, starts, self.parameters.merging)
+        )
         grid = self._plane.cut(team.grid)
         score = score_map(grid, truth, starts[0][:2])
         return Exploration(
@@ -190,18 +190,16 @@ class ExplorationTrial(RobotTrial):
     def _make_explorer(self, index: int, start: Pose2D) -> Explorer:
         parameters = self.parameters
         name = f"explorer {index + 1}"
-        settings = replace(BURGER_UKF, particles=parameters.particles, resolution_m=parameters.resolution_m)
-        costmap = replace(burger_global(parameters.resolution_m), track_unknown=True)
         return Explorer(
             index,
             name,
             start,
-            Navigator(self._area.empty(), NavigatorSettings(global_costmap=costmap)),
-            PlanarUkf(start, UkfSettings.for_odometry(parameters.odometry)),
-            GMapping(LDS_01, settings, start, stream(self.seed, "gmapping", name)),
-            FrontierExplorer(),
+            Navigator(self._area.empty(), parameters.explorer_navigator),
+            PlanarUkf(start, parameters.pose_filter),
+            GMapping(LDS_01, parameters.slam, start, stream(self.seed, "gmapping", name)),
+            FrontierExplorer(parameters.frontier),
             self._area,
-            parameters.goal_timeout_s,
+            parameters.goals.timeout_s,
         )
 
 

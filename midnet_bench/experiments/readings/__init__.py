@@ -6,7 +6,7 @@ from midnet_bench.plugins import later
 READINGS = Experiment(
     name="readings",
     summary="The detection test under many readings of the paper's gaps at once.",
-    parameters="midnet_bench.experiments.guarded.parameters:ReadingsParameters",
+    parameters="midnet_bench.experiments.readings.parameters:ReadingsParameters",
     run=later("midnet_bench.experiments.readings.trial:run_readings"),
     demo=later("midnet_bench.experiments.detection.demo:demo"),
 )

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from midnet_bench.campaign.trial import Row, Scalar, TrialResult
 from midnet_bench.experiments.detection.trial import DetectionTrial
 from midnet_bench.experiments.guarded.arena import FRAME_HZ
-from midnet_bench.experiments.guarded.parameters import ReadingsParameters
+from midnet_bench.experiments.readings.parameters import ReadingsParameters
 from midnet_bench.scoring.frame_counts import FrameCounts, count_frame, total
 
 Readings = Mapping[str, Mapping[str, Scalar]]
@@ -83,9 +83,9 @@ class ReadingsTrial(DetectionTrial):
     def __init__(self, parameters: ReadingsParameters, seed: int) -> None:
         """Place everybody; one watch per reading that changes anything."""
         readings = calibration() if parameters.readings == "calibration" else items()
-        base = parameters.model_dump()
+        base = parameters.flat()
         self.readings = {
-            name: ReadingsParameters(**{**base, **changes}) for name, changes in readings.items()
+            name: ReadingsParameters.from_flat({**base, **changes}) for name, changes in readings.items()
         }
         super().__init__(parameters, seed, variants=list(self.readings.values()))
         self._watches = dict(zip(self.readings, self.variant_watches, strict=True))

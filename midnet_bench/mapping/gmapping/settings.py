@@ -1,10 +1,13 @@
 """GMapping's parameters under their meanings, and the sets of values to run it with."""
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from midnet_bench.settings import Settings, option
 
 
 @dataclass(frozen=True)
-class GmappingSettings:
+class GmappingSettings(Settings):
     """The parameters of slam_gmapping that have an effect; as they stand, a TurtleBot3's with 30 particles.
 
     Values: turtlebot3_slam ``gmapping_params.yaml``, which asks for 100 particles; 30 is slam_gmapping's
@@ -13,55 +16,67 @@ class GmappingSettings:
     both are built in. The map has no initial size: it holds what was seen and grows.
     """
 
-    particles: int = 30
-    max_usable_range_m: float | None = 3.0
-    """``maxUrange``: farther returns only clear, up to here; None = the sensor's largest range"""
-    sigma_m2: float = 0.05
-    """scan-match score: exp(-d^2 / sigma), so 1/e at sqrt(sigma)"""
-    linear_step_m: float = 0.05
-    """``lstep``: first step of the hill climb along x and y"""
-    angular_step_rad: float = 0.05
-    """``astep``: first step of the hill climb in yaw"""
-    iterations: int = 5
-    """halvings of both steps"""
-    linear_reliability: float = 0.0
-    """per squared metre: a match at distance d from the odometry's pose scores exp(-reliability * d^2) times
-    as much. GMapping has it (``m_linearOdometryReliability``) and leaves it off"""
-    angular_reliability: float = 0.0
-    """per squared radian: the same for a match turned away from the odometry's heading
-    (``m_angularOdometryReliability``)"""
-    likelihood_sigma_m2: float = 0.075
-    """``lsigma``: log-likelihood of a beam, -d^2 / lsigma"""
-    miss_m2: float = 0.5
-    """d^2 of a beam with nothing near its end (GMapping's nullLikelihood, built in there)"""
-    likelihood_gain: float = 3.0
-    """``ogain``: how much the weights are flattened"""
-    minimum_score: float = 50.0
-    """a match counts only above this; the score of a scan lies between 0 and its number of usable beams"""
-    noise_srr: float = 0.1
-    """metres of translation noise per metre driven"""
-    noise_srt: float = 0.2
-    """radians of rotation noise per metre driven"""
-    noise_str: float = 0.1
-    """metres of translation noise per radian turned"""
-    noise_stt: float = 0.2
-    """radians of rotation noise per radian turned"""
-    linear_update_m: float = 1.0
-    angular_update_rad: float = 0.2
-    temporal_update_s: float | None = 0.5
-    """a scan is integrated when more time than this has passed; None = time alone is no reason"""
-    resample_threshold: float = 0.5
-    """resample when Neff is under this share of the particles"""
-    resolution_m: float = 0.05
-    """``delta``: side of a cell"""
-    occupied_threshold: float = 0.25
-    """``occ_thresh``: hits / visits above which a cell is published as occupied"""
+    concern: ClassVar[str] = "gmapping"
 
-    def __post_init__(self) -> None:
-        if self.particles < 1:
-            raise ValueError(f"particles must be at least 1, not {self.particles}")
-        if self.resolution_m <= 0.0:
-            raise ValueError(f"resolution_m must be positive, not {self.resolution_m}")
+    particles: int = option(30, "Particles of each robot's GMapping.", ge=1, le=1000)
+    max_usable_range_m: float | None = option(
+        3.0,
+        "Farther returns only clear, up to this distance (maxUrange); null: the sensor's largest range.",
+        gt=0,
+        le=100,
+    )
+    sigma_m2: float = option(
+        0.05, "Width of the scan-match score exp(-d^2 / sigma), m^2: 1/e at its square root.", gt=0, le=100
+    )
+    linear_step_m: float = option(0.05, "First step of the hill climb along x and y (lstep).", gt=0, le=1)
+    angular_step_rad: float = option(0.05, "First step of the hill climb in heading (astep).", gt=0, le=1)
+    iterations: int = option(5, "How often both steps of the hill climb are halved.", ge=0, le=20)
+    linear_reliability: float = option(
+        0.0,
+        "A match at distance d from the odometry's pose scores exp(-reliability * d^2) times as much, 1/m^2 "
+        "(m_linearOdometryReliability, which GMapping leaves off).",
+        ge=0,
+    )
+    angular_reliability: float = option(
+        0.0,
+        "The same for a match turned away from the odometry's heading, 1/rad^2 "
+        "(m_angularOdometryReliability).",
+        ge=0,
+    )
+    likelihood_sigma_m2: float = option(
+        0.075, "Width of a beam's log-likelihood -d^2 / sigma, m^2 (lsigma).", gt=0, le=100
+    )
+    miss_m2: float = option(
+        0.5, "d^2 of a beam with nothing near its end (nullLikelihood, built in in GMapping).", ge=0, le=100
+    )
+    likelihood_gain: float = option(
+        3.0, "How much the particles' weights are flattened (ogain).", gt=0, le=1000
+    )
+    minimum_score: float = option(
+        50.0,
+        "A match counts only above this score, which lies between 0 and the number of usable beams.",
+        ge=0,
+        le=10_000,
+    )
+    noise_srr: float = option(0.1, "Metres of translation noise per metre driven.", ge=0, le=10)
+    noise_srt: float = option(0.2, "Radians of rotation noise per metre driven.", ge=0, le=10)
+    noise_str: float = option(0.1, "Metres of translation noise per radian turned.", ge=0, le=10)
+    noise_stt: float = option(0.2, "Radians of rotation noise per radian turned.", ge=0, le=10)
+    linear_update_m: float = option(1.0, "A scan is integrated after a drive of this length.", ge=0, le=100)
+    angular_update_rad: float = option(0.2, "A scan is integrated after a turn by this angle.", ge=0, le=10)
+    temporal_update_s: float | None = option(
+        0.5, "A scan is integrated after this time; null: time alone is no reason.", ge=0, le=3600
+    )
+    resample_threshold: float = option(
+        0.5, "Resample when fewer than this share of the particles is effective.", ge=0, le=1
+    )
+    resolution_m: float = option(0.05, "Side of a cell (delta).", gt=0, le=1)
+    occupied_threshold: float = option(
+        0.25,
+        "Cells hit in more than this share of the visits are published as occupied (occ_thresh).",
+        ge=0,
+        le=1,
+    )
 
 
 TURTLEBOT3 = GmappingSettings()

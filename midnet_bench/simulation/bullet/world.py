@@ -2,23 +2,21 @@
 
 import math
 from types import TracebackType
-from typing import Annotated, Self
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import Field
 
 from midnet_bench.arena.layout import Layout
 from midnet_bench.geometry import Pose2D
-from midnet_bench.io.checked_yaml import Spec
 from midnet_bench.messages import Command, Odometry
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
-from midnet_bench.simulation import lidar
 from midnet_bench.simulation.bullet import rays
 from midnet_bench.simulation.bullet.body import Drive, load_robot
 from midnet_bench.simulation.bullet.engine import bullet
 from midnet_bench.simulation.bullet.stage import add_floor, add_solids
+from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.simulator import Beams
 
 Floats = npt.NDArray[np.float64]
@@ -27,15 +25,6 @@ Ints = npt.NDArray[np.int64]
 _SETTLE_S = 1.0
 _CONTACT_HZ = 10
 _EPISODE_GAP_S = 1.0
-
-
-class WorldSettings(Spec):
-    """How the world is stepped and sensed."""
-
-    step_hz: Annotated[int, Field(ge=30, le=1000, multiple_of=10)] = 60
-    solver_iterations: Annotated[int, Field(ge=1, le=1000)] = 50
-    robot_profile: lidar.RobotProfile = "urdf"
-    lidar_noise: lidar.LidarNoise = "gazebo"
 
 
 class World:

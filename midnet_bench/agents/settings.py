@@ -1,0 +1,75 @@
+"""What can be set of patrol, pursuit and of how a robot keeps at a goal."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from midnet_bench.settings import Settings, option
+
+PursuitRule = Literal["nearest", "all", "none"]
+
+
+@dataclass(frozen=True)
+class GoalSettings(Settings):
+    """How long a robot keeps at a goal."""
+
+    concern: ClassVar[str] = "goals"
+
+    timeout_s: float = option(
+        30.0,
+        "A robot that has stayed within half a metre of one place for this long gives its goal up and gets "
+        "another.",
+        gt=0,
+        le=600,
+        key="goal_timeout_s",
+    )
+
+
+@dataclass(frozen=True)
+class PatrolSettings(Settings):
+    """The random patrol of section V.B."""
+
+    concern: ClassVar[str] = "patrol"
+
+    z_factor: float = option(
+        0.5,
+        "Least distance between patrol goals, as a share of the arena's diagonal divided by the number of "
+        "robots (z = p / 2q in Eq. 12 is 0.5).",
+        gt=0,
+        le=2,
+    )
+    clearance_m: float = option(
+        0.4,
+        "Patrol goals keep this far from any occupied cell (third condition of section V.B).",
+        ge=0,
+        le=5,
+        key="patrol_clearance_m",
+    )
+
+
+@dataclass(frozen=True)
+class PursuitSettings(Settings):
+    """Which guards go after a detected intruder, and for how long."""
+
+    concern: ClassVar[str] = "pursuit"
+
+    rule: PursuitRule = option(
+        "nearest",
+        "Which guards go after a detected intruder: the nearest one while the others patrol (nearest), "
+        "every guard after the intruder nearest to it (all), or none.",
+        key="pursuit",
+    )
+    timeout_s: float = option(
+        3.0,
+        "A pursuit is given up this long after the last detection of its target.",
+        gt=0,
+        le=600,
+        key="pursuit_timeout_s",
+    )
+    retarget_m: float = option(
+        0.25,
+        "A pursuer gets a new goal once its target has moved this far; a Burger needs more than a second "
+        "for 0.25 m.",
+        ge=0,
+        le=5,
+        key="pursuit_retarget_m",
+    )

@@ -1,0 +1,35 @@
+"""What the detection test lets a user set."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from midnet_bench.experiments.guarded.parameters import GuardParameters
+from midnet_bench.settings import option
+
+
+@dataclass(frozen=True)
+class DetectionParameters(GuardParameters):
+    """Map 1, section V.A: who is seen, frame by frame."""
+
+    recorded: ClassVar[tuple[str, ...] | None] = (
+        *(GuardParameters.recorded or ()),
+        "frames",
+        "in_range",
+        "require_line_of_sight",
+        "truth_box",
+    )
+
+    frames: int = option(1999, "Number of MIDNet frames that are scored, at 5 Hz.", ge=1, le=1_000_000)
+    in_range: Literal["edge", "centre"] = option(
+        "edge",
+        "When an intruder counts as within a guard's usable range: when its nearest point is (edge), or "
+        "when its centre is (centre).",
+    )
+    require_line_of_sight: bool = option(
+        False, "Count an intruder as missed only if a beam of some guard could meet it."
+    )
+    truth_box: Literal["extent", "inflated"] = option(
+        "extent",
+        "An intruder's true box: the extent of its shape (extent), or that grown by the local costmap's "
+        "inflation (inflated).",
+    )

@@ -1,0 +1,88 @@
+"""``Parameters``: an experiment's settings as the flat keys of a campaign file and of ``--set``."""
+
+import functools
+from collections.abc import Mapping
+from typing import Any, ClassVar, Self, cast
+
+from pydantic import Field, create_model
+
+from midnet_bench.errors import InputError
+from midnet_bench.io.checked_yaml import Spec, parse
+from midnet_bench.settings import Scalar, Settings, leaves
+
+
+class Parameters(Settings):
+    """Base of an experiment's parameters: a frozen dataclass of its own options and of nested settings."""
+
+    concern: ClassVar[str] = "parameters"
+    recorded: ClassVar[tuple[str, ...] | None] = None
+    """The flat keys that each trial's parameters have, in their order; None: all. A key beyond these is there
+    only where its value is not the default, so that a new option changes no trial id."""
+
+    @classmethod
+    def resolve(cls, values: Mapping[str, Any], source: str) -> dict[str, Scalar]:
+        """What a user wrote, checked, as the flat parameters of a trial; files by their contents.
+
+        Args:
+            values: flat keys, as read from YAML.
+            source: what a message names first.
+
+        Raises:
+            InputError: ``source: key: what is wrong``: an unknown key, a value of the wrong type or out of
+                range, values that do not go together, or a file that cannot be used.
+        """
+        return cls.parse(values, source).flat()
+
+    @classmethod
+    def parse(cls, values: Mapping[str, Any], source: str) -> Self:
+        """The same as an instance."""
+        checked = parse(flat_model(cls), values, source)
+        try:
+            return cls.from_flat(checked.model_dump()).with_files_read()
+        except InputError as error:
+            raise InputError(f"{source}: {error}") from error
+
+    @classmethod
+    def of(cls, **values: Any) -> Self:
+        """The same by keywords: ``DetectionParameters.of(robots=5, thresh_local=90)``."""
+        return cls.parse(values, "parameters")
+
+    def with_files_read(self) -> Self:
+        """These parameters with the contents of the files that they name, checked. Here: the same."""
+        return self
+
+    def flat(self) -> dict[str, Scalar]:
+        """The parameters of a trial, from which ``from_flat`` makes these again; see ``recorded``.
+
+        Raises:
+            InputError: a setting was changed that has no flat key.
+        """
+        values = self.flat_values()
+        if type(self).from_flat(values) != self:
+            raise InputError(f"{self.concern}: a setting that has no flat key was changed")
+        always = tuple(values) if self.recorded is None else self.recorded
+        defaults = self.defaults()
+        added = {key: value for key, value in values.items() if value != defaults[key]}
+        return {key: values[key] for key in always} | added
+
+    @classmethod
+    def defaults(cls) -> dict[str, Scalar]:
+        """The default of every flat key."""
+        return {key: leaf.default for key, leaf in leaves(cls).items()}
+
+
+def flat_model(parameters: type[Settings]) -> type[Spec]:
+    """The pydantic model of the flat keys: what YAML and the command line are checked against."""
+    return _model(cast(Any, parameters))
+
+
+@functools.cache
+def _model(parameters: type[Settings]) -> type[Spec]:
+    named: dict[str, Any] = {}
+    for key, leaf in leaves(parameters).items():
+        said = leaf.option
+        limits = {name: getattr(said, name) for name in ("ge", "gt", "le", "multiple_of")}
+        given = {name: limit for name, limit in limits.items() if limit is not None}
+        named[key] = (leaf.kind, Field(leaf.default, description=said.help, **given))
+    made: type[Spec] = create_model(parameters.__name__, __base__=Spec, **named)
+    return made

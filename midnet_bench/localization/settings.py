@@ -1,0 +1,131 @@
+"""What can be set of the pose filter and of the fit of scans to the map."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
+
+from midnet_bench.settings import Settings, option
+
+_TWIST_VARIANCE = {"world": (0.0, 0.0, 0.0), "encoder": (1e-4, 1e-4, 1e-2)}
+"""vx, vy, vyaw by the odometry's source; see ``UkfSettings.suited_to``"""
+
+
+@dataclass(frozen=True)
+class UkfSettings(Settings):
+    """What the filter trusts. Variances are in squared units (m/s, rad, rad/s).
+
+    The process noise is robot_localization's default diagonal for the six states that its
+    ``two_d_mode`` leaves free. Its default ``alpha`` is 0.001, which puts a weight of about -1e6 on the
+    centre point; with 1 and ``kappa`` 0 no weight is negative, so a predicted covariance cannot lose
+    its definiteness, and the estimates are the same to far below a millimetre.
+    """
+
+    concern: ClassVar[str] = "pose filter"
+
+    vx_variance: float | None = option(
+        None,
+        "Variance of odometry's forward velocity, (m/s)^2; null: 0 for world, 1e-4 for encoder.",
+        ge=0,
+        le=100,
+    )
+    vy_variance: float | None = option(
+        None, "Variance of the sideways velocity, which wheels hold to 0, (m/s)^2; null: as vx.", ge=0, le=100
+    )
+    vyaw_variance: float | None = option(
+        None,
+        "Variance of odometry's turn rate, (rad/s)^2; null: 0 for world, 1e-2 for encoder.",
+        ge=0,
+        le=100,
+    )
+    twist_is_mean: bool = False
+    """whether odometry's twist is the mean since the last step, as encoders give it, or of the instant"""
+    imu_yaw_variance: float = option(1e-6, "Variance of the IMU's heading, rad^2.", ge=0, le=100)
+    imu_yaw_rate_variance: float = option(
+        1e-6, "Variance of the gyroscope's turn rate, (rad/s)^2.", ge=0, le=100
+    )
+    process_noise_x: float = option(0.05, "Variance that x gains per second, m^2/s.", ge=0, le=100)
+    process_noise_y: float = option(0.05, "Variance that y gains per second, m^2/s.", ge=0, le=100)
+    process_noise_yaw: float = option(
+        0.06, "Variance that the heading gains per second, rad^2/s.", ge=0, le=100
+    )
+    process_noise_vx: float = option(
+        0.025, "Variance that the forward velocity gains per second, m^2/s^3.", ge=0, le=100
+    )
+    process_noise_vy: float = option(
+        0.025, "Variance that the sideways velocity gains per second, m^2/s^3.", ge=0, le=100
+    )
+    process_noise_vyaw: float = option(
+        0.02, "Variance that the turn rate gains per second, rad^2/s^3.", ge=0, le=100
+    )
+    initial_variance: float = option(
+        1e-9, "Variance of every state at the start, whose pose is known.", gt=0, le=100
+    )
+    alpha: float = option(1.0, "Spread of the sigma points.", gt=0, le=10)
+    beta: float = option(2.0, "Prior knowledge of the distribution; 2 is best for a normal one.", ge=0, le=10)
+    kappa: float = option(0.0, "Second spread of the sigma points.", ge=0, le=10)
+
+    @classmethod
+    def for_odometry(cls, source: Literal["world", "encoder"]) -> "UkfSettings":
+        """The defaults for exact odometry (``world``) or for wheels that slip (``encoder``)."""
+        return cls().suited_to(source)
+
+    def suited_to(self, source: Literal["world", "encoder"]) -> "UkfSettings":
+        """These settings, what odometry's source decides filled in.
+
+        A slipping wheel says little about turning, which the gyroscope knows a hundred times better; the
+        sideways velocity that no wheel measures is a constraint, held to 1 cm/s. These variances are our
+        choice; robot_localization leaves them to the publisher of the odometry.
+        """
+        names = ("vx_variance", "vy_variance", "vyaw_variance")
+        open_ones = {
+            name: variance
+            for name, variance in zip(names, _TWIST_VARIANCE[source], strict=True)
+            if getattr(self, name) is None
+        }
+        return replace(self, **open_ones, twist_is_mean=source == "encoder")
+
+    @property
+    def twist_variance(self) -> tuple[float, float, float]:
+        """Variances of odometry's vx, vy, vyaw; 0, trusted fully, where nothing was said."""
+        return self.vx_variance or 0.0, self.vy_variance or 0.0, self.vyaw_variance or 0.0
+
+    @property
+    def process_noise(self) -> tuple[float, float, float, float, float, float]:
+        """Variances that x, y, yaw, vx, vy, vyaw gain per second."""
+        return (
+            self.process_noise_x,
+            self.process_noise_y,
+            self.process_noise_yaw,
+            self.process_noise_vx,
+            self.process_noise_vy,
+            self.process_noise_vyaw,
+        )
+
+
+@dataclass(frozen=True)
+class ScanToMapSettings(Settings):
+    """When a scan's fit to the map is believed, and how much. All values are our choice."""
+
+    concern: ClassVar[str] = "scan to map"
+
+    min_beams: int = option(
+        30,
+        "A scan with fewer beams on walls corrects nothing: a twelfth of the circle may be one wall.",
+        ge=3,
+        le=360,
+    )
+    min_share: float = option(
+        0.3, "A scan with a smaller share of its returns on walls corrects nothing.", ge=0, le=1
+    )
+    correlated_beams: float = option(
+        10.0,
+        "Beams that count as one independent measurement: neighbours, and the next scan, meet the same "
+        "cells.",
+        gt=0,
+        le=360,
+    )
+    unseen_deviation: float = option(
+        1.0,
+        "Standard deviation along a direction of which the scan says nothing, metres and radians.",
+        gt=0,
+        le=100,
+    )

@@ -1,0 +1,393 @@
+"""What can be set of costmaps, planners and navigator; nothing here needs the compiled code that obeys it."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from midnet_bench.errors import InputError
+from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.model import Outline
+from midnet_bench.settings import Settings, group, option
+
+Footprint = Outline
+"""the corners of a convex polygon in order, (x, y) in the base frame, metres"""
+
+
+def padded(footprint: Footprint, padding_m: float) -> Footprint:
+    """Each coordinate moved away from zero by ``padding_m``; a zero stays (costmap_2d's rule)."""
+
+    def grown(value: float) -> float:
+        return value + math.copysign(padding_m, value) if value else value
+
+    return tuple((grown(x), grown(y)) for x, y in footprint)
+
+
+BURGER_PADDED = padded(BURGER.footprint, 0.01)
+"""with costmap_2d's own padding"""
+
+
+def radii(footprint: Footprint) -> tuple[float, float]:
+    """(inscribed, circumscribed) radius about the base frame's origin, metres."""
+    corners = np.asarray(footprint, dtype=np.float64)
+    edges = np.roll(corners, -1, axis=0) - corners
+    along = np.clip(-(corners * edges).sum(axis=1) / (edges * edges).sum(axis=1), 0.0, 1.0)
+    nearest = corners + along[:, None] * edges
+    return float(np.hypot(*nearest.T).min()), float(np.hypot(*corners.T).max())
+
+
+Memory = Literal["persistent", "single_scan", "decay"]
+
+MAX_INFLATION_CELLS = 100
+"""what the compiled inflation can count in 16 bits"""
+
+
+@dataclass(frozen=True)
+class CostmapSettings(Settings):
+    """One costmap; the defaults are those of costmap_2d where it has any.
+
+    ``inscribed_radius_m`` is the Burger's robot_radius of 0.105 m as it stands. costmap_2d would pad a robot
+    of that radius by 0.01 m: its circle of 16 corners then has an inscribed radius of 0.1127 m.
+
+    MIDNet's local costmaps depart from the defaults in two values, by calibration: a 4 m window (item 6) and
+    ``inf_is_valid`` (item 8). ``burger_local`` and ``burger_global`` give what a TurtleBot3 navigates with.
+    """
+
+    concern: ClassVar[str] = "costmap"
+
+    resolution: float = option(0.05, "Side of a cell, metres.", ge=0.01, le=0.2, key="resolution_m")
+    size_m: float = option(
+        5.0,
+        "Side of the square window around the robot; a costmap over a map has the map's size.",
+        ge=1,
+        le=20,
+    )
+    centered: bool = option(
+        True, "Keep the robot's cell in the middle (Eqs. 2 to 4); costmap_2d's window may lag by a cell."
+    )
+    obstacle_range_m: float = option(
+        2.5, "Returns nearer than this mark obstacles; for MIDNet that is the usable range.", gt=0, le=10
+    )
+    raytrace_range_m: float = option(3.0, "Beams clear obstacles up to this distance.", gt=0, le=10)
+    inflation_radius_m: float = option(
+        0.55, "Distance from an obstacle at which its inflated cost ends.", ge=0, le=3
+    )
+    cost_scaling_factor: float = option(
+        10.0, "How fast the cost falls with distance from an obstacle, 1/m.", gt=0, le=100, key="cost_scaling"
+    )
+    inscribed_radius_m: float = option(
+        BURGER.radius_m,
+        "Distance from an obstacle up to which a cell costs 99, as if the robot touched it.",
+        gt=0,
+        le=1,
+    )
+    footprint: Footprint = BURGER_PADDED
+    """the polygon that is free because the robot stands there"""
+    footprint_clearing: bool = option(True, "Free the cells under the robot's own footprint at every scan.")
+    track_unknown: bool = option(False, "Tell cells that no beam has met from free ones.")
+    inf_is_valid: bool = option(
+        False,
+        "Let a beam without a return clear its way; in TurtleBot3's files it does not, and ghosts remain.",
+    )
+    memory: Memory = option(
+        "persistent",
+        "How long an obstacle stays marked: until a beam passes through it (persistent, as costmap_2d), "
+        "until the next scan (single_scan), or for decay_s after the last scan that met it (decay).",
+        key="local_map",
+    )
+    decay_s: float = option(1.0, "How long a mark lives under decay.", gt=0, le=60)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.inflation_radius_m > MAX_INFLATION_CELLS * self.resolution:
+            raise InputError(
+                f"costmap: inflation_radius_m {self.inflation_radius_m} spans more than "
+                f"{MAX_INFLATION_CELLS} cells of {self.resolution} m; use a coarser "
+                f"resolution or a smaller radius"
+            )
+
+    @property
+    def memory_s(self) -> float:
+        """How long a mark outlives the scan that last met it, seconds; inf: until a beam passes (item 8)."""
+        return {"persistent": math.inf, "single_scan": 0.0, "decay": self.decay_s}[self.memory]
+
+    def reach_m(self, thresh: int) -> float:
+        """How far from an obstacle a published cost stays at ``thresh`` or above, metres (item 1)."""
+        if thresh == 100:
+            return 0.0
+        least_cost = 1 + math.ceil(251 * (thresh - 1) / 97)
+        graded_m = self.inscribed_radius_m + math.log(252 / least_cost) / self.cost_scaling_factor
+        return min(self.inscribed_radius_m if thresh == 99 else graded_m, self.inflation_radius_m)
+
+    @property
+    def size_cells(self) -> int:
+        """Cells along one side of a rolling window."""
+        return max(1, round(self.size_m / self.resolution))
+
+
+_MARGIN_M = 0.03
+"""around the Burger's footprint. The vendor has 0.01, but where other Burgers are, of which a LiDAR sees the
+11 cm of their own LiDAR and not the 18 cm below it, 0.03 keeps robots out of each other's way"""
+
+
+def burger_local() -> CostmapSettings:
+    """The local costmap of turtlebot3_navigation: 3 x 3 m that roll with the robot, no static map.
+
+    Two values depart from the vendor's: the footprint's padding (0.03 for 0.01 m), and ``inf_is_valid``,
+    which turtlebot3's frontier_exploration.yaml alone sets: without it, a robot that passed in front of open
+    space leaves marks that nothing clears, and the way stays closed.
+    """
+    return _burger(size_m=3.0, centered=False)
+
+
+def burger_global(resolution: float = 0.05) -> CostmapSettings:
+    """The global costmap of turtlebot3_navigation: the static map's size, with an obstacle layer.
+
+    Departs from the vendor's values as ``burger_local`` does.
+    """
+    return _burger(resolution=resolution)
+
+
+def _burger(resolution: float = 0.05, size_m: float = 3.0, centered: bool = False) -> CostmapSettings:
+    footprint = padded(BURGER.footprint, _MARGIN_M)
+    return CostmapSettings(
+        resolution=resolution,
+        size_m=size_m,
+        centered=centered,
+        obstacle_range_m=3.0,
+        raytrace_range_m=3.5,
+        inflation_radius_m=1.0,
+        cost_scaling_factor=3.0,
+        inscribed_radius_m=radii(footprint)[0],
+        footprint=footprint,
+        inf_is_valid=True,
+    )
+
+
+@dataclass(frozen=True)
+class LocalPlannerLimits(Settings):
+    """Velocities in the body frame, accelerations, tolerances; defaults: dwa_local_planner_params_burger."""
+
+    concern: ClassVar[str] = "local planner"
+
+    max_vel_x_mps: float = option(0.22, "Highest forward speed; a Burger reaches 0.22.", gt=0, le=1)
+    min_vel_x_mps: float = option(
+        -0.22, "Lowest forward speed; a negative one lets the robot drive backwards.", ge=-1, le=1
+    )
+    max_vel_trans_mps: float = option(0.22, "Highest speed in any direction.", gt=0, le=1)
+    min_vel_trans_mps: float = option(
+        0.11, "No command is slower than this and turns slower than min_vel_theta_radps too.", ge=0, le=1
+    )
+    max_vel_theta_radps: float = option(2.75, "Highest turn rate.", gt=0, le=10)
+    min_vel_theta_radps: float = option(
+        1.37, "No command turns slower than this and drives slower than min_vel_trans_mps too.", ge=0, le=10
+    )
+    acc_lim_x_mps2: float = option(2.5, "Highest forward acceleration.", gt=0, le=100)
+    acc_lim_theta_radps2: float = option(3.2, "Highest turn acceleration.", gt=0, le=100)
+    xy_goal_tolerance_m: float = option(0.05, "A goal is reached within this distance.", gt=0, le=1)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.min_vel_x_mps > self.max_vel_x_mps:
+            raise InputError(
+                f"local planner: min_vel_x_mps {self.min_vel_x_mps} must not exceed "
+                f"max_vel_x_mps {self.max_vel_x_mps}"
+            )
+
+    def at_speed(self, top_mps: float) -> "LocalPlannerLimits":
+        """The limits of a robot whose top speed is ``top_mps``; its other speeds change in proportion."""
+        share = top_mps / self.max_vel_x_mps
+        return replace(
+            self,
+            max_vel_x_mps=top_mps,
+            min_vel_x_mps=share * self.min_vel_x_mps,
+            max_vel_trans_mps=share * self.max_vel_trans_mps,
+            min_vel_trans_mps=share * self.min_vel_trans_mps,
+        )
+
+
+@dataclass(frozen=True)
+class DwaSettings(Settings):
+    """Parameters of DWAPlannerROS; the defaults are those of dwa_local_planner_params_burger.yaml.
+
+    What never acts on a Burger is left out: the y axis, footprint scaling above 0.25 m/s, twirling, and
+    ``use_dwa: false`` (that is Trajectory Rollout's way of sampling).
+    """
+
+    concern: ClassVar[str] = "dwa"
+
+    limits: LocalPlannerLimits = group(LocalPlannerLimits(), "limits")
+    sim_time_s: float = option(1.5, "How far ahead each velocity is simulated.", gt=0, le=10)
+    sim_granularity_m: float = option(0.025, "Distance between simulated points.", gt=0, le=1)
+    angular_sim_granularity_rad: float = option(0.1, "Turn between simulated points.", gt=0, le=1)
+    vx_samples: int = option(20, "Forward speeds tried.", ge=1, le=200)
+    vth_samples: int = option(40, "Turn rates tried.", ge=1, le=200)
+    path_distance_bias: float = option(32.0, "Weight of the distance from the plan.", ge=0, le=1000)
+    goal_distance_bias: float = option(20.0, "Weight of the distance from the local goal.", ge=0, le=1000)
+    occdist_scale: float = option(0.02, "Weight of the highest cost under the robot.", ge=0, le=1000)
+    forward_point_distance_m: float = option(
+        0.325, "How far ahead of the robot lies the point by which its heading is judged.", ge=0, le=5
+    )
+    oscillation_reset_dist_m: float = option(
+        0.05, "Moving this far allows the forbidden directions again.", ge=0, le=5
+    )
+    oscillation_reset_angle_rad: float = option(
+        0.2, "Turning this far allows the forbidden directions again.", ge=0, le=7
+    )
+
+
+@dataclass(frozen=True)
+class TrajectoryRolloutSettings(Settings):
+    """Parameters of TrajectoryPlannerROS (dwa false, meter_scoring false, no heading scoring).
+
+    Speeds, samples and tolerances are those of turtlebot3's base_local_planner_params.yaml, which no launch
+    file loads. The rest of that file does not carry a Burger round a corner: at 0.08 m/s a step of 0.05 m
+    looks no farther than the start, and 0.6 rad/s2 is a fifth of what the robot does. So horizon, step and
+    accelerations are those of the Burger's DWA file, and ``occdist_scale`` is 0.05, not the package's 0.01,
+    with which the robot cuts corners until it is stuck at them.
+    """
+
+    concern: ClassVar[str] = "trajectory rollout"
+
+    limits: LocalPlannerLimits = group(
+        LocalPlannerLimits(
+            max_vel_x_mps=0.18,
+            min_vel_x_mps=0.08,
+            max_vel_trans_mps=0.18,
+            min_vel_trans_mps=0.08,
+            max_vel_theta_radps=1.0,
+            min_vel_theta_radps=1.0,
+            xy_goal_tolerance_m=0.10,
+        ),
+        "limits",
+    )
+    """``min_vel_theta_radps`` is min_in_place_vel_theta"""
+    sim_time_s: float = option(1.5, "How far ahead each velocity is simulated.", gt=0, le=10)
+    sim_granularity_m: float = option(0.025, "Distance between simulated points.", gt=0, le=1)
+    angular_sim_granularity_rad: float = option(0.025, "Turn between simulated points.", gt=0, le=1)
+    vx_samples: int = option(18, "Forward speeds tried.", ge=1, le=200)
+    vtheta_samples: int = option(20, "Turn rates tried.", ge=1, le=200)
+    path_distance_bias: float = option(0.6, "Weight of the distance from the plan.", ge=0, le=1000)
+    goal_distance_bias: float = option(0.8, "Weight of the distance from the local goal.", ge=0, le=1000)
+    occdist_scale: float = option(0.05, "Weight of the highest cost under the robot.", ge=0, le=1000)
+    heading_lookahead_m: float = option(
+        0.325, "How far ahead of the robot lies the point by which a turn on the spot is judged.", ge=0, le=5
+    )
+    oscillation_reset_dist_m: float = option(
+        0.05, "Moving this far allows turns on the spot to both sides again.", ge=0, le=5
+    )
+    escape_vel_mps: float = option(-0.1, "Speed at which a robot that is stuck backs up.", ge=-1, le=0)
+    escape_reset_dist_m: float = option(0.10, "Backing up ends after this distance.", ge=0, le=5)
+    escape_reset_theta_rad: float = option(
+        math.pi / 2, "Backing up ends after a turn by this angle.", ge=0, le=7
+    )
+
+
+@dataclass(frozen=True)
+class NavigatorSettings(Settings):
+    """move_base on a Burger; defaults: turtlebot3_navigation's files."""
+
+    concern: ClassVar[str] = "navigator"
+
+    controller: Literal["dwa", "trajectory_rollout"] = option(
+        "dwa", "Local planner: DWA, or the older Trajectory Rollout."
+    )
+    dwa: DwaSettings = group(DwaSettings(), "DWA", prefix="dwa_")
+    trajectory_rollout: TrajectoryRolloutSettings = group(
+        TrajectoryRolloutSettings(), "Trajectory Rollout", prefix="rollout_"
+    )
+    local_costmap: CostmapSettings = group(
+        burger_local(), "local costmap", prefix="nav_local_", keys={"memory": "nav_local_memory"}
+    )
+    global_costmap: CostmapSettings = group(
+        burger_global(),
+        "global costmap",
+        prefix="nav_global_",
+        keys={"memory": "nav_global_memory", "resolution": None, "size_m": None, "centered": None}
+        | {"track_unknown": None},
+    )
+    bare_footprint: Footprint = BURGER.footprint
+    """the robot's outline without padding: what a robot that is stuck may still move with"""
+    allow_unknown: bool = option(True, "Let plans cross cells that no beam has met.", key="nav_allow_unknown")
+    goal_tolerance_m: float = option(
+        0.5,
+        "A goal that a scanned obstacle covers is approached up to this distance (navfn's "
+        "default_tolerance; 0 in TurtleBot3's files, where such a goal is not approached at all).",
+        ge=0,
+        le=5,
+        key="nav_goal_tolerance_m",
+    )
+    controller_frequency_hz: float = 10.0
+    """how often ``control`` is called; the fleet sets it"""
+    planner_frequency_hz: float = option(
+        5.0,
+        "How often a plan is traced anew, at most once a scan.",
+        gt=0,
+        le=100,
+        key="nav_planner_frequency_hz",
+    )
+    planner_patience_s: float = option(
+        5.0, "Without a plan for this long, a recovery begins.", ge=0, le=600, key="nav_planner_patience_s"
+    )
+    controller_patience_s: float = option(
+        15.0,
+        "Without a legal velocity for this long, a recovery begins.",
+        ge=0,
+        le=600,
+        key="nav_controller_patience_s",
+    )
+    oscillation_timeout_s: float = option(
+        10.0,
+        "Without leaving the oscillation distance for this long, a recovery begins.",
+        ge=0,
+        le=600,
+        key="nav_oscillation_timeout_s",
+    )
+    oscillation_distance_m: float = option(
+        0.2, "A robot that moves this far does not oscillate.", ge=0, le=5, key="nav_oscillation_distance_m"
+    )
+    conservative_reset_dist_m: float = option(
+        3.0,
+        "The first recovery forgets obstacles outside a square of this side around the robot.",
+        ge=0,
+        le=50,
+        key="nav_conservative_reset_dist_m",
+    )
+    aggressive_reset_dist_m: float = option(
+        1.84,
+        "The third recovery forgets obstacles outside a square of this side (four times move_base's "
+        "circumscribed radius of 0.46 m).",
+        ge=0,
+        le=50,
+        key="nav_aggressive_reset_dist_m",
+    )
+    wave_period_s: float = option(
+        1.0,
+        "Least time between two global plans from the costs for one goal.",
+        ge=0,
+        le=600,
+        key="nav_replan_period_s",
+    )
+    change_radius_m: float = option(
+        0.3,
+        "Obstacles that come or go this near to the plan ahead call for a new one.",
+        ge=0,
+        le=5,
+        key="nav_change_radius_m",
+    )
+
+    @property
+    def local_planner(self) -> DwaSettings | TrajectoryRolloutSettings:
+        """The settings of the chosen controller."""
+        return self.dwa if self.controller == "dwa" else self.trajectory_rollout
+
+    def at_speed(self, top_mps: float) -> "NavigatorSettings":
+        """The settings of a robot whose top speed is ``top_mps``."""
+        return replace(
+            self,
+            dwa=replace(self.dwa, limits=self.dwa.limits.at_speed(top_mps)),
+            trajectory_rollout=replace(
+                self.trajectory_rollout, limits=self.trajectory_rollout.limits.at_speed(top_mps)
+            ),
+        )

@@ -1,0 +1,115 @@
+"""What can be set of the simulated world and its sensors; nothing here needs the simulator."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from midnet_bench.settings import Settings, group, option
+
+LidarNoise = Literal["gazebo", "datasheet", "none"]
+RobotProfile = Literal["urdf", "disc"]
+OdometrySource = Literal["world", "encoder"]
+ImuNoise = Literal["gazebo", "none"]
+
+
+@dataclass(frozen=True)
+class WorldSettings(Settings):
+    """How the physics is stepped."""
+
+    concern: ClassVar[str] = "world"
+
+    step_hz: int = option(60, "Physics steps per second.", ge=30, le=1000, multiple_of=10)
+    solver_iterations: int = option(50, "Iterations of the contact solver per physics step.", ge=1, le=1000)
+
+
+@dataclass(frozen=True)
+class LidarSettings(Settings):
+    """What the LiDARs' beams meet, and how wrong their ranges are."""
+
+    concern: ClassVar[str] = "lidar"
+
+    robot_profile: RobotProfile = option(
+        "urdf",
+        "What LiDAR beams meet of another Burger: its LiDAR housing, 11 cm wide, because the body is lower "
+        "than the beams (urdf), or a disc of the whole robot's radius, 0.105 m (disc).",
+    )
+    noise: LidarNoise = option(
+        "gazebo",
+        "Range noise of the LDS-01: 10 mm at every range (gazebo), the maker's precision and accuracy, which "
+        "grow with the range (datasheet), or none.",
+        key="lidar_noise",
+    )
+
+
+@dataclass(frozen=True)
+class OdometrySettings(Settings):
+    """Where odometry comes from and, for ``encoder``, how wrong it is.
+
+    Nobody publishes the last three of a Burger. They are our choice: wheels true to a fifth of a
+    millimetre, a track true to 1.6 mm, and slip that leaves 2 mm after a metre.
+    """
+
+    concern: ClassVar[str] = "odometry"
+
+    source: OdometrySource = option(
+        "world",
+        "Odometry that is exact, as Gazebo publishes it for a Burger (world), or computed from wheel "
+        "encoders with wheels that slip (encoder).",
+        key="odometry",
+    )
+    radius_error: float = option(
+        0.005,
+        "Standard deviation of each wheel's radius, as a share of it, drawn once per robot; under odometry: "
+        "encoder.",
+        ge=0,
+        le=0.2,
+        key="wheel_radius_error",
+    )
+    separation_error: float = option(
+        0.01,
+        "Standard deviation of the wheels' separation, as a share of it, drawn once per robot; under "
+        "odometry: encoder.",
+        ge=0,
+        le=0.2,
+        key="wheel_separation_error",
+    )
+    slip_m_per_sqrt_m: float = option(
+        0.002,
+        "Standard deviation of a wheel's slip after one metre, metres; its variance grows with the "
+        "distance; under odometry: encoder.",
+        ge=0,
+        le=0.2,
+        key="wheel_slip",
+    )
+
+
+@dataclass(frozen=True)
+class ImuSettings(Settings):
+    """The Burger's IMU; defaults: what its description states."""
+
+    concern: ClassVar[str] = "imu"
+
+    noise: ImuNoise = option(
+        "gazebo",
+        "Errors of the IMU: those that the Burger's description states (gazebo), or none, as Gazebo's ROS 1 "
+        "plugin published it.",
+        key="imu_noise",
+    )
+    gyro_stddev_radps: float = option(2e-4, "Standard deviation of the gyroscope's noise.", ge=0, le=1)
+    gyro_bias_radps: float = option(
+        7.5e-6, "Mean size of the gyroscope's bias, which may have either sign.", ge=0, le=1
+    )
+    gyro_bias_stddev_radps: float = option(
+        8e-7, "Standard deviation of the size of the gyroscope's bias, drawn once per robot.", ge=0, le=1
+    )
+
+
+@dataclass(frozen=True)
+class SimulationSettings(Settings):
+    """A world and the sensors of the robots in it."""
+
+    concern: ClassVar[str] = "simulation"
+
+    world: WorldSettings = group(WorldSettings(), "world")
+    lidar: LidarSettings = group(LidarSettings(), "LiDAR")
+    odometry: OdometrySettings = group(OdometrySettings(), "odometry")
+    imu: ImuSettings = group(ImuSettings(), "IMU")
