@@ -1,6 +1,14 @@
-"""The global plan to one goal, kept up to date at the least cost."""
+"""The global plan to one goal: navfn's potential and the paths down it, computed anew only when need be.
 
+``GlobalPlanner`` decides when a potential is needed; then come the potential and the compiled loops.
+"""
+
+import math
+from dataclasses import dataclass
+
+import cv2
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from midnet_bench.geometry import Pose2D
@@ -10,13 +18,29 @@ from midnet_bench.navigation.costmap import (
     LETHAL,
     NO_INFORMATION,
     Cells,
+    Floats,
     GlobalCostmap,
     inflation_costs,
     reach_cells,
 )
 from midnet_bench.navigation.local_planner import Plan
-from midnet_bench.navigation.navfn import UNREACHED, Potential, potential_to
 from midnet_bench.navigation.settings import CostmapSettings, radii
+
+Potentials = npt.NDArray[np.float32]
+
+UNREACHED = np.float32(1e10)
+"""potential of a cell that the wave did not reach"""
+NEUTRAL = 50
+"""traversal cost of a free cell"""
+UNSEEN = 253
+"""traversal cost of unknown cells where they are allowed: very dear, not blocked"""
+BLOCKED = 254
+"""traversal cost of a cell that the wave does not enter"""
+
+
+_ESCAPE_CELLS = 3
+"""how far a start without potential (a robot that touches an inflated obstacle) looks for one"""
+
 
 _POCKET_M2 = 1.0
 """A goal from which the potential reaches less floor than this is closed in."""
@@ -148,6 +172,311 @@ def _cost_at(settings: CostmapSettings, distance_m: float) -> int:
         cells, settings.resolution, settings.inscribed_radius_m, settings.cost_scaling_factor
     )
     return max(1, int(table[-1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Potential:
+    """The cost of the way to ``goal`` from every cell that matters.
+
+    navfn sends its wave from the robot and traces back from the goal, anew for every plan. Here the wave
+    starts at the goal, so that one potential serves every later position of the robot for as long as the
+    costs hold: planning again is only tracing again, which has the effect of planning at that rate.
+    """
+
+    values: Potentials
+    """(H, W), 1e10 where the wave did not come"""
+    resolution: float
+    origin: tuple[float, float]
+    goal: tuple[float, float]
+    settled_below: float
+    """potentials below this are final; a robot beyond it needs another wave"""
+
+    def path_from(self, x: float, y: float, until_m: float = math.inf) -> Floats | None:
+        """(N, 2) points from (x, y) to the goal exactly, metres, half a cell apart; None without a way.
+
+        With ``until_m`` the path ends at its first point farther than that from (x, y). Unlike navfn's, the
+        potential belongs to cell centres (no half cell to the lower left), a path that could not be finished
+        is None rather than a stump, its length is bounded by the map's area rather than by 4 widths, and
+        where the descent vanishes (an obstacle dead ahead) the lowest neighbour is taken.
+        """
+        points, found = path_down(
+            self.values,
+            (x, y),
+            self.origin,
+            self.resolution,
+            self.goal,
+            self.settled_below,
+            _ESCAPE_CELLS,
+            until_m,
+        )
+        return np.asarray(points) if found else None
+
+
+def potential_to(
+    goal: tuple[float, float],
+    costs: OccupancyGrid,
+    near: tuple[float, float] | None = None,
+    margin_m: float = 2.0,
+    allow_unknown: bool = True,
+    tolerance_m: float = 0.0,
+) -> Potential | None:
+    """The potential of ``goal`` over a costmap's costs (uint8); None when the goal's cell is blocked.
+
+    With ``near`` (the robot) the wave ends once everything is settled that lies up to ``margin_m`` of free
+    driving farther than it; without, the whole map is covered. With ``tolerance_m`` a blocked goal gives way
+    to the centre of the nearest cell within that distance that is not; the potential's ``goal`` tells.
+    """
+    column, row = costs.cell_at(*goal)
+    if not (0 < column < costs.width - 1 and 0 < row < costs.height - 1):
+        return None
+    traversal = traversal_costs(costs.data, allow_unknown)
+    if traversal[row, column] >= BLOCKED:
+        found = _nearest_open(traversal, column, row, int(tolerance_m / costs.resolution))
+        if found is None:
+            return None
+        column, row = found
+        goal = costs.center_of(column, row)
+    goal_cell, start_cell, margin = row * costs.width + column, 0, float(UNREACHED)
+    if near is not None:
+        near_column, near_row = costs.cell_at(*near)
+        if costs.contains_cell(near_column, near_row):
+            start_cell = near_row * costs.width + near_column
+            margin = margin_m / costs.resolution * NEUTRAL
+    values, settled_below = propagate(traversal, goal_cell, start_cell, margin)
+    return Potential(np.asarray(values), costs.resolution, costs.origin, goal, float(settled_below))
+
+
+def _nearest_open(traversal: Cells, column: int, row: int, radius: int) -> tuple[int, int] | None:
+    """(column, row) of the nearest cell within ``radius`` cells that the wave may enter; first in a tie."""
+    x0, y0 = max(column - radius, 0), max(row - radius, 0)
+    rows, columns = np.nonzero(traversal[y0 : row + radius + 1, x0 : column + radius + 1] < BLOCKED)
+    squared = (rows + y0 - row) ** 2 + (columns + x0 - column) ** 2
+    if not len(squared) or squared.min() > radius * radius:
+        return None
+    nearest = int(np.argmin(squared))
+    return int(columns[nearest]) + x0, int(rows[nearest]) + y0
+
+
+def traversal_costs(costs: Cells, allow_unknown: bool = True) -> Cells:
+    """(H, W) uint8 cost of entering each cell: 50 to 251, 254 where blocked, as the outer ring is."""
+    traversal = np.asarray(cv2.LUT(costs, _TRAVERSAL[allow_unknown]), dtype=np.uint8)
+    traversal[0] = traversal[-1] = BLOCKED
+    traversal[:, 0] = traversal[:, -1] = BLOCKED
+    return traversal
+
+
+def _traversal_table(allow_unknown: bool) -> Cells:
+    cost = np.arange(256)
+    table = np.where(cost < INSCRIBED, NEUTRAL + 4 * cost // 5, BLOCKED).astype(np.uint8)
+    if allow_unknown:
+        table[NO_INFORMATION] = UNSEEN
+    return table
+
+
+_TRAVERSAL = {allowed: _traversal_table(allowed) for allowed in (False, True)}
+
+
+@njit(cache=True)
+def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[Potentials, float]:
+    """(H, W) float32 potential, 0 in the goal cell, 1e10 where the wave did not come; and the settled bound.
+
+    ``traversal``: (H, W) uint8 whose outer border is blocked. ``goal`` and ``start`` are flat cell indices.
+    The wave stops once everything up to ``margin`` above the potential of ``start`` is settled; potentials
+    below the returned bound are final. Cells are taken in bands of potential 100 wide, not from a heap, and
+    may be improved several times within their band.
+    """
+    width = traversal.shape[1]
+    cost = traversal.reshape(-1)
+    potential = np.full(cost.size, UNREACHED, dtype=np.float32)
+    # Unsigned, so that no index is asked whether it counts from the end; steps back wrap round.
+    left, right, down, up = np.uint32(-1), np.uint32(1), np.uint32(-width), np.uint32(width)
+    neighbours = (left, right, down, up)
+    queued = np.zeros(cost.size, dtype=np.bool_)
+    current = np.empty(cost.size, dtype=np.uint32)
+    following = np.empty(cost.size, dtype=np.uint32)
+    overflow = np.empty(cost.size, dtype=np.uint32)
+    n_current, n_following, n_overflow = 0, 0, 0
+    potential[goal] = 0.0
+    for step in neighbours:
+        other = np.uint32(np.uint32(goal) + step)
+        if cost[other] < BLOCKED:
+            queued[other] = True
+            current[n_current] = other
+            n_current += 1
+    threshold = float(BLOCKED)
+    while n_current > 0:
+        for i in range(n_current):
+            queued[current[i]] = False
+        for i in range(n_current):
+            cell = current[i]
+            h = float(cost[cell])
+            a = min(potential[np.uint32(cell + left)], potential[np.uint32(cell + right)])
+            b = min(potential[np.uint32(cell + down)], potential[np.uint32(cell + up)])
+            low = float(min(a, b))
+            x = abs(float(a) - float(b)) / h
+            rise = h if x >= 1.0 else h * (-0.2301 * x * x + 0.5307 * x + 0.7040)
+            value = np.float32(low + rise)
+            if value >= potential[cell]:
+                continue
+            potential[cell] = value
+            for step in neighbours:
+                other = np.uint32(cell + step)
+                if (
+                    not queued[other]
+                    and cost[other] < BLOCKED
+                    and potential[other] > value + 0.70710678 * cost[other]
+                ):
+                    queued[other] = True
+                    if value < threshold:
+                        following[n_following] = other
+                        n_following += 1
+                    else:
+                        overflow[n_overflow] = other
+                        n_overflow += 1
+        current, following = following, current
+        n_current, n_following = n_following, 0
+        if n_current == 0:
+            if threshold > potential[start] + margin:
+                return potential.reshape(traversal.shape), threshold
+            threshold += 2.0 * NEUTRAL
+            current, overflow = overflow, current
+            n_current, n_overflow = n_overflow, 0
+    return potential.reshape(traversal.shape), float(UNREACHED)
+
+
+@njit(cache=True)
+def path_down(
+    potential: Potentials,
+    start: tuple[float, float],
+    origin: tuple[float, float],
+    resolution: float,
+    goal: tuple[float, float],
+    settled_below: float,
+    escape_cells: int,
+    until_m: float,
+) -> tuple[Floats, bool]:
+    """(N, 2) points in metres from ``start`` to ``goal`` or to the first one farther than ``until_m``.
+
+    Beside it whether there is such a way; there is none from off the map, nor from where the wave was cut off
+    (``settled_below``), whence it might be a detour.
+    """
+    height, width = potential.shape
+    column = (start[0] - origin[0]) / resolution - 0.5
+    row = (start[1] - origin[1]) / resolution - 0.5
+    nowhere = np.empty((0, 2), dtype=np.float64)
+    if not (-0.5 <= column < width - 0.5 and -0.5 <= row < height - 0.5):
+        return nowhere, False
+    cells, found = descend(potential, (column, row), escape_cells, until_m / resolution)
+    if not found:
+        return nowhere, False
+    first = cells[min(1, len(cells) - 1)]
+    if potential[round(first[1]), round(first[0])] >= settled_below:
+        return nowhere, False
+    points = np.empty((len(cells) + 1, 2), dtype=np.float64)
+    for i in range(len(cells)):
+        points[i, 0] = (cells[i, 0] + 0.5) * resolution + origin[0]
+        points[i, 1] = (cells[i, 1] + 0.5) * resolution + origin[1]
+    if math.hypot(points[-2, 0] - start[0], points[-2, 1] - start[1]) > until_m:
+        return points[:-1], True
+    points[-1, 0], points[-1, 1] = goal
+    return points, True
+
+
+@njit(cache=True)
+def descend(
+    potential: Potentials, start: tuple[float, float], escape_cells: int, until_cells: float
+) -> tuple[Floats, bool]:
+    """(N, 2) points from ``start`` down to next to the goal, and whether the way down was found.
+
+    Coordinates are in cells with cell centres at whole numbers. Steps are half a cell along the bilinearly
+    interpolated descent; where a potential is missing around the point, or the descent vanishes or swings
+    to and fro, the step goes to the lowest neighbour instead. A start without any potential around it is
+    first moved to the lowest cell within ``escape_cells``. Ends early, successfully, with the first point
+    farther than ``until_cells`` from the start.
+    """
+    height, width = potential.shape
+    limit = height * width // 2 + 2
+    points = np.empty((limit, 2), dtype=np.float64)
+    x, y = math.floor(start[0]), math.floor(start[1])
+    offset_x, offset_y = start[0] - x, start[1] - y
+    search = 1
+    count = 0
+    while count < limit:
+        if not (1 <= x <= width - 2 and 1 <= y <= height - 2):
+            # The outermost ring never carries a potential.
+            if count == 0:
+                points[0, 0], points[0, 1] = start
+                count = 1
+            x = min(max(x + (offset_x >= 0.5), 1), width - 2)
+            y = min(max(y + (offset_y >= 0.5), 1), height - 2)
+            offset_x, offset_y = 0.0, 0.0
+        points[count, 0], points[count, 1] = x + offset_x, y + offset_y
+        count += 1
+        if math.hypot(x + offset_x - start[0], y + offset_y - start[1]) > until_cells:
+            return points[:count].copy(), True
+        near_x, near_y = x + (offset_x >= 0.5), y + (offset_y >= 0.5)
+        if potential[near_y, near_x] < NEUTRAL:
+            return points[:count].copy(), True
+        complete = True
+        for j in range(-1, 2):
+            for i in range(-1, 2):
+                if potential[y + j, x + i] >= UNREACHED:
+                    complete = False
+        swings = (
+            count > 2
+            and points[count - 1, 0] == points[count - 3, 0]
+            and points[count - 1, 1] == points[count - 3, 1]
+        )
+        if complete and not swings:
+            ax, ay = _descent(potential, x, y)
+            bx, by = _descent(potential, x + 1, y)
+            cx, cy = _descent(potential, x, y + 1)
+            dx, dy = _descent(potential, x + 1, y + 1)
+            down_x = (1.0 - offset_y) * ((1.0 - offset_x) * ax + offset_x * bx) + offset_y * (
+                (1.0 - offset_x) * cx + offset_x * dx
+            )
+            down_y = (1.0 - offset_y) * ((1.0 - offset_x) * ay + offset_x * by) + offset_y * (
+                (1.0 - offset_x) * cy + offset_x * dy
+            )
+            norm = math.hypot(down_x, down_y)
+            if norm > 0.0:
+                offset_x += 0.5 * down_x / norm
+                offset_y += 0.5 * down_y / norm
+                shift_x, shift_y = math.floor(offset_x), math.floor(offset_y)
+                x, y = x + shift_x, y + shift_y
+                offset_x, offset_y = offset_x - shift_x, offset_y - shift_y
+                continue
+        if count == 1 and potential[near_y, near_x] >= UNREACHED:
+            search = escape_cells
+        lowest = UNREACHED
+        x, y = near_x, near_y
+        for j in range(max(near_y - search, 1), min(near_y + search + 1, height - 1)):
+            for i in range(max(near_x - search, 1), min(near_x + search + 1, width - 1)):
+                if (i != near_x or j != near_y) and potential[j, i] < lowest:
+                    lowest = potential[j, i]
+                    x, y = i, j
+        search = 1
+        offset_x, offset_y = 0.0, 0.0
+        if lowest >= UNREACHED:
+            break
+    return points[:count].copy(), False
+
+
+@njit(cache=True)
+def _descent(potential: Potentials, x: int, y: int) -> tuple[float, float]:
+    """The unit vector downhill at a cell, from differences to those neighbours that have a potential."""
+    here = float(potential[y, x])
+    dx, dy = 0.0, 0.0
+    if potential[y, x - 1] < UNREACHED:
+        dx += potential[y, x - 1] - here
+    if potential[y, x + 1] < UNREACHED:
+        dx += here - potential[y, x + 1]
+    if potential[y - 1, x] < UNREACHED:
+        dy += potential[y - 1, x] - here
+    if potential[y + 1, x] < UNREACHED:
+        dy += here - potential[y + 1, x]
+    norm = math.hypot(dx, dy)
+    return (dx / norm, dy / norm) if norm > 0.0 else (0.0, 0.0)
 
 
 @njit(cache=True)

@@ -9,7 +9,7 @@ import pytest
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.messages import STOP, Command
-from midnet_bench.navigation import global_planner, navfn
+from midnet_bench.navigation import global_planner
 from midnet_bench.navigation.navigator import Navigator, RotateRecovery, Status
 from midnet_bench.navigation.settings import NavigatorSettings, burger_global
 from midnet_bench.robots.burger import LDS_01
@@ -38,9 +38,10 @@ MAZE = enclosure(5.0, Box(0.0, 1.6, 3.7, 1.7), Box(1.3, 3.2, 5.0, 3.3))
 def potentials(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     """Takes every potential that the global planner computes."""
     computed: list[object] = []
+    compute = global_planner.potential_to
 
     def noted(*args: object, **named: object) -> object:
-        computed.append(navfn.potential_to(*args, **named))
+        computed.append(compute(*args, **named))
         return computed[-1]
 
     monkeypatch.setattr(global_planner, "potential_to", noted)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import label
 
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.navigation.navfn import potential_to, traversal_costs
+from midnet_bench.navigation.global_planner import potential_to, traversal_costs
 
 
 def grid_of(costs: npt.NDArray[np.uint8], resolution: float = 1.0) -> OccupancyGrid:

@@ -1,0 +1,93 @@
+"""Files of the package that a reader opens to follow one control cycle of a robot, and one MIDNet frame.
+
+Run it as ``python -m benchmarks.files_opened``. A file counts when a function of it runs, by a trace of
+every Python call; ``__init__`` files do not. Compiled loops are not seen as calls: they stand beside what
+calls them. ``NUMBA_DISABLE_JIT=1`` before the command shows them too, and takes minutes.
+"""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import CodeType, FrameType
+
+import midnet_bench
+from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
+from midnet_bench.experiments.guarded.parameters import DetectionParameters
+from midnet_bench.simulation.fleet import SCAN_HZ
+
+PACKAGE = Path(midnet_bench.__file__).parent
+WORLD = ("simulation", "robots", "arena")
+"""rooms below which a real robot would have its drivers"""
+
+
+@contextmanager
+def traced(
+    begin: Callable[[CodeType], bool] = lambda code: True, left_out: tuple[str, ...] = ()
+) -> Iterator[set[str]]:
+    """The files of the package whose functions run, from the first call that ``begin`` takes on.
+
+    Nothing below a function whose qualified name is among ``left_out`` counts.
+    """
+    opened: set[str] = set()
+    begun, depth = False, 0
+
+    def profile(frame: FrameType, event: str, argument: object) -> None:
+        nonlocal begun, depth
+        code = frame.f_code
+        if event == "call":
+            begun = begun or begin(code)
+            if code.co_qualname in left_out or depth:
+                depth += 1
+                return
+            path = Path(code.co_filename)
+            if begun and path.is_relative_to(PACKAGE) and path.name != "__init__.py":
+                opened.add(path.relative_to(PACKAGE).as_posix())
+        elif event == "return" and depth:
+            depth -= 1
+
+    sys.setprofile(profile)
+    try:
+        yield opened
+    finally:
+        sys.setprofile(None)
+
+
+def control_cycle() -> set[str]:
+    """Of one guard that localizes by UKF, takes a scan, plans and controls; and of the world under it."""
+    parameters = DetectionParameters.model_validate({"arena": "empty", "robots": 1, "frames": 1})
+    with DetectionTrial(parameters, seed=1) as trial:
+        guard = trial.guards[0]
+        guard.drive_to(trial.next_patrol_point(guard))
+        with traced() as opened:
+            for _ in range(2 * trial.step_hz // SCAN_HZ):
+                trial.fleet.step()
+    return opened
+
+
+def midnet_frame() -> set[str]:
+    """From the scans of two guards to the row of scores, without physics and driving."""
+    parameters = DetectionParameters.model_validate({"robots": 2, "frames": 10})
+    driving = ("MobileRobot.localize", "MobileRobot.control", "Navigator.observe", "Progress.update")
+    world = ("World.step", "World.drive", "World.odometry", "HealthTracker.update", "ImuSensor.read")
+    rest = ("DetectionTrial.__init__", "RobotTrial.rows_of_robots", "RobotTrial.__exit__")
+    with traced(lambda code: code.co_name == "frames", (*driving, *world, *rest)) as opened:
+        run_detection(parameters, seed=1)
+    return opened
+
+
+def main() -> None:
+    cycle = control_cycle()
+    software = {name for name in cycle if not name.startswith(WORLD)}
+    for title, files in (
+        ("one control cycle, the robot's own software", software),
+        ("one control cycle, the simulated world under it", cycle - software),
+        ("one MIDNet frame, from the scan to the row of scores", midnet_frame()),
+    ):
+        print(f"{title}: {len(files)} files")
+        for name in sorted(files):
+            print(f"  {name}")
+
+
+if __name__ == "__main__":
+    main()
