@@ -87,7 +87,7 @@ def match_maps(
 
 
 def merge_by_features(maps: Sequence[OccupancyGrid], settings: MergeSettings | None = None) -> TeamMerge:
-    """The maps of a team whose start poses nobody knows, merged as far as the matches can be trusted.
+    """The maps of a team whose start poses are unknown, merged as far as the matches can be trusted.
 
     All pairs are matched; the largest group that accepted pairs connect is drawn in the frame of its
     first map, each map placed over the pairs with the most evidence. Maps outside the group are left

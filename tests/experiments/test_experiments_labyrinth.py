@@ -48,6 +48,18 @@ def test_nobody_is_caught_by_a_guard_that_cannot_come_close_enough() -> None:
     row = run_labyrinth(corridor(capture_distance_m=0.01, pursuit="none"), 1).tables["trial"][0]
     assert row["caught"] == 0
     assert row["detected"] == 1
+    assert row["success_rate"] == 0.0
+
+
+def test_a_guard_is_sent_to_the_box_and_not_to_the_true_position() -> None:
+    with LabyrinthTrial(corridor(capture_distance_m=0.01), 1) as trial:
+        intruder, guard = trial.intruders[0].index, trial.guards[0]
+        midnet = next(frame for frame in trial.frames() if intruder in trial.pursuit.targets)
+        place = trial.pursuit.targets[intruder].place
+        truth = trial.world.poses()[intruder, :2]
+        assert place in [box.center for box in midnet.detections]
+        assert guard.goal == place
+        assert math.dist(place, truth) > 0.001
 
 
 def test_the_time_limit_ends_a_trial_and_is_no_success() -> None:

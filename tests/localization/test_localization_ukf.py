@@ -81,7 +81,9 @@ def exact(step, source):
     return Odometry(step.pose, *velocity), Imu(wrap_angle(step.pose.yaw), step.w, 0.0)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize(
+    "seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 20))]
+)
 def test_error_is_under_half_of_raw_odometrys_on_a_driven_square(seed):
     rng = stream(seed, "slip")
     wheels = SlippingWheels(rng)
@@ -114,6 +116,7 @@ def test_a_moving_robot_is_not_left_a_part_of_a_step_behind(source):
     assert abs(estimate.x - step.pose.x) < 0.002  # a step is 0.022
 
 
+@pytest.mark.slow
 def test_an_hour_of_driving_stays_finite_and_positive_definite():
     rng = stream(7, "hour")
     wheels = SlippingWheels(rng)
