@@ -1,6 +1,6 @@
 # Two commands on a fresh machine: `make detection` prints the paper's table, `make test` passes the tests.
 
-# PyBullet's newest ready wheels are for CPython 3.11, so that one is taken where it is installed.
+# PyBullet's newest ready-made wheels are for CPython 3.11, so that one is used where it is installed.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 RUN := $(BIN)/midnet-bench
@@ -9,17 +9,18 @@ JOBS ?= auto
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: detection labyrinth smoke test test-all lint bench clean
+.PHONY: detection labyrinth smoke test test-all lint wheel api bench clean
 
 detection: .venv/ready
 	$(RUN) detection
 
 labyrinth: .venv/ready
-	$(RUN) labyrinth --trials 20
+	$(RUN) labyrinth
 
 smoke: .venv/ready
 	$(RUN) smoke
 
+# what a quick check needs
 test: .venv/ready
 	$(BIN)/pytest -n $(JOBS) --maxprocesses 4 --dist loadscope -m "not slow"
 
@@ -31,17 +32,27 @@ lint: .venv/ready
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# builds the package and runs its commands in an empty folder, without this checkout in sight
+wheel: .venv/ready
+	$(BIN)/pytest tests/test_wheel.py
+	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+
+# docs/api.md from the docstrings
+api: .venv/ready
+	$(BIN)/python docs/make_api.py
+
 bench: .venv/ready
 	$(BIN)/python -m benchmarks
 
+# results stay
 clean:
-	rm -rf .venv build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-.venv/ready: pyproject.toml constraints.txt
+.venv/ready: pyproject.toml setup.py constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
-	sys.exit(0 if v == (3, 11) else "midnet-bench simulates with PyBullet, whose ready wheels are for Python 3.11, and \
-	this is Python %d.%d: install 3.11, or name it: make PYTHON=/path/to/python3.11" % v)'
+	sys.exit(0 if v == (3, 11) else "midnet-bench simulates with PyBullet, whose ready-made wheels are for Python 3.11; \
+	this is Python %d.%d. Install 3.11, or name it: make PYTHON=/path/to/python3.11" % v)'
 	@echo "setting up .venv (a minute or two) ..."
 	@$(PYTHON) -m venv .venv
 	@$(BIN)/python -m pip install --quiet --editable '.[dev]'

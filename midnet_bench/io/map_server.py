@@ -119,7 +119,7 @@ class MapFile:
     mode: Mode
 
 
-def load_map(yaml_path: Path) -> OccupancyGrid:
+def load_map(yaml_path: str | Path) -> OccupancyGrid:
     """The map as an int8 grid: -1 unknown, 0 free, 100 occupied; 1 to 98 between them in scale mode.
 
     In raw mode a cell holds its pixel's value as a signed byte, whatever that means to the writer.
@@ -127,7 +127,7 @@ def load_map(yaml_path: Path) -> OccupancyGrid:
     Raises:
         InputError: either file is missing, unreadable, incomplete, or says what no map can.
     """
-    file = read_map_file(yaml_path)
+    file = read_map_file(Path(yaml_path))
     cells = occupancy(read_image(file.image, f"{yaml_path}: image"), file)
     return OccupancyGrid(np.ascontiguousarray(cells[::-1]), file.resolution, file.origin)
 

@@ -165,7 +165,7 @@ class MIDNet:
             explain: whether to keep every intermediate.
 
         Raises:
-            InputError: a costmap's resolution differs from the prior map's.
+            InputError: a costmap is not int8, or its resolution differs from the prior map's.
         """
         if not observations:
             return Frame([], [], Explanation([], []) if explain else None)
@@ -192,6 +192,11 @@ class MIDNet:
     def _look(self, observation: Observation) -> _Seen:
         """Sections IV.A and IV.B for one robot."""
         settings, prior, costmap = self.settings, self.prior, observation.costmap
+        if costmap.data.dtype != np.int8:
+            raise InputError(
+                f"costmap: its values are {costmap.data.dtype}; int8 is needed, as costmap_2d publishes them:"
+                " 0 to 100, and -1 where nothing is known"
+            )
         crop = crop_to_prior(costmap, prior, observation.pose, settings.align)
         local = binary_map(costmap.data, settings.thresh_local, settings.unknown)
         a, b = crop.of_local(local), crop.of_prior(prior.data)

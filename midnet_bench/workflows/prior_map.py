@@ -34,7 +34,7 @@ def prior_map(building: OccupancyGrid | str | Path, **parameters: Scalar) -> Occ
     Raises:
         InputError: the map cannot be read or is not int8, or a parameter is unknown or out of range.
     """
-    grid = building if isinstance(building, OccupancyGrid) else load_map(Path(building))
+    grid = building if isinstance(building, OccupancyGrid) else load_map(building)
     if grid.data.dtype != "int8":
         raise InputError(
             f"prior_map: the map's values are {grid.data.dtype};"

@@ -1,0 +1,89 @@
+"""What a user gets who installs the package: everything that its commands need, from any folder."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parents[1]
+SOURCES = ("midnet_bench", "campaigns", "results/reference/smoke")
+FILES = ("pyproject.toml", "setup.py", "README.md", "LICENSE")
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment with the wheel in it, and this one's libraries in sight; the folder of its programs."""
+    place = tmp_path_factory.mktemp("wheel")
+    source = place / "source"  # a build leaves files beside the sources
+    for name in SOURCES:
+        shutil.copytree(REPOSITORY / name, source / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in FILES:
+        shutil.copy(REPOSITORY / name, source / name)
+    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", place, source], check=True)
+    (wheel,) = place.glob("*.whl")
+    venv.create(place / "venv", with_pip=False)
+    programs = place / "venv" / "bin"
+    python = programs / "python"
+    subprocess.run([*pip, "--python", python, "install", "--no-deps", "--no-index", wheel], check=True)
+    (site,) = (place / "venv" / "lib").glob("python*/site-packages")
+    # a path, not a copy of this environment: its own .pth files, which would show the checkout, stay unread
+    (site / "libraries.pth").write_text(sysconfig.get_path("purelib"))
+    return programs
+
+
+def run(program: Path, *arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:
+    hidden = ("PYTHONPATH", "PYTHONHOME", "VIRTUAL_ENV")
+    environment = {key: value for key, value in os.environ.items() if key not in hidden}
+    command = [program, *map(str, arguments)]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_the_package_comes_from_the_wheel(installed: Path, tmp_path: Path) -> None:
+    done = run(installed / "python", "-c", "import midnet_bench as m; print(m.__file__)", folder=tmp_path)
+    assert Path(done.stdout.strip()).is_relative_to(installed.parent), done.stdout + done.stderr
+
+
+def test_every_campaign_is_there(installed: Path, tmp_path: Path) -> None:
+    done = run(installed / "midnet-bench", "campaigns", "--json", folder=tmp_path)
+    assert list(json.loads(done.stdout)) == sorted(
+        path.stem for path in (REPOSITORY / "campaigns").glob("*.yaml")
+    )
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "detection --frames 20",
+        "labyrinth --trials 1 --robots 1 --intruders 1",
+        "run readings -n",
+        "parameters labyrinth",
+        "map map1 --exact",
+    ],
+)
+def test_a_command_runs_in_an_empty_folder(line: str, installed: Path, tmp_path: Path) -> None:
+    done = run(installed / "midnet-bench", *line.split(), folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+
+
+def test_the_expected_numbers_of_smoke_are_there(installed: Path, tmp_path: Path) -> None:
+    code = (
+        "from pathlib import Path\n"
+        "from midnet_bench.workflows.shipped import shipped_folder\n"
+        "for name in ('smoke-detection', 'smoke-labyrinth'):\n"
+        "    print(*sorted(p.name for p in shipped_folder(f'golden/{name}', '').iterdir()))"
+    )
+    done = run(installed / "python", "-c", code, folder=tmp_path)
+    assert done.stdout.splitlines() == [
+        "platform.json robots.csv scores.csv",
+        "intruders.csv platform.json robots.csv trial.csv",
+    ], done.stderr
