@@ -198,6 +198,7 @@ def _run_packaged(
 def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
     from midnet_bench.campaign.definition import resolve
     from midnet_bench.campaign.runner import plan, run_campaign
+    from midnet_bench.cli.progress import CampaignProgress
     from midnet_bench.cli.reports import present
     from midnet_bench.experiments import registry
 
@@ -223,7 +224,7 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
         scheduler=chosen.scheduler,
         fresh=chosen.fresh,
         retry_failed=chosen.retry_failed,
-        progress=messages.campaign_progress(),
+        progress=CampaignProgress(),
     )
     present(directory, chosen.as_json)
     for note in outcome.notes:

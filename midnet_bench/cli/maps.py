@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,15 +18,6 @@ if TYPE_CHECKING:
 
 PARTICLES, SEED = 30, 1
 CLIP = "--clip/--no-clip"
-SET_BY_EXACT = (
-    "resolution_m",
-    "thresh_global",
-    "cost_scaling",
-    "inscribed_radius_m",
-    "inflation_radius_m",
-    "unknown_in_prior",
-)
-"""what an exact map and its binary grid depend on"""
 
 _ENDINGS = re.compile(r"(\.(yaml|yml|log|clf|carmen|txt|dat))?(\.gz)?$")
 
@@ -107,29 +97,14 @@ def _joined(values: "dict[str, Scalar]", settings: list[str]) -> "dict[str, Scal
 
 
 def _draw_exactly(arena: str, settings: list[str], output: Path, as_json: bool) -> None:
-    from midnet_bench.errors import InputError
-    from midnet_bench.experiments.detection.parameters import DetectionParameters
-    from midnet_bench.experiments.guarded.inputs import EXACT, arena_from, prior_map_from
-    from midnet_bench.workflows.map_files import MapFiles, write_configuration, write_map
+    from midnet_bench.workflows.map_files import write_exact_map
 
-    values = _joined({"arena": arena}, settings)
-    for name in values.keys() & DetectionParameters.defaults().keys() - {"arena", *SET_BY_EXACT}:
-        raise InputError(
-            f"--set {name}: changes nothing of an exact map; --set takes {', '.join(SET_BY_EXACT)}"
-        )
-    chosen = DetectionParameters.parse({"prior_map": EXACT, **values}, "command line")
-    place = arena_from(chosen.arena)
-    files = MapFiles.at(output)
-    used = {key: value for key, value in chosen.flat().items() if key in ("arena", *SET_BY_EXACT)}
-    configuration = {"map": EXACT, **used}
-    files.refuse_another(configuration)
-    grid = prior_map_from(EXACT, chosen.arena, chosen.resolution_m)
-    configured = write_configuration(files, configuration)
-    written = write_map(files, grid, f"{place.name}, drawn exactly", chosen)
-    _tell(grid, [*written, configured], [], as_json)
+    grid, files = write_exact_map(_joined({"arena": arena}, settings), output)
+    _tell(grid, files, [], as_json)
 
 
 def _map_log(path: Path, particles: int, seed: int, clip: bool, output: Path, as_json: bool) -> None:
+    from midnet_bench.cli.progress import meter
     from midnet_bench.errors import InputError
     from midnet_bench.io.scan_logs import read_scan_log
 
@@ -138,7 +113,15 @@ def _map_log(path: Path, particles: int, seed: int, clip: bool, output: Path, as
     from midnet_bench.workflows.log_map import write_log_map
 
     try:
-        made = write_log_map(log, particles, seed, output, clip, progress=_tell_scans)
+        with meter() as shown:
+            made = write_log_map(
+                log,
+                particles,
+                seed,
+                output,
+                clip,
+                progress=lambda done, scans: shown.show(done, scans, f"scan {done} of {scans}"),
+            )
     except MemoryError as error:
         raise InputError(
             f"{path}: a map of that size does not fit into memory; are odometry and ranges in metres?"
@@ -147,14 +130,22 @@ def _map_log(path: Path, particles: int, seed: int, clip: bool, output: Path, as
 
 
 def _explore(values: "dict[str, Scalar]", seed: int, clip: bool, output: Path, as_json: bool) -> None:
-    from midnet_bench.cli.progress import exploration_progress_on
+    from midnet_bench.cli.progress import meter
     from midnet_bench.cli.reports import show
     from midnet_bench.experiments.mapping.parameters import MappingParameters
     from midnet_bench.workflows.exploration import write_exploration
 
     parameters = MappingParameters.parse(values, "command line")
-    with exploration_progress_on(sys.stderr) as progress:
-        made = write_exploration(parameters, seed, output, clip, progress)
+    with meter(estimates=False) as shown:
+        made = write_exploration(
+            parameters,
+            seed,
+            output,
+            clip,
+            progress=lambda simulated_s, known: shown.show(
+                known, 1.0, f"{simulated_s:.0f} s simulated, {known:.1%} explored"
+            ),
+        )
     if not as_json:
         show([made.in_words()], as_json=False)
     _tell(made.exploration.grid, made.files, made.exploration.warnings, as_json, [made.scores])
@@ -189,8 +180,3 @@ def _tell(
     typer.echo(f"{grid.width} x {grid.height} cells of {grid.resolution:g} m")
     for file in files:
         typer.echo(file)
-
-
-def _tell_scans(done: int, scans: int) -> None:
-    if done % 100 == 0 or done == scans:
-        messages.log.info("scan %d of %d", done, scans)

@@ -7,13 +7,9 @@ Every module speaks through ``logging.getLogger("midnet_bench")``: ``debug`` wha
 import logging
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from midnet_bench import __version__
 from midnet_bench.errors import InputError
-
-if TYPE_CHECKING:
-    from midnet_bench.campaign.progress import Progress
 
 log = logging.getLogger("midnet_bench")
 
@@ -78,46 +74,3 @@ def tell_where(directory: Path) -> None:
     """The line that a command with results ends with."""
     files = sum(path.is_file() for path in directory.rglob("*"))
     log.info("results in %s (%d file%s)", directory, files, "" if files == 1 else "s")
-
-
-def campaign_progress() -> "Progress":
-    """Shows how a campaign goes as ``-q`` and ``-v`` ask for; the log file gets each trial in any case."""
-    from midnet_bench.campaign.progress import Progress, progress_on
-
-    # a bar that the lines of -v run through would be neither
-    return _logged(progress_on(sys.stderr) if level() == logging.INFO else Progress())
-
-
-def _logged(shown: "Progress") -> "Progress":
-    from midnet_bench.campaign.progress import Progress
-    from midnet_bench.campaign.worker import Outcome
-
-    class Logged(Progress):
-        """Hands everything on and keeps a line of it."""
-
-        def begin(self, total: int, done: int) -> None:
-            self._total, self._done = total, done
-            log.debug("%d trials, %d of them already stored", total, done)
-            shown.begin(total, done)
-
-        def advance(self, outcome: Outcome) -> None:
-            self._done += 1
-            how = "failed" if outcome.failure else "finished"
-            log.debug(
-                "trial %s %s after %.1f s (%d of %d)",
-                outcome.trial_id,
-                how,
-                outcome.wall_s,
-                self._done,
-                self._total,
-            )
-            shown.advance(outcome)
-
-        def note(self, text: str) -> None:
-            log.debug("%s", text)
-            shown.note(text)
-
-        def end(self) -> None:
-            shown.end()
-
-    return Logged()

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from midnet_bench.cli import completion, messages, options
+from midnet_bench.cli import completion, options
 from midnet_bench.cli.app import command
 
 ROBOTS = 5
@@ -50,6 +50,7 @@ def render(
     ] = None,
 ) -> None:
     """Draw one trial: the arena from above, each robot's grids A to D, the detections, and a film."""
+    from midnet_bench.cli.progress import meter
     from midnet_bench.errors import InputError
     from midnet_bench.experiments.registry import parameters_model
     from midnet_bench.workflows.render import render_trial
@@ -62,20 +63,16 @@ def render(
         if key not in known:
             raise InputError(f"render: --{key} does not go with '{experiment}', which has no such parameter")
     directory = output or options.RESULTS / f"render-{experiment}-{seed}"
-    files = render_trial(
-        experiment,
-        {**({"robots": ROBOTS} if "robots" in known else {}), **parameters, **given},
-        seed,
-        directory,
-        frame,
-        clip,
-        progress=_tell,
-        speed=speed,
-    )
+    with meter() as shown:
+        files = render_trial(
+            experiment,
+            {**({"robots": ROBOTS} if "robots" in known else {}), **parameters, **given},
+            seed,
+            directory,
+            frame,
+            clip,
+            progress=lambda done, most: shown.show(done, most, f"frame {done} of at most {most}"),
+            speed=speed,
+        )
     for file in files:
         typer.echo(file)
-
-
-def _tell(done: int, most: int) -> None:
-    if done % 250 == 0:
-        messages.log.info("frame %d of at most %d", done, most)

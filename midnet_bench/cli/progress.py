@@ -1,52 +1,163 @@
-"""How an exploration tells its user that it moves: a bar on a terminal, now and then a line elsewhere."""
+"""How a command shows that it moves: a bar on a terminal, elsewhere at most a line every ten seconds.
 
+``-q`` silences both; ``-v`` shows lines. Lines go to the log file in any case.
+"""
+
+import logging
+import os
+import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 from typing import TextIO
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from midnet_bench.campaign.progress import Progress
+from midnet_bench.campaign.worker import Outcome
+from midnet_bench.cli import messages
 
-from midnet_bench.campaign.progress import SECONDS_BETWEEN_LINES, may_animate
+SECONDS_BETWEEN_LINES = 10.0
 
-Tell = Callable[[float, float], None]
-"""Takes simulated seconds and the share of the free space that is known."""
+
+class Meter:
+    """Shows how far a piece of work has come, in lines; the last one is said in any case."""
+
+    def __init__(self, done: float = 0.0, estimates: bool = True) -> None:
+        """``done`` was there before. ``estimates``: whether to say how long the rest takes."""
+        self._done_before, self._estimates = done, estimates
+        self._start_s = self._said_s = time.monotonic()
+        self._unsaid = ""
+
+    def show(self, done: float, total: float, text: str) -> None:
+        """So much of so much is done; ``text`` says it in words."""
+        if done <= self._done_before:
+            return
+        now_s = time.monotonic()
+        elapsed_s = now_s - self._start_s
+        if not self._estimates:
+            self._unsaid = text
+        elif done >= total:
+            self._unsaid = f"{text}, took {_clock(elapsed_s)}"
+        else:
+            left_s = elapsed_s / (done - self._done_before) * (total - done)
+            self._unsaid = f"{text}, estimated {_clock(left_s)} left"
+        if now_s - self._said_s >= SECONDS_BETWEEN_LINES:
+            self._said_s = now_s
+            self._say()
+
+    def note(self, text: str) -> None:
+        """A line that the user should read."""
+        messages.log.info("%s", text)
+
+    def close(self) -> None:
+        """Nothing more will come."""
+        self._say()
+
+    def _say(self) -> None:
+        if self._unsaid:
+            messages.log.info("%s", self._unsaid)
+        self._unsaid = ""
+
+
+class Bar(Meter):
+    """A bar with the time that is left."""
+
+    def __init__(self, done: float = 0.0, estimates: bool = True) -> None:
+        """As :class:`Meter`."""
+        # rich takes a while to import, and a program that shows no bar has no use for it
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            Progress,
+            TaskProgressColumn,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
+
+        columns = [
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            TaskProgressColumn(),
+            TimeElapsedColumn(),
+        ]
+        if estimates:
+            columns += [TextColumn("eta"), TimeRemainingColumn()]
+        self._bar = Progress(*columns, console=Console(file=sys.stderr), speed_estimate_period=600.0)
+        self._task = self._bar.add_task("", total=None)
+        self._bar.start()
+
+    def show(self, done: float, total: float, text: str) -> None:
+        """See :class:`Meter`."""
+        self._bar.update(self._task, completed=done, total=total, description=text)
+
+    def note(self, text: str) -> None:
+        """See :class:`Meter`."""
+        self._bar.console.print(text, markup=False, highlight=False)
+        messages.log.debug("%s", text)
+
+    def close(self) -> None:
+        """See :class:`Meter`."""
+        self._bar.stop()
 
 
 @contextmanager
-def exploration_progress_on(stream: TextIO) -> Iterator[Tell]:
-    """What to call after each simulated second; a bar if ``stream`` may be animated, else lines."""
-    with _bar(stream) if may_animate(stream) else _lines(stream) as tell:
-        yield tell
+def meter(done: float = 0.0, estimates: bool = True) -> Iterator[Meter]:
+    """A bar if stderr may be animated and neither ``-q`` nor ``-v`` is given, else lines."""
+    opened = _open(done, estimates)
+    try:
+        yield opened
+    finally:
+        opened.close()
 
 
-@contextmanager
-def _lines(stream: TextIO) -> Iterator[Tell]:
-    """At most one line every ten seconds of real time, and the last."""
-    told_s = time.monotonic()
-    last = ""
+class CampaignProgress(Progress):
+    """A campaign's progress on a meter; the log file gets each trial."""
 
-    def tell(simulated_s: float, known: float) -> None:
-        nonlocal told_s, last
-        last = f"{simulated_s:.0f} s simulated, {known:.1%} explored"
-        if time.monotonic() - told_s >= SECONDS_BETWEEN_LINES:
-            told_s = time.monotonic()
-            print(last, file=stream, flush=True)
-            last = ""
+    _meter: Meter | None = None
 
-    yield tell
-    if last:
-        print(last, file=stream, flush=True)
+    def begin(self, total: int, done: int) -> None:
+        """See :class:`Progress`."""
+        self._total, self._done, self._failed = total, done, 0
+        self._meter = _open(done)
+        messages.log.debug("%d trials, %d of them already stored", total, done)
+        if done:
+            self._meter.note(f"{done} of {total} trials are already stored")
+        self._meter.show(done, total, self._words())
+
+    def advance(self, outcome: Outcome) -> None:
+        """See :class:`Progress`."""
+        assert self._meter is not None
+        self._done += 1
+        self._failed += outcome.failure is not None
+        how = "failed" if outcome.failure else "finished"
+        messages.log.debug("trial %s %s after %.1f s", outcome.trial_id, how, outcome.wall_s)
+        self._meter.show(self._done, self._total, self._words())
+
+    def note(self, text: str) -> None:
+        """See :class:`Progress`."""
+        (self._meter or Meter()).note(text)
+
+    def end(self) -> None:
+        """See :class:`Progress`."""
+        if self._meter is not None:
+            self._meter.close()
+            self._meter = None
+
+    def _words(self) -> str:
+        return f"{self._done}/{self._total} trials" + (f", {self._failed} failed" if self._failed else "")
 
 
-@contextmanager
-def _bar(stream: TextIO) -> Iterator[Tell]:
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(file=stream)) as bar:
-        task = bar.add_task("exploring", total=1.0)
+def may_animate(stream: TextIO) -> bool:
+    """Whether ``stream`` is a terminal, and neither NO_COLOR nor TERM=dumb asks for plain lines."""
+    return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
-        def tell(simulated_s: float, known: float) -> None:
-            bar.update(task, completed=known, description=f"exploring, {simulated_s:.0f} s simulated")
 
-        yield tell
+def _open(done: float = 0.0, estimates: bool = True) -> Meter:
+    # a bar that the lines of -v run through would be neither
+    as_bar = messages.level() == logging.INFO and may_animate(sys.stderr)
+    return Bar(done, estimates) if as_bar else Meter(done, estimates)
+
+
+def _clock(seconds: float) -> str:
+    return str(timedelta(seconds=round(seconds)))

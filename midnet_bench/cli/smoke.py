@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from midnet_bench.cli import messages, options
+from midnet_bench.cli import options
 from midnet_bench.cli.app import command
 
 TABLES = {
@@ -36,6 +36,7 @@ def smoke(
     On the platform that made the numbers every byte has to agree; elsewhere they have to be near.
     Exit code: 0 they agree, 1 they do not.
     """
+    from midnet_bench.cli.progress import CampaignProgress
     from midnet_bench.experiments.campaigns import run_campaign
     from midnet_bench.workflows.campaigns import load_campaign
     from midnet_bench.workflows.report import write_report
@@ -52,7 +53,7 @@ def smoke(
             directory,
             jobs=jobs,
             fresh=True,
-            progress=messages.campaign_progress(),
+            progress=CampaignProgress(),
         )
         write_report(directory)
         if outcome.failed:

@@ -8,17 +8,19 @@ from pathlib import Path
 from typing import Any
 
 from midnet_bench.campaign.provenance import Provenance, now_utc
+from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.experiments.guarded.detector_node import binary_prior
-from midnet_bench.experiments.guarded.inputs import EXACT
-from midnet_bench.experiments.guarded.parameters import GuardParameters
+from midnet_bench.experiments.guarded.inputs import EXACT, arena_from, prior_map_from
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import write_atomically
 from midnet_bench.io.map_server import save_binary_map, save_map
+from midnet_bench.workflows.prior_map import PRIOR_MAP_PARAMETERS, prior_map
 
 YAML_ENDINGS = (".yaml", ".yml")
 CONFIGURATION = "configuration.json"
+SET_BY_EXACT = ("resolution_m", *PRIOR_MAP_PARAMETERS)
+"""what an exact map and its binary grid depend on, beside the arena"""
 
 
 @dataclass(frozen=True)
@@ -77,19 +79,44 @@ class MapFiles:
         return self.map.with_name(f"{self.prefix}{name}")
 
 
-def write_map(
-    files: MapFiles, grid: OccupancyGrid, comment: str, parameters: GuardParameters | None = None
-) -> list[Path]:
+def write_map(files: MapFiles, grid: OccupancyGrid, comment: str, **parameters: Scalar) -> list[Path]:
     """Write a map (int8, map frame) and the binary grid that MIDNet subtracts of it; the two YAML files.
 
-    The binary grid is that of the detection test's defaults unless ``parameters`` are given.
+    ``parameters`` are those of ``prior_map`` that are not to have their default.
     """
-    if parameters is None:
-        fitting = {"prior_map": EXACT, "resolution_m": grid.resolution}
-        parameters = DetectionParameters.parse(fitting, str(files.map))
     save_map(grid, files.map, comment=comment)
-    save_binary_map(binary_prior(grid, parameters), files.binary)
+    save_binary_map(prior_map(grid, **parameters), files.binary)
     return [files.map, files.binary]
+
+
+def write_exact_map(settings: Mapping[str, Scalar], output: str | Path) -> tuple[OccupancyGrid, list[Path]]:
+    """Draw an arena's walls as a map, and write it with its binary grid and what it was made from.
+
+    Args:
+        settings: the ``arena``, and any of ``SET_BY_EXACT``.
+        output: where to, as ``MapFiles`` takes it; no other run's map may be there.
+
+    Returns:
+        The map, int8: 100 occupied, 0 free; and the files, the map first.
+
+    Raises:
+        InputError: a setting is wrong or changes nothing, or nothing can be written.
+        MidnetBenchError: there is no room.
+    """
+    for name in settings.keys() & DetectionParameters.defaults().keys() - {"arena", *SET_BY_EXACT}:
+        raise InputError(
+            f"--set {name}: changes nothing of an exact map; --set takes {', '.join(SET_BY_EXACT)}"
+        )
+    chosen = DetectionParameters.parse({"prior_map": EXACT, **settings}, "command line")
+    values = {key: value for key, value in chosen.flat().items() if key in ("arena", *SET_BY_EXACT)}
+    files = MapFiles.at(Path(output))
+    configuration = {"map": EXACT, **values}
+    files.refuse_another(configuration)
+    place = arena_from(chosen.arena)
+    grid = prior_map_from(EXACT, chosen.arena, chosen.resolution_m)
+    configured = write_configuration(files, configuration)
+    binary = {name: values[name] for name in PRIOR_MAP_PARAMETERS}
+    return grid, [*write_map(files, grid, f"{place.name}, drawn exactly", **binary), configured]
 
 
 def write_configuration(files: MapFiles, configuration: Mapping[str, Any]) -> Path:

@@ -4,9 +4,6 @@ import csv
 import io
 import json
 import math
-import os
-import pty
-import select
 import sys
 from pathlib import Path
 
@@ -14,9 +11,8 @@ import numpy as np
 import pytest
 
 import midnet_bench
-from midnet_bench.campaign import progress, provenance
+from midnet_bench.campaign import provenance
 from midnet_bench.campaign.export import csv_text
-from midnet_bench.campaign.progress import Lines, progress_on
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import InputError
@@ -50,59 +46,6 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"table\.csv/deeper\.csv: cannot be written: .*; its folder must"):
         write_atomically(path / "deeper.csv", "three")
     assert path.read_bytes() == b"two"
-
-
-def test_lines_are_few_and_end_with_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    now_s = 0.0
-    monkeypatch.setattr(progress.time, "monotonic", lambda: now_s)
-    stream = io.StringIO()
-    lines = Lines(stream)
-
-    lines.begin(total=100, done=20)
-    for k in range(80):
-        now_s += 1.0
-        lines.advance(BAD if k == 3 else GOOD)
-    lines.end()
-
-    said = stream.getvalue().splitlines()
-    assert said[0] == "20 of 100 trials are already stored"
-    assert said[1] == "30/100 trials, 1 failed, estimated 0:01:10 left"
-    assert said[-1] == "100/100 trials, 1 failed, took 0:01:20"
-    assert len(said) == 1 + 8
-
-
-@pytest.mark.parametrize(("variable", "value"), [("NO_COLOR", "1"), ("TERM", "dumb")])
-def test_a_terminal_that_wants_none_gets_no_bar(
-    monkeypatch: pytest.MonkeyPatch, variable: str, value: str
-) -> None:
-    assert isinstance(progress_on(io.StringIO()), Lines)
-    own, other = pty.openpty()
-    with os.fdopen(own, "rb"), os.fdopen(other, "w") as terminal:
-        monkeypatch.setenv("TERM", "xterm")
-        monkeypatch.delenv("NO_COLOR", raising=False)
-        assert not isinstance(progress_on(terminal), Lines)
-        monkeypatch.setenv(variable, value)
-        assert isinstance(progress_on(terminal), Lines)
-
-
-def test_the_bar_counts_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.delenv("NO_COLOR", raising=False)
-    own, other = pty.openpty()
-    with os.fdopen(own, "rb") as screen, os.fdopen(other, "w") as terminal:
-        bar = progress_on(terminal)
-        bar.begin(total=4, done=1)
-        bar.advance(GOOD)
-        bar.note("a [note]")
-        bar.advance(BAD)
-        bar.advance(GOOD)
-        bar.end()
-        terminal.flush()
-        shown = shown_until(b"4/4", screen.fileno())
-
-    assert "4/4" in shown
-    assert "trials (1 failed)" in shown
-    assert "a [note]" in shown
 
 
 def test_the_origin_is_json_without_paths_of_this_machine(tmp_path: Path) -> None:
@@ -146,11 +89,3 @@ def test_a_checkout_is_known_by_commit_and_an_installation_by_version_alone(
 
 def git(folder: Path, *arguments: str) -> None:
     provenance.subprocess.run(["git", "-C", str(folder), *arguments], check=True, capture_output=True)
-
-
-def shown_until(last: bytes, screen: int) -> str:
-    """What a terminal shows up to ``last``: it arrives in pieces, and on a busy machine not at once."""
-    shown = b""
-    while last not in shown and select.select([screen], [], [], 10.0)[0]:
-        shown += os.read(screen, 4096)
-    return shown.decode()

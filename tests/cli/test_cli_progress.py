@@ -1,0 +1,144 @@
+"""What a command shows of its progress: a bar on a terminal, lines elsewhere, nothing with ``-q``."""
+
+import os
+import pty
+import select
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from midnet_bench.campaign.worker import Outcome
+from midnet_bench.cli import messages, progress
+from midnet_bench.cli.progress import Bar, CampaignProgress, meter
+
+GOOD = Outcome("0" * 16, 1.0, 1.0, b"result")
+BAD = Outcome("1" * 16, 1.0, failure="ValueError: no")
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr(progress.time, "monotonic", clock.monotonic)
+    return clock
+
+
+@pytest.fixture(autouse=True)
+def _messages() -> Iterator[None]:
+    messages.set_up()
+    yield
+    messages.shut_down()
+
+
+def run_campaign(clock: Clock) -> None:
+    lines = CampaignProgress()
+    lines.begin(total=100, done=20)
+    for k in range(80):
+        clock.now_s += 1.0
+        lines.advance(BAD if k == 3 else GOOD)
+    lines.end()
+
+
+def test_lines_are_few_and_end_with_the_whole(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
+    run_campaign(clock)
+    said = capsys.readouterr().err.splitlines()
+    assert said[0] == "20 of 100 trials are already stored"
+    assert said[1] == "30/100 trials, 1 failed, estimated 0:01:10 left"
+    assert said[-1] == "100/100 trials, 1 failed, took 0:01:20"
+    assert len(said) == 1 + 8
+
+
+def test_a_campaign_that_is_complete_says_so_once(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = CampaignProgress()
+    lines.note("before it begins")
+    lines.begin(total=20, done=20)
+    lines.end()
+    assert capsys.readouterr().err.splitlines() == ["before it begins", "20 of 20 trials are already stored"]
+
+
+def test_work_without_an_estimate_says_its_last_line(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with meter(estimates=False) as shown:
+        for second in range(1, 26):
+            clock.now_s += 1.0
+            shown.show(second / 50.0, 1.0, f"{second} s simulated")
+    assert capsys.readouterr().err.splitlines() == ["10 s simulated", "20 s simulated", "25 s simulated"]
+
+
+def test_quiet_leaves_the_lines_to_the_log_file(
+    clock: Clock, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    messages.set_up(quiet=True, log_file=tmp_path / "log.txt")
+    run_campaign(clock)
+    messages.shut_down()
+    assert capsys.readouterr().err == ""
+    log = (tmp_path / "log.txt").read_text()
+    assert log.count("finished after 1.0 s") == 79
+    assert f"trial {BAD.trial_id} failed" in log
+    assert "100/100 trials, 1 failed, took 0:01:20" in log
+
+
+@contextmanager
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """stderr is a terminal; what is given is its other end."""
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    own, other = pty.openpty()
+    with os.fdopen(own, "rb") as screen, os.fdopen(other, "w") as stream:
+        # here and not in a fixture: between those and the test, pytest puts its own stderr back
+        monkeypatch.setattr(sys, "stderr", stream)
+        yield screen.fileno()
+        monkeypatch.undo()
+
+
+def shown_until(last: bytes, screen: int) -> str:
+    """What a terminal shows up to ``last``: it arrives in pieces, and on a busy machine not at once."""
+    sys.stderr.flush()
+    shown = b""
+    while last not in shown and select.select([screen], [], [], 10.0)[0]:
+        shown += os.read(screen, 4096)
+    return shown.decode()
+
+
+@pytest.mark.parametrize(("variable", "value"), [("NO_COLOR", "1"), ("TERM", "dumb")])
+def test_a_terminal_that_wants_none_gets_no_bar(
+    monkeypatch: pytest.MonkeyPatch, variable: str, value: str
+) -> None:
+    with terminal(monkeypatch):
+        with meter() as shown:
+            assert isinstance(shown, Bar)
+        monkeypatch.setenv(variable, value)
+        with meter() as shown:
+            assert not isinstance(shown, Bar)
+
+
+def test_the_bar_counts_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    with terminal(monkeypatch) as screen:
+        bar = CampaignProgress()
+        bar.begin(total=4, done=1)
+        bar.advance(GOOD)
+        bar.note("a [note]")
+        bar.advance(BAD)
+        bar.advance(GOOD)
+        bar.end()
+        shown = shown_until(b"4/4", screen)
+    assert "4/4 trials, 1 failed" in shown
+    assert "a [note]" in shown
+    assert "1 of 4 trials are already stored" in shown
+
+
+def test_verbose_shows_lines_on_a_terminal_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    messages.set_up(verbose=True)
+    with terminal(monkeypatch), meter() as shown:
+        assert not isinstance(shown, Bar)
