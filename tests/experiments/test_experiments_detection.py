@@ -1,5 +1,6 @@
 import json
 import math
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,9 @@ from midnet_bench.io.map_server import save_map
 from midnet_bench.navigation.settings import TrajectoryRolloutSettings
 
 
+@cache
 def detection(seed: int = 3, **changes: object) -> TrialResult:
+    """A short trial; the same one again is not simulated anew."""
     return run_detection(DetectionParameters.of(**{"robots": 2, "frames": 25, **changes}), seed)
 
 
@@ -29,7 +32,7 @@ def as_bytes(result: TrialResult) -> bytes:
 
 
 def test_the_seed_decides_every_byte() -> None:
-    assert as_bytes(detection(seed=3)) == as_bytes(detection(seed=3))
+    assert as_bytes(detection.__wrapped__(seed=3)) == as_bytes(detection(seed=3))
     assert as_bytes(detection(seed=3)) != as_bytes(detection(seed=4))
 
 
@@ -81,16 +84,18 @@ def test_how_an_intruder_is_scored_does_not_change_who_is_in_range() -> None:
     assert in_range(truth_box="inflated") == in_range()
 
 
-def test_an_arena_without_intruders_has_no_detection() -> None:
-    scores = detection(arena="empty", robots=1, frames=1999).tables["scores"][0]
+@pytest.mark.parametrize("frames", [200, pytest.param(1999, marks=pytest.mark.slow)])
+def test_an_arena_without_intruders_has_no_detection(frames: int) -> None:
+    scores = detection(arena="empty", robots=1, frames=frames).tables["scores"][0]
     assert scores["tp"] == scores["fp"] == scores["fn"] == 0
     assert math.isnan(float(scores["recall"]))
 
 
-def test_guards_alone_leave_ghosts_of_each_other_and_a_single_scan_has_none() -> None:
+@pytest.mark.parametrize("frames", [50, pytest.param(200, marks=pytest.mark.slow)])
+def test_guards_alone_leave_ghosts_of_each_other_and_a_single_scan_has_none(frames: int) -> None:
     # costmap_2d keeps what an ally leaves behind until a beam passes; the reason is in results/README.md
-    ghosts = detection(arena="empty", robots=5, frames=200).tables["scores"][0]
-    without = detection(arena="empty", robots=5, frames=200, local_map="single_scan").tables["scores"][0]
+    ghosts = detection(arena="empty", robots=5, frames=frames).tables["scores"][0]
+    without = detection(arena="empty", robots=5, frames=frames, local_map="single_scan").tables["scores"][0]
     assert without["fp"] <= 2
     assert without["fp"] <= ghosts["fp"] <= 40
 

@@ -89,6 +89,7 @@ def test_the_labyrinth_is_repeatable_and_its_cells_share_their_worlds() -> None:
     assert min(straight[0]) >= 12.0
 
 
+@pytest.mark.slow
 def test_a_fleeing_intruder_keeps_away_longer() -> None:
     still = run_labyrinth(corridor(evasion="none"), 2).tables["trial"][0]
     fleeing = run_labyrinth(corridor(evasion="flee", flee_radius_m=2.5), 2).tables["trial"][0]

@@ -33,6 +33,7 @@ def worst_late_error_m(**changes):
     return max(errors_m[200:])
 
 
+@pytest.mark.slow
 def test_the_prior_map_takes_the_drift_out_of_a_guards_pose():
     drifting = worst_late_error_m(localization="ukf")
     held = worst_late_error_m(localization="ukf+map")
@@ -41,7 +42,7 @@ def test_the_prior_map_takes_the_drift_out_of_a_guards_pose():
     assert held < drifting / 3.0
 
 
-@pytest.mark.parametrize("odometry", ["encoder", "world"])
+@pytest.mark.parametrize("odometry", ["encoder", pytest.param("world", marks=pytest.mark.slow)])
 def test_the_seed_decides_every_byte_with_scan_matching_too(odometry):
     def tables(seed):
         parameters = DetectionParameters.of(
