@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from midnet_bench.analysis.frames import data_frames as results
+    from midnet_bench.analysis.frames import load_results as results
     from midnet_bench.errors import InputError, MidnetBenchError
     from midnet_bench.experiments.campaigns import run_campaign
     from midnet_bench.experiments.experiment import Experiment
@@ -40,7 +40,7 @@ _HOMES = {
     "load_campaign": "midnet_bench.workflows.campaigns:load_campaign",
     "load_map": "midnet_bench.io.map_server:load_map",
     "prior_map": "midnet_bench.workflows.prior_map:prior_map",
-    "results": "midnet_bench.analysis.frames:data_frames",
+    "results": "midnet_bench.analysis.frames:load_results",
     "run_campaign": "midnet_bench.experiments.campaigns:run_campaign",
     "simulate": "midnet_bench.workflows.simulate:simulate",
 }

@@ -43,8 +43,6 @@ KNOWN: set[str] = {
     "campaign.runner -> experiments.registry",
     "campaign.spec -> experiments.registry",
     "io.scan_logs -> mapping.gmapping.motion_model",
-    "experiments.labyrinth.figures -> experiments.labyrinth.tables",
-    "experiments.mapping.figures -> experiments.mapping.tables",
 }
 """arrows that are still to be turned"""
 

@@ -1,29 +1,44 @@
-"""``Table``: rows for people and for programs, as CSV, Markdown, LaTeX, or on a terminal."""
+"""``Table``: typed rows, for programs as CSV and JSON, for people as Markdown, LaTeX, or on a terminal."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from tabulate import tabulate  # type: ignore[import-untyped]
+
+from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.campaign.export import csv_text
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.io.files import write_atomically
 
+JSON_SCHEMA = 1
+"""of what ``--json`` prints; raised when a key changes its meaning or goes"""
 NOT_DEFINED = "n/a"
+
+Cell = Scalar | Estimate | np.generic
+"""A number, a text, or an estimate with its interval; NaN is not defined, None does not apply."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under named columns; a number that is not defined is NaN."""
+    """Rows under named columns."""
 
+    name: str
+    """stable: the key in JSON and the stem of the files"""
     title: str
-    rows: Sequence[Row]
-    digits: dict[str, int] = field(default_factory=dict)
-    """digits after the point by column, for every form but CSV; 3 unless given"""
+    """for people"""
+    rows: Sequence[Mapping[str, Cell]]
+    digits: Mapping[str, int] = field(default_factory=dict)
+    """digits after the point by column, in the forms for people; 3 unless given"""
+    bounds: Mapping[str, tuple[str, str, str]] = field(default_factory=dict)
+    """CSV columns of an estimate's low end, high end and n; ``x_low``, ``x_high``, ``x_n`` unless given"""
 
     @property
     def columns(self) -> list[str]:
-        """Names in order of first appearance."""
+        """Names in order of first appearance, an estimate being one column."""
         return list(dict.fromkeys(name for row in self.rows for name in row))
 
     def cells(self) -> list[list[str]]:
@@ -32,43 +47,90 @@ class Table:
             [self._text(name, row[name]) if name in row else "" for name in self.columns] for row in self.rows
         ]
 
+    def flat_rows(self) -> list[Row]:
+        """The rows with plain cells, as in the CSV: an estimate takes four columns."""
+        return [
+            {key: value for name, cell in row.items() for key, value in self._flat(name, cell)}
+            for row in self.rows
+        ]
+
     def to_csv(self) -> str:
         """Every digit of every number; an undefined one is an empty cell."""
-        return csv_text(self.rows)
+        return csv_text(self.flat_rows())
 
     def to_markdown(self) -> str:
         """A pipe table, numbers to the right."""
-        right = {
-            name for name in self.columns if not any(isinstance(row.get(name), str) for row in self.rows)
-        }
-        lines = [self.columns, ["---:" if name in right else "---" for name in self.columns], *self.cells()]
         # a bar in a cell would begin another one
-        escaped = [[cell.replace("|", "\\|") for cell in line] for line in lines]
-        return "".join(f"| {' | '.join(line)} |\n" for line in escaped)
+        cells = [[cell.replace("|", "\\|") for cell in line] for line in [self.columns, *self.cells()]]
+        return self._tabulated(cells, "pipe") if self.rows else ""
 
     def to_latex(self) -> str:
-        """A tabular for booktabs."""
-        lines = [" & ".join(map(_latex, line)) + r" \\" for line in [self.columns, *self.cells()]]
-        body = [lines[0], r"\midrule", *lines[1:]]
-        spec = "l" + "r" * (len(self.columns) - 1)
-        return "\n".join(
-            [rf"\begin{{tabular}}{{{spec}}}", r"\toprule", *body, r"\bottomrule", r"\end{tabular}", ""]
-        )
+        """A tabular that needs the package booktabs; estimates with their intervals."""
+        return self._tabulated([self.columns, *self.cells()], "latex_booktabs") if self.rows else ""
 
-    def write(self, stem: Path) -> list[Path]:
-        """Write ``stem``.csv, .md and .tex; their paths."""
+    def to_json(self) -> list[dict[str, Any]]:
+        """The rows, ready for JSON: an estimate is ``{"value", "low", "high", "n"}``, undefined is None."""
+        return [{name: _json(cell) for name, cell in row.items()} for row in self.rows]
+
+    def write(self, directory: Path, stem: str | None = None) -> list[Path]:
+        """Write ``stem``.csv, .md and .tex into ``directory``; their paths.
+
+        Args:
+            directory: made if it is not there.
+            stem: ``name`` unless given.
+
+
+        Raises:
+            InputError: the folder cannot be written.
+            MidnetBenchError: there is no room.
+        """
         forms = {".csv": self.to_csv(), ".md": self.to_markdown(), ".tex": self.to_latex()}
         for ending, text in forms.items():
-            write_atomically(stem.with_suffix(ending), text)
-        return [stem.with_suffix(ending) for ending in forms]
+            write_atomically(directory / f"{stem or self.name}{ending}", text)
+        return [directory / f"{stem or self.name}{ending}" for ending in forms]
 
-    def _text(self, name: str, value: Scalar) -> str:
-        if value is None or (isinstance(value, float) and math.isnan(value)):
+    def _flat(self, name: str, cell: Cell) -> list[tuple[str, Scalar]]:
+        if not isinstance(cell, Estimate):
+            return [(name, _scalar(cell))]
+        low, high, n = self.bounds.get(name, (f"{name}_low", f"{name}_high", f"{name}_n"))
+        return [(name, float(cell.value)), (low, float(cell.low)), (high, float(cell.high)), (n, cell.n)]
+
+    def _tabulated(self, lines: list[list[str]], form: str) -> str:
+        texts = {name for name in self.columns for row in self.rows if isinstance(row.get(name), str)}
+        align = ["left" if name in texts else "right" for name in self.columns]
+        text = tabulate(lines[1:], lines[0], form, disable_numparse=True, colalign=align)
+        return f"{text}\n"
+
+    def _text(self, name: str, cell: Cell) -> str:
+        digits = self.digits.get(name, 3)
+        if isinstance(cell, Estimate):
+            value, low, high = (self._text(name, one) for one in cell[:3])
+            return value if NOT_DEFINED in (value, low, high) else f"{value} [{low}, {high}]"
+        scalar = _scalar(cell)
+        if scalar is None:
+            return ""
+        if isinstance(scalar, float) and math.isnan(scalar):
             return NOT_DEFINED
-        return f"{value:.{self.digits.get(name, 3)}f}" if isinstance(value, float) else str(value)
+        return f"{scalar:.{digits}f}" if isinstance(scalar, float) else str(scalar)
 
 
-def _latex(text: str) -> str:
-    for character in "&%$#_{}":
-        text = text.replace(character, "\\" + character)
-    return text
+def to_json(experiment: str | None, tables: Iterable[Table], **more: Any) -> dict[str, Any]:
+    """What ``--json`` prints: the schema, the experiment, the tables by name; ``more`` beside them."""
+    return {
+        "schema": JSON_SCHEMA,
+        "experiment": experiment,
+        "tables": {table.name: table.to_json() for table in tables},
+        **more,
+    }
+
+
+def _scalar(cell: Scalar | np.generic) -> Scalar:
+    """A cell of a data frame as Python's own type, which ``repr`` writes as plain digits."""
+    return cell.item() if isinstance(cell, np.generic) else cell
+
+
+def _json(cell: Cell) -> Any:
+    if isinstance(cell, Estimate):
+        return {name: _json(value) for name, value in cell._asdict().items()}
+    value = _scalar(cell)
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -20,6 +20,22 @@ def export_csv(store: Store, directory: Path) -> list[Path]:
     factors of the grid and the seed. ``timing.csv`` keeps wall times apart, because no two runs agree
     on them. ``failures.csv`` names the trials that failed; it is there only if some did.
     """
+    tables = tables_of(store)
+    written = []
+    for name, rows in tables.items():
+        written.append(directory / f"{name}.csv")
+        write_atomically(written[-1], csv_text(rows))
+    if FAILURES not in tables:
+        (directory / f"{FAILURES}.csv").unlink(missing_ok=True)
+    return written
+
+
+def tables_of(store: Store) -> dict[str, list[Row]]:
+    """The rows of all trials by table, as :func:`export_csv` writes them.
+
+    Raises:
+        InputError: a trial is damaged.
+    """
     definition = store.definition
     tables: dict[str, list[Row]] = {TIMING: []}
     for trial in store.trials():
@@ -39,13 +55,7 @@ def export_csv(store: Store, directory: Path) -> list[Path]:
         else:
             for name, rows in trial.tables.items():
                 tables.setdefault(name, []).extend({**place, **row} for row in rows)
-    written = []
-    for name, rows in tables.items():
-        written.append(directory / f"{name}.csv")
-        write_atomically(written[-1], csv_text(rows))
-    if FAILURES not in tables:
-        (directory / f"{FAILURES}.csv").unlink(missing_ok=True)
-    return written
+    return tables
 
 
 def csv_text(rows: Iterable[Row]) -> str:
@@ -58,11 +68,12 @@ def csv_text(rows: Iterable[Row]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([_cell(row.get(column)) for column in columns] for row in rows)
+    writer.writerows([cell_text(row.get(column)) for column in columns] for row in rows)
     return text.getvalue()
 
 
-def _cell(value: Scalar) -> str:
+def cell_text(value: Scalar) -> str:
+    """A value as :func:`csv_text` writes it, without quotes."""
     if value is None or value != value:
         return ""
     return repr(value) if isinstance(value, float) else str(value)

@@ -214,7 +214,7 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
             retry_failed=chosen.retry_failed,
             fresh=chosen.fresh,
         )
-        _tell_plan(ahead, directory, chosen.as_json)
+        _tell_plan(campaign.experiment, ahead, directory, chosen.as_json)
         return
     outcome = run_campaign(
         resolved,
@@ -235,10 +235,12 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
         raise typer.Exit(_tell_of_failures(outcome, directory / "failures.csv"))
 
 
-def _tell_plan(ahead: "Plan", directory: Path, as_json: bool) -> None:
+def _tell_plan(experiment: str, ahead: "Plan", directory: Path, as_json: bool) -> None:
     if as_json:
-        document = {"schema": 1, "directory": str(directory), **dataclasses.asdict(ahead)}
-        typer.echo(json.dumps(document, indent=1))
+        from midnet_bench.analysis.tables import Table, to_json
+
+        table = Table("plan", "What would run", [dataclasses.asdict(ahead)])
+        typer.echo(json.dumps(to_json(experiment, [table], directory=str(directory)), indent=1))
         return
     basis = (
         f"from {_counted(ahead.measured_on, 'finished trial')}"

@@ -147,7 +147,7 @@ def _explore(values: "dict[str, Scalar]", seed: int, clip: bool, output: Path, a
             ),
         )
     if not as_json:
-        show([made.in_words()], as_json=False)
+        show(None, [made.in_words()], as_json=False)
     _tell(made.exploration.grid, made.files, made.exploration.warnings, as_json, [made.scores])
 
 
@@ -167,15 +167,17 @@ def _tell(
     for warning in warnings:
         messages.log.warning("warning: %s", warning)
     if as_json:
-        from midnet_bench.cli.reports import json_of
+        from midnet_bench.analysis.tables import to_json
 
-        made = {
-            "cells": [grid.width, grid.height],
-            "resolution_m": grid.resolution,
-            "files": [str(file) for file in files],
-            "warnings": warnings,
-        }
-        typer.echo(json.dumps({**json_of(tables), **made}, indent=1, allow_nan=False))
+        made = to_json(
+            "mapping" if tables else None,
+            tables,
+            cells=[grid.width, grid.height],
+            resolution_m=grid.resolution,
+            files=[str(file) for file in files],
+            warnings=warnings,
+        )
+        typer.echo(json.dumps(made, indent=1, allow_nan=False))
         return
     typer.echo(f"{grid.width} x {grid.height} cells of {grid.resolution:g} m")
     for file in files:

@@ -1,9 +1,7 @@
-"""The commands that read a campaign's results: ``report``, ``verify``, ``power``, ``compare``."""
+"""The commands that read a campaign's results: ``report``, ``plot``, ``verify``, ``power``, ``compare``."""
 
 import json
-import math
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +12,6 @@ from midnet_bench.cli.app import command
 
 if TYPE_CHECKING:
     from midnet_bench.analysis.tables import Table
-    from midnet_bench.campaign.trial import Row
 
 PIPE_WIDTH = 200
 
@@ -58,16 +55,33 @@ def report(directory: Directory, as_json: options.Json = False) -> None:
         messages.tell_where(directory)
 
 
+@command("Results", example="midnet-bench plot results/labyrinth -o figures")
+def plot(
+    directory: Directory,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder for the figures [default: the campaign's]."
+        ),
+    ] = None,
+) -> None:
+    """Draw a campaign's figures as PNG and SVG from the stored trials, without simulating."""
+    from midnet_bench.workflows.report import plot as draw
+
+    for file in draw(directory, output):
+        typer.echo(file)
+
+
 @command("Results", example="midnet-bench verify results/labyrinth")
 def verify(directory: Directory, as_json: options.Json = False) -> None:
     """Check each claim of the paper against your results.
 
-    Exit code: 0 all claims are reproduced, 3 some are inconclusive, 4 some are contradicted.
+    Exit code: 0 all claims are reproduced, 3 some are inconclusive, 4 some are not reproduced.
     """
-    from midnet_bench.workflows.verify import verify as hold_against_paper
+    from midnet_bench.workflows.verify import verify as check_claims
 
-    table, code = hold_against_paper(directory)
-    show([table], as_json)
+    name, table, code = check_claims(directory)
+    show(name, [table], as_json)
     raise typer.Exit(code)
 
 
@@ -87,12 +101,10 @@ def power(
     as_json: options.Json = False,
 ) -> None:
     """Estimate how many trials you need to detect a given change of the labyrinth's success rate."""
-    from midnet_bench.errors import InputError
-    from midnet_bench.experiments.labyrinth.power import power_report
+    from midnet_bench.workflows.verify import power_report
 
-    if robots[0] == robots[1]:
-        raise InputError(f"--robots {robots[0]} {robots[1]}: give two different team sizes")
-    show([power_report(directory, difference, robots, probability)], as_json)
+    name, table = power_report(directory, difference, robots, probability)
+    show(name, [table], as_json)
 
 
 @command("Results", example="midnet-bench compare results/one results/other -o results/comparison")
@@ -100,7 +112,7 @@ def compare(
     directories: Annotated[
         list[Path],
         typer.Argument(
-            help="Two or more folders of detection or of labyrinth campaigns.",
+            help="Two or more folders of campaigns of one experiment.",
             callback=_campaigns_folders,
             autocompletion=completion.results,
         ),
@@ -111,46 +123,34 @@ def compare(
     ] = None,
     as_json: options.Json = False,
 ) -> None:
-    """Compare campaigns on the seeds they share: difference and 95 % interval for each score."""
-    from midnet_bench.workflows.compare import write_comparison
+    """Compare campaigns on the seeds they share: each score's difference, and the settings that differ."""
+    from midnet_bench.workflows.compare import compare as compare_campaigns
 
-    show(write_comparison(directories, output or Path("results/comparison")), as_json)
+    show(*compare_campaigns(directories, output), as_json)
     if output is not None and not as_json:
         messages.tell_where(output)
 
 
 def present(directory: Path, as_json: bool) -> bool:
-    """Write a campaign's CSV files, tables and figures, and print the tables; whether there was any row."""
-    from midnet_bench.workflows.report import write_report
+    """Write a campaign's CSV files, tables and figures, and print the tables; whether any trial finished."""
+    from midnet_bench.workflows.report import printed, write_report
 
-    tables = write_report(directory)
-    has_rows = any(table.rows for table in tables)
-    if has_rows or as_json:
-        show(tables, as_json)
-    return has_rows
+    results, tables = write_report(directory)
+    name = results.definition.experiment
+    if results.finished or as_json:
+        show(name, tables if as_json else printed(name, tables), as_json)
+    return results.finished > 0
 
 
-def show(tables: "list[Table]", as_json: bool) -> None:
-    """Print tables for people, or as JSON."""
+def show(experiment: str | None, tables: "list[Table]", as_json: bool) -> None:
+    """Print tables for people, or as one JSON document."""
     if as_json:
-        typer.echo(json.dumps(json_of(tables), indent=1, allow_nan=False))
+        from midnet_bench.analysis.tables import to_json
+
+        typer.echo(json.dumps(to_json(experiment, tables), indent=1, allow_nan=False))
         return
     for table in tables:
         _print(table)
-
-
-def json_of(tables: "Iterable[Table]") -> "dict[str, list[Row]]":
-    """The tables' rows by title, ready for JSON, where a number that is not defined is null."""
-    return {
-        table.title: [
-            {
-                name: None if isinstance(value, float) and not math.isfinite(value) else value
-                for name, value in row.items()
-            }
-            for row in table.rows
-        ]
-        for table in tables
-    }
 
 
 def _print(table: "Table") -> None:

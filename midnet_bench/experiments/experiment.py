@@ -5,18 +5,31 @@ An experiment of your own is a Python file with such a record in it. A campaign 
 by an entry point of the group ``midnet_bench.experiments``.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from midnet_bench.plugins import load_reference
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from midnet_bench.analysis.claims import Finding
+    from midnet_bench.analysis.frames import Results
+    from midnet_bench.analysis.tables import Table
     from midnet_bench.campaign.trial import TrialResult
     from midnet_bench.io.parameters import Parameters
 
 Measures = Mapping[tuple[str, str], Mapping[int, float]]
 """(cell, measure) -> its value at each seed"""
+
+
+def _nothing(results: object) -> "Sequence[Any]":
+    return ()
+
+
+def _no_figures(results: object) -> "Mapping[str, Figure]":
+    return {}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +47,22 @@ class Experiment:
     """the class of its parameters, a subclass of ``io.parameters.Parameters``; or a reference to it"""
     run: "Callable[[Any, int], TrialResult]"
     """(parameters, seed) -> the tables of one trial: a pure function, no file, no clock, no global state"""
+    tables: "Callable[[Results], Sequence[Table]]" = _nothing
+    """what ``report`` writes, prints (unless ``printed`` says otherwise) and gives as JSON"""
+    printed: tuple[str, ...] = ()
+    """names of the tables that a terminal shows; all unless given"""
+    figures: "Callable[[Results], Mapping[str, Figure]]" = _no_figures
+    """stem of its files -> a matplotlib figure"""
+    claims: "Callable[[Results], Sequence[Finding]]" = _nothing
+    """what a paper states, checked against the results, for ``verify``"""
+    measures: "Callable[[Results], Measures] | None" = None
+    """the main scores, for ``compare``"""
+    comparison_tables: "Callable[[Mapping[str, Results]], Sequence[Table]]" = _nothing
+    """tables of several campaigns side by side, by the campaigns' names"""
+    comparison_figures: "Callable[[Mapping[str, Results]], Mapping[str, Figure]]" = _no_figures
+    """figures of several campaigns side by side"""
+    power: "Callable[[Results, float, tuple[int, int], float], Table] | None" = None
+    """(results, difference, team sizes, power) -> the sample sizes that show that difference"""
     trial: Callable[..., Any] | None = None
     """(parameters, seed) -> a context manager with ``frames(explain)`` for ``simulate``; else None"""
     demo: Callable[..., Any] | None = None

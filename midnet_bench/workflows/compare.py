@@ -2,59 +2,67 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 
+from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.statistics import paired_difference
-from midnet_bench.analysis.tables import Table
-from midnet_bench.campaign.store import FILE_NAME, Store, open_store
-from midnet_bench.campaign.trial import Row
+from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.campaign.definition import Definition
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.detection.tables import SCORES, cells_of
-from midnet_bench.experiments.labyrinth.tables import write_labyrinth_comparison
-from midnet_bench.experiments.labyrinth.trials import number, rates_by_seed, team_sizes, variants_of
+from midnet_bench.experiments.experiment import Measures
+from midnet_bench.experiments.registry import experiment
 from midnet_bench.rng import stream
+from midnet_bench.workflows.report import write_figures_of
 
-COLUMNS = ("trial", "measure", "difference", "low", "high", "seeds")
-"""of a table of differences, beside one for each campaign's means"""
+COLUMNS = ("trial", "measure", "difference", "low", "high", "n", "seeds", "setting")
+"""of the tables, beside one for each campaign"""
+MAX_SHOWN = 60
+"""characters of a setting's value: an arena taken in from a file is long"""
 
-Measures = Mapping[tuple[str, str], Mapping[int, float]]
-"""(cell, measure) -> its value at each seed"""
 
+def compare(directories: Sequence[str | Path], output: str | Path | None = None) -> tuple[str, list[Table]]:
+    """Two or more campaigns of one experiment, on the seeds that they share with the first.
 
-def write_comparison(directories: Sequence[Path], output: Path) -> list[Table]:
-    """Several campaigns of one experiment in one table of differences; labyrinths in one figure too.
+    Args:
+        directories: of the campaigns.
+        output: a folder for the tables and figures; nothing is written unless it is given.
+
+    Returns:
+        The experiment's name, and its tables: those that the experiment adds, ``differences`` (of the main
+        scores) and ``settings`` (which ones differ).
 
     Raises:
-        InputError: they are not of one experiment, it has no comparison, one folder is given twice, or a
+        InputError: they are not of one experiment, it has no main scores, one folder is given twice, or a
             campaign has no seed in common with the first.
     """
-    names = names_of(directories)
-    with ExitStack() as opened:
-        stores = {
-            name: opened.enter_context(open_store(directory / FILE_NAME))
-            for name, directory in zip(names, directories, strict=True)
-        }
-        kinds = {store.definition.experiment for store in stores.values()}
-        if kinds not in ({"detection"}, {"labyrinth"}):
-            named = " and ".join(sorted(kinds))
-            raise InputError(f"compare: detection or labyrinth campaigns only, of one kind, not {named}")
-        measure = _scores if kinds == {"detection"} else _success_rates
-        differences = differences_table({name: measure(store) for name, store in stores.items()})
+    names = names_of([Path(directory) for directory in directories])
+    campaigns = {name: load_results(path) for name, path in zip(names, directories, strict=True)}
+    kinds = sorted({results.definition.experiment for results in campaigns.values()})
+    record = experiment(kinds[0])
+    if len(kinds) > 1 or record.measures is None:
+        raise InputError(
+            "compare: give campaigns of one experiment that has main scores, such as detection or labyrinth, "
+            f"not {' and '.join(kinds)}"
+        )
+    measured = {name: record.measures(results) for name, results in campaigns.items()}
+    differences = differences_table(measured)
     for name in names[1:]:
         if not any(name in row for row in differences.rows):
             raise InputError(
                 f"compare: {names[0]} and {name} have no finished trials with a cell and a seed in common"
             )
-    differences.write(output / "differences")
-    both = write_labyrinth_comparison(directories, output, names) if kinds == {"labyrinth"} else []
-    return [*both, differences]
+    tables = [*record.comparison_tables(campaigns), differences, settings_table(campaigns)]
+    if output is not None:
+        for table in tables:
+            table.write(Path(output))
+        write_figures_of(campaigns, Path(output))
+    return kinds[0], tables
 
 
 def names_of(directories: Sequence[Path]) -> list[str]:
     """What to call the folders: the shortest ends of their paths that tell them apart.
 
-    None is called as a column of the table. Raises InputError for fewer than two folders, or one given twice.
+    None is called as a column of a table. Raises InputError for fewer than two folders, or one given twice.
     """
     # absolute, but not through links: a link's own name is what its owner calls the campaign
     parts = [Path(os.path.abspath(directory)).parts for directory in directories]
@@ -71,7 +79,7 @@ def differences_table(campaigns: Mapping[str, Measures]) -> Table:
     Over the seeds that both have; the interval is the bootstrap's over seeds, both values of a seed together.
     """
     (first_name, first), *others = campaigns.items()
-    rows: list[Row] = []
+    rows: list[Mapping[str, Cell]] = []
     for name, other in others:
         for (cell, measure), values in first.items():
             seeds = [seed for seed in values if seed in other.get((cell, measure), {})]
@@ -86,29 +94,31 @@ def differences_table(campaigns: Mapping[str, Measures]) -> Table:
                     "measure": measure,
                     first_name: sum(before) / len(before),
                     name: sum(after) / len(after),
-                    "difference": change.value,
-                    "low": change.low,
-                    "high": change.high,
+                    "difference": change,
                     "seeds": len(seeds),
                 }
             )
-    return Table(f"Differences from {first_name} on the same seeds (95 % intervals)", rows)
+    title = f"Differences from {first_name} on the same seeds (95 % intervals)"
+    return Table("differences", title, rows, bounds={"difference": ("low", "high", "n")})
 
 
-def _scores(store: Store) -> Measures:
-    return {
-        (name, score): {int(number(row["seed"])): number(row[score]) for row in trials}
-        for name, trials in cells_of(store).items()
-        for score in SCORES
-    }
+def settings_table(campaigns: Mapping[str, Results]) -> Table:
+    """A row per setting that is not the same in all campaigns, with its value in each."""
+    settings = {name: _settings(results.definition) for name, results in campaigns.items()}
+    keys = dict.fromkeys(key for one in settings.values() for key in one)
+    rows: list[Mapping[str, Cell]] = [
+        {"setting": key, **{name: _shown(one.get(key, "(not set)")) for name, one in settings.items()}}
+        for key in keys
+        if len({_shown(one.get(key, "(not set)")) for one in settings.values()}) > 1
+    ]
+    return Table("settings", "Settings that differ" if rows else "No setting differs", rows)
 
 
-def _success_rates(store: Store) -> Measures:
-    """Percent caught over all numbers of intruders."""
-    return {
-        (", ".join(filter(None, (f"{robots}-robot", variant))), "caught_percent"): rates_by_seed(
-            cells, None, robots
-        )
-        for variant, cells in variants_of(store).items()
-        for robots in team_sizes(cells)
-    }
+def _settings(definition: Definition) -> dict[str, object]:
+    seeds = {"base_seed": definition.base_seed, "trials": definition.trials}
+    return {**seeds, **definition.grid, **definition.parameters}
+
+
+def _shown(value: object) -> str:
+    text = f"[{', '.join(map(str, value))}]" if isinstance(value, list) else str(value)
+    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."

@@ -47,9 +47,8 @@ class ExplorationFiles:
     def in_words(self) -> Table:
         """The scores as a terminal has room for them: a line for each."""
         (row,), (cells,) = self.scores.rows, self.scores.cells()
-        return Table(
-            self.scores.title, [{"": name, "value": cell} for name, cell in zip(row, cells, strict=True)]
-        )
+        lines = [{"": name, "value": cell} for name, cell in zip(row, cells, strict=True)]
+        return Table(self.scores.name, self.scores.title, lines)
 
 
 def write_exploration(
@@ -88,8 +87,8 @@ def write_exploration(
         written += _write_pictures(plan, team, history, exploration, files, clip)
         robots = trial.rows_of_robots()
     place: Row = {"arena": trial.arena.name, "robots": parameters.robots, "seed": seed}
-    scores = Table("The map against the arena", [{**place, **exploration.row()}], DIGITS)
-    written += scores.write(files.named("scores"))
+    scores = Table("scores", "The map against the arena", [{**place, **exploration.row()}], DIGITS)
+    written += scores.write(files.named("scores").parent, files.named("scores").name)
     write_atomically(files.named("robots.csv"), csv_text(robots))
     written += [files.named("robots.csv"), configured, write_provenance(files, provenance)]
     return ExplorationFiles(exploration, scores, written)

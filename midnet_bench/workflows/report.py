@@ -1,42 +1,93 @@
-"""Everything that can be said of a campaign, from its store alone."""
+"""What is made of a campaign's results: CSV files, tables, figures."""
 
 import json
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from midnet_bench.analysis.frames import CONFIGURATION, PROVENANCE, Results, load_results
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.export import export_csv
-from midnet_bench.campaign.store import FILE_NAME, Store, open_store
+from midnet_bench.campaign.store import FILE_NAME, open_store
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.registry import experiment
 from midnet_bench.io.files import write_atomically
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-def write_report(directory: Path) -> list[Table]:
-    """Write CSVs, tables, figures, configuration and provenance of a campaign; the tables worth printing.
+
+def write_report(directory: str | Path) -> tuple[Results, list[Table]]:
+    """Write CSV files, tables, figures, configuration and provenance into a campaign's folder.
+
+    Without a store the tables and figures are made of the CSV files that are there.
+
+    Returns:
+        The results, and every table of the experiment; :func:`printed` are those for a terminal.
 
     Raises:
-        InputError: there is no store, or it is damaged, foreign or of a newer version.
+        InputError: there is no campaign, or it is damaged, foreign or of a newer version.
     """
-    with open_store(directory / FILE_NAME) as store:
-        export_csv(store, directory)
-        _write_provenance(store, directory)
-        if store.definition.experiment == "detection":
-            from midnet_bench.experiments.detection.tables import write_detection_report
-
-            return write_detection_report(store, directory)
-        if store.definition.experiment == "mapping":
-            from midnet_bench.experiments.mapping.tables import write_mapping_report
-
-            return write_mapping_report(store, directory)
-        if store.definition.experiment == "readings":
-            from midnet_bench.experiments.readings.tables import write_readings_report
-
-            return write_readings_report(store, directory)
-        from midnet_bench.experiments.labyrinth.tables import write_labyrinth_report
-
-        return write_labyrinth_report(store, directory)
+    directory = Path(directory)
+    if (directory / FILE_NAME).exists():
+        with open_store(directory / FILE_NAME) as store:
+            export_csv(store, directory)
+            _write_json(directory / CONFIGURATION, asdict(store.definition))
+            _write_json(directory / PROVENANCE, store.runs())
+    results = load_results(directory)
+    record = experiment(results.definition.experiment)
+    tables = list(record.tables(results))
+    for table in tables:
+        table.write(directory)
+    _write_figures(record.figures(results), directory)
+    return results, tables
 
 
-def _write_provenance(store: Store, directory: Path) -> None:
-    """``configuration.json``: what was run, resolved; ``provenance.json``: by which code, where and when."""
-    configuration = json.loads(store.definition.to_json())
-    write_atomically(directory / "configuration.json", json.dumps(configuration, indent=1) + "\n")
-    write_atomically(directory / "provenance.json", json.dumps(store.runs(), indent=1) + "\n")
+def printed(name: str, tables: list[Table]) -> list[Table]:
+    """Those of an experiment's tables that a terminal shows."""
+    record = experiment(name)
+    return [table for table in tables if not record.printed or table.name in record.printed]
+
+
+def plot(directory: str | Path, output: str | Path | None = None) -> list[Path]:
+    """Draw a campaign's figures anew, from its results alone; the files written.
+
+    Args:
+        directory: of the campaign.
+        output: a folder for the figures; the campaign's own unless given.
+
+    Raises:
+        InputError: there is no campaign, it is damaged, or its experiment has no figures.
+    """
+    results = load_results(directory)
+    figures = experiment(results.definition.experiment).figures(results)
+    if not figures:
+        raise InputError(
+            f"{directory}: no figures: a campaign of '{results.definition.experiment}'"
+            f" with {results.finished} finished trials"
+        )
+    return _write_figures(figures, Path(output or directory))
+
+
+def write_figures_of(results: Mapping[str, Results], output: Path) -> list[Path]:
+    """Draw the figures that several campaigns of one experiment have in common; the files written."""
+    (name,) = {one.definition.experiment for one in results.values()}
+    return _write_figures(experiment(name).comparison_figures(results), output)
+
+
+def _write_figures(figures: "Mapping[str, Figure]", directory: Path) -> list[Path]:
+    if not figures:
+        return []
+    from midnet_bench.drawing.charts import chart_files
+
+    written = []
+    for stem, figure in figures.items():
+        for ending, content in chart_files(figure).items():
+            written.append(directory / f"{stem}{ending}")
+            write_atomically(written[-1], content)
+    return written
+
+
+def _write_json(path: Path, content: object) -> None:
+    write_atomically(path, json.dumps(content, indent=1) + "\n")

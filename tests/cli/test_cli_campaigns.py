@@ -28,9 +28,10 @@ def test_every_packaged_campaign_can_be_planned_from_any_folder(path: Path, tmp_
     cells = 1
     for values in written["grid"].values():
         cells *= len(values)
-    plan = json.loads(done.stdout)
+    told = json.loads(done.stdout)
+    (plan,) = told["tables"]["plan"]
     assert (plan["cells"], plan["trials"]) == (cells, cells * written["trials"])
-    assert plan["directory"] == f"results/{path.stem}"
+    assert told["directory"] == f"results/{path.stem}"
 
 
 def test_a_file_of_that_name_comes_first(tmp_path: Path) -> None:

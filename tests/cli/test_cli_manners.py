@@ -53,7 +53,7 @@ def test_set_alone_narrows_the_grid(tmp_path: Path) -> None:
     done = midnet_bench(
         "detection", "--set", "robots=3", "--set", "frames=20", "-n", "--json", folder=tmp_path
     )
-    assert (json.loads(done.stdout)["cells"], done.stderr) == (1, "")
+    assert (json.loads(done.stdout)["tables"]["plan"][0]["cells"], done.stderr) == (1, "")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -139,9 +139,10 @@ def test_a_log_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 
 def test_a_dry_run_in_json_is_one_document(tmp_path: Path) -> None:
     done = midnet_bench("labyrinth", "-n", "--json", folder=tmp_path)
-    plan = json.loads(done.stdout)
-    assert (plan["schema"], plan["cells"], plan["trials"], plan["to_run"]) == (1, 25, 500, 500)
-    assert plan["directory"] == "results/labyrinth"
+    told = json.loads(done.stdout)
+    assert (told["schema"], told["experiment"], told["directory"]) == (1, "labyrinth", "results/labyrinth")
+    (plan,) = told["tables"]["plan"]
+    assert (plan["cells"], plan["trials"], plan["to_run"], plan["measured_on"]) == (25, 500, 500, 0)
 
 
 def completed(line: str, folder: Path) -> list[str]:

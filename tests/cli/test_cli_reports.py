@@ -83,7 +83,14 @@ def test_numbers_that_are_not_defined_are_null_in_json_and_names_stay(
         detection_store(tmp_path / name, range(1, 3))
     code, out, _ = command("compare", "one", "NaNcy", "--json")
     assert code == 0
-    (rows,) = json.loads(out).values()
+    told = json.loads(out)
+    assert (told["schema"], told["experiment"], list(told["tables"])) == (
+        1,
+        "detection",
+        ["differences", "settings"],
+    )
+    rows = told["tables"]["differences"]
     f1 = next(row for row in rows if row["measure"] == "f1")
-    assert (f1["NaNcy"], f1["difference"]) == (None, None)
+    assert f1["NaNcy"] is None
+    assert f1["difference"] == {"value": None, "low": None, "high": None, "n": 0}
     assert next(row for row in rows if row["measure"] == "recall")["NaNcy"] == 0.5

@@ -8,6 +8,10 @@ DETECTION = Experiment(
     summary="Map 1, section V.A: which intruders are detected, frame by frame.",
     parameters="midnet_bench.experiments.detection.parameters:DetectionParameters",
     run=later("midnet_bench.experiments.detection.trial:run_detection"),
+    tables=later("midnet_bench.experiments.detection.tables:tables"),
+    printed=("detection_summary", "detection_matching"),
+    claims=later("midnet_bench.experiments.detection.tables:claims"),
+    measures=later("midnet_bench.experiments.detection.tables:measures"),
     trial=later("midnet_bench.experiments.detection.trial:DetectionTrial"),
     demo=later("midnet_bench.experiments.detection.demo:demo"),
 )

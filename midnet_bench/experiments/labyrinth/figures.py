@@ -1,173 +1,125 @@
 """The labyrinth's figures: the paper's last one, with intervals, and how its points came about."""
 
-import io
-from collections.abc import Callable, Mapping, Sequence
-from itertools import cycle
+from collections.abc import Mapping
 from math import ceil
 from typing import NamedTuple
 
-from matplotlib import rc_context
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.ticker import MaxNLocator
 
+from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import Estimate
-from midnet_bench.experiments.labyrinth.tables import not_caught, success
-from midnet_bench.experiments.labyrinth.trials import (
-    GUARD,
-    INTRUDER,
-    Cells,
-    LabyrinthTrial,
-    RobotHealth,
-    intruder_counts,
-    mean,
-    number,
-    pooled_time,
-    seed_means,
-    team_sizes,
-)
+from midnet_bench.drawing.charts import FONT_PT, add_series, chart, labelled
+from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, variants_of
 
-DPI = 200
 DODGE = 0.07
-"""between neighbouring series, in security robots, so that intervals do not cover each other"""
-FONT_PT = 9
+"""between neighbouring series, in security robots"""
+
+Series = Mapping[str, Mapping[int, Estimate]]
+"""label -> team size -> what is drawn there"""
 
 
-class Style(NamedTuple):
-    """Colour, marker and dash each tell the series apart alone: for colour-blind readers and grey print."""
+class Panel(NamedTuple):
+    """A panel of the figure of success rates."""
 
-    color: str
-    marker: str
-    dash: str | tuple[int, tuple[float, ...]]
-
-
-STYLES = (
-    Style("#0072B2", "o", "-"),
-    Style("#D55E00", "s", "--"),
-    Style("#009E73", "^", "-."),
-    Style("#CC79A7", "D", ":"),
-    Style("#000000", "v", (0, (5, 1, 1, 1, 1, 1))),
-)
-"""Okabe and Ito's colours"""
-
-Point = Callable[[int], Estimate]
-"""team size -> what is drawn there"""
+    rates: Series
+    trials: list[int]
+    """how many trials stand behind the points: the fewest and the most"""
 
 
-def success_figure(variants: Mapping[str, Cells]) -> Figure:
+def figures(results: Results) -> dict[str, Figure]:
+    """The figures of a labyrinth campaign: ``success_rate``, and ``labyrinth_details`` for each variant."""
+    variants = variants_of(results)
+    if not variants:
+        return {}
+    drawn = {"success_rate": success_figure({name: success_panel(one) for name, one in variants.items()})}
+    for name, one in variants.items():
+        suffix = f"_{name.replace('=', '-').replace(', ', '_')}" if name else ""
+        drawn[f"labyrinth_details{suffix}"] = details_figure(*details_series(one))
+    return drawn
+
+
+def comparison_figures(campaigns: Mapping[str, Results]) -> dict[str, Figure]:
+    """Several campaigns' success rates, a panel for each."""
+    panels = {
+        f"{campaign}: {name}" if name else campaign: success_panel(variant)
+        for campaign, results in campaigns.items()
+        for name, variant in variants_of(results).items()
+    }
+    return {"success_comparison": success_figure(panels)} if panels else {}
+
+
+def success_panel(variant: Variant) -> Panel:
+    """The numbers of one panel."""
+    counts = {len(cell) for _, _, cell in variant.cells()}
+    rates = {
+        _intruders(count): {robots: variant.success(count, robots) for robots in variant.team_sizes}
+        for count in variant.intruder_counts
+    }
+    return Panel(rates, sorted({min(counts), max(counts)}))
+
+
+def details_series(variant: Variant) -> tuple[dict[str, Series], dict[str, Series]]:
+    """What lies behind the success rates, by label of its axis: by number of intruders, and by role."""
+    by_intruders = {
+        "time to capture (s)": lambda k, q: variant.pooled_time(k, q, "capture_times"),
+        "detected but not caught (%)": variant.not_caught,
+    }
+    by_role = {
+        "driven (m per minute)": "metres_per_minute",
+        "time stuck (%)": "stuck_percent",
+        "goals given up per robot": "goals_given_up",
+    }
+    return {
+        label: {
+            _intruders(k): {q: estimate(k, q) for q in variant.team_sizes} for k in variant.intruder_counts
+        }
+        for label, estimate in by_intruders.items()
+    }, {
+        label: {
+            f"{role}s": {q: variant.health(role, q, column) for q in variant.team_sizes}
+            for role in (GUARD, INTRUDER)
+        }
+        for label, column in by_role.items()
+    }
+
+
+def success_figure(panels: Mapping[str, Panel]) -> Figure:
     """Mean success rate over team size, a line per number of intruders; a panel per variant."""
-    columns = min(2, len(variants))
-    figure = _figure(6.0 * columns, 4.0 * ceil(len(variants) / columns))
-    for place, (name, cells) in enumerate(variants.items(), 1):
-        axes = figure.add_subplot(ceil(len(variants) / columns), columns, place)
-        _by_intruders(axes, cells, lambda intruders, robots, cells=cells: success(cells, intruders, robots))  # type: ignore[misc]
+    columns = min(2, len(panels))
+    rows = ceil(len(panels) / columns)
+    figure = chart(6.0 * columns, 4.0 * rows)
+    for place, (name, panel) in enumerate(panels.items(), 1):
+        axes = figure.add_subplot(rows, columns, place)
+        add_series(axes, panel.rates, DODGE, "security robots")
         axes.set_ylim(-3, 103)
         axes.set_ylabel("success rate (%)")
         axes.set_title(name, fontsize=FONT_PT + 1)
-        _note(axes, f"{_trials_per_point(cells)} trials per point, 95 % bootstrap intervals over trials")
-    figure.legend(*_labelled(figure.axes[0]), fontsize=FONT_PT, frameon=False, loc="outside right upper")
+        per_point = "-".join(map(str, panel.trials))
+        _note(axes, f"{per_point} trials per point, 95 % bootstrap intervals over trials")
+    figure.legend(*labelled(figure.axes[0]), fontsize=FONT_PT, frameon=False, loc="outside right upper")
     return figure
 
 
-def details_figure(cells: Cells) -> Figure:
-    """Time to capture, detected but not caught, and how the robots drove, over team size."""
-    figure = _figure(10.0, 6.0)
+def details_figure(by_intruders: Mapping[str, Series], by_role: Mapping[str, Series]) -> Figure:
+    """Two panels with a line per number of intruders, three with a line per role, over team size."""
+    figure = chart(10.0, 6.0)
     panels = [figure.add_subplot(2, 3, place) for place in range(1, 6)]
-    _by_intruders(panels[0], cells, lambda k, q: pooled_time(cells.get((k, q), ()), "capture_times_s"))
-    panels[0].set_ylabel("time to capture (s)")
-    _by_intruders(panels[1], cells, lambda k, q: not_caught(cells, k, q))
-    panels[1].set_ylabel("detected but not caught (%)")
-    healths: list[tuple[str, Callable[[RobotHealth], float]]] = [
-        ("driven (m per minute)", lambda robot: robot.metres_per_minute),
-        ("time stuck (%)", lambda robot: robot.stuck_percent),
-        ("goals given up per robot", lambda robot: number(robot.row["goals_given_up"])),
-    ]
-    for axes, (label, value) in zip(panels[2:], healths, strict=True):
-        points: list[tuple[str, Point]] = [
-            (f"{role}s", _health_point(cells, role, value)) for role in (GUARD, INTRUDER)
-        ]
-        _lines(axes, team_sizes(cells), points)
+    for axes, (label, series) in zip(panels, [*by_intruders.items(), *by_role.items()], strict=True):
+        add_series(axes, series, DODGE, "security robots")
         axes.set_ylabel(label)
-    for axes in panels:
         top = 1.08 * axes.dataLim.y1 if axes.dataLim.y1 > 0.0 else 1.0
         axes.set_ylim(-0.03 * top, top)
     legend = figure.add_subplot(2, 3, 6)
     legend.set_axis_off()
-    upper = legend.legend(*_labelled(panels[0]), fontsize=FONT_PT, frameon=False, loc="upper left")
+    upper = legend.legend(*labelled(panels[0]), fontsize=FONT_PT, frameon=False, loc="upper left")
     legend.add_artist(upper)
-    legend.legend(*_labelled(panels[2]), fontsize=FONT_PT, frameon=False, loc="lower left")
+    legend.legend(*labelled(panels[2]), fontsize=FONT_PT, frameon=False, loc="lower left")
     return figure
 
 
-def png_and_svg(figure: Figure) -> dict[str, bytes]:
-    """The figure's files by ending; the same figure gives the same bytes."""
-    files = {}
-    # without a salt the ids in an SVG are random
-    with rc_context({"svg.hashsalt": "midnet-bench"}):
-        for ending, metadata in ((".png", {"Software": None}), (".svg", {"Date": None})):
-            buffer = io.BytesIO()
-            figure.savefig(buffer, format=ending[1:], dpi=DPI, metadata=metadata)
-            files[ending] = buffer.getvalue()
-    return files
-
-
-def _health_point(cells: Cells, role: str, value: Callable[[RobotHealth], float]) -> Point:
-    def of_trial(trial: LabyrinthTrial) -> float:
-        return trial.mean_health(role, value)
-
-    return lambda robots: mean(list(seed_means(cells, robots, of_trial).values()), "health", role, robots)
-
-
-def _by_intruders(axes: Axes, cells: Cells, estimate: Callable[[int, int], Estimate]) -> None:
-    points: list[tuple[str, Point]] = [
-        (f"{count} intruder{'s' if count > 1 else ''}", lambda robots, count=count: estimate(count, robots))  # type: ignore[misc]
-        for count in intruder_counts(cells)
-    ]
-    _lines(axes, team_sizes(cells), points)
-
-
-def add_estimates(
-    axes: Axes, places: Sequence[float], estimates: Sequence[Estimate], style: Style, label: str | None
-) -> None:
-    """A line through estimates at places along x, each with its interval as a bar."""
-    axes.errorbar(
-        places,
-        [e.value for e in estimates],
-        yerr=[[e.value - e.low for e in estimates], [e.high - e.value for e in estimates]],
-        label=label,
-        color=style.color,
-        marker=style.marker,
-        linestyle=style.dash,
-        markersize=5,
-        linewidth=1.3,
-        elinewidth=0.8,
-        capsize=2,
-    )
-
-
-def _lines(axes: Axes, sizes: Sequence[int], series: Sequence[tuple[str, Point]]) -> None:
-    for place, ((label, point), style) in enumerate(zip(series, cycle(STYLES))):
-        shift = DODGE * (place - (len(series) - 1) / 2)
-        places = [robots + shift for robots in sizes]
-        add_estimates(axes, places, [point(robots) for robots in sizes], style, label)
-    axes.set_xlabel("security robots")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.grid(axis="y", color="#dddddd", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-
-
-def _trials_per_point(cells: Cells) -> str:
-    counts = {len(trials) for trials in cells.values()}
-    return "-".join(str(n) for n in dict.fromkeys((min(counts), max(counts))))
-
-
-def _labelled(axes: Axes) -> tuple[list[Artist], list[str]]:
-    handles, labels = axes.get_legend_handles_labels()
-    return handles, labels
+def _intruders(count: int) -> str:
+    return f"{count} intruder{'s' if count > 1 else ''}"
 
 
 def _note(axes: Axes, text: str) -> None:
@@ -181,9 +133,3 @@ def _note(axes: Axes, text: str) -> None:
         horizontalalignment="right",
         verticalalignment="top",
     )
-
-
-def _figure(width_in: float, height_in: float) -> Figure:
-    figure = Figure(figsize=(width_in, height_in), layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.08))
-    FigureCanvasAgg(figure)
-    return figure

@@ -1,200 +1,223 @@
 """The labyrinth's result: success rates by team size (Eq. 11), what lies behind them, the robots' health."""
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+import itertools
+from collections.abc import Mapping
 
-from midnet_bench.analysis.statistics import Estimate, wilson
-from midnet_bench.analysis.tables import Table
-from midnet_bench.campaign.store import FILE_NAME, Store, open_store
-from midnet_bench.campaign.trial import Row
+import pandas as pd
+
+from midnet_bench.analysis.claims import Finding, comparison
+from midnet_bench.analysis.frames import Results
+from midnet_bench.analysis.power import ALPHA, POWER, power_cells
+from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.labyrinth.trials import (
-    GUARD,
-    INTRUDER,
-    Cells,
-    LabyrinthTrial,
-    RobotHealth,
-    intruder_counts,
-    mean,
-    number,
-    pooled_time,
-    rates_by_seed,
-    team_sizes,
-    variants_of,
-)
-from midnet_bench.io.files import write_atomically
+from midnet_bench.experiments.experiment import Measures
+from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, mean, variants_of
 
 PAPER_REAL_TIME_FACTOR = 0.18
 """17 simulated hours in 92 hours, section V.B"""
 
 COUNTED = ("goals_reached", "goals_given_up", "collisions", "recoveries", "walls_crossed")
 
+Variants = Mapping[str, Variant]
 
-def write_labyrinth_report(store: Store, directory: Path) -> list[Table]:
-    """Write the tables and figures of a labyrinth campaign into ``directory``; the tables worth printing."""
-    variants = variants_of(store)
+
+def tables(results: Results) -> list[Table]:
+    """The tables of a labyrinth campaign."""
+    variants = variants_of(results)
     if not variants:
         return []
-    tables = {
-        "success_rate": success_table(variants),
-        "success_rate_cells": cells_table(variants),
-        "labyrinth_health": health_table(variants),
-        "labyrinth_speed": speed_table(variants),
-    }
-    for stem, table in tables.items():
-        table.write(directory / stem)
-    from midnet_bench.experiments.labyrinth.figures import details_figure, png_and_svg, success_figure
-
-    figures = {"success_rate": success_figure(variants)}
-    for name, cells in variants.items():
-        suffix = f"_{name.replace('=', '-').replace(', ', '_')}" if name else ""
-        figures[f"labyrinth_details{suffix}"] = details_figure(cells)
-    for stem, figure in figures.items():
-        for ending, content in png_and_svg(figure).items():
-            write_atomically(directory / f"{stem}{ending}", content)
-    return [tables[name] for name in ("success_rate", "labyrinth_health", "labyrinth_speed")]
+    return [
+        success_table(variants),
+        cells_table(variants),
+        health_table(variants),
+        speed_table(variants),
+    ]
 
 
-def write_labyrinth_comparison(
-    directories: Sequence[Path], output: Path, names: Sequence[str] | None = None
-) -> list[Table]:
-    """Several campaigns side by side, ``success_comparison`` as a table and a figure with a panel for each.
-
-    They are called as their folders unless ``names`` are given.
-
-    Raises:
-        InputError: one of them is no labyrinth campaign, or two folders have one name.
-    """
-    variants: dict[str, Cells] = {}
-    for campaign, directory in zip(names or [path.name for path in directories], directories, strict=True):
-        with open_store(directory / FILE_NAME) as store:
-            if store.definition.experiment != "labyrinth":
-                raise InputError(f"{directory}: a {store.definition.experiment} campaign beside a labyrinth")
-            for name, cells in variants_of(store).items():
-                title = f"{campaign}: {name}" if name else campaign
-                if title in variants:
-                    raise InputError(f"{directory}: another one is named '{campaign}' too")
-                variants[title] = cells
-    table = success_table(variants)
-    table.write(output / "success_comparison")
-    from midnet_bench.experiments.labyrinth.figures import png_and_svg, success_figure
-
-    for ending, content in png_and_svg(success_figure(variants)).items():
-        write_atomically(output / f"success_comparison{ending}", content)
-    return [table]
-
-
-def success_table(variants: Mapping[str, Cells]) -> Table:
+def success_table(variants: Variants, name: str = "success_rate") -> Table:
     """The paper's figure in numbers: percent caught with its 95 % interval; rows by number of intruders.
 
     The last row is over all numbers of intruders; its unit is the seed, because trials of one seed meet
-    the same intruders.
+    the same intruders. ``n`` is the fewest trials (or seeds) behind a number of the row.
     """
-    rows: list[Row] = []
-    for name, cells in variants.items():
-        for intruders in [*intruder_counts(cells), None]:
-            row: Row = {"variant": name} if len(variants) > 1 else {}
-            row["intruders"] = "all" if intruders is None else str(intruders)
-            sizes = set()
-            for robots in team_sizes(cells):
-                rate = success(cells, intruders, robots)
-                row[f"{robots} robot{'s' if robots > 1 else ''}"] = _interval(rate)
-                sizes.add(rate.n)
-            row["n"] = "-".join(str(n) for n in dict.fromkeys((min(sizes), max(sizes))))
-            rows.append(row)
-    return Table("Success rate, percent (95 % interval over trials)", rows)
+    rows: list[Mapping[str, Cell]] = []
+    for variant, one in variants.items():
+        for intruders in [*one.intruder_counts, None]:
+            rates = {
+                f"{robots} robot{'s' if robots > 1 else ''}": one.success(intruders, robots)
+                for robots in one.team_sizes
+            }
+            place: Mapping[str, Cell] = {"intruders": "all" if intruders is None else intruders}
+            least = min(rate.n for rate in rates.values())
+            rows.append({**_named(variants, variant), **place, **rates, "n": least})
+    title = "Success rate, percent (95 % interval over trials)"
+    robots = {column: 1 for row in rows for column in row if column.endswith(("robot", "robots"))}
+    return Table(name, title, rows, robots)
 
 
-def success(cells: Cells, intruders: int | None, robots: int) -> Estimate:
-    """The mean success rate of a cell, percent; over all numbers of intruders if that is None.
-
-    Where all trials caught everybody, or all nobody, no resample differs and the bootstrap would claim
-    certainty; there the interval is Wilson's, a trial counting as one yes or no.
-    """
-    rate = mean(list(rates_by_seed(cells, intruders, robots).values()), "success", intruders or "all", robots)
-    if rate.n > 1 and rate.value in (0.0, 100.0):
-        proportion = wilson(round(rate.value / 100.0) * rate.n, rate.n)
-        return Estimate(rate.value, 100.0 * proportion.low, 100.0 * proportion.high, rate.n)
-    return rate
-
-
-def cells_table(variants: Mapping[str, Cells]) -> Table:
+def cells_table(variants: Variants) -> Table:
     """A row per cell: rates in percent and times in seconds, each with its 95 % bootstrap interval."""
-    rows: list[Row] = []
-    for name, cells in variants.items():
-        for (intruders, robots), trials in cells.items():
-            row: Row = {"variant": name} if len(variants) > 1 else {}
-            row |= {"intruders": intruders, "robots": robots, "trials": len(trials)}
-            row |= _columns("success_rate", success(cells, intruders, robots))
-            row |= _columns("detected_not_caught", not_caught(cells, intruders, robots))
-            row |= _columns("time_to_detect_s", pooled_time(trials, "detection_times_s"))
-            row |= _columns("time_to_capture_s", pooled_time(trials, "capture_times_s"))
-            row |= _columns("duration_s", mean([trial.simulated_s for trial in trials], "duration"))
-            rows.append(row)
-    return Table("Labyrinth cells", rows)
+    rows: list[Mapping[str, Cell]] = []
+    for variant, one in variants.items():
+        for intruders, robots, cell in one.cells():
+            rows.append(
+                {
+                    **_named(variants, variant),
+                    "intruders": intruders,
+                    "robots": robots,
+                    "trials": len(cell),
+                    "success_rate": one.success(intruders, robots),
+                    "detected_not_caught": one.not_caught(intruders, robots),
+                    "time_to_detect_s": one.pooled_time(intruders, robots, "detection_times"),
+                    "time_to_capture_s": one.pooled_time(intruders, robots, "capture_times"),
+                    "duration_s": mean(cell["simulated_s"], "duration"),
+                }
+            )
+    digits = {"success_rate": 1, "detected_not_caught": 1, "duration_s": 1}
+    return Table("success_rate_cells", "Labyrinth cells", rows, digits)
 
 
-def not_caught(cells: Cells, intruders: int, robots: int) -> Estimate:
-    """The mean share of intruders that were detected and yet not caught, percent."""
-    trials = cells.get((intruders, robots), ())
-    return mean([trial.detected_not_caught for trial in trials], "not caught", intruders, robots)
-
-
-def health_table(variants: Mapping[str, Cells]) -> Table:
+def health_table(variants: Variants) -> Table:
     """How guards and intruders drove, by team size: per robot and trial, over all numbers of intruders."""
-    rows: list[Row] = []
-    for name, cells in variants.items():
-        for robots in team_sizes(cells):
-            trials = [trial for (_, size), group in cells.items() if size == robots for trial in group]
+    rows: list[Mapping[str, Cell]] = []
+    for variant, one in variants.items():
+        for size in one.team_sizes:
             for role in (GUARD, INTRUDER):
-                row: Row = {"variant": name} if len(variants) > 1 else {}
-                row |= {"robots": robots, "role": role}
-                rows.append(
-                    row | _health([one for trial in trials for one in trial.health if one.role == role])
-                )
+                robots = one.robots[(one.robots["robots"] == size) & (one.robots["role"] == role)]
+                place = {**_named(variants, variant), "robots": size, "role": role}
+                rows.append({**place, **_health(robots)})
     digits = {"goals_reached": 2, "goals_given_up": 2, "recoveries": 2, "metres_per_minute": 1}
-    return Table("Health of the robots", rows, digits | {"stuck_percent": 1, "most_stuck_percent": 1})
+    digits |= {"stuck_percent": 1, "most_stuck_percent": 1}
+    return Table("labyrinth_health", "Health of the robots", rows, digits)
 
 
-def _health(robots: Sequence[RobotHealth]) -> Row:
-    present_s = sum(robot.present_s for robot in robots)
-    total = {
-        name: sum(number(robot.row[name]) for robot in robots) for name in ("distance_m", "stuck_s", *COUNTED)
-    }
-    row: Row = {
+def _health(robots: pd.DataFrame) -> dict[str, Cell]:
+    present_s = sum(robots["present_s"])
+    row: dict[str, Cell] = {
         "robot_trials": len(robots),
-        "metres_per_minute": 60.0 * total["distance_m"] / present_s,
-        "stuck_percent": 100.0 * total["stuck_s"] / present_s,
-        "most_stuck_percent": max(robot.stuck_percent for robot in robots),
+        "metres_per_minute": 60.0 * sum(robots["distance_m"]) / present_s,
+        "stuck_percent": 100.0 * sum(robots["stuck_s"]) / present_s,
+        "most_stuck_percent": max(robots["stuck_percent"]),
     }
-    return row | {name: total[name] / len(robots) for name in COUNTED}
+    return row | {name: sum(robots[name]) / len(robots) for name in COUNTED}
 
 
-def speed_table(variants: Mapping[str, Cells]) -> Table:
+def speed_table(variants: Variants) -> Table:
     """What a simulated second costs in seconds of one core's time, by the number of robots in the arena."""
-    by_robots: dict[int, list[LabyrinthTrial]] = {}
-    for cells in variants.values():
-        for (intruders, robots), trials in cells.items():
-            by_robots.setdefault(intruders + robots, []).extend(trials)
-    groups = [(str(count), by_robots[count]) for count in sorted(by_robots)]
-    everything = [trial for _, trials in groups for trial in trials]
-    rows: list[Row] = []
-    for count, trials in [*groups, ("all", everything)]:
-        simulated_s = sum(trial.simulated_s for trial in trials)
-        wall_s = sum(trial.wall_s for trial in trials)
-        row: Row = {"robots_in_arena": count, "trials": len(trials)}
-        row |= {"simulated_s": simulated_s, "wall_s": wall_s, "wall_per_simulated": wall_s / simulated_s}
-        rows.append(row | {"real_time_factor": simulated_s / wall_s, "paper": PAPER_REAL_TIME_FACTOR})
-    return Table(
-        "Speed of one worker", rows, {"simulated_s": 0, "wall_s": 0, "real_time_factor": 1, "paper": 2}
+    everything = pd.concat([one.trials for one in variants.values()])
+    groups = everything.groupby(everything["intruders"] + everything["robots"])
+    sorted_ones = [(int(str(count)), trials) for count, trials in groups]
+    # seconds are added up in the order of the rows above
+    pooled = pd.concat([trials for _, trials in sorted_ones])
+    rows: list[Mapping[str, Cell]] = []
+    every: list[tuple[int | str, pd.DataFrame]] = [*sorted_ones, ("all", pooled)]
+    for count, trials in every:
+        simulated_s, wall_s = sum(trials["simulated_s"]), sum(trials["wall_s"])
+        rows.append(
+            {
+                "robots_in_arena": count,
+                "trials": len(trials),
+                "simulated_s": simulated_s,
+                "wall_s": wall_s,
+                "wall_per_simulated": wall_s / simulated_s,
+                "real_time_factor": simulated_s / wall_s,
+                "paper": PAPER_REAL_TIME_FACTOR,
+            }
+        )
+    digits = {"simulated_s": 0, "wall_s": 0, "real_time_factor": 1, "paper": 2}
+    return Table("labyrinth_speed", "Speed of one worker", rows, digits)
+
+
+def comparison_tables(campaigns: Mapping[str, Results]) -> list[Table]:
+    """Several campaigns' success rates in one table, a variant for each."""
+    return [success_table(_side_by_side(campaigns), "success_comparison")]
+
+
+def _side_by_side(campaigns: Mapping[str, Results]) -> Variants:
+    return {
+        f"{campaign}: {name}" if name else campaign: variant
+        for campaign, results in campaigns.items()
+        for name, variant in variants_of(results).items()
+    }
+
+
+def claims(results: Results) -> list[Finding]:
+    """The shape of the paper's figure: a rise with the team, and for 1 and 5 intruders a dip at its end.
+
+    "Generally increase" is read as a rise from the smallest team to four robots for every number of
+    intruders, and from each size to the next, up to four, over all of them. Differences are seed by seed.
+    """
+    return [
+        finding._replace(statement=f"{name}: {finding.statement}" if name else finding.statement)
+        for name, variant in variants_of(results).items()
+        for finding in _claims(variant)
+    ]
+
+
+def _claims(one: Variant) -> list[Finding]:
+    up_to_four = [size for size in one.team_sizes if size <= 4]
+    found = []
+    if len(up_to_four) > 1:
+        for intruders in one.intruder_counts:
+            found.append(_change(one, intruders, up_to_four[0], up_to_four[-1], rises=True))
+        for smaller, larger in itertools.pairwise(up_to_four):
+            found.append(_change(one, None, smaller, larger, rises=True))
+    if {4, 5} <= set(one.team_sizes):
+        counts = [intruders for intruders in one.intruder_counts if intruders in (1, 5)]
+        found += [_change(one, intruders, 4, 5, rises=False) for intruders in counts]
+    return found
+
+
+def _change(one: Variant, intruders: int | None, smaller: int, larger: int, *, rises: bool) -> Finding:
+    first, second = one.rates_by_seed(intruders, smaller), one.rates_by_seed(intruders, larger)
+    whom = "all intruders" if intruders is None else f"{intruders} intruder{'s' if intruders > 1 else ''}"
+    statement = f"{whom}: success (points) {'rises' if rises else 'dips'} from {smaller} to {larger} robots"
+    return comparison(statement, first, second, rises, intruders or "all", smaller, larger)
+
+
+def measures(results: Results) -> Measures:
+    """Percent caught over all numbers of intruders, by variant and team size."""
+    return {
+        (", ".join(filter(None, (f"{robots}-robot", name))), "caught_percent"): one.rates_by_seed(
+            None, robots
+        )
+        for name, one in variants_of(results).items()
+        for robots in one.team_sizes
+    }
+
+
+def power_table(results: Results, difference: float, robots: tuple[int, int], power: float = POWER) -> Table:
+    """For each number of intruders, and over all: the trials per team size that a change of success needs.
+
+    Args:
+        results: of a labyrinth campaign.
+        difference: of the success rate, percentage points.
+        robots: the two team sizes that are compared.
+        power: the probability of finding the difference if it is there.
+
+    Raises:
+        InputError: a team size without finished trials.
+    """
+    variants = variants_of(results)
+    rows: list[Mapping[str, Cell]] = []
+    for name, one in variants.items():
+        for size in robots:
+            if size not in one.team_sizes:
+                where = f"{results.directory}: no finished trials with {size} robots"
+                raise InputError(f"{where} ({name})" if name else where)
+        for intruders in [*one.intruder_counts, None]:
+            first, second = (one.rates_by_seed(intruders, size) for size in robots)
+            place: Mapping[str, Cell] = {"intruders": "all" if intruders is None else intruders}
+            cells = power_cells(first, second, difference, power)
+            rows.append({**_named(variants, name), **place, **cells})
+    title = (
+        f"Trials per team size to show {difference:g} points between {robots[0]} and {robots[1]} robots"
+        f" (two-sided {ALPHA:.0%}, power {power:.0%})"
     )
+    digits = {"sd": 1, "sd_paired": 1, "trials_needed": 0, "pairs_needed": 0, "mde": 1, "mde_paired": 1}
+    return Table("sample_size", title, rows, digits)
 
 
-def _columns(name: str, estimate: Estimate) -> Row:
-    return {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
-
-
-def _interval(rate: Estimate) -> str:
-    if rate.n == 0:
-        return "n/a"
-    return f"{rate.value:.1f}" if rate.n == 1 else f"{rate.value:.1f} ({rate.low:.0f}-{rate.high:.0f})"
+def _named(variants: Variants, name: str) -> dict[str, Cell]:
+    """A column for the variant where there are several."""
+    return {"variant": name} if len(variants) > 1 else {}

@@ -1,169 +1,189 @@
-"""The trials of a labyrinth campaign as numbers, sorted into cells, and their means with intervals."""
+"""The trials of a labyrinth campaign as data frames, sorted into cells, and their means with intervals."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
 
 from midnet_bench.analysis import statistics
-from midnet_bench.analysis.statistics import Estimate
-from midnet_bench.campaign.store import Store, StoredTrial
-from midnet_bench.campaign.trial import Row, Scalar
+from midnet_bench.analysis.frames import Results
+from midnet_bench.analysis.statistics import Estimate, wilson
 from midnet_bench.rng import stream
 
 GUARD, INTRUDER = "guard", "intruder"
+CELL = ["intruders", "robots"]
+TRIAL = [*CELL, "seed"]
 
 
 @dataclass(frozen=True)
-class RobotHealth:
-    """How one robot fared while it was in the arena."""
+class Variant:
+    """The finished trials under one choice of the grid's factors beside the two numbers."""
 
-    role: str
-    present_s: float
-    row: Row
-    """its row of the ``robots`` table"""
+    trials: pd.DataFrame
+    """A row per trial, by ``intruders``, ``robots`` (security robots) and ``seed``.
 
-    @property
-    def stuck_percent(self) -> float:
-        """The share of its time that it was stuck, percent."""
-        return 100.0 * number(self.row["stuck_s"]) / self.present_s if self.present_s > 0.0 else math.nan
+    ``success_rate`` (Eq. 11) and ``detected_not_caught`` in percent of the intruders, ``simulated_s`` and
+    ``wall_s``; of the intruders that were detected or caught ``detection_times`` and ``capture_times`` (how
+    many) and ``detection_times_s`` and ``capture_times_s`` (their sums, seconds from the start)."""
+    robots: pd.DataFrame
+    """A row per robot and trial: its row of the table ``robots``, ``present_s`` (its time in the arena),
+    ``stuck_percent`` of that time, and ``metres_per_minute``."""
 
-    @property
-    def metres_per_minute(self) -> float:
-        """What it drove, over the time that it was there."""
-        return 60.0 * number(self.row["distance_m"]) / self.present_s if self.present_s > 0.0 else math.nan
+    @cached_property
+    def intruder_counts(self) -> list[int]:
+        """The numbers of intruders that there are, ascending."""
+        return sorted(self.trials["intruders"].unique().tolist())
+
+    @cached_property
+    def team_sizes(self) -> list[int]:
+        """The numbers of security robots that there are, ascending."""
+        return sorted(self.trials["robots"].unique().tolist())
+
+    def cells(self) -> list[tuple[int, int, pd.DataFrame]]:
+        """(intruders, security robots, their trials) in ascending order."""
+        return [
+            (intruders, robots, cell)
+            for intruders in self.intruder_counts
+            for robots in self.team_sizes
+            if len(cell := self.cell(intruders, robots))
+        ]
+
+    def cell(self, intruders: int, robots: int) -> pd.DataFrame:
+        """The trials of one cell, which may be none."""
+        is_there = (self.trials["intruders"] == intruders) & (self.trials["robots"] == robots)
+        return self.trials[is_there]
+
+    def rates_by_seed(self, intruders: int | None, robots: int) -> dict[int, float]:
+        """Success rate by seed for a team size; over all numbers of intruders if ``intruders`` is None.
+
+        Trials of one seed share their intruders whatever their number, so over all numbers the seed is the
+        unit: the mean of its rates, for the seeds at which every number of intruders has finished.
+        """
+        if intruders is None:
+            return self._seed_means(self.trials, robots, "success_rate")
+        cell = self.cell(intruders, robots)
+        return dict(zip(cell["seed"].tolist(), cell["success_rate"].tolist(), strict=True))
+
+    def health_by_seed(self, role: str, robots: int, column: str) -> dict[int, float]:
+        """The mean of a column of ``robots`` over the robots of one role, as :meth:`rates_by_seed`."""
+        mine = self.robots[self.robots["role"] == role]
+        per_trial = mine.groupby(TRIAL)[column].agg(_mean).reset_index()
+        return self._seed_means(per_trial, robots, column)
+
+    def success(self, intruders: int | None, robots: int) -> Estimate:
+        """The mean success rate of a cell, percent; over all numbers of intruders if that is None.
+
+        Where all trials caught everybody, or all nobody, no resample differs and the bootstrap would claim
+        certainty; there the interval is Wilson's, a trial counting as one yes or no.
+        """
+        values = self.rates_by_seed(intruders, robots).values()
+        rate = mean(values, "success", intruders or "all", robots)
+        if rate.n > 1 and rate.value in (0.0, 100.0):
+            proportion = wilson(round(rate.value / 100.0) * rate.n, rate.n)
+            return Estimate(rate.value, 100.0 * proportion.low, 100.0 * proportion.high, rate.n)
+        return rate
+
+    def not_caught(self, intruders: int, robots: int) -> Estimate:
+        """The mean share of intruders that were detected and yet not caught, percent."""
+        cell = self.cell(intruders, robots)
+        return mean(cell["detected_not_caught"], "not caught", intruders, robots)
+
+    def pooled_time(self, intruders: int, robots: int, times: str) -> Estimate:
+        """The mean of ``capture_times`` or ``detection_times`` over intruders, seconds; trials drawn whole.
+
+        It is the mean of those that were caught (or detected) alone, so a team that catches the hard ones
+        too may look slower; trials that caught nobody have no part in it.
+        """
+        cell = self.cell(intruders, robots)
+        cell = cell[cell[times] > 0]
+        rng = stream(0, "bootstrap", f"{times}_s")
+        return statistics.ratio_of_sums(cell[f"{times}_s"].tolist(), cell[times].tolist(), rng)
+
+    def health(self, role: str, robots: int, column: str) -> Estimate:
+        """The mean of a column of ``robots`` over seeds, all numbers of intruders together."""
+        return mean(self.health_by_seed(role, robots, column).values(), "health", role, robots)
+
+    def _seed_means(self, trials: pd.DataFrame, robots: int, column: str) -> dict[int, float]:
+        """The mean over all numbers of intruders by seed; seeds that lack one are left out."""
+        mine = trials[trials["robots"] == robots]
+        means = {}
+        for seed, one in mine.groupby("seed", sort=False)[column]:
+            defined = one.dropna()
+            if len(one) == len(self.intruder_counts) and len(defined):
+                means[int(str(seed))] = _mean(defined)
+        return means
 
 
-@dataclass(frozen=True)
-class LabyrinthTrial:
-    """One finished trial."""
-
-    seed: int
-    intruders: int
-    robots: int
-    success_rate: float
-    """Eq. 11, percent"""
-    detected_not_caught: float
-    """percent of the intruders"""
-    detection_times_s: tuple[float, ...]
-    """of the intruders that were detected, seconds from the start"""
-    capture_times_s: tuple[float, ...]
-    """of those that were caught"""
-    simulated_s: float
-    wall_s: float
-    health: tuple[RobotHealth, ...]
-
-    def mean_health(self, role: str, value: Callable[[RobotHealth], float]) -> float:
-        """The mean of ``value`` over the robots of one role."""
-        values = [value(robot) for robot in self.health if robot.role == role]
-        return sum(values) / len(values) if values else math.nan
-
-
-Cells = Mapping[tuple[int, int], Sequence[LabyrinthTrial]]
-"""(intruders, security robots) -> finished trials, seeds ascending"""
-
-
-def variants_of(store: Store) -> dict[str, Cells]:
-    """The finished trials by the values of the grid's other factors (``capture=within``), then by cell.
+def variants_of(results: Results) -> dict[str, Variant]:
+    """The finished trials by the values of the grid's other factors (``capture=within``).
 
     A campaign that varies nothing but the two numbers has one variant, named by the empty text.
     """
-    variants: dict[str, dict[tuple[int, int], list[LabyrinthTrial]]] = {}
-    for stored in store.trials():
-        if stored.status == "finished":
-            cell = store.definition.cell_of(stored.parameters)
-            others = [
-                f"{name}={value}" for name, value in cell.items() if name not in ("intruders", "robots")
-            ]
-            trial = _trial(stored)
-            cells = variants.setdefault(", ".join(others), {})
-            cells.setdefault((trial.intruders, trial.robots), []).append(trial)
-    return {name: dict(sorted(cells.items())) for name, cells in variants.items()}
+    trials = results.table("trial")
+    if trials.empty:
+        return {}
+    trials, robots = _trials(results, trials), _robots(results, trials)
+    return {
+        str(name): Variant(
+            cell.sort_values(CELL, kind="stable"),
+            robots[robots["variant"] == name].sort_values(CELL, kind="stable"),
+        )
+        for name, cell in trials.groupby("variant", sort=False)
+    }
 
 
-def intruder_counts(cells: Cells) -> list[int]:
-    """The numbers of intruders that there are, ascending."""
-    return sorted({intruders for intruders, _ in cells})
-
-
-def team_sizes(cells: Cells) -> list[int]:
-    """The numbers of security robots that there are, ascending."""
-    return sorted({robots for _, robots in cells})
-
-
-def rates_by_seed(cells: Cells, intruders: int | None, robots: int) -> dict[int, float]:
-    """Success rate by seed for a team size; over all numbers of intruders if ``intruders`` is None.
-
-    Trials of one seed share their intruders whatever their number, so over all numbers the seed is the
-    unit: the mean of its rates, for the seeds at which every number of intruders has finished.
-    """
-    if intruders is not None:
-        return {trial.seed: trial.success_rate for trial in cells.get((intruders, robots), ())}
-    return seed_means(cells, robots, lambda trial: trial.success_rate)
-
-
-def seed_means(cells: Cells, robots: int, value: Callable[[LabyrinthTrial], float]) -> dict[int, float]:
-    """The mean of ``value`` over all numbers of intruders by seed; seeds that lack one are left out."""
-    counts = intruder_counts(cells)
-    by_seed: dict[int, list[float]] = {}
-    for count in counts:
-        for trial in cells.get((count, robots), ()):
-            by_seed.setdefault(trial.seed, []).append(value(trial))
-    complete = {seed: values for seed, values in by_seed.items() if len(values) == len(counts)}
-    defined = {seed: [v for v in values if not math.isnan(v)] for seed, values in complete.items()}
-    return {seed: sum(values) / len(values) for seed, values in defined.items() if values}
-
-
-def mean(values: Iterator[float] | Sequence[float], *purpose: str | int) -> Estimate:
+def mean(values: Iterable[float], *purpose: str | int) -> Estimate:
     """The mean over trials (or seeds) with its 95 % bootstrap interval; ``purpose`` seeds the bootstrap."""
     return statistics.mean(list(values), stream(0, "bootstrap", *purpose))
 
 
-def pooled_time(trials: Sequence[LabyrinthTrial], times: str) -> Estimate:
-    """The mean of ``capture_times_s`` or ``detection_times_s`` over intruders, seconds; trials drawn whole.
-
-    It is the mean of those that were caught (or detected) alone, so a team that catches the hard ones
-    too may look slower; trials that caught nobody have no part in it.
-    """
-    each: list[tuple[float, ...]] = [values for trial in trials if (values := getattr(trial, times))]
-    return statistics.ratio_of_sums(
-        [math.fsum(values) for values in each],
-        [len(values) for values in each],
-        stream(0, "bootstrap", times),
+def _trials(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
+    place = [*results.factors, "seed"]
+    placed = _placed(results, trials)
+    fates = results.table("intruders").groupby(place, sort=False)
+    for times, column in (("detection_times", "detected_at_s"), ("capture_times", "caught_at_s")):
+        placed = placed.join(fates[column].count().rename(times), on=place)
+        summed = fates[column].agg(lambda at_s: math.fsum(at_s.dropna()))
+        placed = placed.join(summed.rename(f"{times}_s"), on=place)
+    placed = placed.join(results.timing.set_index(place)[["simulated_s", "wall_s"]], on=place)
+    missed = placed["detected"] - placed["caught"]
+    return placed.assign(
+        detected_not_caught=100.0 * missed / placed["intruders"],
+        simulated_s=placed["simulated_s"].fillna(placed["duration_s"]),
     )
 
 
-def number(value: Scalar) -> float:
-    """A table's cell as a number; None is NaN."""
-    return math.nan if value is None else float(value)
-
-
-def _trial(stored: StoredTrial) -> LabyrinthTrial:
-    tables = stored.tables
-    (row,) = tables["trial"]
-    intruders = int(number(stored.parameters["intruders"]))
-    duration_s = number(row["duration_s"])
-    times = {name: [number(fate[name]) for fate in tables["intruders"]] for name in _TIMES}
-    present_s = iter(
-        min((at_s for at_s in ends if not math.isnan(at_s)), default=duration_s)
-        for ends in zip(times["caught_at_s"], times["escaped_at_s"], strict=True)
+def _robots(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
+    """A robot's time in the arena ends with its capture or escape, or with the trial."""
+    place = [*results.factors, "seed"]
+    robots, fates = _placed(results, results.table("robots")), results.table("intruders")
+    ends = fates[place].assign(
+        role=INTRUDER,
+        number=fates.groupby(place).cumcount(),
+        present_s=fates[["caught_at_s", "escaped_at_s"]].min(axis=1),
     )
-    return LabyrinthTrial(
-        seed=stored.seed,
-        intruders=intruders,
-        robots=int(number(stored.parameters["robots"])),
-        success_rate=number(row["success_rate"]),
-        detected_not_caught=100.0 * (number(row["detected"]) - number(row["caught"])) / intruders,
-        detection_times_s=tuple(at_s for at_s in times["detected_at_s"] if not math.isnan(at_s)),
-        capture_times_s=tuple(at_s for at_s in times["caught_at_s"] if not math.isnan(at_s)),
-        simulated_s=stored.simulated_s or duration_s,
-        wall_s=stored.wall_s,
-        health=tuple(
-            RobotHealth(GUARD, duration_s, robot)
-            if robot["role"] == GUARD
-            else RobotHealth(INTRUDER, next(present_s), robot)
-            for robot in tables["robots"]
-        ),
+    robots = robots.assign(number=robots.groupby([*place, "role"]).cumcount())
+    robots = robots.merge(ends, how="left", on=[*place, "role", "number"])
+    robots = robots.join(trials.set_index(place)["duration_s"], on=place)
+    present_s = robots["present_s"].fillna(robots["duration_s"])
+    defined_s = present_s.where(present_s > 0.0)
+    return robots.assign(
+        present_s=present_s,
+        stuck_percent=100.0 * robots["stuck_s"] / defined_s,
+        metres_per_minute=60.0 * robots["distance_m"] / defined_s,
     )
 
 
-_TIMES = ("detected_at_s", "caught_at_s", "escaped_at_s")
+def _placed(results: Results, frame: pd.DataFrame) -> pd.DataFrame:
+    """A table with its variant and the two numbers, whether or not they are factors of the grid."""
+    return frame.assign(
+        variant=results.others(frame, *CELL), **{name: results.column(frame, name) for name in CELL}
+    )
+
+
+def _mean(values: "pd.Series[float]") -> float:
+    """The mean, added up one by one: pandas adds in an order of its own, which changes the last digit."""
+    return sum(values) / len(values) if len(values) else np.nan

@@ -8,4 +8,7 @@ MAPPING = Experiment(
     summary="Section II.A: how robots explore an unknown arena and map it.",
     parameters="midnet_bench.experiments.mapping.parameters:MappingParameters",
     run=later("midnet_bench.experiments.mapping.trial:run_mapping"),
+    tables=later("midnet_bench.experiments.mapping.tables:tables"),
+    printed=("mapping", "mapping_walls", "mapping_speedup", "mapping_choice"),
+    figures=later("midnet_bench.experiments.mapping.figures:figures"),
 )

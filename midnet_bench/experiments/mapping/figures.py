@@ -1,30 +1,55 @@
 """The figure of a mapping campaign: time, coverage and walls over the size of the team, a row per arena."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from typing import NamedTuple
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from midnet_bench.campaign.trial import Row
-from midnet_bench.experiments.labyrinth.figures import FONT_PT, STYLES, Style, add_estimates
-from midnet_bench.experiments.labyrinth.trials import number
-from midnet_bench.experiments.mapping.tables import ENOUGH_COVERAGE, Maps, mean_of
+from midnet_bench.analysis.frames import Results
+from midnet_bench.analysis.statistics import Estimate
+from midnet_bench.drawing.charts import FONT_PT, STYLES, Style, add_estimates, chart, light_grid
+from midnet_bench.experiments.mapping.tables import ENOUGH_COVERAGE, Maps, mean_of, rows_of
 
 DODGE = 0.1
 SPREAD = 0.12
 """over which the single trials of a team are drawn side by side, in robots"""
 
 
-def mapping_figure(maps: Maps) -> Figure:
+class Points(NamedTuple):
+    """One measure of one team."""
+
+    trials: list[float]
+    mean: Estimate
+
+
+Teams = Mapping[int, Mapping[str, Points]]
+"""team size -> measure -> its numbers"""
+
+
+def figures(results: Results) -> dict[str, Figure]:
+    """The figure of a mapping campaign, ``mapping``."""
+    maps = rows_of(results, "maps")
+    return {"mapping": mapping_figure(points_of(maps))} if maps else {}
+
+
+def points_of(maps: Maps) -> dict[str, Teams]:
+    """What is drawn: arena -> team size -> measure -> each trial's value and their mean."""
+    measures = ("time_s", "coverage", "occupied_precision", "occupied_recall")
+    return {
+        arena: {
+            robots: {name: Points(trials[name].tolist(), mean_of(trials, name)) for name in measures}
+            for robots, trials in teams.items()
+        }
+        for arena, teams in maps.items()
+    }
+
+
+def mapping_figure(arenas: Mapping[str, Teams]) -> Figure:
     """Each trial as a dot, each team's mean with its 95 % interval over seeds."""
-    figure = Figure(
-        figsize=(10.5, 0.5 + 3.1 * len(maps)), layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.1)
-    )
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(len(maps), 3, squeeze=False)
-    for (arena, teams), (time, coverage, walls) in zip(maps.items(), panels, strict=True):
+    figure = chart(10.5, 0.5 + 3.1 * len(arenas), w_pad=0.1, h_pad=0.1)
+    panels = figure.subplots(len(arenas), 3, squeeze=False)
+    for (arena, teams), (time, coverage, walls) in zip(arenas.items(), panels, strict=True):
         _draw(time, teams, "time_s", STYLES[0])
         time.set_ylim(bottom=0.0)
         time.set_ylabel("time until no frontier is left (s)", fontsize=FONT_PT)
@@ -40,9 +65,7 @@ def mapping_figure(maps: Maps) -> Figure:
             axes.set_title(arena, fontsize=FONT_PT, loc="left")
             axes.set_xlabel("robots that explore", fontsize=FONT_PT)
             axes.set_xticks(sorted(teams))
-            axes.grid(axis="y", color="#dddddd", linewidth=0.6)
-            axes.set_axisbelow(True)
-            axes.spines[["top", "right"]].set_visible(False)
+            light_grid(axes)
             axes.tick_params(labelsize=FONT_PT - 1)
     figure.supxlabel(
         "a dot is a trial; means with 95 % bootstrap intervals over seeds",
@@ -53,18 +76,13 @@ def mapping_figure(maps: Maps) -> Figure:
 
 
 def _draw(
-    axes: Axes,
-    teams: Mapping[int, Sequence[Row]],
-    measure: str,
-    style: Style,
-    shift: float = 0.0,
-    label: str | None = None,
+    axes: Axes, teams: Teams, measure: str, style: Style, shift: float = 0.0, label: str | None = None
 ) -> None:
     """One measure over the size of the team, moved sideways by ``shift`` robots."""
-    for robots, trials in teams.items():
-        steps = [(k + 0.5) / len(trials) - 0.5 for k in range(len(trials))]
+    for robots, points in teams.items():
+        values = points[measure].trials
+        steps = [(k + 0.5) / len(values) - 0.5 for k in range(len(values))]
         places = [robots + shift + SPREAD * step for step in steps]
-        values = [number(one[measure]) for one in trials]
         axes.plot(places, values, ".", color=style.color, alpha=0.35, markersize=4)
-    means = [mean_of(trials, measure) for trials in teams.values()]
+    means = [points[measure].mean for points in teams.values()]
     add_estimates(axes, [robots + shift for robots in teams], means, style, label)

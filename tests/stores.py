@@ -1,7 +1,7 @@
-"""Stores of labyrinth campaigns that never ran: their trials are written down, so every number is known."""
+"""Stores of campaigns that never ran: their trials are written down, so every number is known."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from midnet_bench.campaign.definition import Definition
@@ -82,3 +82,31 @@ def robot_row(role: str, present_s: float, stuck_s: float, goals_given_up: int =
         "recoveries": 0,
         "pose_error_m": 0.01,
     }
+
+
+def detection_store(
+    folder: Path,
+    scores: Mapping[int, Mapping[int, tuple[float, float, float]]],
+    failure: str | None = None,
+) -> Path:
+    """Trials of the detection test: team size -> seed -> precision, recall, F1; all fail if ``failure``."""
+    seeds = [seed for by_seed in scores.values() for seed in by_seed]
+    definition = Definition("detection", min(seeds), len(set(seeds)), {"robots": list(scores)}, {})
+    folder.mkdir(parents=True, exist_ok=True)
+    with open_or_create(folder / "campaign.sqlite", definition) as store:
+        run_id = store.begin_run(collect(1))
+        for robots, by_seed in scores.items():
+            for seed, (precision, recall, f1) in by_seed.items():
+                counts: Row = {"frames": 10, "tp": 8, "fp": 2, "fn": 4, "in_range": 12}
+                counts |= {"matched": 6, "duplicates": 2, "missed": 6, "error_sum_m": 0.6}
+                row: Row = {**counts, "precision": precision, "recall": recall, "f1": f1}
+                frames: list[Row] = [{"frame": 1, **counts}]
+                robot: Row = {"robot": "guard 1", "role": "guard", "distance_m": 0.1 * seed}
+                tables = {"scores": [row], "frames": frames, "robots": [robot] * robots}
+                spec = TrialSpec("detection", {"robots": robots}, seed)
+                payload = encode_tables(TrialResult(tables, 2.0))
+                outcome = Outcome(spec.trial_id, 1.5, 2.0, payload)
+                store.record(
+                    run_id, spec, Outcome(spec.trial_id, 1.5, failure=failure) if failure else outcome
+                )
+    return folder

@@ -7,9 +7,10 @@ from pathlib import Path
 import cv2
 import pytest
 
+from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.provenance import collect
-from midnet_bench.campaign.store import Store, open_or_create
+from midnet_bench.campaign.store import open_or_create
 from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome, encode_tables
 from midnet_bench.errors import InputError
@@ -22,7 +23,7 @@ from midnet_bench.experiments.mapping.tables import (
     teams_table,
     walls_table,
 )
-from midnet_bench.workflows.report import write_report
+from midnet_bench.workflows.report import printed, write_report
 from midnet_bench.workflows.verify import verify
 
 SEEDS = range(1, 5)
@@ -57,12 +58,12 @@ def robot_row(number: int) -> Row:
 
 
 def mapping_store(
-    path: Path, changes: dict[tuple[str, int, int], Row], failed: tuple[str, int, int] | None = None
-) -> Store:
+    folder: Path, changes: dict[tuple[str, int, int], Row], failed: tuple[str, int, int] | None = None
+) -> Results:
     """Two arenas, one and three robots, four seeds; ``changes`` by arena, team size and seed."""
     arenas = ["map1", '{"name": "My flat"}']
     grid: dict[str, list[Scalar]] = {"arena": [*arenas], "robots": [1, 3]}
-    store = open_or_create(path, Definition("mapping", 1, len(SEEDS), grid, {}))
+    store = open_or_create(folder / "campaign.sqlite", Definition("mapping", 1, len(SEEDS), grid, {}))
     run_id = store.begin_run(collect(1))
     for arena in arenas:
         for robots in (1, 3):
@@ -75,14 +76,15 @@ def mapping_store(
                 team = [robot_row(number) for number in range(1, robots + 1)]
                 result = TrialResult({"maps": [row], "robots": team}, 100.0)
                 store.record(run_id, spec, Outcome(spec.trial_id, 6.0, 100.0, encode_tables(result)))
-    return store
+    store.close()
+    return load_results(folder)
 
 
 def test_trials_stand_under_their_arenas_names_and_team_sizes(tmp_path: Path) -> None:
-    with mapping_store(tmp_path / "campaign.sqlite", {}, failed=("map1", 3, 2)) as store:
-        maps = rows_of(store, "maps")
+    found = mapping_store(tmp_path, {}, failed=("map1", 3, 2))
+    maps = rows_of(found, "maps")
     assert {arena: list(teams) for arena, teams in maps.items()} == {"map1": [1, 3], "My flat": [1, 3]}
-    assert [row["seed"] for row in maps["map1"][3]] == [1, 3, 4]
+    assert maps["map1"][3]["seed"].tolist() == [1, 3, 4]
 
 
 def test_a_teams_row_says_how_many_finished_and_covered_enough(tmp_path: Path) -> None:
@@ -90,27 +92,27 @@ def test_a_teams_row_says_how_many_finished_and_covered_enough(tmp_path: Path) -
         ("map1", 1, 1): {"finished": False, "coverage": 0.9},
         ("map1", 1, 2): {"coverage": 0.979},
     }
-    with mapping_store(tmp_path / "campaign.sqlite", changes) as store:
-        first, *_ = teams_table(rows_of(store, "maps")).rows
-    assert (first["finished"], first["covered 98%"]) == ("3 of 4", "2 of 4")
-    assert str(first["covered_percent"]).startswith(f"{100 * (0.9 + 0.979 + 2 * 0.99) / 4:.2f} (")
-    assert str(first["time_s"]).startswith("102.5 (")
+    found = mapping_store(tmp_path, changes)
+    first, *_ = teams_table(rows_of(found, "maps")).flat_rows()
+    assert (first["trials"], first["finished"], first["covered_98_percent"]) == (4, 3, 2)
+    assert first["covered_percent"] == pytest.approx(100 * (0.9 + 0.979 + 2 * 0.99) / 4)
+    assert (first["time_s"], first["time_s_n"]) == (102.5, 4)
 
 
 def test_walls_are_told_in_centimetres(tmp_path: Path) -> None:
-    with mapping_store(tmp_path / "campaign.sqlite", {("map1", 1, 1): {"wall_error_m": 0.05}}) as store:
-        first, *_ = walls_table(rows_of(store, "maps")).rows
-    assert str(first["wall_error_cm"]).startswith("2.00 (1.00-")
-    assert first["occupied_precision"] == "0.960 (0.960-0.960)"
+    found = mapping_store(tmp_path, {("map1", 1, 1): {"wall_error_m": 0.05}})
+    first, *_ = walls_table(rows_of(found, "maps")).flat_rows()
+    assert (first["wall_error_cm"], first["wall_error_cm_low"]) == pytest.approx((2.0, 1.0))
+    assert (first["occupied_precision"], first["occupied_precision_high"]) == pytest.approx((0.96, 0.96))
 
 
 def test_the_ratio_of_times_is_paired_by_seed(tmp_path: Path) -> None:
     changes: dict[tuple[str, int, int], Row] = {("map1", 3, 4): {"time_s": 200.0}}
-    with mapping_store(tmp_path / "campaign.sqlite", changes, failed=("map1", 1, 1)) as store:
-        ours, flat = speedup_table(rows_of(store, "maps")).rows
+    found = mapping_store(tmp_path, changes, failed=("map1", 1, 1))
+    ours, flat = speedup_table(rows_of(found, "maps")).flat_rows()
     assert ours["time_ratio"] == pytest.approx((42 + 43 + 200) / (102 + 103 + 104))
-    assert ours["faster"] == "2 of 3"
-    assert flat["faster"] == "4 of 4"
+    assert (ours["baseline"], ours["faster_seeds"], ours["seeds"]) == (1, 2, 3)
+    assert (flat["faster_seeds"], flat["seeds"]) == (4, 4)
     # both times of a seed go up together: the ratio hardly moves with the seeds
     low, value, high = (float(str(flat[name])) for name in ("low", "time_ratio", "high"))
     assert value == pytest.approx((41 + 42 + 43 + 44) / (101 + 102 + 103 + 104))
@@ -126,8 +128,8 @@ def test_the_map_that_is_kept_is_the_best_of_those_that_are_whole(tmp_path: Path
         ("map1", 1, 4): {"occupied_precision": 0.97, "occupied_recall": 0.99, "wall_error_m": 0.01},
         ("map1", 3, 4): {"occupied_precision": math.nan, "occupied_recall": math.nan},
     }
-    with mapping_store(tmp_path / "campaign.sqlite", changes) as store:
-        rows = choice_table(rows_of(store, "maps")).rows
+    found = mapping_store(tmp_path, changes)
+    rows = choice_table(rows_of(found, "maps")).rows
     ours = [row for row in rows if row["arena"] == "map1"]
     assert [(row["choice"], row["robots"], row["seed"]) for row in ours] == [
         ("chosen", 1, 4),
@@ -141,8 +143,8 @@ def test_an_arena_that_nobody_finished_has_no_chosen_map(tmp_path: Path) -> None
     changes: dict[tuple[str, int, int], Row] = {
         ("map1", robots, seed): {"finished": False} for robots in (1, 3) for seed in SEEDS
     }
-    with mapping_store(tmp_path / "campaign.sqlite", changes) as store:
-        rows = choice_table(rows_of(store, "maps")).rows
+    found = mapping_store(tmp_path, changes)
+    rows = choice_table(rows_of(found, "maps")).rows
     assert {row["arena"] for row in rows} == {"My flat"}
 
 
@@ -151,8 +153,8 @@ def test_the_worst_seed_is_named_and_undefined_numbers_are_left_out(tmp_path: Pa
         ("map1", 1, 3): {"coverage": 0.5, "time_s": 999.0},
         ("map1", 1, 2): {"wall_error_m": math.nan},
     }
-    with mapping_store(tmp_path / "campaign.sqlite", changes) as store:
-        rows = measures_table(rows_of(store, "maps")).rows
+    found = mapping_store(tmp_path, changes)
+    rows = measures_table(rows_of(found, "maps")).flat_rows()
     mine = {row["measure"]: row for row in rows if (row["arena"], row["robots"]) == ("map1", 1)}
     assert (mine["coverage"]["worst"], mine["coverage"]["worst_seed"]) == (0.5, 3)
     assert (mine["time_s"]["worst"], mine["time_s"]["median"]) == (999.0, 103.0)
@@ -160,8 +162,8 @@ def test_the_worst_seed_is_named_and_undefined_numbers_are_left_out(tmp_path: Pa
 
 
 def test_the_robots_health_is_pooled_over_a_team(tmp_path: Path) -> None:
-    with mapping_store(tmp_path / "campaign.sqlite", {}) as store:
-        rows = health_table(rows_of(store, "robots")).rows
+    found = mapping_store(tmp_path, {})
+    rows = health_table(rows_of(found, "robots")).rows
     three = rows[1]
     assert (three["robots"], three["robot_trials"], three["recoveries"]) == (3, 12, 24)
     assert three["pose_error_m"] == pytest.approx(0.02)
@@ -169,10 +171,10 @@ def test_the_robots_health_is_pooled_over_a_team(tmp_path: Path) -> None:
 
 
 def test_a_report_writes_tables_and_a_figure_twice_the_same(tmp_path: Path) -> None:
-    mapping_store(tmp_path / "campaign.sqlite", {}).close()
-    shown = write_report(tmp_path)
+    mapping_store(tmp_path, {})
+    _, tables = write_report(tmp_path)
     first = {path.name: path.read_bytes() for path in tmp_path.glob("mapping*")}
-    assert [table.title.split()[0] for table in shown] == ["What", "Occupied", "Time", "Best"]
+    assert [table.name for table in printed("mapping", tables)][1:3] == ["mapping_walls", "mapping_speedup"]
     parts = ("walls", "speedup", "choice", "measures", "health")
     stems = ("mapping", *(f"mapping_{part}" for part in parts))
     assert set(first) == {f"{stem}{ending}" for stem in stems for ending in (".csv", ".md", ".tex")} | {
@@ -187,6 +189,6 @@ def test_a_report_writes_tables_and_a_figure_twice_the_same(tmp_path: Path) -> N
 
 
 def test_the_paper_states_nothing_to_verify(tmp_path: Path) -> None:
-    mapping_store(tmp_path / "campaign.sqlite", {}).close()
+    mapping_store(tmp_path, {})
     with pytest.raises(InputError, match="paper states"):
         verify(tmp_path)

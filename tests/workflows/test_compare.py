@@ -1,48 +1,37 @@
+import math
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from midnet_bench.campaign.definition import Definition
-from midnet_bench.campaign.provenance import collect
-from midnet_bench.campaign.store import open_or_create
-from midnet_bench.campaign.trial import TrialResult, TrialSpec
-from midnet_bench.campaign.worker import Outcome, encode_tables
+from midnet_bench.analysis.tables import Table
 from midnet_bench.errors import InputError
-from midnet_bench.workflows.compare import names_of, write_comparison
-from tests.report.labyrinth_stores import labyrinth_store
+from midnet_bench.workflows.compare import compare, names_of
+from tests.stores import detection_store, labyrinth_store
 
 SMALL = {"intruders": [1, 2], "robots": [1, 2]}
 
 
-def detection_store(folder: Path, precision: dict[int, float]) -> Path:
+def one_robot(folder: Path, precision: dict[int, float]) -> Path:
     """Trials of one robot, whose precision at each seed is given."""
-    folder.mkdir(parents=True)
-    definition = Definition("detection", min(precision), len(precision), {"robots": [1]}, {})
-    with open_or_create(folder / "campaign.sqlite", definition) as store:
-        run_id = store.begin_run(collect(1))
-        for seed, value in precision.items():
-            spec = TrialSpec("detection", {"robots": 1}, seed)
-            scores = {"frames": 10, "precision": value, "recall": 0.5, "f1": float("nan")}
-            outcome = Outcome(
-                spec.trial_id, 1.0, 2.0, encode_tables(TrialResult({"scores": [scores], "robots": []}, 2.0))
-            )
-            store.record(run_id, spec, outcome)
-    return folder
+    return detection_store(folder, {1: {seed: (value, 0.5, math.nan) for seed, value in precision.items()}})
+
+
+def compared(*directories: Path, output: Path | None = None) -> dict[str, Table]:
+    return {table.name: table for table in compare(directories, output)[1]}
 
 
 def test_detection_campaigns_are_paired_by_seed(tmp_path: Path) -> None:
-    exact = detection_store(tmp_path / "exact", {1: 0.9, 2: 0.5, 3: 0.7})
-    explored = detection_store(tmp_path / "explored", {2: 0.4, 3: 0.65, 4: 1.0})
-    (table,) = write_comparison([exact, explored], tmp_path / "out")
-    rows = {row["measure"]: row for row in table.rows}
+    exact = one_robot(tmp_path / "exact", {1: 0.9, 2: 0.5, 3: 0.7})
+    explored = one_robot(tmp_path / "explored", {2: 0.4, 3: 0.65, 4: 1.0})
+    table = compared(exact, explored, output=tmp_path / "out")["differences"]
+    rows = {row["measure"]: row for row in table.flat_rows()}
     assert rows["precision"]["seeds"] == 2, "seeds 2 and 3 are in both"
     assert rows["precision"]["exact"] == pytest.approx(0.6)
     assert rows["precision"]["explored"] == pytest.approx(0.525)
     assert rows["precision"]["difference"] == pytest.approx(-0.075)
     assert (rows["precision"]["low"], rows["precision"]["high"]) == pytest.approx((-0.1, -0.05))
     assert rows["recall"]["difference"] == 0.0
-    assert np.isnan(rows["f1"]["difference"])
+    assert (math.isnan(rows["f1"]["difference"]), rows["f1"]["n"]) == (True, 0)
     assert (tmp_path / "out" / "differences.md").exists()
 
 
@@ -51,30 +40,28 @@ def test_labyrinths_get_their_figure_and_differences_over_all_intruders(tmp_path
     for folder, caught in zip(folders, (lambda i, r, s: i, lambda i, r, s: i // 2), strict=True):
         folder.mkdir()
         labyrinth_store(folder / "campaign.sqlite", caught, seeds=4, grid=SMALL).close()
-    *_, table = write_comparison(folders, tmp_path / "out")
+    table = compared(*folders, output=tmp_path / "out")["differences"]
     assert [row["trial"] for row in table.rows] == ["1-robot", "2-robot"]
-    assert {row["difference"] for row in table.rows} == {-75.0}, "one of one missed, and one of two"
+    assert {row["difference"] for row in table.flat_rows()} == {-75.0}, "one of one missed, and one of two"
     assert (tmp_path / "out" / "success_comparison.png").exists()
 
 
 def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
-    first = detection_store(tmp_path / "first", {1: 0.9})
+    first = one_robot(tmp_path / "first", {1: 0.9})
     labyrinth = tmp_path / "labyrinth"
     labyrinth.mkdir()
     labyrinth_store(labyrinth / "campaign.sqlite", lambda i, r, s: i, seeds=1, grid=SMALL).close()
     with pytest.raises(InputError, match="not detection and labyrinth"):
-        write_comparison([first, labyrinth], tmp_path)
+        compare([first, labyrinth])
     for folders in ([first], [first, first], [first, tmp_path / "other" / ".." / "first"]):
         with pytest.raises(InputError, match="two or more different folders"):
-            write_comparison(folders, tmp_path)
+            compare(folders)
 
 
 def test_nothing_in_common_is_told(tmp_path: Path) -> None:
-    first, other = (
-        detection_store(tmp_path / name, {seed: 0.9}) for name, seed in (("first", 1), ("other", 2))
-    )
+    first, other = (one_robot(tmp_path / name, {seed: 0.9}) for name, seed in (("first", 1), ("other", 2)))
     with pytest.raises(InputError, match="first and other have no finished trials with a cell and a seed"):
-        write_comparison([first, other], tmp_path / "out")
+        compare([first, other], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -90,8 +77,8 @@ def test_campaigns_are_called_by_the_ends_of_their_paths(
 
 
 def test_a_folder_called_as_a_column_does_not_replace_it(tmp_path: Path) -> None:
-    folders = [detection_store(tmp_path / "runs" / name, {1: 0.9}) for name in ("trial", "NaN")]
-    (table,) = write_comparison(folders, tmp_path / "out")
+    folders = [one_robot(tmp_path / "runs" / name, {1: 0.9}) for name in ("trial", "NaN")]
+    table = compared(*folders)["differences"]
     assert [row["trial"] for row in table.rows] == ["1-robot"] * 3
     assert table.rows[0]["runs/trial"] == table.rows[0]["runs/NaN"] == 0.9
 
@@ -101,5 +88,21 @@ def test_labyrinths_of_one_folder_name_are_told_apart(tmp_path: Path) -> None:
     for folder in folders:
         folder.mkdir(parents=True)
         labyrinth_store(folder / "campaign.sqlite", lambda i, r, s: i, seeds=2, grid=SMALL).close()
-    rates, _ = write_comparison(folders, tmp_path / "out")
+    rates = compared(*folders)["success_comparison"]
     assert {row["variant"] for row in rates.rows} == {"one/maze", "two/maze"}
+
+
+def test_nothing_is_written_unless_a_folder_is_given(tmp_path: Path) -> None:
+    folders = [one_robot(tmp_path / name, {1: 0.9}) for name in ("a", "b")]
+    before = sorted(tmp_path.rglob("*"))
+    compare(folders)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_the_settings_that_differ_are_named(tmp_path: Path) -> None:
+    same, more = (
+        one_robot(tmp_path / name, dict.fromkeys(seeds, 0.9)) for name, seeds in (("a", [1]), ("b", [1, 2]))
+    )
+    (row,) = compared(same, more)["settings"].rows
+    assert row == {"setting": "trials", "a": "1", "b": "2"}
+    assert compared(same, one_robot(tmp_path / "c", {1: 0.1}))["settings"].title == "No setting differs"

@@ -1,19 +1,20 @@
+"""The paper's claims against campaigns, and the sample sizes that differences need."""
+
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from midnet_bench.analysis.claims import Finding, Verdict
+from midnet_bench.analysis.power import minimum_detectable_effect, sample_size
 from midnet_bench.analysis.statistics import Estimate
-from midnet_bench.campaign.definition import Definition
-from midnet_bench.campaign.provenance import collect
-from midnet_bench.campaign.store import Store, open_or_create
-from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
-from midnet_bench.campaign.worker import Outcome, encode_tables
+from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.labyrinth.power import least_difference, power_report, trials_needed
-from midnet_bench.workflows.verify import Finding, Verdict, verify
-from tests.report.labyrinth_stores import labyrinth_store
+from midnet_bench.workflows.verify import power_report, verify
+from tests.stores import detection_store, labyrinth_store
+
+REFERENCES = Path(__file__).parents[2] / "results" / "reference"
 
 
 def binomial_counts(rates: list[float]) -> "dict[tuple[int, int, int], int]":
@@ -36,16 +37,16 @@ def campaign(folder: Path, rates: list[float], seeds: int) -> Path:
     ("low", "high", "above", "below", "verdict"),
     [
         (0.1, 0.3, 0.0, math.inf, Verdict.REPRODUCED),
-        (0.0, 0.3, 0.0, math.inf, Verdict.CANNOT_BE_TOLD),
-        (-0.1, 0.3, 0.0, math.inf, Verdict.CANNOT_BE_TOLD),
+        (0.0, 0.3, 0.0, math.inf, Verdict.INCONCLUSIVE),
+        (-0.1, 0.3, 0.0, math.inf, Verdict.INCONCLUSIVE),
         (-0.3, -0.1, 0.0, math.inf, Verdict.NOT_REPRODUCED),
         (-0.3, -0.1, -math.inf, 0.0, Verdict.REPRODUCED),
-        (0.0, 0.0, -math.inf, 0.0, Verdict.CANNOT_BE_TOLD),
+        (0.0, 0.0, -math.inf, 0.0, Verdict.INCONCLUSIVE),
         (0.91, 0.97, 0.9, 1.0, Verdict.REPRODUCED),
-        (0.89, 0.97, 0.9, 1.0, Verdict.CANNOT_BE_TOLD),
-        (0.8, 1.1, 0.9, 1.0, Verdict.CANNOT_BE_TOLD),
+        (0.89, 0.97, 0.9, 1.0, Verdict.INCONCLUSIVE),
+        (0.8, 1.1, 0.9, 1.0, Verdict.INCONCLUSIVE),
         (0.8, 0.85, 0.9, 1.0, Verdict.NOT_REPRODUCED),
-        (math.nan, math.nan, 0.9, 1.0, Verdict.CANNOT_BE_TOLD),
+        (math.nan, math.nan, 0.9, 1.0, Verdict.INCONCLUSIVE),
     ],
 )
 def test_the_whole_interval_decides(
@@ -54,18 +55,18 @@ def test_the_whole_interval_decides(
     assert Finding("", Estimate((low + high) / 2, low, high, 20), above, below).verdict == verdict
 
 
-def verdicts(folder: Path) -> tuple[dict[Scalar, Scalar], int]:
-    table, code = verify(folder)
-    return {row["statement"]: row["verdict"] for row in table.rows}, code
+def verdicts(folder: Path) -> tuple[dict[str, str], int]:
+    _, table, code = verify(folder)
+    return {str(row["statement"]): str(row["verdict"]) for row in table.rows}, code
 
 
-def test_a_clear_rise_is_reproduced_and_a_small_dip_cannot_be_told(tmp_path: Path) -> None:
+def test_a_clear_rise_is_reproduced_and_a_small_dip_is_inconclusive(tmp_path: Path) -> None:
     found, code = verdicts(campaign(tmp_path, [0.2, 0.4, 0.6, 0.85, 0.85], seeds=20))
 
     assert len(found) == 5 + 3 + 2
     assert found["5 intruders: success (points) rises from 1 to 4 robots"] == "reproduced"
     assert found["all intruders: success (points) rises from 1 to 2 robots"] == "reproduced"
-    assert found["1 intruder: success (points) dips from 4 to 5 robots"] == "cannot be told"
+    assert found["1 intruder: success (points) dips from 4 to 5 robots"] == "inconclusive"
     assert code == 3
 
 
@@ -86,7 +87,7 @@ def test_a_real_dip_is_found_with_enough_trials(tmp_path: Path) -> None:
 def test_a_single_trial_tells_nothing(tmp_path: Path) -> None:
     found, code = verdicts(campaign(tmp_path, [0.1, 0.4, 0.7, 1.0, 0.5], seeds=1))
 
-    assert set(found.values()) == {"cannot be told"}
+    assert set(found.values()) == {"inconclusive"}
     assert code == 3
 
 
@@ -99,29 +100,25 @@ def test_comparisons_are_made_seed_by_seed(tmp_path: Path) -> None:
 
     grid: dict[str, list[Scalar]] = {"intruders": [5], "robots": [1, 2]}
     labyrinth_store(tmp_path / "campaign.sqlite", caught, seeds=10, grid=grid).close()
-    table, code = verify(tmp_path)
+    name, table, code = verify(tmp_path)
 
-    row = table.rows[0]
+    row = table.flat_rows()[0]
     assert (row["ours"], row["low"], row["high"]) == (20.0, 20.0, 20.0)
-    assert (row["agree"], row["n"], row["verdict"]) == ("10 of 10", 10, "reproduced")
+    assert (row["agreeing_seeds"], row["n"], row["verdict"]) == (10, 10, "reproduced")
+    assert name == "labyrinth"
     assert code == 0
 
 
 def detection_campaign(folder: Path, scores: dict[int, tuple[float, float, float]], seeds: int = 20) -> Path:
     """Scores by team size, each seed a little off, the same for both teams."""
-    grid: dict[str, list[Scalar]] = {"robots": list(scores)}
-    store: Store = open_or_create(folder / "campaign.sqlite", Definition("detection", 1, seeds, grid, {}))
-    run_id = store.begin_run(collect(1))
-    for robots, values in scores.items():
-        for seed in range(1, seeds + 1):
-            off = 0.01 * math.sin(seed)
-            precision, recall, f1 = (value + off for value in values)
-            row: Row = {"tp": 1, "fp": 1, "fn": 1, "precision": precision, "recall": recall, "f1": f1}
-            spec = TrialSpec("detection", {"robots": robots}, seed)
-            payload = encode_tables(TrialResult({"scores": [row]}, 1.0))
-            store.record(run_id, spec, Outcome(spec.trial_id, 1.0, 1.0, payload))
-    store.close()
-    return folder
+    off = {seed: 0.01 * math.sin(seed) for seed in range(1, seeds + 1)}
+    return detection_store(
+        folder,
+        {
+            robots: {seed: (p + off[seed], r + off[seed], f1 + off[seed]) for seed in off}
+            for robots, (p, r, f1) in scores.items()
+        },
+    )
 
 
 def test_the_papers_own_table_is_reproduced(tmp_path: Path) -> None:
@@ -138,7 +135,7 @@ def test_a_score_far_off_and_an_order_turned_round_are_not(tmp_path: Path) -> No
     assert found["1-robot recall is 0.787, within 0.05"] == "not reproduced"
     assert found["precision falls from 1 to 5 robots"] == "not reproduced"
     assert found["recall rises from 1 to 5 robots"] == "reproduced"
-    assert found["5-robot precision is 0.935, within 0.05"] in ("cannot be told", "not reproduced")
+    assert found["5-robot precision is 0.935, within 0.05"] in ("inconclusive", "not reproduced")
     assert code == 4
 
 
@@ -171,7 +168,7 @@ def test_the_numbers_of_trials_are_those_of_the_notes(
     def variance(rate: float) -> float:
         return rate * (1 - rate) / intruders * (1 + (intruders - 1) * correlation)
 
-    needed = trials_needed(variance(first) + variance(first - dip), dip)
+    needed = sample_size(variance(first) + variance(first - dip), dip)
     assert needed == pytest.approx(expected, rel=0.02)
 
 
@@ -179,7 +176,7 @@ def test_the_power_is_what_it_says_it_is() -> None:
     """With the number of pairs that is asked for, a t test finds the difference four times in five."""
     from scipy import stats
 
-    pairs = int(trials_needed(variance=400.0, difference=10.0))
+    pairs = int(sample_size(variance=400.0, difference=10.0))
     rng = np.random.default_rng(3)
     samples = rng.normal(10.0, 20.0, size=(20_000, pairs))
     found = stats.ttest_1samp(samples, 0.0, axis=1).pvalue < 0.05
@@ -189,20 +186,20 @@ def test_the_power_is_what_it_says_it_is() -> None:
 
 def test_needed_trials_and_least_difference_are_inverse() -> None:
     for difference in (1.0, 5.0, 20.0):
-        trials = trials_needed(900.0, difference, power=0.9)
-        assert least_difference(900.0, int(trials), power=0.9) == pytest.approx(difference, rel=0.05)
-        assert least_difference(900.0, int(trials), power=0.9) <= difference
-    assert math.isnan(trials_needed(math.nan, 5.0))
-    assert math.isnan(least_difference(900.0, 0))
+        trials = sample_size(900.0, difference, power=0.9)
+        assert minimum_detectable_effect(900.0, int(trials), power=0.9) == pytest.approx(difference, rel=0.05)
+        assert minimum_detectable_effect(900.0, int(trials), power=0.9) <= difference
+    assert math.isnan(sample_size(math.nan, 5.0))
+    assert math.isnan(minimum_detectable_effect(900.0, 0))
 
 
 def test_the_power_table_stands_on_the_results_at_hand(tmp_path: Path) -> None:
-    table = power_report(campaign(tmp_path, [0.2, 0.4, 0.6, 0.85, 0.85], seeds=40), difference=-5.0)
+    _, table = power_report(campaign(tmp_path, [0.2, 0.4, 0.6, 0.85, 0.85], seeds=40), difference=-5.0)
 
     rows = {row["intruders"]: row for row in table.rows}
-    assert list(rows) == ["1", "2", "3", "4", "5", "all"]
+    assert list(rows) == [1, 2, 3, 4, 5, "all"]
     assert "5 points between 4 and 5 robots" in table.title
-    one, five = rows["1"], rows["5"]
+    one, five = rows[1], rows[5]
     assert float(one["sd"] or 0) == pytest.approx(100 * math.sqrt(0.85 * 0.15), rel=0.35)
     assert float(five["sd"] or 0) == pytest.approx(100 * math.sqrt(0.85 * 0.15 / 5), rel=0.35)
     assert float(five["trials_needed"] or 0) < float(one["trials_needed"] or 0)
@@ -216,16 +213,16 @@ def test_common_seeds_make_it_cheaper_where_they_help(tmp_path: Path) -> None:
     grid: dict[str, list[Scalar]] = {"intruders": [5], "robots": [4, 5]}
     labyrinth_store(tmp_path / "campaign.sqlite", caught, seeds=20, grid=grid).close()
 
-    row = power_report(tmp_path, difference=5.0).rows[0]
+    row = power_report(tmp_path, difference=5.0)[1].rows[0]
     assert float(row["pairs_needed"] or 0) < 0.2 * float(row["trials_needed"] or 0)
-    assert float(row["least_of_pairs"] or 0) < float(row["least_difference"] or 0)
+    assert float(row["mde_paired"] or 0) < float(row["mde"] or 0)
 
 
 def test_cells_without_any_spread_give_no_number(tmp_path: Path) -> None:
     grid: dict[str, list[Scalar]] = {"intruders": [1], "robots": [4, 5]}
     labyrinth_store(tmp_path / "campaign.sqlite", lambda k, q, seed: 1, seeds=5, grid=grid).close()
 
-    table = power_report(tmp_path, difference=5.0)
+    _, table = power_report(tmp_path, difference=5.0)
     assert math.isnan(float(table.rows[0]["trials_needed"] or 0))
     assert "n/a" in table.to_markdown()
 
@@ -236,6 +233,7 @@ def test_cells_without_any_spread_give_no_number(tmp_path: Path) -> None:
         (0.0, (4, 5), 0.8, "--difference 0"),
         (101.0, (4, 5), 0.8, "--difference 101"),
         (5.0, (4, 6), 0.8, "no finished trials with 6 robots"),
+        (5.0, (4, 4), 0.8, "--robots 4 4"),
         (5.0, (4, 5), 1.0, "--power 1"),
     ],
 )
@@ -248,5 +246,14 @@ def test_questions_that_make_no_sense_are_one_line(
 
 
 def test_power_is_about_labyrinths(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="a detection campaign; power takes a labyrinth"):
+    with pytest.raises(InputError, match="a detection campaign; 'power' works on labyrinth"):
         power_report(detection_campaign(tmp_path, {1: (0.9, 0.9, 0.9)}), 5.0)
+
+
+@pytest.mark.usefixtures("all_resamples")
+@pytest.mark.parametrize(("name", "reproduced", "code"), [("detection", 9, 0), ("labyrinth", 6, 3)])
+def test_the_committed_references_are_verified_without_a_store(name: str, reproduced: int, code: int) -> None:
+    assert not (REFERENCES / name / "campaign.sqlite").exists()
+    found, exit_code = verdicts(REFERENCES / name)
+    assert list(found.values()).count("reproduced") == reproduced
+    assert exit_code == code

@@ -1,0 +1,105 @@
+"""What charts of numbers have in common: series that everybody can tell apart, estimates with intervals."""
+
+import io
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from typing import NamedTuple
+
+from matplotlib import rc_context
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import MaxNLocator
+
+from midnet_bench.analysis.statistics import Estimate
+
+DPI = 200
+FONT_PT = 9
+
+
+class Style(NamedTuple):
+    """Colour, marker and dash each tell the series apart alone: for colour-blind readers and grey print."""
+
+    color: str
+    marker: str
+    dash: str | tuple[int, tuple[float, ...]]
+
+
+STYLES = (
+    Style("#0072B2", "o", "-"),
+    Style("#D55E00", "s", "--"),
+    Style("#009E73", "^", "-."),
+    Style("#CC79A7", "D", ":"),
+    Style("#000000", "v", (0, (5, 1, 1, 1, 1, 1))),
+)
+"""Okabe and Ito's colours"""
+
+
+def chart(width_in: float, height_in: float, w_pad: float = 0.12, h_pad: float = 0.08) -> Figure:
+    """An empty figure on a canvas of its own, laid out by its contents."""
+    figure = Figure(figsize=(width_in, height_in), layout=ConstrainedLayoutEngine(w_pad=w_pad, h_pad=h_pad))
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def add_estimates(
+    axes: Axes, places: Sequence[float], estimates: Sequence[Estimate], style: Style, label: str | None
+) -> None:
+    """A line through estimates at places along x, each with its interval as a bar."""
+    axes.errorbar(
+        places,
+        [e.value for e in estimates],
+        yerr=[[e.value - e.low for e in estimates], [e.high - e.value for e in estimates]],
+        label=label,
+        color=style.color,
+        marker=style.marker,
+        linestyle=style.dash,
+        markersize=5,
+        linewidth=1.3,
+        elinewidth=0.8,
+        capsize=2,
+    )
+
+
+def add_series(axes: Axes, series: Mapping[str, Mapping[int, Estimate]], dodge: float, x_label: str) -> None:
+    """A line for each series over whole numbers along x.
+
+    Args:
+        axes: to draw in.
+        series: label -> x -> what is drawn there.
+        dodge: between neighbouring series along x, so that intervals do not cover each other.
+        x_label: of the axis.
+    """
+    for place, ((label, points), style) in enumerate(zip(series.items(), cycle(STYLES))):
+        shift = dodge * (place - (len(series) - 1) / 2)
+        add_estimates(axes, [x + shift for x in points], list(points.values()), style, label)
+    axes.set_xlabel(x_label)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    light_grid(axes)
+
+
+def light_grid(axes: Axes) -> None:
+    """Faint horizontal lines behind the data, and no frame at the top and the right."""
+    axes.grid(axis="y", color="#dddddd", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def labelled(axes: Axes) -> tuple[list[Artist], list[str]]:
+    """The handles and labels of a legend."""
+    handles, labels = axes.get_legend_handles_labels()
+    return handles, labels
+
+
+def chart_files(figure: Figure) -> dict[str, bytes]:
+    """The figure's files by ending, PNG and SVG; the same figure gives the same bytes."""
+    files = {}
+    # without a salt the ids in an SVG are random
+    with rc_context({"svg.hashsalt": "midnet-bench"}):
+        for ending, metadata in ((".png", {"Software": None}), (".svg", {"Date": None})):
+            buffer = io.BytesIO()
+            figure.savefig(buffer, format=ending[1:], dpi=DPI, metadata=metadata)
+            files[ending] = buffer.getvalue()
+    return files

@@ -1,0 +1,145 @@
+"""A campaign's results as data frames: the same from its store and from the files that a report writes."""
+
+import gzip
+import math
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from midnet_bench.analysis.frames import load_results
+from midnet_bench.campaign.definition import Definition
+from midnet_bench.campaign.provenance import collect
+from midnet_bench.campaign.store import open_or_create
+from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
+from midnet_bench.campaign.worker import Outcome, encode_tables
+from midnet_bench.errors import InputError
+from midnet_bench.workflows.report import write_report
+from tests.stores import detection_store, labyrinth_store
+
+REFERENCES = Path(__file__).parents[2] / "results" / "reference"
+
+
+def odd_store(folder: Path) -> None:
+    """Values that a CSV file could change: types of factors, empty tables, booleans, long floats, texts."""
+    grid: dict[str, list[Scalar]] = {
+        "mode": ["1", "nan", '{"a": "x,y"}'],
+        "size_m": [3.0, 0.1 + 0.2],
+        "flag": [True, False],
+    }
+    with open_or_create(
+        folder / "campaign.sqlite", Definition("detection", 1, 2, grid, {"robots": 1})
+    ) as store:
+        run_id = store.begin_run(collect(1))
+        for mode in grid["mode"]:
+            for size_m in grid["size_m"]:
+                for flag in grid["flag"]:
+                    cell: dict[str, Scalar] = {"mode": mode, "size_m": size_m, "flag": flag}
+                    for seed in (1, 2):
+                        row: Row = {"x": math.pi / seed, "n": seed, "ok": flag, "text": "NA", "none": None}
+                        tables: dict[str, list[Row]] = {"rows": [row, {**row, "late": 1}], "empty": []}
+                        spec = TrialSpec("detection", {"robots": 1, **cell}, seed)
+                        if mode == "nan" and seed == 2:
+                            store.record(
+                                run_id, spec, Outcome(spec.trial_id, 1.0, failure="ValueError: no, not")
+                            )
+                        else:
+                            payload = encode_tables(TrialResult(tables, 2.0))
+                            store.record(run_id, spec, Outcome(spec.trial_id, 1 / 3, 2.0, payload))
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("kind", ["detection", "labyrinth", "odd"])
+def test_store_and_files_give_the_same_data_frames(tmp_path: Path, kind: str, packed: bool) -> None:
+    if kind == "detection":
+        detection_store(
+            tmp_path, {1: {3: (0.9, 0.5, math.nan), 4: (1 / 3, 0.1, 0.2)}, 5: {3: (0.1, 0.2, 0.3)}}
+        )
+    elif kind == "labyrinth":
+        labyrinth_store(
+            tmp_path / "campaign.sqlite", lambda k, q, seed: seed % k, seeds=3, failed=(2, 2, 2)
+        ).close()
+    else:
+        odd_store(tmp_path)
+    stored = load_results(tmp_path)
+    frames = dict(stored.tables)
+    if kind == "odd":  # no such experiment: the files alone, and no tables of it
+        from midnet_bench.campaign.export import export_csv
+        from midnet_bench.campaign.store import open_store
+
+        with open_store(tmp_path / "campaign.sqlite") as store:
+            export_csv(store, tmp_path)
+        (tmp_path / "configuration.json").write_text(stored.definition.to_json())
+    else:
+        write_report(tmp_path)
+    (tmp_path / "campaign.sqlite").unlink()
+    for path in tmp_path.glob("*.csv") if packed else ():
+        path.with_name(f"{path.name}.gz").write_bytes(gzip.compress(path.read_bytes()))
+        path.unlink()
+
+    read = load_results(tmp_path)
+
+    assert read.definition == stored.definition
+    assert kind == "odd" or read.provenance == stored.provenance
+    assert set(frames) - {"empty"} == set(read.tables)
+    for name in read.tables:
+        pd.testing.assert_frame_equal(read.tables[name], frames[name], check_exact=True)
+    pd.testing.assert_frame_equal(read.timing, stored.timing, check_exact=True)
+    pd.testing.assert_frame_equal(read.failures, stored.failures)
+    assert read.finished == stored.finished > 0
+    assert (len(read.failures) > 0) == (kind != "detection")
+
+
+def test_factors_keep_their_types_and_floats_their_digits(tmp_path: Path) -> None:
+    odd_store(tmp_path)
+    results = load_results(str(tmp_path))
+    frame = results.table("rows")
+    assert list(frame.columns[:4]) == ["mode", "size_m", "flag", "seed"]
+    assert frame["mode"].unique().tolist() == ["1", "nan", '{"a": "x,y"}']
+    assert frame["size_m"].unique().tolist() == [3.0, 0.1 + 0.2]
+    assert frame["x"].iloc[0] == math.pi
+    assert (frame["flag"].dtype, frame["ok"].dtype, frame["text"].iloc[0]) == (bool, bool, "NA")
+    assert results.others(frame, "mode", "size_m")[0] == "flag=True"
+    assert results.column(frame, "robots").unique().tolist() == [1]
+    assert "ValueError: no, not" in results.failures["reason"].tolist()
+
+
+def test_committed_references_are_read_in_a_fresh_clone() -> None:
+    results = load_results(REFERENCES / "labyrinth")
+    assert set(results.tables) == {"trial", "intruders", "robots"}
+    assert (results.finished, len(results.table("trial"))) == (500, 500)
+    assert results.table("trial").groupby("robots").size().to_dict() == dict.fromkeys(range(1, 6), 100)
+    assert str(results.provenance[0]["command"]).startswith("midnet-bench labyrinth")
+
+
+def test_what_is_no_campaign_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no campaign here"):
+        load_results(tmp_path)
+    (tmp_path / "configuration.json").write_text('{"map": "exact"}')
+    with pytest.raises(InputError, match=r"configuration\.json: is not the configuration of a campaign"):
+        load_results(tmp_path)
+
+
+def test_a_missing_table_is_named(tmp_path: Path) -> None:
+    detection_store(tmp_path, {1: {1: (0.9, 0.5, 0.6)}})
+    write_report(tmp_path)
+    for name in ("campaign.sqlite", "scores.csv"):
+        (tmp_path / name).unlink()
+    with pytest.raises(InputError, match=r"scores\.csv: missing"):
+        load_results(tmp_path).table("scores")
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("robots,seed,x\n7,1,2\n", "robots: '7' is no value of the grid"),
+        ('robots,seed,x\n1,1,"2\n', "cannot be read"),
+    ],
+)
+def test_a_damaged_table_is_named(tmp_path: Path, content: str, says: str) -> None:
+    detection_store(tmp_path, {1: {1: (0.9, 0.5, 0.6)}})
+    write_report(tmp_path)
+    (tmp_path / "campaign.sqlite").unlink()
+    (tmp_path / "scores.csv").write_text(content)
+    with pytest.raises(InputError, match=rf"scores\.csv: .*{says}"):
+        load_results(tmp_path).table("scores")

@@ -1,0 +1,256 @@
+"""The results of a labyrinth campaign whose trials were written down, so that every number is known."""
+
+import csv
+import math
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from midnet_bench.analysis.frames import Results, load_results, records
+from midnet_bench.campaign.trial import Scalar
+from midnet_bench.drawing.charts import chart_files
+from midnet_bench.experiments.labyrinth.figures import DODGE, figures, success_figure, success_panel
+from midnet_bench.experiments.labyrinth.tables import (
+    cells_table,
+    health_table,
+    speed_table,
+    success_table,
+    tables,
+)
+from midnet_bench.experiments.labyrinth.trials import Variant, variants_of
+from midnet_bench.workflows.report import printed, write_report
+from tests.stores import Caught, labyrinth_store
+
+SMALL: dict[str, list[Scalar]] = {"intruders": [1, 2], "robots": [1, 3]}
+
+
+def alternating(intruders: int, robots: int, seed: int) -> int:
+    """Half of the trials catch everybody with one robot, three in four with more."""
+    return intruders if seed % (4 if robots > 1 else 2) else 0
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Results:
+    return made(tmp_path, alternating)
+
+
+def made(folder: Path, caught: Caught, seeds: int = 8, **more: Any) -> Results:
+    labyrinth_store(folder / "campaign.sqlite", caught, seeds=seeds, **{"grid": SMALL, **more}).close()
+    return load_results(folder)
+
+
+def only(results: Results) -> Variant:
+    (variant,) = variants_of(results).values()
+    return variant
+
+
+def test_trials_are_read_into_their_cells(results: Results) -> None:
+    variant = only(results)
+
+    assert [(k, q, len(cell)) for k, q, cell in variant.cells()] == [
+        (1, 1, 8),
+        (1, 3, 8),
+        (2, 1, 8),
+        (2, 3, 8),
+    ]
+    assert (variant.intruder_counts, variant.team_sizes) == ([1, 2], [1, 3])
+    caught, _, _, missed = records(variant.cell(2, 3))[:4]
+    assert (caught["seed"], caught["success_rate"], caught["detected_not_caught"]) == (1, 100.0, 0.0)
+    assert (caught["capture_times"], caught["capture_times_s"]) == (2, 40.0)
+    assert (caught["detection_times"], caught["detection_times_s"]) == (2, 20.0)
+    assert (missed["seed"], missed["success_rate"], missed["detected_not_caught"]) == (4, 0.0, 100.0)
+    assert missed["capture_times"] == 0
+    robots = variant.robots.query("intruders == 2 and robots == 3 and seed == 1")
+    assert robots["role"].tolist() == ["guard"] * 3 + ["intruder"] * 2
+    assert robots["stuck_percent"].iloc[0] == pytest.approx(100 * 6 / 20)
+    assert robots["metres_per_minute"].iloc[0] == pytest.approx(12.0)
+
+
+def test_an_intruders_time_ends_with_its_capture_or_escape(tmp_path: Path) -> None:
+    one = only(made(tmp_path, lambda k, q, seed: 1, seeds=1, grid={"intruders": [2], "robots": [1]}))
+    assert one.robots["present_s"].tolist() == [60.0, 20.0, 60.0]
+
+
+def test_the_wide_table_is_the_papers_figure_in_numbers(results: Results) -> None:
+    table = success_table(variants_of(results))
+
+    assert table.columns == ["intruders", "1 robot", "3 robots", "n"]
+    assert [row["intruders"] for row in table.rows] == [1, 2, "all"]
+    rows = list(csv.DictReader(table.to_csv().splitlines()))
+    assert {(row["1 robot"], row["1 robot_n"]) for row in rows} == {("50.0", "8")}
+    assert {(row["3 robots"], row["n"]) for row in rows} == {("75.0", "8")}
+    assert all(float(row["1 robot_low"]) < 50.0 < float(row["1 robot_high"]) for row in rows)
+    assert table.cells()[0][1] == f"50.0 [{float(rows[0]['1 robot_low'])}, {float(rows[0]['1 robot_high'])}]"
+
+
+def test_intervals_are_over_trials_and_near_the_binomials(tmp_path: Path) -> None:
+    """One intruder makes a trial a coin: the bootstrap must come close to the exact binomial spread."""
+    grid: dict[str, list[Scalar]] = {"intruders": [1], "robots": [1]}
+    found = made(tmp_path, alternating, seeds=20, grid=grid)
+    rate = only(found).success(1, 1)
+
+    assert (rate.value, rate.n) == (50.0, 20)
+    half_width = 1.96 * 100 * math.sqrt(0.25 / 20)
+    assert rate.low == pytest.approx(50 - half_width, abs=5.0)
+    assert rate.high == pytest.approx(50 + half_width, abs=5.0)
+
+
+def test_a_perfect_score_is_not_certain(tmp_path: Path) -> None:
+    grid: dict[str, list[Scalar]] = {"intruders": [2], "robots": [1, 2]}
+
+    def caught(intruders: int, robots: int, seed: int) -> int:
+        return intruders if robots == 2 else 0
+
+    found = made(tmp_path, caught, seeds=20, grid=grid)
+    nobody, everybody = only(found).success(2, 1), only(found).success(2, 2)
+
+    assert (everybody.value, everybody.high) == (100.0, 100.0)
+    assert everybody.low == pytest.approx(100 / (1 + 1.96**2 / 20), abs=0.1)  # Wilson at 20 of 20
+    assert (nobody.value, nobody.low) == (0.0, 0.0)
+    assert nobody.high == pytest.approx(100 - everybody.low)
+
+
+def test_over_all_intruders_the_seed_is_the_unit(tmp_path: Path) -> None:
+    """Seeds that fail all their trials together are 4 of 8 units, not 8 of 16."""
+    variant = only(made(tmp_path, alternating, failed=(2, 1, 3)))
+
+    assert variant.rates_by_seed(None, 1) == {1: 100, 2: 0, 4: 0, 5: 100, 6: 0, 7: 100, 8: 0}
+    assert variant.success(None, 1).n == 7
+    assert variant.success(2, 1).n == 7  # the failed trial is no zero
+    assert variant.success(1, 1).n == 8
+
+
+def test_times_are_means_over_intruders_with_trials_drawn_whole(results: Results) -> None:
+    captured = only(results).pooled_time(2, 1, "capture_times")
+
+    assert captured[:3] == (20.0, 20.0, 20.0)
+    assert captured.n == 4
+    assert math.isnan(only(results).pooled_time(9, 9, "capture_times").value)
+
+
+def test_a_long_capture_weighs_as_its_trial_does(tmp_path: Path) -> None:
+    """Of 8 trials, 4 catch two intruders each; the mean is over captures, the interval over trials."""
+    variant = only(
+        made(tmp_path, lambda k, q, seed: 2 if seed <= 4 else 0, grid={"intruders": [3], "robots": [1]})
+    )
+    variant.trials.loc[variant.trials["seed"] <= 4, "capture_times_s"] = [40.0, 50.0, 60.0, 70.0]
+
+    captured = variant.pooled_time(3, 1, "capture_times")
+
+    assert captured.value == pytest.approx((10 + 20 + 30 + 40 + 4 * 30) / 8)
+    assert 20.0 < captured.low < captured.value < captured.high < 35.0
+    assert captured.n == 4
+
+
+def test_every_cell_has_a_row_of_plain_numbers(results: Results) -> None:
+    rows = cells_table(variants_of(results)).flat_rows()
+
+    assert [(row["intruders"], row["robots"], row["trials"]) for row in rows] == [
+        (1, 1, 8),
+        (1, 3, 8),
+        (2, 1, 8),
+        (2, 3, 8),
+    ]
+    assert [row["detected_not_caught"] for row in rows] == [50.0, 25.0, 50.0, 25.0]
+    assert all(row["time_to_detect_s"] == 10.0 for row in rows)
+    for row in rows:
+        assert isinstance(row["success_rate_low"], float)
+        assert row["success_rate_low"] < 75.0 < float(row["success_rate_high"] or 0) + 25.0
+
+
+def test_health_is_per_robot_and_tells_the_worst(results: Results) -> None:
+    rows = {(row["robots"], row["role"]): row for row in health_table(variants_of(results)).flat_rows()}
+
+    guards = rows[3, "guard"]
+    assert guards["robot_trials"] == 3 * 16
+    assert guards["stuck_percent"] == pytest.approx(100 * 6 / (0.75 * 20 + 0.25 * 60))
+    assert guards["most_stuck_percent"] == pytest.approx(30.0)
+    assert guards["goals_given_up"] == 1.0
+    assert rows[3, "intruder"]["robot_trials"] == 3 * 8
+    assert rows[3, "intruder"]["stuck_percent"] == 0.0
+
+
+def test_speed_is_by_robots_in_the_arena(results: Results) -> None:
+    rows = {row["robots_in_arena"]: row for row in speed_table(variants_of(results)).rows}
+
+    assert list(rows) == [2, 3, 4, 5, "all"]
+    assert rows[2]["simulated_s"] == 4 * 20 + 4 * 60
+    assert rows[2]["wall_per_simulated"] == pytest.approx(48 / 320)
+    assert rows["all"]["real_time_factor"] == pytest.approx((320 + 320 + 240 + 240) / (4 * 48))
+
+
+def test_a_report_repeats_its_bytes_also_without_the_store(results: Results, tmp_path: Path) -> None:
+    _, tables = write_report(tmp_path)
+    first = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.name != "campaign.sqlite"}
+    (tmp_path / "campaign.sqlite").unlink()
+    write_report(tmp_path)
+
+    stems = ("success_rate", "success_rate_cells", "labyrinth_health", "labyrinth_speed")
+    figures = {
+        f"{stem}{ending}" for stem in ("success_rate", "labyrinth_details") for ending in (".png", ".svg")
+    }
+    raw = {"trial.csv", "intruders.csv", "robots.csv", "timing.csv", "configuration.json", "provenance.json"}
+    assert set(first) == figures | raw | {f"{stem}{end}" for stem in stems for end in (".csv", ".md", ".tex")}
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == first
+    names = [table.name for table in printed("labyrinth", tables)]
+    assert names == ["success_rate", "labyrinth_health", "labyrinth_speed"]
+
+
+def test_a_second_factor_makes_variants_with_a_panel_each(tmp_path: Path) -> None:
+    found = made(tmp_path, alternating, seeds=4, grid={"capture": ["within", "detected"], **SMALL})
+    variants = variants_of(found)
+
+    assert list(variants) == ["capture=within", "capture=detected"]
+    names = [row["variant"] for row in success_table(variants).rows]
+    assert names == ["capture=within"] * 3 + ["capture=detected"] * 3
+    drawn = figures(found)
+    assert [axes.get_title() for axes in drawn["success_rate"].axes] == list(variants)
+    assert list(drawn)[1:] == ["labyrinth_details_capture-within", "labyrinth_details_capture-detected"]
+
+
+def test_a_campaign_without_finished_trials_has_no_report_yet(tmp_path: Path) -> None:
+    found = made(tmp_path, alternating, seeds=0)
+    assert (tables(found), figures(found), found.finished) == ([], {}, 0)
+
+
+@pytest.mark.parametrize("seeds", [1, 2])
+def test_few_trials_give_a_figure_without_intervals_they_do_not_have(tmp_path: Path, seeds: int) -> None:
+    found = made(tmp_path, alternating, seeds=seeds)
+    assert chart_files(figures(found)["labyrinth_details"])
+    assert ("[" in success_table(variants_of(found)).cells()[0][1]) == (seeds > 1)
+
+
+def growing(intruders: int, robots: int, seed: int) -> int:
+    return min(intruders, (seed * robots) % (intruders + 1))
+
+
+def test_the_figure_tells_its_lines_apart_in_three_ways(tmp_path: Path) -> None:
+    labyrinth_store(tmp_path / "campaign.sqlite", growing, seeds=4).close()
+    variant = only(load_results(tmp_path))
+    (axes,) = success_figure({"": success_panel(variant)}).axes
+    containers = axes.containers
+    lines = [container.lines[0] for container in containers]  # type: ignore[attr-defined]
+
+    assert [container.get_label() for container in containers] == [
+        "1 intruder",
+        *(f"{k} intruders" for k in (2, 3, 4, 5)),
+    ]
+    for property_of in ("get_color", "get_marker", "get_linestyle"):
+        looks = [str(getattr(line, property_of)()) for line in lines]
+        assert len(set(looks)) >= (5 if property_of != "get_linestyle" else 4)
+    for k, line in enumerate(lines, 1):
+        assert line.get_ydata() == pytest.approx([variant.success(k, q).value for q in range(1, 6)])
+        assert line.get_xdata() == pytest.approx(np.arange(1, 6) + DODGE * (k - 3))
+
+
+def test_the_files_are_a_picture_and_a_drawing(results: Results) -> None:
+    files = chart_files(figures(results)["success_rate"])
+
+    image = cv2.imdecode(np.frombuffer(files[".png"], np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    assert image.shape[1] >= 1000
+    assert ElementTree.fromstring(files[".svg"]).tag.endswith("svg")
