@@ -40,7 +40,7 @@ def main() -> None:
     )
     bullet.stepSimulation, bullet.rayTestBatch, rays.ray_fractions = step, call, read  # type: ignore[assignment]
     with DetectionTrial(DetectionParameters.of(robots=ROBOTS, frames=FRAMES), seed=1) as trial:
-        midnet = trial.watch.midnet
+        midnet = trial.detector.midnet
         look = midnet.update = Stopwatch(midnet.update)  # type: ignore[method-assign]
         next(frames := trial.frames())  # what is loaded and compiled on first use
         step.seconds = call.seconds = rays.seconds = look.seconds = 0.0

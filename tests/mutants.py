@@ -34,9 +34,9 @@ MUTANTS = [
     Mutant(
         "usable range 2.6 m instead of 2.5 m",
         "experiments/detection/trial.py",
-        "USABLE_RANGE_M = 2.5",
-        "USABLE_RANGE_M = 2.6",
-        "experiments/test_experiments_detection.py",
+        "range_m = test.costmap.obstacle_range_m",
+        "range_m = test.costmap.obstacle_range_m + 0.1",
+        "experiments/test_experiments_usable_range.py",
     ),
     Mutant(
         "the readings are not ranked",
@@ -62,8 +62,8 @@ MUTANTS = [
     Mutant(
         "Eq. 11 counts who was detected, not who was caught",
         "experiments/labyrinth/trial.py",
-        '"success_rate": 100.0 * caught / len(fates),',
-        '"success_rate": 100.0 * sum(not math.isnan(fate.detected_at_s) for fate in fates) / len(fates),',
+        '"success_rate": 100.0 * caught / len(outcomes),',
+        '"success_rate": 100.0 * sum(not math.isnan(one.detected_at_s) for one in outcomes) / len(outcomes),',
         "experiments/test_experiments_labyrinth.py",
     ),
     Mutant(

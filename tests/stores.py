@@ -45,7 +45,7 @@ def labyrinth_store(
 
 def labyrinth_result(intruders: int, robots: int, caught: int) -> TrialResult:
     duration_s = 20.0 if caught == intruders else 60.0
-    fates: list[Row] = [
+    outcomes: list[Row] = [
         {
             "intruder": k,
             "outcome": "caught" if k <= caught else "escaped",
@@ -66,7 +66,7 @@ def labyrinth_result(intruders: int, robots: int, caught: int) -> TrialResult:
         "duration_s": duration_s,
         "ended": "nobody left",
     }
-    return TrialResult({"trial": [trial], "intruders": fates, "robots": health}, duration_s)
+    return TrialResult({"trial": [trial], "intruders": outcomes, "robots": health}, duration_s)
 
 
 def robot_row(role: str, present_s: float, stuck_s: float, goals_given_up: int = 0) -> Row:

@@ -73,10 +73,10 @@ def test_who_reaches_his_escape_is_gone() -> None:
     with LabyrinthTrial(corridor(capture="contact", pursuit="none"), 4) as trial:
         for _ in trial.frames():
             pass
-        fate = trial.fates[trial.intruders[0].index]
-        assert fate.outcome == "escaped"
+        outcome = trial.outcomes[trial.intruders[0].index]
+        assert outcome.result == "escaped"
         assert not trial.world.active[trial.intruders[0].index]
-        assert math.dist(fate.start, fate.escape) >= 7.5
+        assert math.dist(outcome.start, outcome.escape) >= 7.5
 
 
 def test_the_labyrinth_is_repeatable_and_its_cells_share_their_worlds() -> None:

@@ -40,7 +40,7 @@ def hall(folder: Path, gap_m: float, rule: str = "edge") -> str:
 
 
 def is_in_range(folder: Path, gap_m: float, rule: str, **changes: object) -> bool:
-    parameters = DetectionParameters(
+    parameters = DetectionParameters.of(
         arena=hall(folder, gap_m, rule), prior_map="exact", in_range=rule, **changes
     )
     with DetectionTrial(parameters, 1) as trial:
@@ -68,7 +68,9 @@ def test_line_of_sight_reaches_as_far_as_the_usable_range(tmp_path: Path) -> Non
 
 
 def test_each_reading_is_scored_within_its_own_usable_range(tmp_path: Path) -> None:
-    parameters = ReadingsParameters(arena=hall(tmp_path, 2.75), prior_map="exact", readings="items", frames=1)
+    parameters = ReadingsParameters.of(
+        arena=hall(tmp_path, 2.75), prior_map="exact", readings="items", frames=1
+    )
     with ReadingsTrial(parameters, 1) as trial:
         counts = trial.counts()
     farther = "obstacle_range_m=3.0 raytrace_range_m=3.5"

@@ -7,7 +7,7 @@ from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
 from midnet_bench.arena.layout import place
 from midnet_bench.campaign.trial import Row
-from midnet_bench.experiments.guarded.detector_node import Watch
+from midnet_bench.experiments.guarded.detector_node import DetectorNode
 from midnet_bench.experiments.guarded.inputs import arena_from, prior_map_from
 from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.experiments.robot_trial import RobotTrial
@@ -16,7 +16,6 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.midnet.pipeline import Frame
-from midnet_bench.navigation.costmap import RollingCostmap
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
@@ -37,7 +36,7 @@ class GuardedArena(RobotTrial):
     ) -> None:
         """Place everybody; time is 0. Intruders have no goals until ``next_goal`` is set on them.
 
-        ``variants``: further parameters of the detector, each of which watches the same run.
+        ``variants``: further parameters of the detector, each with a node of its own over the same run.
         """
         self.parameters = parameters
         self.seed = seed
@@ -50,12 +49,10 @@ class GuardedArena(RobotTrial):
             else None
         )
         self.patrol = self._make_patrol()
-        self._detection_settings = [each.local_costmap for each in (parameters, *variants)]
-        self.guards = [self._make_guard(i, pose) for i, pose in enumerate(self.layout.robots)]
-        self.watch, *self.variant_watches = (
-            Watch(each, self.prior_map, self.guards, number)
-            for number, each in enumerate((parameters, *variants))
+        self.detector, *self.variant_detectors = (
+            DetectorNode(each, self.prior_map, parameters.robots) for each in (parameters, *variants)
         )
+        self.guards = [self._make_guard(i, pose) for i, pose in enumerate(self.layout.robots)]
         first = len(self.guards)
         self.intruders = [
             self._make_intruder(first + i, pose) for i, pose in enumerate(self.layout.intruders)
@@ -71,13 +68,17 @@ class GuardedArena(RobotTrial):
     @property
     def prior(self) -> OccupancyGrid:
         """The binary grid that MIDNet subtracts, uint8, 0 occupied."""
-        return self.watch.prior
+        return self.detector.prior
 
     def next_frame(self, explain: bool = False) -> Frame:
         """MIDNet's detections 0.2 s later."""
         for _ in range(self._frame_ticks):
             self.fleet.step()
-        return self.watch.look(explain)
+        return self.detector.detect(self.guards_poses(), explain)
+
+    def guards_poses(self) -> list[Pose2D]:
+        """Where the guards take themselves to be, map frame."""
+        return [guard.pose for guard in self.guards]
 
     def rows_of_robots(self) -> list[Row]:
         """``robots.csv``: one row per guard and mobile intruder, what each did so far."""
@@ -114,7 +115,7 @@ class GuardedArena(RobotTrial):
             self.next_patrol_point,
             self.parameters.goals.timeout_s,
             self._scan_to_map,
-            [RollingCostmap(settings, self.prior_map.origin) for settings in self._detection_settings],
+            [node.costmaps[index] for node in (self.detector, *self.variant_detectors)],
         )
 
     def _make_intruder(self, index: int, start: Pose2D) -> MobileRobot:

@@ -1,45 +1,73 @@
-"""``Watch``: MIDNet over a team of guards, under one reading of what the paper leaves open."""
+"""``DetectorNode``: from a map, poses and scans to MIDNet's boxes; it needs no simulator, arena or agent."""
 
 from collections.abc import Sequence
+from typing import Protocol
 
-from midnet_bench.agents.mobile_robot import Guard
-from midnet_bench.experiments.guarded.parameters import GuardParameters
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.binary_map import binary_map
-from midnet_bench.midnet.pipeline import Frame, MIDNet, Observation
-from midnet_bench.navigation.costmap import static_costs
+from midnet_bench.messages import LidarGeometry
+from midnet_bench.midnet.binary_map import PriorMapSettings, binary_map
+from midnet_bench.midnet.pipeline import Frame, MIDNet, MIDNetSettings, Observation
+from midnet_bench.navigation.costmap import RollingCostmap, static_costs
+from midnet_bench.navigation.settings import CostmapSettings
 
 
-class Watch:
-    """The prior map that is subtracted, a local costmap for each guard, and MIDNet."""
+class DetectorSettings(Protocol):
+    """All that lies between a map, poses and scans and MIDNet's boxes; an experiment's parameters have it."""
 
-    def __init__(
+    @property
+    def prior_costmap(self) -> CostmapSettings:
+        """The global costmap of the prior map."""
+
+    @property
+    def prior(self) -> PriorMapSettings:
+        """The threshold on it."""
+
+    @property
+    def local_costmap(self) -> CostmapSettings:
+        """Each robot's local costmap."""
+
+    @property
+    def detector(self) -> MIDNetSettings:
+        """MIDNet itself."""
+
+
+class DetectorNode:
+    """The prior map that is subtracted, a local costmap for each robot, and MIDNet over them."""
+
+    def __init__(self, settings: DetectorSettings, prior_map: OccupancyGrid, robots: int) -> None:
+        """For a team of ``robots``; ``prior_map``: int8, 100 occupied, map frame."""
+        self.prior = binary_prior(prior_map, settings)
+        self.midnet = MIDNet(self.prior, settings.detector)
+        self.costmaps = [RollingCostmap(settings.local_costmap, prior_map.origin) for _ in range(robots)]
+        """by robot, map frame"""
+
+    def observe(
         self,
-        parameters: GuardParameters,
-        prior_map: OccupancyGrid,
-        guards: Sequence[Guard],
-        costmap_number: int = 0,
+        robot: int,
+        pose: Pose2D,
+        ranges_m: npt.NDArray[np.float64],
+        lidar: LidarGeometry,
+        time_s: float,
     ) -> None:
-        """Over the detection costmap of that number of each guard.
+        """Take one scan into a robot's costmap: (beams,) metres, and its pose then, map frame.
 
-        ``prior_map``: int8, 100 occupied, map frame; the costmaps have ``parameters.local_costmap``.
+        A guard that was given its costmap does this by itself.
         """
-        self.prior = binary_prior(prior_map, parameters)
-        self.midnet = MIDNet(self.prior, parameters.detector)
-        self._guards = guards
-        self._costmap_number = costmap_number
+        self.costmaps[robot].update(pose, pose.compose(lidar.mount), ranges_m, lidar, time_s)
 
-    def look(self, explain: bool = False) -> Frame:
-        """What MIDNet says now: each guard's latest pose, and the costmap of its last scan."""
-        number = self._costmap_number
+    def detect(self, poses: Sequence[Pose2D], explain: bool = False) -> Frame:
+        """What MIDNet says now, from each robot's latest pose and the costmap of its last scan."""
+        pairs = zip(poses, self.costmaps, strict=True)
         return self.midnet.update(
-            [Observation(guard.pose, guard.detection_costmaps[number].published()) for guard in self._guards],
-            explain,
+            [Observation(pose, costmap.published()) for pose, costmap in pairs], explain
         )
 
 
-def binary_prior(prior_map: OccupancyGrid, parameters: GuardParameters) -> OccupancyGrid:
+def binary_prior(prior_map: OccupancyGrid, settings: DetectorSettings) -> OccupancyGrid:
     """The grid that MIDNet subtracts, uint8, 0 occupied: global costmap, then Eq. 1 (section II.A)."""
-    costs = static_costs(prior_map, parameters.prior_costmap)
-    prior = parameters.prior
-    return costs.with_data(binary_map(costs.data, prior.thresh, prior.unknown))
+    costs = static_costs(prior_map, settings.prior_costmap)
+    return costs.with_data(binary_map(costs.data, settings.prior.thresh, settings.prior.unknown))

@@ -27,8 +27,8 @@ REFUGES = 64
 
 
 @dataclass
-class Fate:
-    """What became of one intruder; NaN is 'never', seconds since the start."""
+class Outcome:
+    """What became of one intruder; seconds since the start, NaN for what did not happen."""
 
     start: Point
     escape: Point
@@ -37,7 +37,7 @@ class Fate:
     escaped_at_s: float = math.nan
 
     @property
-    def outcome(self) -> str:
+    def result(self) -> str:
         """``caught``, ``escaped`` or, at the time limit, ``at large``."""
         if not math.isnan(self.caught_at_s):
             return "caught"
@@ -55,17 +55,17 @@ class LabyrinthTrial(GuardedArena):
         self._surfaces = surfaces(self.layout)
         self._refuge_rng = stream(seed, "refuge")
         self.pursuit = Pursuit(self.guards, parameters.pursuit)
-        self.fates: dict[int, Fate] = {}
+        self.outcomes: dict[int, Outcome] = {}
         for robot in self.intruders:
             start = (robot.pose.x, robot.pose.y)
             escape = self._free.draw(stream(seed, "escape", robot.name), start, parameters.escape_distance_m)
-            self.fates[robot.index] = Fate(start, escape)
+            self.outcomes[robot.index] = Outcome(start, escape)
             robot.next_goal = self._next_goal_of_intruder
 
     @property
     def at_large(self) -> list[MobileRobot]:
         """Intruders that are neither caught nor gone."""
-        return [robot for robot in self.intruders if self.fates[robot.index].outcome == "at large"]
+        return [robot for robot in self.intruders if self.outcomes[robot.index].result == "at large"]
 
     def frames(self, explain: bool = False) -> Iterator[Frame]:
         """MIDNet's frames until everybody is caught or gone, or the time is up (item 58)."""
@@ -78,15 +78,15 @@ class LabyrinthTrial(GuardedArena):
         """Who was detected, caught or got away at this instant; where the guards go next."""
         now_s = self.fleet.time_s
         for robot in self.at_large:
-            fate = self.fates[robot.index]
+            outcome = self.outcomes[robot.index]
             boxes = self._boxes_on(robot, midnet)
             if boxes:
-                fate.detected_at_s = now_s if math.isnan(fate.detected_at_s) else fate.detected_at_s
+                outcome.detected_at_s = now_s if math.isnan(outcome.detected_at_s) else outcome.detected_at_s
                 self.pursuit.detected(robot.index, boxes[0].center, now_s)
             if boxes and self._is_caught(robot):
-                fate.caught_at_s = now_s
-            elif math.dist(self._place(robot), fate.escape) <= self._test.escape_radius_m:
-                fate.escaped_at_s = now_s
+                outcome.caught_at_s = now_s
+            elif math.dist(self._place(robot), outcome.escape) <= self._test.escape_radius_m:
+                outcome.escaped_at_s = now_s
             else:
                 continue
             self.pursuit.drop(robot.index)
@@ -117,14 +117,14 @@ class LabyrinthTrial(GuardedArena):
         return x, y
 
     def _next_goal_of_intruder(self, robot: MobileRobot) -> Point:
-        return self.fates[robot.index].escape
+        return self.outcomes[robot.index].escape
 
     def _flee(self) -> None:
         """Send intruders that a guard comes close to where no guard is near (item 57)."""
         guards = np.array([self._place(guard) for guard in self.guards])
         for robot in self.at_large:
             is_close = np.hypot(*(guards - self._place(robot)).T).min() < self._test.flee_radius_m
-            escape = self.fates[robot.index].escape
+            escape = self.outcomes[robot.index].escape
             if is_close and robot.goal in (None, escape):
                 refuges = np.array([self._free.draw(self._refuge_rng) for _ in range(REFUGES)])
                 gaps = np.hypot(*(refuges[:, None] - guards[None]).transpose(2, 0, 1)).min(axis=1)
@@ -138,25 +138,25 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
     with LabyrinthTrial(parameters, seed) as trial:
         for _ in trial.frames():
             pass
-        fates = [trial.fates[robot.index] for robot in trial.intruders]
+        outcomes = [trial.outcomes[robot.index] for robot in trial.intruders]
         intruders: list[Row] = [
             {
                 "intruder": number,
-                "outcome": fate.outcome,
-                "detected_at_s": fate.detected_at_s,
-                "caught_at_s": fate.caught_at_s,
-                "escaped_at_s": fate.escaped_at_s,
-                "straight_m": math.dist(fate.start, fate.escape),
+                "outcome": outcome.result,
+                "detected_at_s": outcome.detected_at_s,
+                "caught_at_s": outcome.caught_at_s,
+                "escaped_at_s": outcome.escaped_at_s,
+                "straight_m": math.dist(outcome.start, outcome.escape),
             }
-            for number, fate in enumerate(fates, 1)
+            for number, outcome in enumerate(outcomes, 1)
         ]
-        caught = sum(fate.outcome == "caught" for fate in fates)
+        caught = sum(outcome.result == "caught" for outcome in outcomes)
         duration_s = trial.fleet.time_s
         row: Row = {
             "caught": caught,
-            "detected": sum(not math.isnan(fate.detected_at_s) for fate in fates),
-            "escaped": sum(fate.outcome == "escaped" for fate in fates),
-            "success_rate": 100.0 * caught / len(fates),
+            "detected": sum(not math.isnan(outcome.detected_at_s) for outcome in outcomes),
+            "escaped": sum(outcome.result == "escaped" for outcome in outcomes),
+            "success_rate": 100.0 * caught / len(outcomes),
             "duration_s": duration_s,
             "ended": "time limit" if trial.at_large else "nobody left",
             "patrol_relaxations": trial.patrol.relaxations,

@@ -1,7 +1,7 @@
 """Many readings of the paper's gaps on the same simulated runs: what does each one move, and by how much?
 
 A reading that changes what MIDNet makes of the scans, or how it is scored, does not change what robots and
-intruders do. So all of them watch one simulation: their differences are theirs alone, and thirty readings
+intruders do. So all of them share one simulation: their differences are theirs alone, and thirty readings
 cost little more than one.
 """
 
@@ -18,7 +18,7 @@ Readings = Mapping[str, Mapping[str, Scalar]]
 
 
 def calibration() -> Readings:
-    """What section IV leaves open about the eyes and the allies, in all combinations.
+    """What section IV leaves open about local costmaps and allies, in all combinations.
 
     How long a mark is kept (item 8), the side of the local costmap (item 6: costmap_2d takes whole metres,
     TurtleBot3 has 3.5), and what counts as an ally (items 27 and 29: radius or footprint, and t).
@@ -78,17 +78,17 @@ def items() -> Readings:
 
 
 class ReadingsTrial(DetectionTrial):
-    """The detection test, watched under several readings at once."""
+    """The detection test with a detector node for each of several readings."""
 
     def __init__(self, parameters: ReadingsParameters, seed: int) -> None:
-        """Place everybody; one watch per reading that changes anything."""
+        """Place everybody; one detector node per reading."""
         readings = calibration() if parameters.readings == "calibration" else items()
         base = parameters.flat()
         self.readings = {
             name: ReadingsParameters.from_flat({**base, **changes}) for name, changes in readings.items()
         }
         super().__init__(parameters, seed, variants=list(self.readings.values()))
-        self._watches = dict(zip(self.readings, self.variant_watches, strict=True))
+        self._detectors = dict(zip(self.readings, self.variant_detectors, strict=True))
 
     def counts(self) -> dict[str, FrameCounts]:
         """Counts of each reading, summed over all frames."""
@@ -96,7 +96,7 @@ class ReadingsTrial(DetectionTrial):
         for _ in self.frames():
             for name, reading in self.readings.items():
                 truths = self.truths(reading)
-                detections = self._watches[name].look().detections
+                detections = self._detectors[name].detect(self.guards_poses()).detections
                 frames[name].append(count_frame(detections, truths, self.in_range(reading)))
         return {name: total(counts) for name, counts in frames.items()}
 
