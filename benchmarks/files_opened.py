@@ -12,8 +12,8 @@ from pathlib import Path
 from types import CodeType, FrameType
 
 import midnet_bench
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
-from midnet_bench.experiments.guarded.parameters import DetectionParameters
 from midnet_bench.simulation.fleet import SCAN_HZ
 
 PACKAGE = Path(midnet_bench.__file__).parent
@@ -55,7 +55,7 @@ def traced(
 
 def control_cycle() -> set[str]:
     """Of one guard that localizes by UKF, takes a scan, plans and controls; and of the world under it."""
-    parameters = DetectionParameters.model_validate({"arena": "empty", "robots": 1, "frames": 1})
+    parameters = DetectionParameters.of(arena="empty", robots=1, frames=1)
     with DetectionTrial(parameters, seed=1) as trial:
         guard = trial.guards[0]
         guard.drive_to(trial.next_patrol_point(guard))
@@ -67,7 +67,7 @@ def control_cycle() -> set[str]:
 
 def midnet_frame() -> set[str]:
     """From the scans of two guards to the row of scores, without physics and driving."""
-    parameters = DetectionParameters.model_validate({"robots": 2, "frames": 10})
+    parameters = DetectionParameters.of(robots=2, frames=10)
     driving = ("MobileRobot.localize", "MobileRobot.control", "Navigator.observe", "Progress.update")
     world = ("World.step", "World.drive", "World.odometry", "HealthTracker.update", "ImuSensor.read")
     rest = ("DetectionTrial.__init__", "RobotTrial.rows_of_robots", "RobotTrial.__exit__")

@@ -42,7 +42,6 @@ KNOWN: set[str] = {
     "campaign.plan -> experiments.registry",
     "campaign.runner -> experiments.registry",
     "campaign.spec -> experiments.registry",
-    "io.scan_logs -> mapping.gmapping.motion_model",
 }
 """arrows that are still to be turned"""
 

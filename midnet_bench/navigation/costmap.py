@@ -1,7 +1,6 @@
 """costmap_2d: an obstacle layer fed by scans, inflation, and the rolling and global costmaps made of them.
 
-First the robot's footprint and the settings, then costs and their published values, the layers and costmaps,
-and last the compiled loops.
+Costs and their published values first, then the layers and the costmaps, last the compiled loops.
 """
 
 import math
@@ -48,14 +47,14 @@ PUBLISHED = _published_values()
 """(256,) int8: published occupancy of each cost: 0 -> 0, 1..252 -> 1..98, 253 -> 99, 254 -> 100, 255 -> -1"""
 
 
-def published(costs: npt.NDArray[np.uint8]) -> npt.NDArray[np.int8]:
+def published(costs: Cells) -> npt.NDArray[np.int8]:
     """(H, W) int8 occupancy values of a costmap, as costmap_2d publishes them."""
     return np.asarray(cv2.LUT(costs, PUBLISHED), dtype=np.int8)
 
 
 def inflation_costs(
     reach_cells: int, resolution: float, inscribed_radius_m: float, cost_scaling_factor: float
-) -> npt.NDArray[np.uint8]:
+) -> Cells:
     """(reach_cells**2 + 1,) uint8: a cell's cost by its squared distance, in cells, to a lethal one.
 
     254 at 0, 253 within the inscribed radius, then 252 exp(-k (distance - inscribed radius)), truncated.
@@ -82,7 +81,7 @@ class _Inflation:
             self.reach, settings.resolution, settings.inscribed_radius_m, settings.cost_scaling_factor
         )
 
-    def __call__(self, base: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    def __call__(self, base: Cells) -> Cells:
         return np.asarray(inflate(base, self._costs, self.reach))
 
 
@@ -106,7 +105,7 @@ class ObstacleLayer:
         self.column = 0
         self.row = 0
         self._unseen = NO_INFORMATION if settings.track_unknown else FREE_SPACE
-        self.cells: npt.NDArray[np.uint8] = np.full((height, width), self._unseen, dtype=np.uint8)
+        self.cells: Cells = np.full((height, width), self._unseen, dtype=np.uint8)
         self._remembers_for_ever = math.isinf(settings.memory_s)
         self._marked_at_s = np.full((height, width), -math.inf)
         cleared = settings.footprint if settings.footprint_clearing else ()
@@ -221,9 +220,10 @@ class RollingCostmap:
 
     def __init__(self, settings: CostmapSettings, lattice_origin: tuple[float, float] = (0.0, 0.0)) -> None:
         self.settings = settings
-        self.layer = ObstacleLayer(settings, settings.size_cells, settings.size_cells, lattice_origin)
+        self._side_cells = settings.size_cells
+        self.layer = ObstacleLayer(settings, self._side_cells, self._side_cells, lattice_origin)
         self._inflation = _Inflation(settings)
-        self._costs: npt.NDArray[np.uint8] | None = None
+        self._costs: Cells | None = None
 
     @property
     def origin(self) -> tuple[float, float]:
@@ -231,7 +231,7 @@ class RollingCostmap:
         return self.layer.origin
 
     @property
-    def costs(self) -> npt.NDArray[np.uint8]:
+    def costs(self) -> Cells:
         """(n, n) uint8 costs, row 0 lowest y; computed on first use after an update. Not to be written to."""
         if self._costs is None:
             self._costs = self._inflation(self.layer.cells)
@@ -256,7 +256,7 @@ class RollingCostmap:
         pose.require_finite()
         sensor_pose.require_finite()
         column, row = self._window(pose)
-        self.layer.move_to(column, row, self.settings.size_cells, self.settings.size_cells)
+        self.layer.move_to(column, row, self._side_cells, self._side_cells)
         self.layer.update(pose, sensor_pose, ranges_m, geometry, time_s)
         self._costs = None
 
@@ -270,7 +270,7 @@ class RollingCostmap:
         return OccupancyGrid(published(self.costs), self.settings.resolution, self.origin)
 
     def _window(self, pose: Pose2D) -> tuple[int, int]:
-        n = self.settings.size_cells
+        n = self._side_cells
         x, y = self.layer.to_lattice(pose.x, pose.y)
         if self.settings.centered:
             return math.floor(x) - n // 2, math.floor(y) - n // 2
@@ -320,7 +320,7 @@ class GlobalCostmap:
         return self.layer.origin
 
     @property
-    def costs(self) -> npt.NDArray[np.uint8]:
+    def costs(self) -> Cells:
         """(H, W) uint8 costs, row 0 lowest y, up to date. Not to be written to."""
         x0, y0, x1, y1 = self._touched
         if x0 < x1 and y0 < y1:
@@ -378,7 +378,7 @@ class GlobalCostmap:
         )
 
 
-def static_layer(static_map: OccupancyGrid, track_unknown: bool) -> npt.NDArray[np.uint8]:
+def static_layer(static_map: OccupancyGrid, track_unknown: bool) -> Cells:
     """(H, W) uint8: 254 where the map says 100, 255 where unknown (0 unless tracked), 0 elsewhere.
 
     That is the static layer with its default threshold and ``trinary_costmap``: 99 is free. One

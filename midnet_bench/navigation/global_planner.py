@@ -37,10 +37,8 @@ UNSEEN = 253
 BLOCKED = 254
 """traversal cost of a cell that the wave does not enter"""
 
-
 _ESCAPE_CELLS = 3
 """how far a start without potential (a robot that touches an inflated obstacle) looks for one"""
-
 
 _POCKET_M2 = 1.0
 """A goal from which the potential reaches less floor than this is closed in."""

@@ -1,4 +1,4 @@
-"""What local planners share: limits, the protocol, distances along the plan, the outline's cost, samples."""
+"""What the local planners share: protocol, steps to plan and goal, the outline's cost, velocity samples."""
 
 import math
 from typing import Protocol
@@ -24,7 +24,6 @@ from midnet_bench.navigation.settings import LocalPlannerLimits
 
 Grids = npt.NDArray[np.int32]
 
-
 Plan = npt.NDArray[np.float64]
 """(N, 2) points in the costmap's frame, metres, from the robot to where the plan leaves the window or ends"""
 
@@ -45,7 +44,6 @@ class LocalPlanner(Protocol):
 
 PATH, GOAL, GOAL_FRONT = 0, 1, 2
 """index of a grid among the three: to the plan, to the local goal, to the goal pushed ahead"""
-
 
 ILLEGAL = -1
 """cost of an outline on an obstacle, on unknown cells or off the window"""
