@@ -119,6 +119,16 @@ class Detection:
 
 
 @dataclass(frozen=True)
+class Truth:
+    """One intruder that is there, stationary or mobile."""
+
+    outline: Floats
+    """(n, 2) its body from above, map frame, metres"""
+    is_missed: bool
+    """whether no detection touches it; it may be out of every guard's sight"""
+
+
+@dataclass(frozen=True)
 class Scene:
     """A trial at one instant, map frame, metres. Intruders that were caught or have escaped are not in it."""
 
@@ -128,6 +138,8 @@ class Scene:
     robots: list[Robot]
     """guards first"""
     detections: list[Detection]
+    truths: list[Truth]
+    """all intruders, the stationary ones first"""
     explanation: Explanation | None = None
     """each guard's grids and boxes; without them, pictures show the detections alone"""
 

@@ -147,15 +147,15 @@ def draw_detections(setup: Setup, scene: Scene) -> Figure:
     Both kinds of error stand out: a detection that touches no intruder, and an intruder that no detection
     touches, which may be out of every guard's sight.
     """
-    outlines = [*setup.plan.stationary, *(robot.outline for robot in scene.intruders)]
-    missed = [not any(_touch(outline, found.box) for found in scene.detections) for outline in outlines]
-    legend = _detections_legend(any(found.is_false for found in scene.detections), any(missed))
+    legend = _detections_legend(
+        any(found.is_false for found in scene.detections), any(truth.is_missed for truth in scene.truths)
+    )
     title = f"{setup.plan.title}: detections of frame {scene.frame}, t = {scene.time_s:.1f} s"
     figure, axes = _plan_with_legend(setup.plan, title, legend)
     show_grid(axes, setup.prior_map)
-    for outline, is_missed in zip(outlines, missed, strict=True):
-        style = {"linestyle": DASHED, "linewidth": 1.4} if is_missed else {"linewidth": 0.8}
-        add_polygon(axes, outline, fill=False, edgecolor=hexadecimal(INTRUDER), **style)
+    for truth in scene.truths:
+        style = {"linestyle": DASHED, "linewidth": 1.4} if truth.is_missed else {"linewidth": 0.8}
+        add_polygon(axes, truth.outline, fill=False, edgecolor=hexadecimal(INTRUDER), **style)
     for robot in scene.guards:
         add_polygon(axes, robot.outline, fill=False, edgecolor=hexadecimal(GUARD), linewidth=0.8)
         add_label(axes, robot.pose[:2], str(robot.number), GUARD, fontsize=7, xytext=(5, -9))
@@ -356,11 +356,6 @@ def _add_boxes(axes: Axes, view: RobotView, removed: Sequence[RemovedAlly]) -> N
         box = item.sighting.box
         add_box(axes, box, GUARD, linewidth=1.3, linestyle=ALLY_DASH)
         add_label(axes, (box.x_max, box.y_max), str(item.ally + 1), GUARD, xytext=(1, 0), fontweight="bold")
-
-
-def _touch(outline: Floats, box: Box) -> bool:
-    """Whether a detection overlaps the bounding box of an outline."""
-    return box.intersection_area(Box(*outline.min(axis=0).tolist(), *outline.max(axis=0).tolist())) > 0.0
 
 
 def _detections_legend(has_false: bool, has_missed: bool) -> list[Artist]:

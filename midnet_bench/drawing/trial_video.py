@@ -162,10 +162,15 @@ class ScenePainter:
 def _write_title(page: Picture, setup: Setup, speed: float, enlarged: float) -> None:
     write(page, COLUMN_LEFT, 10, setup.plan.title, 20, INK, bold=True)
     intruders = setup.mobile_intruders + len(setup.plan.stationary)
-    size = f"; robots drawn {enlarged:.1f} times as large" if enlarged > 1.0 else ""
-    heading = f"guards {setup.guards}, intruders {intruders}; {speed:g} x real time{size}"
+    size = f"; robots drawn {enlarged:.1f} times their size" if enlarged > 1.0 else ""
+    team = f"{setup.guards} guard{_s(setup.guards)}, {intruders} intruder{_s(intruders)}"
+    heading = f"{team}; {speed:g} x real time{size}"
     write(page, COLUMN_LEFT, 38, heading, 14, INK)
     write(page, MAP_LEFT, MAP_TOP - 20, "what MIDNet sees, on the prior map", 13, FAINT_INK)
+
+
+def _s(count: int) -> str:
+    return "" if count == 1 else "s"
 
 
 def _draw_legend(page: Picture) -> None:

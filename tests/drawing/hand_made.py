@@ -8,7 +8,7 @@ import numpy as np
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import Layout, place
 from midnet_bench.arena.prior_maps import render_exact
-from midnet_bench.drawing.scene import Detection, FloorPlan, Robot, Scene, Setup
+from midnet_bench.drawing.scene import Detection, FloorPlan, Robot, Scene, Setup, Truth
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import MIDNet, Observation
@@ -52,7 +52,12 @@ def setup_and_scene(arena_name: str = "map1", seed: int = 7) -> tuple[Setup, Sce
         Detection(box, robot + 1, not any(box.intersection_area(body) > 0.0 for body in bodies))
         for box, robot in zip(frame.detections, frame.robots, strict=True)
     ]
-    return setup, Scene(5.0, 25, robots, detections, frame.explanation)
+    outlines = [*setup.plan.stationary, *(robot.outline for robot in robots if not robot.is_guard)]
+    truths = [
+        Truth(outline, not any(body.intersection_area(box) > 0.0 for box in frame.detections))
+        for outline, body in zip(outlines, bodies, strict=True)
+    ]
+    return setup, Scene(5.0, 25, robots, detections, truths, frame.explanation)
 
 
 def without_explanation(scene: Scene) -> Scene:

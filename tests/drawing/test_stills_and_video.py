@@ -181,11 +181,13 @@ def test_detections_show_their_guards_and_both_kinds_of_error() -> None:
         return " ".join(text.get_text() for text in figure.legends[0].get_texts()).replace("\n", " ")
 
     assert "detection that touches no intruder" in legend(figure)
-    blind = draw_detections(SETUP, replace(SCENE, detections=[]))
-    assert "intruder that no detection touches" in legend(blind)
-    assert "detection that touches no intruder" not in legend(blind)
-    everywhere = replace(SCENE.detections[0], box=Box(-3.0, -3.0, 3.0, 3.0), is_false=False)
-    assert "touches" not in legend(draw_detections(SETUP, replace(SCENE, detections=[everywhere])))
+    assert "intruder that no detection touches" in legend(figure)
+    dashed = [patch.get_linestyle() != "solid" for patch in axes.patches[: len(SCENE.truths)]]
+    assert dashed == [truth.is_missed for truth in SCENE.truths]
+    assert 0 < sum(dashed) < len(dashed)
+    seen = replace(SCENE, truths=[replace(truth, is_missed=False) for truth in SCENE.truths])
+    right = replace(seen, detections=[found for found in SCENE.detections if not found.is_false])
+    assert "touches" not in legend(draw_detections(SETUP, right))
 
 
 def test_robots_of_a_large_arena_are_enlarged_and_those_that_are_gone_not_drawn() -> None:
@@ -233,7 +235,7 @@ def test_an_enlarged_burger_keeps_its_place_and_heading() -> None:
 def test_a_storyboard_spreads_its_scenes_evenly(frames: int) -> None:
     board = Storyboard(SETUP)
     for number in range(1, frames + 1):
-        board.offer(Scene(number / 5.0, number, [], []))
+        board.offer(Scene(number / 5.0, number, [], [], []))
     numbers = [scene.frame for scene in board.chosen()]
     assert len(numbers) == min(frames, 12)
     assert numbers[0] == 1

@@ -1,9 +1,11 @@
 """A guarded trial as the plain data that pictures are drawn from."""
 
+from collections.abc import Sequence
+
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
-from midnet_bench.drawing.scene import Detection, FloorPlan, Robot, Scene, Setup
+from midnet_bench.drawing.scene import Detection, FloorPlan, Robot, Scene, Setup, Truth
 from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.midnet.pipeline import Frame
 
 
@@ -24,22 +26,34 @@ def setup_of(trial: GuardedArena) -> Setup:
 def scene_of(trial: GuardedArena, frame: Frame) -> Scene:
     """The trial as it is now, with the detections of ``frame``, its newest."""
     active, poses = trial.world.active, trial.world.poses()
-    targets = [solid.bounding_box() for solid in trial.layout.stationary]
+    robots = [
+        _robot(robot, Pose2D(*poses[robot.index].tolist()), len(trial.guards))
+        for robot in trial.fleet.robots
+        if active[robot.index]
+    ]
+    stationary = trial.layout.stationary
+    outlines = [solid.outline() for solid in stationary]
+    outlines += [robot.outline for robot in robots if not robot.is_guard]
+    targets = [solid.bounding_box() for solid in stationary]
     targets += [trial.lidars.outline(robot.index) for robot in trial.intruders if active[robot.index]]
     return Scene(
         time_s=trial.fleet.time_s,
         frame=round(trial.fleet.time_s * FRAME_HZ),
-        robots=[
-            _robot(robot, Pose2D(*poses[robot.index].tolist()), len(trial.guards))
-            for robot in trial.fleet.robots
-            if active[robot.index]
-        ],
+        robots=robots,
         detections=[
-            Detection(box, guard + 1, not any(box.intersection_area(target) > 0.0 for target in targets))
+            Detection(box, guard + 1, not _touches(box, targets))
             for box, guard in zip(frame.detections, frame.robots, strict=True)
+        ],
+        truths=[
+            Truth(outline, not _touches(target, frame.detections))
+            for outline, target in zip(outlines, targets, strict=True)
         ],
         explanation=frame.explanation,
     )
+
+
+def _touches(box: Box, others: Sequence[Box]) -> bool:
+    return any(box.intersection_area(other) > 0.0 for other in others)
 
 
 def _robot(robot: MobileRobot, pose: Pose2D, guards: int) -> Robot:
