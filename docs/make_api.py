@@ -86,7 +86,7 @@ def _signature(function: Any, is_method: bool = False) -> str:
 def _fields(value: Any) -> list[tuple[str, str]]:
     """Fields of a dataclass or a named tuple, each with its docstring or its help."""
     if dataclasses.is_dataclass(value):
-        helps = {one.name: str(one.metadata.get("help", "")) for one in dataclasses.fields(value)}
+        helps = {one.name: _help(one) for one in dataclasses.fields(value)}
     else:
         helps = dict.fromkeys(getattr(value, "_fields", ()), "")
     if not helps:
@@ -102,6 +102,12 @@ def _fields(value: Any) -> list[tuple[str, str]]:
         ):
             helps[before.target.id] = " ".join(str(after.value.value).split())
     return [(name, _inline(text)) for name, text in helps.items()]
+
+
+def _help(field: dataclasses.Field[Any]) -> str:
+    """What an option says of itself, with its default."""
+    said = field.metadata.get("option")
+    return f"{said.help} Default: {field.default}." if said else ""
 
 
 def _markdown(docstring: str | None) -> str:

@@ -13,6 +13,14 @@ def experiments(incomplete: str) -> list[str]:
     return [name for name in names() if name.startswith(incomplete)]
 
 
+def parameters(incomplete: str) -> list[str]:
+    """Experiments, then parameters of any of them."""
+    from midnet_bench.experiments.registry import names, parameters_model
+
+    keys = [key for name in names() for key in parameters_model(name).defaults()]
+    return [key for key in dict.fromkeys([*names(), *keys]) if key.startswith(incomplete)]
+
+
 def campaigns(incomplete: str) -> list[str]:
     """Packaged campaigns, then campaign files whose path begins so."""
     from midnet_bench.workflows.campaigns import packaged_campaigns

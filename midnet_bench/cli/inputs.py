@@ -16,7 +16,7 @@ def parameters(
     name: Annotated[
         str,
         typer.Argument(
-            help="An experiment, or a parameter of any experiment.", autocompletion=completion.experiments
+            help="An experiment, or a parameter of any experiment.", autocompletion=completion.parameters
         ),
     ] = "detection",
     as_json: options.Json = False,
