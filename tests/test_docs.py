@@ -20,7 +20,9 @@ def test_the_api_page_is_made_from_these_docstrings() -> None:
     assert (DOCS / "api.md").read_text(encoding="utf-8") == make_api.page(), "run 'make api'"
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in DOCS.glob("*.md"))])
+@pytest.mark.parametrize(
+    "page", ["README.md", "CONTRIBUTING.md", *(f"docs/{p.name}" for p in DOCS.glob("*.md"))]
+)
 def test_every_file_that_a_page_links_to_or_names_is_there(page: str) -> None:
     path = DOCS.parent / page
     text = path.read_text(encoding="utf-8")
