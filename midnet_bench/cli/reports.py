@@ -138,7 +138,7 @@ def present(directory: Path, as_json: bool) -> bool:
     results, tables = write_report(directory)
     name = results.definition.experiment
     if results.finished or as_json:
-        show(name, tables if as_json else printed(name, tables), as_json)
+        show(name, tables if as_json else printed(results, tables), as_json)
     return results.finished > 0
 
 

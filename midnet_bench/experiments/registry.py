@@ -12,6 +12,7 @@ from midnet_bench.experiments.readings import READINGS
 from midnet_bench.plugins import load_reference
 
 if TYPE_CHECKING:
+    from midnet_bench.analysis.frames import Results
     from midnet_bench.campaign.trial import TrialResult, TrialSpec
     from midnet_bench.io.parameters import Parameters
 
@@ -42,6 +43,15 @@ def experiment(name: str) -> Experiment:
     for point in entry_points(group=ENTRY_POINTS, name=name):
         return _checked(point.value, load_reference(point.value))
     raise InputError(f"experiment: unknown name '{name}'{nearest_name(name, names())}")
+
+
+def experiment_of(results: "Results") -> Experiment:
+    """The experiment that results are of, also where a user's own file has it.
+
+    Raises:
+        InputError: as :func:`experiment`, such as when that file has gone.
+    """
+    return experiment(results.definition.reference(results.directory))
 
 
 def parameters_model(name: str) -> "type[Parameters]":

@@ -10,7 +10,7 @@ from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.experiment import Measures
-from midnet_bench.experiments.registry import experiment
+from midnet_bench.experiments.registry import experiment_of
 from midnet_bench.rng import stream
 from midnet_bench.workflows.report import write_figures_of
 
@@ -38,7 +38,7 @@ def compare(directories: Sequence[str | Path], output: str | Path | None = None)
     names = names_of([Path(directory) for directory in directories])
     campaigns = {name: load_results(path) for name, path in zip(names, directories, strict=True)}
     kinds = sorted({results.definition.experiment for results in campaigns.values()})
-    record = experiment(kinds[0])
+    record = experiment_of(campaigns[names[0]])
     if len(kinds) > 1 or record.measures is None:
         raise InputError(
             "compare: give campaigns of one experiment that has main scores, such as detection or labyrinth, "

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,7 @@ from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.export import export_csv
 from midnet_bench.campaign.store import FILE_NAME, open_store
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.registry import experiment
+from midnet_bench.experiments.registry import experiment_of
 from midnet_bench.io.files import write_atomically
 
 if TYPE_CHECKING:
@@ -33,10 +32,10 @@ def write_report(directory: str | Path) -> tuple[Results, list[Table]]:
     if (directory / FILE_NAME).exists():
         with open_store(directory / FILE_NAME) as store:
             export_csv(store, directory)
-            _write_json(directory / CONFIGURATION, asdict(store.definition))
+            _write_json(directory / CONFIGURATION, json.loads(store.definition.to_json()))
             _write_json(directory / PROVENANCE, store.runs())
     results = load_results(directory)
-    record = experiment(results.definition.experiment)
+    record = experiment_of(results)
     tables = list(record.tables(results))
     for table in tables:
         table.write(directory)
@@ -44,9 +43,9 @@ def write_report(directory: str | Path) -> tuple[Results, list[Table]]:
     return results, tables
 
 
-def printed(name: str, tables: list[Table]) -> list[Table]:
+def printed(results: Results, tables: list[Table]) -> list[Table]:
     """Those of an experiment's tables that a terminal shows."""
-    record = experiment(name)
+    record = experiment_of(results)
     return [table for table in tables if not record.printed or table.name in record.printed]
 
 
@@ -61,7 +60,7 @@ def plot(directory: str | Path, output: str | Path | None = None) -> list[Path]:
         InputError: there is no campaign, it is damaged, or its experiment has no figures.
     """
     results = load_results(directory)
-    figures = experiment(results.definition.experiment).figures(results)
+    figures = experiment_of(results).figures(results)
     if not figures:
         raise InputError(
             f"{directory}: no figures: a campaign of '{results.definition.experiment}'"
@@ -72,8 +71,8 @@ def plot(directory: str | Path, output: str | Path | None = None) -> list[Path]:
 
 def write_figures_of(results: Mapping[str, Results], output: Path) -> list[Path]:
     """Draw the figures that several campaigns of one experiment have in common; the files written."""
-    (name,) = {one.definition.experiment for one in results.values()}
-    return _write_figures(experiment(name).comparison_figures(results), output)
+    record = experiment_of(next(iter(results.values())))
+    return _write_figures(record.comparison_figures(results), output)
 
 
 def _write_figures(figures: "Mapping[str, Figure]", directory: Path) -> list[Path]:

@@ -7,7 +7,7 @@ from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.power import POWER
 from midnet_bench.analysis.tables import Table
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.registry import experiment
+from midnet_bench.experiments.registry import experiment_of
 
 EXIT_CODES = {Verdict.REPRODUCED: 0, Verdict.INCONCLUSIVE: 3, Verdict.NOT_REPRODUCED: 4}
 
@@ -21,7 +21,7 @@ def verify(directory: str | Path) -> tuple[str, Table, int]:
         InputError: a campaign that the paper states nothing about, or without the trials it takes.
     """
     results = load_results(directory)
-    found = experiment(results.definition.experiment).claims(results)
+    found = experiment_of(results).claims(results)
     if not found:
         raise InputError(f"{directory}: nothing here that the paper states a result for")
     worst = max((finding.verdict for finding in found), key=EXIT_CODES.__getitem__)
@@ -49,7 +49,7 @@ def power_report(
     if robots[0] == robots[1]:
         raise InputError(f"--robots {robots[0]} {robots[1]}: give two different team sizes")
     results = load_results(directory)
-    record = experiment(results.definition.experiment)
+    record = experiment_of(results)
     if record.power is None:
         raise InputError(f"{directory}: a {record.name} campaign; 'power' works on labyrinth campaigns")
     return results.definition.experiment, record.power(results, abs(difference), robots, power)

@@ -196,7 +196,7 @@ def test_a_report_repeats_its_bytes_also_without_the_store(results: Results, tmp
     raw = {"trial.csv", "intruders.csv", "robots.csv", "timing.csv", "configuration.json", "provenance.json"}
     assert set(first) == figures | raw | {f"{stem}{end}" for stem in stems for end in (".csv", ".md", ".tex")}
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == first
-    names = [table.name for table in printed("labyrinth", tables)]
+    names = [table.name for table in printed(results, tables)]
     assert names == ["success_rate", "labyrinth_health", "labyrinth_speed"]
 
 
