@@ -33,45 +33,54 @@ class Mutant:
 MUTANTS = [
     Mutant(
         "usable range 2.6 m instead of 2.5 m",
+        "navigation/settings.py",
+        "obstacle_range_m: float = option(\n        2.5,",
+        "obstacle_range_m: float = option(\n        2.6,",
+        "experiments/test_experiments_usable_range.py::test_usable_range_is_two_and_a_half_metres_by_default",
+    ),
+    Mutant(
+        "who is in range is told by a constant, not by obstacle_range_m",
         "experiments/detection/trial.py",
         "range_m = test.costmap.obstacle_range_m",
-        "range_m = test.costmap.obstacle_range_m + 0.1",
-        "experiments/test_experiments_usable_range.py",
+        "range_m = 2.5",
+        "experiments/test_experiments_usable_range.py::test_usable_range_follows_obstacle_range",
     ),
     Mutant(
         "the readings are not ranked",
         "experiments/readings/tables.py",
         "return noise > 0.0, math.inf if math.isnan(gap) else round(gap, 2), false",
         "return False, 0.0, 0.0",
-        "experiments/test_experiments_readings.py",
+        "experiments/test_readings_results.py::test_readings_are_ranked",
     ),
     Mutant(
         "golden bounds agree with anything",
         "workflows/smoke.py",
         "return abs(float(ours) - float(golden)) <= absolute + share * abs(float(golden))",
         "return True",
-        "workflows/test_smoke.py",
+        "workflows/test_smoke.py::test_elsewhere_a_number_may_lie_off_by_so_much",
     ),
     Mutant(
         "stuck after 8 s instead of 5 s",
         "agents/mobile_robot.py",
         "STUCK_AFTER_S = 5.0",
         "STUCK_AFTER_S = 8.0",
-        "agents/test_progress.py",
+        "agents/test_progress.py::test_a_stand_counts_from_five_seconds_on",
     ),
     Mutant(
         "Eq. 11 counts who was detected, not who was caught",
         "experiments/labyrinth/trial.py",
         '"success_rate": 100.0 * caught / len(outcomes),',
         '"success_rate": 100.0 * sum(not math.isnan(one.detected_at_s) for one in outcomes) / len(outcomes),',
-        "experiments/test_experiments_labyrinth.py",
+        "experiments/test_experiments_labyrinth.py"
+        "::test_nobody_is_caught_by_a_guard_that_cannot_come_close_enough",
     ),
     Mutant(
         "guards pursue the true position of an intruder, not its box",
         "experiments/labyrinth/trial.py",
         "self.pursuit.detected(robot.index, boxes[0].center, now_s)",
         "self.pursuit.detected(robot.index, self._place(robot), now_s)",
-        "experiments/test_experiments_labyrinth.py",
+        "experiments/test_experiments_labyrinth.py"
+        "::test_a_guard_is_sent_to_the_box_and_not_to_the_true_position",
     ),
 ]
 
