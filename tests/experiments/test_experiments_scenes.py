@@ -35,7 +35,7 @@ def test_robots_that_are_gone_are_not_in_a_scene_and_escapes_are_goals() -> None
         before = scene_of(trial, frame)
         trial.fleet.remove(trial.intruders[0])
         after = scene_of(trial, frame)
-        escapes = [trial.fates[robot.index].escape for robot in trial.intruders]
+        escapes = [trial.outcomes[robot.index].escape for robot in trial.intruders]
     assert (setup.guards, setup.mobile_intruders, setup.plan.title) == (2, 2, "Map 2, seed 3")
     assert [robot.goal for robot in before.intruders] == escapes
     assert [robot.number for robot in before.robots] == [1, 2, 1, 2]
