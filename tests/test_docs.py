@@ -1,5 +1,6 @@
 """The pages and the notebook say what the code does now."""
 
+import importlib
 import importlib.util
 import re
 from pathlib import Path
@@ -7,6 +8,8 @@ from pathlib import Path
 import nbformat
 import pytest
 from nbclient import NotebookClient
+
+import midnet_bench
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -30,6 +33,32 @@ def test_every_file_that_a_page_links_to_or_names_is_there(page: str) -> None:
         assert "://" in target or (path.parent / target).exists(), target
     for target in re.findall(r"`((?:docs|results/reference|campaigns|tests)/[\w./-]+)`", text):
         assert (DOCS.parent / target).exists(), target
+
+
+def test_every_name_in_the_map_from_paper_to_code_is_there() -> None:
+    text = (DOCS / "paper-mapping.md").read_text(encoding="utf-8")
+    names = re.findall(r"`(?:midnet_bench\.)?((?:[a-z]\w*\.)+\w+)`", text)
+    rooms = {path.stem for path in Path(midnet_bench.__file__).parent.iterdir()}
+    code = [name for name in names if name.split(".")[0] in rooms]
+    assert len(code) > 20
+    for name in code:
+        assert resolved(f"midnet_bench.{name}") is not None, name
+
+
+def resolved(name: str) -> object:
+    """The module, class, function or field of that name; None if there is none."""
+    parts = name.split(".")
+    for length in range(len(parts), 0, -1):
+        try:
+            found: object = importlib.import_module(".".join(parts[:length]))
+        except ModuleNotFoundError:
+            continue
+        for part in parts[length:]:
+            if part in getattr(found, "__annotations__", {}):
+                return found
+            found = getattr(found, part, None)
+        return found
+    return None
 
 
 @pytest.mark.slow

@@ -75,6 +75,11 @@ def test_a_command_runs_in_an_empty_folder(line: str, installed: Path, tmp_path:
     assert done.stdout
 
 
+def test_expected_numbers_are_updated_in_a_checkout_only(installed: Path, tmp_path: Path) -> None:
+    done = run(installed / "midnet-bench", "smoke", "--update", folder=tmp_path)
+    assert (done.returncode, "checkout" in done.stderr) == (2, True)
+
+
 def test_the_expected_numbers_of_smoke_are_there(installed: Path, tmp_path: Path) -> None:
     code = (
         "from pathlib import Path\n"

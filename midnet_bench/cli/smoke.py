@@ -37,12 +37,15 @@ def smoke(
     Exit code: 0 they agree, 1 they do not.
     """
     from midnet_bench.cli.progress import CampaignProgress
+    from midnet_bench.errors import InputError
     from midnet_bench.experiments.campaigns import run_campaign
     from midnet_bench.workflows.campaigns import load_campaign
     from midnet_bench.workflows.report import write_report
-    from midnet_bench.workflows.shipped import shipped_folder
+    from midnet_bench.workflows.shipped import installed, shipped_folder
     from midnet_bench.workflows.smoke import differences_from_golden, update_golden
 
+    if update and installed():
+        raise InputError("smoke: --update changes the repository's numbers; run it in a checkout")
     lines: list[str] = []
     where = ""
     for name, tables in TABLES.items():

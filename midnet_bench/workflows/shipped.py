@@ -7,6 +7,11 @@ import midnet_bench
 _PACKAGE = Path(midnet_bench.__file__).parent
 
 
+def installed() -> bool:
+    """Whether this is an installed package, not a checkout."""
+    return (_PACKAGE / "campaigns").is_dir()
+
+
 def shipped_folder(name: str, in_repository: str) -> Path:
     """A folder that comes with the package; ``setup.py`` names them all.
 
