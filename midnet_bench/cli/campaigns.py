@@ -214,7 +214,7 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
             retry_failed=chosen.retry_failed,
             fresh=chosen.fresh,
         )
-        _tell_plan(campaign.experiment, ahead, directory, chosen.as_json)
+        _tell_plan(resolved.definition.experiment, ahead, directory, chosen.as_json)
         return
     outcome = run_campaign(
         resolved,

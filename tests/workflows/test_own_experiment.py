@@ -117,6 +117,14 @@ def test_an_experiment_in_its_own_file_runs_reports_plots_and_verifies(project: 
     assert midnet_bench("verify", results, "--json", folder=project).stdout == verified.stdout
 
 
+def test_a_plan_of_it_has_no_path_of_this_machine(project: Path) -> None:
+    planned = midnet_bench("run", "walking.yaml", "--dry-run", "--json", folder=project)
+    told = json.loads(planned.stdout)
+    assert told["experiment"] == "walk.py:WALK"
+    assert told["tables"]["plan"][0]["to_run"] == 6
+    assert str(project) not in planned.stdout
+
+
 def test_an_interrupted_campaign_of_it_goes_on_where_it_stopped(project: Path) -> None:
     whole = resolve(load_campaign(project / "walking.yaml"), registry)
     some = load_campaign(project / "walking.yaml").model_copy(update={"trials": 2})
