@@ -106,7 +106,8 @@ class ObstacleLayer:
         self.row = 0
         self._unseen = NO_INFORMATION if settings.track_unknown else FREE_SPACE
         self.cells: Cells = np.full((height, width), self._unseen, dtype=np.uint8)
-        self._remembers_for_ever = math.isinf(settings.memory_s)
+        self.remembers_for_ever = math.isinf(settings.memory_s)
+        """whether a mark stays until a beam passes it, however old it is"""
         self._marked_at_s = np.full((height, width), -math.inf)
         cleared = settings.footprint if settings.footprint_clearing else ()
         self._footprint_cells = corner_array(cleared) / settings.resolution
@@ -136,7 +137,7 @@ class ObstacleLayer:
         if (column, row) == (self.column, self.row) and self.cells.shape == (height, width):
             return
         self.cells = _moved(self.cells, column - self.column, row - self.row, width, height, self._unseen)
-        if not self._remembers_for_ever:
+        if not self.remembers_for_ever:
             self._marked_at_s = _moved(
                 self._marked_at_s, column - self.column, row - self.row, width, height, -math.inf
             )
@@ -154,7 +155,7 @@ class ObstacleLayer:
         if ranges_m.shape != (geometry.beams,):
             raise ValueError(f"{ranges_m.shape} ranges of a LiDAR with {geometry.beams} beams")
         settings = self.settings
-        if not self._remembers_for_ever:
+        if not self.remembers_for_ever:
             self._age(time_s)
         if len(self._marked) < len(ranges_m):
             self._marked = np.empty(len(ranges_m), dtype=np.int64)
@@ -172,7 +173,7 @@ class ObstacleLayer:
             self._footprint_cells,
             self._marked,
         )
-        if not self._remembers_for_ever:
+        if not self.remembers_for_ever:
             self._marked_at_s.reshape(-1)[self._marked[:count]] = time_s
 
     def clear_outside(self, x: float, y: float, side_m: float) -> None:
@@ -345,7 +346,7 @@ class GlobalCostmap:
         pose.require_finite()
         sensor_pose.require_finite()
         self.layer.update(pose, sensor_pose, ranges_m, geometry, time_s)
-        if math.isinf(self.settings.memory_s):
+        if self.layer.remembers_for_ever:
             x, y = (math.floor(value) for value in self.layer.to_cells(sensor_pose.x, sensor_pose.y))
             reach = self._scan_cells
             self._touch(x - reach, y - reach, x + reach + 1, y + reach + 1)
