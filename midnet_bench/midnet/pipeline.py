@@ -11,11 +11,13 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.binary_map import FREE, OCCUPIED, Unknown, binary_map
-from midnet_bench.midnet.cropping import Align, Crop, crop_to_prior
-from midnet_bench.midnet.foreground import (
+from midnet_bench.midnet.detection import (
+    Align,
     BinaryArray,
+    Crop,
     bounding_boxes,
     common_occupancy,
+    crop_to_prior,
     find_contours,
     foreground,
 )

@@ -6,7 +6,7 @@ from hypothesis.extra import numpy as hnp
 
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.foreground import bounding_boxes, find_contours
+from midnet_bench.midnet.detection import bounding_boxes, find_contours
 from tests.midnet.ascii_maps import binary
 
 # cells of one metre from (0, 0), so that metres are cells

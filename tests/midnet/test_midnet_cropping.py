@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.cropping import (
+from midnet_bench.midnet.detection import (
     EMPTY_CROP,
     Crop,
     Window,

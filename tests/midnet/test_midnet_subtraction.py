@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from midnet_bench.midnet.foreground import common_occupancy, foreground
+from midnet_bench.midnet.detection import common_occupancy, foreground
 from tests.midnet.ascii_maps import binary, draw
 
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from midnet_bench.scoring.ratios import f1, precision, ratios, recall
+from midnet_bench.scoring.frame_counts import f1, precision, ratios, recall
 
 COUNTS = st.integers(0, 10**6)
 

@@ -12,7 +12,7 @@ from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.trial import Row
 from midnet_bench.experiments.experiment import Measures
 from midnet_bench.rng import stream
-from midnet_bench.scoring.ratios import ratios
+from midnet_bench.scoring.frame_counts import ratios
 
 PAPER: Mapping[str, Row] = {
     "1-robot": {"tp": 6967, "fp": 176, "fn": 1889, "precision": 0.975, "recall": 0.787, "f1": 0.871},

@@ -13,8 +13,14 @@ from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
-from midnet_bench.scoring.frame_counts import FrameCounts, TruthObject, count_frame, total, truths_in_range
-from midnet_bench.scoring.ratios import ratios
+from midnet_bench.scoring.frame_counts import (
+    FrameCounts,
+    TruthObject,
+    count_frame,
+    ratios,
+    total,
+    truths_in_range,
+)
 from midnet_bench.simulation.lidar import SOLID
 
 ON_SURFACE_M = 0.05

@@ -8,7 +8,7 @@ import pandas as pd
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.experiments.detection.tables import PAPER, SCORES
-from midnet_bench.scoring.ratios import ratios
+from midnet_bench.scoring.frame_counts import ratios
 
 HEADINGS = {"precision": "P", "recall": "R", "f1": "F1"}
 NOISE, FALSE = "noise_per_200_frames", "false_per_200_frames"
