@@ -1,0 +1,92 @@
+"""``docs/results.md`` describes every column that real outputs have, and none that they have not."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+from midnet_bench.analysis import statistics
+from midnet_bench.analysis.frames import load_results
+from midnet_bench.analysis.statistics import Estimate
+from midnet_bench.analysis.tables import Table
+from midnet_bench.experiments.registry import experiment_of
+from midnet_bench.workflows.compare import compare
+from midnet_bench.workflows.verify import power_report, verify
+
+REPOSITORY = Path(__file__).parents[2]
+REFERENCES = REPOSITORY / "results" / "reference"
+PAGE = (REPOSITORY / "docs" / "results.md").read_text(encoding="utf-8")
+OPTIONAL = {"variant", "noise_per_200_frames", "false_per_200_frames", "role"}
+"""columns that not every campaign has"""
+
+
+@pytest.fixture(autouse=True)
+def _hardly_any_resamples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names of columns are all that counts here."""
+    monkeypatch.setattr(statistics, "RESAMPLES", 9)
+
+
+def described(table: str) -> set[str]:
+    """The columns that the page has under the table's heading."""
+    (section,) = re.findall(rf"^### `{table}`\n(.*?)(?=^##|\Z)", PAGE, flags=re.S | re.M)
+    rows = re.findall(r"^\| (`.*?) \|", section, flags=re.M)
+    return {name for row in rows for name in re.findall(r"`([^`]+)`", row)}
+
+
+def check(table: str, columns: Iterable[str], own_names: Iterable[str] = ()) -> None:
+    """Fail unless ``columns`` are those that are described; ``own_names`` are what a user has named."""
+    named = {name: "CAMPAIGN" for name in own_names}
+    seen = {named.get(name, re.sub(r"^\d+ robots?", "N robots", name)) for name in columns}
+    page = described(table)
+    assert not seen - page, f"{table}: not described"
+    assert not page - seen - OPTIONAL, f"{table}: described, but not there"
+
+
+def check_table(table: Table, own_names: Iterable[str] = ()) -> None:
+    written = {name for row in table.flat_rows() for name in row}
+    parts = {
+        part
+        for row in table.rows
+        for name, cell in row.items()
+        if isinstance(cell, Estimate) and name not in table.bounds
+        for part in (f"{name}_low", f"{name}_high", f"{name}_n")
+    }
+    check(table.name, written - parts, own_names)
+
+
+def check_campaign(directory: Path) -> None:
+    results = load_results(directory)
+    place = {*results.factors, "seed"}
+    for name, frame in {**results.tables, "timing": results.timing}.items():
+        if name in dict.fromkeys(re.findall(r"^### `(\w+)`", PAGE, flags=re.M)):
+            check(name, set(frame.columns) - place)
+        else:
+            pytest.fail(f"{name}.csv is not described")
+    for table in experiment_of(results).tables(results):
+        check_table(table)
+
+
+@pytest.mark.parametrize("name", ["detection", "labyrinth", "capture", "mapping", "calibration", "readings"])
+def test_every_column_of_a_reference_is_described(name: str) -> None:
+    check_campaign(REFERENCES / name)
+
+
+def test_every_column_of_a_fresh_campaign_is_described(detection_campaign: Path) -> None:
+    results = load_results(detection_campaign)
+    assert set(results.tables) == {"scores", "frames", "robots"}
+    check_campaign(detection_campaign)
+
+
+def test_what_commands_print_is_described(tmp_path: Path) -> None:
+    labyrinth = REFERENCES / "labyrinth"
+    check_table(verify(labyrinth)[1])
+    check_table(power_report(labyrinth, 5.0)[1])
+    link = tmp_path / "again"
+    link.symlink_to(labyrinth)
+    _, tables = compare([labyrinth, link])
+    rates, differences, settings = tables
+    check_table(rates)
+    check_table(differences, ["labyrinth", "again"])
+    assert settings.rows == []
+    assert described("settings") == {"setting", "CAMPAIGN"}
