@@ -98,7 +98,7 @@ def draw_grids(setup: Setup, scene: Scene, explanation: Explanation) -> Figure:
     for guard, view, row in zip(scene.guards, explanation.views, axes, strict=True):
         for grid, one in zip((view.a, view.b, view.c, view.d), row, strict=True):
             _show_binary(one, grid, Box.square(guard.believed.x, guard.believed.y, setup.local_size_m))
-        removed = [item for item in explanation.removed if item.sighting.robot == guard.number - 1]
+        removed = [item for item in explanation.removed if item.detection.robot == guard.number - 1]
         _add_boxes(row[0], view, removed)
         row[0].set_ylabel("y / m", fontsize=8)
         row[0].text(
@@ -353,7 +353,7 @@ def _add_boxes(axes: Axes, view: RobotView, removed: Sequence[RemovedAlly]) -> N
     for box in view.kept:
         add_box(axes, box, DETECTION, linewidth=1.3)
     for item in removed:
-        box = item.sighting.box
+        box = item.detection.box
         add_box(axes, box, GUARD, linewidth=1.3, linestyle=ALLY_DASH)
         add_label(axes, (box.x_max, box.y_max), str(item.ally + 1), GUARD, xytext=(1, 0), fontweight="bold")
 

@@ -17,7 +17,7 @@ AllyRemove = Literal["first", "best", "all"]
 ROUNDING = 1e-9
 
 
-class Sighting(NamedTuple):
+class Detection(NamedTuple):
     """One box, map frame, and the robot that found it."""
 
     box: Box
@@ -28,7 +28,7 @@ class Sighting(NamedTuple):
 class RemovedAlly(NamedTuple):
     """A robot's box that was taken for an ally."""
 
-    sighting: Sighting
+    detection: Detection
     ally: int
     """index of the robot whose pose it matched"""
     iou: float
@@ -38,7 +38,7 @@ class RemovedAlly(NamedTuple):
 class AllyRemoval(NamedTuple):
     """What Algorithm 2 leaves and what it takes."""
 
-    kept: list[list[Sighting]]
+    kept: list[list[Detection]]
     """one list per robot, in their old order"""
     removed: list[RemovedAlly]
     """in the order of removal"""
@@ -51,7 +51,7 @@ def ally_box(pose: Pose2D, diameter_m: float) -> Box:
 
 def remove_ally_detections(
     poses: Sequence[Pose2D],
-    sightings: Sequence[Sequence[Sighting]],
+    detections: Sequence[Sequence[Detection]],
     diameter_m: float,
     threshold: float,
     remove: AllyRemove = "first",
@@ -63,12 +63,12 @@ def remove_ally_detections(
 
     Args:
         poses: of each robot as it reports it, map frame (R, ``i.pos``).
-        sightings: of each robot, in the same order (``j.d``).
+        detections: of each robot, in the same order (``j.d``).
         diameter_m: di, the diameter of the circle around a robot (item 27).
         threshold: t, 0 < t <= 1; an IoU of t or more is the ally (item 29).
         remove: ``first`` in the list, as the paper; ``best`` IoU; or ``all`` of t or more.
     """
-    kept = [list(own) for own in sightings]
+    kept = [list(own) for own in detections]
     removed = []
     for ally, pose in enumerate(poses):
         square = ally_box(pose, diameter_m)
@@ -76,9 +76,9 @@ def remove_ally_detections(
             if observer == ally:
                 continue
             matches = [
-                RemovedAlly(sighting, ally, score)
-                for sighting in own
-                if (score := square.iou(sighting.box)) >= threshold
+                RemovedAlly(detection, ally, score)
+                for detection in own
+                if (score := square.iou(detection.box)) >= threshold
             ]
             if not matches:
                 continue
@@ -87,14 +87,14 @@ def remove_ally_detections(
             elif remove == "best":
                 matches = [max(matches, key=lambda match: match.iou)]
             for match in matches:
-                own.remove(match.sighting)
+                own.remove(match.detection)
             removed += matches
     return AllyRemoval(kept, removed)
 
 
 def divide_and_conquer(
-    lists: Sequence[Sequence[Sighting]], left: int, right: int, threshold: float
-) -> list[Sighting]:
+    lists: Sequence[Sequence[Detection]], left: int, right: int, threshold: float
+) -> list[Detection]:
     """Algorithm 3, Divide and Conquer: the lists ``left`` to ``right`` fused in pairs, up a binary tree.
 
     The paper's recursive calls forget t; it is passed on (item 33). A single list is returned as it
@@ -114,7 +114,7 @@ def divide_and_conquer(
     return fuse_detections(second, first, threshold)
 
 
-def fuse_detections(s1: Sequence[Sighting], s2: Sequence[Sighting], threshold: float) -> list[Sighting]:
+def fuse_detections(s1: Sequence[Detection], s2: Sequence[Detection], threshold: float) -> list[Detection]:
     """Algorithm 4, Fuse Detections: ``s2``, with the boxes of ``s1`` in place of smaller ones or behind.
 
     Each box i of ``s1`` is compared with those of ``s2`` up to the first j with IoU >= t. If i has the

@@ -23,8 +23,8 @@ from midnet_bench.midnet.detection import (
 )
 from midnet_bench.midnet.fusion import (
     AllyRemove,
+    Detection,
     RemovedAlly,
-    Sighting,
     divide_and_conquer,
     remove_ally_detections,
 )
@@ -175,7 +175,7 @@ class MIDNet:
         seen = [self._look(observation) for observation in observations]
         allies = remove_ally_detections(
             [observation.pose for observation in observations],
-            [[Sighting(box, robot) for box in one.boxes] for robot, one in enumerate(seen)],
+            [[Detection(box, robot) for box in one.boxes] for robot, one in enumerate(seen)],
             settings.ally_diameter_m,
             settings.iou_ally,
             settings.ally_remove,
@@ -186,8 +186,8 @@ class MIDNet:
             views = [self._view(one, kept) for one, kept in zip(seen, allies.kept, strict=True)]
             explanation = Explanation(views, allies.removed)
         return Frame(
-            [sighting.box for sighting in fused],
-            [sighting.robot for sighting in fused],
+            [detection.box for detection in fused],
+            [detection.robot for detection in fused],
             explanation,
         )
 
@@ -211,7 +211,7 @@ class MIDNet:
             boxes = [box.shrunk(settings.deflate_boxes_m) for box in boxes]
         return _Seen(crop, a, b, c, d, boxes)
 
-    def _view(self, seen: _Seen, kept: Sequence[Sighting]) -> RobotView:
+    def _view(self, seen: _Seen, kept: Sequence[Detection]) -> RobotView:
         """The intermediates with their place in the map frame."""
         resolution = self.prior.resolution
         corner = (
@@ -219,4 +219,4 @@ class MIDNet:
             self.prior.origin[1] + seen.crop.y1_gmap * resolution,
         )
         a, b, c, d = (OccupancyGrid(data, resolution, corner) for data in (seen.a, seen.b, seen.c, seen.d))
-        return RobotView(seen.crop, a, b, c, d, seen.boxes, [sighting.box for sighting in kept])
+        return RobotView(seen.crop, a, b, c, d, seen.boxes, [detection.box for detection in kept])

@@ -154,7 +154,7 @@ def test_grids_have_a_row_per_guard_with_y_up_and_their_boxes() -> None:
     compared = 0
     for robot, view in enumerate(explanation.views):
         row = figure.axes[4 * robot : 4 * robot + 4]
-        removed = [item for item in explanation.removed if item.sighting.robot == robot]
+        removed = [item for item in explanation.removed if item.detection.robot == robot]
         assert len(row[0].patches) == len(view.kept) + len(removed) == len(view.found)
         # the middle of some cells of D, whichever are on and whichever are off
         for axes, grid in zip(row[1:], (view.b, view.c, view.d), strict=True):

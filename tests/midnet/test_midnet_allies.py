@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.geometry import Box, Pose2D
-from midnet_bench.midnet.fusion import Sighting, ally_box, remove_ally_detections
+from midnet_bench.midnet.fusion import Detection, ally_box, remove_ally_detections
 
 FAR = Pose2D(50.0, 50.0, 0.0)
 
@@ -16,8 +16,8 @@ def cell_boxes(draw: st.DrawFn, side: int = 12) -> Box:
     return Box(x1, y1, draw(st.integers(x1 + 1, side)), draw(st.integers(y1 + 1, side)))
 
 
-def sightings(*lists: list[Box]) -> list[list[Sighting]]:
-    return [[Sighting(box, robot) for box in boxes] for robot, boxes in enumerate(lists)]
+def detections(*lists: list[Box]) -> list[list[Detection]]:
+    return [[Detection(box, robot) for box in boxes] for robot, boxes in enumerate(lists)]
 
 
 def test_ally_box_is_the_square_about_the_robot_however_it_is_turned() -> None:
@@ -27,24 +27,24 @@ def test_ally_box_is_the_square_about_the_robot_however_it_is_turned() -> None:
 def test_ally_is_removed_from_the_list_of_the_one_who_sees_it() -> None:
     ally, intruder = Box(0.9, 0.9, 1.1, 1.1), Box(3.0, 3.0, 3.4, 3.4)
     poses = [Pose2D(-1.0, 0.0, 0.0), Pose2D(1.0, 1.0, 0.0)]
-    result = remove_ally_detections(poses, sightings([ally, intruder], [intruder]), 0.21, 0.1)
-    assert result.kept == sightings([intruder], [intruder])
+    result = remove_ally_detections(poses, detections([ally, intruder], [intruder]), 0.21, 0.1)
+    assert result.kept == detections([intruder], [intruder])
     (removed,) = result.removed
-    assert removed.sighting == Sighting(ally, 0)
+    assert removed.detection == Detection(ally, 0)
     assert removed.ally == 1
     assert removed.iou == pytest.approx(0.04 / 0.0441)
 
 
 def test_robot_does_not_remove_its_own_detections_for_its_own_pose() -> None:
     here = Box(-0.1, -0.1, 0.1, 0.1)
-    assert remove_ally_detections([Pose2D(0, 0, 0)], sightings([here]), 0.21, 0.1).kept == sightings([here])
+    assert remove_ally_detections([Pose2D(0, 0, 0)], detections([here]), 0.21, 0.1).kept == detections([here])
 
 
 def test_one_box_per_ally_and_observer_goes_and_the_options_take_others() -> None:
     # the ally's square is (0, 0)-(1, 1): a poor match first, the best second, and one below t
     poor, best, below = Box(0.5, 0.0, 1.5, 1.0), Box(0.0, 0.0, 1.0, 0.9), Box(0.9, 0.9, 1.9, 1.9)
     poses = [FAR, Pose2D(0.5, 0.5, 0.0)]
-    seen = sightings([poor, best, below], [])
+    seen = detections([poor, best, below], [])
 
     def kept(remove: str) -> list[Box]:
         return [one.box for one in remove_ally_detections(poses, seen, 1.0, 0.1, remove).kept[0]]
@@ -57,8 +57,8 @@ def test_one_box_per_ally_and_observer_goes_and_the_options_take_others() -> Non
 def test_iou_of_exactly_t_is_the_ally() -> None:
     half = Box(0.0, 0.0, 1.0, 0.5)
     poses = [FAR, Pose2D(0.5, 0.5, 0.0)]
-    assert remove_ally_detections(poses, sightings([half], []), 1.0, 0.5).kept[0] == []
-    assert remove_ally_detections(poses, sightings([half], []), 1.0, 0.51).kept[0] != []
+    assert remove_ally_detections(poses, detections([half], []), 1.0, 0.5).kept[0] == []
+    assert remove_ally_detections(poses, detections([half], []), 1.0, 0.51).kept[0] != []
 
 
 def as_the_paper_writes_it(poses: list[Pose2D], d: list[list[Box]], di: float, t: float) -> list[list[Box]]:
@@ -83,7 +83,7 @@ TEAMS = st.lists(st.tuples(POSES, st.lists(cell_boxes(), max_size=4, unique=True
 @given(TEAMS)
 def test_first_is_algorithm_2_and_the_inputs_stay_as_they_are(team: list[tuple[Pose2D, list[Box]]]) -> None:
     poses, boxes = [pose for pose, _ in team], [found for _, found in team]
-    seen = sightings(*boxes)
+    seen = detections(*boxes)
     before = copy.deepcopy(seen)
     result = remove_ally_detections(poses, seen, 3.0, 0.2)
     assert [[one.box for one in own] for own in result.kept] == as_the_paper_writes_it(poses, boxes, 3.0, 0.2)
@@ -94,7 +94,7 @@ def test_first_is_algorithm_2_and_the_inputs_stay_as_they_are(team: list[tuple[P
 def test_another_ally_never_adds_a_detection_to_any_robots_list(
     team: list[tuple[Pose2D, list[Box]]], ally: Pose2D, index: int, remove: str
 ) -> None:
-    poses, seen = [pose for pose, _ in team], sightings(*(found for _, found in team))
+    poses, seen = [pose for pose, _ in team], detections(*(found for _, found in team))
     without = remove_ally_detections(poses, seen, 3.0, 0.2, remove).kept
     index = min(index, len(poses))
     poses.insert(index, ally)
@@ -109,10 +109,10 @@ def test_another_ally_never_adds_a_detection_to_any_robots_list(
 def test_each_box_is_kept_or_removed_once_and_removed_boxes_reach_t(
     team: list[tuple[Pose2D, list[Box]]], remove: str
 ) -> None:
-    poses, seen = [pose for pose, _ in team], sightings(*(found for _, found in team))
+    poses, seen = [pose for pose, _ in team], detections(*(found for _, found in team))
     result = remove_ally_detections(poses, seen, 3.0, 0.2, remove)
-    together = [one for own in result.kept for one in own] + [gone.sighting for gone in result.removed]
+    together = [one for own in result.kept for one in own] + [gone.detection for gone in result.removed]
     assert sorted(together) == sorted(one for own in seen for one in own)
     for gone in result.removed:
-        assert gone.ally != gone.sighting.robot
+        assert gone.ally != gone.detection.robot
         assert gone.iou >= 0.2

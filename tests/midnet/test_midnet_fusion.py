@@ -7,20 +7,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.geometry import Box
-from midnet_bench.midnet.fusion import Sighting, divide_and_conquer, fuse_detections
+from midnet_bench.midnet.fusion import Detection, divide_and_conquer, fuse_detections
 
 T = 0.1
 
 
-def of(robot: int, *boxes: Box) -> list[Sighting]:
-    return [Sighting(box, robot) for box in boxes]
+def of(robot: int, *boxes: Box) -> list[Detection]:
+    return [Detection(box, robot) for box in boxes]
 
 
-def boxes_in(sightings: list[Sighting]) -> list[Box]:
-    return [sighting.box for sighting in sightings]
+def boxes_in(detections: list[Detection]) -> list[Box]:
+    return [detection.box for detection in detections]
 
 
-def fuse_all(*lists: list[Box], threshold: float = T) -> list[Sighting]:
+def fuse_all(*lists: list[Box], threshold: float = T) -> list[Detection]:
     return divide_and_conquer([of(r, *boxes) for r, boxes in enumerate(lists)], 0, len(lists) - 1, threshold)
 
 
@@ -68,7 +68,7 @@ def test_equal_cells_tie_wherever_they_lie_on_the_map(column: int, row: int) -> 
 
 def test_five_robots_with_boxes_of_their_own_come_out_in_index_order() -> None:
     own = [Box(10 * robot, 0, 10 * robot + 4, 4) for robot in range(5)]
-    assert fuse_all(*([box] for box in own)) == [Sighting(box, robot) for robot, box in enumerate(own)]
+    assert fuse_all(*([box] for box in own)) == [Detection(box, robot) for robot, box in enumerate(own)]
 
 
 def test_recursion_takes_a_range_of_robots() -> None:
@@ -191,5 +191,5 @@ def test_robots_are_fused_in_the_order_of_algorithm_3(lists: list[list[Cells]]) 
 @given(LISTS)
 def test_every_detection_is_a_box_of_the_robot_that_it_names(lists: list[list[Cells]]) -> None:
     found = [[in_metres(cells) for cells in own] for own in lists]
-    for sighting in fuse_all(*found):
-        assert sighting.box in found[sighting.robot]
+    for detection in fuse_all(*found):
+        assert detection.box in found[detection.robot]

@@ -171,8 +171,8 @@ def test_ally_is_no_intruder() -> None:
     assert frame.detections == []
     assert frame.explanation is not None
     (removed,) = frame.explanation.removed
-    assert (removed.sighting.robot, removed.ally, removed.iou) == (0, 1, 1.0)
-    assert frame.explanation.views[0].found == [removed.sighting.box]
+    assert (removed.detection.robot, removed.ally, removed.iou) == (0, 1, 1.0)
+    assert frame.explanation.views[0].found == [removed.detection.box]
     assert frame.explanation.views[0].kept == []
 
 

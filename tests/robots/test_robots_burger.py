@@ -8,6 +8,9 @@ import pytest
 
 from midnet_bench.agents.patrol import DRIVABLE_M
 from midnet_bench.arena.layout import ROBOT_CLEARANCE_M
+from midnet_bench.experiments.detection.parameters import DetectionParameters
+from midnet_bench.midnet.pipeline import MIDNetSettings
+from midnet_bench.navigation.settings import LocalPlannerLimits
 from midnet_bench.robots.burger import BURGER
 
 
@@ -48,3 +51,12 @@ def test_the_body_lies_within_the_footprint_that_it_plans_with() -> None:
 def test_a_robot_that_keeps_a_margin_touches_nothing_however_it_turns() -> None:
     assert BURGER.footprint_reach_m < DRIVABLE_M
     assert BURGER.body_reach_m < ROBOT_CLEARANCE_M
+
+
+def test_defaults_that_are_said_in_other_rooms_are_this_robots() -> None:
+    limits = LocalPlannerLimits()
+    assert limits.max_vel_x_mps == -limits.min_vel_x_mps == BURGER.max_linear_mps
+    assert limits.max_vel_trans_mps == DetectionParameters().intruder_speed_mps == BURGER.max_linear_mps
+    # the circle around a robot (item 27), to the millimetre
+    assert MIDNetSettings().ally_diameter_m == pytest.approx(2.0 * BURGER.footprint_reach_m, abs=5e-4)
+    assert BURGER.profiles["disc"].radius_m == BURGER.radius_m
