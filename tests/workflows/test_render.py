@@ -80,18 +80,17 @@ def test_another_seed_another_picture_and_no_clip_unless_wanted(rendered: Path, 
         assert path.read_bytes() != (rendered / path.name).read_bytes()
 
 
-def test_speed_sets_the_pictures_per_second(tmp_path: Path) -> None:
-    render_trial("labyrinth", {"time_limit_s": 1.0}, 2, tmp_path, 2, speed=4.0)
-    film = cv2.VideoCapture(str(tmp_path / "trial.mp4"))
-    assert film.get(cv2.CAP_PROP_FPS) == 20.0
-    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == 5
-    film.release()
+def test_a_labyrinth_of_one_frame_and_its_speed(tmp_path: Path) -> None:
+    # the time limit is shorter than a frame
+    paths = render_trial("labyrinth", {"time_limit_s": 0.05}, 1, tmp_path, speed=4.0)
+    assert [path.name for path in paths] == [*PICTURES, "trial.mp4", "storyboard.png"]
+    video = cv2.VideoCapture(str(tmp_path / "trial.mp4"))
+    assert video.get(cv2.CAP_PROP_FPS) == 20.0
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == 1
+    video.release()
 
 
-def test_a_trial_may_end_before_the_frame_that_is_drawn_unless_asked(tmp_path: Path) -> None:
-    # a time limit shorter than a frame; and a trial that ends early since everybody has left
-    paths = render_trial("labyrinth", {"time_limit_s": 0.05}, 1, tmp_path / "short", clip=False)
-    assert [path.name for path in paths] == PICTURES
+def test_a_trial_that_ends_before_the_frame_that_is_asked_for(tmp_path: Path) -> None:
     all_gone: dict[str, Scalar] = {"escape_distance_m": 0.0, "escape_radius_m": 5.0, "capture": "detected"}
     done: list[int] = []
     with pytest.raises(InputError) as told:
@@ -99,7 +98,7 @@ def test_a_trial_may_end_before_the_frame_that_is_drawn_unless_asked(tmp_path: P
             "labyrinth",
             {**all_gone, "intruders": 1},
             2,
-            tmp_path / "early",
+            tmp_path,
             100,
             clip=False,
             progress=lambda number, most: done.append(number),
