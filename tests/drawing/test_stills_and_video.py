@@ -1,8 +1,6 @@
 """What is drawn stands where it belongs, in the colours that the legend names."""
 
 import math
-import subprocess
-import sys
 from dataclasses import replace
 
 import cv2
@@ -55,21 +53,6 @@ def picture_of(figure: Figure) -> Picture:
     picture = cv2.imdecode(np.frombuffer(png_of_figure(figure), np.uint8), cv2.IMREAD_COLOR)
     assert picture is not None
     return picture[..., ::-1].astype(np.uint8)
-
-
-def test_drawing_needs_no_pybullet() -> None:
-    code = """
-import sys, pkgutil, importlib
-sys.modules["pybullet"] = None
-import midnet_bench.drawing
-for module in pkgutil.iter_modules(midnet_bench.drawing.__path__):
-    importlib.import_module(f"midnet_bench.drawing.{module.name}")
-rooms = tuple(f"midnet_bench.{room}" for room in ("experiments", "simulation", "agents"))
-above = [name for name in sys.modules if name.startswith(rooms)]
-assert not above, above
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
 
 
 def test_the_video_shows_walls_robots_and_intruders_where_they_are() -> None:
@@ -130,9 +113,8 @@ def test_the_arena_picture_has_the_same_things_in_the_same_colours() -> None:
     assert len(set(labels)) == len(labels), "two entries of a legend say the same"
 
 
-@pytest.mark.parametrize("arena", ["map1", "map2"])
-def test_a_picture_is_as_wide_as_its_arena_and_its_legend_need(arena: str) -> None:
-    setup, scene = setup_and_scene(arena)
+def test_a_picture_is_as_wide_as_its_arena_and_its_legend_need() -> None:
+    setup, scene = setup_and_scene("map2")
     plan = replace(setup.plan, walls=[wall * (1.0, 0.3) for wall in setup.plan.walls])
     wide = draw_arena(replace(setup, plan=replace(plan, enclosure=Box(-1, -1, 1, 1), stationary=[])), scene)
     for figure in (draw_arena(setup, scene), draw_detections(setup, scene), wide):

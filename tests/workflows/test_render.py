@@ -62,6 +62,7 @@ def test_the_clip_plays_anywhere_and_has_every_frame(rendered: Path) -> None:
     assert content.index(b"moov") < content.index(b"mdat"), "a browser cannot begin before the end"
 
 
+@pytest.mark.slow
 def test_same_seed_same_bytes_and_the_last_frame_unless_asked(rendered: Path, tmp_path: Path) -> None:
     render_trial("detection", SMALL, 5, tmp_path)
     for name in [*PICTURES, "storyboard.png"]:
