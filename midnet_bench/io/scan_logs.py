@@ -15,7 +15,19 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import LidarGeometry
 
+Floats = npt.NDArray[np.float64]
+
+SICK_RANGE_MAX_M = 81.8
+"""a SICK LMS reports 81.83 m or a little more where nothing comes back"""
+LARGEST_MAP_M = 1000.0
+"""How far a log's odometry may come from its origin, along x and y, and how far a reading may reach. A map of
+a square kilometre is 400 million cells of 5 cm and takes gigabytes; the largest published logs span half a
+kilometre, and one in millimetres comes there in no time."""
+
 _LONGEST_SHOWN = 30
+"""characters of a word that a message quotes"""
+_SAME_PLACE = 1e-3
+"""metres and radians by which a fixed laser may seem to move on the robot, for want of digits in the log"""
 
 
 def read_lines(path: Path) -> list[str]:
@@ -64,21 +76,13 @@ def finite(words: list[str], where: str, what: str) -> list[float]:
     return values
 
 
-SICK_RANGE_MAX_M = 81.8
-"""a SICK LMS reports 81.83 m or a little more where nothing comes back"""
-LARGEST_MAP_M = 1000.0
-"""How far a log's odometry may come from its origin, along x and y, and how far a reading may reach. A map of
-a square kilometre is 400 million cells of 5 cm and takes gigabytes; the largest published logs span half a
-kilometre, and one in millimetres comes there in no time."""
-
-
 class LoggedScan(NamedTuple):
     """One scan of a log."""
 
     stamp_s: float
     odometry: Pose2D
     """where the odometry put the robot's base"""
-    ranges_m: npt.NDArray[np.float64]
+    ranges_m: Floats
     """(beams,) metres"""
 
 
@@ -104,7 +108,7 @@ class ScanLog:
         return sum(int(np.count_nonzero(np.isnan(scan.ranges_m))) for scan in self.scans)
 
 
-def take_ranges(words: list[str], where: str) -> tuple[npt.NDArray[np.float64], list[str]]:
+def take_ranges(words: list[str], where: str) -> tuple[Floats, list[str]]:
     """The ranges at the head of ``words``, which begin with their number, and the words after them.
 
     A range that is NaN is one that the sensor could not tell. So is an infinite one (NaN in the result): logs
@@ -191,12 +195,6 @@ def parse_table(path: Path, lines: list[str]) -> ScanLog:
         scans.append(LoggedScan(stamp_s, Pose2D(x, y, yaw), ranges_m))
         check_newest(scans, where)
     return ScanLog(path, half_circle(len(scans[0].ranges_m)), scans)
-
-
-Floats = npt.NDArray[np.float64]
-
-_SAME_PLACE = 1e-3
-"""metres and radians by which a fixed laser may seem to move on the robot, for want of digits in the log"""
 
 
 def parse_carmen(path: Path, lines: list[str]) -> ScanLog:

@@ -13,7 +13,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.inputs import EXACT, arena_from, prior_map_from
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.files import write_atomically
+from midnet_bench.io.files import cannot_be_written, write_atomically
 from midnet_bench.io.map_server import save_binary_map, save_map
 from midnet_bench.workflows.prior_map import PRIOR_MAP_PARAMETERS, prior_map
 
@@ -36,7 +36,8 @@ class MapFiles:
     def at(cls, output: Path) -> "MapFiles":
         """``output``/map.yaml and so on; or, if ``output`` names a YAML file, that one and files beside it.
 
-        The folder is made. Raises InputError if the map cannot be written there.
+        The folder is made. Raises InputError if the map cannot be written there, MidnetBenchError if the disk
+        is full.
         """
         is_map = output.suffix in YAML_ENDINGS
         folder = output.parent if is_map else output
@@ -45,7 +46,7 @@ class MapFiles:
             with tempfile.TemporaryFile(dir=folder):
                 pass
         except OSError as error:
-            raise InputError(f"{folder}: cannot be written: {error.strerror}") from error
+            raise cannot_be_written(folder, error) from error
         files = cls(output, f"{output.stem}_") if is_map else cls(output / "map.yaml", "")
         for yaml_path in (files.map, files.binary):
             for path in (yaml_path, yaml_path.with_suffix(".pgm")):
