@@ -68,11 +68,19 @@ def _explain(name: str, users: "dict[str, Leaf]", as_json: bool) -> None:
     for experiment, leaf in users.items():
         said.setdefault((leaf.option.help, _written(leaf.default), leaf.allowed), []).append(experiment)
     for (help, default, allowed), experiments in said.items():
-        typer.echo(f"\n  {help}")
+        _say(help)
         typer.echo(f"  default: {default}\n  allowed: {allowed}\n  experiments: {', '.join(experiments)}")
     for one in readings:
-        typer.echo(f"\n  The paper leaves open (item {one.item}): {one.open}.")
-        typer.echo(f"  Our reading: {one.reading}.")
+        _say(f"The paper leaves open (item {one.item}): {one.open}. Our reading: {one.reading}.")
+
+
+def _say(text: str) -> None:
+    """A paragraph, indented, as wide as the terminal."""
+    import shutil
+    import textwrap
+
+    width = max(40, shutil.get_terminal_size().columns)
+    typer.echo("\n" + textwrap.fill(text, width, initial_indent="  ", subsequent_indent="  "))
 
 
 def _described(leaf: "Leaf") -> dict[str, Any]:

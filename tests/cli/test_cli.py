@@ -298,3 +298,36 @@ def test_wrong_input_gets_one_line_and_exit_code_2(prepare, arguments, words, tm
     complaint = one_line_of_complaint(done)
     assert all(word in complaint for word in words), complaint
     assert not (tmp_path / "results").exists()
+
+
+def test_one_parameter_is_explained_with_the_papers_gap(tmp_path: Path) -> None:
+    done = midnet_bench("parameters", "localization", folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    words = " ".join(done.stdout.split())
+    assert words.startswith("localization Which pose is used to crop the map")
+    assert "default: ukf allowed: ukf | ukf+map | truth experiments: detection, labyrinth, readings" in words
+    assert "The paper leaves open (item 10): which pose the crop uses." in words
+
+
+def test_a_parameter_that_experiments_have_of_their_own_is_explained_for_each(tmp_path: Path) -> None:
+    words = " ".join(midnet_bench("parameters", "robots", folder=tmp_path).stdout.split())
+    assert "Number of security robots. default: 1 allowed: 1 to 20 experiments: detection, labyrinth" in words
+    assert "Number of exploring robots. default: 1 allowed: 1 to 20 experiments: mapping" in words
+
+
+def test_one_parameter_is_explained_to_programs(tmp_path: Path) -> None:
+    told = json.loads(midnet_bench("parameters", "wheel_slip", "--json", folder=tmp_path).stdout)
+    assert (told["schema"], told["parameter"]) == (1, "wheel_slip")
+    assert {one["experiment"]: one["default"] for one in told["experiments"]} == dict.fromkeys(
+        ("detection", "labyrinth", "mapping", "readings"), 0.002
+    )
+    assert told["experiments"][0]["maximum"] == 0.2
+    assert told["readings"] == []
+
+
+def test_an_unknown_parameter_gets_the_nearest(tmp_path: Path) -> None:
+    done = midnet_bench("parameters", "thresh_locl", folder=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        "error: parameters: no experiment or parameter 'thresh_locl'; did you mean 'thresh_local'?\n"
+    )

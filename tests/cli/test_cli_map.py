@@ -352,4 +352,5 @@ def test_an_arenas_exact_map_goes_beside_its_explored_one(tmp_path: Path) -> Non
 def test_the_parameters_of_an_exploration_are_listed(tmp_path: Path) -> None:
     done = midnet_bench("parameters", "mapping", "--json", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["properties"]["particles"]["default"] == 30
+    described = {one["key"]: one for one in json.loads(done.stdout)["parameters"]}
+    assert described["particles"]["default"] == 30

@@ -91,6 +91,11 @@ class GuardParameters(Parameters):
     patrol: PatrolSettings = group(PatrolSettings(), "patrol")
     goals: GoalSettings = group(GoalSettings(), "goals")
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        # what several parts share may not suit each of them: tell that here, not in a trial
+        _ = self.prior_costmap, self.guard_navigator, self.intruder_navigator
+
     @property
     def local_costmap(self) -> CostmapSettings:
         """The costmap in which each guard looks for intruders."""

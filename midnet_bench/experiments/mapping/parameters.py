@@ -57,6 +57,10 @@ class MappingParameters(Parameters):
     )
     goals: GoalSettings = group(GoalSettings(), "goals")
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.slam, self.explorer_navigator  # told here, not in a trial, if the resolution does not suit
+
     @property
     def pose_filter(self) -> UkfSettings:
         """What the pose filter trusts."""

@@ -1,0 +1,271 @@
+"""What users can set of the experiments: flat keys, trial ids, help, and what each option reaches."""
+
+import json
+import re
+from dataclasses import fields
+from typing import Any
+
+import pytest
+
+from midnet_bench.campaign.trial import Scalar, TrialSpec
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.detection.parameters import DetectionParameters
+from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
+from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
+from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
+from midnet_bench.experiments.mapping.parameters import MappingParameters
+from midnet_bench.experiments.mapping.trial import ExplorationTrial
+from midnet_bench.experiments.registry import names, parameters_model
+from midnet_bench.settings import Settings, leaves
+from midnet_bench.workflows.readings import READINGS, readings_of
+
+OF_GUARDS = (
+    "arena prior_map robots localization odometry lidar_noise robot_profile thresh_local thresh_global "
+    "cost_scaling inscribed_radius_m inflation_radius_m unknown_in_prior resolution_m local_size_m "
+    "obstacle_range_m raytrace_range_m local_map decay_s inf_is_valid footprint_clearing align "
+    "min_area_cells deflate_boxes ally_diameter_m iou_ally iou_fuse ally_remove controller z_factor "
+    "goal_timeout_s intruder_speed_mps"
+)
+KEYS = {
+    "detection": f"{OF_GUARDS} frames in_range require_line_of_sight truth_box",
+    "readings": f"{OF_GUARDS} frames in_range require_line_of_sight truth_box readings",
+    "labyrinth": f"{OF_GUARDS} intruders capture capture_distance_m pursuit pursuit_timeout_s evasion "
+    "flee_radius_m escape_distance_m escape_radius_m time_limit_s",
+    "mapping": "arena robots odometry lidar_noise robot_profile resolution_m particles merge goal_timeout_s "
+    "time_limit_s",
+}
+"""what the parameters of a trial held when they were one flat class"""
+
+
+@pytest.mark.parametrize("experiment", KEYS)
+def test_a_trial_records_the_keys_that_it_always_had(experiment: str) -> None:
+    assert list(parameters_model(experiment).resolve({}, "test")) == KEYS[experiment].split()
+
+
+@pytest.mark.parametrize(
+    ("experiment", "values", "seed", "trial_id"),
+    [
+        ("detection", {}, 1, "89548871803c7dfc"),
+        ("detection", {"robots": 5, "frames": 40}, 2, "446d9b2e2726307a"),
+        (
+            "detection",
+            {
+                "frames": 40,
+                "odometry": "encoder",
+                "localization": "ukf+map",
+                "controller": "trajectory_rollout",
+                "local_map": "decay",
+                "lidar_noise": "datasheet",
+                "robot_profile": "disc",
+                "ally_remove": "best",
+                "align": "origin",
+                "in_range": "centre",
+                "truth_box": "inflated",
+                "require_line_of_sight": True,
+            },
+            3,
+            "7d705edd5476cb4c",
+        ),
+        (
+            "detection",
+            {
+                "prior_map": "exact",
+                "resolution_m": 0.04,
+                "thresh_local": 90.0,
+                "decay_s": 2,
+                "deflate_boxes": True,
+            },
+            7,
+            "c6146f2f05ae84e6",
+        ),
+        ("labyrinth", {}, 1, "ec751307ed40cfc2"),
+        (
+            "labyrinth",
+            {
+                "robots": 3,
+                "intruders": 5,
+                "capture": "contact",
+                "pursuit": "all",
+                "evasion": "flee",
+                "time_limit_s": 25,
+            },
+            9,
+            "87cb029b4ae49ab4",
+        ),
+        ("mapping", {}, 6, "0fb77d5b12a13617"),
+        (
+            "mapping",
+            {"arena": "map2", "robots": 3, "merge": "features", "particles": 12, "odometry": "world"},
+            6,
+            "c16a54d3dc3f162c",
+        ),
+        ("readings", {"readings": "calibration"}, 101, "a5d9eac56b69caad"),
+        ("readings", {}, 1, "dcf815fb436031f2"),
+    ],
+)
+def test_trials_keep_the_ids_that_they_had(
+    experiment: str, values: dict[str, Scalar], seed: int, trial_id: str
+) -> None:
+    """The constants were taken when the parameters were one flat class without any of the newer options."""
+    parameters = parameters_model(experiment).resolve(values, "test")
+    assert TrialSpec(experiment, parameters, seed).trial_id == trial_id
+
+
+def test_a_newer_option_makes_another_trial_only_where_it_is_changed() -> None:
+    plain = DetectionParameters.resolve({}, "test")
+    assert DetectionParameters.resolve({"wheel_slip": 0.002, "unknown_in_local": "free"}, "test") == plain
+    assert DetectionParameters.resolve({"wheel_slip": 0.01}, "test") == plain | {"wheel_slip": 0.01}
+
+
+@pytest.mark.parametrize("experiment", names())
+def test_each_help_is_a_sentence_that_stands_alone(experiment: str) -> None:
+    for key, leaf in leaves(parameters_model(experiment)).items():
+        help = leaf.option.help
+        assert re.fullmatch(r"[A-Zd].{15,}\.", help), (key, help)
+        assert not re.search(r"\bitems? \d", help), (key, help)
+
+
+def test_the_page_of_readings_names_options_that_there_are() -> None:
+    known = {key for name in names() for key in leaves(parameters_model(name))}
+    rows = [line.strip("|").split("|") for line in READINGS.read_text().splitlines() if line.startswith("| ")]
+    named = {option for row in rows for option in re.findall(r"`(\w+)`", row[-1])}
+    assert {"thresh_local", "z_factor", "unknown_in_local"} <= named <= known
+    assert [one.item for one in readings_of("localization")] == ["10"]
+    assert readings_of("dwa_vx_samples") == []
+
+
+def test_each_setting_is_somewhere_to_be_set() -> None:
+    """Of the classes that the experiments nest, every option has a flat key, or another option sets it."""
+    hidden = set()
+    for parameters in (DetectionParameters(), LabyrinthParameters(), MappingParameters()):
+        paths = {leaf.path for leaf in leaves(type(parameters)).values()}
+        hidden |= {path for path in _paths(parameters, ()) if path not in paths}
+    assert hidden == {
+        ("costmap", "resolution"),  # resolution_m, which the prior map shares
+        ("costmap", "centered"),  # Eqs. 2 to 4 ask for it
+        ("costmap", "track_unknown"),  # unknown_in_local
+        ("gmapping", "resolution_m"),  # resolution_m
+        ("navigator", "global_costmap", "resolution"),  # resolution_m
+        ("navigator", "global_costmap", "size_m"),  # it has the map's size
+        ("navigator", "global_costmap", "centered"),
+        ("navigator", "global_costmap", "track_unknown"),
+    }
+
+
+def _paths(settings: Any, path: tuple[str, ...]) -> set[tuple[str, ...]]:
+    found: set[tuple[str, ...]] = set()
+    for one in fields(settings):
+        value = getattr(settings, one.name)
+        if isinstance(value, Settings):
+            found |= _paths(value, (*path, one.name))
+        elif "option" in one.metadata:
+            found.add((*path, one.name))
+    return found
+
+
+def test_what_several_parts_share_reaches_each_of_them() -> None:
+    guards = DetectionParameters.from_flat(
+        {
+            "resolution_m": 0.1,
+            "unknown_in_local": "occupied",
+            "thresh_local": 80,
+            "deflate_boxes": True,
+            "intruder_speed_mps": 0.1,
+            "localization": "truth",
+            "odometry": "encoder",
+        }
+    )
+    assert guards.local_costmap.resolution == guards.prior_costmap.resolution == 0.1
+    assert guards.guard_navigator.global_costmap.resolution == 0.1
+    assert guards.local_costmap.track_unknown
+    assert not guards.prior_costmap.track_unknown
+    assert guards.detector.unknown == "occupied"
+    assert guards.detector.deflate_boxes_m == pytest.approx(0.125, abs=0.004)
+    assert guards.intruder_navigator.dwa.limits.max_vel_x_mps == 0.1
+    assert guards.guard_navigator.dwa.limits.max_vel_x_mps == 0.22
+    assert guards.robot_simulation.odometry.source == "world"
+    assert guards.pose_filter is None
+    explorers = MappingParameters.from_flat({"resolution_m": 0.1})
+    assert explorers.slam.resolution_m == explorers.explorer_navigator.global_costmap.resolution == 0.1
+
+
+def test_the_pose_filter_suits_its_odometry_unless_told() -> None:
+    filters = [
+        DetectionParameters.from_flat({"odometry": odometry, **more}).pose_filter
+        for odometry, more in (("world", {}), ("encoder", {}), ("encoder", {"ukf_vy_variance": 0.5}))
+    ]
+    assert [one.twist_variance for one in filters if one is not None] == [
+        (0.0, 0.0, 0.0),
+        (1e-4, 1e-4, 1e-2),
+        (1e-4, 0.5, 1e-2),
+    ]
+    assert [one.twist_is_mean for one in filters if one is not None] == [False, True, True]
+
+
+def test_values_that_do_not_go_together_are_told_before_any_trial() -> None:
+    values = {"resolution_m": 0.02, "inflation_radius_m": 2.5}
+    with pytest.raises(
+        InputError, match=r"grid: .*costmap: inflation_radius_m 2\.5 spans more than 100 cells"
+    ):
+        DetectionParameters.resolve({**values, "prior_map": "exact"}, "grid")
+    with pytest.raises(InputError, match=r"local planner: min_vel_x_mps 0\.3 must not exceed"):
+        DetectionParameters.resolve({"dwa_min_vel_x_mps": 0.3}, "grid")
+
+
+SHORT: dict[str, Scalar] = {"robots": 2, "frames": 15, "prior_map": "exact", "odometry": "encoder"}
+
+
+@pytest.fixture(scope="module")
+def usual() -> str:
+    return _tables({})
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"wheel_slip": 0.1},
+        {"wheel_radius_error": 0.1},
+        {"wheel_separation_error": 0.1},
+        {"imu_noise": "none", "ukf_imu_yaw_variance": 0.01},
+        {"gyro_stddev_radps": 0.1},
+        {"ukf_process_noise_vyaw": 2.0, "ukf_imu_yaw_variance": 0.01},
+        {"step_hz": 120},
+        {"solver_iterations": 5},
+        {"dwa_max_vel_x_mps": 0.1},
+        {"nav_local_inflation_radius_m": 0.2},
+        {"patrol_clearance_m": 1.0},
+        {"unknown_in_local": "occupied"},
+    ],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_a_newer_option_reaches_a_trial(changes: dict[str, Scalar], usual: str) -> None:
+    assert _tables(changes) != usual
+
+
+def _tables(changes: dict[str, Scalar]) -> str:
+    return json.dumps(run_detection(DetectionParameters.of(**SHORT, **changes), 3).tables)
+
+
+def test_a_team_works_on_maps_of_another_resolution() -> None:
+    parameters = DetectionParameters.of(robots=1, frames=2, prior_map="exact", resolution_m=0.1)
+    with DetectionTrial(parameters, 1) as trial:
+        assert [frame.number for frame in trial.frames()] == [1, 2]
+        assert trial.prior.resolution == 0.1
+
+
+def test_settings_of_explorers_and_pursuers_reach_their_code() -> None:
+    explorers = MappingParameters.of(
+        robots=2,
+        frontier_taken_radius_m=0.7,
+        gmapping_minimum_score=20,
+        merge_min_overlap=0.5,
+        merge="features",
+        nav_goal_tolerance_m=0.1,
+    )
+    with ExplorationTrial(explorers, 1) as exploration:
+        explorer = exploration.explorers[0]
+        assert explorer._frontiers._settings.taken_radius_m == 0.7
+        assert explorer.navigator.settings.goal_tolerance_m == 0.1
+        assert explorer.slam.settings.minimum_score == 20.0
+    with LabyrinthTrial(LabyrinthParameters.of(pursuit_retarget_m=1.0, scan_to_map_min_beams=90), 1) as trial:
+        assert trial.pursuit._settings.retarget_m == 1.0
