@@ -7,6 +7,7 @@ half-written, in one file that can be copied as it is.
 
 import contextlib
 import sqlite3
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -166,18 +167,19 @@ def explained(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: damaged; move it away, or --fresh to start over") from error
     except sqlite3.Error as error:
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        what = textwrap.shorten(str(error), 200, placeholder="...")  # a damaged schema is quoted line by line
         if code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
             raise StoreFull(
-                f"{path}: cannot be written ({error}); what was stored is intact:"
+                f"{path}: cannot be written ({what}); what was stored is intact:"
                 " make room and run the same command again to continue"
             ) from error
         if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR):
             raise InputError(
-                f"{path}: not a campaign store, or a damaged one ({error}); nothing was changed:"
+                f"{path}: not a campaign store, or a damaged one ({what}); nothing was changed:"
                 " move it away, or --fresh to start over"
             ) from error
         if code in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_READONLY):
             raise InputError(
-                f"{path}: {error}; it must be a file that you may write: move it away, or give another -o"
+                f"{path}: {what}; it must be a file that you may write: move it away, or give another -o"
             ) from error
-        raise MidnetBenchError(f"{path}: {error}") from error
+        raise MidnetBenchError(f"{path}: {what}") from error

@@ -195,6 +195,7 @@ def test_failures_are_tried_again_on_request_alone(tmp_path: Path) -> None:
     assert "failures.csv" not in exported(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_costs_its_trial_one_repetition(tmp_path: Path) -> None:
     listener = Listener()
     trouble = {"trouble": "once", "trouble_seed": 2, "trouble_file": str(tmp_path / "been_here")}

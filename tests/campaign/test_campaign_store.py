@@ -186,12 +186,15 @@ def test_a_run_whose_origin_is_damaged_costs_no_trial(filled: Path) -> None:
         assert len(list(store.trials())) == 12
 
 
-def test_no_flipped_bit_is_more_than_one_line_and_none_costs_more_than_it_must(filled: Path) -> None:
+@pytest.mark.parametrize("flips", [40, pytest.param(300, marks=pytest.mark.slow)])
+def test_no_flipped_bit_is_more_than_one_line_and_none_costs_more_than_it_must(
+    filled: Path, flips: int
+) -> None:
     sound = filled.read_bytes()
     chance = random.Random(1)
     refusals: list[str] = []
     mended = 0
-    for _ in range(150):
+    for _ in range(flips):
         flipped = bytearray(sound)
         flipped[chance.randrange(len(sound))] ^= 1 << chance.randrange(8)
         filled.write_bytes(flipped)
@@ -204,8 +207,8 @@ def test_no_flipped_bit_is_more_than_one_line_and_none_costs_more_than_it_must(f
         except InputError as error:
             refusals.append(str(error))
     assert mended > 0
-    assert 0 < len(refusals) < 75
-    assert not any("\n" in refusal for refusal in refusals)
+    assert 0 < len(refusals) < flips / 2
+    assert [refusal for refusal in refusals if "\n" in refusal] == []
 
 
 @pytest.mark.parametrize("content", [b"trial,tp,fp\n1-robot,3,4\n" * 40, b"\x00" * 5000, b"x"])
