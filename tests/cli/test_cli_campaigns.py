@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from command import REPOSITORY, midnet_bench, one_line_of_complaint
+
+from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint
 
 
 def test_campaigns_lists_every_file_with_its_first_sentence(tmp_path: Path) -> None:

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 import typer.main
 import yaml
-from command import REPOSITORY, midnet_bench, one_line_of_complaint
 
 from midnet_bench.cli.app import app
+from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint
 
 COMMANDS = [one.name or one.callback.__name__ for one in app.registered_commands if one.callback]
 TINY = ("detection", "--robots", 1, "--frames", 2)
