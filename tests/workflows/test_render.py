@@ -108,6 +108,45 @@ def test_a_trial_that_ends_before_the_frame_that_is_asked_for(tmp_path: Path) ->
     assert f"frame: 100 is out of range; this trial ended with frame {len(done)}" in str(told.value)
 
 
+STILL_LIFE = """
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from midnet_bench.campaign.trial import TrialResult
+from midnet_bench.drawing.scene import Demo
+from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.io.parameters import Parameters
+from midnet_bench.settings import option
+from tests.drawing.hand_made import setup_and_scene, without_explanation
+
+@dataclass(frozen=True)
+class StillParameters(Parameters):
+    frames: int = option(2, "How often the same is seen.", ge=1)
+
+@contextmanager
+def demo(parameters, seed):
+    setup, scene = setup_and_scene("map1", seed)
+    scene = without_explanation(scene)
+    scenes = (replace(scene, frame=number) for number in range(1, parameters.frames + 1))
+    yield Demo(setup, parameters.frames, scenes)
+
+STILL = Experiment(name="still", summary="Nothing moves.", parameters=StillParameters,
+                   run=lambda parameters, seed: TrialResult({}, 1.0), demo=demo)
+"""
+
+
+def test_an_experiment_of_ones_own_is_drawn_without_explanations(tmp_path: Path) -> None:
+    (tmp_path / "still.py").write_text(STILL_LIFE)
+    made = tmp_path / "made"
+    paths = render_trial(f"{tmp_path}/still.py:STILL", {"frames": 3}, 4, str(made), clip=False)
+    assert [path.name for path in paths] == ["arena.png", "detections.png"]
+    assert all(path.is_file() for path in paths)
+
+
+def test_what_has_nothing_to_draw_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="'mapping' has no guards"):
+        render_trial("mapping", {}, 1, tmp_path)
+
+
 @pytest.mark.parametrize(
     ("parameters", "frame", "speed", "message"),
     [
