@@ -1,1 +1,1 @@
-"""What runs on one robot, a guard, an intruder or an explorer, on its own sensors; and the fleet of them."""
+"""What runs on one robot, a guard, an intruder or an explorer, by its own sensors alone: no simulator here."""
