@@ -1,1 +1,1 @@
-"""What runs on one robot, a guard, an intruder or an explorer, by its own sensors alone: no simulator here."""
+"""What runs on one robot, guard, intruder or explorer, by its own sensors alone; it knows no simulator."""

@@ -256,8 +256,8 @@ def test_a_stricter_setting_refuses_what_the_default_accepts():
     for stricter, word in (
         ({"min_confidence": match.confidence + 0.1}, "confidence"),
         ({"min_overlap": 5.0}, "only"),
-        ({"max_rival": -1.0}, "ambiguous"),
-        ({"max_scale_error": -1.0}, "features want"),
+        ({"max_rival": 0.0}, "ambiguous"),
+        ({"max_scale_error": 0.0}, "features want"),
     ):
         refusal = match_maps(left, right, replace(MergeSettings(), **stricter)).refusal
         assert refusal.startswith(word)
