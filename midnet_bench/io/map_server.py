@@ -245,6 +245,7 @@ def save_map(grid: OccupancyGrid, yaml_path: Path, occ: int = 65, free: int = 25
 
     Raises:
         InputError: the thresholds are out of range, or a file cannot be written.
+        MidnetBenchError: the disk is full.
     """
     if grid.data.dtype != np.int8:
         raise ValueError(f"costs are {grid.data.dtype}; int8 is needed, where -1 means unknown")
