@@ -52,17 +52,18 @@ def render(
     """Draw one trial: the arena from above, each robot's grids A to D, the detections, and a film."""
     from midnet_bench.cli.progress import meter
     from midnet_bench.errors import InputError
-    from midnet_bench.experiments.registry import parameters_model
+    from midnet_bench.experiments import registry
     from midnet_bench.workflows.render import render_trial
 
     chosen = {"robots": robots, "intruders": intruders, "frames": frames, "arena": arena}
     given = options.settings_with(chosen, settings, map_file)
     parameters = {key: value for key, value in chosen.items() if value is not None}
-    known = parameters_model(experiment).defaults()
+    found = registry.experiment(experiment)
+    known = found.model.defaults()
     for key in parameters:
         if key not in known:
             raise InputError(f"render: --{key} does not go with '{experiment}', which has no such parameter")
-    directory = output or options.RESULTS / f"render-{experiment}-{seed}"
+    directory = output or options.RESULTS / f"render-{found.name}-{seed}"
     with meter() as shown:
         files = render_trial(
             experiment,

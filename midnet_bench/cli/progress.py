@@ -34,15 +34,12 @@ class Meter:
             return
         now_s = time.monotonic()
         elapsed_s = now_s - self._start_s
-        if not self._estimates:
-            self._unsaid = text
-        elif done >= total:
-            self._unsaid = f"{text}, took {_clock(elapsed_s)}"
-        else:
-            left_s = elapsed_s / (done - self._done_before) * (total - done)
-            self._unsaid = f"{text}, estimated {_clock(left_s)} left"
+        self._unsaid = f"{text}, took {_clock(elapsed_s)}" if self._estimates and done >= total else text
         if now_s - self._said_s >= SECONDS_BETWEEN_LINES:
             self._said_s = now_s
+            if self._estimates and done < total:
+                left_s = elapsed_s / (done - self._done_before) * (total - done)
+                self._unsaid += f", estimated {_clock(left_s)} left"
             self._say()
 
     def note(self, text: str) -> None:

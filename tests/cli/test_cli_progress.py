@@ -76,6 +76,19 @@ def test_work_without_an_estimate_says_its_last_line(
     assert capsys.readouterr().err.splitlines() == ["10 s simulated", "20 s simulated", "25 s simulated"]
 
 
+def test_work_that_stops_early_ends_without_an_estimate(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with meter() as shown:
+        for frame in range(1, 13):
+            clock.now_s += 1.0
+            shown.show(frame, 20, f"frame {frame} of at most 20")
+    assert capsys.readouterr().err.splitlines() == [
+        "frame 10 of at most 20, estimated 0:00:10 left",
+        "frame 12 of at most 20",
+    ]
+
+
 def test_quiet_leaves_the_lines_to_the_log_file(
     clock: Clock, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
