@@ -106,7 +106,9 @@ def read_yaml(path: Path) -> Any:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: cannot be read: not a UTF-8 text") from error
+        is_image = path.suffix.lower() in (".png", ".pgm", ".jpg", ".jpeg")
+        what = "an image; a YAML file is needed" if is_image else "not a UTF-8 text"
+        raise InputError(f"{path}: cannot be read: {what}") from error
     except ValueError as error:
         raise InputError(f"{str(path)!r}: cannot be read: no file can have this name") from error
     values = load_yaml(text, str(path))

@@ -36,6 +36,11 @@ HEAD = b"experiment: detection\n"
         ({}, (*DETECTION, "--set", "seed=5"), ["--set seed=5", "--seed"]),
         ({}, (*DETECTION, "--set", 'prior_map="{}"'), ["prior_map: '{}' is no map"]),
         ({}, (*DETECTION, "--set", 'arena="{}"'), ["arena: '{}': name: Field required"]),
+        (
+            {"plan.png": b"\x89PNG\r\n\x1a\n"},
+            (*DETECTION, "--map", "plan.png"),
+            ["prior_map: plan.png", "an image; a YAML file is needed"],
+        ),
         ({}, (*DETECTION, "--arena", "absent.yaml"), ["arena: absent.yaml", "working folder"]),
         ({}, ("render", "labyrinth", "--frames", "3"), ["--frames", "labyrinth"]),
         ({}, ("render", "--robots", "1", "--frames", "3", "--frame", "4"), ["frame: 4", "1 to 3"]),
