@@ -38,8 +38,8 @@ HEAD = b"experiment: detection\n"
         ({}, (*DETECTION, "--set", 'arena="{}"'), ["arena: '{}': name: Field required"]),
         (
             {"plan.png": b"\x89PNG\r\n\x1a\n"},
-            (*DETECTION, "--map", "plan.png"),
-            ["prior_map: plan.png", "an image; a YAML file is needed"],
+            ("run", "plan.png", "-n"),
+            ["plan.png", "an image; a YAML file is needed"],
         ),
         ({}, (*DETECTION, "--arena", "absent.yaml"), ["arena: absent.yaml", "working folder"]),
         ({}, ("render", "labyrinth", "--frames", "3"), ["--frames", "labyrinth"]),
