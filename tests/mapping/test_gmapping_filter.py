@@ -151,6 +151,7 @@ def test_free_space_is_known_to_be_free(mapped: Mapped) -> None:
         assert grid.data[row, column] == 0
 
 
+@pytest.mark.slow
 def test_drawing_the_map_on_the_way_changes_nothing(journey: Drive) -> None:
     """A noisy filter that resamples, so that drawn scans are taken back and drawn anew."""
     settings = replace(

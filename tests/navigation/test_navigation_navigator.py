@@ -280,6 +280,7 @@ def test_the_same_scans_give_the_same_commands() -> None:
     assert ends[0] == ends[1]
 
 
+@pytest.mark.slow
 def test_warming_up_compiles_every_kernel_once_for_good() -> None:
     code = """
 import importlib, pkgutil
