@@ -118,8 +118,9 @@ class GuardParameters(Parameters):
     @property
     def detector(self) -> MIDNetSettings:
         """What MIDNet works by, the shrinking of boxes included (item 25)."""
-        inflated_m = self.local_costmap.reach_m(self.midnet.thresh_local)
-        return replace(self.midnet, deflate_boxes_m=inflated_m) if self.deflate_boxes else self.midnet
+        if not self.deflate_boxes:
+            return self.midnet
+        return replace(self.midnet, deflate_boxes_m=self.local_costmap.reach_m(self.midnet.thresh_local))
 
     @property
     def guard_navigator(self) -> NavigatorSettings:
