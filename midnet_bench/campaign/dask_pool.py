@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from importlib import metadata
+from typing import Any
 
 import joblib
 
@@ -31,14 +32,31 @@ TELL_AFTER_S = 2.0
 
 
 class _Backend(DaskDistributedBackend):  # type: ignore[misc]
-    """joblib's backend without two surprises.
+    """joblib's backend without three surprises.
 
-    It calls back for results alone, so a task that Dask has given up would be waited for without end; and
-    with a single core in the cluster joblib would run the trials in this very process.
+    It calls back for results alone, so a task that Dask has given up would be waited for without end; when
+    one task fails, joblib drops the results of others that were not asked for yet; and with a single core
+    in the cluster joblib would run the trials in this very process.
     """
 
-    def submit(self, func: object, callback: Callable[[object], None]) -> object:
-        future = super().submit(func, callback)
+    def __init__(self, client: distributed.Client) -> None:
+        # with a time-out, joblib would end the campaign when it finds no worker for so long
+        super().__init__(client=client, wait_for_workers_timeout=0)
+        self.arrived: list[Outcome] = []
+        self.in_flight: dict[str, str] = {}
+        """trials that the cluster has; joblib itself may hold some more that it has drawn in advance"""
+
+    def submit(self, func: Any, callback: Callable[[object], None]) -> object:
+        self.in_flight |= {spec.trial_id: "" for _, (_, spec, *_), _ in func.items}
+
+        def keep(out: object) -> None:
+            if isinstance(out, list):  # the results of a batch
+                for outcome in out:
+                    self.in_flight.pop(outcome.trial_id)
+                    self.arrived.append(outcome)
+            callback(out)
+
+        future = super().submit(func, keep)
         future.add_done_callback(lambda done: callback(done.exception()) if done.exception() else None)
         return future
 
@@ -106,29 +124,26 @@ class DaskPool:
         self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
         """See :meth:`Pool.outcomes`. Dask itself tries a task on several workers before it gives it up."""
-        in_flight: dict[str, str] = {}
-
-        def tasks() -> Iterator[object]:
-            for spec in specs:
-                in_flight[spec.trial_id] = ""
-                yield joblib.delayed(attempt)(run_trial, spec, limit_s, None)
-
+        backend = _Backend(self._client)
+        handed_out: set[str] = set()
+        tasks = (joblib.delayed(attempt)(run_trial, spec, limit_s, None) for spec in specs)
         try:
             with self._telling_when_there_are_no_workers():
                 self._wait_for_a_worker()
-                # with a time-out, joblib would end the campaign when it finds no worker for so long
-                backend = _Backend(client=self._client, wait_for_workers_timeout=0)
                 with joblib.parallel_config(backend=backend, n_jobs=-1):
                     parallel = joblib.Parallel(
                         pre_dispatch=1 if one_at_a_time else "2 * n_jobs",
                         batch_size=1,
                         return_as="generator_unordered",
                     )
-                    for outcome in abandoning_quietly(parallel(tasks())):
-                        in_flight.pop(outcome.trial_id)
+                    for outcome in abandoning_quietly(parallel(tasks)):
+                        handed_out.add(outcome.trial_id)
                         yield outcome
         except distributed.KilledWorker as error:
-            raise WorkersLost(str(error), in_flight) from error
+            for outcome in backend.arrived:
+                if outcome.trial_id not in handed_out:  # finished before the worker died of another one
+                    yield outcome
+            raise WorkersLost(str(error), dict(backend.in_flight)) from error
         except MidnetBenchError:
             raise
         except Exception as error:
