@@ -22,10 +22,10 @@ smoke: .venv/ready
 
 # what a quick check needs
 test: .venv/ready
-	$(BIN)/pytest -n $(JOBS) --maxprocesses 4 --dist loadscope -m "not slow"
+	$(BIN)/pytest -n $(JOBS) --maxprocesses 4 --dist worksteal -m "not slow"
 
 test-all: .venv/ready
-	$(BIN)/pytest -n $(JOBS) --maxprocesses 4 --dist loadscope
+	$(BIN)/pytest -n $(JOBS) --maxprocesses 4 --dist worksteal
 
 lint: .venv/ready
 	$(BIN)/ruff check .

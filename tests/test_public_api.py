@@ -79,6 +79,7 @@ def test_the_parameters_of_a_prior_map_move_its_walls() -> None:
         mb.prior_map(mb.OccupancyGrid(np.zeros((4, 4), np.uint8), 0.05, (0.0, 0.0)))
 
 
+@pytest.mark.slow
 def test_simulated_frames_are_those_of_the_campaign(tmp_path: Path) -> None:
     (tmp_path / "one.yaml").write_text("experiment: detection\nparameters: {robots: 1, frames: 12}\n")
     campaign = mb.load_campaign(str(tmp_path / "one.yaml"))

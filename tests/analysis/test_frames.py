@@ -49,7 +49,7 @@ def odd_store(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("packed", [False, True])
-@pytest.mark.parametrize("kind", ["detection", "labyrinth", "odd"])
+@pytest.mark.parametrize("kind", ["detection", pytest.param("labyrinth", marks=pytest.mark.slow), "odd"])
 def test_store_and_files_give_the_same_data_frames(tmp_path: Path, kind: str, packed: bool) -> None:
     if kind == "detection":
         detection_store(

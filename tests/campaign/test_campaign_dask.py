@@ -160,6 +160,7 @@ def test_an_interrupt_leaves_the_cluster_in_order(tmp_path: Path, scheduler: str
     run(tmp_path / "next", scheduler, trials=1)
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_one_line(tmp_path: Path) -> None:
     with socket.socket() as mute:
         mute.bind(("127.0.0.1", 0))

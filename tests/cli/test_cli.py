@@ -62,6 +62,7 @@ def test_detection_leaves_configuration_and_provenance(detection: Path) -> None:
     assert {row["role"] for row in rows(detection / "robots.csv")} == {"guard", "intruder"}
 
 
+@pytest.mark.slow
 def test_one_worker_gives_the_bytes_of_two_and_another_seed_gives_others(
     detection: Path, tmp_path: Path
 ) -> None:

@@ -167,6 +167,7 @@ def completed(line: str, folder: Path) -> list[str]:
     return done.stdout.split()
 
 
+@pytest.mark.slow
 def test_the_shell_completes_names(tmp_path: Path) -> None:
     for name in ("results/mine", "results/not-a-campaign", "elsewhere/other"):
         (tmp_path / name).mkdir(parents=True)

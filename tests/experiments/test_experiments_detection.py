@@ -49,6 +49,7 @@ def test_teams_of_one_seed_meet_the_same_intruders() -> None:
     assert start(1) == start(5)
 
 
+@pytest.mark.slow
 def test_everybody_drives_and_eight_intruders_are_scored() -> None:
     with DetectionTrial(DetectionParameters.of(robots=5, frames=100), 7) as trial:
         frames = list(trial.frames())
@@ -60,6 +61,7 @@ def test_everybody_drives_and_eight_intruders_are_scored() -> None:
     assert sum(frame.counts.tp for frame in frames) > 300
 
 
+@pytest.mark.slow
 def test_trajectory_rollout_drives_at_its_own_speeds() -> None:
     own = TrajectoryRolloutSettings().limits
     parameters = DetectionParameters.of(
@@ -77,6 +79,7 @@ def test_trajectory_rollout_drives_at_its_own_speeds() -> None:
     assert 0.5 < max(row["distance_m"] for row in rows[1:]) < 0.1 * 15.0 + 0.05
 
 
+@pytest.mark.slow
 def test_how_an_intruder_is_scored_does_not_change_who_is_in_range() -> None:
     def in_range(**changes: object) -> list[object]:
         return [row["in_range"] for row in detection(**changes).tables["frames"]]
@@ -91,6 +94,7 @@ def test_an_arena_without_intruders_has_no_detection(frames: int) -> None:
     assert math.isnan(float(scores["recall"]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [50, pytest.param(200, marks=pytest.mark.slow)])
 def test_guards_alone_leave_ghosts_of_each_other_and_a_single_scan_has_none(frames: int) -> None:
     # costmap_2d keeps what an ally leaves behind until a beam passes; the reason is in results/README.md
@@ -100,6 +104,7 @@ def test_guards_alone_leave_ghosts_of_each_other_and_a_single_scan_has_none(fram
     assert without["fp"] <= ghosts["fp"] <= 40
 
 
+@pytest.mark.slow
 def test_all_readings_watch_the_simulation_that_the_detection_test_runs() -> None:
     rows = run_readings(ReadingsParameters.of(robots=2, frames=25, readings="items"), 3).tables["readings"]
     by_name = {row["reading"]: row for row in rows}

@@ -42,6 +42,7 @@ def test_the_prior_map_takes_the_drift_out_of_a_guards_pose():
     assert held < drifting / 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("odometry", ["encoder", pytest.param("world", marks=pytest.mark.slow)])
 def test_the_seed_decides_every_byte_with_scan_matching_too(odometry):
     def tables(seed):
@@ -54,6 +55,7 @@ def test_the_seed_decides_every_byte_with_scan_matching_too(odometry):
     assert tables(3) != tables(4)
 
 
+@pytest.mark.slow
 def test_the_labyrinth_takes_it_and_a_map_from_a_file(tmp_path):
     save_map(render_exact(load_arena("map2")), tmp_path / "map.yaml")
     parameters = LabyrinthParameters.of(

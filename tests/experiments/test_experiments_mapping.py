@@ -103,6 +103,7 @@ def test_two_robots_share_one_map() -> None:
     assert snapshots[0].poses.shape == snapshots[0].believed.shape == (2, 3)
 
 
+@pytest.mark.slow
 def test_a_team_that_does_not_know_its_starts_merges_by_features_or_says_why_not() -> None:
     exploration, _ = explore(hall(robots=2, merge="features"), 1001)
     assert exploration.score.free_covered > 0.98  # each has explored on its own

@@ -109,6 +109,7 @@ def test_behind_a_thin_wall_is_as_much_margin_as_behind_a_thick_one(unknown: str
     assert (thick.data[row, noise] == 0).all()
 
 
+@pytest.mark.slow
 def test_guards_patrol_and_detect_on_an_explored_map_as_on_the_exact_one(packaged: Path) -> None:
     scores = {}
     for prior_map in ("explored", "exact"):

@@ -183,6 +183,7 @@ def test_speed_is_by_robots_in_the_arena(results: Results) -> None:
     assert rows["all"]["real_time_factor"] == pytest.approx((320 + 320 + 240 + 240) / (4 * 48))
 
 
+@pytest.mark.slow
 def test_a_report_repeats_its_bytes_also_without_the_store(results: Results, tmp_path: Path) -> None:
     _, tables = write_report(tmp_path)
     first = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.name != "campaign.sqlite"}
@@ -217,6 +218,7 @@ def test_a_campaign_without_finished_trials_has_no_report_yet(tmp_path: Path) ->
     assert (tables(found), figures(found), found.finished) == ([], {}, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seeds", [1, 2])
 def test_few_trials_give_a_figure_without_intervals_they_do_not_have(tmp_path: Path, seeds: int) -> None:
     found = made(tmp_path, alternating, seeds=seeds)

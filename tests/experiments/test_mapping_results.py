@@ -170,6 +170,7 @@ def test_the_robots_health_is_pooled_over_a_team(tmp_path: Path) -> None:
     assert three["most_pose_error_m"] == pytest.approx(0.03)
 
 
+@pytest.mark.slow
 def test_a_report_writes_tables_and_a_figure_twice_the_same(tmp_path: Path) -> None:
     mapping_store(tmp_path, {})
     results, tables = write_report(tmp_path)

@@ -103,6 +103,7 @@ def errors(mapped: Mapped) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.floa
     return estimated, wheels
 
 
+@pytest.mark.slow
 def test_the_trajectory_is_much_nearer_to_the_truth_than_the_odometry(mapped: Mapped) -> None:
     estimated, wheels = errors(mapped)
     assert wheels.mean() > 0.15
@@ -111,6 +112,7 @@ def test_the_trajectory_is_much_nearer_to_the_truth_than_the_odometry(mapped: Ma
     assert estimated.max() < 0.1
 
 
+@pytest.mark.slow
 def test_the_pose_and_the_correction_agree_with_the_trajectory(mapped: Mapped) -> None:
     slam, truth = mapped.slam, mapped.journey.truth[-1]
     assert slam.best_pose.distance_to(truth) < 0.1
@@ -128,6 +130,7 @@ def distance_to_walls(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64
     return np.asarray(np.hypot(*(points[:, None] - nearest).transpose(2, 0, 1)).min(axis=1))
 
 
+@pytest.mark.slow
 def test_occupied_cells_are_walls_and_walls_are_occupied_cells(mapped: Mapped) -> None:
     grid = mapped.slam.occupancy()
     assert set(np.unique(grid.data)) <= {-1, 0, 100}
@@ -144,6 +147,7 @@ def test_occupied_cells_are_walls_and_walls_are_occupied_cells(mapped: Mapped) -
     assert seen / len(walls) > 0.95
 
 
+@pytest.mark.slow
 def test_free_space_is_known_to_be_free(mapped: Mapped) -> None:
     grid = mapped.slam.occupancy()
     for pose in mapped.journey.truth[::20]:

@@ -45,6 +45,7 @@ def errors(placement, truth, placed_map):
     return off_m, math.degrees(abs(wrap_angle(placement.yaw - truth.yaw)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seeds", "enough"), [(range(3), 2), pytest.param(range(20), 15, marks=pytest.mark.slow)]
 )
@@ -78,6 +79,7 @@ def test_views_of_different_buildings_are_refused(seeds):
         assert match.refusal
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gate", ["confidence", "agreement"])
 def test_features_and_grids_each_refuse_different_buildings(gate):
     rng = stream(3, "strangers")
@@ -121,6 +123,7 @@ def test_one_thing_out_of_symmetry_settles_it():
     assert off_deg <= 0.5
 
 
+@pytest.mark.slow
 def test_a_match_is_repeatable_and_its_inverse_the_same_placement():
     rng = stream(1, "twice")
     left, right, _ = two_views(rooms(rng), rng, 0.75)
@@ -137,6 +140,7 @@ def test_a_match_is_repeatable_and_its_inverse_the_same_placement():
     assert off_deg < 0.2
 
 
+@pytest.mark.slow
 def test_maps_of_other_resolutions_are_merged_without_scale():
     rng = stream(2, "fine")
     building, frame = rooms(rng), random_frame(rng)
@@ -249,6 +253,7 @@ def test_the_maps_handed_in_are_not_changed():
         np.testing.assert_array_equal(grid_after.data, data)
 
 
+@pytest.mark.slow
 def test_a_stricter_setting_refuses_what_the_default_accepts():
     rng = stream(8, "strict")
     left, right, _ = two_views(rooms(rng), rng, 0.75)

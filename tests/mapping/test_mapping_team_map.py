@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
@@ -27,6 +28,7 @@ def test_maps_in_one_frame_are_laid_over_each_other():
     assert team.refusals == []
 
 
+@pytest.mark.slow
 def test_maps_of_one_building_find_together_by_features_whatever_the_starts():
     rng = stream(3, "building")
     building = rooms(rng)

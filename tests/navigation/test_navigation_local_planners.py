@@ -233,6 +233,7 @@ def dwa_total(
     return total + s.occupied * worst
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.booleans(), st.sampled_from([0.0, 1 / 64, 0.5]))
 def test_the_pruned_search_picks_what_scoring_every_sample_picks(

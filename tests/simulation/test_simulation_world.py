@@ -148,6 +148,7 @@ def test_a_seed_gives_the_same_bytes_again_and_another_seed_others() -> None:
     assert digest_of(1) == first, "after another world in the same process"
 
 
+@pytest.mark.slow
 def test_worlds_stepped_in_turns_do_not_touch_each_other() -> None:
     alone = [digest_of(1), digest_of(2)]
     digests = [hashlib.sha256(), hashlib.sha256()]
@@ -160,6 +161,7 @@ def test_worlds_stepped_in_turns_do_not_touch_each_other() -> None:
     assert [digest.hexdigest() for digest in digests] == alone
 
 
+@pytest.mark.slow
 def test_another_process_gives_the_same_bytes() -> None:
     here = digest_of(3)
     code = "import sys; sys.path.insert(0, sys.argv[1]); import test_simulation_world as t; "

@@ -35,6 +35,7 @@ def test_detection_campaigns_are_paired_by_seed(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "differences.md").exists()
 
 
+@pytest.mark.slow
 def test_labyrinths_get_their_figure_and_differences_over_all_intruders(tmp_path: Path) -> None:
     folders = [tmp_path / "all", tmp_path / "half"]
     for folder, caught in zip(folders, (lambda i, r, s: i, lambda i, r, s: i // 2), strict=True):

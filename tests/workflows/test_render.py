@@ -69,6 +69,7 @@ def test_same_seed_same_bytes_and_the_last_frame_unless_asked(rendered: Path, tm
         assert (tmp_path / name).read_bytes() == (rendered / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_another_seed_another_picture_and_no_clip_unless_wanted(rendered: Path, tmp_path: Path) -> None:
     done: list[int] = []
     paths = render_trial(

@@ -70,6 +70,7 @@ def test_a_clear_rise_is_reproduced_and_a_small_dip_is_inconclusive(tmp_path: Pa
     assert code == 3
 
 
+@pytest.mark.slow
 def test_a_curve_that_falls_and_then_rises_is_not_reproduced(tmp_path: Path) -> None:
     found, code = verdicts(campaign(tmp_path, [0.9, 0.7, 0.5, 0.3, 0.9], seeds=20))
 
@@ -77,6 +78,7 @@ def test_a_curve_that_falls_and_then_rises_is_not_reproduced(tmp_path: Path) -> 
     assert code == 4
 
 
+@pytest.mark.slow
 def test_a_real_dip_is_found_with_enough_trials(tmp_path: Path) -> None:
     found, code = verdicts(campaign(tmp_path, [0.1, 0.4, 0.7, 1.0, 0.5], seeds=40))
 
@@ -193,6 +195,7 @@ def test_needed_trials_and_least_difference_are_inverse() -> None:
     assert math.isnan(minimum_detectable_effect(900.0, 0))
 
 
+@pytest.mark.slow
 def test_the_power_table_stands_on_the_results_at_hand(tmp_path: Path) -> None:
     _, table = power_report(campaign(tmp_path, [0.2, 0.4, 0.6, 0.85, 0.85], seeds=40), difference=-5.0)
 
