@@ -160,6 +160,7 @@ def test_labyrinth_then_report_power_and_verify(labyrinth_campaign: Path) -> Non
     assert "inconclusive" in verdict.stdout
 
 
+@pytest.mark.slow
 def test_labyrinth_goes_on_with_a_store_of_the_same_trials(labyrinth_campaign: Path) -> None:
     run = ("labyrinth", "--robots", "1,2", "--intruders", 1, "--set", "time_limit_s=4")
     done = midnet_bench(*run, "--trials", 2, "-o", labyrinth_campaign, folder=labyrinth_campaign.parent)

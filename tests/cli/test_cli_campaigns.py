@@ -19,6 +19,7 @@ def test_campaigns_lists_every_file_with_its_first_sentence(tmp_path: Path) -> N
     assert all(text.endswith(".") and len(text) < 120 for text in told.values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "path", sorted((REPOSITORY / "campaigns").glob("*.yaml")), ids=lambda path: path.stem
 )

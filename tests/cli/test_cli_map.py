@@ -201,6 +201,7 @@ def square_room_log(path: Path, first_range: str = "") -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
+@pytest.mark.slow
 def test_a_recorded_log_becomes_a_map_a_trajectory_and_a_picture(tmp_path: Path) -> None:
     square_room_log(tmp_path / "run.log")
     run = ("map", "--from-log", "run.log", "--particles", 5)
@@ -319,6 +320,7 @@ def test_wrong_wishes_get_one_line(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["crowded.yaml", "folder.yaml"]
 
 
+@pytest.mark.slow
 def test_maps_of_two_runs_do_not_mix(tmp_path: Path, complaint: Callable[..., str]) -> None:
     for name in ("run.2020.log", "run.2021.log"):
         square_room_log(tmp_path / name)

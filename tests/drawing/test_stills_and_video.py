@@ -55,6 +55,7 @@ def picture_of(figure: Figure) -> Picture:
     return picture[..., ::-1].astype(np.uint8)
 
 
+@pytest.mark.slow
 def test_the_video_shows_walls_robots_and_intruders_where_they_are() -> None:
     picture = ScenePainter(SETUP, 2.0).paint(SCENE)
     assert picture.shape == (720, 1280, 3)
@@ -113,6 +114,7 @@ def test_the_arena_picture_has_the_same_things_in_the_same_colours() -> None:
     assert len(set(labels)) == len(labels), "two entries of a legend say the same"
 
 
+@pytest.mark.slow
 def test_a_picture_is_as_wide_as_its_arena_and_its_legend_need() -> None:
     setup, scene = setup_and_scene("map2")
     plan = replace(setup.plan, walls=[wall * (1.0, 0.3) for wall in setup.plan.walls])

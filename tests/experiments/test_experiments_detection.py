@@ -137,6 +137,7 @@ def test_the_prior_map_is_fatter_than_the_local_one() -> None:
     assert (prior.data == 0).sum() > (local.data == 0).sum() > (exact.data == 100).sum()
 
 
+@pytest.mark.slow
 def test_a_map_from_a_file_gives_what_the_exact_one_gives(tmp_path: Path) -> None:
     save_map(render_exact(load_arena("map1")), tmp_path / "map.yaml")
     from_file = detection(prior_map=str(tmp_path / "map.yaml"))

@@ -79,6 +79,7 @@ def test_who_reaches_his_escape_is_gone() -> None:
         assert math.dist(outcome.start, outcome.escape) >= 7.5
 
 
+@pytest.mark.slow
 def test_the_labyrinth_is_repeatable_and_its_cells_share_their_worlds() -> None:
     short = LabyrinthParameters.of(robots=2, intruders=2, time_limit_s=6.0)
     first, again = run_labyrinth(short, 9), run_labyrinth(short, 9)

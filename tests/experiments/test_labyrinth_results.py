@@ -201,6 +201,7 @@ def test_a_report_repeats_its_bytes_also_without_the_store(results: Results, tmp
     assert names == ["success_rate", "labyrinth_health", "labyrinth_speed"]
 
 
+@pytest.mark.slow
 def test_a_second_factor_makes_variants_with_a_panel_each(tmp_path: Path) -> None:
     found = made(tmp_path, alternating, seeds=4, grid={"capture": ["within", "detected"], **SMALL})
     variants = variants_of(found)

@@ -100,6 +100,7 @@ def test_a_square_room_is_not_merged_with_itself_turned():
         assert match_maps(left, right).placement is None
 
 
+@pytest.mark.slow
 def test_a_building_that_half_a_turn_leaves_as_it_is_is_ambiguous():
     labyrinth = render_exact(load_arena("map2"))
     match = match_maps(labyrinth, labyrinth)
@@ -243,6 +244,7 @@ def test_maps_of_known_starts_show_the_building_once():
     assert np.mean(off) < 0.02
 
 
+@pytest.mark.slow
 def test_the_maps_handed_in_are_not_changed():
     rng = stream(7, "kept")
     building = rooms(rng)

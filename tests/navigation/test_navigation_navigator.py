@@ -48,6 +48,7 @@ def potentials(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     return computed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [NavigatorSettings(), ROLLOUT], ids=["dwa", "rollout"])
 def test_a_maze_is_driven_to_the_goal_without_touching_a_wall(
     settings: NavigatorSettings, potentials: list[object]

@@ -29,6 +29,7 @@ def discs_seen(poses, by: int, radius: float = 0.055, offset: float = -0.017):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seed"),
     [

@@ -40,6 +40,7 @@ def carmen_text(log: ScanLog) -> str:
     return "\n".join(lines) + "\n"
 
 
+@pytest.mark.slow
 def test_map_from_log_needs_no_pybullet(tmp_path: Path) -> None:
     (tmp_path / "room.log").write_text(carmen_text(room_log(tmp_path / "room.log")))
     code = """

@@ -82,6 +82,7 @@ def test_another_seed_another_picture_and_no_clip_unless_wanted(rendered: Path, 
         assert path.read_bytes() != (rendered / path.name).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_labyrinth_of_one_frame_and_its_speed(tmp_path: Path) -> None:
     # the time limit is shorter than a frame
     paths = render_trial("labyrinth", {"time_limit_s": 0.05}, 1, tmp_path, speed=4.0)

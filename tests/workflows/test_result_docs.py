@@ -72,12 +72,14 @@ def test_every_column_of_a_reference_is_described(name: str) -> None:
     check_campaign(REFERENCES / name)
 
 
+@pytest.mark.slow
 def test_every_column_of_a_fresh_campaign_is_described(detection_campaign: Path) -> None:
     results = load_results(detection_campaign)
     assert set(results.tables) == {"scores", "frames", "robots"}
     check_campaign(detection_campaign)
 
 
+@pytest.mark.slow
 def test_what_commands_print_is_described(tmp_path: Path) -> None:
     labyrinth = REFERENCES / "labyrinth"
     check_table(verify(labyrinth)[1])

@@ -60,6 +60,7 @@ def verdicts(folder: Path) -> tuple[dict[str, str], int]:
     return {str(row["statement"]): str(row["verdict"]) for row in table.rows}, code
 
 
+@pytest.mark.slow
 def test_a_clear_rise_is_reproduced_and_a_small_dip_is_inconclusive(tmp_path: Path) -> None:
     found, code = verdicts(campaign(tmp_path, [0.2, 0.4, 0.6, 0.85, 0.85], seeds=20))
 
