@@ -145,6 +145,7 @@ for name in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 def test_what_needs_no_physics_is_imported_without_pybullet() -> None:
     names = [name for name in SOURCES if not name.endswith("__main__")]
     command = [sys.executable, "-c", WITHOUT_PYBULLET, *names]

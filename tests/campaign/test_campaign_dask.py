@@ -92,6 +92,7 @@ def run(directory: Path, scheduler: str | None, **keys: object) -> None:
     run_campaign(resolve(campaign, coins), directory, jobs=2, backend=backend, scheduler=scheduler)
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_same_bytes_as_this_machine(tmp_path: Path, scheduler: str) -> None:
     run(tmp_path / "cluster", scheduler)
     run(tmp_path / "here", None)

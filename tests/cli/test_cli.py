@@ -148,6 +148,7 @@ def test_one_of_each_is_counted_in_the_singular(tmp_path: Path) -> None:
     assert done.stdout.startswith("1 cell, 1 trial, 1 of them to run")
 
 
+@pytest.mark.slow
 def test_labyrinth_then_report_power_and_verify(labyrinth_campaign: Path) -> None:
     folder, name = labyrinth_campaign.parent, labyrinth_campaign.name
     assert midnet_bench("report", name, folder=folder).returncode == 0
