@@ -81,7 +81,7 @@ def test_a_number_takes_the_type_of_its_option() -> None:
 
 @given(value=ANYTHING, name=st.sampled_from(["radius_m", "spokes", "tyre", "pressure_bar", "is_spare"]))
 def test_settings_refuse_what_the_model_of_their_keys_refuses(value: Any, name: str) -> None:
-    """But for what YAML cannot tell apart: a whole float is an integer, a quoted number is a number."""
+    """But for what files may say otherwise: a whole float, a quoted number, 0 or "yes" for a boolean."""
     try:
         Wheel(**{name: value})
     except InputError:
