@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from itertools import cycle
 from typing import NamedTuple
 
+import numpy as np
 from matplotlib import rc_context
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -48,10 +49,12 @@ def add_estimates(
     axes: Axes, places: Sequence[float], estimates: Sequence[Estimate], style: Style, label: str | None
 ) -> None:
     """A line through estimates at places along x, each with its interval as a bar."""
+    values, lows, highs = (np.array([e[part] for e in estimates]) for part in range(3))
     axes.errorbar(
         places,
-        [e.value for e in estimates],
-        yerr=[[e.value - e.low for e in estimates], [e.high - e.value for e in estimates]],
+        values,
+        # where all trials are alike the value may lie outside its interval, by a rounding
+        yerr=np.maximum(0.0, [values - lows, highs - values]),
         label=label,
         color=style.color,
         marker=style.marker,

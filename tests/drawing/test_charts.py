@@ -1,0 +1,26 @@
+"""Charts of estimates: what their intervals are drawn from."""
+
+import math
+
+import numpy as np
+import pytest
+
+from midnet_bench.analysis.statistics import Estimate, ratio_of_sums
+from midnet_bench.drawing.charts import STYLES, add_estimates, chart, chart_files
+
+
+@pytest.mark.usefixtures("all_resamples")
+def test_times_that_are_all_equal_have_a_bar_of_no_length() -> None:
+    """Each intruder takes 239.8 s, and yet the interval lies above the value: by their last digits."""
+    caught = [5, 2, 1, 5, 4]
+    alike = ratio_of_sums([math.fsum([239.8] * k) for k in caught], caught, np.random.default_rng(7))
+    assert alike.value < alike.low
+    figure = chart(3.0, 3.0)
+    axes = figure.add_subplot()
+
+    add_estimates(axes, [0.0, 1.0], [alike, Estimate(2.0, math.nan, math.nan, 1)], STYLES[0], "times")
+
+    (bars,) = axes.containers[0].lines[2]  # type: ignore[attr-defined]
+    ends = [segment[:, 1].tolist() for segment in bars.get_segments() if len(segment)]
+    assert ends == [[alike.value, pytest.approx(239.8, abs=1e-12)]]  # and none for the undefined one
+    assert chart_files(figure)
