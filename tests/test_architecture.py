@@ -120,20 +120,6 @@ def test_libraries_stay_where_they_belong() -> None:
             assert rooms <= {"midnet", *FLOORS[0]}, name
 
 
-STANDS_ON_PYBULLET = {
-    "experiments.detection.demo",
-    "experiments.detection.trial",
-    "experiments.guarded.arena",
-    "experiments.guarded.scenes",
-    "experiments.labyrinth.demo",
-    "experiments.labyrinth.trial",
-    "experiments.mapping.trial",
-    "experiments.readings.trial",
-    "experiments.robot_trial",
-    "experiments.warm_up",
-    "workflows.exploration",
-}
-"""what simulates, outside ``simulation/bullet``"""
 WITHOUT_PYBULLET = """
 import importlib, sys
 sys.modules["pybullet"] = None
@@ -152,7 +138,7 @@ def test_what_needs_no_physics_is_imported_without_pybullet() -> None:
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
     failed = {line.strip().removeprefix("midnet_bench.") for line in done.stdout.splitlines()}
     physics = {name for name in failed if name.startswith("simulation.bullet.")}
-    assert failed - physics == STANDS_ON_PYBULLET
+    assert failed == physics
 
 
 @pytest.mark.parametrize("arguments", [["-c", "import midnet_bench"], ["-m", "midnet_bench", "--help"]])

@@ -63,7 +63,12 @@ def detection(
     """
     _run_packaged(
         "detection",
-        {"robots": _integers(robots, "--robots"), "frames": frames, "arena": arena},
+        {
+            "robots": _integers(robots, "--robots"),
+            "frames": frames,
+            "arena": arena,
+            "engine": campaign.engine,
+        },
         seeds,
         seed,
         campaign,
@@ -109,6 +114,7 @@ def labyrinth(
             "intruders": _integers(intruders, "--intruders"),
             "robots": _integers(robots, "--robots"),
             "arena": arena,
+            "engine": campaign.engine,
         },
         trials,
         seed,
@@ -148,7 +154,8 @@ def run(
     from midnet_bench.campaign.definition import load_campaign, override
     from midnet_bench.workflows.campaigns import campaign_file
 
-    settings = options.settings_with({}, campaign.settings, campaign.map_file)
+    named = {} if campaign.engine is None else {"engine": campaign.engine}
+    settings = {**named, **options.settings_with(named, campaign.settings, campaign.map_file)}
     written = load_campaign(campaign_file(file))
     _run(override(written, settings, trials=trials, base_seed=seed), campaign)
 

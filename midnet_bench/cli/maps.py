@@ -45,6 +45,7 @@ def make_map(
     clip: Annotated[
         bool | None, typer.Option(CLIP, help="Make a film (MP4) of the growing map (default clip).")
     ] = None,
+    engine: options.Engine = None,
     settings: options.Settings = None,
     output: Annotated[
         Path | None,
@@ -66,19 +67,28 @@ def make_map(
 
     if (arena is None) == (from_log is None):
         raise InputError("map: give either an arena, such as map1, or --from-log FILE")
-    given = {"--robots": robots, "--particles": particles, "--seed": seed, CLIP: clip, "--set": settings}
+    given = {
+        "--robots": robots,
+        "--particles": particles,
+        "--seed": seed,
+        CLIP: clip,
+        "--engine": engine,
+        "--set": settings,
+    }
     chosen_seed, with_clip = SEED if seed is None else seed, clip is not False
     if from_log is not None:
-        _refuse("--from-log", {"--exact": exact or None, **given}, ("--exact", "--robots", "--set"))
+        _refuse(
+            "--from-log", {"--exact": exact or None, **given}, ("--exact", "--robots", "--engine", "--set")
+        )
         place = output or _folder(from_log.name)
         _map_log(from_log, particles or PARTICLES, chosen_seed, with_clip, place, as_json)
         return
     assert arena is not None
     if exact:
-        _refuse("--exact", given, ("--robots", "--particles", "--seed", CLIP))
+        _refuse("--exact", given, ("--robots", "--particles", "--seed", CLIP, "--engine"))
         _draw_exactly(arena, settings or [], output or _folder(arena, "-exact"), as_json)
         return
-    wishes = {"arena": arena, "robots": robots, "particles": particles}
+    wishes = {"arena": arena, "robots": robots, "particles": particles, "engine": engine}
     values: dict[str, Scalar] = {name: value for name, value in wishes.items() if value is not None}
     _explore(_joined(values, settings or []), chosen_seed, with_clip, output or _folder(arena), as_json)
 

@@ -38,6 +38,14 @@ Arena = Annotated[
         autocompletion=completion.arenas,
     ),
 ]
+Engine = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="What simulates: bullet (PyBullet) or fast (our own, several times as fast).",
+        show_default=False,
+    ),
+]
 Jobs = Annotated[
     int | None,
     typer.Option(
@@ -55,6 +63,7 @@ _MESSAGES = "Messages"
 class Campaign:
     """What every command that runs a campaign takes, besides what that campaign is."""
 
+    engine: Engine = None
     map_file: Map = None
     settings: Settings = None
     output: Annotated[

@@ -37,6 +37,7 @@ def render(
         float, typer.Option(metavar="FACTOR", help="How much faster than real time the film runs.")
     ] = 4.0,
     arena: options.Arena = None,
+    engine: options.Engine = None,
     map_file: options.Map = None,
     settings: options.Settings = None,
     output: Annotated[
@@ -55,7 +56,7 @@ def render(
     from midnet_bench.experiments import registry
     from midnet_bench.workflows.render import render_trial
 
-    chosen = {"robots": robots, "intruders": intruders, "frames": frames, "arena": arena}
+    chosen = {"robots": robots, "intruders": intruders, "frames": frames, "arena": arena, "engine": engine}
     given = options.settings_with(chosen, settings, map_file)
     parameters = {key: value for key, value in chosen.items() if value is not None}
     found = registry.experiment(experiment)

@@ -8,7 +8,7 @@ from typing import Self
 from midnet_bench.agents.mobile_robot import MobileRobot
 from midnet_bench.arena.layout import Layout
 from midnet_bench.campaign.trial import Row
-from midnet_bench.simulation.bullet.world import World
+from midnet_bench.simulation.engines import make_world
 from midnet_bench.simulation.fleet import Fleet
 from midnet_bench.simulation.lidar import LidarSensors
 from midnet_bench.simulation.settings import SimulationSettings
@@ -26,7 +26,7 @@ class RobotTrial:
         seed: int,
     ) -> None:
         """Let ``robots`` stand where ``layout`` has them; time is 0."""
-        self.world: Simulator = World(layout, settings.world)
+        self.world: Simulator = make_world(layout, settings.world)
         self.lidars = LidarSensors(self.world, settings.lidar)
         self.fleet = Fleet(self.world, self.lidars, robots, settings, seed)
         self.step_hz = self.world.step_hz

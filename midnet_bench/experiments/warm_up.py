@@ -15,10 +15,13 @@ EXPLORED_S = 5
 def compile_kernels() -> None:
     """Run every compiled loop once; about half a minute without a cache."""
     compile_navigation()
-    parameters = DetectionParameters.of(odometry="encoder", localization="ukf+map", frames=5)
-    with DetectionTrial(parameters, seed=1) as detection:
-        for _ in detection.frames():
-            pass
+    for engine in ("fast", "bullet"):
+        parameters = DetectionParameters.of(
+            odometry="encoder", localization="ukf+map", frames=5, engine=engine
+        )
+        with DetectionTrial(parameters, seed=1) as detection:
+            for _ in detection.frames():
+                pass
     with ExplorationTrial(MappingParameters(), seed=1) as exploration:
         for _ in islice(exploration.snapshots(), EXPLORED_S):
             pass

@@ -45,6 +45,7 @@ BURGER = RobotModel(
     # wheelAcceleration of the Gazebo plugin
     rim_acceleration_mps2=1.0,
     wheel_torque_nm=10.0,
+    gyration_radius_m=0.0512,
     lidar=LDS_01,
     lidar_height_m=0.182,
     # the LDS-01's housing, all that is in its plane (item 28); or a disc of the robot's radius

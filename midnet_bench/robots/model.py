@@ -42,6 +42,8 @@ class RobotModel:
     rim_acceleration_mps2: float
     """how fast the speed of a wheel's rim changes"""
     wheel_torque_nm: float
+    gyration_radius_m: float
+    """square root of its inertia about the vertical axis over its mass"""
     lidar: LidarGeometry
     lidar_height_m: float
     """of the scan plane above the floor"""

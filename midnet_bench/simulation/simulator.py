@@ -1,4 +1,4 @@
-"""``Simulator``: what the fleet and the experiments ask of a physics engine; ``bullet/`` is the one here.
+"""``Simulator``: what the fleet and the experiments ask of an engine: ``bullet/`` or ``fast/``.
 
 An engine knows bodies, motors and rays against what stands still. The models of sensors lie above it and are
 shared by all engines: what beams meet of other robots and their noise (``lidar``), wheel encoders

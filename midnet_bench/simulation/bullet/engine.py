@@ -19,8 +19,8 @@ try:
     import pybullet as bullet
 except ImportError as error:
     raise PyBulletMissingError(
-        "PyBullet is not installed: simulating needs it, and its ready-made wheels end at CPython 3.11 "
-        "(use Python 3.11 and install again)"
+        "PyBullet is not installed: the engine 'bullet' needs it, and its ready-made wheels end at "
+        "CPython 3.11 (use Python 3.11 and install again, or take the engine 'fast')"
     ) from error
 finally:
     os.dup2(_stderr, 2)

@@ -1,0 +1,20 @@
+"""The engines that make a :class:`~midnet_bench.simulation.simulator.Simulator`, by the option ``engine``."""
+
+from midnet_bench.arena.layout import Layout
+from midnet_bench.simulation.settings import WorldSettings
+from midnet_bench.simulation.simulator import Simulator
+
+
+def make_world(layout: Layout, settings: WorldSettings) -> Simulator:
+    """The world of one trial; only the engine that is asked for is imported.
+
+    Raises:
+        PyBulletMissingError: the engine is ``bullet`` and PyBullet is not installed.
+    """
+    if settings.engine == "fast":
+        from midnet_bench.simulation.fast.world import World as FastWorld
+
+        return FastWorld(layout, settings)
+    from midnet_bench.simulation.bullet.world import World as BulletWorld
+
+    return BulletWorld(layout, settings)

@@ -1,0 +1,1 @@
+"""The world in compiled loops of our own: planar bodies without wheels, and rays against outlines."""

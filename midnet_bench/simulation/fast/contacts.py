@@ -1,0 +1,435 @@
+"""Where bodies are close to sides and to each other, and what their wheels can do about it.
+
+A body is the convex hull of its contour. In the plane two convex shapes always meet corner to side or corner
+to corner, so contacts are looked for as such pairs: corners of bodies before sides of walls, corners of walls
+before bodies, corners of bodies before bodies. A pair counts only where each corner points at the other
+shape, so that what slides along a wall does not catch on the far ends of its sides.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from midnet_bench.robots.model import RobotModel
+from midnet_bench.simulation.fast.outlines import (
+    AX,
+    AY,
+    BEFORE_X,
+    BEFORE_Y,
+    BX,
+    BY,
+    NX,
+    NY,
+    SideGrid,
+)
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+GRAVITY_MPS2 = 9.81
+WHEEL_FRICTION, WALL_FRICTION, BODY_FRICTION = 1.0, 0.5, 0.25
+"""Coulomb's coefficients of wheels on the floor, bodies on walls and bodies on bodies, as in PyBullet"""
+SKIN_M = 1e-4
+"""Bodies stop this far from what they touch, so that a rounding is no penetration."""
+DEEP_M = 0.02
+"""A corner that is farther behind a side was never before it."""
+_TILT = 0.3
+"""How far, as a sine, a corner may point past the other shape: both ends of a side that lies flat count."""
+
+# Columns of a body's hull: a corner, the unit vector and the length of the side from it, the unit vector of
+# the side before it.
+X, Y, ALONG_X, ALONG_Y, LENGTH, LAST_X, LAST_Y = range(7)
+
+# Columns of a contact: the unit normal towards the first body, the gap, the point as seen from both bodies'
+# base frames (map axes), and the impulses so far along normal and tangent, per mass.
+NORMAL_X, NORMAL_Y, GAP, ARM_X, ARM_Y, OTHER_X, OTHER_Y, PUSH, RUB = range(9)
+_COLUMNS = 9
+_PER_BODY = 48
+"""contacts that there is room for"""
+
+
+class Body(NamedTuple):
+    """What all bodies are."""
+
+    hull: Floats
+    """(h, 7) by the columns ``X`` to ``LAST_Y``, base frame, metres"""
+    reach_m: float
+    """of the hull from the base frame"""
+    gyration2_m2: float
+    """inertia over mass"""
+
+
+class Room(NamedTuple):
+    """Where what is found of n bodies is written."""
+
+    hulls: Floats
+    """(n, h, 7) the hulls in the map frame"""
+    rows: Floats
+    """(c, 9) contacts by the columns ``NORMAL_X`` to ``RUB``"""
+    pairs: Ints
+    """(c, 2) whom each contact's normal points to, and from whom; -1 for what never moves"""
+
+
+def body_of(robot: RobotModel) -> Body:
+    """A robot as contacts see it."""
+    return Body(hull_of(robot.body), robot.body_reach_m, robot.gyration_radius_m**2)
+
+
+def room_for(count: int, body: Body) -> Room:
+    """Room for ``count`` bodies."""
+    rows = _PER_BODY * count
+    return Room(
+        np.zeros((count, *body.hull.shape)), np.zeros((rows, _COLUMNS)), np.zeros((rows, 2), dtype=np.int64)
+    )
+
+
+def hull_of(contour: tuple[tuple[float, float], ...]) -> Floats:
+    """(h, 7) the convex hull of a contour, counter-clockwise, by the columns ``X`` to ``LAST_Y``; metres."""
+    chain: list[tuple[float, float]] = []
+    points = sorted(set(contour))
+    for half in (points, points[::-1]):
+        floor = max(len(chain), 1)
+        for point in half:
+            while len(chain) > floor and _turns_right(chain[-2], chain[-1], point):
+                chain.pop()
+            if not chain or chain[-1] != point:
+                chain.append(point)
+    corners = np.array(chain[:-1])
+    sides = np.roll(corners, -1, axis=0) - corners
+    lengths = np.hypot(*sides.T)
+    along = sides / lengths[:, None]
+    return np.column_stack((corners, along, lengths, np.roll(along, 1, axis=0)))
+
+
+def _turns_right(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) <= 0.0
+
+
+@njit(cache=True)
+def find_contacts(
+    poses: Floats,
+    present: npt.NDArray[np.bool_],
+    body: Body,
+    margin_m: float,
+    ground: SideGrid,
+    room: Room,
+) -> int:
+    """Writes the contacts of bodies at (n, 3) ``poses`` into ``room``, and says how many there are.
+
+    Args:
+        poses: of the base frames, map frame.
+        present: (n,) which bodies are there.
+        body: what they are.
+        margin_m: the widest gap that counts.
+        ground: what never moves; its reach is no less than that of a body and ``margin_m`` together.
+        room: where they go.
+    """
+    count = 0
+    reach_m, frame = body.reach_m, ground.frame
+    hulls, rows, pairs = room.hulls, room.rows, room.pairs
+    is_placed = np.zeros(len(poses), dtype=np.bool_)
+    for i in range(len(poses)):
+        if not present[i]:
+            continue
+        x, y = poses[i, 0], poses[i, 1]
+        column, line = int((x - frame[0]) / frame[2]), int((y - frame[1]) / frame[2])
+        if x >= frame[0] and y >= frame[1] and column < frame[3] and line < frame[4]:
+            cell = line * int(frame[3]) + column
+            for member in range(ground.first[cell], ground.first[cell + 1]):
+                side = ground.sides[ground.members[member]]
+                if not _may_touch(side, x, y, reach_m + margin_m):
+                    continue
+                if not is_placed[i]:
+                    _place(body.hull, poses[i], hulls[i])
+                    is_placed[i] = True
+                count = _against_side(i, hulls[i], x, y, side, margin_m, rows, pairs, count)
+        for j in range(i):
+            dx, dy = x - poses[j, 0], y - poses[j, 1]
+            apart = 2.0 * reach_m + margin_m
+            if not present[j] or dx * dx + dy * dy > apart * apart:
+                continue
+            for one in (i, j):
+                if not is_placed[one]:
+                    _place(body.hull, poses[one], hulls[one])
+                    is_placed[one] = True
+            count = _against_body(i, j, poses, hulls, margin_m, False, rows, pairs, count)
+            count = _against_body(j, i, poses, hulls, margin_m, True, rows, pairs, count)
+    return count
+
+
+@njit(cache=True)
+def _place(hull: Floats, pose: Floats, placed: Floats) -> None:
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(len(hull)):
+        placed[k, X] = pose[0] + c * hull[k, X] - s * hull[k, Y]
+        placed[k, Y] = pose[1] + s * hull[k, X] + c * hull[k, Y]
+        placed[k, ALONG_X] = c * hull[k, ALONG_X] - s * hull[k, ALONG_Y]
+        placed[k, ALONG_Y] = s * hull[k, ALONG_X] + c * hull[k, ALONG_Y]
+        placed[k, LENGTH] = hull[k, LENGTH]
+        placed[k, LAST_X] = c * hull[k, LAST_X] - s * hull[k, LAST_Y]
+        placed[k, LAST_Y] = s * hull[k, LAST_X] + c * hull[k, LAST_Y]
+
+
+@njit(cache=True)
+def _may_touch(side: Floats, x: float, y: float, within_m: float) -> bool:
+    dx, dy = x - side[AX], y - side[AY]
+    aside = dx * side[NX] + dy * side[NY]
+    if aside > within_m or aside < -within_m:
+        return False
+    along = dy * side[NX] - dx * side[NY]
+    length = (side[BY] - side[AY]) * side[NX] - (side[BX] - side[AX]) * side[NY]
+    return -within_m < along < length + within_m
+
+
+@njit(cache=True)
+def _against_side(
+    i: int,
+    body: Floats,
+    x: float,
+    y: float,
+    side: Floats,
+    margin_m: float,
+    rows: Floats,
+    pairs: Ints,
+    count: int,
+) -> int:
+    """Adds the contacts of body i, placed, with one side and with the corner at its first end."""
+    nx, ny = side[NX], side[NY]
+    along_x, along_y = -ny, nx
+    length = (side[BX] - side[AX]) * along_x + (side[BY] - side[AY]) * along_y
+    for k in range(len(body)):
+        dx, dy = body[k, X] - side[AX], body[k, Y] - side[AY]
+        gap = dx * nx + dy * ny
+        along = dx * along_x + dy * along_y
+        if not (-DEEP_M < gap < margin_m and 0.0 <= along <= length):
+            continue
+        ahead = body[k, ALONG_X] * nx + body[k, ALONG_Y] * ny
+        behind = body[k, LAST_X] * nx + body[k, LAST_Y] * ny
+        if ahead >= -_TILT and behind <= _TILT and count < len(rows):
+            row = rows[count]
+            row[NORMAL_X], row[NORMAL_Y], row[GAP] = nx, ny, gap
+            row[ARM_X], row[ARM_Y], row[OTHER_X], row[OTHER_Y] = body[k, X] - x, body[k, Y] - y, 0.0, 0.0
+            pairs[count, 0], pairs[count, 1] = i, -1
+            count += 1
+    if (side[BEFORE_X] != 0.0 or side[BEFORE_Y] != 0.0) and count < len(rows):
+        row = rows[count]
+        if _corner_before_body(
+            side[AX], side[AY], along_x, along_y, side[BEFORE_X], side[BEFORE_Y], body, margin_m, False, row
+        ):
+            row[ARM_X], row[ARM_Y], row[OTHER_X], row[OTHER_Y] = row[ARM_X] - x, row[ARM_Y] - y, 0.0, 0.0
+            pairs[count, 0], pairs[count, 1] = i, -1
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _against_body(
+    i: int,
+    j: int,
+    poses: Floats,
+    hulls: Floats,
+    margin_m: float,
+    sides_only: bool,
+    rows: Floats,
+    pairs: Ints,
+    count: int,
+) -> int:
+    """Adds the contacts of body i's corners with body j."""
+    body = hulls[i]
+    for k in range(len(body)):
+        if count >= len(rows):
+            break
+        row = rows[count]
+        if _corner_before_body(
+            body[k, X],
+            body[k, Y],
+            body[k, ALONG_X],
+            body[k, ALONG_Y],
+            body[k, LAST_X],
+            body[k, LAST_Y],
+            hulls[j],
+            margin_m,
+            sides_only,
+            row,
+        ):
+            row[ARM_X], row[ARM_Y] = row[ARM_X] - poses[j, 0], row[ARM_Y] - poses[j, 1]
+            row[OTHER_X], row[OTHER_Y] = body[k, X] - poses[i, 0], body[k, Y] - poses[i, 1]
+            pairs[count, 0], pairs[count, 1] = j, i
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _corner_before_body(
+    px: float,
+    py: float,
+    along_x: float,
+    along_y: float,
+    before_x: float,
+    before_y: float,
+    body: Floats,
+    margin_m: float,
+    sides_only: bool,
+    row: Floats,
+) -> bool:
+    """Whether a corner is in contact with a body; fills normal, gap and the body's point, map frame.
+
+    ``along`` and ``before`` are the unit vectors of the corner's two sides, counter-clockwise. The normal
+    points into the body. ``sides_only``: leave out where it is nearest to one of the body's corners.
+    """
+    sides = len(body)
+    best, outermost = -np.inf, 0
+    for k in range(sides):
+        gap = (px - body[k, X]) * body[k, ALONG_Y] - (py - body[k, Y]) * body[k, ALONG_X]
+        if gap > margin_m:
+            return False
+        if gap > best:
+            best, outermost = gap, k
+    at_side, at_corner, gap = outermost, -1, best
+    if best > 0.0:
+        nearest = np.inf
+        for k in range(sides):
+            dx, dy = px - body[k, X], py - body[k, Y]
+            aside = dx * body[k, ALONG_Y] - dy * body[k, ALONG_X]
+            along = dx * body[k, ALONG_X] + dy * body[k, ALONG_Y]
+            if aside <= 0.0 or along > body[k, LENGTH]:
+                continue
+            distance = aside if along >= 0.0 else math.hypot(dx, dy)
+            if distance < nearest:
+                nearest = distance
+                at_side, at_corner = k, -1 if along >= 0.0 else k
+        for k in range(sides):  # beyond the end of the one side and before the begin of the next
+            dx, dy = px - body[k, X], py - body[k, Y]
+            distance = math.hypot(dx, dy)
+            if distance < nearest:
+                nearest = distance
+                at_corner = k
+        gap = nearest
+    if gap > margin_m or gap < -DEEP_M or (sides_only and at_corner >= 0):
+        return False
+    if at_corner >= 0 and gap > 1e-9:
+        nx, ny = (body[at_corner, X] - px) / gap, (body[at_corner, Y] - py) / gap
+        tilt = 0.0
+        qx, qy = body[at_corner, X], body[at_corner, Y]
+    else:
+        nx, ny = -body[at_side, ALONG_Y], body[at_side, ALONG_X]
+        tilt = _TILT
+        qx, qy = px + gap * nx, py + gap * ny
+    if along_x * nx + along_y * ny > tilt or before_x * nx + before_y * ny < -tilt:
+        return False
+    row[NORMAL_X], row[NORMAL_Y], row[GAP], row[ARM_X], row[ARM_Y] = nx, ny, gap, qx, qy
+    return True
+
+
+@njit(cache=True)
+def islands(count: int, pairs: Ints, n: int) -> Ints:
+    """(n,) for each body the least number among those that contacts join it with, one by the next."""
+    label = np.arange(n)
+    changed = True
+    while changed:
+        changed = False
+        for c in range(count):
+            a, b = pairs[c, 0], pairs[c, 1]
+            if b >= 0 and label[a] != label[b]:
+                label[a] = label[b] = min(label[a], label[b])
+                changed = True
+    return label
+
+
+@njit(cache=True)
+def parting_speed(row: Floats, a: int, b: int, nx: float, ny: float, moves: Floats) -> float:
+    """How fast body ``a`` moves off ``b`` along (nx, ny) at a contact, m/s.
+
+    ``moves``: (n, 3) velocities in the map frame and yaw rates.
+    """
+    x = moves[a, 0] - moves[a, 2] * row[ARM_Y]
+    y = moves[a, 1] + moves[a, 2] * row[ARM_X]
+    if b >= 0:
+        x -= moves[b, 0] - moves[b, 2] * row[OTHER_Y]
+        y -= moves[b, 1] + moves[b, 2] * row[OTHER_X]
+    return x * nx + y * ny
+
+
+@njit(cache=True)
+def push(row: Floats, a: int, b: int, px: float, py: float, gyration2: float, moves: Floats) -> None:
+    """Lets an impulse per mass (px, py) act on body ``a`` at a contact, and its opposite on ``b``."""
+    moves[a, 0] += px
+    moves[a, 1] += py
+    moves[a, 2] += (row[ARM_X] * py - row[ARM_Y] * px) / gyration2
+    if b >= 0:
+        moves[b, 0] -= px
+        moves[b, 1] -= py
+        moves[b, 2] -= (row[OTHER_X] * py - row[OTHER_Y] * px) / gyration2
+
+
+@njit(cache=True)
+def mobility(row: Floats, b: int, nx: float, ny: float, gyration2: float) -> float:
+    """What speed along (nx, ny) a unit impulse per mass gives the points of a contact."""
+    lever = row[ARM_X] * ny - row[ARM_Y] * nx
+    found = 1.0 + lever * lever / gyration2
+    if b >= 0:
+        lever = row[OTHER_X] * ny - row[OTHER_Y] * nx
+        found += 1.0 + lever * lever / gyration2
+    return found
+
+
+@njit(cache=True)
+def hold_contacts(
+    island: int,
+    label: Ints,
+    count: int,
+    rows: Floats,
+    pairs: Ints,
+    step_s: float,
+    gyration2: float,
+    moves: Floats,
+) -> float:
+    """One round over an island's contacts: no gap closes within a step, and what touches rubs.
+
+    Gives the largest change of an impulse per mass, m/s.
+    """
+    change = 0.0
+    for c in range(count):
+        a, b = pairs[c, 0], pairs[c, 1]
+        if label[a] != island:
+            continue
+        row = rows[c]
+        nx, ny = row[NORMAL_X], row[NORMAL_Y]
+        least = -max(row[GAP] - SKIN_M, 0.0) / step_s
+        missing = (least - parting_speed(row, a, b, nx, ny, moves)) / mobility(row, b, nx, ny, gyration2)
+        more = max(row[PUSH] + missing, 0.0) - row[PUSH]
+        row[PUSH] += more
+        push(row, a, b, more * nx, more * ny, gyration2, moves)
+        sliding = parting_speed(row, a, b, -ny, nx, moves) / mobility(row, b, -ny, nx, gyration2)
+        most = (WALL_FRICTION if b < 0 else BODY_FRICTION) * row[PUSH]
+        rub = min(max(row[RUB] - sliding, -most), most) - row[RUB]
+        row[RUB] += rub
+        push(row, a, b, -rub * ny, rub * nx, gyration2, moves)
+        change = max(change, abs(more), abs(rub))
+    return change
+
+
+@njit(cache=True)
+def part(
+    count: int,
+    rows: Floats,
+    pairs: Ints,
+    freed: npt.NDArray[np.bool_],
+    gyration2: float,
+    poses: Floats,
+) -> bool:
+    """Moves ``freed`` bodies that overlap apart by half of what is needed; whether any did."""
+    found = False
+    for c in range(count):
+        a, b = pairs[c, 0], pairs[c, 1]
+        if rows[c, GAP] >= -1e-6 or not freed[a]:
+            continue
+        row = rows[c]
+        nx, ny = row[NORMAL_X], row[NORMAL_Y]
+        share = 0.5 * (SKIN_M - row[GAP]) / mobility(row, b, nx, ny, gyration2)
+        push(row, a, b, share * nx, share * ny, gyration2, poses)
+        found = True
+    return found

@@ -1,0 +1,333 @@
+"""One tick of all bodies: motors, contacts, motion."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from midnet_bench.robots.model import RobotModel
+from midnet_bench.simulation.fast.contacts import (
+    GAP,
+    GRAVITY_MPS2,
+    NORMAL_X,
+    NORMAL_Y,
+    PUSH,
+    RUB,
+    SKIN_M,
+    WHEEL_FRICTION,
+    Body,
+    Room,
+    find_contacts,
+    hold_contacts,
+    islands,
+    part,
+    parting_speed,
+)
+from midnet_bench.simulation.fast.outlines import SideGrid
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+# Columns of a body's state: its pose; its velocity in the map frame, forward, and its yaw rate; for the left
+# and the right wheel the rim speed that is asked for, the one that it has, and how far it has turned. Metres,
+# radians, seconds.
+POSE = slice(0, 3)
+SPEED_X, SPEED_Y = 3, 4
+FORWARD, TURN = 5, 6
+VELOCITY = slice(5, 7)
+TARGETS = slice(7, 9)
+ASKED_LEFT, ASKED_RIGHT, LEFT, RIGHT = 7, 8, 9, 10
+ANGLES = slice(11, 13)
+ANGLE_LEFT = 11
+COLUMNS = 13
+
+
+class Drive(NamedTuple):
+    """What moves bodies, and how time passes."""
+
+    step_s: float
+    """a tick"""
+    ramp_mps: float
+    """by how much a rim's speed changes in a tick"""
+    separation_m: float
+    wheel_m: float
+    """radius"""
+    most_m: float
+    """how far any point of a body may come in a tick"""
+    rounds: int
+    """of the solver, at most"""
+
+
+TOUCH_M = 2.0 * SKIN_M
+"""What is this near touches."""
+_PARTINGS = 20
+_OVERLAP_M = 5e-4
+"""An island that would overlap by more, and by more than before, stays where it was for a tick."""
+_STILL_MPS = 1e-8
+"""The solver ends when no impulse changes by more."""
+_PUSHED = 1.25
+"""How much faster than by its own wheels a body may be moved."""
+
+
+def drive_of(robot: RobotModel, step_hz: int, rounds: int) -> Drive:
+    """How a robot drives at ``step_hz`` ticks per second."""
+    step_s = 1.0 / step_hz
+    fastest = robot.max_linear_mps + robot.max_angular_radps * robot.body_reach_m
+    return Drive(
+        step_s,
+        robot.rim_acceleration_mps2 * step_s,
+        robot.wheel_separation_m,
+        robot.wheel_radius_m,
+        _PUSHED * fastest * step_s,
+        rounds,
+    )
+
+
+@njit(cache=True)
+def step_world(
+    states: Floats,
+    present: npt.NDArray[np.bool_],
+    numbers: Floats,
+    hull: Floats,
+    sides: Floats,
+    frame: Floats,
+    first: Ints,
+    members: Ints,
+    hulls: Floats,
+    rows: Floats,
+    pairs: Ints,
+) -> None:
+    """:func:`advance` with everything from ``numbers`` on as :func:`taken_apart` gives it."""
+    drive = Drive(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], int(numbers[5]))
+    body = Body(hull, numbers[6], numbers[7])
+    advance(states, present, drive, body, SideGrid(sides, frame, first, members), Room(hulls, rows, pairs))
+
+
+def taken_apart(drive: Drive, body: Body, ground: SideGrid, room: Room) -> tuple[Any, ...]:
+    """Arrays only: handing named tuples to compiled code takes three times as long as a tick."""
+    return (np.array([*drive, body.reach_m, body.gyration2_m2]), body.hull, *ground, *room)
+
+
+@njit(cache=True)
+def advance(
+    states: Floats, present: npt.NDArray[np.bool_], drive: Drive, body: Body, ground: SideGrid, room: Room
+) -> None:
+    """Let one tick pass for (n, 13) ``states``, by the columns above, of the bodies that are ``present``."""
+    n = len(states)
+    poses = states[:, :3]
+    moves = np.zeros((n, 3))
+    for i in range(n):
+        if present[i]:
+            _turn_wheels(states[i], drive)
+            _roll(states[i], drive, moves[i])
+    # two bodies come nearer by as much as both can move
+    count = find_contacts(poses, present, body, 2.0 * drive.most_m, ground, room)
+    held = np.zeros(n, dtype=np.bool_)
+    if count > 0:
+        label = islands(count, room.pairs, n)
+        if _hold(count, states, drive, body.gyration2_m2, label, room, moves, held):
+            for i in range(n):
+                if held[i]:
+                    _limit(drive, body.reach_m, moves[i])
+            _move_held(count, poses, present, drive, body, ground, room, label, moves, held)
+    for i in range(n):
+        if present[i] and not held[i]:
+            poses[i] += moves[i] * drive.step_s
+        if present[i]:
+            _note_velocity(states[i], moves[i], held[i])
+
+
+@njit(cache=True)
+def _turn_wheels(state: Floats, drive: Drive) -> None:
+    """Moves each rim's speed one tick closer to its target; the wheel turns by it, on the floor or not."""
+    for wheel in range(2):
+        missing = state[ASKED_LEFT + wheel] - state[LEFT + wheel]
+        if abs(missing) <= drive.ramp_mps:
+            state[LEFT + wheel] = state[ASKED_LEFT + wheel]
+        else:
+            state[LEFT + wheel] += math.copysign(drive.ramp_mps, missing)
+        state[ANGLE_LEFT + wheel] += state[LEFT + wheel] * drive.step_s / drive.wheel_m
+
+
+@njit(cache=True)
+def _roll(state: Floats, drive: Drive, move: Floats) -> None:
+    """Fills ``move`` with the velocity of wheels that do not slip: along the heading half-way of the tick."""
+    forward = (state[LEFT] + state[RIGHT]) / 2.0
+    turn = (state[RIGHT] - state[LEFT]) / drive.separation_m
+    heading = state[2] + turn * drive.step_s / 2.0
+    move[0], move[1], move[2] = forward * math.cos(heading), forward * math.sin(heading), turn
+
+
+@njit(cache=True)
+def _hold(
+    count: int,
+    states: Floats,
+    drive: Drive,
+    gyration2: float,
+    label: Ints,
+    room: Room,
+    moves: Floats,
+    held: npt.NDArray[np.bool_],
+) -> bool:
+    """Changes ``moves`` of islands whose free motion would close a gap, and marks their bodies ``held``.
+
+    Whether there are any. Each body starts from the velocity that it had; friction of its wheels works
+    towards the free motion, as far as it goes, and contacts against whatever closes a gap.
+    """
+    n, step_s = len(states), drive.step_s
+    rows, pairs = room.rows, room.pairs
+    is_hindered = np.zeros(n, dtype=np.bool_)
+    for c in range(count):
+        row, a, b = rows[c], pairs[c, 0], pairs[c, 1]
+        least = -max(row[GAP] - SKIN_M, 0.0) / step_s
+        speed = parting_speed(row, a, b, row[NORMAL_X], row[NORMAL_Y], moves)
+        if speed < least - 1e-12 or row[GAP] < 0.0:
+            is_hindered[label[a]] = True
+        row[PUSH] = row[RUB] = 0.0
+    if not is_hindered.any():
+        return False
+    headings = np.empty((n, 2))
+    grips = np.zeros((n, 2, 2))
+    for i in range(n):
+        if is_hindered[label[i]]:
+            held[i] = True
+            heading = states[i, 2] + moves[i, 2] * step_s / 2.0
+            headings[i, 0], headings[i, 1] = math.cos(heading), math.sin(heading)
+            moves[i, 0], moves[i, 1], moves[i, 2] = states[i, SPEED_X], states[i, SPEED_Y], states[i, TURN]
+    for island in range(n):
+        if not is_hindered[island] or label[island] != island:
+            continue
+        for _ in range(drive.rounds):
+            change = 0.0
+            for i in range(island, n):
+                if label[i] == island:
+                    change = max(change, _grip(states[i], drive, gyration2, headings[i], grips[i], moves[i]))
+            change = max(change, hold_contacts(island, label, count, rows, pairs, step_s, gyration2, moves))
+            if change < _STILL_MPS:
+                break
+    return True
+
+
+@njit(cache=True)
+def _grip(
+    state: Floats, drive: Drive, gyration2: float, heading: Floats, grip: Floats, move: Floats
+) -> float:
+    """One round over a body's wheels: friction works against their slip, as far as it goes.
+
+    ``grip``: (2, 2) the impulses so far per mass, of both wheels, along and across. The largest change, m/s.
+    """
+    c, s = heading[0], heading[1]
+    most = WHEEL_FRICTION * GRAVITY_MPS2 * drive.step_s / 2.0
+    forward, aside = c * move[0] + s * move[1], c * move[1] - s * move[0]
+    turn, change = move[2], 0.0
+    for wheel in range(2):
+        lever = drive.separation_m * (0.5 - wheel)
+        slip = forward - turn * lever - state[LEFT + wheel]
+        along = grip[wheel, 0] - slip / (1.0 + lever * lever / gyration2)
+        across = grip[wheel, 1] - aside
+        size = math.hypot(along, across)
+        if size > most:
+            along, across = along * most / size, across * most / size
+        more_along, more_across = along - grip[wheel, 0], across - grip[wheel, 1]
+        grip[wheel, 0], grip[wheel, 1] = along, across
+        forward += more_along
+        turn -= lever * more_along / gyration2
+        aside += more_across
+        change = max(change, abs(more_along), abs(more_across))
+    move[0], move[1], move[2] = c * forward - s * aside, s * forward + c * aside, turn
+    return change
+
+
+@njit(cache=True)
+def _limit(drive: Drive, reach_m: float, move: Floats) -> None:
+    """Slows a body that would move farther in a tick than contacts were looked for."""
+    travel_m = (math.hypot(move[0], move[1]) + abs(move[2]) * reach_m) * drive.step_s
+    if travel_m > drive.most_m:
+        move *= drive.most_m / travel_m
+
+
+@njit(cache=True)
+def _move_held(
+    count: int,
+    poses: Floats,
+    present: npt.NDArray[np.bool_],
+    drive: Drive,
+    body: Body,
+    ground: SideGrid,
+    room: Room,
+    label: Ints,
+    moves: Floats,
+    held: npt.NDArray[np.bool_],
+) -> None:
+    """Moves bodies that are ``held`` and parts those that overlap then, as a turn may make them.
+
+    An island that still overlaps by more than half a millimetre, and by more than before, does not move.
+    """
+    n = len(poses)
+    before, overlaps = poses.copy(), _overlaps(count, room, n)
+    for i in range(n):
+        if held[i]:
+            poses[i] += moves[i] * drive.step_s
+    for _ in range(_PARTINGS):
+        count = find_contacts(poses, present, body, 0.0, ground, room)
+        if not part(count, room.rows, room.pairs, held, body.gyration2_m2, poses):
+            return
+    count = find_contacts(poses, present, body, 0.0, ground, room)
+    after = _overlaps(count, room, n)
+    is_worse = np.zeros(n, dtype=np.bool_)
+    for i in range(n):
+        if after[i] < min(overlaps[i], -_OVERLAP_M):
+            is_worse[label[i]] = True
+    for i in range(n):
+        if is_worse[label[i]]:
+            poses[i] = before[i]
+            moves[i] = 0.0
+
+
+@njit(cache=True)
+def _overlaps(count: int, room: Room, n: int) -> Floats:
+    """(n,) the least gap that each body is part of, metres, 0 where none is less."""
+    least = np.zeros(n)
+    for c in range(count):
+        for i in room.pairs[c]:
+            if i >= 0:
+                least[i] = min(least[i], room.rows[c, GAP])
+    return least
+
+
+@njit(cache=True)
+def _note_velocity(state: Floats, move: Floats, is_held: bool) -> None:
+    """Keeps what a body's velocity came to, and its yaw within [-pi, pi]."""
+    if state[2] > math.pi:
+        state[2] -= 2.0 * math.pi
+    elif state[2] < -math.pi:
+        state[2] += 2.0 * math.pi
+    state[SPEED_X], state[SPEED_Y], state[TURN] = move[0], move[1], move[2]
+    if is_held:
+        state[FORWARD] = move[0] * math.cos(state[2]) + move[1] * math.sin(state[2])
+    else:
+        state[FORWARD] = (state[LEFT] + state[RIGHT]) / 2.0
+
+
+@njit(cache=True)
+def count_collisions(
+    states: Floats,
+    present: npt.NDArray[np.bool_],
+    collisions: Ints,
+    last_touch: Ints,
+    tick: int,
+    gap_ticks: int,
+    body: Body,
+    ground: SideGrid,
+    room: Room,
+) -> None:
+    """Counts a collision of each body that touches something and has not for more than ``gap_ticks``."""
+    count = find_contacts(states[:, :3], present, body, TOUCH_M, ground, room)
+    for c in range(count):
+        for i in room.pairs[c]:
+            if i >= 0:
+                if tick - last_touch[i] > gap_ticks:
+                    collisions[i] += 1
+                last_touch[i] = tick

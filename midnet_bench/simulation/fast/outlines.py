@@ -1,0 +1,182 @@
+"""What never moves, as the compiled loops read it: corners for the beams, sides and a grid for the bodies."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from midnet_bench.arena.solids import Solid
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+CELL_M = 0.25
+_HAIR_M = 1e-6
+"""A corner this near another solid lies on it."""
+
+# Columns of a side: its ends, its unit normal away from the solid, and where its first end is a corner that a
+# body can meet, the unit vector along the side before; both zero where it is not.
+AX, AY, BX, BY, NX, NY, BEFORE_X, BEFORE_Y = range(8)
+
+
+class Outlines(NamedTuple):
+    """The convex outlines of all solids, one after the other."""
+
+    corners: Floats
+    """(k, 3) x, y of each corner, counter-clockwise in each outline, and the length of the side from it"""
+    first: Ints
+    """(s + 1,) where each solid's corners begin, and their number"""
+    circles: Floats
+    """(s, 3) x, y and radius of a circle about each solid"""
+
+
+class SideGrid(NamedTuple):
+    """The sides that bodies can touch, and which of them are near each cell of a grid."""
+
+    sides: Floats
+    """(k, 8) by the columns ``AX`` to ``BEFORE_Y``, metres"""
+    frame: Floats
+    """(5,) x and y of the grid's lower left corner and a cell's side, metres, columns, rows"""
+    first: Ints
+    """(cells + 1,) where the sides of each cell begin in ``members``; cells row by row"""
+    members: Ints
+    """rows of ``sides``"""
+
+
+def outlines_of(solids: tuple[Solid, ...]) -> Outlines:
+    """The outlines of ``solids``, in their order."""
+    outlines = [solid.outline() for solid in solids]
+    corners = np.concatenate(outlines)
+    after = np.concatenate([np.roll(outline, -1, axis=0) for outline in outlines])
+    centers = [outline.mean(axis=0) for outline in outlines]
+    radii = [np.hypot(*(outline - center).T).max() for outline, center in zip(outlines, centers, strict=True)]
+    return Outlines(
+        np.column_stack((corners, np.hypot(*(after - corners).T))),
+        np.cumsum([0, *map(len, outlines)]),
+        np.column_stack((centers, radii)),
+    )
+
+
+def side_grid(outlines: Outlines, reach_m: float) -> SideGrid:
+    """The sides less what lies inside other solids, and for each cell those within ``reach_m`` of it."""
+    sides = exposed_sides(*outlines)
+    low = np.minimum(sides[:, (AX, AY)], sides[:, (BX, BY)]).min(axis=0) - reach_m
+    high = np.maximum(sides[:, (AX, AY)], sides[:, (BX, BY)]).max(axis=0) + reach_m
+    columns, rows = (int(cells) for cells in np.ceil((high - low) / CELL_M))
+    frame = np.array([*low, CELL_M, columns, rows])
+    first, members = sides_by_cell(sides, frame, reach_m)
+    return SideGrid(sides, frame, first, members)
+
+
+@njit(cache=True)
+def exposed_sides(corners: Floats, first: Ints, circles: Floats) -> Floats:
+    """(k, 8) the parts of all sides that lie outside every other solid.
+
+    Walls overlap where they meet. A body that slides along one must not catch on the end of the next.
+    """
+    found = []
+    for solid in range(len(circles)):
+        for k in range(first[solid], first[solid + 1]):
+            after = k + 1 if k + 1 < first[solid + 1] else first[solid]
+            before = k - 1 if k > first[solid] else first[solid + 1] - 1
+            ax, ay, length = corners[k]
+            along_x, along_y = (corners[after, 0] - ax) / length, (corners[after, 1] - ay) / length
+            buried = []
+            is_corner = True
+            for other in range(len(circles)):
+                dx, dy = circles[other, 0] - ax, circles[other, 1] - ay
+                if other == solid or math.hypot(dx, dy) > length + circles[other, 2] + _HAIR_M:
+                    continue
+                enter, leave, depth, nearest = _inside(
+                    corners[first[other] : first[other + 1]], ax, ay, along_x, along_y, length
+                )
+                if enter < leave:
+                    buried.append((enter, leave))
+                if depth > -_HAIR_M and nearest > _HAIR_M:
+                    is_corner = False
+            buried.sort()
+            buried.append((length, length))
+            start = 0.0
+            for enter, leave in buried:
+                if enter > start + _HAIR_M:
+                    row = np.zeros(8)
+                    row[AX], row[AY] = ax + start * along_x, ay + start * along_y
+                    row[BX], row[BY] = ax + enter * along_x, ay + enter * along_y
+                    row[NX], row[NY] = along_y, -along_x
+                    if start == 0.0 and is_corner:
+                        row[BEFORE_X] = (ax - corners[before, 0]) / corners[before, 2]
+                        row[BEFORE_Y] = (ay - corners[before, 1]) / corners[before, 2]
+                    found.append(row)
+                start = max(start, leave)
+    sides = np.empty((len(found), 8))
+    for i in range(len(found)):
+        sides[i] = found[i]
+    return sides
+
+
+@njit(cache=True)
+def _inside(
+    outline: Floats, x: float, y: float, along_x: float, along_y: float, length: float
+) -> tuple[float, float, float, float]:
+    """Which part of a line from (x, y) lies inside a convex outline, and how the point lies to it.
+
+    Metres along the line where it enters and leaves (nothing inside unless the first is less), how deep the
+    point is, negative outside, and its distance from the nearest corner.
+    """
+    enter, leave, depth, nearest = 0.0, length, np.inf, np.inf
+    for k in range(len(outline)):
+        after = (k + 1) % len(outline)
+        side_x = (outline[after, 0] - outline[k, 0]) / outline[k, 2]
+        side_y = (outline[after, 1] - outline[k, 1]) / outline[k, 2]
+        dx, dy = x - outline[k, 0], y - outline[k, 1]
+        nearest = min(nearest, math.hypot(dx, dy))
+        inward = side_x * dy - side_y * dx
+        depth = min(depth, inward)
+        slope = side_x * along_y - side_y * along_x
+        if abs(slope) < 1e-12:
+            if inward < _HAIR_M:
+                leave = -1.0
+        elif slope > 0.0:
+            enter = max(enter, -inward / slope)
+        else:
+            leave = min(leave, -inward / slope)
+    return enter, leave, depth, nearest
+
+
+@njit(cache=True)
+def sides_by_cell(sides: Floats, frame: Floats, reach_m: float) -> tuple[Ints, Ints]:
+    """``first`` and ``members`` of a :class:`SideGrid`."""
+    columns, rows = int(frame[3]), int(frame[4])
+    within = reach_m + frame[2] * math.sqrt(0.5)
+    first = np.zeros(columns * rows + 1, dtype=np.int64)
+    members = np.empty(0, dtype=np.int64)
+    for filling in range(2):
+        place = first.copy()
+        for i in range(len(sides)):
+            ax, ay, bx, by = sides[i, AX], sides[i, AY], sides[i, BX], sides[i, BY]
+            length = math.hypot(bx - ax, by - ay)
+            left = max(0, int((min(ax, bx) - reach_m - frame[0]) / frame[2]))
+            right = min(columns - 1, int((max(ax, bx) + reach_m - frame[0]) / frame[2]))
+            low = max(0, int((min(ay, by) - reach_m - frame[1]) / frame[2]))
+            high = min(rows - 1, int((max(ay, by) + reach_m - frame[1]) / frame[2]))
+            for row in range(low, high + 1):
+                for column in range(left, right + 1):
+                    dx = frame[0] + (column + 0.5) * frame[2] - ax
+                    dy = frame[1] + (row + 0.5) * frame[2] - ay
+                    along = (dx * (bx - ax) + dy * (by - ay)) / length
+                    beyond = max(0.0, -along, along - length)
+                    aside = dx * sides[i, NX] + dy * sides[i, NY]
+                    if math.hypot(beyond, aside) > within:
+                        continue
+                    cell = row * columns + column
+                    if filling:
+                        members[place[cell]] = i
+                        place[cell] += 1
+                    else:
+                        first[cell + 1] += 1
+        if not filling:
+            first = np.cumsum(first)
+            members = np.empty(first[-1], dtype=np.int64)
+    return first, members

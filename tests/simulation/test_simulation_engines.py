@@ -1,0 +1,39 @@
+"""What either engine owes its users: the choice, and that ``fast`` needs nothing of PyBullet."""
+
+import subprocess
+import sys
+
+import pytest
+
+from midnet_bench.experiments.detection.parameters import DetectionParameters
+from midnet_bench.simulation.engines import make_world
+from midnet_bench.simulation.settings import WorldSettings
+from tests.simulation.scenes import scene
+
+
+@pytest.mark.parametrize("engine", ["bullet", "fast"])
+def test_the_setting_picks_the_engine(engine: str) -> None:
+    world = make_world(scene([(0.0, 0.0, 0.0)]), WorldSettings(engine=engine))
+    assert f".{engine}." in type(world).__module__
+    world.close()
+
+
+def test_a_trials_parameters_name_the_engine_only_where_it_is_not_bullet() -> None:
+    assert "engine" not in DetectionParameters.of().flat()
+    assert "engine" not in DetectionParameters.of(engine="bullet").flat()
+    assert DetectionParameters.of(engine="fast").flat()["engine"] == "fast"
+
+
+def test_a_trial_on_fast_runs_where_pybullet_cannot_be_imported() -> None:
+    program = (
+        "import sys; sys.modules['pybullet'] = None\n"
+        "import midnet_bench\n"
+        "with midnet_bench.simulate(engine='fast', robots=2, frames=3) as frames:\n"
+        "    print(sum(1 for _ in frames))\n"
+        "try: midnet_bench.simulate(robots=2, frames=3)\n"
+        "except ImportError as error: print(error)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    frames, told = done.stdout.splitlines()
+    assert frames == "3"
+    assert "take the engine 'fast'" in told
