@@ -10,7 +10,7 @@ from typing import Any
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
 from midnet_bench.experiments.warm_up import compile_kernels
-from midnet_bench.simulation.bullet import world
+from midnet_bench.simulation.bullet import rays as caster
 from midnet_bench.simulation.bullet.engine import bullet
 
 FRAMES = 500
@@ -36,9 +36,9 @@ class Stopwatch:
 def main() -> None:
     compile_kernels()
     step, call, rays = (
-        Stopwatch(timed) for timed in (bullet.stepSimulation, bullet.rayTestBatch, world.ray_fractions)
+        Stopwatch(timed) for timed in (bullet.stepSimulation, bullet.rayTestBatch, caster.ray_fractions)
     )
-    bullet.stepSimulation, bullet.rayTestBatch, world.ray_fractions = step, call, rays  # type: ignore[assignment]
+    bullet.stepSimulation, bullet.rayTestBatch, caster.ray_fractions = step, call, rays  # type: ignore[assignment]
     with DetectionTrial(DetectionParameters.of(robots=ROBOTS, frames=FRAMES), seed=1) as trial:
         midnet = trial.detector.midnet
         look = midnet.update = Stopwatch(midnet.update)  # type: ignore[method-assign]

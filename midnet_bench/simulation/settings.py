@@ -23,7 +23,7 @@ class WorldSettings(Settings):
         "What moves the robots and casts their beams: PyBullet, with wheels on a floor (bullet), or compiled "
         "loops of our own, planar and several times as fast (fast).",
     )
-    step_hz: int = option(60, "Physics steps per second.", ge=30, le=1000, multiple_of=10)
+    step_hz: int = option(30, "Physics steps per second.", ge=30, le=1000, multiple_of=10)
     solver_iterations: int = option(50, "Iterations of the contact solver per physics step.", ge=1, le=1000)
 
 

@@ -39,7 +39,7 @@ def test_a_burger_turns_at_the_rate_asked_for(linear: float, angular: float) -> 
         world.drive(0, Command(linear, angular))
         run(world, 1.0)
         yaws, velocities, xy = [world.poses()[0, 2]], [], [world.poses()[0, :2]]
-        for _ in range(300):
+        for _ in range(5 * world.step_hz):
             world.step()
             yaws.append(world.poses()[0, 2])
             xy.append(world.poses()[0, :2])
@@ -53,13 +53,13 @@ def test_commands_are_clamped_and_ramped() -> None:
     with World(scene([(-2.0, 0.0, 0.0)])) as world:
         world.drive(0, Command(5.0, 0.0))
         speeds = []
-        for _ in range(60):
+        for _ in range(world.step_hz):
             world.step()
             speeds.append(world.odometry(0)[1])
-        gains = np.diff([0.0, *speeds]) * 60.0
+        gains = np.diff([0.0, *speeds]) * world.step_hz
         assert max(speeds) == pytest.approx(0.22, rel=0.01)
         assert gains.max() < 1.1, "1 m/s2, as the Gazebo plugin ramps"
-        assert speeds[11] < 0.205 < speeds[16]
+        assert speeds[world.step_hz // 5 - 1] < 0.205 < speeds[world.step_hz // 3 - 1]
         world.drive(0, Command(0.0, -9.0))
         run(world, 1.0)
         assert world.odometry(0)[2] == pytest.approx(-2.84, rel=0.01)
@@ -123,12 +123,12 @@ def moving(world: World, seconds: float, digest):
     rngs = [stream(world.layout.seed, "test lidar", i) for i in range(count)]
     steer = stream(world.layout.seed, "test steering")
     lidars = sensors(world, noise="gazebo")
-    for tick in range(round(seconds * 60)):
-        if tick % 30 == 0:
+    for tick in range(round(seconds * world.step_hz)):
+        if tick % (world.step_hz // 2) == 0:
             for index in np.flatnonzero(world.active):
                 world.drive(int(index), Command(steer.uniform(0.0, 0.22), steer.uniform(-2.0, 2.0)))
         world.step()
-        if tick % 12 == 0:
+        if tick % (world.step_hz // 5) == 0:
             present = np.flatnonzero(world.active).tolist()
             digest.update(lidars.scan(present, [rngs[i] for i in present]).tobytes())
         present = np.flatnonzero(world.active).tolist()
@@ -180,7 +180,7 @@ def test_a_caught_intruder_leaves_and_the_rest_goes_on_the_same_way_each_time() 
         digest = hashlib.sha256()
         with World(place(load_arena("map1"), 4, 2, 3)) as world:
             for tick, _ in enumerate(moving(world, 6.0, digest)):
-                if tick == 180:
+                if tick == 3 * world.step_hz:
                     world.remove(3)
             assert world.active.tolist() == [True, True, True, False, True]
             assert np.isnan(world.poses()[3]).all()
@@ -215,7 +215,7 @@ def test_robots_stand_still_where_they_were_put_until_told_otherwise() -> None:
         np.testing.assert_allclose(world.poses()[:, :2], starts[:, :2], atol=1e-3)
         np.testing.assert_allclose(np.sin(world.poses()[:, 2] - starts[:, 2]), 0.0, atol=1e-3)
         assert world.collisions().sum() == 0
-        assert world.tick == 600
+        assert world.tick == 10 * world.step_hz
 
 
 def test_truth_comes_read_only_and_fresh() -> None:
@@ -244,3 +244,49 @@ def test_closing_twice_does_no_harm() -> None:
     world = World(scene([(0.0, 0.0, 0.0)]))
     world.close()
     world.close()
+
+
+@pytest.mark.slow
+def test_at_its_own_rate_a_burger_moves_as_precisely_as_the_docs_say() -> None:
+    """Speed, turn rate and steadiness after braking and turning, and how far a body enters a wall."""
+    commands = [
+        (0.22, 0.0),
+        (0.0, 0.8),
+        (0.22, 0.0),
+        (-0.2, 0.0),
+        (0.1, -1.5),
+        (0.0, 2.7),
+        (0.22, 2.7),
+        (0.1, 0.0),
+    ]
+    with World(scene([(-1.0, -1.0, 0.0)])) as world:
+        assert world.step_hz == 30
+        for linear, angular in commands:
+            world.drive(0, Command(linear, angular))
+            run(world, 1.0)
+            moves, places = [], [world.poses()[0]]
+            for _ in range(2 * world.step_hz):
+                world.step()
+                moves.append(world.odometry(0)[1:])
+                places.append(world.poses()[0])
+            way = np.diff(np.array(places), axis=0)
+            assert abs(np.hypot(way[:, 0], way[:, 1]).sum() / 2.0 - abs(linear)) < 0.0025
+            assert abs(np.unwrap(np.array(places)[:, 2])[[0, -1]] @ (-0.5, 0.5) - angular) < 0.003
+            assert np.std(moves, axis=0) == pytest.approx((0.0, 0.0), abs=0.003), "it does not rock"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("yaw", [0.0, 0.6])
+def test_a_burger_enters_a_wall_by_little_as_it_hits_it(yaw: float) -> None:
+    with World(scene([(2.3 * math.cos(yaw), 2.3 * math.sin(yaw), yaw)])) as world:
+        world.drive(0, Command(0.22, 0.0))
+        reaches = []
+        for _ in range(8 * world.step_hz):
+            world.step()
+            x, y, heading = world.poses()[0]
+            c, s = math.cos(heading), math.sin(heading)
+            corners = np.array([(BASE_FRONT_M, 0.07), (BASE_FRONT_M, -0.07), (-0.102, 0.07), (-0.102, -0.07)])
+            ends = np.abs(corners @ np.array([[c, s], [-s, c]]) + (x, y))
+            reaches.append(ends.max() - WALL_FACE_M)
+    assert max(reaches) < 0.012, "a step of 7 mm, and the nose dips"
+    assert max(reaches[-world.step_hz :]) < 0.005

@@ -21,6 +21,8 @@ class Body(NamedTuple):
     body: int
     wheels: tuple[int, int]
     """joints, left and right"""
+    mass_x_m: float
+    """of the point that PyBullet calls the body's position, its base's centre of mass, in the base frame"""
 
 
 def load_robot(client: int, robot: RobotModel, pose: Pose2D) -> Body:
@@ -41,7 +43,8 @@ def load_robot(client: int, robot: RobotModel, pose: Pose2D) -> Body:
         group, mask = (ROLLER, FLOOR) if link in rollers else (ROBOT, ROBOT | STATIC | FLOOR)
         bullet.setCollisionFilterGroupMask(body, link, group, mask, physicsClientId=client)
         bullet.changeDynamics(body, link, contactProcessingThreshold=0.0, physicsClientId=client)
-    return Body(body, wheels)
+    mass_x_m = bullet.getDynamicsInfo(body, -1, physicsClientId=client)[3][0]
+    return Body(body, wheels, mass_x_m)
 
 
 class Drive:
