@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from scipy import stats
 
 from midnet_bench.analysis.tables import Cell
 
@@ -67,6 +66,8 @@ def power_cells(
 
 
 def _factor(power: float, alpha: float) -> float:
+    from scipy import stats  # takes a second to import, and tables are made without any power
+
     return float((stats.norm.ppf(1.0 - alpha / 2.0) + stats.norm.ppf(power)) ** 2)
 
 

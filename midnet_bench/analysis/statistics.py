@@ -3,21 +3,23 @@
 Trials are the unit everywhere. Frames of one trial are 0.2 s apart and intruders of one trial share
 guards and walls, so treating either as independent makes intervals too narrow (items 51, 67).
 
-Bootstrap intervals are scipy's, by the percentile method: it stays defined when all trials score
-alike, where BCa does not. Fewer than two trials give an interval of NaN, and so does a ratio that some
-resample leaves without a denominator.
+Bootstrap intervals are those of ``scipy.stats.bootstrap`` by the percentile method: it stays defined when
+all trials score alike, where BCa does not. Fewer than two trials give an interval of NaN, and so does a
+ratio that some resample leaves without a denominator.
+
+scipy.stats takes a second to import. It is imported when there is an interval to find.
 """
 
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
 
 RESAMPLES = 9999
+BLOCK = 32_768
+"""numbers of resamples that are held at once: they fit into a processor's cache"""
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -96,6 +98,8 @@ def wilson(successes: int, n: int, confidence: float = 0.95) -> Estimate:
     """
     if n == 0:
         return Estimate(math.nan, math.nan, math.nan, 0)
+    from scipy import stats
+
     interval = stats.binomtest(successes, n).proportion_ci(confidence, method="wilson")
     return Estimate(successes / n, float(interval.low), float(interval.high), n)
 
@@ -115,17 +119,15 @@ def _bootstrap(
     value = float(statistic(*samples, axis=-1))
     if n < 2:
         return Estimate(value, math.nan, math.nan, n)
-    with warnings.catch_warnings():
-        # an undefined resample makes the interval NaN, which says enough
-        warnings.simplefilter("ignore", stats.DegenerateDataWarning)
-        interval = stats.bootstrap(
-            samples,
-            statistic,
-            n_resamples=RESAMPLES,
-            vectorized=True,
-            paired=True,
-            confidence_level=confidence,
-            method="percentile",
-            rng=rng,
-        ).confidence_interval
-    return Estimate(value, float(interval.low), float(interval.high), n)
+    from scipy import stats
+
+    at_once = max(1, BLOCK // n)
+    resampled = np.empty(RESAMPLES)
+    for first in range(0, RESAMPLES, at_once):
+        part = resampled[first : first + at_once]
+        # numbers of a block are those that one call for all resamples would draw
+        drawn = rng.integers(0, n, (len(part), n))
+        part[:] = statistic(*(sample.take(drawn, mode="clip") for sample in samples), axis=-1)
+    tail = (1.0 - confidence) / 2.0
+    low, high = stats.quantile(resampled, np.array([tail, 1.0 - tail]))
+    return Estimate(value, float(low), float(high), n)

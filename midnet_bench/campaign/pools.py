@@ -1,18 +1,21 @@
-"""Where trials run: worker processes of this machine, or a Dask cluster; both through joblib."""
+"""Where trials run: worker processes of this machine, or a Dask cluster; both through what joblib has."""
 
 import contextlib
+import itertools
 import os
 import shutil
 import signal
+import time
 import warnings
 from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Protocol
 
-import joblib
-
 # private to joblib, which pyproject.toml bounds for it
+from joblib._parallel_backends import LokyBackend
+from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from midnet_bench.campaign.trial import RunTrial, TrialSpec
@@ -20,6 +23,8 @@ from midnet_bench.campaign.worker import Outcome, attempt, marked, prepare_worke
 from midnet_bench.errors import InputError, nearest_name
 
 BACKENDS = ("loky", "dask")
+IDLE_S = 300.0
+"""after so long without a trial a worker ends; the next campaign of this process finds it before that"""
 
 
 class WorkersLost(Exception):
@@ -76,27 +81,42 @@ class LokyPool:
         """See :meth:`Pool.outcomes`."""
         shutil.rmtree(self._marks, ignore_errors=True)  # of a process that was killed
         self._marks.mkdir(parents=True)
-        # One at a time means two processes of which one waits: given n_jobs=1, joblib would run the
-        # trials inside this process, where a crash ends the campaign.
-        one_at_a_time = one_at_a_time or self._jobs == 1
-        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-            parallel = joblib.Parallel(
-                n_jobs=max(2, self._jobs),
-                pre_dispatch=1 if one_at_a_time else "2 * n_jobs",
-                batch_size=1,
-                return_as="generator_unordered",
-                initializer=prepare_worker,
-                initargs=(os.getpid(),),
-            )
-            tasks = (joblib.delayed(attempt)(run_trial, spec, limit_s, self._marks) for spec in specs)
-            try:
-                with _interrupts_held_back():
-                    outcomes = parallel(tasks)  # starts the workers
-                yield from abandoning_quietly(outcomes)
-            except BrokenProcessPool as error:
-                raise WorkersLost(str(error).splitlines()[0], marked(self._marks)) from error
-            finally:
-                shutil.rmtree(self._marks, ignore_errors=True)
+        workers = 1 if one_at_a_time else min(self._jobs, len(specs))
+        # not joblib.Parallel: for one job it would run the trials inside this process, where a crash ends
+        # the campaign
+        executor = get_reusable_executor(
+            workers,
+            timeout=IDLE_S,
+            initializer=prepare_worker,
+            initargs=(os.getpid(),),
+            env=dict.fromkeys(LokyBackend.MAX_NUM_THREADS_VARS, "1"),
+        )
+        remaining = iter(specs)
+        running: set[Future[Outcome]] = set()
+
+        def submit(count: int) -> None:
+            for spec in itertools.islice(remaining, count):
+                running.add(executor.submit(attempt, run_trial, spec, limit_s, self._marks))
+
+        try:
+            with _interrupts_held_back():
+                submit(1 if one_at_a_time else 2 * workers)  # starts the workers
+            while running:
+                done, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in done:
+                    outcome = future.result()
+                    running.remove(future)
+                    yield outcome
+                submit(len(done))
+        except BrokenProcessPool as error:
+            raise WorkersLost(str(error).splitlines()[0], marked(self._marks)) from error
+        finally:
+            if running:  # given up
+                # loky stumbles over a shutdown if it has yet to take in what was submitted
+                while any(not (future.running() or future.done()) for future in running):
+                    time.sleep(0.001)
+                executor.shutdown(kill_workers=True)
+            shutil.rmtree(self._marks, ignore_errors=True)
 
     def close(self) -> None:
         """Nothing to let go of: idle workers end with this process."""

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, get_type_hints
 
 import typer
+from typer.core import TyperGroup
 
 from midnet_bench import __version__
 from midnet_bench.cli import messages, options
@@ -20,21 +21,36 @@ READER_GONE = 141
 """exit code of a program whose reader has closed the pipe, as a shell reports it"""
 CANNOT_WRITE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
+
+class Commands(TyperGroup):
+    """Lists the commands under their headings. Typer does so itself by rich, whose import takes longer."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write a section for each heading, in the order of the commands."""
+        sections: dict[str, list[tuple[str, str]]] = {}
+        for name, found in self.commands.items():
+            heading = getattr(found, "rich_help_panel", None) or "Commands"
+            sections.setdefault(heading, []).append((name, found.short_help or ""))
+        width = max(map(len, self.commands))
+        for heading, rows in sections.items():
+            with formatter.section(heading):
+                formatter.write_dl([(f"{name:{width}}", text) for name, text in rows])
+
+
 app = typer.Typer(
     name="midnet-bench",
+    cls=Commands,
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
-    rich_markup_mode="rich",
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
     help="""How well does a team of LiDAR robots guard a building?
 
-    [bold]midnet-bench detection[/bold]  prints the paper's detection table, in about a minute.
-
-    [bold]midnet-bench labyrinth[/bold]  runs the paper's 500 labyrinth trials; run it again to continue.
-
-    [bold]midnet-bench render[/bold]  draws one trial: pictures and a film.
-
-    [bold]midnet-bench COMMAND -h[/bold]  explains a command, with an example.
+    \b
+    midnet-bench detection  prints the paper's detection table, in about a minute.
+    midnet-bench labyrinth  runs the paper's 500 labyrinth trials; again, it continues.
+    midnet-bench render     draws one trial: pictures and a film.
+    midnet-bench COMMAND -h explains a command, with an example.
     """,
 )
 
@@ -53,15 +69,14 @@ def command(
     """
 
     def register(function: Callable[..., None]) -> Callable[..., None]:
-        # one line a paragraph: rich keeps the line breaks that it is given
         paragraphs = [
             " ".join(part.split()) for part in inspect.cleandoc(function.__doc__ or "").split("\n\n")
         ]
         app.command(
             name,
             rich_help_panel=panel,
-            help="\n\n".join((f"[bold]$ {example}[/bold]", *paragraphs)),
-            short_help=paragraphs[0],  # what the list of commands shows
+            help="\n\n".join((f"$ {example}", *paragraphs)),
+            short_help=paragraphs[0],  # what the list of commands shows, under the heading
         )(_with_flat_options(function))
         return function
 

@@ -131,11 +131,14 @@ def compare(
         messages.tell_where(output)
 
 
-def present(directory: Path, as_json: bool) -> bool:
-    """Write a campaign's CSV files, tables and figures, and print the tables; whether any trial finished."""
+def present(directory: Path, as_json: bool, drawn_from: int = 1) -> bool:
+    """Write a campaign's CSV files, tables and figures, and print the tables; whether any trial finished.
+
+    Figures are drawn from ``drawn_from`` finished trials on.
+    """
     from midnet_bench.workflows.report import printed, write_report
 
-    results, tables = write_report(directory)
+    results, tables = write_report(directory, drawn_from)
     name = results.definition.experiment
     if results.finished or as_json:
         show(name, tables if as_json else printed(results, tables), as_json)

@@ -17,10 +17,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def write_report(directory: str | Path) -> tuple[Results, list[Table]]:
+def write_report(directory: str | Path, drawn_from: int = 1) -> tuple[Results, list[Table]]:
     """Write CSV files, tables, figures, configuration and provenance into a campaign's folder.
 
     Without a store the tables and figures are made of the CSV files that are there.
+
+    Args:
+        directory: of the campaign.
+        drawn_from: how many trials have to be finished for figures to be drawn.
 
     Returns:
         The results, and every table of the experiment; :func:`printed` are those for a terminal.
@@ -39,7 +43,8 @@ def write_report(directory: str | Path) -> tuple[Results, list[Table]]:
     tables = list(record.tables(results))
     for table in tables:
         table.write(directory)
-    _write_figures(record.figures(results), directory)
+    if results.finished >= drawn_from:
+        _write_figures(record.figures(results), directory)
     return results, tables
 
 

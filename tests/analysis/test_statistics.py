@@ -1,10 +1,13 @@
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
+from midnet_bench.analysis import statistics
 from midnet_bench.analysis.statistics import Estimate, mean, paired_difference, ratio_of_sums, wilson
 
 
@@ -66,6 +69,34 @@ def test_bootstrap_of_two_trials_by_hand() -> None:
     # resamples of (0, 1) have the mean 0, 1/2 or 1 with probability 1/4, 1/2 and 1/4
     assert mean([0.0, 1.0], generator(), confidence=0.6)[:3] == (0.5, 0.0, 1.0)
     assert mean([0.0, 1.0], generator(), confidence=0.4)[:3] == (0.5, 0.5, 0.5)
+
+
+@pytest.mark.parametrize("n", [2, 3, 20, 501])
+def test_intervals_are_scipys_to_the_last_bit(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the resamples are drawn in blocks that do not divide their number."""
+    monkeypatch.setattr(statistics, "BLOCK", 7 * n + 1)
+    rng = np.random.default_rng(n)
+    values, below = rng.normal(50.0, 20.0, n), rng.integers(1, 9, n).astype(float)
+    options = {"n_resamples": statistics.RESAMPLES, "paired": True, "method": "percentile"}
+    for ours, samples, statistic in (
+        (mean(values.tolist(), generator()), (values,), np.mean),
+        (
+            ratio_of_sums(values.tolist(), below.tolist(), generator()),
+            (values, below),
+            lambda a, b, axis: a.sum(axis=axis) / b.sum(axis=axis),
+        ),
+    ):
+        scipys = stats.bootstrap(samples, statistic, rng=generator(), **options).confidence_interval
+        assert (ours.low, ours.high) == (scipys.low, scipys.high)
+
+
+def test_many_trials_take_little_memory() -> None:
+    values = np.random.default_rng(1).normal(size=20_000).tolist()
+    tracemalloc.start()
+    mean(values, generator())
+    _, peak_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak_bytes < 5e6  # at once it would be 160 MB of a tenth of the resamples
 
 
 def test_same_generator_gives_the_same_interval() -> None:

@@ -22,7 +22,7 @@ from midnet_bench.campaign.store import StoredTrial, open_store
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import InputError
 from tests.campaign import coin_experiments as coins
-from tests.campaign.campaign_process import REPOSITORY, exported
+from tests.campaign.campaign_process import REPOSITORY, environment, exported
 
 GRID = {"coins": [1, 2, 3], "table": ["wood", "glass"]}
 
@@ -91,6 +91,38 @@ def test_one_worker_and_two_give_the_same_bytes(tmp_path: Path) -> None:
     assert listener.begun == [(18, 0)]
     assert len(listener.outcomes) == 18
     assert listener.ended == 1
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc to find the workers")
+def test_as_many_workers_are_started_as_there_is_work_for(tmp_path: Path) -> None:
+    """One job or one trial is one worker. A program of its own, for this one's workers stay."""
+    program = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from midnet_bench.campaign.definition import Campaign, resolve\n"
+        "from midnet_bench.campaign.progress import Progress\n"
+        "from midnet_bench.campaign.runner import run_campaign\n"
+        "from tests.campaign import coin_experiments as coins\n"
+        "class Counting(Progress):\n"
+        "    def advance(self, outcome):\n"
+        "        lines = [task.read_text() for task in Path('/proc/self/task').glob('*/children')]\n"
+        "        children = ' '.join(lines).split()\n"
+        "        commands = [Path('/proc', pid, 'cmdline').read_text() for pid in children]\n"
+        "        found.append(sum('popen_loky' in command for command in commands))\n"
+        "for trials, jobs in ((3, 1), (1, 2), (4, 2)):\n"
+        "    found = []\n"
+        "    campaign = resolve(Campaign(experiment='coins', trials=trials), coins)\n"
+        "    run_campaign(campaign, Path(sys.argv[1]) / f'{trials}', jobs=jobs, progress=Counting())\n"
+        "    print(*found)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment(),
+    )
+    assert done.stdout.splitlines() == ["1 1 1", "1", "2 2 2 2"]
 
 
 def test_another_seed_gives_other_bytes(tmp_path: Path) -> None:

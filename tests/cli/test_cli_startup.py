@@ -1,0 +1,60 @@
+"""What commands import: start-up is mostly imports, and a short command should not wait for them."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from tests.cli.command import REPOSITORY
+from tests.stores import labyrinth_store
+
+
+def loaded(program: str, *arguments: object) -> set[str]:
+    """The modules that a program of its own has imported by its end."""
+    code = f"import sys\n{program}\nprint('modules', *sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        cwd=REPOSITORY,
+    )
+    return set(done.stdout.splitlines()[-1].split()[1:])
+
+
+def test_help_needs_little_more_than_typer() -> None:
+    found = loaded(
+        "sys.argv = ['midnet-bench', '--help']\n"
+        "from midnet_bench.cli import main\n"
+        "try:\n    main()\nexcept SystemExit as leaving:\n    assert leaving.code == 0"
+    )
+    heavy = {
+        "rich",
+        "numpy",
+        "pydantic",
+        "yaml",
+        "pandas",
+        "scipy",
+        "matplotlib",
+        "numba",
+        "joblib",
+        "sqlite3",
+    }
+    assert "typer" in found
+    assert not found & heavy
+
+
+def test_the_tables_of_a_single_trial_need_no_statistics_and_no_plotting(tmp_path: Path) -> None:
+    grid = {"intruders": [1], "robots": [1]}
+    labyrinth_store(tmp_path / "campaign.sqlite", lambda k, q, seed: k, seeds=1, grid=grid).close()
+    found = loaded(
+        "from pathlib import Path\n"
+        "from midnet_bench.cli.reports import present\n"
+        "assert present(Path(sys.argv[1]), False, drawn_from=2)",
+        tmp_path,
+    )
+    assert "pandas" in found
+    assert not found & {"scipy", "matplotlib", "numba", "pybullet"}
+    assert (tmp_path / "success_rate.csv").exists()
+    assert not (tmp_path / "success_rate.png").exists()
