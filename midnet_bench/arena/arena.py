@@ -1,5 +1,6 @@
 """``Arena``: what a YAML file says about a place to guard, checked."""
 
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -9,7 +10,7 @@ from pydantic import Field, field_validator
 from midnet_bench.arena.solids import Solid, gap_m
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Pose2D
-from midnet_bench.io.checked_yaml import Spec, parse, read_yaml
+from midnet_bench.io.checked_yaml import Spec, parse, parsed_yaml, read_text
 
 FOLDER = Path(__file__).parent / "arenas"
 
@@ -132,7 +133,13 @@ def load_arena(name_or_path: str | Path) -> Arena:
         hint = nearest_name(text, arena_names())
         raise InputError(f"no arena is called {text!r}{hint} (or give the path of a .yaml file)")
     path = Path(name_or_path) if is_path else FOLDER / f"{text}.yaml"
-    return checked_arena(read_yaml(path), text)
+    return _written_arena(read_text(path), str(path), text)
+
+
+@lru_cache(maxsize=16)
+def _written_arena(yaml: str, path: str, source: str) -> Arena:
+    """The arena that a file's text describes; every trial asks for it twice, and arenas are never changed."""
+    return checked_arena(parsed_yaml(yaml, path), source)
 
 
 def checked_arena(values: Any, source: str) -> Arena:

@@ -2,8 +2,10 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
+import numpy.typing as npt
 
 from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.solids import Solid
@@ -20,6 +22,11 @@ class FreeSpace:
     grid: OccupancyGrid
     """bool (rows, columns) over the plane, map frame: True where a centre may be"""
 
+    @cached_property
+    def _cells(self) -> tuple[npt.NDArray[np.int64], ...]:
+        """Rows and columns of the free cells, (n,) each."""
+        return np.nonzero(self.grid.data)
+
     def contains(self, x: float, y: float) -> bool:
         """Whether the cell that holds (x, y) is free."""
         column, row = self.grid.cell_at(x, y)
@@ -35,7 +42,7 @@ class FreeSpace:
 
         Takes one number from ``rng``. Raises InputError when there is no such cell.
         """
-        rows, columns = np.nonzero(self.grid.data)
+        rows, columns = self._cells
         if away_from is not None:
             x, y = self.grid.x_centers[columns], self.grid.y_centers[rows]
             far = np.hypot(x - away_from[0], y - away_from[1]) >= at_least_m
@@ -69,9 +76,29 @@ def free_space(arena: Arena, clearance_m: float, obstacles: tuple[Solid, ...] = 
 
 def cells_near(arena: Arena, solids: tuple[Solid, ...], distance_m: float) -> OccupancyGrid:
     """A bool grid over the plane: True where a cell's centre is closer than ``distance_m`` to a solid."""
-    columns, rows = (math.ceil(side / RESOLUTION_M - 1e-9) for side in arena.plane_m)
+    walls = arena.wall_solids()
+    if solids[: len(walls)] != walls:
+        return _marked(_empty(arena.plane_m), solids, distance_m)
+    near = _near_walls(arena.plane_m, walls, distance_m)
+    return _marked(near.with_data(near.data.copy()), solids[len(walls) :], distance_m)
+
+
+@lru_cache(maxsize=16)
+def _near_walls(plane_m: tuple[float, float], walls: tuple[Solid, ...], distance_m: float) -> OccupancyGrid:
+    """What walls alone give: the same in every trial in one arena."""
+    near = _marked(_empty(plane_m), walls, distance_m)
+    near.data.flags.writeable = False
+    return near
+
+
+def _empty(plane_m: tuple[float, float]) -> OccupancyGrid:
+    columns, rows = (math.ceil(side / RESOLUTION_M - 1e-9) for side in plane_m)
     origin = (-columns * RESOLUTION_M / 2.0, -rows * RESOLUTION_M / 2.0)
-    near = OccupancyGrid(np.zeros((rows, columns), dtype=np.bool_), RESOLUTION_M, origin)
+    return OccupancyGrid(np.zeros((rows, columns), dtype=np.bool_), RESOLUTION_M, origin)
+
+
+def _marked(near: OccupancyGrid, solids: tuple[Solid, ...], distance_m: float) -> OccupancyGrid:
+    """``near`` itself, the cells near ``solids`` set."""
     x, y = near.x_centers, near.y_centers
     for solid in solids:
         box = solid.bounding_box()

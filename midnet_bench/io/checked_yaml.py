@@ -98,8 +98,13 @@ def load_yaml(text: str, source: str) -> Any:
 
 def read_yaml(path: Path) -> Any:
     """What a YAML file says. Raises InputError naming the file when it cannot be read or parsed."""
+    return parsed_yaml(read_text(path), str(path))
+
+
+def read_text(path: Path) -> str:
+    """A YAML file's text, not parsed. Raises InputError naming the file when it cannot be read."""
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
         where = "" if path.is_absolute() else "; the path starts from the working folder"
         raise InputError(f"{path}: cannot be read: {error.strerror}{where}") from error
@@ -111,9 +116,13 @@ def read_yaml(path: Path) -> Any:
         raise InputError(f"{path}: cannot be read: {what}") from error
     except ValueError as error:
         raise InputError(f"{str(path)!r}: cannot be read: no file can have this name") from error
-    values = load_yaml(text, str(path))
+
+
+def parsed_yaml(text: str, source: str) -> Any:
+    """As ``load_yaml``; a text that says nothing is a fault too."""
+    values = load_yaml(text, source)
     if values is None:
-        raise InputError(f"{path}: (top level): the file is empty")
+        raise InputError(f"{source}: (top level): the file is empty")
     return values
 
 

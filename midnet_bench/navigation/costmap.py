@@ -4,6 +4,7 @@ Costs and their published values first, then the layers and the costmaps, last t
 """
 
 import math
+from functools import lru_cache
 from typing import TypeVar
 
 import cv2
@@ -309,8 +310,9 @@ class GlobalCostmap:
         x, y = self.layer.to_cells(*static_map.origin)
         column, row = self.layer.column + round(x), self.layer.row + round(y)
         self.layer.move_to(column, row, static_map.width, static_map.height)
-        self.static = static_layer(static_map, self.settings.track_unknown)
-        self.static_costs = self._inflation(self.static)
+        self.static, self.static_costs = _static_costs(
+            _int8(static_map).tobytes(), static_map.data.shape, self.settings
+        )
         """what the costs would be without any obstacle layer"""
         self._costs = self.static_costs.copy()
         self._touched = (0, 0, static_map.width, static_map.height)
@@ -386,13 +388,27 @@ def static_layer(static_map: OccupancyGrid, track_unknown: bool) -> Cells:
     ``track_unknown`` serves all layers, where costmap_2d has one per layer and lets an obstacle layer that
     does not track wipe out the static layer's unknown cells.
     """
-    values = static_map.data
-    if values.dtype != np.int8:
-        raise ValueError(f"a static map holds int8 occupancy (-1 to 100), got {values.dtype}")
+    values = _int8(static_map)
     layer = np.where(values >= OCCUPIED, np.uint8(LETHAL), np.uint8(FREE_SPACE))
     if track_unknown:
         layer[values < 0] = NO_INFORMATION
     return layer
+
+
+def _int8(static_map: OccupancyGrid) -> npt.NDArray[np.int8]:
+    if static_map.data.dtype != np.int8:
+        raise ValueError(f"a static map holds int8 occupancy (-1 to 100), got {static_map.data.dtype}")
+    return static_map.data
+
+
+@lru_cache(maxsize=8)
+def _static_costs(cells: bytes, shape: tuple[int, int], settings: CostmapSettings) -> tuple[Cells, Cells]:
+    """Two of ``shape``, read-only: a map's static layer and its inflation, the same for a whole team."""
+    data = np.frombuffer(cells, dtype=np.int8).reshape(shape)
+    layer = static_layer(OccupancyGrid(data, settings.resolution, (0.0, 0.0)), settings.track_unknown)
+    costs = _Inflation(settings)(layer)
+    layer.flags.writeable = costs.flags.writeable = False
+    return layer, costs
 
 
 def static_costs(static_map: OccupancyGrid, settings: CostmapSettings) -> OccupancyGrid:

@@ -52,6 +52,10 @@ class GuardedArena(RobotTrial):
         self.detector, *self.variant_detectors = (
             DetectorNode(each, self.prior_map, parameters.robots) for each in (parameters, *variants)
         )
+        self._guard_navigator, self._intruder_navigator = (
+            parameters.guard_navigator,
+            parameters.intruder_navigator,
+        )
         self.guards = [self._make_guard(i, pose) for i, pose in enumerate(self.layout.robots)]
         first = len(self.guards)
         self.intruders = [
@@ -110,7 +114,7 @@ class GuardedArena(RobotTrial):
             index,
             f"guard {index + 1}",
             start,
-            Navigator(self.prior_map, self.parameters.guard_navigator),
+            Navigator(self.prior_map, self._guard_navigator),
             self._ukf(start),
             self.next_patrol_point,
             self.parameters.goals.timeout_s,
@@ -123,7 +127,7 @@ class GuardedArena(RobotTrial):
             index,
             f"intruder {index - len(self.guards) + 1}",
             start,
-            Navigator(self.prior_map, self.parameters.intruder_navigator),
+            Navigator(self.prior_map, self._intruder_navigator),
             self._ukf(start),
             lambda robot: None,
             self.parameters.goals.timeout_s,

@@ -9,6 +9,7 @@ import base64
 import hashlib
 import json
 import zlib
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -41,8 +42,11 @@ def inline_arena(value: str) -> str:
 
 def arena_from(value: str) -> Arena:
     """The arena that ``inline_arena`` wrote down. Raises InputError."""
-    if not value.startswith("{"):
-        return load_arena(value)
+    return _arena_of_text(value) if value.startswith("{") else load_arena(value)
+
+
+@lru_cache(maxsize=16)
+def _arena_of_text(value: str) -> Arena:
     source = repr(value[:SHOWN])
     try:
         return checked_arena(json.loads(value), source)
@@ -124,11 +128,17 @@ def _check_covers(grid: OccupancyGrid, arena: Arena) -> None:
 def _named_explored(value: str, arena: str) -> str:
     """``explored:ARENA:DIGEST`` of the package's map; the same again if ``value`` is that already."""
     grid = _explored(arena)
-    place = repr((grid.resolution, grid.origin, grid.data.shape)).encode()
-    name = f"{EXPLORED}:{arena}:{hashlib.sha256(place + grid.data.tobytes()).hexdigest()[:8]}"
+    name = f"{EXPLORED}:{arena}:{_digest(grid)}"
     if value not in (EXPLORED, name):
         raise InputError(f"prior_map: '{value}' is not the map that this version has, '{name}'")
     return name
+
+
+@lru_cache(maxsize=16)
+def _digest(grid: OccupancyGrid) -> str:
+    """Of one of the package's maps, which cannot be written to."""
+    place = repr((grid.resolution, grid.origin, grid.data.shape)).encode()
+    return hashlib.sha256(place + grid.data.tobytes()).hexdigest()[:8]
 
 
 def _explored(arena: str) -> OccupancyGrid:
