@@ -1,14 +1,16 @@
 """``Results``: a campaign's definition, provenance and tables as pandas data frames.
 
 They come from a store, or, where there is none, from the files that a report writes: ``configuration.json``,
-``provenance.json`` and a CSV file for each table of the trials, which may be compressed (``.csv.gz``). Both
-ways end in one reader of CSV text, so the data frames are the same.
+``provenance.json`` and a CSV file for each table of the trials, which may be compressed (``.csv.gz``). A
+store is written out as such files first, so the data frames are the same.
 """
 
 import csv
 import gzip
-import io
 import json
+import shutil
+import tempfile
+import weakref
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -19,9 +21,9 @@ from typing import Any
 import pandas as pd
 
 from midnet_bench.campaign.definition import Definition
-from midnet_bench.campaign.export import FAILURES, TIMING, cell_text, csv_text, tables_of
+from midnet_bench.campaign.export import FAILURES, TIMING, cell_text, export_csv
 from midnet_bench.campaign.provenance import Provenance
-from midnet_bench.campaign.store import FILE_NAME, open_store
+from midnet_bench.campaign.store import FILE_NAME, Store, open_store
 from midnet_bench.campaign.trial import Row
 from midnet_bench.errors import InputError
 
@@ -120,12 +122,31 @@ def load_results(directory: str | Path) -> Results:
 
 
 def _from_store(directory: Path) -> Results:
-    with open_store(directory / FILE_NAME) as store:
-        definition, runs, tables = store.definition, store.runs(), tables_of(store)
-    source = str(directory / FILE_NAME)
-    stored = {name: _Rows(rows, definition, source) for name, rows in tables.items()}
-    timing, failures = stored.pop(TIMING, None), stored.pop(FAILURES, None)
-    return _results(directory, definition, runs, stored, timing, failures)
+    folder = Path(tempfile.mkdtemp(prefix="midnet-bench-"))
+    try:
+        with open_store(directory / FILE_NAME) as store:
+            results = results_of(store, directory, folder)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    weakref.finalize(results.tables, shutil.rmtree, folder, ignore_errors=True)
+    return results
+
+
+def results_of(store: Store, directory: Path, folder: Path) -> Results:
+    """The results in a store.
+
+    Args:
+        store: open; it is no longer needed afterwards.
+        directory: where the store is.
+        folder: the CSV files of the trials' tables are written here, and read from here when they are asked
+            for.
+
+    Raises:
+        InputError: a trial is damaged, or the folder cannot be written.
+    """
+    files = {path.stem: _File(path, store.definition) for path in export_csv(store, folder)}
+    return _results(directory, store.definition, store.runs(), files)
 
 
 def _from_files(directory: Path) -> Results:
@@ -140,26 +161,22 @@ def _from_files(directory: Path) -> Results:
         for ending in ENDINGS
         if path.name.endswith(ending)
     }
-    timing, failures = files.pop(TIMING, None), files.pop(FAILURES, None)
     # tables made of the trials' tables stand beside them and begin otherwise
     tables = {name: file for name, file in files.items() if file.columns[: len(place)] == place}
-    return _results(directory, definition, _provenance(directory / PROVENANCE), tables, timing, failures)
+    about_trials = {name: files[name] for name in (TIMING, FAILURES) if name in files}
+    return _results(directory, definition, _provenance(directory / PROVENANCE), tables | about_trials)
 
 
 def _results(
-    directory: Path,
-    definition: Definition,
-    provenance: list[Provenance],
-    tables: "Mapping[str, _Rows | _File]",
-    timing: "_Rows | _File | None",
-    failures: "_Rows | _File | None",
+    directory: Path, definition: Definition, provenance: list[Provenance], files: "dict[str, _File]"
 ) -> Results:
+    timing, failures = (files.pop(name, None) for name in (TIMING, FAILURES))
     empty = pd.DataFrame()
     return Results(
         directory,
         definition,
         provenance,
-        _Lazily(tables),
+        _Lazily(files),
         empty if timing is None else timing.frame,
         empty if failures is None else failures.frame,
     )
@@ -171,20 +188,6 @@ def _provenance(path: Path) -> list[Provenance]:
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
     return list(runs) if isinstance(runs, list) else [runs]
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """A table as the store has it."""
-
-    rows: list[Row]
-    definition: Definition
-    source: str
-
-    @cached_property
-    def frame(self) -> pd.DataFrame:
-        """The data frame. Raises InputError if the rows are no table of this campaign."""
-        return _frame(csv_text(self.rows), self.definition, self.source)
 
 
 @dataclass(frozen=True)
@@ -206,51 +209,49 @@ class _File:
 
     @cached_property
     def frame(self) -> pd.DataFrame:
-        """The data frame. Raises InputError if the file is damaged or no table of this campaign."""
+        """The data frame, whose factors of the grid have the grid's values; CSV does not keep their types.
+
+        Raises:
+            InputError: the file is damaged or no table of this campaign.
+        """
+        grid = self.definition.grid
         try:
-            packed = self.path.read_bytes()
-            text = (gzip.decompress(packed) if self.path.suffix == ".gz" else packed).decode()
-        except (OSError, EOFError, ValueError, zlib.error) as error:
+            frame = pd.read_csv(
+                self.path,
+                dtype=dict.fromkeys(grid, "category"),
+                keep_default_na=False,
+                na_values=[""],
+                **_EXACTLY,
+            )
+        except pd.errors.EmptyDataError:
+            return pd.DataFrame()
+        except (OSError, EOFError, ValueError, zlib.error) as error:  # pandas' own errors are among them
             raise InputError(f"{self.path}: cannot be read: {error}") from error
-        return _frame(text, self.definition, str(self.path))
+        for factor, values in grid.items():
+            if factor not in frame:
+                raise InputError(f"{self.path}: the column '{factor}' is missing, a factor of the grid")
+            by_text = {cell_text(value): value for value in values}
+            codes = frame[factor].cat.codes.to_numpy()
+            texts = [str(text) for text in frame[factor].cat.categories] + [""] * bool((codes < 0).any())
+            if unknown := [text for text in texts if text not in by_text]:
+                raise InputError(f"{self.path}: {factor}: '{unknown[0][:60]}' is no value of the grid")
+            present = pd.Series([by_text[text] for text in texts])
+            # an empty cell has the code -1, which takes the last one
+            frame[factor] = present.take(codes % len(texts)).set_axis(frame.index)
+        return frame
 
 
 class _Lazily(Mapping[str, pd.DataFrame]):
     """Data frames that are read when they are asked for."""
 
-    def __init__(self, sources: Mapping[str, _Rows | _File]) -> None:
-        self._sources = sources
+    def __init__(self, files: Mapping[str, _File]) -> None:
+        self._files = files
 
     def __getitem__(self, name: str) -> pd.DataFrame:
-        return self._sources[name].frame
+        return self._files[name].frame
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._sources)
+        return iter(self._files)
 
     def __len__(self) -> int:
-        return len(self._sources)
-
-
-def _frame(text: str, definition: Definition, source: str) -> pd.DataFrame:
-    """CSV text as a data frame; factors of the grid have the grid's values, whose types CSV does not keep."""
-    if not text.strip():
-        return pd.DataFrame()
-    try:
-        frame = pd.read_csv(
-            io.StringIO(text),
-            dtype=dict.fromkeys(definition.grid, str),
-            keep_default_na=False,
-            na_values=[""],
-            **_EXACTLY,
-        )
-    except ValueError as error:  # pandas' own errors are among them
-        raise InputError(f"{source}: cannot be read: {error}") from error
-    for factor, values in definition.grid.items():
-        if factor not in frame:
-            raise InputError(f"{source}: the column '{factor}' is missing, a factor of the grid")
-        by_text = {cell_text(value): value for value in values}
-        texts = frame[factor].fillna("")
-        if unknown := [text for text in texts.unique() if text not in by_text]:
-            raise InputError(f"{source}: {factor}: '{unknown[0][:60]}' is no value of the grid")
-        frame[factor] = pd.Series([by_text[text] for text in texts], index=frame.index)
-    return frame
+        return len(self._files)

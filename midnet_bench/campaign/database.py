@@ -8,15 +8,16 @@ half-written, in one file that can be copied as it is.
 import contextlib
 import sqlite3
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from midnet_bench.campaign.rows import keep_parameters_by_cell
 from midnet_bench.errors import InputError, MidnetBenchError
 
 APPLICATION_ID = 0x4D49444E
 """``MIDN``: how SQLite marks whose file it is"""
 
-MIGRATIONS: list[tuple[str, ...]] = [
+MIGRATIONS: list[tuple[str | Callable[[sqlite3.Connection], None], ...]] = [
     (
         "CREATE TABLE campaign (definition TEXT NOT NULL)",
         """CREATE TABLE runs (
@@ -37,6 +38,7 @@ MIGRATIONS: list[tuple[str, ...]] = [
             result BLOB CHECK ((result IS NOT NULL) = (status = 'finished'))
         )""",
     ),
+    (keep_parameters_by_cell,),
 ]
 """Entry k turns schema version k into k + 1; version 0 is the empty file. Append, never edit."""
 
@@ -74,9 +76,21 @@ def open_existing(path: Path) -> sqlite3.Connection:
             _check(connection, path)
             version = int(_pragma(connection, "user_version"))
             if version < len(MIGRATIONS):
-                with transaction(connection):
-                    _migrate(connection, version)
+                try:
+                    with transaction(connection):
+                        _migrate(connection, version)
+                except ValueError as error:
+                    raise unknown_campaign(path) from error
+                with contextlib.suppress(sqlite3.OperationalError):  # no room to make the file smaller
+                    connection.execute("VACUUM")
     return connection
+
+
+def unknown_campaign(path: Path) -> InputError:
+    """What to raise when the definition in the store at ``path`` is damaged."""
+    return InputError(
+        f"{path}: damaged (which campaign it holds cannot be read); move it away, or --fresh to start over"
+    )
 
 
 def _check(connection: sqlite3.Connection, path: Path) -> None:
@@ -129,9 +143,12 @@ def _pragma(connection: sqlite3.Connection, name: str) -> int | str:
 
 def _migrate(connection: sqlite3.Connection, version: int) -> None:
     """Brings a schema of ``version`` to the present one; the caller holds the transaction."""
-    for statements in MIGRATIONS[version:]:
-        for statement in statements:
-            connection.execute(statement)
+    for steps in MIGRATIONS[version:]:
+        for step in steps:
+            if callable(step):
+                step(connection)
+            else:
+                connection.execute(step)
     connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
     connection.execute(f"PRAGMA user_version = {len(MIGRATIONS)}")
 

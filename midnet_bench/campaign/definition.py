@@ -10,13 +10,13 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Protocol
 
 from pydantic import Field, PrivateAttr, Strict, TypeAdapter, field_validator
 
-from midnet_bench.campaign.trial import RunTrial, Scalar, TrialResult, TrialSpec
+from midnet_bench.campaign.trial import Cell, RunTrial, Scalar, TrialResult, TrialSpec
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.checked_yaml import Spec, load_yaml, parse, read_yaml
 from midnet_bench.io.parameters import Parameters
@@ -139,6 +139,17 @@ class ResolvedCampaign:
     experiment_file: Path | None
     """where the experiment is, if it is in a file that the campaign refers to"""
 
+    @cached_property
+    def numbered_cells(self) -> list[Cell]:
+        """The cells with the numbers that a store knows them by."""
+        return [Cell(self.definition.experiment, parameters) for parameters in self.cells]
+
+    @property
+    def seeds(self) -> range:
+        """The seeds of each cell's trials."""
+        first = self.definition.base_seed
+        return range(first, first + self.definition.trials)
+
     def trials(self) -> Iterator[TrialSpec]:
         """Every trial, seed by seed, so that an interrupted campaign has visited all cells about equally.
 
@@ -146,8 +157,7 @@ class ResolvedCampaign:
         random numbers, item 71), because a trial draws its world from its seed and from named axes that
         leave team size and readings out.
         """
-        first = self.definition.base_seed
-        for seed in range(first, first + self.definition.trials):
+        for seed in self.seeds:
             for parameters in self.cells:
                 yield TrialSpec(self.definition.experiment, parameters, seed)
 

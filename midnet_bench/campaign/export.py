@@ -1,13 +1,15 @@
 """Tidy CSV files from a store alone: the same trials give the same bytes, whenever and wherever they ran."""
 
+import contextlib
 import csv
 import io
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from midnet_bench.campaign.store import Store
 from midnet_bench.campaign.trial import Row, Scalar
-from midnet_bench.io.files import write_atomically
+from midnet_bench.io.files import draft_of
 
 TIMING = "timing"
 FAILURES = "failures"
@@ -18,44 +20,94 @@ def export_csv(store: Store, directory: Path) -> list[Path]:
 
     Rows stand in the campaign's order (cells, then seeds, then the trial's own rows), led by the
     factors of the grid and the seed. ``timing.csv`` keeps wall times apart, because no two runs agree
-    on them. ``failures.csv`` names the trials that failed; it is there only if some did.
-    """
-    tables = tables_of(store)
-    written = []
-    for name, rows in tables.items():
-        written.append(directory / f"{name}.csv")
-        write_atomically(written[-1], csv_text(rows))
-    if FAILURES not in tables:
-        (directory / f"{FAILURES}.csv").unlink(missing_ok=True)
-    return written
-
-
-def tables_of(store: Store) -> dict[str, list[Row]]:
-    """The rows of all trials by table, as :func:`export_csv` writes them.
+    on them. ``failures.csv`` names the trials that failed; it is there only if some did. One trial is in
+    memory at a time, however many there are.
 
     Raises:
-        InputError: a trial is damaged.
+        InputError: a trial is damaged, or the folder cannot be written.
+        MidnetBenchError: there is no room.
     """
     definition = store.definition
-    tables: dict[str, list[Row]] = {TIMING: []}
-    for trial in store.trials():
-        place: Row = {**definition.cell_of(trial.parameters), "seed": trial.seed}
-        tables[TIMING].append(
-            {
-                **place,
+    with contextlib.ExitStack() as drafts:
+        tables: dict[str, _Growing] = {}
+
+        def table(name: str) -> "_Growing":
+            if name not in tables:
+                draft = drafts.enter_context(draft_of(directory / f"{name}.csv"))
+                tables[name] = drafts.enter_context(_Growing(draft))
+            return tables[name]
+
+        table(TIMING)
+        for trial in store.trials():
+            place: Row = {**definition.cell_of(trial.parameters), "seed": trial.seed}
+            timing: Row = {
                 "status": trial.status,
                 "wall_s": trial.wall_s,
                 "simulated_s": trial.simulated_s,
                 "finished_utc": trial.finished_utc,
             }
-        )
-        if trial.traceback is not None:
-            reason = trial.traceback.splitlines()[-1]
-            tables.setdefault(FAILURES, []).append({**place, "trial_id": trial.trial_id, "reason": reason})
-        else:
-            for name, rows in trial.tables.items():
-                tables.setdefault(name, []).extend({**place, **row} for row in rows)
-    return tables
+            table(TIMING).add(place, [timing])
+            if trial.traceback is not None:
+                reason = trial.traceback.splitlines()[-1]
+                table(FAILURES).add(place, [{"trial_id": trial.trial_id, "reason": reason}])
+            else:
+                for name, rows in trial.tables.items():
+                    table(name).add(place, rows)
+    if FAILURES not in tables:
+        (directory / f"{FAILURES}.csv").unlink(missing_ok=True)
+    return [directory / f"{name}.csv" for name in tables]
+
+
+class _Growing:
+    """A CSV file that is written row by row; a context manager. Its columns may become more on the way."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file = path.open("w", encoding="utf-8", newline="")
+        self._writer = csv.writer(self._file, lineterminator="\n")
+        self._columns: dict[str, None] = {}
+        self._columns_of_header: tuple[str, ...] | None = None
+
+    def add(self, place: Mapping[str, Scalar], rows: Iterable[Row]) -> None:
+        """Rows behind what they all begin with."""
+        for row in rows:
+            values = {**place, **row}
+            if tuple(values) != self._columns_of_header:
+                self._columns |= dict.fromkeys(values)
+                if self._columns_of_header is None:
+                    self._columns_of_header = tuple(values)
+                    self._writer.writerow(values)
+                values = {column: values.get(column) for column in self._columns}
+            # the writer leaves None empty, and writes floats as repr does
+            self._writer.writerow([None if value != value else value for value in values.values()])
+
+    def __enter__(self) -> "_Growing":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        with self._file:
+            if kind is None:
+                if not self._columns:
+                    self._writer.writerow([])
+                self._file.flush()
+                os.fsync(self._file.fileno())
+        if kind is None and len(self._columns) > len(self._columns_of_header or ()):
+            self._widen()
+
+    def _widen(self) -> None:
+        """Writes the file anew under all columns; rows that came before a column have an empty cell in it."""
+        with (
+            draft_of(self._path) as draft,
+            self._path.open(encoding="utf-8", newline="") as narrow,
+            draft.open("w", encoding="utf-8", newline="") as wide,
+        ):
+            writer = csv.writer(wide, lineterminator="\n")
+            writer.writerow(self._columns)
+            lines = csv.reader(narrow)
+            next(lines)
+            writer.writerows(line + [""] * (len(self._columns) - len(line)) for line in lines)
+            wide.flush()
+            os.fsync(wide.fileno())
 
 
 def csv_text(rows: Iterable[Row]) -> str:

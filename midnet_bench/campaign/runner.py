@@ -6,7 +6,7 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -86,19 +86,16 @@ def plan(
     """
     check_options(backend, jobs, scheduler)
     definition = campaign.definition
-    statuses: dict[str, str] = {}
+    finished = failed = 0
     measured_on, wall_s, size = 0, RULE_OF_THUMB_WALL_S, RULE_OF_THUMB_BYTES
     path = Path(directory) / stores.FILE_NAME
     if path.exists() and not fresh:
         with stores.open_store(path) as store:
             store.refuse_unless_extended_by(definition)
-            damaged = set(store.damaged().values())
-            statuses = {key: status for key, status in store.statuses().items() if key not in damaged}
-            if "finished" in statuses.values():
+            # a store holds no trials but those of the campaign that it was made for; this one extends that
+            finished, failed = store.inventory(campaign.numbered_cells).count()
+            if finished:
                 measured_on, wall_s, size = store.sizes()
-    # a store holds no trials but those of the campaign that it was made for, and this one extends that
-    stored = list(statuses.values())
-    finished, failed = stored.count("finished"), stored.count("failed")
     all_trials = _count(definition)
     to_run = all_trials - finished - (0 if retry_failed else failed)
     workers = min(jobs or joblib.cpu_count(), max(1, to_run))
@@ -150,16 +147,18 @@ def run_campaign(
         if fresh and (aside := stores.keep_aside(path)):
             progress.note(f"the old store is kept as {aside}")
         with stores.open_or_create(path, campaign.definition_in(directory)) as store:
-            _forget_damaged(store, progress)
-            missing = _missing(campaign, store, retry_failed)
+            store.write_cells(campaign.numbered_cells)
+            inventory = store.inventory()
+            _forget_damaged(store, inventory.damaged, progress)
+            missing = _missing(campaign, inventory, retry_failed)
             ran = len(missing)
             if missing:
                 _add_trials(store, pool, campaign, missing, progress)
-            statuses = list(store.statuses().values())
+            finished, failed = store.counts()
             return CampaignOutcome(
                 store=path,
-                finished=statuses.count("finished"),
-                failed=statuses.count("failed"),
+                finished=finished,
+                failed=failed,
                 unusable=_unusable(store),
                 ran=ran,
                 wall_s=time.perf_counter() - start_s,
@@ -189,7 +188,7 @@ def _add_trials(
             _run(pool, campaign.run_trial, missing, limit_s, keep, progress.note)
     except KeyboardInterrupt:
         raise Interrupted(
-            f"interrupted; {len(store.statuses())} of {total} trials are stored in {store.path}:"
+            f"interrupted; {sum(store.counts())} of {total} trials are stored in {store.path}:"
             " run the same command again to continue"
         ) from None
     finally:
@@ -197,21 +196,31 @@ def _add_trials(
     store.end_run(run_id)
 
 
-def _forget_damaged(store: stores.Store, progress: Progress) -> None:
+def _forget_damaged(store: stores.Store, damaged: Mapping[int, str], progress: Progress) -> None:
     """Makes trials that cannot be read any more count as not done, and says so."""
-    damaged = store.damaged()
     if damaged:
         store.forget(damaged)
         first, *others = damaged.values()
         more = f" and {len(others)} more" if others else ""
-        progress.note(f"{store.path}: damaged; what cannot be read is run again: trial {first}{more}")
+        progress.note(f"{store.path}: damaged; what cannot be read is run again: {first}{more}")
 
 
-def _missing(campaign: ResolvedCampaign, store: stores.Store, retry_failed: bool) -> dict[str, TrialSpec]:
-    statuses = store.statuses()
-    kept = ("finished",) if retry_failed else ("finished", "failed")
-    specs = ((spec.trial_id, spec) for spec in campaign.trials())
-    return {trial_id: spec for trial_id, spec in specs if statuses.get(trial_id) not in kept}
+def _missing(
+    campaign: ResolvedCampaign, inventory: stores.Inventory, retry_failed: bool
+) -> dict[str, TrialSpec]:
+    """Trial id -> what is to run, in the order of :meth:`ResolvedCampaign.trials`."""
+    nothing: set[int] = set()
+    done = [
+        inventory.finished.get(cell.number, nothing)
+        | (nothing if retry_failed else inventory.failed.get(cell.number, nothing))
+        for cell in campaign.numbered_cells
+    ]
+    return {
+        cell.trial_id(seed): TrialSpec(cell.experiment, cell.parameters, seed)
+        for seed in campaign.seeds
+        for cell, seeds in zip(campaign.numbered_cells, done, strict=True)
+        if seed not in seeds
+    }
 
 
 @contextlib.contextmanager

@@ -3,20 +3,23 @@
 import contextlib
 import json
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import cast
 
-from midnet_bench.campaign import database
+from midnet_bench.campaign import database, rows
 from midnet_bench.campaign.database import explained, transaction
 from midnet_bench.campaign.definition import Definition, differences
 from midnet_bench.campaign.provenance import Provenance, now_utc
-from midnet_bench.campaign.trial import Row, Scalar, TrialSpec
+from midnet_bench.campaign.trial import Cell, Row, Scalar, TrialSpec
 from midnet_bench.campaign.worker import Outcome, decode_tables
 from midnet_bench.errors import InputError
 
 FILE_NAME = "campaign.sqlite"
+ROWS_AT_ONCE = 500
+"""that are read by one statement"""
 
 
 @dataclass(frozen=True)
@@ -24,15 +27,28 @@ class StoredTrial:
     """One trial as the store keeps it."""
 
     store: Path
-    trial_id: str
+    cell: Cell
     seed: int
-    parameters: dict[str, Scalar]
-    status: str
     simulated_s: float | None
     wall_s: float
-    traceback: str | None
     finished_utc: str
+    traceback: str | None
     payload: bytes | None
+
+    @property
+    def trial_id(self) -> str:
+        """See :meth:`Cell.trial_id`."""
+        return self.cell.trial_id(self.seed)
+
+    @property
+    def parameters(self) -> Mapping[str, Scalar]:
+        """Every parameter of the experiment."""
+        return self.cell.parameters
+
+    @property
+    def status(self) -> str:
+        """``finished`` or ``failed``."""
+        return "finished" if self.traceback is None else "failed"
 
     @property
     def tables(self) -> dict[str, list[Row]]:
@@ -42,7 +58,22 @@ class StoredTrial:
         try:
             return decode_tables(self.payload)
         except ValueError as error:
-            raise _damaged(self.store, self.trial_id, self.seed, "result") from error
+            raise _damaged(self.store, f"trial {self.trial_id} (seed {self.seed})") from error
+
+
+@dataclass(frozen=True)
+class Inventory:
+    """Which trials a store has: the seeds that finished and those that failed, by the number of the cell."""
+
+    finished: Mapping[int, set[int]]
+    failed: Mapping[int, set[int]]
+    damaged: Mapping[int, str]
+    """row of a trial that cannot be read -> what to call it, for :meth:`Store.forget`"""
+
+    def count(self) -> tuple[int, int]:
+        """How many have finished, and how many have failed."""
+        finished, failed = (sum(map(len, one.values())) for one in (self.finished, self.failed))
+        return finished, failed
 
 
 class Store:
@@ -51,6 +82,9 @@ class Store:
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
         self.path = path
         self._connection = connection
+        self._definition: Definition | None = None
+        self._written: set[int] = set()
+        """numbers of cells whose parameters are there"""
 
     def __enter__(self) -> "Store":
         return self
@@ -72,15 +106,14 @@ class Store:
     @property
     def definition(self) -> Definition:
         """What the store was made for. Raises InputError if it does not say so any more."""
-        with explained(self.path):
-            row = self._connection.execute("SELECT definition FROM campaign").fetchone()
-        try:
-            return Definition.from_json(row[0] if row else "")
-        except ValueError as error:
-            raise InputError(
-                f"{self.path}: damaged (which campaign it holds cannot be read);"
-                " move it away, or --fresh to start over"
-            ) from error
+        if self._definition is None:
+            with explained(self.path):
+                row = self._connection.execute("SELECT definition FROM campaign").fetchone()
+            try:
+                self._definition = Definition.from_json(row[0] if row else "")
+            except ValueError as error:
+                raise database.unknown_campaign(self.path) from error
+        return self._definition
 
     def refuse_unless_extended_by(self, definition: Definition) -> None:
         """Raises InputError, naming what differs, unless ``definition`` only adds trials or grid values."""
@@ -96,17 +129,38 @@ class Store:
         self.refuse_unless_extended_by(definition)
         with self._transaction():
             self._connection.execute("UPDATE campaign SET definition = ?", (definition.to_json(),))
+        self._definition = definition
+
+    def write_cells(self, cells: Iterable[Cell]) -> None:
+        """Writes the parameters of these cells down where they are not, or are damaged."""
+        there = self._cells()
+        missing = [
+            (cell.number, json.dumps(dict(cell.parameters))) for cell in cells if cell.number not in there
+        ]
+        if missing:
+            with self._transaction():
+                self._connection.executemany("INSERT OR REPLACE INTO cells VALUES (?, ?)", missing)
+        self._written = there.keys() | {number for number, _ in missing}
 
     def statuses(self) -> dict[str, str]:
-        """Trial id -> ``finished`` or ``failed``."""
+        """Trial id -> ``finished`` or ``failed``. Raises InputError if a cell is damaged."""
+        return {trial.trial_id: trial.status for trial in self.trials()}
+
+    def counts(self) -> tuple[int, int]:
+        """How many trials have finished, and how many have failed."""
         with explained(self.path):
-            return dict(self._connection.execute("SELECT trial_id, status FROM trials"))
+            finished, total = self._connection.execute(
+                "SELECT count(*) - count(traceback), count(*) FROM trials NOT INDEXED"
+            ).fetchone()
+        return finished, total - finished
 
     def failures(self) -> list[str]:
         """Of each failed trial the last line of its traceback: the exception and what it says."""
         with explained(self.path):
-            rows = self._connection.execute("SELECT traceback FROM trials WHERE status = 'failed'").fetchall()
-        return [text.splitlines()[-1] for (text,) in rows]
+            found = self._connection.execute(
+                "SELECT traceback FROM trials WHERE traceback IS NOT NULL"
+            ).fetchall()
+        return [text.splitlines()[-1] for (text,) in found]
 
     def begin_run(self, provenance: Provenance) -> int:
         """Notes that a process begins to add trials; the run's id."""
@@ -127,30 +181,29 @@ class Store:
         One that is damaged comes as its text under the key ``damaged``: it is no reason to lose the trials.
         """
         with explained(self.path):
-            rows = self._connection.execute(
+            found = self._connection.execute(
                 "SELECT provenance, ended_utc FROM runs WHERE run_id IN (SELECT run_id FROM trials)"
                 " ORDER BY run_id"
             ).fetchall()
-        return [{**_provenance(text), "ended_utc": ended_utc} for text, ended_utc in rows]
+        return [{**_provenance(text), "ended_utc": ended_utc} for text, ended_utc in found]
 
     def record(self, run_id: int, spec: TrialSpec, outcome: Outcome) -> None:
         """Commits one trial, in place of an earlier failure of it."""
+        cell = Cell(spec.experiment, spec.parameters)
+        if cell.number not in self._written:
+            self.write_cells([cell])
+        row = rows.row(
+            cell.number,
+            spec.seed,
+            run_id,
+            outcome.simulated_s,
+            outcome.wall_s,
+            now_utc(),
+            outcome.failure,
+            outcome.payload,
+        )
         with self._transaction():
-            self._connection.execute(
-                "INSERT OR REPLACE INTO trials VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
-                (
-                    spec.trial_id,
-                    run_id,
-                    spec.seed,
-                    json.dumps(dict(spec.parameters)),
-                    "finished" if outcome.payload is not None else "failed",
-                    outcome.simulated_s,
-                    outcome.wall_s,
-                    outcome.failure,
-                    now_utc(),
-                    outcome.payload,
-                ),
-            )
+            self._connection.execute(rows.INSERT, row)
 
     def trials(self) -> Iterator[StoredTrial]:
         """Every trial of the present definition, cell by cell in the grid's order, then by seed.
@@ -158,66 +211,111 @@ class Store:
         Raises:
             InputError: a trial is damaged.
         """
-        definition = self.definition
+        cells = self._cells_in_order()
+        places = {number: place for place, number in enumerate(cells)}
         with explained(self.path):
-            rows = self._connection.execute("SELECT rowid, trial_id, seed, parameters FROM trials")
-            places = sorted((self._place(definition, *identity), row_id) for row_id, *identity in rows)
-            for _, row_id in places:
-                row = self._connection.execute(
-                    "SELECT trial_id, seed, parameters, status, simulated_s, wall_s, traceback,"
-                    " finished_utc, result"
-                    " FROM trials WHERE rowid = ?",
-                    (row_id,),
-                ).fetchone()
-                yield StoredTrial(self.path, row[0], row[1], json.loads(row[2]), *row[3:])
-
-    def _place(self, definition: Definition, trial_id: str, seed: int, text: str) -> tuple[list[int], int]:
-        """Where a trial stands in the campaign's order. Raises InputError if what it ran is damaged."""
-        try:
-            parameters = json.loads(text)
-            cell = definition.cell_of(parameters)
-            place = [definition.grid[factor].index(value) for factor, value in cell.items()]
-            if TrialSpec(definition.experiment, parameters, seed).trial_id != trial_id:
-                raise ValueError("the id is a hash of the parameters and the seed, and not of these")
-        except (KeyError, TypeError, ValueError) as error:
-            raise _damaged(self.path, trial_id, seed, "parameters") from error
-        return place, seed
-
-    def damaged(self) -> dict[int, str]:
-        """Row -> trial id of all trials that cannot be read, for :meth:`forget`."""
-        definition = self.definition
-        found = {}
-        with explained(self.path):
-            for row_id, trial_id, seed, text, payload in self._connection.execute(
-                "SELECT rowid, trial_id, seed, parameters, result FROM trials"
+            order = []
+            for row_id, number, seed in self._connection.execute(
+                "SELECT rowid, cell, seed FROM trials NOT INDEXED"
             ):
-                try:
-                    self._place(definition, trial_id, seed, text)
-                    if payload is not None:
-                        decode_tables(payload)
-                except (InputError, ValueError):
-                    found[row_id] = trial_id
-        return found
+                if number not in places or not isinstance(seed, int):
+                    raise _damaged(self.path, f"row {row_id}")
+                order.append((places[number], seed, row_id))
+            order.sort()
+            for first in range(0, len(order), ROWS_AT_ONCE):
+                wanted = [row_id for _, _, row_id in order[first : first + ROWS_AT_ONCE]]
+                # all of them at once: a statement that is left open would keep a campaign from storing
+                found = {
+                    row_id: row
+                    for row_id, *row in self._connection.execute(
+                        f"SELECT rowid, {rows.COLUMNS} FROM trials"
+                        f" WHERE rowid IN ({','.join('?' * len(wanted))})",
+                        wanted,
+                    ).fetchall()
+                }
+                for row_id in wanted:
+                    if row_id in found:  # else a campaign has just repeated it
+                        yield self._trial(row_id, cast(rows.Row, tuple(found[row_id])), cells)
 
-    def forget(self, rows: Iterable[int]) -> None:
+    def _trial(self, row_id: int, row: rows.Row, cells: Mapping[int, Cell]) -> StoredTrial:
+        """The trial in a row. Raises InputError if it is damaged."""
+        number, seed, _, simulated_s, wall_s, finished_utc, _, traceback, result = row
+        if not rows.is_sound(row):
+            raise _damaged(self.path, _called(row_id, row, cells))
+        return StoredTrial(
+            self.path, cells[number], seed, simulated_s, wall_s, finished_utc, traceback, result
+        )
+
+    def _cells(self) -> dict[int, Cell]:
+        """Number -> cell, without those that are damaged."""
+        experiment, cells = self.definition.experiment, {}
+        with explained(self.path):
+            for number, text in self._connection.execute("SELECT cell, parameters FROM cells"):
+                with contextlib.suppress(TypeError, ValueError):
+                    cell = Cell(experiment, dict(json.loads(text)))
+                    if cell.number == number:
+                        cells[number] = cell
+        return cells
+
+    def _cells_in_order(self) -> dict[int, Cell]:
+        """The sound cells in the grid's order."""
+        grid, cells = self.definition.grid, self._cells()
+        places = {}
+        for number, cell in cells.items():
+            with contextlib.suppress(KeyError, ValueError):
+                places[number] = [values.index(cell.parameters[factor]) for factor, values in grid.items()]
+        return {number: cells[number] for number in sorted(places, key=places.__getitem__)}
+
+    def inventory(self, known: Iterable[Cell] = ()) -> Inventory:
+        """Which trials are there and as they were written; their results are not unpacked.
+
+        Args:
+            known: cells of the campaign, whose parameters may be damaged in the store.
+        """
+        cells = self._cells() | {cell.number: cell for cell in known}
+        finished: dict[int, set[int]] = {number: set() for number in cells}
+        failed: dict[int, set[int]] = {number: set() for number in cells}
+        damaged = {}
+        with explained(self.path):
+            for row_id, *values in self._connection.execute(
+                f"SELECT rowid, {rows.COLUMNS} FROM trials NOT INDEXED"
+            ):
+                row = cast(rows.Row, tuple(values))
+                if row[0] in cells and rows.is_sound(row):
+                    (finished if row[-1] is not None else failed)[row[0]].add(row[1])
+                else:
+                    damaged[row_id] = _called(row_id, row, cells)
+        return Inventory(finished, failed, damaged)
+
+    def forget(self, row_ids: Iterable[int]) -> None:
         """Drops trials, so that they count as not done."""
         with self._transaction():
-            self._connection.execute("REINDEX trials")  # finds a row whose damage is in its id
-            self._connection.executemany("DELETE FROM trials WHERE rowid = ?", [(row,) for row in rows])
+            # made anew, for the damage may be in the index, or in what it is made of
+            self._connection.execute("DROP INDEX one_row_each")
+            self._connection.executemany("DELETE FROM trials WHERE rowid = ?", [(one,) for one in row_ids])
+            self._connection.execute(rows.ONE_ROW_EACH)
 
     def sizes(self) -> tuple[int, float, float]:
         """Of the finished trials: how many, their mean wall time in seconds, their mean size in bytes."""
         with explained(self.path):
             count, wall_s, size = self._connection.execute(
-                "SELECT count(*), avg(wall_s), avg(length(result)) FROM trials WHERE status = 'finished'"
+                "SELECT count(*), avg(wall_s), avg(length(result)) FROM trials WHERE traceback IS NULL"
             ).fetchone()
         return count, wall_s or 0.0, size or 0.0
 
 
-def _damaged(path: Path, trial_id: str, seed: int, part: str) -> InputError:
+def _called(row_id: int, row: rows.Row, cells: Mapping[int, Cell]) -> str:
+    """What messages call the trial in a row that may be damaged."""
+    number, seed = row[:2]
+    if number in cells and isinstance(seed, int):
+        return f"trial {cells[number].trial_id(seed)} (seed {seed})"
+    return f"row {row_id}"
+
+
+def _damaged(path: Path, what: str) -> InputError:
     return InputError(
-        f"{path}: trial {trial_id} (seed {seed}): its {part} cannot be read, the file is damaged there;"
-        " run the campaign's command again to repeat this trial; the others are kept"
+        f"{path}: {what} cannot be read, the file is damaged there;"
+        " run the campaign's command again to mend it; the other trials are kept"
     )
 
 

@@ -4,10 +4,41 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from midnet_bench.settings import Scalar as Scalar
 
 Row = dict[str, Scalar]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What the trials of one cell have in common. Their ids are quick to find from here."""
+
+    experiment: str
+    """its name"""
+    parameters: Mapping[str, Scalar]
+    """every parameter of the experiment, resolved (defaults filled in)"""
+
+    @cached_property
+    def _canonical(self) -> str:
+        common = {"experiment": self.experiment, "parameters": dict(self.parameters)}
+        return json.dumps(common, sort_keys=True, separators=(",", ":"))
+
+    @cached_property
+    def number(self) -> int:
+        """A hash of the cell, from 0 up to 2**63."""
+        return int.from_bytes(hashlib.sha256(self._canonical.encode()).digest()[:8]) >> 1
+
+    @cached_property
+    def _before_seed(self) -> "hashlib._Hash":
+        return hashlib.sha256(f'{self._canonical[:-1]},"seed":'.encode())
+
+    def trial_id(self, seed: int) -> str:
+        """16 hex digits: a hash of what defines the trial and of nothing else."""
+        whole = self._before_seed.copy()
+        whole.update(f"{seed}}}".encode())
+        return whole.hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -23,9 +54,7 @@ class TrialSpec:
     @property
     def trial_id(self) -> str:
         """16 hex digits: a hash of what defines the trial and of nothing else."""
-        definition = {"experiment": self.experiment, "parameters": dict(self.parameters), "seed": self.seed}
-        canonical = json.dumps(definition, sort_keys=True, separators=(",", ":"))
-        return hashlib.sha256(canonical.encode()).hexdigest()[:16]
+        return Cell(self.experiment, self.parameters).trial_id(self.seed)
 
 
 @dataclass(frozen=True)

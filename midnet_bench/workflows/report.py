@@ -5,9 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from midnet_bench.analysis.frames import CONFIGURATION, PROVENANCE, Results, load_results
+from midnet_bench.analysis.frames import CONFIGURATION, PROVENANCE, Results, load_results, results_of
 from midnet_bench.analysis.tables import Table
-from midnet_bench.campaign.export import export_csv
 from midnet_bench.campaign.store import FILE_NAME, open_store
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.registry import experiment_of
@@ -35,10 +34,11 @@ def write_report(directory: str | Path, drawn_from: int = 1) -> tuple[Results, l
     directory = Path(directory)
     if (directory / FILE_NAME).exists():
         with open_store(directory / FILE_NAME) as store:
-            export_csv(store, directory)
+            results = results_of(store, directory, directory)
             _write_json(directory / CONFIGURATION, json.loads(store.definition.to_json()))
-            _write_json(directory / PROVENANCE, store.runs())
-    results = load_results(directory)
+            _write_json(directory / PROVENANCE, results.provenance)
+    else:
+        results = load_results(directory)
     record = experiment_of(results)
     tables = list(record.tables(results))
     for table in tables:

@@ -131,7 +131,19 @@ def change(path: Path, statement: str, *values: object) -> None:
 
 @pytest.mark.parametrize(
     ("column", "value"),
-    [("result", b"x\x9c"), ("parameters", "{}"), ("parameters", "{"), ("seed", 77), ("trial_id", "f" * 16)],
+    [
+        ("result", b"x\x9c"),
+        ("result", "x"),
+        ("cell", 77),
+        ("seed", 77),
+        ("seed", "one"),
+        ("run_id", 2),
+        ("simulated_s", None),
+        ("wall_s", 0.0),
+        ("finished_utc", "tomorrow"),
+        ("traceback", "ValueError: no"),
+        ("checksum", 0),
+    ],
 )
 def test_a_damaged_trial_is_named_and_can_be_forgotten(filled: Path, column: str, value: object) -> None:
     with open_store(filled) as store:
@@ -141,14 +153,47 @@ def test_a_damaged_trial_is_named_and_can_be_forgotten(filled: Path, column: str
     with open_store(filled) as store:
         with pytest.raises(
             InputError,
-            match=r"campaign\.sqlite: trial \w{16} \(seed \d+\): its .* again to repeat this trial",
+            match=r"campaign\.sqlite: (trial \w{16} \(seed \d+\)|row 5) cannot be read, .* again to mend it",
         ):
             _ = [trial.tables for trial in store.trials()]
-        assert list(store.damaged()) == [5]
+        assert list(store.inventory().damaged) == [5]
         store.forget([5])
         kept = [trial.trial_id for trial in store.trials() if trial.tables]
     assert len(kept) == 11
     assert set(kept) < set(wanted)
+
+
+@pytest.mark.parametrize("damage", ["parameters = '{'", "parameters = '{}'", "cell = cell + 1"])
+def test_the_parameters_of_a_cell_are_written_anew_and_no_trial_is_lost(filled: Path, damage: str) -> None:
+    campaign = resolve(CAMPAIGN, coins)
+    with open_store(filled) as store:
+        before = list(store.trials())
+    change(filled, f"UPDATE cells SET {damage} WHERE rowid = (SELECT max(cell) FROM cells)")
+
+    with open_store(filled) as store:
+        with pytest.raises(InputError, match="run the campaign's command again to mend it"):
+            list(store.trials())
+        assert store.inventory(campaign.numbered_cells).count() == (12, 0)
+        store.write_cells(campaign.numbered_cells)
+        assert list(store.trials()) == before
+
+
+def test_damage_that_makes_two_rows_of_one_trial_costs_one_of_them(filled: Path) -> None:
+    change(filled, "DROP INDEX one_row_each")
+    change(filled, "UPDATE trials SET seed = 1 WHERE rowid = (SELECT max(rowid) FROM trials WHERE seed = 2)")
+    with open_store(filled) as store:
+        (row_id,) = store.inventory().damaged
+        change(filled, "CREATE INDEX one_row_each ON trials (cell, seed)")
+        store.forget([row_id])
+        assert store.inventory().count() == (11, 0)
+        assert len(list(store.trials())) == 11
+
+
+def test_parameters_are_kept_once_for_each_cell(filled: Path) -> None:
+    connection = sqlite3.connect(filled)
+    assert connection.execute("SELECT count(*) FROM cells").fetchone() == (4,)
+    connection.close()
+    assert filled.read_bytes().count(b'"bias"') == 4 + 1  # and in the definition
 
 
 @pytest.mark.parametrize(
@@ -200,7 +245,8 @@ def test_no_flipped_bit_is_more_than_one_line_and_none_costs_more_than_it_must(
         filled.write_bytes(flipped)
         try:
             with open_or_create(filled, definition()) as store:
-                damaged = store.damaged()
+                store.write_cells(resolve(CAMPAIGN, coins).numbered_cells)
+                damaged = store.inventory().damaged
                 store.forget(damaged)
                 mended += bool(damaged)
                 assert len([trial for trial in store.trials() if trial.payload is None or trial.tables]) >= 11
@@ -254,7 +300,7 @@ def test_an_older_schema_is_brought_up_to_date(filled: Path, monkeypatch: pytest
         assert len(list(store.trials())) == 12
     connection = sqlite3.connect(filled)
     assert connection.execute("SELECT DISTINCT host FROM trials").fetchall() == [("unknown",)]
-    assert connection.execute("PRAGMA user_version").fetchone() == (2,)
+    assert connection.execute("PRAGMA user_version").fetchone() == (3,)
     connection.close()
 
 
