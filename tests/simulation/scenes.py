@@ -9,9 +9,14 @@ from midnet_bench.arena.layout import Layout
 from midnet_bench.arena.solids import Solid
 from midnet_bench.geometry import Pose2D
 from midnet_bench.robots.burger import LDS_01
-from midnet_bench.simulation.bullet.world import World
+from midnet_bench.simulation.bullet.world import World as BulletWorld
+from midnet_bench.simulation.fast.world import World as FastWorld
 from midnet_bench.simulation.lidar import LidarSensors
 from midnet_bench.simulation.settings import LidarSettings
+from midnet_bench.simulation.simulator import Simulator
+
+WORLDS = {"bullet": BulletWorld, "fast": FastWorld}
+"""the engines by name"""
 
 
 def scene(robots, intruders=(), stationary=(), arena: Arena | None = None, seed: int = 1) -> Layout:
@@ -25,12 +30,12 @@ def scene(robots, intruders=(), stationary=(), arena: Arena | None = None, seed:
     )
 
 
-def sensors(world: World, profile: str = "urdf", noise: str = "none") -> LidarSensors:
+def sensors(world: Simulator, profile: str = "urdf", noise: str = "none") -> LidarSensors:
     """The robots' LiDARs, without noise by default."""
     return LidarSensors(world, LidarSettings(robot_profile=profile, noise=noise))
 
 
-def run(world: World, seconds: float) -> None:
+def run(world: Simulator, seconds: float) -> None:
     for _ in range(round(seconds * world.step_hz)):
         world.step()
 

@@ -1,4 +1,4 @@
-"""Burgers in PyBullet: how they drive, stop, bump and leave."""
+"""Burgers in either engine: how they drive, stop, bump and leave."""
 
 import hashlib
 import math
@@ -12,14 +12,24 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.messages import STOP, Command
 from midnet_bench.rng import stream
-from midnet_bench.simulation.bullet.world import World
-from tests.simulation.scenes import run, scene, sensors
+from midnet_bench.simulation.simulator import Simulator
+from tests.simulation.scenes import WORLDS, run, scene, sensors
 
 BASE_FRONT_M = 0.038
 WALL_FACE_M = 2.925
 
 
-def test_a_burger_drives_straight_at_the_speed_asked_for() -> None:
+@pytest.fixture(params=WORLDS)
+def engine(request) -> str:
+    return request.param
+
+
+@pytest.fixture
+def World(engine: str) -> type:
+    return WORLDS[engine]
+
+
+def test_a_burger_drives_straight_at_the_speed_asked_for(World: type) -> None:
     with World(scene([(-2.0, 0.0, 0.0)])) as world:
         world.drive(0, Command(0.2, 0.0))
         run(world, 1.0)
@@ -34,7 +44,7 @@ def test_a_burger_drives_straight_at_the_speed_asked_for() -> None:
 @pytest.mark.parametrize(
     ("linear", "angular"), [(0.0, 0.5), (0.0, 2.84), (0.2, 0.5), (0.1, -2.5), (-0.1, 1.0)]
 )
-def test_a_burger_turns_at_the_rate_asked_for(linear: float, angular: float) -> None:
+def test_a_burger_turns_at_the_rate_asked_for(World: type, linear: float, angular: float) -> None:
     with World(scene([(0.0, 0.0, 0.3)])) as world:
         world.drive(0, Command(linear, angular))
         run(world, 1.0)
@@ -49,7 +59,7 @@ def test_a_burger_turns_at_the_rate_asked_for(linear: float, angular: float) -> 
     np.testing.assert_allclose(np.mean(velocities, axis=0), (linear, angular), rtol=0.02, atol=2e-3)
 
 
-def test_commands_are_clamped_and_ramped() -> None:
+def test_commands_are_clamped_and_ramped(World: type) -> None:
     with World(scene([(-2.0, 0.0, 0.0)])) as world:
         world.drive(0, Command(5.0, 0.0))
         speeds = []
@@ -69,7 +79,7 @@ def test_commands_are_clamped_and_ramped() -> None:
 
 
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2, math.pi, 0.6])
-def test_a_burger_stops_at_a_wall(yaw: float) -> None:
+def test_a_burger_stops_at_a_wall(World: type, yaw: float) -> None:
     with World(scene([(2.0 * math.cos(yaw), 2.0 * math.sin(yaw), yaw)])) as world:
         world.drive(0, Command(0.22, 0.0))
         run(world, 15.0)
@@ -81,7 +91,7 @@ def test_a_burger_stops_at_a_wall(yaw: float) -> None:
         assert world.collisions().tolist() == [1]
 
 
-def test_two_burgers_head_on_stop_each_other_and_both_count_it() -> None:
+def test_two_burgers_head_on_stop_each_other_and_both_count_it(World: type) -> None:
     with World(scene([(-0.4, 0.0, 0.0)], [(0.4, 0.0, math.pi)])) as world:
         world.drive(0, Command(0.2, 0.0))
         world.drive(1, Command(0.2, 0.0))
@@ -99,7 +109,7 @@ def test_two_burgers_head_on_stop_each_other_and_both_count_it() -> None:
 
 
 @pytest.mark.parametrize(("gap", "passes"), [(0.20, True), (0.16, False)])
-def test_a_burger_is_as_wide_as_its_wheels(gap: float, passes: bool) -> None:
+def test_a_burger_is_as_wide_as_its_wheels(World: type, gap: float, passes: bool) -> None:
     """Its base is 0.14 m wide, but over its wheels it measures 0.178 m."""
     arena = load_arena("empty")
     end = (gap + arena.wall_thickness_m) / 2.0
@@ -110,7 +120,7 @@ def test_a_burger_is_as_wide_as_its_wheels(gap: float, passes: bool) -> None:
         assert bool(world.poses()[0, 0] > 1.0) is passes
 
 
-def drive_about(world: World, seconds: float) -> str:
+def drive_about(world: Simulator, seconds: float) -> str:
     """A digest of everything that a world says while its robots drive about."""
     digest = hashlib.sha256()
     for _ in moving(world, seconds, digest):
@@ -118,7 +128,7 @@ def drive_about(world: World, seconds: float) -> str:
     return digest.hexdigest()
 
 
-def moving(world: World, seconds: float, digest):
+def moving(world: Simulator, seconds: float, digest):
     count = len(world.active)
     rngs = [stream(world.layout.seed, "test lidar", i) for i in range(count)]
     steer = stream(world.layout.seed, "test steering")
@@ -137,20 +147,20 @@ def moving(world: World, seconds: float, digest):
         yield
 
 
-def digest_of(seed: int) -> str:
-    with World(place(load_arena("map1"), seed, 3, 3)) as world:
+def digest_of(engine: str, seed: int) -> str:
+    with WORLDS[engine](place(load_arena("map1"), seed, 3, 3)) as world:
         return drive_about(world, 5.0)
 
 
-def test_a_seed_gives_the_same_bytes_again_and_another_seed_others() -> None:
-    first = digest_of(1)
-    assert digest_of(2) != first
-    assert digest_of(1) == first, "after another world in the same process"
+def test_a_seed_gives_the_same_bytes_again_and_another_seed_others(engine: str) -> None:
+    first = digest_of(engine, 1)
+    assert digest_of(engine, 2) != first
+    assert digest_of(engine, 1) == first, "after another world in the same process"
 
 
 @pytest.mark.slow
-def test_worlds_stepped_in_turns_do_not_touch_each_other() -> None:
-    alone = [digest_of(1), digest_of(2)]
+def test_worlds_stepped_in_turns_do_not_touch_each_other(engine: str, World: type) -> None:
+    alone = [digest_of(engine, 1), digest_of(engine, 2)]
     digests = [hashlib.sha256(), hashlib.sha256()]
     with (
         World(place(load_arena("map1"), 1, 3, 3)) as one,
@@ -162,19 +172,19 @@ def test_worlds_stepped_in_turns_do_not_touch_each_other() -> None:
 
 
 @pytest.mark.slow
-def test_another_process_gives_the_same_bytes() -> None:
-    here = digest_of(3)
+def test_another_process_gives_the_same_bytes(engine: str) -> None:
+    here = digest_of(engine, 3)
     code = "import sys; sys.path.insert(0, sys.argv[1]); import test_simulation_world as t; "
-    code += "print(t.digest_of(3))"
+    code += "print(t.digest_of(sys.argv[2], 3))"
     folder = __file__.rpartition("/")[0]
     there = subprocess.run(
-        [sys.executable, "-c", code, folder], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", code, folder, engine], capture_output=True, text=True, check=True, timeout=60
     )
     assert there.stdout.strip() == here
     assert there.stderr == "", "the physics library's greeting is kept off the terminal"
 
 
-def test_a_caught_intruder_leaves_and_the_rest_goes_on_the_same_way_each_time() -> None:
+def test_a_caught_intruder_leaves_and_the_rest_goes_on_the_same_way_each_time(World: type) -> None:
     digests = []
     for _ in range(2):
         digest = hashlib.sha256()
@@ -195,7 +205,7 @@ def test_a_caught_intruder_leaves_and_the_rest_goes_on_the_same_way_each_time() 
     assert digests[0] == digests[1]
 
 
-def test_a_removed_robot_is_neither_seen_nor_bumped_into() -> None:
+def test_a_removed_robot_is_neither_seen_nor_bumped_into(World: type) -> None:
     with World(scene([(0.0, 0.0, 0.0)], [(0.6, 0.0, 0.0)])) as world:
         lidars = sensors(world)
         assert lidars.scan([0], [stream(1, "a")])[0, 0] < 1.0
@@ -207,7 +217,7 @@ def test_a_removed_robot_is_neither_seen_nor_bumped_into() -> None:
         assert world.collisions()[0] == 0
 
 
-def test_robots_stand_still_where_they_were_put_until_told_otherwise() -> None:
+def test_robots_stand_still_where_they_were_put_until_told_otherwise(World: type) -> None:
     layout = place(load_arena("map1"), 5, 5)
     with World(layout) as world:
         run(world, 10.0)
@@ -218,7 +228,7 @@ def test_robots_stand_still_where_they_were_put_until_told_otherwise() -> None:
         assert world.tick == 10 * world.step_hz
 
 
-def test_truth_comes_read_only_and_fresh() -> None:
+def test_truth_comes_read_only_and_fresh(World: type) -> None:
     with World(scene([(0.0, 0.0, 0.0)])) as world:
         poses = world.poses()
         assert world.poses() is poses
@@ -230,7 +240,7 @@ def test_truth_comes_read_only_and_fresh() -> None:
         assert world.poses()[0, 0] > 0.1
 
 
-def test_the_outline_is_the_disc_in_the_scan_plane() -> None:
+def test_the_outline_is_the_disc_in_the_scan_plane(World: type) -> None:
     yaw = 1.0
     with World(scene([(0.5, -0.5, yaw)])) as world:
         box = sensors(world).outline(0)
@@ -240,7 +250,7 @@ def test_the_outline_is_the_disc_in_the_scan_plane() -> None:
         assert box.x_max - box.x_min == pytest.approx(0.11)
 
 
-def test_closing_twice_does_no_harm() -> None:
+def test_closing_twice_does_no_harm(World: type) -> None:
     world = World(scene([(0.0, 0.0, 0.0)]))
     world.close()
     world.close()
@@ -259,7 +269,7 @@ def test_at_its_own_rate_a_burger_moves_as_precisely_as_the_docs_say() -> None:
         (0.22, 2.7),
         (0.1, 0.0),
     ]
-    with World(scene([(-1.0, -1.0, 0.0)])) as world:
+    with WORLDS["bullet"](scene([(-1.0, -1.0, 0.0)])) as world:
         assert world.step_hz == 30
         for linear, angular in commands:
             world.drive(0, Command(linear, angular))
@@ -278,7 +288,7 @@ def test_at_its_own_rate_a_burger_moves_as_precisely_as_the_docs_say() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("yaw", [0.0, 0.6])
 def test_a_burger_enters_a_wall_by_little_as_it_hits_it(yaw: float) -> None:
-    with World(scene([(2.3 * math.cos(yaw), 2.3 * math.sin(yaw), yaw)])) as world:
+    with WORLDS["bullet"](scene([(2.3 * math.cos(yaw), 2.3 * math.sin(yaw), yaw)])) as world:
         world.drive(0, Command(0.22, 0.0))
         reaches = []
         for _ in range(8 * world.step_hz):

@@ -417,15 +417,14 @@ def part(
     count: int,
     rows: Floats,
     pairs: Ints,
-    freed: npt.NDArray[np.bool_],
     gyration2: float,
     poses: Floats,
 ) -> bool:
-    """Moves ``freed`` bodies that overlap apart by half of what is needed; whether any did."""
+    """Moves bodies that overlap apart by half of what is needed; whether any did."""
     found = False
     for c in range(count):
         a, b = pairs[c, 0], pairs[c, 1]
-        if rows[c, GAP] >= -1e-6 or not freed[a]:
+        if rows[c, GAP] >= -1e-6:
             continue
         row = rows[c]
         nx, ny = row[NORMAL_X], row[NORMAL_Y]
@@ -433,3 +432,68 @@ def part(
         push(row, a, b, share * nx, share * ny, gyration2, poses)
         found = True
     return found
+
+
+@njit(cache=True)
+def stands_in(
+    i: int,
+    poses: Floats,
+    present: npt.NDArray[np.bool_],
+    body: Body,
+    depth_m: float,
+    ground: SideGrid,
+    room: Room,
+) -> bool:
+    """Whether body i reaches more than ``depth_m`` into a side of what never moves, or into another body.
+
+    A check by another way than contacts are found by: the hull less a rim of that depth is cut with sides,
+    and with bodies it has no line between. It writes hulls into ``room`` and nothing else.
+    """
+    x, y, frame = poses[i, 0], poses[i, 1], ground.frame
+    _place(body.hull, poses[i], room.hulls[i])
+    hull = room.hulls[i]
+    column, line = int((x - frame[0]) / frame[2]), int((y - frame[1]) / frame[2])
+    if x >= frame[0] and y >= frame[1] and column < frame[3] and line < frame[4]:
+        cell = line * int(frame[3]) + column
+        for member in range(ground.first[cell], ground.first[cell + 1]):
+            side = ground.sides[ground.members[member]]
+            if _may_touch(side, x, y, body.reach_m) and _cuts(side, hull, depth_m):
+                return True
+    for j in range(len(poses)):
+        dx, dy = x - poses[j, 0], y - poses[j, 1]
+        if j == i or not present[j] or dx * dx + dy * dy > 4.0 * body.reach_m * body.reach_m:
+            continue
+        _place(body.hull, poses[j], room.hulls[j])
+        if not _is_parted(hull, room.hulls[j], depth_m) and not _is_parted(room.hulls[j], hull, depth_m):
+            return True
+    return False
+
+
+@njit(cache=True)
+def _cuts(side: Floats, hull: Floats, depth_m: float) -> bool:
+    """Whether a side has points more than ``depth_m`` inside a placed hull."""
+    enter, leave = 0.0, 1.0
+    for k in range(len(hull)):
+        from_a = (side[AY] - hull[k, Y]) * hull[k, ALONG_X] - (side[AX] - hull[k, X]) * hull[k, ALONG_Y]
+        from_b = (side[BY] - hull[k, Y]) * hull[k, ALONG_X] - (side[BX] - hull[k, X]) * hull[k, ALONG_Y]
+        a, b = from_a - depth_m, from_b - depth_m
+        if a <= 0.0 and b <= 0.0:
+            return False
+        if a < 0.0:
+            enter = max(enter, a / (a - b))
+        elif b < 0.0:
+            leave = min(leave, a / (a - b))
+    return enter < leave
+
+
+@njit(cache=True)
+def _is_parted(one: Floats, other: Floats, depth_m: float) -> bool:
+    """Whether all corners of the other lie beyond a side of one, or less than ``depth_m`` inside of it."""
+    for k in range(len(one)):
+        deepest = -np.inf
+        for m in range(len(other)):
+            dx, dy = other[m, X] - one[k, X], other[m, Y] - one[k, Y]
+            deepest = max(deepest, dy * one[k, ALONG_X] - dx * one[k, ALONG_Y])
+        if deepest <= depth_m:
+            return True
+    return False

@@ -24,6 +24,7 @@ from midnet_bench.simulation.fast.contacts import (
     islands,
     part,
     parting_speed,
+    stands_in,
 )
 from midnet_bench.simulation.fast.outlines import SideGrid
 
@@ -64,8 +65,8 @@ TOUCH_M = 2.0 * SKIN_M
 """What is this near touches."""
 _PARTINGS = 20
 _OVERLAP_M = 5e-4
-"""An island that would overlap by more, and by more than before, stays where it was for a tick."""
-_STILL_MPS = 1e-8
+"""Nothing gets deeper into anything."""
+_STILL_MPS = 1e-6
 """The solver ends when no impulse changes by more."""
 _PUSHED = 1.25
 """How much faster than by its own wheels a body may be moved."""
@@ -125,16 +126,15 @@ def advance(
     # two bodies come nearer by as much as both can move
     count = find_contacts(poses, present, body, 2.0 * drive.most_m, ground, room)
     held = np.zeros(n, dtype=np.bool_)
-    if count > 0:
+    if count == 0:
+        for i in range(n):
+            if present[i]:
+                _move(poses[i], moves[i], drive.step_s)
+    else:
         label = islands(count, room.pairs, n)
-        if _hold(count, states, drive, body.gyration2_m2, label, room, moves, held):
-            for i in range(n):
-                if held[i]:
-                    _limit(drive, body.reach_m, moves[i])
-            _move_held(count, poses, present, drive, body, ground, room, label, moves, held)
+        _hold(count, states, drive, body, label, room, moves, held)
+        _move_among_contacts(poses, present, drive, body, ground, room, label, moves, held)
     for i in range(n):
-        if present[i] and not held[i]:
-            poses[i] += moves[i] * drive.step_s
         if present[i]:
             _note_velocity(states[i], moves[i], held[i])
 
@@ -161,22 +161,28 @@ def _roll(state: Floats, drive: Drive, move: Floats) -> None:
 
 
 @njit(cache=True)
+def _move(pose: Floats, move: Floats, step_s: float) -> None:
+    for axis in range(3):
+        pose[axis] += move[axis] * step_s
+
+
+@njit(cache=True)
 def _hold(
     count: int,
     states: Floats,
     drive: Drive,
-    gyration2: float,
+    body: Body,
     label: Ints,
     room: Room,
     moves: Floats,
     held: npt.NDArray[np.bool_],
-) -> bool:
+) -> None:
     """Changes ``moves`` of islands whose free motion would close a gap, and marks their bodies ``held``.
 
-    Whether there are any. Each body starts from the velocity that it had; friction of its wheels works
+    Each body starts from the velocity that it had; friction of its wheels works
     towards the free motion, as far as it goes, and contacts against whatever closes a gap.
     """
-    n, step_s = len(states), drive.step_s
+    n, step_s, gyration2 = len(states), drive.step_s, body.gyration2_m2
     rows, pairs = room.rows, room.pairs
     is_hindered = np.zeros(n, dtype=np.bool_)
     for c in range(count):
@@ -186,8 +192,6 @@ def _hold(
         if speed < least - 1e-12 or row[GAP] < 0.0:
             is_hindered[label[a]] = True
         row[PUSH] = row[RUB] = 0.0
-    if not is_hindered.any():
-        return False
     headings = np.empty((n, 2))
     grips = np.zeros((n, 2, 2))
     for i in range(n):
@@ -207,7 +211,9 @@ def _hold(
             change = max(change, hold_contacts(island, label, count, rows, pairs, step_s, gyration2, moves))
             if change < _STILL_MPS:
                 break
-    return True
+    for i in range(n):
+        if held[i]:
+            _limit(drive, body.reach_m, moves[i])
 
 
 @njit(cache=True)
@@ -245,12 +251,12 @@ def _limit(drive: Drive, reach_m: float, move: Floats) -> None:
     """Slows a body that would move farther in a tick than contacts were looked for."""
     travel_m = (math.hypot(move[0], move[1]) + abs(move[2]) * reach_m) * drive.step_s
     if travel_m > drive.most_m:
-        move *= drive.most_m / travel_m
+        share = drive.most_m / travel_m
+        move[0], move[1], move[2] = move[0] * share, move[1] * share, move[2] * share
 
 
 @njit(cache=True)
-def _move_held(
-    count: int,
+def _move_among_contacts(
     poses: Floats,
     present: npt.NDArray[np.bool_],
     drive: Drive,
@@ -261,40 +267,34 @@ def _move_held(
     moves: Floats,
     held: npt.NDArray[np.bool_],
 ) -> None:
-    """Moves bodies that are ``held`` and parts those that overlap then, as a turn may make them.
+    """Moves all bodies, parts those that overlap then, as turning may make them, and checks what came of it.
 
-    An island that still overlaps by more than half a millimetre, and by more than before, does not move.
+    An island of which a body would stand in something, and did not before, does not move in this tick. So
+    whatever the solver makes of a jam, nothing gets deeper than the check allows.
     """
     n = len(poses)
-    before, overlaps = poses.copy(), _overlaps(count, room, n)
+    before = poses.copy()
     for i in range(n):
-        if held[i]:
-            poses[i] += moves[i] * drive.step_s
+        if present[i]:
+            _move(poses[i], moves[i], drive.step_s)
     for _ in range(_PARTINGS):
         count = find_contacts(poses, present, body, 0.0, ground, room)
-        if not part(count, room.rows, room.pairs, held, body.gyration2_m2, poses):
-            return
-    count = find_contacts(poses, present, body, 0.0, ground, room)
-    after = _overlaps(count, room, n)
-    is_worse = np.zeros(n, dtype=np.bool_)
+        if not part(count, room.rows, room.pairs, body.gyration2_m2, poses):
+            break
+    is_bad = np.zeros(n, dtype=np.bool_)
     for i in range(n):
-        if after[i] < min(overlaps[i], -_OVERLAP_M):
-            is_worse[label[i]] = True
+        if (
+            present[i]
+            and stands_in(i, poses, present, body, _OVERLAP_M, ground, room)
+            and not stands_in(i, before, present, body, _OVERLAP_M, ground, room)
+        ):
+            is_bad[label[i]] = True
     for i in range(n):
-        if is_worse[label[i]]:
-            poses[i] = before[i]
-            moves[i] = 0.0
-
-
-@njit(cache=True)
-def _overlaps(count: int, room: Room, n: int) -> Floats:
-    """(n,) the least gap that each body is part of, metres, 0 where none is less."""
-    least = np.zeros(n)
-    for c in range(count):
-        for i in room.pairs[c]:
-            if i >= 0:
-                least[i] = min(least[i], room.rows[c, GAP])
-    return least
+        if is_bad[label[i]]:
+            held[i] = True
+            for axis in range(3):
+                poses[i, axis] = before[i, axis]
+                moves[i, axis] = 0.0
 
 
 @njit(cache=True)

@@ -76,44 +76,52 @@ def exposed_sides(corners: Floats, first: Ints, circles: Floats) -> Floats:
 
     Walls overlap where they meet. A body that slides along one must not catch on the end of the next.
     """
-    found = []
-    for solid in range(len(circles)):
+    solids = len(circles)
+    enter, leave = np.empty(solids), np.empty(solids)
+    sides = np.empty((2 * len(corners), 8))
+    count = 0
+    for solid in range(solids):
         for k in range(first[solid], first[solid + 1]):
             after = k + 1 if k + 1 < first[solid + 1] else first[solid]
             before = k - 1 if k > first[solid] else first[solid + 1] - 1
-            ax, ay, length = corners[k]
+            ax, ay, length = corners[k, 0], corners[k, 1], corners[k, 2]
             along_x, along_y = (corners[after, 0] - ax) / length, (corners[after, 1] - ay) / length
-            buried = []
+            buried = 0
             is_corner = True
-            for other in range(len(circles)):
+            for other in range(solids):
                 dx, dy = circles[other, 0] - ax, circles[other, 1] - ay
                 if other == solid or math.hypot(dx, dy) > length + circles[other, 2] + _HAIR_M:
                     continue
-                enter, leave, depth, nearest = _inside(
-                    corners[first[other] : first[other + 1]], ax, ay, along_x, along_y, length
-                )
-                if enter < leave:
-                    buried.append((enter, leave))
+                outline = corners[first[other] : first[other + 1]]
+                enters, leaves, depth, nearest = _inside(outline, ax, ay, along_x, along_y, length)
+                if enters < leaves:
+                    enter[buried], leave[buried] = enters, leaves
+                    buried += 1
                 if depth > -_HAIR_M and nearest > _HAIR_M:
                     is_corner = False
-            buried.sort()
-            buried.append((length, length))
             start = 0.0
-            for enter, leave in buried:
-                if enter > start + _HAIR_M:
-                    row = np.zeros(8)
+            while start < length - _HAIR_M:
+                end = length
+                for other in range(buried):
+                    if enter[other] < start + _HAIR_M and leave[other] > start:
+                        start = end = leave[other]
+                        break
+                    if leave[other] > start:
+                        end = min(end, enter[other])
+                if end > start:
+                    if count == len(sides):
+                        sides = np.concatenate((sides, np.empty_like(sides)))
+                    row = sides[count]
                     row[AX], row[AY] = ax + start * along_x, ay + start * along_y
-                    row[BX], row[BY] = ax + enter * along_x, ay + enter * along_y
+                    row[BX], row[BY] = ax + end * along_x, ay + end * along_y
                     row[NX], row[NY] = along_y, -along_x
+                    row[BEFORE_X] = row[BEFORE_Y] = 0.0
                     if start == 0.0 and is_corner:
                         row[BEFORE_X] = (ax - corners[before, 0]) / corners[before, 2]
                         row[BEFORE_Y] = (ay - corners[before, 1]) / corners[before, 2]
-                    found.append(row)
-                start = max(start, leave)
-    sides = np.empty((len(found), 8))
-    for i in range(len(found)):
-        sides[i] = found[i]
-    return sides
+                    count += 1
+                    start = end
+    return sides[:count]
 
 
 @njit(cache=True)
