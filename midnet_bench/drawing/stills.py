@@ -38,8 +38,7 @@ from midnet_bench.drawing.plots import (
 from midnet_bench.drawing.scene import Floats, FloorPlan, Robot, Scene, Setup
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.fusion import RemovedAlly
-from midnet_bench.midnet.pipeline import Explanation, RobotView
+from midnet_bench.midnet.pipeline import Explanation, RemovedAlly, RobotView
 
 MARGIN_M = 0.4
 """around an arena"""

@@ -13,6 +13,8 @@ OCCUPIED = 0
 FREE = 255
 """white, where nothing is, or nothing is known"""
 
+INT8 = np.dtype(np.int8)
+
 Unknown = Literal["free", "occupied"]
 
 
@@ -51,9 +53,10 @@ def binary_map(costs: npt.NDArray[np.int8], thresh: int, unknown: Unknown = "fre
     Raises:
         ValueError: the costs are not int8 (as uint8, unknown would read 255 and count as occupied).
     """
-    if costs.dtype != np.int8:
+    if costs.dtype != INT8:
         raise ValueError(f"costs are {costs.dtype}; int8 is needed, where -1 means unknown")
-    free = costs < thresh
+    free = costs < np.int8(thresh)
     if unknown == "occupied":
         free &= costs >= 0
-    return free.view(np.uint8) * np.uint8(FREE)
+    grid = free.view(np.uint8)
+    return np.negative(grid, out=grid)  # of bytes: 1 becomes 255

@@ -3,23 +3,25 @@
 Cropping (B.1): grids have row 0 at the lowest y, so the paper's left-top corner is the lowest x and y
 (item 17). Its H and h are the extents in y (item 13). Lattices are compared by whole cells; a local grid that
 lies a fraction of a cell off is shifted by up to one cell, and the fatter prior map has to cover that.
-Then subtraction (B.2), contours (B.3) and boxes (B.4).
+Then subtraction (B.2), and contours (B.3) of which only the boxes are kept (B.4).
 """
 
 import math
-from collections.abc import Sequence
 from typing import Literal, NamedTuple, cast
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 
 BinaryArray = npt.NDArray[np.uint8]
-Contour = npt.NDArray[np.int32]
+BoxArray = npt.NDArray[np.float64]
+"""(n, 4): x_min, y_min, x_max, y_max of each box, metres, map frame"""
+Indices = npt.NDArray[np.int64]
 
 Align = Literal["floor", "origin"]
 
@@ -47,6 +49,16 @@ class Crop(NamedTuple):
     y1_gmap: int
     x2_gmap: int
     y2_gmap: int
+
+    @property
+    def width(self) -> int:
+        """Cells along x."""
+        return self.x2_lmap - self.x1_lmap
+
+    @property
+    def height(self) -> int:
+        """Cells along y."""
+        return self.y2_lmap - self.y1_lmap
 
     @property
     def is_empty(self) -> bool:
@@ -97,20 +109,20 @@ def cropping_coordinates(window: Window, prior_width: int, prior_height: int) ->
     The algorithm sets only coordinates that are out of bounds; the others start as the whole local
     grid and the whole window (item 14). A window wholly outside gives an empty crop (item 15).
     """
-    width, height = window.x2 - window.x1, window.y2 - window.y1
-    x1_lmap, y1_lmap, x2_lmap, y2_lmap = 0, 0, width, height
     x1_gmap, y1_gmap, x2_gmap, y2_gmap = window
-    if window.x1 < 0:
-        x1_lmap = abs(window.x1)
+    width, height = x2_gmap - x1_gmap, y2_gmap - y1_gmap
+    x1_lmap, y1_lmap, x2_lmap, y2_lmap = 0, 0, width, height
+    if x1_gmap < 0:
+        x1_lmap = abs(x1_gmap)
         x1_gmap = 0
-    if window.y1 < 0:
-        y1_lmap = abs(window.y1)
+    if y1_gmap < 0:
+        y1_lmap = abs(y1_gmap)
         y1_gmap = 0
-    if window.x2 > prior_width:
-        x2_lmap = width - (window.x2 - prior_width)
+    if x2_gmap > prior_width:
+        x2_lmap = width - (x2_gmap - prior_width)
         x2_gmap = prior_width
-    if window.y2 > prior_height:
-        y2_lmap = height - (window.y2 - prior_height)
+    if y2_gmap > prior_height:
+        y2_lmap = height - (y2_gmap - prior_height)
         y2_gmap = prior_height
     if x1_lmap >= x2_lmap or y1_lmap >= y2_lmap:
         return EMPTY_CROP
@@ -129,7 +141,9 @@ def crop_to_prior(costmap: OccupancyGrid, prior: OccupancyGrid, pose: Pose2D, al
     Raises:
         InputError: the two grids differ in resolution (item 19).
     """
-    if not math.isclose(costmap.resolution, prior.resolution, rel_tol=RESOLUTION_TOLERANCE):
+    if costmap.resolution != prior.resolution and not math.isclose(
+        costmap.resolution, prior.resolution, rel_tol=RESOLUTION_TOLERANCE
+    ):
         raise InputError(
             f"costmap: resolution {costmap.resolution:g} m differs from the prior map's"
             f" {prior.resolution:g} m; give both the same"
@@ -137,8 +151,10 @@ def crop_to_prior(costmap: OccupancyGrid, prior: OccupancyGrid, pose: Pose2D, al
     if align == "origin":
         window = window_at_origin(costmap, prior)
     else:
-        window = window_around(robot_cell(pose, prior), costmap.width, costmap.height)
-    return cropping_coordinates(window, prior.width, prior.height)
+        height, width = costmap.data.shape
+        window = window_around(robot_cell(pose, prior), width, height)
+    prior_height, prior_width = prior.data.shape
+    return cropping_coordinates(window, prior_width, prior_height)
 
 
 def common_occupancy(a: BinaryArray, b: BinaryArray) -> BinaryArray:
@@ -157,48 +173,111 @@ def foreground(a: BinaryArray, c: BinaryArray) -> BinaryArray:
     return cast(BinaryArray, cv2.absdiff(a, c))
 
 
-def find_contours(d: npt.NDArray[np.uint8]) -> Sequence[Contour]:
-    """The outer border of each 8-connected blob of D, each (n, 1, 2) int32, (column, row).
-
-    Borders of holes are left out: a hollow blob is one object (item 22). The blobs come in OpenCV's
-    order, the one that starts in the highest row first.
-    """
-    contours, _ = cv2.findContours(d, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-    return cast(Sequence[Contour], contours)
-
-
 def bounding_boxes(
-    contours: Sequence[Contour],
-    first_cell: tuple[int, int],
-    prior: OccupancyGrid,
-    min_area_cells: int = 1,
-) -> list[Box]:
-    """The upright rectangle around each contour, metres, map frame.
+    d: BinaryArray, first_cell: tuple[int, int], prior: OccupancyGrid, min_area_cells: int = 1
+) -> BoxArray:
+    """The upright rectangle around the outer contour of each blob of D: (n, 4) x_min, y_min, x_max, y_max.
 
-    A box spans the outer edges of its cells, so one cell is one resolution wide (item 24). Edges are
-    counted from the prior map's origin: two robots that find the same cells give equal boxes.
+    Metres, map frame. A box spans the outer edges of its cells, so one cell is one resolution wide (item 24).
+    Edges are counted from the prior map's origin: two robots that find the same cells give equal boxes.
 
     Args:
-        contours: of :func:`find_contours`.
-        first_cell: (column, row) on the prior map of the cropped grid's cell (0, 0).
+        d: of :func:`foreground`.
+        first_cell: (column, row) on the prior map of D's cell (0, 0).
         prior: the prior map.
         min_area_cells: rectangles of fewer cells are dropped; 1 keeps all (item 23).
     """
-    x0, y0 = prior.origin
-    resolution = prior.resolution
-    boxes = []
-    for contour in contours:
-        column, row, width, height = cv2.boundingRect(contour)
-        if width * height < min_area_cells:
-            continue
-        column += first_cell[0]
-        row += first_cell[1]
-        boxes.append(
-            Box(
-                x0 + column * resolution,
-                y0 + row * resolution,
-                x0 + (column + width) * resolution,
-                y0 + (row + height) * resolution,
-            )
-        )
-    return boxes
+    return blob_boxes(d, *first_cell, prior.resolution, *prior.origin, min_area_cells)
+
+
+@njit(cache=True)
+def blob_boxes(
+    d: BinaryArray, column: int, row: int, resolution_m: float, x_m: float, y_m: float, min_area_cells: int
+) -> BoxArray:
+    """What :func:`bounding_boxes` says, in the order of ``cv2.findContours`` and in half its time.
+
+    Blobs are 8-connected. Borders of holes are left out, and so is what lies in a hole: a hollow blob is one
+    object (item 22). The blob that starts in the highest row comes first.
+
+    Each row is cut into runs of free and of occupied cells, in turns, and each run joins those of its kind
+    that it touches in the row before. Free space goes on around the grid: run 0 lies below it, and is the
+    root of all the free space that no blob encloses.
+    """
+    height, width = d.shape
+    begin, end, line, parent, top = np.empty((5, 1 + (height + 1) * (width + 2)), np.int64)
+    begin[0], end[0], parent[0] = -1, width + 1, 0
+    before, first, count = 0, 1, 1
+    for r in range(height + 1):
+        count = cut_into_runs(d, r, begin, end, count)
+        for run in range(first, count):
+            occupied = (run - first) & 1
+            line[run], parent[run], top[run] = r, run, r if occupied else -1
+            other = before + occupied
+            while other < first and begin[other] < end[run] + occupied:
+                if end[other] + occupied > begin[run]:  # occupied cells touch across corners too
+                    a, b = root(parent, run), root(parent, other)
+                    parent[max(a, b)] = min(a, b)
+                other += 2
+        before, first = first, count
+    blobs = 0
+    for run in range(1, count):
+        if top[run] >= 0:  # occupied; a blob's first run is its root, and gets the extent of all
+            own = root(parent, run)
+            blobs += own == run
+            begin[own], end[own] = min(begin[own], begin[run]), max(end[own], end[run])
+            top[own] = line[run]
+    boxes = np.empty((blobs, 4))
+    kept = 0
+    for run in range(count - 1, 0, -1):
+        cells = (end[run] - begin[run]) * (top[run] + 1 - line[run])
+        outer = top[run] >= 0 and parent[run] == run and root(parent, run - 1) == 0
+        if outer and cells >= min_area_cells:
+            boxes[kept, 0] = x_m + (column + begin[run]) * resolution_m
+            boxes[kept, 1] = y_m + (row + line[run]) * resolution_m
+            boxes[kept, 2] = x_m + (column + end[run]) * resolution_m
+            boxes[kept, 3] = y_m + (row + top[run] + 1) * resolution_m
+            kept += 1
+    return boxes[:kept]
+
+
+@njit(cache=True)
+def cut_into_runs(d: BinaryArray, row: int, begin: Indices, end: Indices, count: int) -> int:
+    """Write where each run of a row begins and ends from place ``count`` on; return the place after the last.
+
+    The first and the last one are free and reach one cell out of the grid. There is one row more than D has.
+    """
+    height, width = d.shape
+    begin[count] = -1
+    occupied = False
+    cells = 0
+    if row < height:  # most rows are free
+        for x in range(width):
+            cells |= d[row, x]
+    if cells != 0:
+        for x in range(width):
+            if (d[row, x] != 0) != occupied:
+                end[count] = x
+                count += 1
+                begin[count] = x
+                occupied = not occupied
+    if occupied:
+        end[count] = width
+        count += 1
+        begin[count] = width
+    end[count] = width + 1
+    return count + 1
+
+
+@njit(cache=True)
+def root(parent: Indices, run: int) -> int:
+    """The first of the runs that are joined with ``run``."""
+    while parent[run] != run:
+        run = parent[run]
+    return run
+
+
+def shrunk(boxes: BoxArray, margin_m: float) -> BoxArray:
+    """Boxes with ``margin_m`` taken off every side, never past their own centres (item 25)."""
+    low, high = boxes[:, :2], boxes[:, 2:]
+    margins = np.minimum(margin_m, (high - low) / 2.0)
+    return np.concatenate((low + margins, high - margins), axis=1)

@@ -10,24 +10,20 @@ import numpy as np
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.binary_map import FREE, OCCUPIED, Unknown, binary_map
+from midnet_bench.midnet.binary_map import FREE, INT8, OCCUPIED, Unknown, binary_map
 from midnet_bench.midnet.detection import (
     Align,
     BinaryArray,
+    BoxArray,
     Crop,
+    Indices,
     bounding_boxes,
     common_occupancy,
     crop_to_prior,
-    find_contours,
     foreground,
+    shrunk,
 )
-from midnet_bench.midnet.fusion import (
-    AllyRemove,
-    Detection,
-    RemovedAlly,
-    divide_and_conquer,
-    remove_ally_detections,
-)
+from midnet_bench.midnet.fusion import REMOVE, AllyRemove, TeamBoxes, ally_squares, fuse_team
 from midnet_bench.settings import Settings, option
 
 
@@ -116,6 +112,24 @@ class RobotView:
     """without the allies"""
 
 
+class Detection(NamedTuple):
+    """One box, map frame, and the robot that found it."""
+
+    box: Box
+    robot: int
+    """index in the team"""
+
+
+class RemovedAlly(NamedTuple):
+    """A robot's box that was taken for an ally."""
+
+    detection: Detection
+    ally: int
+    """index of the robot whose pose it matched"""
+    iou: float
+    """with that ally's square"""
+
+
 @dataclass(frozen=True)
 class Explanation:
     """Everything between the costmaps and the detections of one frame."""
@@ -146,7 +160,7 @@ class _Seen(NamedTuple):
     b: BinaryArray
     c: BinaryArray
     d: BinaryArray
-    boxes: list[Box]
+    boxes: BoxArray
 
 
 class MIDNet:
@@ -172,29 +186,29 @@ class MIDNet:
         if not observations:
             return Frame([], [], Explanation([], []) if explain else None)
         settings = self.settings
-        seen = [self._look(observation) for observation in observations]
-        allies = remove_ally_detections(
-            [observation.pose for observation in observations],
-            [[Detection(box, robot) for box in one.boxes] for robot, one in enumerate(seen)],
-            settings.ally_diameter_m,
-            settings.iou_ally,
-            settings.ally_remove,
+        seen: list[_Seen] = []
+        found: list[BoxArray] = []
+        for observation in observations:
+            one = self._look(observation)
+            found.append(one.boxes)
+            if explain:  # else the next robot's grids take the memory of these, which is still in the cache
+                seen.append(one)
+        boxes = np.concatenate(found)
+        robots = np.repeat(np.arange(len(found)), [len(own) for own in found])
+        squares = ally_squares([observation.pose for observation in observations], settings.ally_diameter_m)
+        team = fuse_team(
+            boxes, robots, squares, settings.iou_ally, REMOVE[settings.ally_remove], settings.iou_fuse
         )
-        fused = divide_and_conquer(allies.kept, 0, len(observations) - 1, settings.iou_fuse)
-        explanation = None
-        if explain:
-            views = [self._view(one, kept) for one, kept in zip(seen, allies.kept, strict=True)]
-            explanation = Explanation(views, allies.removed)
         return Frame(
-            [detection.box for detection in fused],
-            [detection.robot for detection in fused],
-            explanation,
+            [Box._make(box) for box in team.detections.tolist()],
+            team.found_by.tolist(),
+            self._explain(seen, robots, squares, team) if explain else None,
         )
 
     def _look(self, observation: Observation) -> _Seen:
         """Sections IV.A and IV.B for one robot."""
         settings, prior, costmap = self.settings, self.prior, observation.costmap
-        if costmap.data.dtype != np.int8:
+        if costmap.data.dtype != INT8:
             raise InputError(
                 f"costmap: its values are {costmap.data.dtype}; int8 is needed, as costmap_2d publishes them:"
                 " 0 to 100, and -1 where nothing is known"
@@ -203,20 +217,32 @@ class MIDNet:
         local = binary_map(costmap.data, settings.thresh_local, settings.unknown)
         a, b = crop.of_local(local), crop.of_prior(prior.data)
         if crop.is_empty:
-            return _Seen(crop, a, b, a, a, [])
+            return _Seen(crop, a, b, a, a, np.empty((0, 4)))
         c = common_occupancy(a, b)
         d = foreground(a, c)
-        boxes = bounding_boxes(find_contours(d), (crop.x1_gmap, crop.y1_gmap), prior, settings.min_area_cells)
+        boxes = bounding_boxes(d, (crop.x1_gmap, crop.y1_gmap), prior, settings.min_area_cells)
         if settings.deflate_boxes_m > 0.0:
-            boxes = [box.shrunk(settings.deflate_boxes_m) for box in boxes]
+            boxes = shrunk(boxes, settings.deflate_boxes_m)
         return _Seen(crop, a, b, c, d, boxes)
 
-    def _view(self, seen: _Seen, kept: Sequence[Detection]) -> RobotView:
+    def _explain(
+        self, seen: Sequence[_Seen], robots: Indices, squares: BoxArray, team: TeamBoxes
+    ) -> Explanation:
         """The intermediates with their place in the map frame."""
-        resolution = self.prior.resolution
-        corner = (
-            self.prior.origin[0] + seen.crop.x1_gmap * resolution,
-            self.prior.origin[1] + seen.crop.y1_gmap * resolution,
-        )
-        a, b, c, d = (OccupancyGrid(data, resolution, corner) for data in (seen.a, seen.b, seen.c, seen.d))
-        return RobotView(seen.crop, a, b, c, d, seen.boxes, [detection.box for detection in kept])
+        found = [Box._make(box) for one in seen for box in one.boxes.tolist()]
+        views = []
+        for robot, one in enumerate(seen):
+            crop, resolution = one.crop, self.prior.resolution
+            corner = (
+                self.prior.origin[0] + crop.x1_gmap * resolution,
+                self.prior.origin[1] + crop.y1_gmap * resolution,
+            )
+            a, b, c, d = (OccupancyGrid(data, resolution, corner) for data in (one.a, one.b, one.c, one.d))
+            own = [found[k] for k in np.flatnonzero(robots == robot)]
+            kept = [found[k] for k in team.kept[team.starts[robot] : team.starts[robot + 1]]]
+            views.append(RobotView(crop, a, b, c, d, own, kept))
+        removed = []
+        for ally, k in team.removed.tolist():
+            share = Box._make(squares[ally].tolist()).iou(found[k])
+            removed.append(RemovedAlly(Detection(found[k], int(robots[k])), ally, share))
+        return Explanation(views, removed)

@@ -5,7 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.geometry import Box, Pose2D
-from midnet_bench.midnet.fusion import Detection, ally_box, remove_ally_detections
+from midnet_bench.midnet.fusion import ally_squares
+from tests.midnet.plain_fusion import Detection
+from tests.midnet.teams import remove_ally_detections
 
 FAR = Pose2D(50.0, 50.0, 0.0)
 
@@ -21,7 +23,8 @@ def detections(*lists: list[Box]) -> list[list[Detection]]:
 
 
 def test_ally_box_is_the_square_about_the_robot_however_it_is_turned() -> None:
-    assert ally_box(Pose2D(1.0, -2.0, 0.7), 0.5) == Box(0.75, -2.25, 1.25, -1.75)
+    squares = ally_squares([Pose2D(1.0, -2.0, 0.7), FAR], 0.5)
+    assert squares.tolist() == [[0.75, -2.25, 1.25, -1.75], [49.75, 49.75, 50.25, 50.25]]
 
 
 def test_ally_is_removed_from_the_list_of_the_one_who_sees_it() -> None:

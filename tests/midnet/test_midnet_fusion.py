@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.geometry import Box
-from midnet_bench.midnet.fusion import Detection, divide_and_conquer, fuse_detections
+from tests.midnet.plain_fusion import Detection
+from tests.midnet.teams import conquer, fuse
 
 T = 0.1
 
@@ -21,7 +22,7 @@ def boxes_in(detections: list[Detection]) -> list[Box]:
 
 
 def fuse_all(*lists: list[Box], threshold: float = T) -> list[Detection]:
-    return divide_and_conquer([of(r, *boxes) for r, boxes in enumerate(lists)], 0, len(lists) - 1, threshold)
+    return conquer([of(r, *boxes) for r, boxes in enumerate(lists)], 0, len(lists) - 1, threshold)
 
 
 SMALL = Box(0, 0, 4, 4)
@@ -30,17 +31,17 @@ ELSEWHERE = Box(20, 0, 24, 4)
 
 
 def test_larger_box_of_the_first_list_takes_the_place_of_the_smaller() -> None:
-    fused = fuse_detections(of(1, LARGE), of(0, ELSEWHERE, SMALL), T)
+    fused = fuse(of(1, LARGE), of(0, ELSEWHERE, SMALL), T)
     assert fused == [*of(0, ELSEWHERE), *of(1, LARGE)]
 
 
 def test_smaller_or_equal_box_of_the_first_list_is_dropped() -> None:
-    assert fuse_detections(of(1, SMALL), of(0, LARGE), T) == of(0, LARGE)
-    assert fuse_detections(of(1, SMALL), of(0, SMALL), T) == of(0, SMALL)
+    assert fuse(of(1, SMALL), of(0, LARGE), T) == of(0, LARGE)
+    assert fuse(of(1, SMALL), of(0, SMALL), T) == of(0, SMALL)
 
 
 def test_box_without_a_partner_is_appended() -> None:
-    assert fuse_detections(of(1, ELSEWHERE), of(0, SMALL), T) == [*of(0, SMALL), *of(1, ELSEWHERE)]
+    assert fuse(of(1, ELSEWHERE), of(0, SMALL), T) == [*of(0, SMALL), *of(1, ELSEWHERE)]
 
 
 def test_iou_of_exactly_t_fuses_and_less_does_not() -> None:
@@ -73,7 +74,7 @@ def test_five_robots_with_boxes_of_their_own_come_out_in_index_order() -> None:
 
 def test_recursion_takes_a_range_of_robots() -> None:
     lists = [of(robot, Box(10 * robot, 0, 10 * robot + 4, 4)) for robot in range(5)]
-    assert divide_and_conquer(lists, 1, 3, T) == lists[1] + lists[2] + lists[3]
+    assert conquer(lists, 1, 3, T) == lists[1] + lists[2] + lists[3]
 
 
 def test_a_single_robot_keeps_its_overlapping_boxes() -> None:
@@ -103,7 +104,7 @@ def test_result_can_hold_boxes_that_overlap_by_more_than_t() -> None:
 def test_fusing_a_list_with_itself_can_change_it() -> None:
     # LARGE finds its match in SMALL, which comes first, and takes its place: now it is there twice
     own = of(0, SMALL, LARGE)
-    assert boxes_in(fuse_detections(own, own, T)) == [LARGE, LARGE]
+    assert boxes_in(fuse(own, own, T)) == [LARGE, LARGE]
 
 
 def test_a_box_can_be_pushed_out_by_one_that_it_does_not_even_overlap() -> None:
@@ -111,7 +112,7 @@ def test_a_box_can_be_pushed_out_by_one_that_it_does_not_even_overlap() -> None:
     #   i1     111111......    takes j's place
     #   i2     ......222222    is compared with j, which is gone, and pushes out i1
     j, i1, i2 = Box(4, 0, 8, 4), Box(0, 0, 6, 4), Box(6, 0, 12, 4)
-    assert fuse_detections(of(1, i1, i2), of(0, j), T) == of(1, i2)
+    assert fuse(of(1, i1, i2), of(0, j), T) == of(1, i2)
     assert i1.iou(i2) == 0.0
 
 
@@ -169,7 +170,7 @@ def as_the_paper_writes_it(s1: list[Cells], s2: list[Cells], t: Fraction) -> lis
     st.sampled_from([Fraction(1, 10), Fraction(1, 5), Fraction(1, 2), Fraction(1)]),
 )
 def test_fusion_in_metres_is_algorithm_4_in_cells(s1: list[Cells], s2: list[Cells], t: Fraction) -> None:
-    fusion = fuse_detections(of(1, *map(in_metres, s1)), of(0, *map(in_metres, s2)), float(t))
+    fusion = fuse(of(1, *map(in_metres, s1)), of(0, *map(in_metres, s2)), float(t))
     assert boxes_in(fusion) == [in_metres(box) for box in as_the_paper_writes_it(s1, s2, t)]
 
 
