@@ -135,7 +135,7 @@ def test_beams_that_leave_the_map_are_clipped_to_its_edge() -> None:
 @given(st.integers(-25, 25), st.integers(-25, 25), st.integers(0, 40))
 def test_a_cleared_line_is_bresenhams(dx: int, dy: int, limit: int) -> None:
     cells = np.full((60, 60), 254, dtype=np.uint8)
-    clear_line(cells, 30, 30, 30 + dx, 30 + dy, limit)
+    clear_line(cells.reshape(-1), cells.shape[1], 30, 30, 30 + dx, 30 + dy, limit)
     major = max(abs(dx), abs(dy))
     steps = int(min(1.0, limit / math.hypot(dx, dy)) * major) if major else 0
     expected = set()

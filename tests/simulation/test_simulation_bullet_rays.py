@@ -9,7 +9,7 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.arena.solids import Solid
 from midnet_bench.geometry import Pose2D
-from midnet_bench.simulation.bullet.rays import pieces, ray_fractions
+from midnet_bench.simulation.bullet.rays import pieces
 from midnet_bench.simulation.bullet.world import World
 from midnet_bench.simulation.integrity import surfaces
 from midnet_bench.simulation.lidar import beam_directions
@@ -35,7 +35,7 @@ def whole_beams(world: World, beams: Beams, near_m: float, far_m: float) -> np.n
         ).reshape(-1, 3)
         for reach_m in (near_m, far_m)
     )
-    met = ray_fractions(world._client, starts, ends)
+    met = world._rays.fractions(starts, ends)
     return np.where(met < 1.0, near_m + met * (far_m - near_m), np.inf).reshape(beams.directions.shape[:2])
 
 

@@ -12,7 +12,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from midnet_bench.arena.layout import Layout
 from midnet_bench.simulation.bullet.engine import bullet
+from midnet_bench.simulation.bullet.stage import add_solids
+from midnet_bench.simulation.integrity import surfaces
 from midnet_bench.simulation.simulator import Beams
 
 Floats = npt.NDArray[np.float64]
@@ -31,18 +34,36 @@ _FRACTION = itemgetter(2)
 """of a ray's result, as PyBullet gives it"""
 
 
-def cast_on_solids(
-    client: int, sides: Floats, beams: Beams, near_m: float, far_m: float, height_m: float
-) -> Floats:
-    """(m, beams) distance from the axis to the first solid between near and far; inf if there is none.
+class Rays:
+    """Beams against all walls and stationary intruders, in a PyBullet client that holds nothing else.
 
-    ``sides``: (k, 4) x and y of both ends of each side of all solids.
+    Beside floor and robots, which no beam meets, a ray would take a third longer.
     """
-    starts, ends, spans, places = pieces(*beams, sides, near_m, far_m, height_m)
-    ranges = np.full(beams.directions.shape[:2], np.inf)
-    if len(places):
-        meet(ranges.reshape(-1), places, spans, ray_fractions(client, starts, ends))
-    return ranges
+
+    def __init__(self, layout: Layout, height_m: float) -> None:
+        """The scan plane lies ``height_m`` above the floor."""
+        self._client = bullet.connect(bullet.DIRECT)
+        add_solids(self._client, layout.solids)
+        self._sides = surfaces(layout)
+        self._height_m = height_m
+
+    def close(self) -> None:
+        """Give the client back; more than once does no harm."""
+        if self._client >= 0:
+            bullet.disconnect(physicsClientId=self._client)
+            self._client = -1
+
+    def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
+        """(m, beams) metres from the axis to the first solid between near and far; inf if there is none."""
+        starts, ends, spans, places = pieces(*beams, self._sides, near_m, far_m, self._height_m)
+        ranges = np.full(beams.directions.shape[:2], np.inf)
+        if len(places):
+            meet(ranges.reshape(-1), places, spans, self.fractions(starts, ends))
+        return ranges
+
+    def fractions(self, starts: Floats, ends: Floats) -> Floats:
+        """(n,) how far along each ray from (n, 3) starts to ends the first solid is; 1 if none."""
+        return ray_fractions(self._client, starts, ends)
 
 
 def ray_fractions(client: int, starts: Floats, ends: Floats) -> Floats:

@@ -14,9 +14,8 @@ from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.bullet.body import Drive, load_robot
 from midnet_bench.simulation.bullet.engine import bullet
-from midnet_bench.simulation.bullet.rays import cast_on_solids
+from midnet_bench.simulation.bullet.rays import Rays
 from midnet_bench.simulation.bullet.stage import add_floor, add_solids
-from midnet_bench.simulation.integrity import surfaces
 from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.simulator import Beams
 
@@ -53,7 +52,7 @@ class World:
         bullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self._client)
         self._floor = add_floor(self._client)
         add_solids(self._client, layout.solids)
-        self._sides = surfaces(layout)
+        self._rays = Rays(layout, robot.lidar_height_m)
         self._robots = [load_robot(self._client, robot, pose) for pose in starts]
         self._drive = Drive(robot, self._robots, self._client, 1.0 / self.step_hz)
         self._active = np.ones(len(starts), dtype=np.bool_)
@@ -77,6 +76,7 @@ class World:
         if self._client >= 0:
             bullet.disconnect(physicsClientId=self._client)
             self._client = -1
+        self._rays.close()
 
     @property
     def active(self) -> npt.NDArray[np.bool_]:
@@ -126,7 +126,7 @@ class World:
 
     def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
         """(m, beams) metres from the axis to the first solid between near and far; inf if there is none."""
-        return cast_on_solids(self._client, self._sides, beams, near_m, far_m, self.robot.lidar_height_m)
+        return self._rays.cast(beams, near_m, far_m)
 
     def remove(self, index: int) -> None:
         """Take a robot out of the arena for good, as a caught intruder is."""
