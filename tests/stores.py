@@ -21,6 +21,7 @@ def labyrinth_store(
     seeds: int = 20,
     grid: dict[str, list[Scalar]] | None = None,
     failed: tuple[int, int, int] | None = None,
+    by_engine: Mapping[str, int] | None = None,
 ) -> Store:
     """Trials in which every intruder is detected at 10 s; caught ones at 20 s, the others escape at 60 s."""
     grid = grid or {"intruders": [1, 2, 3, 4, 5], "robots": [1, 2, 3, 4, 5]}
@@ -38,7 +39,8 @@ def labyrinth_store(
             if (intruders, robots, seed) == failed:
                 store.record(run_id, spec, Outcome(spec.trial_id, 1.0, failure="ValueError: no"))
                 continue
-            result = labyrinth_result(intruders, robots, caught(intruders, robots, seed))
+            number = caught(intruders, robots, seed) if by_engine is None else by_engine[str(cell["engine"])]
+            result = labyrinth_result(intruders, robots, number)
             store.record(run_id, spec, Outcome(spec.trial_id, 6.0, result.simulated_s, encode_tables(result)))
     return store
 

@@ -13,7 +13,7 @@ import tempfile
 import weakref
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -24,8 +24,8 @@ from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.export import FAILURES, TIMING, cell_text, export_csv
 from midnet_bench.campaign.provenance import Provenance
 from midnet_bench.campaign.store import FILE_NAME, Store, open_store
-from midnet_bench.campaign.trial import Row
-from midnet_bench.errors import InputError
+from midnet_bench.campaign.trial import Row, Scalar
+from midnet_bench.errors import InputError, nearest_name
 
 CONFIGURATION = "configuration.json"
 PROVENANCE = "provenance.json"
@@ -94,6 +94,36 @@ class Results:
         factors = [factor for factor in self.factors if factor not in known]
         columns = [[f"{factor}={value}" for value in frame[factor]] for factor in factors]
         return [separator.join(parts) for parts in zip(*columns, strict=True)] or [""] * len(frame)
+
+    def by_value(self, factor: str) -> "dict[str, Results]":
+        """The campaign in parts, one for each value of a factor of the grid, which is a parameter there.
+
+        Raises:
+            InputError: the grid has no such factor.
+        """
+        if factor not in self.definition.grid:
+            known = self.factors
+            raise InputError(
+                f"{self.directory}: the grid has no factor '{factor}'{nearest_name(factor, known)}"
+            )
+        return {str(value): self._part(factor, value) for value in self.definition.grid[factor]}
+
+    def _part(self, factor: str, value: Scalar) -> "Results":
+        grid = {name: values for name, values in self.definition.grid.items() if name != factor}
+        parameters = {**self.definition.parameters, factor: value}
+
+        def cut(frame: pd.DataFrame) -> pd.DataFrame:
+            if factor not in frame:
+                return frame
+            return frame[frame[factor] == value].drop(columns=factor).reset_index(drop=True)
+
+        return replace(
+            self,
+            definition=replace(self.definition, grid=grid, parameters=parameters),
+            tables={name: cut(table) for name, table in self.tables.items()},
+            timing=cut(self.timing),
+            failures=cut(self.failures),
+        )
 
 
 def records(frame: pd.DataFrame) -> list[Row]:

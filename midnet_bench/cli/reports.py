@@ -112,11 +112,19 @@ def compare(
     directories: Annotated[
         list[Path],
         typer.Argument(
-            help="Two or more folders of campaigns of one experiment.",
+            help="Two or more folders of campaigns of one experiment, or one with --by.",
             callback=_campaigns_folders,
             autocompletion=completion.results,
         ),
     ],
+    by: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FACTOR",
+            help="A factor of the only campaign's grid, such as engine: compare its values.",
+            show_default=False,
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Also write tables and figures into this folder."),
@@ -126,7 +134,7 @@ def compare(
     """Compare campaigns on the seeds they share: each score's difference, and the settings that differ."""
     from midnet_bench.workflows.compare import compare as compare_campaigns
 
-    show(*compare_campaigns(directories, output), as_json)
+    show(*compare_campaigns(directories, output, by), as_json)
     if output is not None and not as_json:
         messages.tell_where(output)
 

@@ -11,7 +11,8 @@ from midnet_bench.workflows.shipped import shipped_folder
 
 def packaged_campaigns() -> dict[str, Path]:
     """The campaign files that come with the package, by name, in alphabetical order."""
-    return {path.stem: path for path in sorted(shipped_folder("campaigns", "campaigns").glob("*.yaml"))}
+    found = {path.stem: path for path in shipped_folder("campaigns", "campaigns").glob("*.yaml")}
+    return dict(sorted(found.items()))
 
 
 def campaign_file(name_or_path: str | Path) -> Path:

@@ -20,23 +20,26 @@ MAX_SHOWN = 60
 """characters of a setting's value: an arena taken in from a file is long"""
 
 
-def compare(directories: Sequence[str | Path], output: str | Path | None = None) -> tuple[str, list[Table]]:
+def compare(
+    directories: Sequence[str | Path], output: str | Path | None = None, by: str | None = None
+) -> tuple[str, list[Table]]:
     """Two or more campaigns of one experiment, on the seeds that they share with the first.
 
     Args:
         directories: of the campaigns.
         output: a folder for the tables and figures; nothing is written unless it is given.
+        by: a factor of the grid of the only campaign; then the parts with each of its values are compared.
 
     Returns:
         The experiment's name, and its tables: those that the experiment adds, ``differences`` (of the main
         scores) and ``settings`` (which ones differ).
 
     Raises:
-        InputError: they are not of one experiment, it has no main scores, one folder is given twice, or a
-            campaign has no seed in common with the first.
+        InputError: they are not of one experiment, it has no main scores, one folder is given twice, a
+            campaign has no seed in common with the first, or ``by`` does not part the only campaign.
     """
-    names = names_of([Path(directory) for directory in directories])
-    campaigns = {name: load_results(path) for name, path in zip(names, directories, strict=True)}
+    campaigns = _load(directories) if by is None else _parts(directories, by)
+    names = list(campaigns)
     kinds = sorted({results.definition.experiment for results in campaigns.values()})
     record = experiment_of(campaigns[names[0]])
     if len(kinds) > 1 or record.measures is None:
@@ -57,6 +60,21 @@ def compare(directories: Sequence[str | Path], output: str | Path | None = None)
             table.write(Path(output))
         write_figures_of(campaigns, Path(output))
     return kinds[0], tables
+
+
+def _load(directories: Sequence[str | Path]) -> dict[str, Results]:
+    names = names_of([Path(directory) for directory in directories])
+    return {name: load_results(path) for name, path in zip(names, directories, strict=True)}
+
+
+def _parts(directories: Sequence[str | Path], by: str) -> dict[str, Results]:
+    """The only campaign by the values of a factor, called ``factor=value``."""
+    if len(directories) != 1:
+        raise InputError(f"compare: --by {by} parts one campaign; give one folder")
+    parts = load_results(directories[0]).by_value(by)
+    if len(parts) == 1:
+        raise InputError(f"{directories[0]}: '{by}' has one value only; there is nothing to compare")
+    return {f"{by}={value}": results for value, results in parts.items()}
 
 
 def names_of(directories: Sequence[Path]) -> list[str]:

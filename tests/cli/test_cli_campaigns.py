@@ -13,7 +13,7 @@ def test_campaigns_lists_every_file_with_its_first_sentence(tmp_path: Path) -> N
     done = midnet_bench("campaigns", folder=tmp_path)
     files = sorted(path.stem for path in (REPOSITORY / "campaigns").glob("*.yaml"))
     assert [line.split()[0] for line in done.stdout.splitlines()] == files
-    assert "labyrinth        The paper's 500 labyrinth trials, section V.B." in done.stdout
+    assert "labyrinth The paper's 500 labyrinth trials, section V.B." in " ".join(done.stdout.split())
     told = json.loads(midnet_bench("campaigns", "--json", folder=tmp_path).stdout)
     assert list(told) == files
     assert all(text.endswith(".") and len(text) < 120 for text in told.values())

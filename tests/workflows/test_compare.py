@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.analysis.tables import Table
+from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.workflows.compare import compare, names_of
 from tests.stores import detection_store, labyrinth_store
@@ -33,6 +34,32 @@ def test_detection_campaigns_are_paired_by_seed(tmp_path: Path) -> None:
     assert rows["recall"]["difference"] == 0.0
     assert (math.isnan(rows["f1"]["difference"]), rows["f1"]["n"]) == (True, 0)
     assert (tmp_path / "out" / "differences.md").exists()
+
+
+def test_the_values_of_a_factor_are_paired_by_seed(tmp_path: Path) -> None:
+    """One campaign over both engines says what two campaigns say, each on one of them."""
+    grid: dict[str, list[Scalar]] = {"engine": ["bullet", "fast"], **SMALL}
+    caught = {"bullet": 1, "fast": 0}
+    one = tmp_path / "one"
+    one.mkdir()
+    store = labyrinth_store(one / "campaign.sqlite", lambda i, r, s: 0, seeds=3, grid=grid, by_engine=caught)
+    store.close()
+    for engine, number in caught.items():
+        folder = tmp_path / f"engine={engine}"
+        folder.mkdir()
+        labyrinth_store(folder / "campaign.sqlite", lambda i, r, s, n=number: n, seeds=3, grid=SMALL).close()
+    together = {table.name: table for table in compare([one], by="engine")[1]}
+    apart = compared(tmp_path / "engine=bullet", tmp_path / "engine=fast")
+    assert together["differences"].flat_rows() == apart["differences"].flat_rows()
+    assert {row["difference"] for row in together["differences"].flat_rows()} == {-75.0}
+    assert [row["setting"] for row in together["settings"].rows] == ["engine"]
+    for by, folders, told in (
+        ("robot", [one], "no factor 'robot'; did you mean 'robots'"),
+        ("engine", [one, one], "give one folder"),
+        ("engine", [tmp_path / "engine=fast"], "no factor 'engine'"),
+    ):
+        with pytest.raises(InputError, match=told):
+            compare(folders, by=by)
 
 
 @pytest.mark.slow
