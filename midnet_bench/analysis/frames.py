@@ -12,11 +12,11 @@ import shutil
 import tempfile
 import weakref
 import zlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import pandas as pd
 
@@ -32,6 +32,9 @@ PROVENANCE = "provenance.json"
 ENDINGS = (".csv", ".csv.gz")
 _EXACTLY: dict[str, Any] = {"float_precision": "round_trip"} if pd.__version__ < "3.1" else {}
 """floats to their last digit, which is what pandas does unasked since 3.1"""
+
+
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,15 @@ class Results:
     """a row for each trial: ``status`` (finished, failed), ``wall_s``, ``simulated_s``, ``finished_utc``"""
     failures: pd.DataFrame
     """a row for each trial that failed, with its ``reason``; no columns if none did"""
+    _made: dict[Callable[["Results"], object], object] = field(
+        default_factory=dict, repr=False, compare=False
+    )
+
+    def once(self, make: Callable[["Results"], Made]) -> Made:
+        """What ``make`` makes of these results: made when it is first asked for, by whoever it is."""
+        if make not in self._made:
+            self._made[make] = make(self)
+        return cast(Made, self._made[make])
 
     @property
     def factors(self) -> list[str]:

@@ -189,21 +189,30 @@ class Store:
 
     def record(self, run_id: int, spec: TrialSpec, outcome: Outcome) -> None:
         """Commits one trial, in place of an earlier failure of it."""
-        cell = Cell(spec.experiment, spec.parameters)
-        if cell.number not in self._written:
-            self.write_cells([cell])
-        row = rows.row(
-            cell.number,
-            spec.seed,
-            run_id,
-            outcome.simulated_s,
-            outcome.wall_s,
-            now_utc(),
-            outcome.failure,
-            outcome.payload,
-        )
+        self.record_all(run_id, [(spec, outcome)])
+
+    def record_all(self, run_id: int, trials: Iterable[tuple[TrialSpec, Outcome]]) -> None:
+        """Commits several trials, all or none of them, each in place of an earlier failure of it."""
+        cells: dict[int, Cell] = {}
+        written = []
+        for spec, outcome in trials:
+            cell = cells.setdefault(id(spec.parameters), Cell(spec.experiment, spec.parameters))
+            written.append(
+                rows.row(
+                    cell.number,
+                    spec.seed,
+                    run_id,
+                    outcome.simulated_s,
+                    outcome.wall_s,
+                    now_utc(),
+                    outcome.failure,
+                    outcome.payload,
+                )
+            )
+        if any(cell.number not in self._written for cell in cells.values()):
+            self.write_cells(cells.values())
         with self._transaction():
-            self._connection.execute(rows.INSERT, row)
+            self._connection.executemany(rows.INSERT, written)
 
     def trials(self) -> Iterator[StoredTrial]:
         """Every trial of the present definition, cell by cell in the grid's order, then by seed.

@@ -1,8 +1,8 @@
 """The trials of a labyrinth campaign as data frames, sorted into cells, and their means with intervals."""
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -31,6 +31,10 @@ class Variant:
     robots: pd.DataFrame
     """A row per robot and trial: its row of the table ``robots``, ``present_s`` (its time in the arena),
     ``stuck_percent`` of that time, and ``metres_per_minute``."""
+    _found: dict[tuple[str | int | None, ...], Estimate] = field(
+        default_factory=dict, repr=False, compare=False
+    )
+    """estimates that tables and figures share, by what was asked for"""
 
     @cached_property
     def intruder_counts(self) -> list[int]:
@@ -69,9 +73,8 @@ class Variant:
 
     def health_by_seed(self, role: str, robots: int, column: str) -> dict[int, float]:
         """The mean of a column of ``robots`` over the robots of one role, as :meth:`rates_by_seed`."""
-        mine = self.robots[self.robots["role"] == role]
-        per_trial = mine.groupby(TRIAL)[column].agg(_mean).reset_index()
-        return self._seed_means(per_trial, robots, column)
+        mine = self.robots[(self.robots["role"] == role) & (self.robots["robots"] == robots)]
+        return self._seed_means(_means(mine, TRIAL, column), robots, column)
 
     def success(self, intruders: int | None, robots: int) -> Estimate:
         """The mean success rate of a cell, percent; over all numbers of intruders if that is None.
@@ -79,6 +82,9 @@ class Variant:
         Where all trials caught everybody, or all nobody, no resample differs and the bootstrap would claim
         certainty; there the interval is Wilson's, a trial counting as one yes or no.
         """
+        return self._once(self._success, intruders, robots)
+
+    def _success(self, intruders: int | None, robots: int) -> Estimate:
         values = self.rates_by_seed(intruders, robots).values()
         rate = mean(values, "success", intruders or "all", robots)
         if rate.n > 1 and rate.value in (0.0, 100.0):
@@ -88,6 +94,9 @@ class Variant:
 
     def not_caught(self, intruders: int, robots: int) -> Estimate:
         """The mean share of intruders that were detected and yet not caught, percent."""
+        return self._once(self._not_caught, intruders, robots)
+
+    def _not_caught(self, intruders: int, robots: int) -> Estimate:
         cell = self.cell(intruders, robots)
         return mean(cell["detected_not_caught"], "not caught", intruders, robots)
 
@@ -97,6 +106,9 @@ class Variant:
         It is the mean of those that were caught (or detected) alone, so a team that catches the hard ones
         too may look slower; trials that caught nobody have no part in it.
         """
+        return self._once(self._pooled_time, intruders, robots, times)
+
+    def _pooled_time(self, intruders: int, robots: int, times: str) -> Estimate:
         cell = self.cell(intruders, robots)
         cell = cell[cell[times] > 0]
         rng = stream(0, "bootstrap", f"{times}_s")
@@ -106,15 +118,19 @@ class Variant:
         """The mean of a column of ``robots`` over seeds, all numbers of intruders together."""
         return mean(self.health_by_seed(role, robots, column).values(), "health", role, robots)
 
+    def _once(self, find: Callable[..., Estimate], *asked: str | int | None) -> Estimate:
+        """An estimate, found when it is first asked for: many trials take seconds to draw again."""
+        key = (find.__name__, *asked)
+        if key not in self._found:
+            self._found[key] = find(*asked)
+        return self._found[key]
+
     def _seed_means(self, trials: pd.DataFrame, robots: int, column: str) -> dict[int, float]:
         """The mean over all numbers of intruders by seed; seeds that lack one are left out."""
         mine = trials[trials["robots"] == robots]
-        means = {}
-        for seed, one in mine.groupby("seed", sort=False)[column]:
-            defined = one.dropna()
-            if len(one) == len(self.intruder_counts) and len(defined):
-                means[int(str(seed))] = _mean(defined)
-        return means
+        complete = mine.groupby("seed")["seed"].transform("size") == len(self.intruder_counts)
+        means = _means(mine[complete].dropna(subset=[column]), ["seed"], column)
+        return dict(zip(means["seed"].tolist(), means[column].tolist(), strict=True))
 
 
 def variants_of(results: Results) -> dict[str, Variant]:
@@ -122,6 +138,10 @@ def variants_of(results: Results) -> dict[str, Variant]:
 
     A campaign that varies nothing but the two numbers has one variant, named by the empty text.
     """
+    return results.once(_variants)
+
+
+def _variants(results: Results) -> dict[str, Variant]:
     trials = results.table("trial")
     if trials.empty:
         return {}
@@ -143,11 +163,11 @@ def mean(values: Iterable[float], *purpose: str | int) -> Estimate:
 def _trials(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
     place = [*results.factors, "seed"]
     placed = _placed(results, trials)
-    fates = results.table("intruders").groupby(place, sort=False)
+    fates = results.table("intruders")
     for times, column in (("detection_times", "detected_at_s"), ("capture_times", "caught_at_s")):
-        placed = placed.join(fates[column].count().rename(times), on=place)
-        summed = fates[column].agg(lambda at_s: math.fsum(at_s.dropna()))
-        placed = placed.join(summed.rename(f"{times}_s"), on=place)
+        sums = _exact_sums(fates, place, column)
+        named = sums.rename(columns={column: f"{times}_s", "count": times})
+        placed = placed.join(named.set_index(place)[[times, f"{times}_s"]], on=place)
     placed = placed.join(results.timing.set_index(place)[["simulated_s", "wall_s"]], on=place)
     missed = placed["detected"] - placed["caught"]
     return placed.assign(
@@ -184,6 +204,23 @@ def _placed(results: Results, frame: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def _mean(values: "pd.Series[float]") -> float:
-    """The mean, added up one by one: pandas adds in an order of its own, which changes the last digit."""
-    return sum(values) / len(values) if len(values) else np.nan
+def _means(frame: pd.DataFrame, keys: list[str], column: str) -> pd.DataFrame:
+    """A row for each group of rows that agree in the keys, in the order of their first rows: keys and mean.
+
+    Numbers are added up one by one: pandas adds in an order of its own, which changes the last digit.
+    """
+    groups = frame.groupby(keys, sort=False).ngroup().to_numpy()
+    sums = np.bincount(groups, weights=frame[column].to_numpy(np.float64))
+    firsts = frame[keys].drop_duplicates()
+    return firsts.assign(**{column: sums / np.bincount(groups)})
+
+
+def _exact_sums(frame: pd.DataFrame, keys: list[str], column: str) -> pd.DataFrame:
+    """The same with the sum of the defined numbers, rounded once, and how many there are as ``count``."""
+    groups = frame.groupby(keys, sort=False).ngroup().tolist()
+    firsts = frame[keys].drop_duplicates()
+    defined: list[list[float]] = [[] for _ in range(len(firsts))]
+    for group, value in zip(groups, frame[column].tolist(), strict=True):
+        if value == value:
+            defined[group].append(value)
+    return firsts.assign(**{column: [*map(math.fsum, defined)]}, count=[*map(len, defined)])
