@@ -54,9 +54,7 @@ class Results:
     """a row for each trial: ``status`` (finished, failed), ``wall_s``, ``simulated_s``, ``finished_utc``"""
     failures: pd.DataFrame
     """a row for each trial that failed, with its ``reason``; no columns if none did"""
-    _made: dict[Callable[["Results"], object], object] = field(
-        default_factory=dict, repr=False, compare=False
-    )
+    _made: dict[object, object] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def once(self, make: Callable[["Results"], Made]) -> Made:
         """What ``make`` makes of these results: made when it is first asked for, by whoever it is."""
