@@ -37,8 +37,6 @@ class Overlaps(NamedTuple):
     """(n + 1,)"""
     partners: Indices
     """indices of rectangles, those of one rectangle ascending"""
-    places: Indices
-    """(n,) of -1: for Algorithm 4 to note where in a list each box is"""
 
 
 class TeamBoxes(NamedTuple):
@@ -102,7 +100,7 @@ def overlaps(rectangles: BoxArray) -> Overlaps:
                 first[pairs], second[pairs] = i, j
                 pairs += 1
     starts, partners = both_ways(first[:pairs], second[:pairs], count)
-    return Overlaps(rectangles, starts, partners, np.full(count, -1))
+    return Overlaps(rectangles, starts, partners)
 
 
 @njit(cache=True)
@@ -220,7 +218,6 @@ def fuse_detections(s1: Indices, s2: Indices, seen: Overlaps, threshold: float) 
             length += 1
         elif area(seen.rectangles, i) > area(seen.rectangles, s2[first]) * (1.0 + ROUNDING):
             fused[first] = i
-    places[s2] = -1
     return fused[:length]
 
 
