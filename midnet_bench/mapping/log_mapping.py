@@ -32,10 +32,10 @@ class MappingResult:
     """one line for each kind of thing in the log that was left out"""
 
 
-def start_mapping(log: ScanLog, particles: int, seed: int) -> GMapping:
+def start_mapping(log: ScanLog, particles: int, seed: int, threads: int = 1) -> GMapping:
     """GMapping with the ``RECORDED_LOG`` settings, ready for the first scan of the log."""
     settings = replace(RECORDED_LOG, particles=particles)
-    return GMapping(log.geometry, settings, log.scans[0].odometry, stream(seed, "gmapping"))
+    return GMapping(log.geometry, settings, log.scans[0].odometry, stream(seed, "gmapping"), threads)
 
 
 def map_scans(
@@ -44,6 +44,7 @@ def map_scans(
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
     look: Look | None = None,
+    threads: int = 1,
 ) -> MappingResult:
     """The map and the trajectory that GMapping makes of a log; the same seed gives the same bytes.
 
@@ -54,11 +55,12 @@ def map_scans(
         progress: called after each scan with the number of scans done and of all scans.
         look: called after the first scan, after the last and at even distances between them, 200 times at
             most. It changes nothing of the result.
+        threads: that the particles are shared between. They change nothing of the result either.
 
     Raises:
         InputError: no scan that counts has a usable range.
     """
-    slam = start_mapping(log, particles, seed)
+    slam = start_mapping(log, particles, seed, threads)
     every = math.ceil(len(log) / (MAX_LOOKS - 1))
     for done, scan in enumerate(log, start=1):
         slam.process(scan.odometry, scan.ranges_m, scan.stamp_s)

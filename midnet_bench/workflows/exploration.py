@@ -25,6 +25,7 @@ from midnet_bench.drawing.stills import draw_map
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.mapping.trial import Exploration, ExplorationTrial, Snapshot
 from midnet_bench.io.files import write_atomically
+from midnet_bench.mapping.gmapping.threads import cores
 from midnet_bench.mapping.map_score import reachable_free
 from midnet_bench.workflows.map_files import MapFiles, write_configuration, write_map, write_provenance
 
@@ -70,7 +71,7 @@ def write_exploration(
     """
     provenance = collect(seed)
     configuration = {"experiment": "mapping", "seed": seed, "parameters": parameters.flat()}
-    with ExplorationTrial(parameters, seed) as trial:
+    with ExplorationTrial(parameters, seed, threads=cores()) as trial:
         files = MapFiles.at(output)
         files.refuse_another(configuration)
         history, start = MapHistory(), trial.layout.robots[0]

@@ -18,6 +18,7 @@ from midnet_bench.io.scan_logs import ScanLog
 from midnet_bench.io.trajectory import write_tum
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.gmapping.settings import RECORDED_LOG
+from midnet_bench.mapping.gmapping.threads import cores
 from midnet_bench.mapping.log_mapping import map_scans
 from midnet_bench.workflows.map_files import MapFiles, write_configuration, write_map, write_provenance
 
@@ -63,7 +64,7 @@ def write_log_map(
     files.refuse_another(configuration)
     history = MapHistory()
     result = map_scans(
-        log, particles, seed, progress, lambda done, slam: history.take(log_snapshot(done, slam))
+        log, particles, seed, progress, lambda done, slam: history.take(log_snapshot(done, slam)), cores()
     )
     comment = f"{name}, {result.scans} scans, by GMapping with {particles} particles, seed {seed}"
     configured = write_configuration(files, configuration)

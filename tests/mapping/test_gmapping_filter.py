@@ -1,6 +1,9 @@
 """The filter as a whole, in a small simulated room with wheels that lie."""
 
 import math
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,7 +19,7 @@ from midnet_bench.mapping.gmapping.filter import (
     scan_rays,
     systematic_resample,
 )
-from midnet_bench.mapping.gmapping.settings import BURGER, TURTLEBOT3, GmappingSettings
+from midnet_bench.mapping.gmapping.settings import BURGER, BURGER_UKF, TURTLEBOT3, GmappingSettings
 from midnet_bench.messages import LidarGeometry
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
@@ -74,6 +77,35 @@ def run(journey: Drive, settings: GmappingSettings, seed: int) -> GMapping:
 
 def shortened(journey: Drive, scans: int) -> Drive:
     return Drive(*(column[:scans] for column in journey))
+
+
+def test_any_number_of_threads_gives_the_same_bytes(journey: Drive) -> None:
+    def ran(threads: int) -> GMapping:
+        settings = replace(BURGER_UKF, particles=7, linear_update_m=0.1, angular_update_rad=0.1)
+        slam = GMapping(LIDAR, settings, journey.truth[0], stream(2, "gmapping"), threads)
+        for k in range(0, 60, 2):
+            slam.process(journey.odometry[k], journey.ranges_m[k], float(journey.stamps_s[k]))
+        return slam
+
+    def said(slam: GMapping) -> list[bytes]:
+        maps = slam._maps
+        numbers = (maps.tables, maps.means[maps.tables], maps.hits[maps.tables], maps.visits[maps.tables])
+        arrays = (slam._poses, slam.trajectory.poses, slam.occupancy().data, *numbers)
+        return [array.tobytes() for array in arrays]
+
+    alone = ran(1)
+    assert len(alone.trajectory) > 9
+    for threads in (2, 3, 40):
+        assert said(ran(threads)) == said(alone)
+
+
+@pytest.mark.parametrize("count", ["1", "2"])
+def test_cores_are_those_that_numba_may_use(count: str) -> None:
+    # joblib's workers set the variable to 1
+    code = "from midnet_bench.mapping.gmapping.threads import cores; print(cores())"
+    environment = {**os.environ, "NUMBA_NUM_THREADS": count}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    assert done.stdout.strip() == count
 
 
 @pytest.fixture(scope="module")

@@ -84,9 +84,13 @@ class Exploration:
 class ExplorationTrial(RobotTrial):
     """An arena without intruders and the Burgers that map it."""
 
-    def __init__(self, parameters: MappingParameters, seed: int) -> None:
-        """Place the robots at their known starts; time is 0 and nobody knows anything."""
+    def __init__(self, parameters: MappingParameters, seed: int, threads: int = 1) -> None:
+        """Place the robots at their known starts; time is 0 and nobody knows anything.
+
+        ``threads``: that each robot's GMapping shares its particles between; any number gives the same bytes.
+        """
         self.parameters = parameters
+        self._threads = threads
         self.seed = seed
         self.arena = _empty(arena_from(parameters.arena))
         self.layout = place(self.arena, seed, parameters.robots)
@@ -196,7 +200,7 @@ class ExplorationTrial(RobotTrial):
             start,
             Navigator(self._area.empty(), parameters.explorer_navigator),
             PlanarUkf(start, parameters.pose_filter),
-            GMapping(LDS_01, parameters.slam, start, stream(self.seed, "gmapping", name)),
+            GMapping(LDS_01, parameters.slam, start, stream(self.seed, "gmapping", name), self._threads),
             FrontierExplorer(parameters.frontier),
             self._area,
             parameters.goals.timeout_s,

@@ -15,6 +15,7 @@ from midnet_bench.io.trajectory import Trajectory
 from midnet_bench.mapping.gmapping.particle_map import ParticleMaps
 from midnet_bench.mapping.gmapping.scan_matcher import match_particles, matching_in_cells
 from midnet_bench.mapping.gmapping.settings import GmappingSettings
+from midnet_bench.mapping.gmapping.threads import ParticleThreads
 from midnet_bench.mapping.gmapping.visit_map import VisitMap
 from midnet_bench.messages import LidarGeometry
 
@@ -41,10 +42,16 @@ class GMapping:
         settings: the parameters.
         initial: the robot's pose in the map frame when the first scan arrives.
         rng: where motion noise and resampling offsets come from.
+        threads: that the particles are shared between; any number gives the same bytes.
     """
 
     def __init__(
-        self, geometry: LidarGeometry, settings: GmappingSettings, initial: Pose2D, rng: np.random.Generator
+        self,
+        geometry: LidarGeometry,
+        settings: GmappingSettings,
+        initial: Pose2D,
+        rng: np.random.Generator,
+        threads: int = 1,
     ) -> None:
         self.geometry = geometry
         self.settings = settings
@@ -55,7 +62,8 @@ class GMapping:
         self._poses = np.tile(np.array(initial.compose(geometry.mount)), (settings.particles, 1))
         self._weights = np.zeros(settings.particles)
         self._weight_sums = np.zeros(settings.particles)
-        self._maps = ParticleMaps(settings.particles, settings.resolution_m)
+        self._threads = ParticleThreads(settings.particles, threads)
+        self._maps = ParticleMaps(settings.particles, settings.resolution_m, self._threads)
         self._correction = initial
         self._odometry = Pose2D(0.0, 0.0, 0.0)
         self._driven_m = 0.0
@@ -156,13 +164,12 @@ class GMapping:
 
     def _match(self, rays: ScanRays) -> None:
         """Put every particle on its scan match and add the log-likelihood to its weights."""
-        matched, likelihoods = match_particles(
-            self._maps.means,
-            self._maps.tables,
-            rays.ends_m[: rays.hits] / self.settings.resolution_m,
-            self._maps.to_cells(self._poses),
-            self._matching,
+        maps, poses = self._maps, self._maps.to_cells(self._poses)
+        beams = rays.ends_m[: rays.hits] / self.settings.resolution_m
+        parts = self._threads.over_particles(
+            lambda part: match_particles(maps.means, maps.tables[part], beams, poses[part], self._matching)
         )
+        matched, likelihoods = (np.concatenate(both) for both in zip(*parts, strict=True))
         self._poses = self._maps.to_metres(matched)
         self._weights = self._weights + likelihoods
         self._weight_sums = self._weight_sums + likelihoods

@@ -14,6 +14,7 @@ from midnet_bench.mapping.gmapping.scan_matcher import (
     IndexArray,
     MeanArray,
 )
+from midnet_bench.mapping.gmapping.threads import ParticleThreads
 
 
 @njit(cache=True)
@@ -65,8 +66,9 @@ class ParticleMaps:
     GMapping puts the centres.
     """
 
-    def __init__(self, particles: int, resolution_m: float) -> None:
+    def __init__(self, particles: int, resolution_m: float, threads: ParticleThreads | None = None) -> None:
         self.resolution_m = resolution_m
+        self._threads = threads or ParticleThreads(particles, 1)
         self.origin_cells = np.zeros(2, dtype=np.int64)
         """(column, row) of the tables' first cell on the lattice through the map frame's origin"""
         self.tables: IndexArray = np.zeros((particles, 1, 1), dtype=np.int32)
@@ -100,8 +102,16 @@ class ParticleMaps:
         self._grow(poses[:, :2].min(axis=0) - reach_m, poses[:, :2].max(axis=0) + reach_m)
         cells = self.to_cells(poses)
         ends = ends_m / self.resolution_m
-        self._own(mark_patches(self.tables, cells, ends, hits))
-        register_rays(self.means, self.hits, self.visits, self.tables, cells, ends, hits)
+        touched = self._threads.over_particles(
+            lambda part: mark_patches(self.tables[part], cells[part], ends, hits)
+        )
+        self._own(np.concatenate(touched))
+        # each particle owns the patches that it writes to
+        self._threads.over_particles(
+            lambda part: register_rays(
+                self.means, self.hits, self.visits, self.tables[part], cells[part], ends, hits
+            )
+        )
 
     def resample(self, ancestors: npt.NDArray[np.int64]) -> None:
         """Give particle n a copy of the map of particle ``ancestors[n]``."""
@@ -142,7 +152,7 @@ class ParticleMaps:
         self.visits = np.concatenate([self.visits, counts])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def mark_patches(tables: IndexArray, poses: FloatArray, ends: FloatArray, hits: int) -> npt.NDArray[np.bool_]:
     """(N, rows, columns) bool: the patches of each particle that a scan may change.
 
@@ -166,7 +176,7 @@ def mark_patches(tables: IndexArray, poses: FloatArray, ends: FloatArray, hits: 
     return touched
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def register_rays(
     means: MeanArray,
     cell_hits: IndexArray,

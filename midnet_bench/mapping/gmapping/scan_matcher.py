@@ -192,7 +192,7 @@ def climb(
             return x, y, yaw, score
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def match_particles(
     means: MeanArray, tables: IndexArray, beams: FloatArray, poses: FloatArray, matching: Matching
 ) -> tuple[FloatArray, FloatArray]:
