@@ -15,7 +15,7 @@ PARTS_PER_THREAD = 4
 
 def cores() -> int:
     """How many threads a process that works alone should take; ``NUMBA_NUM_THREADS`` says it if set."""
-    return int(numba.config.NUMBA_NUM_THREADS)
+    return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
 
 
 class ParticleThreads:
