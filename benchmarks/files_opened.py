@@ -68,8 +68,8 @@ def control_cycle() -> set[str]:
 def midnet_frame() -> set[str]:
     """From the scans of two guards to the row of scores, without physics and driving."""
     parameters = DetectionParameters.of(robots=2, frames=10)
-    driving = ("MobileRobot.localize", "MobileRobot.control", "Navigator.observe", "Progress.update")
-    world = ("World.step", "World.drive", "World.odometry", "HealthTracker.update", "ImuSensor.read")
+    driving = ("Localizer.step", "MobileRobot.control", "Navigator.observe", "Progress.update")
+    world = ("World.step", "World.drive", "World.velocities", "HealthTracker.update", "ImuSensors.read")
     rest = ("DetectionTrial.__init__", "RobotTrial.rows_of_robots", "RobotTrial.__exit__")
     with traced(lambda code: code.co_name == "frames", (*driving, *world, *rest)) as opened:
         run_detection(parameters, seed=1)

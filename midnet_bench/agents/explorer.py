@@ -11,7 +11,7 @@ from midnet_bench.grid import MapWindow, OccupancyGrid
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import FrontierExplorer
 from midnet_bench.mapping.gmapping.filter import GMapping
-from midnet_bench.messages import STOP, Command, Imu, LidarGeometry, Odometry
+from midnet_bench.messages import STOP, Command, LidarGeometry
 from midnet_bench.navigation.navigator import Navigator
 
 MATE_RADIUS_M = 0.3
@@ -64,9 +64,9 @@ class Explorer(MobileRobot):
         self._has_map = False
         self._has_new_map = False
 
-    def localize(self, odometry: Odometry, imu: Imu, dt_s: float) -> None:
-        """Take one step of the pose filter; the map frame's pose follows by GMapping's correction."""
-        super().localize(odometry, imu, dt_s)
+    def localize(self, pose: Pose2D, velocity: tuple[float, float]) -> None:
+        """Go by the pose filter's newest pose, odometry frame; the map frame's follows by the correction."""
+        super().localize(pose, velocity)
         self._odometry_pose = self.pose
         self._correct()
 

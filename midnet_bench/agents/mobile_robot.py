@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.localization.scan_to_map import ScanToMap
-from midnet_bench.localization.ukf import PlanarUkf
-from midnet_bench.messages import STOP, Command, Imu, LidarGeometry, Odometry
+from midnet_bench.localization.ukf import PlanarUkf, UkfTeam
+from midnet_bench.messages import STOP, Command, LidarGeometry
 from midnet_bench.navigation.costmap import RollingCostmap
 from midnet_bench.navigation.navigator import Navigator, Status
 
@@ -45,18 +45,14 @@ class MobileRobot:
         self.progress = Progress()
         self.navigator = navigator
         self.next_goal = next_goal
-        self._ukf = ukf
+        self.ukf = ukf
         self._scan_to_map = scan_to_map
         self._goal_timeout_s = goal_timeout_s
 
-    def localize(self, odometry: Odometry, imu: Imu, dt_s: float) -> None:
-        """Take one step of the pose filter; under ``truth`` ``odometry`` is believed as it is."""
-        if self._ukf is None:
-            self.pose = odometry.pose
-            self.velocity = (odometry.linear_mps, odometry.angular_radps)
-        else:
-            self.pose = self._ukf.step(odometry, imu, dt_s)
-            self.velocity = self._ukf.velocity
+    def localize(self, pose: Pose2D, velocity: tuple[float, float]) -> None:
+        """Go by a newer pose, map frame, and forward speed (m/s) and yaw rate (rad/s)."""
+        self.pose = pose
+        self.velocity = velocity
 
     def observe(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:
         """Take one scan into the pose filter and the costmaps; ``ranges_m`` (beams,) metres."""
@@ -64,11 +60,11 @@ class MobileRobot:
         self.navigator.observe(self.pose, ranges_m, lidar, time_s)
 
     def _correct_pose(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry) -> None:
-        if self._ukf is None or self._scan_to_map is None:
+        if self.ukf is None or self._scan_to_map is None:
             return
         matched = self._scan_to_map.match(self.pose, ranges_m, lidar)
         if matched is not None:
-            self.pose = self._ukf.correct_pose(*matched)
+            self.pose = self.ukf.correct_pose(*matched)
 
     def drive_to(self, goal: Point) -> None:
         """Drop the goal at hand for another one, map frame, metres."""
@@ -130,6 +126,40 @@ class Guard(MobileRobot):
         sensor_pose = self.pose.compose(lidar.mount)
         for costmap in self.detection_costmaps:
             costmap.update(self.pose, sensor_pose, ranges_m, lidar, time_s)
+
+
+class Localizer:
+    """Steps the pose filters of all robots that are due in one compiled call; no filter knows of another."""
+
+    def __init__(self, robots: Sequence[MobileRobot]) -> None:
+        """``robots`` in the order of the rows that ``step`` takes; all have a pose filter, or none."""
+        filters = [robot.ukf for robot in robots if robot.ukf is not None]
+        if filters and len(filters) < len(robots):
+            raise ValueError("all robots of a fleet need a pose filter, or none")
+        self._filters = UkfTeam(filters) if filters else None
+
+    def step(
+        self,
+        due: Sequence[MobileRobot],
+        rows: npt.NDArray[np.int64],
+        poses: npt.NDArray[np.float64],
+        twists: npt.NDArray[np.float64],
+        imus: npt.NDArray[np.float64],
+        dt_s: float,
+    ) -> None:
+        """Let the robots ``due``, of ``rows``, know where they are ``dt_s`` after the last step.
+
+        ``poses``: (n, 3) of odometry, believed as they are by robots without a filter; ``twists``: (n, 2) its
+        forward speeds and yaw rates; ``imus``: (n, 2) or more, yaw and yaw rate first. Metres, radians.
+        """
+        if self._filters is None:
+            believed, velocities = poses[rows].tolist(), twists[rows].tolist()
+        else:
+            self._filters.step(rows, twists, imus, dt_s)
+            states = self._filters.states[rows]
+            believed, velocities = states[:, :3].tolist(), states[:, 3:6:2].tolist()
+        for robot, (x, y, yaw), (speed, turn) in zip(due, believed, velocities, strict=True):
+            robot.localize(Pose2D(x, y, yaw if self._filters is None else wrap_angle(yaw)), (speed, turn))
 
 
 class Progress:

@@ -1,6 +1,7 @@
 """The pose filter of robot_localization in its two-dimensional mode: wheel odometry's twist and an IMU."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,9 @@ MIN_VARIANCE = 1e-9
 
 _POSE, _YAW = 0, 2
 """number of the first state that a measurement of the pose, or of yaw and velocities, says something of"""
+
+_ONLY = np.zeros(1, dtype=np.int64)
+"""the row of a filter in a team of one"""
 
 
 class PlanarUkf:
@@ -43,6 +47,7 @@ class PlanarUkf:
 
     def __init__(self, initial: Pose2D, settings: UkfSettings) -> None:
         """A robot at rest at ``initial``, its pose in the map frame."""
+        self.settings = settings
         self._state = np.array([initial.x, initial.y, initial.yaw, 0.0, 0.0, 0.0])
         self._covariance = settings.initial_variance * np.eye(6)
         self._process_noise = np.array(settings.process_noise)
@@ -75,22 +80,38 @@ class PlanarUkf:
 
     def step(self, odometry: Odometry, imu: Imu, dt_s: float) -> Pose2D:
         """The pose ``dt_s`` > 0 seconds after the last step, given what odometry and IMU say now."""
+        twist = np.array([[odometry.linear_mps, odometry.angular_radps]])
+        imus = np.array([[imu.yaw_rad, imu.yaw_rate_radps]])
+        self.step_rows(_ONLY, self._state[None], self._covariance[None], twist, imus, dt_s)
+        return self.pose
+
+    def step_rows(
+        self,
+        rows: npt.NDArray[np.int64],
+        states: FloatArray,
+        covariances: FloatArray,
+        twists: FloatArray,
+        imus: FloatArray,
+        dt_s: float,
+    ) -> None:
+        """Step the filters of ``rows``, with this one's settings, in place; arguments as for ``UkfTeam``."""
         if not dt_s > 0.0:
             raise ValueError(f"dt_s must be positive, got {dt_s}")
-        self._state, self._covariance = predicted(
-            self._state,
-            self._covariance,
-            self._process_noise,
+        step_filters(
+            rows,
+            states,
+            covariances,
+            twists,
+            imus,
             dt_s,
+            self._gyro_share,
+            self._process_noise,
             self._change_lasts * dt_s,
             self._scale,
             self._mean_weights,
             self._covariance_weights,
+            self._twist_and_imu_noise,
         )
-        yaw_rate = odometry.angular_radps + self._gyro_share * (imu.yaw_rate_radps - odometry.angular_radps)
-        measured = np.array([self._near_yaw(imu.yaw_rad), odometry.linear_mps, 0.0, yaw_rate])
-        self._correct(measured, self._twist_and_imu_noise, _YAW)
-        return self.pose
 
     def correct_pose(self, pose: Pose2D, covariance: FloatArray) -> Pose2D:
         """The pose after a correction with an absolute one, such as a scan matched to the map.
@@ -110,7 +131,31 @@ class PlanarUkf:
 
     def _correct(self, measured: FloatArray, noise: FloatArray, first: int) -> None:
         """Take a measurement of the states from number ``first`` on, of covariance ``noise``."""
-        self._state, self._covariance = corrected(self._state, self._covariance, measured, noise, first)
+        self._state[:], self._covariance[:] = corrected(self._state, self._covariance, measured, noise, first)
+
+
+class UkfTeam:
+    """The filters of n robots with one set of settings, stepped by one compiled call; each is on its own."""
+
+    def __init__(self, filters: Sequence[PlanarUkf]) -> None:
+        """Takes the filters' states over: what is done to a filter from now on is done to its row here."""
+        self._first = filters[0]
+        if any(other.settings != filters[0].settings for other in filters):
+            raise ValueError("the filters of a team need the same settings")
+        self.states: FloatArray = np.array([each._state for each in filters])
+        """(n, 6)"""
+        self.covariances: FloatArray = np.array([each._covariance for each in filters])
+        """(n, 6, 6)"""
+        for row, each in enumerate(filters):
+            each._state, each._covariance = self.states[row], self.covariances[row]
+
+    def step(self, rows: npt.NDArray[np.int64], twists: FloatArray, imus: FloatArray, dt_s: float) -> None:
+        """Let ``dt_s`` > 0 seconds pass for the filters of ``rows``, given what their sensors say now.
+
+        ``twists``: (n, 2) forward speed (m/s) and yaw rate (rad/s) of odometry; ``imus``: (n, 2) or more, yaw
+        (rad) and yaw rate (rad/s) first.
+        """
+        self._first.step_rows(rows, self.states, self.covariances, twists, imus, dt_s)
 
 
 def _merwe_weights(settings: UkfSettings) -> tuple[FloatArray, FloatArray]:
@@ -164,6 +209,39 @@ def predicted(
             for k in range(size):
                 spread[j, k] += weighted * (points[i, k] - mean[k])
     return mean, spread
+
+
+@njit(cache=True)
+def step_filters(
+    rows: npt.NDArray[np.int64],
+    states: FloatArray,
+    covariances: FloatArray,
+    twists: FloatArray,
+    imus: FloatArray,
+    dt_s: float,
+    gyro_share: float,
+    per_second: FloatArray,
+    lasts_s: float,
+    scale: float,
+    wm: FloatArray,
+    wc: FloatArray,
+    noise: FloatArray,
+) -> None:
+    """Predict and correct the filters of ``rows`` in place; arguments as for ``predicted``.
+
+    ``gyro_share``: the gyroscope's weight beside the wheels' turn rate; ``noise``: (4, 4) of the measured
+    yaw, vx, vy (a 0 that stands in for the wheels' constraint) and vyaw.
+    """
+    measured = np.zeros(4)
+    for row in rows:
+        state, covariance = predicted(states[row], covariances[row], per_second, dt_s, lasts_s, scale, wm, wc)
+        # the whole turns that bring the measured yaw nearest to the estimate, which is not wrapped
+        off = (imus[row, 0] - state[2] + math.pi) % (2.0 * math.pi) - math.pi
+        measured[0] = state[2] + off
+        measured[1] = twists[row, 0]
+        measured[3] = twists[row, 1] + gyro_share * (imus[row, 1] - twists[row, 1])
+        state, covariance = corrected(state, covariance, measured, noise, _YAW)
+        states[row], covariances[row] = state, covariance
 
 
 @njit(cache=True)

@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 
-from midnet_bench.agents.mobile_robot import MobileRobot
+import numpy as np
+
+from midnet_bench.agents.mobile_robot import Localizer, MobileRobot
 from midnet_bench.rng import stream
-from midnet_bench.simulation.imu import ImuSensor
+from midnet_bench.simulation.imu import ImuSensors
 from midnet_bench.simulation.integrity import HealthTracker
 from midnet_bench.simulation.lidar import LidarSensors
-from midnet_bench.simulation.odometry import EncoderOdometer
+from midnet_bench.simulation.odometry import EncoderOdometers
 from midnet_bench.simulation.settings import SimulationSettings
 from midnet_bench.simulation.simulator import Simulator
 
@@ -44,21 +46,19 @@ class Fleet:
         self._controlling = _schedule(robots, phases, self._control_ticks)
         self._scanning = _schedule(robots, phases, self._scan_ticks)
         self._lidar_noise = [stream(seed, "lidar", name) for name in names]
-        self._imus = [ImuSensor(settings.imu, stream(seed, "imu", name)) for name in names]
+        self._imus = ImuSensors(settings.imu, [stream(seed, "imu", name) for name in names])
         self._odometers = (
-            [
-                EncoderOdometer(
-                    robot.pose,
-                    world.wheel_angles(robot.index),
-                    settings.odometry,
-                    stream(seed, "odometry", robot.name),
-                    world.robot,
-                )
-                for robot in robots
-            ]
+            EncoderOdometers(
+                np.array([robot.pose for robot in robots]),
+                world.wheel_angles(),
+                settings.odometry,
+                [stream(seed, "odometry", name) for name in names],
+                world.robot,
+            )
             if settings.odometry.source == "encoder"
             else None
         )
+        self._localizer = Localizer(robots)
 
     @property
     def time_s(self) -> float:
@@ -88,14 +88,12 @@ class Fleet:
 
     def _localize(self, due: Sequence[MobileRobot]) -> None:
         elapsed_s = 1.0 / CONTROL_HZ
-        for robot in due:
-            index = robot.index
-            odometry = self.world.odometry(index)
-            (_, _, yaw), linear_mps, angular_radps = odometry
-            imu = self._imus[index].read(yaw, angular_radps, linear_mps, elapsed_s)
-            if self._odometers is not None:
-                odometry = self._odometers[index].update(self.world.wheel_angles(index), elapsed_s)
-            robot.localize(odometry, imu, elapsed_s)
+        rows = np.array([robot.index for robot in due])
+        poses, velocities = self.world.poses(), self.world.velocities()
+        imus = self._imus.read(rows, poses, velocities, elapsed_s)
+        if self._odometers is not None:
+            velocities = self._odometers.update(rows, self.world.wheel_angles(), elapsed_s)
+        self._localizer.step(due, rows, poses, velocities, imus, elapsed_s)
 
     def _scan(self, scanning: Sequence[MobileRobot]) -> None:
         if not scanning:
@@ -106,10 +104,12 @@ class Fleet:
             robot.observe(ranges, self.world.robot.lidar, self.time_s)
 
     def _control(self, due: Sequence[MobileRobot]) -> None:
+        time_s = self.time_s
+        places = self.world.poses()[:, :2].tolist()
         for robot in due:
-            x, y, _ = self.world.pose(robot.index)
-            robot.progress.update(x, y, self.time_s, robot.goal is not None)
-            self.world.drive(robot.index, robot.control(self.time_s))
+            x, y = places[robot.index]
+            robot.progress.update(x, y, time_s, robot.goal is not None)
+            self.world.drive(robot.index, robot.control(time_s))
 
 
 def _schedule(

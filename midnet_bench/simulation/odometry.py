@@ -1,61 +1,104 @@
-"""What a Burger believes of its own motion: exactly, as Gazebo told it, or from its wheel encoders."""
+"""What Burgers believe of their own motion by their wheel encoders."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from midnet_bench.geometry import Pose2D, wrap_angle
-from midnet_bench.messages import Odometry
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
+from midnet_bench.simulation.noise import BLOCK, NoiseBlocks
 from midnet_bench.simulation.settings import OdometrySettings
 
 TICK_RAD = 2.0 * math.pi / 4096
 """The least turn of a wheel that its encoder tells apart."""
 
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
-class EncoderOdometer:
-    """Dead reckoning of one robot from its wheels' angles."""
+
+class EncoderOdometers:
+    """Dead reckoning of n robots from their wheels' angles."""
 
     def __init__(
         self,
-        start: Pose2D,
-        wheel_angles_rad: npt.NDArray[np.float64],
+        starts: Floats,
+        wheel_angles_rad: Floats,
         settings: OdometrySettings,
-        rng: np.random.Generator,
+        rngs: Sequence[np.random.Generator],
         robot: RobotModel = BURGER,
     ) -> None:
-        """Start at a known pose (so the odom frame is the map frame) and draw this robot's own errors."""
-        self._pose = start
-        self._ticks = _ticks(wheel_angles_rad)
-        self._rng = rng
-        self._slip = settings.slip_m_per_sqrt_m
-        self._scales = 1.0 + settings.radius_error * rng.standard_normal(2)
-        self._travel_per_tick_m = TICK_RAD * robot.wheel_radius_m
-        self._separation_m = robot.wheel_separation_m * (
-            1.0 + settings.separation_error * rng.standard_normal()
-        )
+        """Start at known (n, 3) poses, so that the odometry frames are the map frame; draw the errors.
 
-    def update(self, wheel_angles_rad: npt.NDArray[np.float64], elapsed_s: float) -> Odometry:
-        """The pose and the mean velocity after ``elapsed_s``, from ``Simulator.wheel_angles``.
-
-        The pose moves along the heading half-way through the turn (midpoint rule).
+        ``wheel_angles_rad``: (n, 2) left and right, as ``Simulator.wheel_angles`` gives them.
         """
-        ticks = _ticks(wheel_angles_rad)
-        travel = (ticks - self._ticks) * self._travel_per_tick_m * self._scales
-        travel += self._slip * np.sqrt(np.abs(travel)) * self._rng.standard_normal(2)
-        self._ticks = ticks
-        left, right = travel.tolist()
-        forward, turn = (left + right) / 2.0, (right - left) / self._separation_m
-        heading = self._pose.yaw + turn / 2.0
-        self._pose = Pose2D(
-            self._pose.x + forward * math.cos(heading),
-            self._pose.y + forward * math.sin(heading),
-            wrap_angle(self._pose.yaw + turn),
+        self.poses: Floats = np.array(starts, dtype=np.float64)
+        """(n, 3) x, y, yaw by dead reckoning, in each robot's odometry frame"""
+        self._ticks = np.floor(wheel_angles_rad / TICK_RAD)
+        self._slip = settings.slip_m_per_sqrt_m
+        wheels, tracks = zip(*((rng.standard_normal(2), rng.standard_normal()) for rng in rngs), strict=True)
+        self._tick_m = TICK_RAD * robot.wheel_radius_m
+        self._scales = 1.0 + settings.radius_error * np.array(wheels)
+        self._separation_m = robot.wheel_separation_m * (1.0 + settings.separation_error * np.array(tracks))
+        self._noise = NoiseBlocks(rngs, 2)
+        self._velocities = np.zeros((len(starts), 2))
+
+    def update(self, rows: Ints, wheel_angles_rad: Floats, elapsed_s: float) -> Floats:
+        """(n, 2) mean forward speed (m/s) and yaw rate (rad/s) over ``elapsed_s``, new in ``rows``.
+
+        The poses of ``rows`` move along the heading half-way through the turn (midpoint rule).
+        """
+        used_up = reckon(
+            rows,
+            wheel_angles_rad,
+            elapsed_s,
+            self._tick_m,
+            self._scales,
+            self._separation_m,
+            self._slip,
+            self._noise.normals,
+            self._noise.used,
+            self._ticks,
+            self.poses,
+            self._velocities,
         )
-        return Odometry(self._pose, forward / elapsed_s, turn / elapsed_s)
+        if used_up:
+            self._noise.refill()
+        return self._velocities
 
 
-def _ticks(wheel_angles_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    return np.floor(wheel_angles_rad / TICK_RAD)
+@njit(cache=True)
+def reckon(
+    rows: Ints,
+    wheel_angles_rad: Floats,
+    elapsed_s: float,
+    tick_m: float,
+    scales: Floats,
+    separation_m: Floats,
+    slip_m_per_sqrt_m: float,
+    normals: Floats,
+    used: Ints,
+    ticks: Floats,
+    poses: Floats,
+    velocities: Floats,
+) -> bool:
+    """Move the odometry of ``rows`` on; whether some robot's noise is used up now."""
+    used_up = False
+    travel = np.empty(2)
+    for row in rows:
+        for wheel in range(2):
+            now = math.floor(wheel_angles_rad[row, wheel] / TICK_RAD)
+            way = (now - ticks[row, wheel]) * tick_m * scales[row, wheel]
+            ticks[row, wheel] = now
+            travel[wheel] = way + slip_m_per_sqrt_m * math.sqrt(abs(way)) * normals[row, used[row], wheel]
+        used[row] += 1
+        used_up = used_up or used[row] == BLOCK
+        forward, turn = (travel[0] + travel[1]) / 2.0, (travel[1] - travel[0]) / separation_m[row]
+        heading = poses[row, 2] + turn / 2.0
+        poses[row, 0] += forward * math.cos(heading)
+        poses[row, 1] += forward * math.sin(heading)
+        poses[row, 2] = (poses[row, 2] + turn + math.pi) % (2.0 * math.pi) - math.pi
+        velocities[row, 0], velocities[row, 1] = forward / elapsed_s, turn / elapsed_s
+    return used_up

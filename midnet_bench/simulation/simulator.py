@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
 from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command, Odometry
+from midnet_bench.messages import Command
 from midnet_bench.robots.model import RobotModel
 
 Floats = npt.NDArray[np.float64]
@@ -69,11 +69,11 @@ class Simulator(Protocol):
     def poses(self) -> Floats:
         """(n, 3) x, y, yaw of what ``pose`` gives for every robot; read-only, fresh per tick."""
 
-    def odometry(self, index: int) -> Odometry:
-        """A robot's true pose, forward speed (m/s) and yaw rate (rad/s), map frame."""
+    def velocities(self) -> Floats:
+        """(n, 2) forward speed (m/s) and yaw rate (rad/s) of every robot; NaN for one that is removed."""
 
-    def wheel_angles(self, index: int) -> Floats:
-        """(2,) how far a robot's left and right wheel have turned, radians."""
+    def wheel_angles(self) -> Floats:
+        """(n, 2) how far the left and right wheel have turned, radians; NaN for a robot that is removed."""
 
     def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
         """(m, beams) metres from the axis to the first thing that stands still; inf if there is none.

@@ -12,7 +12,7 @@ from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import FrontierExplorer
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.gmapping.settings import BURGER_UKF
-from midnet_bench.messages import STOP, Imu, Odometry
+from midnet_bench.messages import STOP
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.navigation.settings import NavigatorSettings, burger_global
 from midnet_bench.rng import stream
@@ -41,7 +41,7 @@ def explorer(start: Pose2D, number: int = 1) -> Explorer:
 
 def stay(robot: Explorer, place: Pose2D) -> None:
     """One step of a robot that believes it stands still at ``place``."""
-    robot.localize(Odometry(place, 0.0, 0.0), Imu(place.yaw, 0.0, 0.0), 0.1)
+    robot.localize(place, (0.0, 0.0))
 
 
 def room_scan(

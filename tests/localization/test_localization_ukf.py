@@ -9,7 +9,7 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.localization.settings import UkfSettings
-from midnet_bench.localization.ukf import PlanarUkf
+from midnet_bench.localization.ukf import PlanarUkf, UkfTeam
 from midnet_bench.messages import Imu, Odometry
 from midnet_bench.rng import stream
 
@@ -294,3 +294,25 @@ def test_compiled_steps_are_filterpys_own(source):
         ours.step(odometry, imu, DT_S)
         np.testing.assert_allclose(ours._state, reference.x, rtol=0, atol=1e-10)
         np.testing.assert_allclose(ours.covariance, reference.P, rtol=1e-7, atol=1e-13)
+
+
+def test_filters_that_are_stepped_together_are_the_bits_of_those_stepped_alone() -> None:
+    rng = np.random.default_rng(1)
+    settings = UkfSettings.for_odometry("encoder")
+    starts = [Pose2D(*rng.uniform(-3.0, 3.0, 3)) for _ in range(4)]
+    alone, members = ([PlanarUkf(start, settings) for start in starts] for _ in range(2))
+    team = UkfTeam(members)
+    for _ in range(60):
+        rows = np.flatnonzero(rng.random(4) < 0.6)
+        twists, imus = rng.normal(0.0, 0.2, (4, 2)), rng.normal(0.0, 3.0, (4, 3))
+        team.step(rows, twists, imus, 0.1)
+        for row in rows.tolist():
+            pose = alone[row].step(Odometry(starts[row], *twists[row]), Imu(*imus[row]), 0.1)
+            # a scan that is matched to the map corrects a member as it does a filter of its own
+            measured = np.diag([1e-3, 1e-3, 1e-4])
+            assert alone[row].correct_pose(pose, measured) == members[row].correct_pose(pose, measured)
+    for one, member in zip(alone, members, strict=True):
+        assert one.pose == member.pose
+        assert np.array_equal(one.covariance, member.covariance)
+    with pytest.raises(ValueError, match="same settings"):
+        UkfTeam([alone[0], PlanarUkf(starts[0], UkfSettings())])

@@ -54,10 +54,10 @@ def test_speeds_are_those_asked_for_and_paths_are_arcs(linear: float, angular: f
         world.drive(0, Command(linear, angular))
         run(world, 1.0)
         x, y, yaw = world.poses()[0]
-        angles = world.wheel_angles(0)
+        angles = world.wheel_angles()[0]
         run(world, seconds)
-        after, turned = world.poses()[0], (world.wheel_angles(0) - angles) * BURGER.wheel_radius_m
-        velocity = world.odometry(0)[1:]
+        after, turned = world.poses()[0], (world.wheel_angles()[0] - angles) * BURGER.wheel_radius_m
+        velocity = world.velocities()[0]
     np.testing.assert_allclose(velocity, (linear, angular), rtol=0.0, atol=1e-12)
     half = angular * BURGER.wheel_separation_m / 2.0
     np.testing.assert_allclose(turned, np.array([linear - half, linear + half]) * seconds, atol=1e-9)
@@ -170,10 +170,10 @@ def test_wheels_turn_on_and_odometry_tells_that_the_body_does_not() -> None:
     with World(scene([(2.5, 0.0, 0.0)])) as world:
         world.drive(0, Command(0.2, 0.0))
         run(world, 5.0)
-        before = world.wheel_angles(0)
+        before = world.wheel_angles()[0]
         run(world, 1.0)
-        turned = (world.wheel_angles(0) - before) * BURGER.wheel_radius_m
-        assert world.odometry(0)[1:] == pytest.approx((0.0, 0.0), abs=1e-4)
+        turned = (world.wheel_angles()[0] - before) * BURGER.wheel_radius_m
+        assert world.velocities()[0] == pytest.approx((0.0, 0.0), abs=1e-4)
         assert world.poses()[0, 0] == pytest.approx(2.925 - 0.038, abs=2e-4)
     np.testing.assert_allclose(turned, 0.2, atol=1e-9)
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
 from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command, Odometry
+from midnet_bench.messages import Command
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.bullet.body import Drive, load_robot
@@ -56,6 +56,8 @@ class World:
         self._robots = [load_robot(self._client, robot, pose) for pose in starts]
         self._drive = Drive(robot, self._robots, self._client, 1.0 / self.step_hz)
         self._active = np.ones(len(starts), dtype=np.bool_)
+        self._present = list(range(len(starts)))
+        """the robots that are still in the arena"""
         self._collisions = np.zeros(len(starts), dtype=np.int64)
         self._last_contact = np.full(len(starts), -(10**9), dtype=np.int64)
         self._poses: Floats | None = None
@@ -108,21 +110,25 @@ class World:
             self._poses.flags.writeable = False
         return self._poses
 
-    def odometry(self, index: int) -> Odometry:
-        """A robot's true pose, forward speed (m/s) and yaw rate (rad/s), map frame."""
-        self._require(index)
-        (x, y, _), (_, _, turn) = bullet.getBaseVelocity(self._robots[index].body, self._client)
-        pose = self.pose(index)
-        # the solver made this velocity at the heading that the step began with
-        heading = pose.yaw - turn / self.step_hz
-        return Odometry(pose, x * math.cos(heading) + y * math.sin(heading), turn)
+    def velocities(self) -> Floats:
+        """(n, 2) forward speed (m/s) and yaw rate (rad/s) of every robot; NaN for one that is removed."""
+        velocities = np.full((len(self._robots), 2), np.nan)
+        yaws = self.poses()[:, 2].tolist()
+        for index in self._present:
+            (x, y, _), (_, _, turn) = bullet.getBaseVelocity(self._robots[index].body, self._client)
+            # the solver made this velocity at the heading that the step began with
+            heading = yaws[index] - turn / self.step_hz
+            velocities[index] = x * math.cos(heading) + y * math.sin(heading), turn
+        return velocities
 
-    def wheel_angles(self, index: int) -> Floats:
-        """(2,) how far a robot's left and right wheel have turned, radians."""
-        self._require(index)
-        body, wheels, _ = self._robots[index]
-        states = bullet.getJointStates(body, wheels, physicsClientId=self._client)
-        return np.array([state[0] for state in states])
+    def wheel_angles(self) -> Floats:
+        """(n, 2) how far the left and right wheel have turned, radians; NaN for a robot that is removed."""
+        angles = np.full((len(self._robots), 2), np.nan)
+        for index in self._present:
+            body, wheels, _ = self._robots[index]
+            left, right = bullet.getJointStates(body, wheels, physicsClientId=self._client)
+            angles[index] = left[0], right[0]
+        return angles
 
     def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
         """(m, beams) metres from the axis to the first solid between near and far; inf if there is none."""
@@ -134,6 +140,7 @@ class World:
         bullet.removeBody(self._robots[index].body, physicsClientId=self._client)
         self._drive.forget(index)
         self._active[index] = False
+        self._present.remove(index)
         self._poses = None
 
     def collisions(self) -> Ints:
@@ -159,7 +166,7 @@ class World:
 
     def _count_collisions(self) -> None:
         gap = _EPISODE_GAP_S * self.step_hz
-        for index in self._active.nonzero()[0].tolist():
+        for index in self._present:
             contacts = bullet.getContactPoints(
                 bodyA=self._robots[index].body, linkIndexA=-1, physicsClientId=self._client
             )

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
 from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command, Odometry
+from midnet_bench.messages import Command
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.fast import motion
@@ -107,15 +107,13 @@ class World:
             self._pose_array.flags.writeable = False
         return self._pose_array
 
-    def odometry(self, index: int) -> Odometry:
-        """A robot's true pose, forward speed (m/s) and yaw rate (rad/s), map frame."""
-        self._require(index)
-        return Odometry(self.pose(index), *self._states[index, motion.VELOCITY].tolist())
+    def velocities(self) -> Floats:
+        """(n, 2) forward speed (m/s) and yaw rate (rad/s) of every robot; NaN for one that is removed."""
+        return self._states[:, motion.VELOCITY].copy()
 
-    def wheel_angles(self, index: int) -> Floats:
-        """(2,) how far a robot's left and right wheel have turned, radians."""
-        self._require(index)
-        return self._states[index, motion.ANGLES].copy()
+    def wheel_angles(self) -> Floats:
+        """(n, 2) how far the left and right wheel have turned, radians; NaN for a robot that is removed."""
+        return self._states[:, motion.ANGLES].copy()
 
     def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
         """(m, beams) metres from the axis to the first solid between near and far; inf if there is none."""
@@ -129,7 +127,8 @@ class World:
         """Take a robot out of the arena for good, as a caught intruder is."""
         self._require(index)
         self._present[index] = False
-        self._states[index, motion.POSE] = np.nan
+        for part in (motion.POSE, motion.VELOCITY, motion.ANGLES):
+            self._states[index, part] = np.nan
         self._pose_array = None
 
     def collisions(self) -> Ints:
