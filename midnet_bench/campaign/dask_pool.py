@@ -5,7 +5,7 @@ import contextlib
 import logging
 import threading
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from importlib import metadata
 from typing import Any
 
@@ -119,6 +119,12 @@ class DaskPool:
                 f"--scheduler {self._scheduler}: its workers have midnet-bench {', '.join(sorted(versions))},"
                 f" here it is {here}; install the same one there"
             )
+
+    @property
+    def workers(self) -> int:
+        """See :class:`Pool`."""
+        cores: Mapping[str, int] = self._client.ncores()  # type: ignore[no-untyped-call]
+        return sum(cores.values())
 
     def outcomes(
         self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool

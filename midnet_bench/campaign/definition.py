@@ -134,6 +134,8 @@ class ResolvedCampaign:
     definition: Definition
     cells: list[dict[str, Scalar]]
     """every cell's parameters, defaults filled in, the grid's last factor changing fastest"""
+    efforts: list[float]
+    """about how long a trial of each cell takes, compared with the others"""
     run_trial: RunTrial
     """runs one of :meth:`trials`; other processes can import it"""
     experiment_file: Path | None
@@ -285,11 +287,12 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
         dict(zip(campaign.grid, values, strict=True)) for values in itertools.product(*campaign.grid.values())
     ]
     try:
-        cells = [_cell(campaign, parameters, product) for product in products]
+        checked = [_cell(campaign, parameters, product) for product in products]
     except InputError:
         # no fault of a cell if the parameters that all cells share are wrong by themselves
         parameters.resolve(campaign.parameters, f"{source}: parameters")
         raise
+    cells = [cell for cell, _ in checked]
     seen: set[str] = set()
     for product, cell in zip(products, cells, strict=True):
         trial_id = TrialSpec(identity, cell, 0).trial_id
@@ -307,6 +310,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
             parameters={name: _in_all_cells(name, cells) for name in cells[0] if name not in grid},
         ),
         cells=cells,
+        efforts=[effort for _, effort in checked],
         run_trial=experiments.run_trial
         if file is None
         else partial(_run_from_file, experiments.run_trial, campaign.experiment),
@@ -330,13 +334,15 @@ def _check_keys(campaign: Campaign, parameters: type[Parameters]) -> None:
         )
 
 
-def _cell(campaign: Campaign, parameters: type[Parameters], product: dict[str, Scalar]) -> dict[str, Scalar]:
-    """The parameters of a cell, defaults filled in."""
+def _cell(
+    campaign: Campaign, parameters: type[Parameters], product: dict[str, Scalar]
+) -> tuple[dict[str, Scalar], float]:
+    """The parameters of a cell, defaults filled in, and their effort."""
     source = f"{campaign._source}: cell {_shown_cell(product)}"
     checked = parameters.parse({**campaign.parameters, **product}, source)
     flat, values = checked.flat(), checked.flat_values()
     # a newer option is left out at its default, but what the grid varies tells the cells apart
-    return flat | {key: values[key] for key in product if key not in flat}
+    return flat | {key: values[key] for key in product if key not in flat}, checked.effort
 
 
 def _run_from_file(run_trial: RunTrial, reference: str, spec: TrialSpec) -> TrialResult:

@@ -42,6 +42,10 @@ class WorkersLost(Exception):
 class Pool(Protocol):
     """A place where trials run."""
 
+    @property
+    def workers(self) -> int:
+        """How many trials it runs at a time, as far as it knows."""
+
     def outcomes(
         self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
@@ -74,6 +78,11 @@ class LokyPool:
     def __init__(self, jobs: int, marks: Path) -> None:
         self._jobs = jobs
         self._marks = marks
+
+    @property
+    def workers(self) -> int:
+        """See :class:`Pool`."""
+        return self._jobs
 
     def outcomes(
         self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool

@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import itertools
 import signal
 import threading
 import time
@@ -25,6 +26,8 @@ from midnet_bench.errors import InputError, MidnetBenchError
 
 MAX_LOSSES_IN_VAIN = 3
 """workers that die one after another before any of them has begun a trial"""
+FEW_TRIALS = 10
+"""for a worker: no more of them are begun by their length alone"""
 RULE_OF_THUMB_WALL_S = 15.0
 RULE_OF_THUMB_BYTES = 20_000.0
 
@@ -150,7 +153,7 @@ def run_campaign(
             store.write_cells(campaign.numbered_cells)
             inventory = store.inventory()
             _forget_damaged(store, inventory.damaged, progress)
-            missing = _missing(campaign, inventory, retry_failed)
+            missing = _missing(campaign, inventory, retry_failed, pool.workers)
             ran = len(missing)
             if missing:
                 _add_trials(store, pool, campaign, missing, progress)
@@ -206,20 +209,33 @@ def _forget_damaged(store: stores.Store, damaged: Mapping[int, str], progress: P
 
 
 def _missing(
-    campaign: ResolvedCampaign, inventory: stores.Inventory, retry_failed: bool
+    campaign: ResolvedCampaign, inventory: stores.Inventory, retry_failed: bool, workers: int
 ) -> dict[str, TrialSpec]:
-    """Trial id -> what is to run, in the order of :meth:`ResolvedCampaign.trials`."""
+    """Trial id -> what is to run, in the order in which it is begun.
+
+    Seed by seed, so that an interrupted campaign has visited all cells about equally, and of each seed the
+    trials that take longest first. Where there are few trials for each worker, those that take longest come
+    first of all: a worker that begins one at the end would keep the others waiting.
+    """
     nothing: set[int] = set()
+    ranked = sorted(zip(campaign.numbered_cells, campaign.efforts, strict=True), key=lambda one: -one[1])
     done = [
         inventory.finished.get(cell.number, nothing)
         | (nothing if retry_failed else inventory.failed.get(cell.number, nothing))
-        for cell in campaign.numbered_cells
+        for cell, _ in ranked
     ]
+    missing = (
+        (effort, cell, seed)
+        for seed in campaign.seeds
+        for (cell, effort), seeds in zip(ranked, done, strict=True)
+        if seed not in seeds
+    )
+    first = list(itertools.islice(missing, FEW_TRIALS * workers + 1))
+    if len(first) <= FEW_TRIALS * workers:
+        first.sort(key=lambda one: -one[0])
     return {
         cell.trial_id(seed): TrialSpec(cell.experiment, cell.parameters, seed)
-        for seed in campaign.seeds
-        for cell, seeds in zip(campaign.numbered_cells, done, strict=True)
-        if seed not in seeds
+        for _, cell, seed in itertools.chain(first, missing)
     }
 
 

@@ -51,6 +51,11 @@ class Parameters(Settings):
         """These parameters with the contents of the files that they name, checked. Here: the same."""
         return self
 
+    @property
+    def effort(self) -> float:
+        """About how long a trial takes, compared with the trials of other cells. Here: all the same."""
+        return 1.0
+
     def flat(self) -> dict[str, Scalar]:
         """The parameters of a trial, from which ``from_flat`` makes these again; see ``recorded``.
 

@@ -15,12 +15,14 @@ from typing import TypedDict
 import pytest
 
 import midnet_bench
+from midnet_bench.campaign import runner
 from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
 from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.runner import CampaignOutcome, plan, run_campaign
-from midnet_bench.campaign.store import StoredTrial, open_store
+from midnet_bench.campaign.store import Inventory, StoredTrial, open_store
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import InputError
+from midnet_bench.experiments import registry
 from tests.campaign import coin_experiments as coins
 from tests.campaign.campaign_process import REPOSITORY, environment, exported
 
@@ -123,6 +125,23 @@ def test_as_many_workers_are_started_as_there_is_work_for(tmp_path: Path) -> Non
         env=environment(),
     )
     assert done.stdout.splitlines() == ["1 1 1", "1", "2 2 2 2"]
+
+
+def begun(campaign: ResolvedCampaign, workers: int) -> list[tuple[int, int]]:
+    """(effort, seed) in the order in which the trials of a new campaign are begun."""
+    nothing = Inventory({}, {}, {})
+    efforts = dict(zip(map(id, campaign.cells), campaign.efforts, strict=True))
+    missing = runner._missing(campaign, nothing, False, workers)
+    assert missing == {spec.trial_id: spec for spec in campaign.trials()}
+    return [(round(efforts[id(spec.parameters)]), spec.seed) for spec in missing.values()]
+
+
+def test_trials_that_take_longest_are_begun_first() -> None:
+    """Of each seed; and of the whole campaign, where there are few for each worker."""
+    values = {"experiment": "detection", "grid": {"robots": [1, 5, 2]}, "trials": 7}
+    campaign = resolve(Campaign.model_validate(values), registry)
+    assert begun(campaign, 2) == [(robots, seed) for seed in range(1, 8) for robots in (5, 2, 1)]
+    assert begun(campaign, 3) == [(robots, seed) for robots in (5, 2, 1) for seed in range(1, 8)]
 
 
 def test_another_seed_gives_other_bytes(tmp_path: Path) -> None:

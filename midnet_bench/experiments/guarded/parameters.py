@@ -97,6 +97,11 @@ class GuardParameters(Parameters):
         _ = self.prior_costmap, self.guard_navigator, self.intruder_navigator
 
     @property
+    def effort(self) -> float:
+        """See :class:`Parameters`."""
+        return float(self.robots)
+
+    @property
     def local_costmap(self) -> CostmapSettings:
         """The costmap in which each guard looks for intruders."""
         return replace(

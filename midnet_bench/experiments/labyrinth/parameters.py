@@ -56,3 +56,8 @@ class LabyrinthParameters(GuardParameters):
         600.0, "Simulated time after which a trial ends with intruders still at large.", gt=0, le=36_000
     )
     pursuit: PursuitSettings = group(PursuitSettings(), "pursuit")
+
+    @property
+    def effort(self) -> float:
+        """See :class:`Parameters`: robots cost time by the second, and more intruders take longer to catch."""
+        return (self.robots + self.intruders) * self.intruders**0.5
