@@ -59,5 +59,5 @@ class LabyrinthParameters(GuardParameters):
 
     @property
     def effort(self) -> float:
-        """See :class:`Parameters`: robots cost time by the second, and more intruders take longer to catch."""
+        """See :class:`Parameters`: each robot costs time, and more intruders take longer to catch."""
         return (self.robots + self.intruders) * self.intruders**0.5
