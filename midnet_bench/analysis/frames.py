@@ -121,19 +121,20 @@ class Results:
     def _part(self, factor: str, value: Scalar) -> "Results":
         grid = {name: values for name, values in self.definition.grid.items() if name != factor}
         parameters = {**self.definition.parameters, factor: value}
-
-        def cut(frame: pd.DataFrame) -> pd.DataFrame:
-            if factor not in frame:
-                return frame
-            return frame[frame[factor] == value].drop(columns=factor).reset_index(drop=True)
-
         return replace(
             self,
             definition=replace(self.definition, grid=grid, parameters=parameters),
-            tables={name: cut(table) for name, table in self.tables.items()},
-            timing=cut(self.timing),
-            failures=cut(self.failures),
+            tables=_Part(self.tables, factor, value),
+            timing=_rows_of(self.timing, factor, value),
+            failures=_rows_of(self.failures, factor, value),
         )
+
+
+def _rows_of(frame: pd.DataFrame, factor: str, value: Scalar) -> pd.DataFrame:
+    """The rows with that value, without its column; the frame itself if it has no such column."""
+    if factor not in frame:
+        return frame
+    return frame[frame[factor] == value].drop(columns=factor).reset_index(drop=True)
 
 
 def records(frame: pd.DataFrame) -> list[Row]:
@@ -295,3 +296,22 @@ class _Lazily(Mapping[str, pd.DataFrame]):
 
     def __len__(self) -> int:
         return len(self._files)
+
+
+class _Part(Mapping[str, pd.DataFrame]):
+    """The rows of a campaign's tables that have one value of a factor, cut out when they are asked for."""
+
+    def __init__(self, tables: Mapping[str, pd.DataFrame], factor: str, value: Scalar) -> None:
+        self._tables, self._factor, self._value = tables, factor, value
+        self._cut: dict[str, pd.DataFrame] = {}
+
+    def __getitem__(self, name: str) -> pd.DataFrame:
+        if name not in self._cut:
+            self._cut[name] = _rows_of(self._tables[name], self._factor, self._value)
+        return self._cut[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._tables)
+
+    def __len__(self) -> int:
+        return len(self._tables)

@@ -1,5 +1,6 @@
 """What either engine owes its users: the choice, and that ``fast`` needs nothing of PyBullet."""
 
+import os
 import subprocess
 import sys
 
@@ -37,3 +38,25 @@ def test_a_trial_on_fast_runs_where_pybullet_cannot_be_imported() -> None:
     frames, told = done.stdout.splitlines()
     assert frames == "3"
     assert "take the engine 'fast'" in told
+
+
+DIGEST = """
+import hashlib
+from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
+from midnet_bench.experiments.labyrinth.trial import run_labyrinth
+parameters = LabyrinthParameters.of(engine="fast", robots=3, intruders=3, odometry="encoder", time_limit_s=8)
+print(hashlib.sha256(repr(run_labyrinth(parameters, 4).tables).encode()).hexdigest())
+"""
+
+
+@pytest.mark.slow
+def test_a_trial_on_fast_gives_the_same_bytes_in_any_process_with_any_threads() -> None:
+    digests = set()
+    for threads in ("1", "2"):
+        environment = {**os.environ, "NUMBA_NUM_THREADS": threads, "PYTHONHASHSEED": threads}
+        command = [sys.executable, "-c", DIGEST]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+        digests.add(done.stdout)
+    assert len(digests) == 1
+    (digest,) = digests
+    assert len(digest.strip()) == 64
