@@ -3,6 +3,7 @@
 import json
 import math
 import sqlite3
+import struct
 import zlib
 from collections.abc import Iterator
 
@@ -31,6 +32,8 @@ COLUMNS = "cell, seed, run_id, simulated_s, wall_s, finished_utc, checksum, trac
 Row = tuple[int, int, int, float | None, float, str, int, str | None, bytes | None]
 """A trial has failed if it has a traceback, and is finished if it has a result."""
 
+_NUMBERS = struct.Struct("<qqqdd??")
+
 
 def row(
     cell: int,
@@ -43,23 +46,34 @@ def row(
     result: bytes | None,
 ) -> Row:
     """The values for :data:`INSERT`, with their checksum."""
-    if simulated_s is not None:
-        simulated_s = None if math.isnan(simulated_s) else float(simulated_s)  # SQLite has no NaN
-    head = (cell, seed, run_id, simulated_s, float(wall_s), finished_utc)
-    return (*head, _checksum(*head, traceback, result), traceback, result)
+    checksum = _checksum(cell, seed, run_id, simulated_s, wall_s, finished_utc, traceback, result)
+    return cell, seed, run_id, simulated_s, wall_s, finished_utc, checksum, traceback, result
 
 
 def is_sound(row: Row) -> bool:
     """Whether a row's values are those that were written."""
-    *head, checksum, traceback, result = row
-    return checksum == _checksum(*head, traceback, result)
+    cell, seed, run_id, simulated_s, wall_s, finished_utc, checksum, traceback, result = row
+    try:
+        return checksum == _checksum(cell, seed, run_id, simulated_s, wall_s, finished_utc, traceback, result)
+    except (AttributeError, TypeError, struct.error):  # values of other types
+        return False
 
 
-def _checksum(*values: object) -> int:
-    """The CRC-32 of the values; the last one's bytes, if it is bytes, are taken as they are."""
-    *texts, result = values
-    packed = result if isinstance(result, bytes) else repr(result).encode()
-    return zlib.crc32(packed, zlib.crc32(repr(texts).encode("utf-8", "surrogatepass")))
+def _checksum(
+    cell: int,
+    seed: int,
+    run_id: int,
+    simulated_s: float | None,
+    wall_s: float,
+    finished_utc: str,
+    traceback: str | None,
+    result: bytes | None,
+) -> int:
+    """The CRC-32 of all that a row holds; it is found a million times where a million trials go on."""
+    times = math.nan if simulated_s is None else simulated_s, wall_s
+    numbers = _NUMBERS.pack(cell, seed, run_id, *times, traceback is None, result is None)
+    text = finished_utc if traceback is None else finished_utc + traceback
+    return zlib.crc32(result or b"", zlib.crc32(text.encode("utf-8", "surrogatepass"), zlib.crc32(numbers)))
 
 
 def keep_parameters_by_cell(connection: sqlite3.Connection) -> None:
@@ -101,7 +115,7 @@ def _converted(
             if result is not None:
                 decode_tables(result)
             yield row(cell.number, seed, run_id, simulated_s, wall_s, utc, failure, result)
-        except (TypeError, ValueError):
+        except (AttributeError, TypeError, ValueError, struct.error):
             number = -row_id if cell is None else cell.number
             yield number, seed, run_id, simulated_s, wall_s, utc, -1, failure, result
 

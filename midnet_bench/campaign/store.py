@@ -286,10 +286,8 @@ class Store:
         failed: dict[int, set[int]] = {number: set() for number in cells}
         damaged = {}
         with explained(self.path):
-            for row_id, *values in self._connection.execute(
-                f"SELECT rowid, {rows.COLUMNS} FROM trials NOT INDEXED"
-            ):
-                row = cast(rows.Row, tuple(values))
+            for values in self._connection.execute(f"SELECT rowid, {rows.COLUMNS} FROM trials NOT INDEXED"):
+                row_id, row = values[0], values[1:]
                 if row[0] in cells and rows.is_sound(row):
                     (finished if row[-1] is not None else failed)[row[0]].add(row[1])
                 else:
