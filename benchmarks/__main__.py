@@ -1,7 +1,17 @@
 """``make bench``: every benchmark in turn."""
 
-import runpy
+from benchmarks import gmapping, midnet, navigation, physics, store, trial
 
-for name in ("trial", "physics", "navigation", "gmapping", "store"):
-    print(f"== {name}")
-    runpy.run_module(f"benchmarks.{name}", run_name="__main__")
+BENCHMARKS = {
+    "trial": trial.main,
+    "physics": physics.main,
+    "midnet": midnet.main,
+    "gmapping": gmapping.main,
+    "navigation": navigation.main,
+    "store": lambda: store.main(1000),
+}
+
+if __name__ == "__main__":
+    for name, run in BENCHMARKS.items():
+        print(f"== {name}", flush=True)
+        run()

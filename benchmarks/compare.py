@@ -84,6 +84,7 @@ class Side:
         )
         package = Path(self._answer()["package"])
         if not package.is_relative_to(self.checkout):
+            self._process.communicate()
             raise SystemExit(f"{checkout}: is no checkout of midnet-bench; {package} was imported instead")
 
     def __enter__(self) -> Self:
@@ -107,6 +108,7 @@ class Side:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line:
+            self._process.communicate()
             raise SystemExit(f"{self.checkout}: its process ended; see above")
         answer: dict[str, Any] = json.loads(line)
         return answer

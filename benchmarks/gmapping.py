@@ -1,7 +1,8 @@
 """How fast GMapping keeps up with a Burger: milliseconds per integrated scan and the real-time ratio.
 
-Run ``python benchmarks/gmapping.py``. A robot circles among boxes in a 20 x 20 m hall at 0.22 m/s for 120 s
-and scans at 5 Hz; its odometry is exact. One core; the time of the world's own ray casting is not counted.
+Run ``python -m benchmarks.gmapping``. A robot circles among boxes in a 20 x 20 m hall at 0.22 m/s for 120 s
+and scans at 5 Hz; its odometry is exact. On one thread, and on all cores; the world's own ray casting is not
+counted.
 """
 
 import math
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from midnet_bench.geometry import Pose2D
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.gmapping.settings import BURGER, BURGER_UKF, TURTLEBOT3, GmappingSettings
+from midnet_bench.mapping.gmapping.threads import cores
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
 
@@ -47,17 +49,17 @@ def scan(walls: npt.NDArray[np.float64], pose: Pose2D) -> npt.NDArray[np.float64
     return np.where(ranges <= LIDAR.range_max_m, ranges, np.inf)
 
 
-def measure(name: str, settings: GmappingSettings, seconds: float = 120.0) -> None:
+def measure(name: str, settings: GmappingSettings, seconds: float = 120.0, threads: int = 1) -> None:
     walls = hall()
     times = PERIOD_S * np.arange(round(seconds / PERIOD_S))
     angles = times * SPEED_MPS / RADIUS_M
     poses = [Pose2D(RADIUS_M * math.cos(a), RADIUS_M * math.sin(a), a + math.pi / 2) for a in angles]
     noise = np.random.default_rng(0)
     scans = [scan(walls, pose.compose(LIDAR.mount)) + noise.normal(0.0, 0.01, LIDAR.beams) for pose in poses]
-    slam = GMapping(LIDAR, settings, poses[0], stream(0, "benchmark"))
+    slam = GMapping(LIDAR, settings, poses[0], stream(0, "benchmark"), threads)
     slam.process(poses[0], scans[0], float(times[0]))
     slam.process(poses[10], scans[10], float(times[10]))  # compiles the kernels, which are cached on disk
-    slam = GMapping(LIDAR, settings, poses[0], stream(0, "benchmark"))
+    slam = GMapping(LIDAR, settings, poses[0], stream(0, "benchmark"), threads)
     begin = time.perf_counter()
     integrated = sum(
         slam.process(pose, ranges, float(stamp))
@@ -69,14 +71,19 @@ def measure(name: str, settings: GmappingSettings, seconds: float = 120.0) -> No
     drawn = time.perf_counter() - begin
     error = slam.best_pose.distance_to(poses[-1])
     print(
-        f"{name:12} {settings.particles} particles: {integrated} of {len(scans)} scans integrated, "
+        f"{name:12} {settings.particles} particles, threads {threads}: {integrated} of {len(scans)} scans, "
         f"{1e3 * taken / integrated:.1f} ms each, {seconds / taken:.0f} times real time; "
         f"map of {grid.width} x {grid.height} cells drawn anew in {1e3 * drawn:.0f} ms; "
         f"last pose off by {error:.3f} m"
     )
 
 
+def main(seconds: float = 120.0) -> None:
+    for name, settings in (("TURTLEBOT3", TURTLEBOT3), ("BURGER", BURGER)):
+        for threads in sorted({1, cores()}):
+            measure(name, settings, seconds, threads)
+
+
 if __name__ == "__main__":
-    measure("TURTLEBOT3", TURTLEBOT3)
-    measure("BURGER", BURGER)
+    main()
     measure("BURGER_UKF", BURGER_UKF)

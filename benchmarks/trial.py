@@ -1,64 +1,90 @@
-"""Where the time of one 5-robot detection trial goes: PyBullet's step, its rays, everything else.
+"""A whole detection trial against bare PyBullet, in one process: how many times its CPU time do we take?
 
-Run ``python -m benchmarks.trial``. Shares of one run are what counts; the milliseconds are this machine's.
+Run ``python -m benchmarks.trial [SIMULATED_S]``, 60 unless given. Bare PyBullet is what a trial could not do
+with less on the engine ``bullet``: the same robots on their wheels at the same rate, and a plain
+``rayTestBatch`` of 360 rays for each LiDAR at 5 Hz, whose answer nobody reads. A trial is timed from its
+parameters to its tables, once for each engine. The runs alternate; each figure is the median.
 """
 
+import statistics
+import sys
 import time
-from collections.abc import Callable
-from typing import Any
 
+import numpy as np
+
+from midnet_bench.arena.arena import load_arena
+from midnet_bench.arena.layout import place
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.experiments.detection.trial import DetectionTrial
-from midnet_bench.experiments.warm_up import compile_kernels
-from midnet_bench.simulation.bullet import rays as caster
+from midnet_bench.experiments.detection.trial import run_detection
+from midnet_bench.experiments.guarded.arena import FRAME_HZ
+from midnet_bench.geometry import Pose2D
+from midnet_bench.messages import Command
+from midnet_bench.rng import stream
+from midnet_bench.robots.burger import BURGER, LDS_01
 from midnet_bench.simulation.bullet.engine import bullet
+from midnet_bench.simulation.bullet.world import World
 
-FRAMES = 500
-ROBOTS = 5
-
-
-class Stopwatch:
-    """Stands in for a function and adds up the time it takes."""
-
-    def __init__(self, timed: Callable[..., Any]) -> None:
-        self._timed = timed
-        self.seconds = 0.0
-
-    def __call__(self, *arguments: Any, **options: Any) -> Any:
-        """What the function gives."""
-        begin = time.perf_counter()
-        try:
-            return self._timed(*arguments, **options)
-        finally:
-            self.seconds += time.perf_counter() - begin
+GUARDS = 5
+REPEATS = 3
+SCAN_HZ, CONTROL_HZ = 5, 10
 
 
-def main() -> None:
-    compile_kernels()
-    step, call, rays = (
-        Stopwatch(timed) for timed in (bullet.stepSimulation, bullet.rayTestBatch, caster.ray_fractions)
+def main(simulated_s: float = 60.0, repeats: int = REPEATS) -> None:
+    engines = ("bullet", "fast")
+    for engine in engines:  # compiles and loads what is used for the first time
+        trial_cpu_s(engine, 1.0)
+    bare, whole = [], {engine: [] for engine in engines}
+    for _ in range(repeats):
+        bare.append(bare_cpu_s(simulated_s))
+        for engine in engines:
+            whole[engine].append(trial_cpu_s(engine, simulated_s))
+    bare_s = statistics.median(bare)
+    print(
+        f"one detection trial, {GUARDS} guards and 5 mobile intruders, {simulated_s:g} simulated s; CPU time"
     )
-    bullet.stepSimulation, bullet.rayTestBatch, caster.ray_fractions = step, call, rays  # type: ignore[assignment]
-    with DetectionTrial(DetectionParameters.of(robots=ROBOTS, frames=FRAMES), seed=1) as trial:
-        midnet = trial.detector.midnet
-        look = midnet.update = Stopwatch(midnet.update)  # type: ignore[method-assign]
-        next(frames := trial.frames())  # what is loaded and compiled on first use
-        step.seconds = call.seconds = rays.seconds = look.seconds = 0.0
-        begin = time.perf_counter()
-        for _ in frames:
-            pass
-        all_s = time.perf_counter() - begin
-    simulated_s = (FRAMES - 1) / 5.0
-    other_s = all_s - step.seconds - rays.seconds
-    print(f"one detection trial, {ROBOTS} guards and 5 mobile intruders, {simulated_s:.0f} simulated s")
-    for name, seconds in (("PyBullet's step", step.seconds), ("its rays", rays.seconds), ("else", other_s)):
-        print(f"  {name:<16} {1000 * seconds / simulated_s:6.1f} ms/s  {100 * seconds / all_s:5.1f} %")
-    print(f"  everything else / (step + rays): {other_s / (step.seconds + rays.seconds):.2f}")
-    bare = all_s / (step.seconds + call.seconds) - 1.0
-    print(f"  with the bare call for the rays, its answer neither read nor given back: {bare:.2f}")
-    print(f"  MIDNet, Eq. 1 to fusion, five robots: {1000 * look.seconds / (FRAMES - 1):.3f} ms a frame")
-    print(f"  simulated s per s: {simulated_s / all_s:.1f}")
+    print(f"  {'bare PyBullet':<22} {bare_s:7.3f} s  {simulated_s / bare_s:6.1f} simulated s per s")
+    for engine, times in whole.items():
+        ratios = [time_s / other_s for time_s, other_s in zip(times, bare, strict=True)]
+        median_s, spread = statistics.median(times), f"{min(ratios):.2f} to {max(ratios):.2f}"
+        print(
+            f"  {'whole trial, ' + engine:<22} {median_s:7.3f} s  {simulated_s / median_s:6.1f} simulated s"
+            f" per s; {statistics.median(ratios):.2f} times bare PyBullet ({spread})"
+        )
+
+
+def trial_cpu_s(engine: str, simulated_s: float) -> float:
+    begin = time.process_time()
+    frames = max(1, round(simulated_s * FRAME_HZ))
+    run_detection(DetectionParameters.of(robots=GUARDS, frames=frames, engine=engine), seed=1)
+    return time.process_time() - begin
+
+
+def bare_cpu_s(simulated_s: float) -> float:
+    layout = place(load_arena("map1"), 1, GUARDS)
+    steering = stream(1, "steering")
+    begin = time.process_time()
+    with World(layout) as world:
+        robots = layout.robots + layout.intruders
+        scans = [rays_of(pose) for pose in robots]
+        for tick in range(round(simulated_s * world.step_hz)):
+            if tick % (world.step_hz // CONTROL_HZ) == 0:
+                number = int(steering.integers(len(robots)))
+                world.drive(number, Command(*steering.uniform((0.0, -1.5), (0.22, 1.5)).tolist()))
+            world.step()
+            if tick % (world.step_hz // SCAN_HZ) == 0:
+                for starts, ends in scans:
+                    bullet.rayTestBatch(starts, ends, numThreads=1, physicsClientId=world._client)
+    return time.process_time() - begin
+
+
+def rays_of(pose: Pose2D) -> tuple[np.ndarray, np.ndarray]:
+    """(360, 3) starts and ends of a Burger's rays there, metres."""
+    sensor = pose.compose(LDS_01.mount)
+    bearings = sensor.yaw + LDS_01.angles_rad
+    directions = np.stack((np.cos(bearings), np.sin(bearings), np.zeros(LDS_01.beams)), axis=1)
+    axis = np.array([sensor.x, sensor.y, BURGER.lidar_height_m])
+    return axis + LDS_01.range_min_m * directions, axis + LDS_01.range_max_m * directions
 
 
 if __name__ == "__main__":
-    main()
+    main(float(sys.argv[1]) if len(sys.argv) > 1 else 60.0)

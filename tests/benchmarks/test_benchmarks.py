@@ -1,0 +1,55 @@
+"""The benchmarks run, on sizes that say nothing about speed."""
+
+import importlib
+from pathlib import Path
+
+import pytest
+
+import benchmarks
+from benchmarks import compare, gmapping, midnet, physics, trial
+
+NAMES = sorted(path.stem for path in Path(benchmarks.__file__).parent.glob("*.py") if path.stem[0] != "_")
+CHECKOUT = str(Path(benchmarks.__file__).parents[1])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_benchmark_imports(name: str) -> None:
+    assert callable(getattr(importlib.import_module(f"benchmarks.{name}"), "main", print))
+
+
+@pytest.mark.slow
+def test_a_trial_against_bare_pybullet(capsys: pytest.CaptureFixture[str]) -> None:
+    trial.main(simulated_s=1.0, repeats=1)
+    said = capsys.readouterr().out
+    for engine in ("bullet", "fast"):
+        assert f"whole trial, {engine}" in said
+    assert said.count("times bare PyBullet") == 2
+
+
+@pytest.mark.slow
+def test_both_engines_steps_and_scans(capsys: pytest.CaptureFixture[str]) -> None:
+    physics.main(simulated_s=1)
+    assert len(capsys.readouterr().out.splitlines()) == 2 + 3 * 2
+
+
+def test_midnet_against_bare_opencv(capsys: pytest.CaptureFixture[str]) -> None:
+    midnet.main(frames=5, teams=(5, 10), repeats=1)
+    said = capsys.readouterr().out.splitlines()
+    assert [int(line.split()[0]) for line in said[1:]] == [1, 5, 10]
+
+
+def test_gmapping(capsys: pytest.CaptureFixture[str]) -> None:
+    gmapping.main(seconds=4.0)
+    assert "TURTLEBOT3" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_two_checkouts_are_compared(capsys: pytest.CaptureFixture[str]) -> None:
+    tiny = ["--cases", "1+1", "--repeats", "1", "--seconds", "0.4", "--new-set", "engine=fast"]
+    compare.main([CHECKOUT, CHECKOUT, *tiny])
+    assert "NEW/OLD" in capsys.readouterr().out
+
+
+def test_a_folder_that_is_no_checkout_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SystemExit, match=r"is no checkout of midnet-bench|its process ended"):
+        compare.main([str(tmp_path), CHECKOUT])
