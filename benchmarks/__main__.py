@@ -1,11 +1,12 @@
 """``make bench``: every benchmark in turn."""
 
-from benchmarks import gmapping, midnet, navigation, physics, store, trial
+from benchmarks import gmapping, growth, midnet, navigation, physics, store, trial
 
 BENCHMARKS = {
     "trial": trial.main,
     "physics": physics.main,
     "midnet": midnet.main,
+    "growth": lambda: growth.table("bullet", [2, 20], [1.0, 4.0], 5.0, 2),
     "gmapping": gmapping.main,
     "navigation": navigation.main,
     "store": lambda: store.main(1000),
