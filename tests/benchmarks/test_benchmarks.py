@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import benchmarks
-from benchmarks import compare, gmapping, midnet, physics, trial
+from benchmarks import compare, gmapping, growth, midnet, physics, trial
 
 NAMES = sorted(path.stem for path in Path(benchmarks.__file__).parent.glob("*.py") if path.stem[0] != "_")
 CHECKOUT = str(Path(benchmarks.__file__).parents[1])
@@ -41,6 +41,14 @@ def test_midnet_against_bare_opencv(capsys: pytest.CaptureFixture[str]) -> None:
 def test_gmapping(capsys: pytest.CaptureFixture[str]) -> None:
     gmapping.main(seconds=4.0)
     assert "TURTLEBOT3" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_growth_with_robots_and_area(capsys: pytest.CaptureFixture[str]) -> None:
+    growth.table("fast", [2, 4], [1.0, 2.0], 0.4, 1)
+    said = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in said[2:4]] == ["2", "4"]
+    assert said[-1].startswith("growth per robot from 2 to 4: ")
 
 
 @pytest.mark.slow
