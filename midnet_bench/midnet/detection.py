@@ -209,6 +209,9 @@ def blob_boxes(
     before, first, count = 0, 1, 1
     for r in range(height + 1):
         count = cut_into_runs(d, r, begin, end, count)
+        if count - first == 1 and first - before == 1:  # all free like the row before, which serves for both
+            count = first
+            continue
         for run in range(first, count):
             occupied = (run - first) & 1
             line[run], parent[run], top[run] = r, run, r if occupied else -1
@@ -240,7 +243,7 @@ def blob_boxes(
     return boxes[:kept]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def cut_into_runs(d: BinaryArray, row: int, begin: Indices, end: Indices, count: int) -> int:
     """Write where each run of a row begins and ends from place ``count`` on; return the place after the last.
 
@@ -268,7 +271,7 @@ def cut_into_runs(d: BinaryArray, row: int, begin: Indices, end: Indices, count:
     return count + 1
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def root(parent: Indices, run: int) -> int:
     """The first of the runs that are joined with ``run``."""
     while parent[run] != run:
