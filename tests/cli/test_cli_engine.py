@@ -26,6 +26,7 @@ def test_a_wrong_engine_is_told_in_a_line(tmp_path: Path, arguments: list[str], 
     assert told in line
 
 
+@pytest.mark.slow
 def test_a_campaign_runs_on_the_engine_asked_for_and_goes_on_there_alone(tmp_path: Path) -> None:
     small = ["detection", "--robots", "1", "--frames", "2", "--jobs", "1", "-o", "out", "-q"]
     done = midnet_bench(*small, "--engine", "fast", folder=tmp_path)
