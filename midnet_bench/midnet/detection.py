@@ -7,7 +7,7 @@ Then subtraction (B.2), and contours (B.3) of which only the boxes are kept (B.4
 """
 
 import math
-from typing import Literal, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import cv2
 import numpy as np
@@ -17,13 +17,12 @@ from numba import njit
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.midnet.settings import Align
 
 BinaryArray = npt.NDArray[np.uint8]
 BoxArray = npt.NDArray[np.float64]
 """(n, 4): x_min, y_min, x_max, y_max of each box, metres, map frame"""
 Indices = npt.NDArray[np.int64]
-
-Align = Literal["floor", "origin"]
 
 # saved maps round their resolution to six decimals, ROS messages to 32 bits
 RESOLUTION_TOLERANCE = 1e-4

@@ -12,15 +12,15 @@ tests pin an example of each.
 """
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.midnet.detection import BoxArray, Indices
+from midnet_bench.midnet.settings import AllyRemove
 
-AllyRemove = Literal["first", "best", "all"]
 FIRST, BEST, ALL = range(3)
 """the same as numbers"""
 REMOVE: dict[AllyRemove, int] = {"first": FIRST, "best": BEST, "all": ALL}

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from midnet_bench.geometry import Box
 
@@ -91,6 +90,8 @@ def match_frame(detections: Sequence[Box], truths: Sequence[TruthObject]) -> Fra
     truth_of: list[int | None] = [None] * len(detections)
     detection_of: list[int | None] = [None] * len(truths)
     if any(touched):
+        from scipy.optimize import linear_sum_assignment  # not needed by who makes tables of the counts
+
         worth = np.array(overlaps)
         # a pair is worth more than all IoUs together, so the number of pairs comes first
         worth[worth > 0.0] += 1.0 + min(worth.shape)

@@ -58,3 +58,14 @@ def test_the_tables_of_a_single_trial_need_no_statistics_and_no_plotting(tmp_pat
     assert not found & {"scipy", "matplotlib", "numba", "pybullet"}
     assert (tmp_path / "success_rate.csv").exists()
     assert not (tmp_path / "success_rate.png").exists()
+
+
+def test_what_checks_a_campaign_needs_no_compiler_and_no_simulator() -> None:
+    found = loaded(
+        "from midnet_bench.experiments.registry import names, parameters_model\n"
+        "assert all(parameters_model(name).defaults() for name in names())\n"
+        "import midnet_bench.campaign.runner, midnet_bench.workflows.report\n"
+        "import midnet_bench.experiments.detection.tables, midnet_bench.experiments.mapping.tables"
+    )
+    assert "midnet_bench.experiments.labyrinth.parameters" in found
+    assert not found & {"numba", "scipy", "pybullet", "matplotlib"}

@@ -2,6 +2,7 @@ import itertools
 import math
 
 import pytest
+import scipy.optimize  # noqa: F401 - the first match imports it, which hypothesis takes for slow
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -14,7 +14,7 @@ from midnet_bench.experiments.guarded.inputs import (
 from midnet_bench.io.parameters import Parameters
 from midnet_bench.localization.settings import ScanToMapSettings, UkfSettings
 from midnet_bench.midnet.binary_map import PriorMapSettings
-from midnet_bench.midnet.pipeline import MIDNetSettings
+from midnet_bench.midnet.settings import MIDNetSettings
 from midnet_bench.navigation.settings import CostmapSettings, NavigatorSettings
 from midnet_bench.settings import group, option
 from midnet_bench.simulation.settings import SimulationSettings

@@ -1,0 +1,67 @@
+"""What section IV leaves open. It stands apart from what works by it, whose imports take longer."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+from midnet_bench.errors import InputError
+from midnet_bench.midnet.binary_map import Unknown
+from midnet_bench.settings import Settings, option
+
+Align = Literal["floor", "origin"]
+AllyRemove = Literal["first", "best", "all"]
+
+
+@dataclass(frozen=True)
+class MIDNetSettings(Settings):
+    """What section IV leaves open; the defaults are our readings."""
+
+    concern: ClassVar[str] = "midnet"
+
+    thresh_local: int = option(
+        99,
+        "Cost from which a cell of a local costmap counts as occupied, thresh of Eq. 1; 99 is 0.105 m "
+        "around a return, a lower one reaches farther.",
+        ge=1,
+        le=100,
+    )
+    unknown: Unknown = option(
+        "free",
+        "What Eq. 1 makes of a cell of a local costmap that no beam has met yet.",
+        key="unknown_in_local",
+    )
+    align: Align = option(
+        "floor",
+        "Which part of the prior map a local costmap is compared with: by the robot's pose, rounded down to "
+        "cells (floor, Eqs. 2 to 4), or by the costmap's own origin (origin).",
+    )
+    min_area_cells: int = option(1, "Blobs of fewer cells are dropped.", ge=1, le=1000)
+    deflate_boxes_m: float = 0.0
+    """taken off each side of a box as soon as it is found, >= 0; changes every later IoU (item 25)"""
+    ally_diameter_m: float = option(
+        0.297, "Side of the square that a guard is taken to fill, di of Algorithm 2.", gt=0, le=2
+    )
+    iou_ally: float = option(
+        0.05,
+        "IoU with an ally's square from which a box is removed as that ally, t of Algorithm 2.",
+        gt=0,
+        le=1,
+    )
+    ally_remove: AllyRemove = option(
+        "first",
+        "Which boxes of one guard are removed for one ally: the first that overlaps enough, the one that "
+        "overlaps most (best), or all that overlap enough.",
+    )
+    iou_fuse: float = option(
+        0.1,
+        "IoU from which boxes of two guards are fused into one detection, t of Algorithms 3 and 4.",
+        gt=0,
+        le=1,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0.0 <= self.deflate_boxes_m < math.inf:
+            raise InputError(
+                f"midnet: deflate_boxes_m: {self.deflate_boxes_m} is out of range; allowed: 0 or more"
+            )
