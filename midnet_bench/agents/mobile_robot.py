@@ -153,13 +153,13 @@ class Localizer:
         forward speeds and yaw rates; ``imus``: (n, 2) or more, yaw and yaw rate first. Metres, radians.
         """
         if self._filters is None:
-            believed, velocities = poses[rows].tolist(), twists[rows].tolist()
-        else:
-            self._filters.step(rows, twists, imus, dt_s)
-            states = self._filters.states[rows]
-            believed, velocities = states[:, :3].tolist(), states[:, 3:6:2].tolist()
-        for robot, (x, y, yaw), (speed, turn) in zip(due, believed, velocities, strict=True):
-            robot.localize(Pose2D(x, y, yaw if self._filters is None else wrap_angle(yaw)), (speed, turn))
+            for robot, pose, velocity in zip(due, poses[rows].tolist(), twists[rows].tolist(), strict=True):
+                robot.localize(Pose2D(*pose), tuple(velocity))
+            return
+        self._filters.step(rows, twists, imus, dt_s)
+        for robot, state in zip(due, self._filters.states[rows].tolist(), strict=True):
+            x, y, yaw, speed, _, turn = state
+            robot.localize(Pose2D(x, y, wrap_angle(yaw)), (speed, turn))
 
 
 class Progress:

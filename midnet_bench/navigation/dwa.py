@@ -112,6 +112,14 @@ class DwaPlanner:
         self._oscillation = _Oscillation(settings)
         self._grids = LocalGoalGrids()
         limits = settings.limits
+        reach_v, reach_w = (
+            limits.acc_lim_x_mps2 * period_s,
+            limits.acc_lim_theta_radps2 * period_s,
+        )
+        self._speeds = (reach_v, limits.min_vel_x_mps, limits.max_vel_x_mps)
+        """how far one period reaches, lowest, highest"""
+        self._turns = (reach_w, -limits.max_vel_theta_radps, limits.max_vel_theta_radps)
+        self._counts = (settings.vx_samples, settings.vth_samples)
         self._parameters = SearchParameters(
             min_vel_trans=float(limits.min_vel_trans_mps),
             max_vel_trans=float(limits.max_vel_trans_mps),
@@ -141,13 +149,11 @@ class DwaPlanner:
         Two points depart from the original: arithmetic is in double precision, and the alignment critic's
         grids are made when plan or costmap change rather than at every cycle.
         """
-        settings, limits = self.settings, self.settings.limits
-        reach_v = limits.acc_lim_x_mps2 * self._period_s
-        reach_w = limits.acc_lim_theta_radps2 * self._period_s
+        settings = self.settings
         windows = (
-            _window(velocity[0], reach_v, limits.min_vel_x_mps, limits.max_vel_x_mps),
-            _window(velocity[1], reach_w, -limits.max_vel_theta_radps, limits.max_vel_theta_radps),
-            (settings.vx_samples, settings.vth_samples),
+            _window(velocity[0], *self._speeds),
+            _window(velocity[1], *self._turns),
+            self._counts,
         )
         end_x, end_y = plan[-1].tolist()
         start = (*costmap.layer.to_cells(pose.x, pose.y), pose.yaw)

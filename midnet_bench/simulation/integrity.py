@@ -1,5 +1,7 @@
 """Whether the robots moved, and only where bodies can."""
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -14,7 +16,7 @@ class HealthTracker:
 
     def __init__(self, layout: Layout, poses: Floats) -> None:
         self._surfaces = surfaces(layout)
-        self._last = poses[:, :2].copy()
+        self._last = poses.copy()
         self.distances_m: Floats = np.zeros(len(poses))
         """(n,) path lengths so far"""
         self.crossings: npt.NDArray[np.int64] = np.zeros(len(poses), dtype=np.int64)
@@ -22,10 +24,7 @@ class HealthTracker:
 
     def update(self, poses: Floats) -> None:
         """Take the (n, 3) poses of a later tick, NaN for a robot that is gone. Five a second will do."""
-        now = poses[:, :2].copy()
-        self.distances_m = self.distances_m + np.nan_to_num(np.hypot(*(now - self._last).T))
-        self.crossings = self.crossings + crossed_wall(self._surfaces, self._last, now)
-        self._last = now
+        note_moves(self._surfaces, self._last, poses, self.distances_m, self.crossings)
 
 
 def surfaces(layout: Layout) -> Floats:
@@ -35,8 +34,25 @@ def surfaces(layout: Layout) -> Floats:
 
 
 @njit(cache=True)
+def note_moves(
+    sides: Floats, last: Floats, now: Floats, distances_m: Floats, crossings: npt.NDArray[np.int64]
+) -> None:
+    """Add the straight ways from (n, 3) poses to later ones, and what they go through; then they are last."""
+    crossed = crossed_wall(sides, last, now)
+    for i in range(len(now)):
+        way_m = math.hypot(now[i, 0] - last[i, 0], now[i, 1] - last[i, 1])
+        if not math.isnan(way_m):
+            distances_m[i] += way_m
+        if crossed[i]:
+            crossings[i] += 1
+        last[i] = now[i]
+
+
+@njit(cache=True)
 def crossed_wall(sides: Floats, before: Floats, after: Floats) -> npt.NDArray[np.bool_]:
-    """(n,) whether the straight way from (n, 2) ``before`` to ``after`` goes through one of ``surfaces``.
+    """(n,) whether the straight way from ``before`` to ``after`` goes through one of ``surfaces``.
+
+    Both are (n, 2) or more, x and y first.
 
     A robot's centre is never less than 38 mm from a surface that its body only touches, so going through
     even one side means that the body went through. NaN crosses nothing.
