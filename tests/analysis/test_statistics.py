@@ -90,6 +90,20 @@ def test_intervals_are_scipys_to_the_last_bit(n: int, monkeypatch: pytest.Monkey
         assert (ours.low, ours.high) == (scipys.low, scipys.high)
 
 
+@pytest.mark.usefixtures("all_resamples")
+@pytest.mark.parametrize(("n", "resamples"), [(1000, 9999), (4000, 2500), (8000, 1999)])
+def test_many_trials_are_resampled_less_often(n: int, resamples: int) -> None:
+    values = np.random.default_rng(1).normal(size=n)
+    ours = mean(values.tolist(), generator())
+    drawn = generator().integers(0, n, (resamples, n), dtype=np.int32)
+    means = np.array([values[one].mean() for one in drawn])
+    assert (ours.low, ours.high) == tuple(stats.quantile(means, np.array([0.025, 0.975])))
+    half = 1.96 * values.std() / math.sqrt(n)
+    assert (ours.low, ours.high) == pytest.approx(
+        (values.mean() - half, values.mean() + half), abs=0.1 * half
+    )
+
+
 def test_many_trials_take_little_memory() -> None:
     values = np.random.default_rng(1).normal(size=20_000).tolist()
     tracemalloc.start()
