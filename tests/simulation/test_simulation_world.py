@@ -158,6 +158,18 @@ def test_a_seed_gives_the_same_bytes_again_and_another_seed_others(engine: str) 
     assert digest_of(engine, 1) == first, "after another world in the same process"
 
 
+def test_a_client_that_was_used_before_gives_the_bytes_of_a_new_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    idle: list[int] = []
+    monkeypatch.setattr("midnet_bench.simulation.bullet.engine._idle", idle)
+    new = digest_of(1)
+    assert len(idle) == 2, "one for the world, one for its beams"
+    with World(place(load_arena("map2"), 2, 2, 2)) as world:
+        run(world, 1.0)
+        world.remove(1)
+    assert digest_of(1) == new
+    assert len(idle) == 2
+
+
 @pytest.mark.slow
 def test_worlds_stepped_in_turns_do_not_touch_each_other(engine: str, World: type) -> None:
     alone = [digest_of(engine, 1), digest_of(engine, 2)]

@@ -27,4 +27,19 @@ finally:
     os.close(_stderr)
     os.close(_nowhere)
 
-__all__ = ["PyBulletMissingError", "bullet"]
+_idle: list[int] = []
+"""clients of this process that nobody uses, emptied"""
+
+
+def take_client() -> int:
+    """An empty client: one that was given back, or a new one, which takes 20 ms and 28 MB."""
+    return _idle.pop() if _idle else int(bullet.connect(bullet.DIRECT))
+
+
+def give_back(client: int) -> None:
+    """Empty a client for whoever takes it next; what is loaded then behaves bit for bit as in a new one."""
+    bullet.resetSimulation(physicsClientId=client)
+    _idle.append(client)
+
+
+__all__ = ["PyBulletMissingError", "bullet", "give_back", "take_client"]

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from numba import njit
 
 from midnet_bench.arena.layout import Layout
-from midnet_bench.simulation.bullet.engine import bullet
+from midnet_bench.simulation.bullet.engine import bullet, give_back, take_client
 from midnet_bench.simulation.bullet.stage import add_solids
 from midnet_bench.simulation.integrity import surfaces
 from midnet_bench.simulation.simulator import Beams
@@ -42,7 +42,7 @@ class Rays:
 
     def __init__(self, layout: Layout, height_m: float) -> None:
         """The scan plane lies ``height_m`` above the floor."""
-        self._client = bullet.connect(bullet.DIRECT)
+        self._client = take_client()
         add_solids(self._client, layout.solids)
         self._sides = surfaces(layout)
         self._height_m = height_m
@@ -50,7 +50,7 @@ class Rays:
     def close(self) -> None:
         """Give the client back; more than once does no harm."""
         if self._client >= 0:
-            bullet.disconnect(physicsClientId=self._client)
+            give_back(self._client)
             self._client = -1
 
     def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:

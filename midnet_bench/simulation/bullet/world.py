@@ -13,7 +13,7 @@ from midnet_bench.messages import Command
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.bullet.body import Drive, load_robot
-from midnet_bench.simulation.bullet.engine import bullet
+from midnet_bench.simulation.bullet.engine import bullet, give_back, take_client
 from midnet_bench.simulation.bullet.rays import Rays
 from midnet_bench.simulation.bullet.stage import add_floor, add_solids
 from midnet_bench.simulation.settings import WorldSettings
@@ -42,7 +42,7 @@ class World:
         self.step_hz = self.settings.step_hz
         self.tick = 0
         starts = layout.robots + layout.intruders
-        self._client = bullet.connect(bullet.DIRECT)
+        self._client = take_client()
         bullet.setPhysicsEngineParameter(
             fixedTimeStep=1.0 / self.step_hz,
             numSolverIterations=self.settings.solver_iterations,
@@ -76,7 +76,7 @@ class World:
     def close(self) -> None:
         """Give the client back; more than once does no harm."""
         if self._client >= 0:
-            bullet.disconnect(physicsClientId=self._client)
+            give_back(self._client)
             self._client = -1
         self._rays.close()
 
