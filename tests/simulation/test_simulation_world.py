@@ -161,12 +161,12 @@ def test_a_seed_gives_the_same_bytes_again_and_another_seed_others(engine: str) 
 def test_a_client_that_was_used_before_gives_the_bytes_of_a_new_one(monkeypatch: pytest.MonkeyPatch) -> None:
     idle: list[int] = []
     monkeypatch.setattr("midnet_bench.simulation.bullet.engine._idle", idle)
-    new = digest_of(1)
+    new = digest_of("bullet", 1)
     assert len(idle) == 2, "one for the world, one for its beams"
-    with World(place(load_arena("map2"), 2, 2, 2)) as world:
+    with WORLDS["bullet"](place(load_arena("map2"), 2, 2, 2)) as world:
         run(world, 1.0)
         world.remove(1)
-    assert digest_of(1) == new
+    assert digest_of("bullet", 1) == new
     assert len(idle) == 2
 
 
