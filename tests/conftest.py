@@ -1,37 +1,15 @@
-"""Real trials that tests share, and fewer resamples for intervals. Heavy rooms are imported on first use."""
+"""Real trials that tests share. Heavy rooms are imported on first use."""
 
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-FAST_RESAMPLES = 999
-
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Slow tests first: a process that meets one at the end keeps the others waiting."""
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _real_resamples() -> Iterator[int]:
-    """Intervals from a tenth of the resamples: as good for a test, in a tenth of the time."""
-    from midnet_bench.analysis import statistics
-
-    real = statistics.RESAMPLES
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(statistics, "RESAMPLES", FAST_RESAMPLES)
-        yield real
-
-
-@pytest.fixture
-def all_resamples(_real_resamples: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Intervals as users get them, for a test of numbers that are published."""
-    from midnet_bench.analysis import statistics
-
-    monkeypatch.setattr(statistics, "RESAMPLES", _real_resamples)
 
 
 def campaign_folder(directory: Path, **campaign: Any) -> Path:

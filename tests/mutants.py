@@ -77,8 +77,8 @@ MUTANTS = [
     Mutant(
         "guards pursue the true position of an intruder, not its box",
         "experiments/labyrinth/trial.py",
-        "self.pursuit.detected(robot.index, boxes[0].center, now_s)",
-        "self.pursuit.detected(robot.index, self._place(robot), now_s)",
+        "self.pursuit.see([box.center for box in midnet.detections], now_s)",
+        "self.pursuit.see([self._place(self.intruders[0]) for _ in midnet.detections], now_s)",
         "experiments/test_experiments_labyrinth.py"
         "::test_a_guard_is_sent_to_the_box_and_not_to_the_true_position",
     ),

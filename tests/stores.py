@@ -100,10 +100,11 @@ def detection_store(
         for robots, by_seed in scores.items():
             for seed, (precision, recall, f1) in by_seed.items():
                 counts: Row = {"frames": 10, "tp": 8, "fp": 2, "fn": 4, "in_range": 12}
-                counts |= {"matched": 6, "duplicates": 2, "missed": 6, "error_sum_m": 0.6}
+                counts |= {"matched": 6, "duplicates": 2, "missed": 6, "error_sum_m": 0.6, "gospa_m": 5.0}
                 row: Row = {**counts, "precision": precision, "recall": recall, "f1": f1}
                 frames: list[Row] = [{"frame": 1, **counts}]
                 robot: Row = {"robot": "guard 1", "role": "guard", "distance_m": 0.1 * seed}
+                robot |= {"collisions": 2}
                 tables = {"scores": [row], "frames": frames, "robots": [robot] * robots}
                 spec = TrialSpec("detection", {"robots": robots}, seed)
                 payload = encode_tables(TrialResult(tables, 2.0))

@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 
 from midnet_bench.settings import Settings, option
 
-PursuitRule = Literal["nearest", "all", "none"]
+PursuitRule = Literal["nearest", "all", "none", "oracle"]
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,8 @@ class PursuitSettings(Settings):
     rule: PursuitRule = option(
         "nearest",
         "Which guards go after a detected intruder: the nearest one while the others patrol (nearest), "
-        "every guard after the intruder nearest to it (all), or none.",
+        "every guard after the intruder nearest to it (all), or none. Targets are tracks of MIDNet's boxes; "
+        "under oracle the referee names the intruder of each box instead, and tells who is caught or gone.",
         key="pursuit",
     )
     timeout_s: float = option(

@@ -1,9 +1,10 @@
 """Statements of a paper checked against a campaign: reproduced, not reproduced, or inconclusive.
 
-A statement is reproduced if the whole 95 % interval lies where the paper says, not reproduced if the whole
+A statement is reproduced if the whole interval lies where the paper says, not reproduced if the whole
 interval lies elsewhere, and inconclusive otherwise. No difference is no evidence of equality: the dips that
-the paper saw are below what its trials could show (items 68 to 70). Each interval stands for itself: of
-twenty statements without any effect behind them, one is expected to look like one (item 72).
+the paper saw are below what its trials could show (items 68 to 70). A campaign answers many statements at
+once, so verdicts go by Holm's adjusted p-values: the chance that even one of a table's verdicts is wrong by
+chance is at most 5 % (item 72). The intervals that are printed stand for themselves.
 """
 
 import math
@@ -11,9 +12,11 @@ from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
-from midnet_bench.analysis.statistics import Estimate, paired_difference
+from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, Interval, holm, p_value, paired_difference
 from midnet_bench.analysis.tables import Cell, Table
-from midnet_bench.rng import stream
+
+LEVEL = 0.05
+"""the chance of a wrong verdict anywhere in one table"""
 
 
 class Verdict(StrEnum):
@@ -33,10 +36,12 @@ class Finding(NamedTuple):
     below: float
     agreeing_seeds: int | None = None
     """of a comparison seed by seed: how many of the ``ours.n`` seeds agree"""
+    p_value: float = math.nan
+    """1 less the highest confidence whose interval decides; NaN if nobody worked it out"""
 
     @property
     def verdict(self) -> Verdict:
-        """By where the interval lies; an interval that is not defined is inconclusive."""
+        """Of this statement by itself: where its 95 % interval lies; inconclusive where there is none."""
         low, high = self.ours.low, self.ours.high
         if math.isnan(low) or math.isnan(high):
             return Verdict.INCONCLUSIVE
@@ -45,8 +50,24 @@ class Finding(NamedTuple):
         return Verdict.NOT_REPRODUCED if high < self.above or low > self.below else Verdict.INCONCLUSIVE
 
 
+def finding(
+    statement: str, interval: Interval, above: float, below: float, agreeing_seeds: int | None = None
+) -> Finding:
+    """Whether a number lies between ``above`` and ``below``.
+
+    Args:
+        statement: what the paper states.
+        interval: our number with its interval at a confidence, such as ``partial(mean, values)``.
+        above: lower end of where the paper has it, may be -inf.
+        below: upper end, may be inf.
+        agreeing_seeds: of a comparison: how many seeds agree.
+    """
+    p = p_value(interval, above, below)
+    return Finding(statement, interval(1.0 - LEVEL), above, below, agreeing_seeds, p)
+
+
 def comparison(
-    statement: str, first: Mapping[int, float], second: Mapping[int, float], rises: bool, *purpose: str | int
+    statement: str, first: Mapping[int, float], second: Mapping[int, float], rises: bool
 ) -> Finding:
     """Whether ``second`` is above ``first`` (or below, unless ``rises``), over the seeds that both have.
 
@@ -55,32 +76,49 @@ def comparison(
         first: seed -> value.
         second: seed -> value.
         rises: the direction that the paper states.
-        purpose: names the bootstrap's random stream.
     """
-    pairs = [(first[seed], second[seed]) for seed in first if seed in second]
-    ours = paired_difference(
-        [before for before, _ in pairs], [after for _, after in pairs], stream(0, "bootstrap", *purpose)
-    )
-    agreeing = sum(after > before if rises else after < before for before, after in pairs)
+    before = [first[seed] for seed in first if seed in second]
+    after = [second[seed] for seed in first if seed in second]
+    pairs = list(zip(before, after, strict=True))
+    agreeing = sum(b > a if rises else b < a for a, b in pairs)
     above, below = (0.0, math.inf) if rises else (-math.inf, 0.0)
-    return Finding(statement, ours, above, below, agreeing)
+    return finding(
+        statement, lambda confidence: paired_difference(before, after, confidence), above, below, agreeing
+    )
+
+
+def verdicts(findings: Sequence[Finding]) -> list[Verdict]:
+    """The verdict of each finding, all of them together being wrong by chance in 5 % of campaigns (Holm).
+
+    A finding without a p-value is judged by its own interval and does not count among the others.
+    """
+    adjusted = holm([one.p_value for one in findings])
+    return [
+        one.verdict if math.isnan(p) or p <= LEVEL else Verdict.INCONCLUSIVE
+        for one, p in zip(findings, adjusted, strict=True)
+    ]
 
 
 def verdict_table(findings: Sequence[Finding]) -> Table:
     """A row per finding: the number with its interval, the range that counts as reproduced, the verdict."""
+    adjusted = holm([one.p_value for one in findings])
     rows: list[Mapping[str, Cell]] = [
         {
-            "statement": finding.statement,
-            "ours": finding.ours,
-            "reproduced_above": _bound(finding.above),
-            "reproduced_below": _bound(finding.below),
-            "n": finding.ours.n,
-            "agreeing_seeds": finding.agreeing_seeds,
-            "verdict": finding.verdict.value,
+            "statement": one.statement,
+            "ours": one.ours,
+            "reproduced_above": _bound(one.above),
+            "reproduced_below": _bound(one.below),
+            "n": one.ours.n,
+            "agreeing_seeds": one.agreeing_seeds,
+            "p_value": one.p_value,
+            "p_holm": p,
+            "verdict": verdict.value,
         }
-        for finding in findings
+        for one, p, verdict in zip(findings, adjusted, verdicts(findings), strict=True)
     ]
-    return Table("claims", "What the paper states", rows, bounds={"ours": ("low", "high", "n")})
+    title = f"What the paper states ({MEAN_METHOD}; verdicts by Holm at 5 % over the table)"
+    digits = {"p_value": 4, "p_holm": 4}
+    return Table("claims", title, rows, digits, bounds={"ours": ("low", "high", "n")})
 
 
 def _bound(value: float) -> float | None:

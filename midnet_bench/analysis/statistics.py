@@ -1,13 +1,17 @@
-"""How sure a number is: intervals over trials.
+"""How sure a number is: 95 % intervals over trials, for few trials as for many.
 
 Trials are the unit everywhere. Frames of one trial are 0.2 s apart and intruders of one trial share
 guards and walls, so treating either as independent makes intervals too narrow (items 51, 67).
 
-Bootstrap intervals are those of ``scipy.stats.bootstrap`` by the percentile method: it stays defined when
-all trials score alike, where BCa does not. Fewer than two trials give an interval of NaN, and so does a
-ratio that some resample leaves without a denominator.
+Two methods, both in closed form; ``benchmarks/coverage.py`` measures how often each holds the truth:
 
-scipy.stats takes a second to import. It is imported when there is an interval to find.
+* a mean, a difference seed by seed, a ratio of sums: Student's t, from five trials on corrected for
+  skewness by Hall's transformation (Hall 1992, "On the removal of skewness by transformation");
+* a share, which lies between 0 and 1: Wilson's score interval on the effective sample size, with Student's
+  quantile (Dean and Pagano 2015). Where all trials are 0 or all are 1 a trial counts as one yes or no.
+
+Two trials cannot tell how far trials spread: an interval takes three. Nor can trials that all give one
+number, unless it is a share.
 """
 
 import math
@@ -17,13 +21,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-RESAMPLES = 9999
-LEAST_RESAMPLES = 1999
-DRAWS = 10_000_000
-"""numbers drawn for an interval: over more than 1000 trials there are fewer resamples, LEAST_RESAMPLES at
-least, whose chance moves an end by 3 % of half the width (standard deviation)"""
-BLOCK = 32_768
-"""numbers of resamples that are held at once: they fit into a processor's cache"""
+MIN_TRIALS = 3
+"""for an interval"""
+MIN_FOR_SKEWNESS = 5
+"""the skewness of three or four numbers says nothing: theirs is Student's plain interval"""
+MEAN_METHOD = "95 % intervals: Student's t, corrected for skewness"
+SHARE_METHOD = "95 % intervals: Wilson's score"
+"""for titles of tables and figures"""
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -38,25 +42,62 @@ class Estimate(NamedTuple):
     """how many trials it stands on"""
 
 
-def mean(values: Sequence[float], rng: np.random.Generator, confidence: float = 0.95) -> Estimate:
-    """The mean over trials and its percentile bootstrap interval.
+Interval = Callable[[float], Estimate]
+"""The estimate with its interval at a confidence, such as 0.95."""
+
+
+def mean(
+    values: Sequence[float], confidence: float = 0.95, within: tuple[float, float] = (-math.inf, math.inf)
+) -> Estimate:
+    """The mean over trials and its interval, Student's t with Hall's correction for skewness.
 
     Args:
         values: one per trial; NaN, a ratio undefined in its trial, is left out.
-        rng: a generator of its own, so that no other number shifts this one.
         confidence: 0.95 for a 95 % interval.
+        within: the range of possible values, which the interval does not leave.
     """
-    defined = np.asarray(values, np.float64)
-    defined = defined[~np.isnan(defined)]
+    defined = _defined(values)
     if defined.size == 0:
         return Estimate(math.nan, math.nan, math.nan, 0)
-    return _bootstrap((defined,), np.mean, rng, confidence)
+    value = float(defined.mean())
+    below, above = _halls_bounds(defined - value, float(np.abs(defined).max()), confidence)
+    # NaN comes first: max and min give it back then
+    return Estimate(value, max(value - below, within[0]), min(value + above, within[1]), defined.size)
 
 
-def paired_difference(
-    first: Sequence[float], second: Sequence[float], rng: np.random.Generator, confidence: float = 0.95
-) -> Estimate:
-    """The mean of second - first over pairs of trials, and its percentile bootstrap interval.
+def share(values: Sequence[float], confidence: float = 0.95) -> Estimate:
+    """The mean over trials of shares between 0 and 1, and its interval, which lies there too.
+
+    Args:
+        values: one per trial, such as its precision or the share of its intruders that were caught; NaN is
+            left out.
+        confidence: 0.95 for a 95 % interval.
+
+    Raises:
+        ValueError: a value below 0 or above 1.
+    """
+    defined = _defined(values)
+    n = defined.size
+    if n == 0:
+        return Estimate(math.nan, math.nan, math.nan, 0)
+    if defined.min() < 0.0 or defined.max() > 1.0:
+        raise ValueError(f"a share lies between 0 and 1, got {defined.min():g} to {defined.max():g}")
+    value = float(defined.mean())
+    # the mean of equal numbers may be off by a rounding, and so their variance
+    spread = float(defined.var()) if defined.min() < defined.max() else 0.0
+    if n < MIN_TRIALS or (spread == 0.0 and 0.0 < value < 1.0):
+        return Estimate(value, math.nan, math.nan, n)
+    # so many yes-or-no trials would spread as these do
+    effective = n * value * (1.0 - value) / spread if spread > 0.0 else float(n)
+    quantile = _student(confidence, n)
+    weight = quantile * quantile / effective
+    middle = (value + weight / 2.0) / (1.0 + weight)
+    half = quantile / (1.0 + weight) * math.sqrt((value * (1.0 - value) + weight / 4.0) / effective)
+    return Estimate(value, max(0.0, min(middle - half, value)), min(1.0, max(middle + half, value)), n)
+
+
+def paired_difference(first: Sequence[float], second: Sequence[float], confidence: float = 0.95) -> Estimate:
+    """The mean of second - first over pairs of trials, and its interval as of ``mean``.
 
     Pairs share a seed, so they share the world, and what a hard world does to both cancels out
     (common random numbers, item 71). A pair with a NaN is left out.
@@ -67,71 +108,98 @@ def paired_difference(
     if len(first) != len(second):
         raise ValueError(f"pairs are needed: {len(first)} values against {len(second)}")
     differences = np.asarray(second, np.float64) - np.asarray(first, np.float64)
-    return mean(differences.tolist(), rng, confidence)
+    return mean(differences.tolist(), confidence)
 
 
 def ratio_of_sums(
-    numerators: Sequence[float],
-    denominators: Sequence[float],
-    rng: np.random.Generator,
-    confidence: float = 0.95,
+    numerators: Sequence[float], denominators: Sequence[float], confidence: float = 0.95
 ) -> Estimate:
-    """The pooled ratio, sum over sum, and its percentile bootstrap interval; trials are drawn whole.
+    """The pooled ratio, sum over sum, and its interval as of ``mean`` on the ratio linearised in each trial.
 
-    Precision is ``tp`` over ``tp + fp``, recall ``tp`` over ``tp + fn``, F1 ``2 tp`` over
-    ``2 tp + fp + fn``, each summed within its trial. Without any denominator the ratio is NaN.
+    A time per capture is the sum of times over the number of captures. A trial moves the ratio R by about
+    (numerator - R denominator) / mean denominator. Without any denominator the ratio is NaN.
 
     Raises:
         ValueError: the two differ in length.
     """
     if len(numerators) != len(denominators):
         raise ValueError(f"pairs are needed: {len(numerators)} values against {len(denominators)}")
-    return _bootstrap(
-        (np.asarray(numerators, np.float64), np.asarray(denominators, np.float64)),
-        _ratio,
-        rng,
-        confidence,
+    above, below = np.asarray(numerators, np.float64), np.asarray(denominators, np.float64)
+    if not below.sum() > 0.0:
+        return Estimate(math.nan, math.nan, math.nan, below.size)
+    ratio = float(above.sum() / below.sum())
+    size = float(np.abs(above).max() / below.mean())
+    down, up = _halls_bounds((above - ratio * below) / below.mean(), size, confidence)
+    return Estimate(ratio, ratio - down, ratio + up, below.size)
+
+
+def p_value(interval: Interval, above: float, below: float) -> float:
+    """How sure it is on which side of a range the truth lies: 1 less the highest confidence that decides.
+
+    An interval decides where it lies wholly within (above, below) or wholly outside. 1 where none does;
+    NaN where there is no interval. Found to 1e-9 by halving.
+    """
+
+    def decides(confidence: float) -> bool:
+        _, low, high, _ = interval(confidence)
+        return (above < low and high < below) or high < above or low > below
+
+    if math.isnan(interval(0.95).low):
+        return math.nan
+    lower, upper = 0.0, 1.0 - 1e-9
+    if decides(upper):
+        return 1.0 - upper
+    while upper - lower > 1e-9:
+        middle = (lower + upper) / 2.0
+        lower, upper = (middle, upper) if decides(middle) else (lower, middle)
+    return 1.0 - lower
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """The p-values of one table, adjusted by Holm for how many they are; NaN counts for nothing."""
+    order = sorted((p, i) for i, p in enumerate(p_values) if not math.isnan(p))
+    adjusted, reached = list(p_values), 0.0
+    for rank, (p, i) in enumerate(order):
+        reached = max(reached, min(1.0, (len(order) - rank) * p))
+        adjusted[i] = reached
+    return adjusted
+
+
+def _defined(values: Sequence[float]) -> FloatArray:
+    given = np.asarray(values, np.float64)
+    return given[~np.isnan(given)]
+
+
+def _student(confidence: float, n: int) -> float:
+    """The two-sided quantile of Student's t for n trials."""
+    from scipy.special import stdtrit  # scipy is imported when there is an interval to find
+
+    return float(stdtrit(n - 1, 0.5 + confidence / 2.0))
+
+
+def _halls_bounds(deviations: FloatArray, size: float, confidence: float) -> tuple[float, float]:
+    """How far the interval of a mean reaches below and above it; NaN where trials show no spread.
+
+    ``deviations`` from the mean, one per trial; ``size`` of the numbers, which says what is rounding.
+    Hall's transformation makes Student's ratio T = mean error / (s / sqrt n) nearly symmetric:
+    T + g (T**2 / 3 + 1 / 6) / sqrt n + g**2 T**3 / (27 n), where g is the sample's skewness.
+    Its inverse at the two quantiles gives the bounds.
+    """
+    n = deviations.size
+    spread = float(deviations @ deviations)
+    if n < MIN_TRIALS or spread <= n * (1e-14 * size) ** 2:
+        return math.nan, math.nan
+    deviation = math.sqrt(spread / (n - 1))
+    skewness = float((deviations**3).mean()) / deviation**3 if n >= MIN_FOR_SKEWNESS else 0.0
+    quantile = _student(confidence, n)
+    return (
+        deviation * _untransformed(quantile / math.sqrt(n), skewness, n),
+        -deviation * _untransformed(-quantile / math.sqrt(n), skewness, n),
     )
 
 
-def wilson(successes: int, n: int, confidence: float = 0.95) -> Estimate:
-    """A proportion and its Wilson score interval, for ``n`` independent yes-or-no trials (scipy).
-
-    Raises:
-        ValueError: more successes than trials, or negative ones.
-    """
-    if n == 0:
-        return Estimate(math.nan, math.nan, math.nan, 0)
-    from scipy import stats
-
-    interval = stats.binomtest(successes, n).proportion_ci(confidence, method="wilson")
-    return Estimate(successes / n, float(interval.low), float(interval.high), n)
-
-
-def _ratio(numerators: FloatArray, denominators: FloatArray, axis: int = -1) -> FloatArray:
-    above, below = numerators.sum(axis=axis), denominators.sum(axis=axis)
-    return np.divide(above, below, out=np.full(np.shape(below), np.nan), where=np.asarray(below > 0.0))
-
-
-def _bootstrap(
-    samples: tuple[FloatArray, ...],
-    statistic: Callable[..., FloatArray],
-    rng: np.random.Generator,
-    confidence: float,
-) -> Estimate:
-    n = samples[0].size
-    value = float(statistic(*samples, axis=-1))
-    if n < 2:
-        return Estimate(value, math.nan, math.nan, n)
-    from scipy import stats
-
-    at_once = max(1, BLOCK // n)
-    resampled = np.empty(min(RESAMPLES, max(LEAST_RESAMPLES, DRAWS // n)))
-    for first in range(0, resampled.size, at_once):
-        part = resampled[first : first + at_once]
-        # numbers of a block are those that one call for all resamples would draw
-        drawn = rng.integers(0, n, (len(part), n))
-        part[:] = statistic(*(sample.take(drawn, mode="clip") for sample in samples), axis=-1)
-    tail = (1.0 - confidence) / 2.0
-    low, high = stats.quantile(resampled, np.array([tail, 1.0 - tail]))
-    return Estimate(value, float(low), float(high), n)
+def _untransformed(scaled: float, skewness: float, n: int) -> float:
+    """T / sqrt n whose transformed value is sqrt n ``scaled``; odd roots of negative numbers are negative."""
+    if abs(skewness) < 1e-6:
+        return scaled
+    return 3.0 / skewness * (math.cbrt(1.0 + skewness * (scaled - skewness / (6.0 * n))) - 1.0)

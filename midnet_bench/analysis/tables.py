@@ -35,6 +35,8 @@ class Table:
     """digits after the point by column, in the forms for people; 3 unless given"""
     bounds: Mapping[str, tuple[str, str, str]] = field(default_factory=dict)
     """CSV columns of an estimate's low end, high end and n; ``x_low``, ``x_high``, ``x_n`` unless given"""
+    notes: Sequence[str] = ()
+    """sentences that a reader of the table needs, below it in the forms for people"""
 
     @property
     def columns(self) -> list[str]:
@@ -62,11 +64,13 @@ class Table:
         """A pipe table, numbers to the right."""
         # a bar in a cell would begin another one
         cells = [[cell.replace("|", "\\|") for cell in line] for line in [self.columns, *self.cells()]]
-        return self._tabulated(cells, "pipe") if self.rows else ""
+        text = self._tabulated(cells, "pipe") if self.rows else ""
+        return "\n".join([text, *(f"{note}\n" for note in self.notes)])
 
     def to_latex(self) -> str:
         """A tabular that needs the package booktabs; estimates with their intervals."""
-        return self._tabulated([self.columns, *self.cells()], "latex_booktabs") if self.rows else ""
+        text = self._tabulated([self.columns, *self.cells()], "latex_booktabs") if self.rows else ""
+        return text + "".join("\n" + note.replace("%", "\\%") + "\n" for note in self.notes)
 
     def to_json(self) -> list[dict[str, Any]]:
         """The rows, ready for JSON: an estimate is ``{"value", "low", "high", "n"}``, undefined is None."""

@@ -3,7 +3,7 @@
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -11,9 +11,11 @@ from midnet_bench.cli import completion, messages, options
 from midnet_bench.cli.app import command
 
 if TYPE_CHECKING:
+    from rich.table import Table as RichTable
+
     from midnet_bench.analysis.tables import Table
 
-PIPE_WIDTH = 200
+PIPE_WIDTH = 400
 
 
 def _campaigns_folder(directory: Path) -> Path:
@@ -166,12 +168,33 @@ def show(experiment: str | None, tables: "list[Table]", as_json: bool) -> None:
 
 def _print(table: "Table") -> None:
     from rich.console import Console
+
+    # a pipe has no width; what reads it wants whole rows
+    console = Console(width=None if sys.stdout.isatty() else PIPE_WIDTH)
+    shown = _drawn(table, narrow=False)
+    if Console(width=PIPE_WIDTH).measure(shown).maximum > console.width:
+        shown = _drawn(table, narrow=True)
+    console.print(shown)
+    for note in table.notes:
+        console.print(note, highlight=False)
+
+
+def _drawn(table: "Table", narrow: bool) -> "RichTable":
+    """The table for a terminal; where that is ``narrow``, names and intervals take several lines."""
+    from rich import box
     from rich.table import Table as RichTable
 
-    shown = RichTable(title=table.title, title_justify="left", title_style="bold")
+    shown = RichTable(
+        title=table.title,
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD if narrow else box.HEAVY_HEAD,
+        pad_edge=not narrow,
+        padding=(0, 1, 0, 0) if narrow else (0, 1),
+    )
     for name in table.columns:
-        shown.add_column(name, no_wrap=True, justify="left" if name == table.columns[0] else "right")
+        justify: Literal["left", "right"] = "left" if name == table.columns[0] else "right"
+        shown.add_column(name.replace("_", " ") if narrow else name, no_wrap=not narrow, justify=justify)
     for cells in table.cells():
         shown.add_row(*cells)
-    # a pipe has no width; what reads it wants whole rows
-    Console(width=None if sys.stdout.isatty() else PIPE_WIDTH).print(shown)
+    return shown

@@ -37,13 +37,13 @@ def find_frontiers(
     """The frontiers that the robot can reach, cheapest first; empty when there is none.
 
     As in explore_lite: the search starts at the traversable cell nearest to the robot's and spreads over
-    4-neighbours; unknown cells that touch what it reached are frontier cells, 8-neighbours of them one
-    frontier; cost = ``potential_scale`` * distance - ``gain_scale`` * size. Not as in explore_lite,
-    whose slips these are: every cell of a frontier counts, towards its centroid too; distance is metres
-    once, not times the resolution again, and it is the way along traversable cells (steps in x and y)
-    instead of a straight line through walls; any cost below the inscribed radius can be passed, where the
-    package stops at the first inflated cell and so finds no frontier in a corridor narrower than two
-    inflation radii.
+    4-neighbours; unknown cells beside any traversable cell, reached or not, are frontier cells, 8-neighbours
+    of them one frontier, and a frontier counts if it touches what the search reached; cost =
+    ``potential_scale`` * distance - ``gain_scale`` * size. Not as in explore_lite, whose slips these are:
+    every cell of a frontier counts, towards its centroid too; distance is metres once, not times the
+    resolution again, and it is the way along traversable cells (steps in x and y) instead of a straight line
+    through walls; any cost below the inscribed radius can be passed, where the package stops at the first
+    inflated cell and so finds no frontier in a corridor narrower than two inflation radii.
 
     Args:
         costmap: int8, -1 unknown, 0 to 100 published costs; not changed.
@@ -59,7 +59,7 @@ def find_frontiers(
     steps = _steps_from(traversable, *start)
     reached = steps >= 0
 
-    touches = cv2.dilate(reached.view(np.uint8), _CROSS)
+    touches = cv2.dilate(traversable.view(np.uint8), _CROSS)
     border = ((padded == UNKNOWN) & (touches > 0)).view(np.uint8)
     count, labels, stats, centroids = cv2.connectedComponentsWithStats(border, connectivity=8)
     sizes_m = stats[:, cv2.CC_STAT_AREA] * costmap.resolution
@@ -67,7 +67,7 @@ def find_frontiers(
     label_of, cell_of = _touching_pairs(labels, reached, np.isin(np.arange(count), kept))
 
     frontiers = []
-    for label in kept:
+    for label in np.unique(label_of).tolist():  # those that touch what was reached
         rows, columns = np.divmod(cell_of[label_of == label], padded.shape[1])
         column, row = centroids[label]
         order = np.argsort((columns - column) ** 2 + (rows - row) ** 2, kind="stable")

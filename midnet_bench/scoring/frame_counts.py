@@ -1,4 +1,4 @@
-"""Detections against the truth: the paper's counts and ratios, and one-to-one matching beside them.
+"""Detections against the truth: the paper's counts and ratios, beside them one-to-one matching and GOSPA.
 
 The paper counts boxes for tp and intruders for fn (item 43), so two boxes on one intruder raise both of
 its scores. The matching pairs each intruder with one box at most and counts the rest as duplicates.
@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from midnet_bench.geometry import Box
+from midnet_bench.scoring.gospa import gospa
 
 InRange = Literal["edge", "centre"]
 
@@ -44,9 +45,11 @@ class FrameCounts(NamedTuple):
     """intruders in range without a box of their own; above fn where one box covers two"""
     error_sum_m: float
     """metres from box centre to intruder centre, summed over the matched pairs"""
+    gospa_m: float
+    """metres: distances of partners, and half a metre for each miss and each false or further box"""
 
 
-NOTHING = FrameCounts(0, 0, 0, 0, 0, 0, 0, 0.0)
+NOTHING = FrameCounts(0, 0, 0, 0, 0, 0, 0, 0.0, 0.0)
 
 
 class FrameMatch(NamedTuple):
@@ -136,6 +139,7 @@ def count_frame(
             if counts and detection is None
         ),
         error_sum_m=sum(errors),
+        gospa_m=gospa([box.center for box in detections], [truth.center for truth in truths], in_range),
     )
 
 

@@ -1,20 +1,22 @@
 """Campaigns of one experiment side by side: what differs, seed by seed."""
 
+import math
 import os
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
+from midnet_bench.analysis.claims import LEVEL
 from midnet_bench.analysis.frames import Results, load_results
-from midnet_bench.analysis.statistics import paired_difference
+from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, holm, p_value, paired_difference
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.experiment import Measures
 from midnet_bench.experiments.registry import experiment_of
-from midnet_bench.rng import stream
 from midnet_bench.workflows.report import write_figures_of
 
-COLUMNS = ("trial", "measure", "difference", "low", "high", "n", "seeds", "setting")
+COLUMNS = ("trial", "measure", "difference", "low", "high", "n", "seeds", "p_holm", "verdict", "setting")
 """of the tables, beside one for each campaign"""
 MAX_SHOWN = 60
 """characters of a setting's value: an arena taken in from a file is long"""
@@ -94,10 +96,12 @@ def names_of(directories: Sequence[Path]) -> list[str]:
 def differences_table(campaigns: Mapping[str, Measures]) -> Table:
     """A row per cell, measure and further campaign: means of both, and their difference from the first.
 
-    Over the seeds that both have; the interval is the bootstrap's over seeds, both values of a seed together.
+    Over the seeds that both have; the seed is the unit. Verdicts go by p-values adjusted by Holm.
     """
     (first_name, first), *others = campaigns.items()
-    rows: list[Mapping[str, Cell]] = []
+    rows: list[dict[str, Cell]] = []
+    changes: list[Estimate] = []
+    p_values: list[float] = []
     for name, other in others:
         for (cell, measure), values in first.items():
             seeds = [seed for seed in values if seed in other.get((cell, measure), {})]
@@ -105,19 +109,30 @@ def differences_table(campaigns: Mapping[str, Measures]) -> Table:
                 continue
             before = [values[seed] for seed in seeds]
             after = [other[cell, measure][seed] for seed in seeds]
-            change = paired_difference(before, after, stream(0, "bootstrap", "difference", cell, measure))
+            difference = partial(paired_difference, before, after)
+            p_values.append(p_value(difference, 0.0, math.inf))
+            changes.append(difference(1.0 - LEVEL))
             rows.append(
                 {
                     "trial": cell,
                     "measure": measure,
                     first_name: sum(before) / len(before),
                     name: sum(after) / len(after),
-                    "difference": change,
+                    "difference": changes[-1],
                     "seeds": len(seeds),
                 }
             )
-    title = f"Differences from {first_name} on the same seeds (95 % intervals)"
-    return Table("differences", title, rows, bounds={"difference": ("low", "high", "n")})
+    for row, change, p in zip(rows, changes, holm(p_values), strict=True):
+        row |= {"p_holm": p, "verdict": _verdict(change, p)}
+    title = f"Differences from {first_name} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
+    return Table("differences", title, rows, {"p_holm": 4}, bounds={"difference": ("low", "high", "n")})
+
+
+def _verdict(change: Estimate, p: float) -> str:
+    """``higher`` or ``lower`` than in the first campaign, or ``inconclusive``."""
+    if not p <= LEVEL:
+        return "inconclusive"
+    return "higher" if change.low > 0.0 else "lower"
 
 
 def settings_table(campaigns: Mapping[str, Results]) -> Table:

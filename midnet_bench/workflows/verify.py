@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from midnet_bench.analysis.claims import Verdict, verdict_table
+from midnet_bench.analysis.claims import Verdict, verdict_table, verdicts
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.power import POWER
 from midnet_bench.analysis.tables import Table
@@ -24,7 +24,7 @@ def verify(directory: str | Path) -> tuple[str, Table, int]:
     found = experiment_of(results).claims(results)
     if not found:
         raise InputError(f"{directory}: nothing here that the paper states a result for")
-    worst = max((finding.verdict for finding in found), key=EXIT_CODES.__getitem__)
+    worst = max(verdicts(found), key=EXIT_CODES.__getitem__)
     return results.definition.experiment, verdict_table(found), EXIT_CODES[worst]
 
 

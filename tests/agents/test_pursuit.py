@@ -83,3 +83,31 @@ def test_a_caught_target_frees_his_pursuer() -> None:
     pursuit.update(0.2)
     pursuit.drop(7)
     assert team[0].goal is None
+
+
+def test_a_box_here_and_there_is_one_target_and_one_far_off_another() -> None:
+    pursuit = Pursuit(guards((0.0, 0.0)), PursuitSettings())
+    assert pursuit.see([(1.0, 0.0)], 0.2) == [0]
+    assert pursuit.see([(4.0, 0.0), (1.05, 0.0)], 0.4) == [1, 0]
+    assert sorted(pursuit.targets) == [0, 1]
+
+
+def test_a_pursuer_that_finds_the_place_empty_gives_its_target_up() -> None:
+    team = guards((0.0, 0.0))
+    pursuit = Pursuit(team, PursuitSettings(rule="nearest"))
+    pursuit.see([(0.4, 0.0)], 0.2)
+    pursuit.update(0.2)
+    pursuit.update(1.0)
+    assert pursuit.targets
+    pursuit.update(1.4)
+    assert not pursuit.targets
+    assert team[0].goal is None
+
+
+def test_a_pursuer_that_is_still_on_its_way_keeps_its_target() -> None:
+    team = guards((0.0, 0.0))
+    pursuit = Pursuit(team, PursuitSettings(rule="nearest"))
+    pursuit.see([(3.0, 0.0)], 0.2)
+    pursuit.update(0.2)
+    pursuit.update(3.0)
+    assert team[0].goal == (3.0, 0.0)

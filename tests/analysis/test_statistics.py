@@ -1,136 +1,115 @@
+"""Intervals: against formulas, by hand, and by how often they hold the truth."""
+
 import math
-import tracemalloc
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from midnet_bench.analysis import statistics
-from midnet_bench.analysis.statistics import Estimate, mean, paired_difference, ratio_of_sums, wilson
+from midnet_bench.analysis.statistics import (
+    Estimate,
+    holm,
+    mean,
+    p_value,
+    paired_difference,
+    ratio_of_sums,
+    share,
+)
+
+FINITE = st.integers(-(10**9), 10**9).map(lambda thousandths: thousandths / 1000)
 
 
-def generator() -> np.random.Generator:
-    return np.random.default_rng(7)
-
-
-# the 95 % intervals of item 67, percent: rate, then n = 20, 40, 60, 80, 100
-WILSON = {
-    50: ["30-70", "35-65", "38-62", "39-61", "40-60"],
-    70: ["48-85", "55-82", "57-80", "59-79", "60-78"],
-    80: ["58-92", "65-90", "68-88", "70-87", "71-87"],
-    90: ["70-97", "77-96", "80-95", "81-95", "83-94"],
-}
-
-
-@pytest.mark.parametrize("rate", WILSON)
-def test_wilson_intervals_of_the_labyrinths_points(rate: int) -> None:
-    for n, printed in zip((20, 40, 60, 80, 100), WILSON[rate], strict=True):
-        estimate = wilson(n * rate // 100, n)
-        assert estimate.value == pytest.approx(rate / 100)
-        assert f"{100 * estimate.low:.0f}-{100 * estimate.high:.0f}" == printed
-
-
-@given(st.integers(0, 200).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
-def test_wilson_is_its_formula(case: tuple[int, int]) -> None:
+@given(st.integers(3, 200).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_a_share_of_yes_and_no_has_wilsons_interval_with_students_quantile(case: tuple[int, int]) -> None:
     k, n = case
-    estimate = wilson(k, n)
-    if n == 0:
-        assert math.isnan(estimate.value)
+    estimate = share([1.0] * k + [0.0] * (n - k))
+    t, p = stats.t.ppf(0.975, n - 1), k / n
+    middle = (p + t * t / (2 * n)) / (1 + t * t / n)
+    half = t / (1 + t * t / n) * math.sqrt(p * (1 - p) / n + t * t / (4 * n * n))
+    assert estimate == pytest.approx((p, middle - half, middle + half, n), abs=1e-9)
+    assert 0.0 <= estimate.low <= estimate.value <= estimate.high <= 1.0
+
+
+def test_a_share_of_many_yes_and_no_is_scipys_wilson_interval() -> None:
+    expected = stats.binomtest(1234, 5000).proportion_ci(method="wilson")
+    estimate = share([1.0] * 1234 + [0.0] * 3766)
+    assert (estimate.low, estimate.high) == pytest.approx((expected.low, expected.high), abs=1e-5)
+
+
+def test_trials_that_are_more_alike_than_chance_count_for_more() -> None:
+    alike = share([0.4, 0.6] * 10)
+    unlike = share([0.0, 1.0] * 10)
+    assert alike.value == pytest.approx(unlike.value)
+    assert alike.high - alike.low < 0.3 * (unlike.high - unlike.low)
+
+
+def test_a_share_is_no_other_number() -> None:
+    with pytest.raises(ValueError, match=r"between 0 and 1, got 0\.5 to 50"):
+        share([0.5, 50.0, 1.0])
+
+
+@given(st.lists(st.integers(-1000, 1000).map(lambda k: k / 8), min_size=2, max_size=40))
+def test_a_sample_and_its_mirror_image_have_students_interval(half: list[float]) -> None:
+    """Without skewness Hall's correction vanishes."""
+    values = half + [10.0 - value for value in half]
+    estimate = mean(values)
+    if max(values) == min(values):
+        assert math.isnan(estimate.low)
         return
-    z, p = 1.959963984540054, k / n
-    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    assert (estimate.low, estimate.high) == pytest.approx((middle - half, middle + half), abs=1e-9)
-    assert 0.0 <= estimate.low <= estimate.value + 1e-12
-    assert estimate.value - 1e-12 <= estimate.high <= 1.0
+    low, high = stats.t.interval(0.95, len(values) - 1, np.mean(values), stats.sem(values))
+    assert (estimate.low, estimate.high) == pytest.approx((low, high), rel=1e-6, abs=1e-6)
 
 
-def test_wilson_refuses_more_successes_than_trials() -> None:
-    with pytest.raises(ValueError, match="greater"):
-        wilson(3, 2)
+def test_halls_transformation_maps_both_ends_to_students_quantiles() -> None:
+    values = np.random.default_rng(1).exponential(2.0, 8)
+    n, skewness = len(values), stats.moment(values, 3) / values.std(ddof=1) ** 3
+    estimate = mean(values.tolist(), confidence=0.9)
+    transformed = []
+    for end in (estimate.low, estimate.high):
+        ratio = (estimate.value - end) / values.std(ddof=1)
+        inner = ratio + skewness * ratio**2 / 3 + skewness**2 * ratio**3 / 27 + skewness / (6 * n)
+        transformed.append(math.sqrt(n) * inner)
+    assert transformed == pytest.approx([stats.t.ppf(0.95, n - 1), -stats.t.ppf(0.95, n - 1)])
+    # a long tail to the right may hide a higher mean
+    assert estimate.high - estimate.value > estimate.value - estimate.low
 
 
-def test_bootstrap_of_the_mean_is_near_the_normal_interval_for_many_trials() -> None:
-    values = np.random.default_rng(1).normal(5.0, 2.0, 400)
-    estimate = mean(values.tolist(), generator())
-    half = 1.96 * values.std(ddof=1) / math.sqrt(values.size)
-    assert estimate.value == pytest.approx(values.mean())
-    assert estimate.n == 400
-    assert (estimate.low, estimate.high) == pytest.approx(
-        (values.mean() - half, values.mean() + half), abs=0.02
-    )
-    wider = mean(values.tolist(), generator(), confidence=0.99)
-    assert wider.low < estimate.low < estimate.high < wider.high
+@given(st.lists(FINITE, min_size=3, max_size=30))
+def test_a_mean_lies_in_its_interval_which_grows_with_confidence(values: list[float]) -> None:
+    estimate, wider = mean(values), mean(values, confidence=0.99)
+    if math.isnan(estimate.low):
+        assert np.ptp(values) <= 1e-9 * max(map(abs, values))
+        return
+    assert wider.low <= estimate.low <= estimate.value <= estimate.high <= wider.high
 
 
-def test_bootstrap_of_two_trials_by_hand() -> None:
-    # resamples of (0, 1) have the mean 0, 1/2 or 1 with probability 1/4, 1/2 and 1/4
-    assert mean([0.0, 1.0], generator(), confidence=0.6)[:3] == (0.5, 0.0, 1.0)
-    assert mean([0.0, 1.0], generator(), confidence=0.4)[:3] == (0.5, 0.5, 0.5)
+def test_an_interval_stays_within_what_is_possible() -> None:
+    scores = [0.999, 0.9, 0.998, 0.997]
+    assert mean(scores).high > 1.0
+    assert mean(scores, within=(0.0, 1.0))[:3] == (*mean(scores)[:2], 1.0)
+    assert math.isnan(mean(scores[:2], within=(0.0, 1.0)).low)
 
 
-@pytest.mark.parametrize("n", [2, 3, 20, 501])
-def test_intervals_are_scipys_to_the_last_bit(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where the resamples are drawn in blocks that do not divide their number."""
-    monkeypatch.setattr(statistics, "BLOCK", 7 * n + 1)
-    rng = np.random.default_rng(n)
-    values, below = rng.normal(50.0, 20.0, n), rng.integers(1, 9, n).astype(float)
-    options = {"n_resamples": statistics.RESAMPLES, "paired": True, "method": "percentile"}
-    for ours, samples, statistic in (
-        (mean(values.tolist(), generator()), (values,), np.mean),
-        (
-            ratio_of_sums(values.tolist(), below.tolist(), generator()),
-            (values, below),
-            lambda a, b, axis: a.sum(axis=axis) / b.sum(axis=axis),
-        ),
-    ):
-        scipys = stats.bootstrap(samples, statistic, rng=generator(), **options).confidence_interval
-        assert (ours.low, ours.high) == (scipys.low, scipys.high)
+def test_two_trials_and_trials_without_spread_cannot_tell() -> None:
+    for estimate in (mean([0.0, 1.0]), share([0.0, 1.0]), mean([0.1] * 20), share([0.1] * 20)):
+        assert math.isnan(estimate.low)
+        assert math.isnan(estimate.high)
+    assert ratio_of_sums([0.1, 0.2, 0.3], [1.0, 2.0, 3.0])[:1] == pytest.approx((0.1,))
+    assert math.isnan(ratio_of_sums([0.1, 0.2, 0.3], [1.0, 2.0, 3.0]).low)
+    assert share([1.0] * 20).low == pytest.approx(0.82, abs=0.01)
+    assert share([1.0] * 20).high == 1.0
 
 
-@pytest.mark.usefixtures("all_resamples")
-@pytest.mark.parametrize(("n", "resamples"), [(1000, 9999), (4000, 2500), (8000, 1999)])
-def test_many_trials_are_resampled_less_often(n: int, resamples: int) -> None:
-    values = np.random.default_rng(1).normal(size=n)
-    ours = mean(values.tolist(), generator())
-    drawn = generator().integers(0, n, (resamples, n), dtype=np.int32)
-    means = np.array([values[one].mean() for one in drawn])
-    assert (ours.low, ours.high) == tuple(stats.quantile(means, np.array([0.025, 0.975])))
-    half = 1.96 * values.std() / math.sqrt(n)
-    assert (ours.low, ours.high) == pytest.approx(
-        (values.mean() - half, values.mean() + half), abs=0.1 * half
-    )
-
-
-def test_many_trials_take_little_memory() -> None:
-    values = np.random.default_rng(1).normal(size=20_000).tolist()
-    tracemalloc.start()
-    mean(values, generator())
-    _, peak_bytes = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak_bytes < 5e6  # at once it would be 160 MB of a tenth of the resamples
-
-
-def test_same_generator_gives_the_same_interval() -> None:
-    values = np.random.default_rng(2).normal(size=20).tolist()
-    assert mean(values, generator()) == mean(values, generator())
-    assert mean(values, generator()) != mean(values, np.random.default_rng(8))
-
-
-def test_trials_that_all_score_alike_have_an_interval_of_a_point() -> None:
-    assert mean([1.0] * 20, generator()) == Estimate(1.0, 1.0, 1.0, 20)
-
-
-def test_undefined_trials_are_left_out_and_too_few_have_no_interval() -> None:
+def test_undefined_trials_are_left_out() -> None:
     nan = math.nan
-    assert mean([1.0, nan, 1.0, nan], generator()) == Estimate(1.0, 1.0, 1.0, 2)
-    alone = mean([0.5, nan], generator())
-    assert (alone.value, alone.n) == (0.5, 1)
-    assert math.isnan(alone.low)
-    assert math.isnan(alone.high)
-    assert math.isnan(mean([], generator()).value)
+    assert mean([1.0, nan, 2.0, 4.0, nan]) == mean([1.0, 2.0, 4.0])
+    assert share([1.0, nan, 0.0, 0.5]) == share([1.0, 0.0, 0.5])
+    assert (mean([]).n, share([nan]).n) == (0, 0)
+    assert math.isnan(mean([]).value)
 
 
 def test_paired_difference_cancels_what_both_trials_share() -> None:
@@ -138,49 +117,84 @@ def test_paired_difference_cancels_what_both_trials_share() -> None:
     hard_or_easy = rng.normal(0.0, 10.0, 30)
     first = hard_or_easy
     second = hard_or_easy + 0.5 + rng.normal(0.0, 0.1, 30)
-    estimate = paired_difference(first.tolist(), second.tolist(), generator())
+    estimate = paired_difference(first.tolist(), second.tolist())
     assert estimate.value == pytest.approx((second - first).mean())
     assert 0.4 < estimate.low < estimate.high < 0.6
-    assert paired_difference([1.0, math.nan], [2.0, 1.0], generator()).n == 1
+    assert paired_difference([1.0, math.nan], [2.0, 1.0]).n == 1
     with pytest.raises(ValueError, match="pairs are needed: 1 values against 2"):
-        paired_difference([1.0], [1.0, 2.0], generator())
+        paired_difference([1.0], [1.0, 2.0])
 
 
 def test_ratio_of_sums_pools_before_it_divides() -> None:
-    # trial ratios 1 and 0.1, but the second trial is a hundred times as long
-    estimate = ratio_of_sums([1, 10], [1, 100], generator())
-    assert estimate.value == pytest.approx(11 / 101)
-    assert (estimate.low, estimate.high) == (0.1, 1.0)
+    # trial ratios 1, 0.1 and 0.1, but the later trials are a hundred times as long
+    assert ratio_of_sums([1, 10, 10], [1, 100, 100]).value == pytest.approx(21 / 201)
+    assert ratio_of_sums([3.0, 1.0, 5.0, 4.0], [1, 1, 1, 1]) == pytest.approx(mean([3.0, 1.0, 5.0, 4.0]))
 
 
-def test_ratio_of_sums_is_the_bootstrap_written_out() -> None:
+def test_ratio_of_sums_is_near_its_bootstrap() -> None:
     rng = np.random.default_rng(5)
-    below = rng.integers(50, 150, 25)
+    below = rng.integers(50, 150, 40)
     above = rng.binomial(below, 0.8)
-    draws = np.random.default_rng(11).integers(0, 25, (9999, 25))
+    draws = np.random.default_rng(11).integers(0, 40, (9999, 40))
     low, high = np.quantile(above[draws].sum(axis=1) / below[draws].sum(axis=1), [0.025, 0.975])
-    estimate = ratio_of_sums(above.tolist(), below.tolist(), generator())
-    assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=0.002)
+    estimate = ratio_of_sums(above.tolist(), below.tolist())
+    assert (estimate.low, estimate.high) == pytest.approx((low, high), abs=0.003)
 
 
 def test_ratio_without_a_denominator_is_undefined() -> None:
-    for estimate in (ratio_of_sums([0, 0], [0, 0], generator()), ratio_of_sums([], [], generator())):
+    for estimate in (ratio_of_sums([0, 0, 0], [0, 0, 0]), ratio_of_sums([], [])):
         assert all(math.isnan(number) for number in estimate[:3])
-    # one resample in four draws the empty trial twice
-    half = ratio_of_sums([0, 3], [0, 4], generator())
-    assert half.value == 0.75
-    assert math.isnan(half.low)
+    assert ratio_of_sums([0, 3], [0, 4]).value == 0.75
     with pytest.raises(ValueError, match="pairs are needed"):
-        ratio_of_sums([1], [1, 2], generator())
+        ratio_of_sums([1], [1, 2])
 
 
-@settings(max_examples=25)
-@given(st.lists(st.tuples(st.integers(0, 50), st.integers(1, 50)), min_size=2, max_size=12))
-def test_intervals_stay_within_what_the_trials_span(trials: list[tuple[int, int]]) -> None:
-    tp, fp = [hit for hit, _ in trials], [miss for _, miss in trials]
-    estimate = ratio_of_sums(tp, [a + b for a, b in trials], generator())
-    assert estimate.value == pytest.approx(sum(tp) / (sum(tp) + sum(fp)))
-    assert 0.0 <= estimate.low <= estimate.high <= 1.0
-    single = [a / (a + b) for a, b in trials]
-    average = mean(single, generator())
-    assert min(single) - 1e-12 <= average.low <= average.high <= max(single) + 1e-12
+Draw = Callable[[np.random.Generator, int], "np.ndarray[tuple[int], np.dtype[np.float64]]"]
+
+
+@pytest.mark.parametrize(
+    ("method", "draw", "truth", "least", "most"),
+    [
+        (mean, lambda rng, n: rng.normal(5.0, 2.0, n), 5.0, 0.93, 0.97),
+        (mean, lambda rng, n: rng.lognormal(0.0, 0.5, n), math.exp(0.125), 0.90, 0.98),
+        (mean, lambda rng, n: rng.beta(30, 2, n), 30 / 32, 0.90, 0.98),
+        (share, lambda rng, n: rng.binomial(1, 0.3, n) / 1.0, 0.3, 0.90, 1.0),
+        (share, lambda rng, n: rng.binomial(3, 0.7, n) / 3.0, 0.7, 0.90, 1.0),
+    ],
+)
+@pytest.mark.parametrize("n", [5, 20])
+def test_95_percent_of_the_intervals_hold_the_truth(
+    method: Callable[[list[float]], Estimate], draw: Draw, truth: float, least: float, most: float, n: int
+) -> None:
+    """``benchmarks/coverage.py`` tells more, from more samples."""
+    rng = np.random.default_rng(n)
+    held = 0
+    for _ in range(2000):
+        _, low, high, _ = method(draw(rng, n).tolist())
+        held += low - 1e-12 <= truth <= high + 1e-12
+    assert least <= held / 2000 <= most
+
+
+def test_a_p_value_is_that_of_students_test() -> None:
+    values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]  # no skewness
+    expected = stats.ttest_1samp(values, 2.0).pvalue
+    assert p_value(partial(mean, values), 2.0, math.inf) == pytest.approx(expected, abs=1e-8)
+    # on which side is not asked
+    assert p_value(partial(mean, values), -math.inf, 2.0) == pytest.approx(expected, abs=1e-8)
+    assert p_value(partial(mean, values), 4.0, math.inf) == pytest.approx(1.0)
+    assert math.isnan(p_value(partial(mean, [1.0, 2.0]), 0.0, math.inf))
+
+
+def test_a_range_is_decided_at_its_nearer_end() -> None:
+    values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]
+    one_sided = p_value(partial(mean, values), 2.0, math.inf)
+    assert p_value(partial(mean, values), 2.0, 100.0) == pytest.approx(one_sided)
+
+
+def test_holm_by_hand() -> None:
+    # 0.01 of four, then 0.02 of three, then 0.03 of two, and never less than the one before
+    assert holm([0.03, 0.01, 0.5, 0.02]) == pytest.approx([0.06, 0.04, 0.5, 0.06])
+    adjusted = holm([0.02, math.nan, 0.9])
+    assert adjusted[0] == pytest.approx(0.04)
+    assert math.isnan(adjusted[1])
+    assert holm([]) == []

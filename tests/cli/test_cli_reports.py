@@ -32,7 +32,8 @@ def detection_store(folder: Path, seeds: range, failure: str | None = None) -> N
     """Trials of one robot at ``seeds``, all alike."""
     folder.mkdir(parents=True)
     definition = Definition("detection", seeds[0], len(seeds), {"robots": [1]}, {})
-    scores = {"frames": 10, "precision": 0.9, "recall": 0.5, "f1": math.nan}
+    scores = {"frames": 10, "tp": 9, "fp": 1, "fn": 9, "matched": 9, "duplicates": 0, "missed": 9}
+    scores |= {"precision": 0.9, "recall": 0.5, "f1": math.nan}
     payload = encode_tables(TrialResult({"scores": [scores], "robots": []}, 2.0))
     with open_or_create(folder / "campaign.sqlite", definition) as store:
         run_id = store.begin_run(collect(1))

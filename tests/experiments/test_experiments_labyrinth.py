@@ -54,12 +54,34 @@ def test_nobody_is_caught_by_a_guard_that_cannot_come_close_enough() -> None:
 def test_a_guard_is_sent_to_the_box_and_not_to_the_true_position() -> None:
     with LabyrinthTrial(corridor(capture_distance_m=0.01), 1) as trial:
         intruder, guard = trial.intruders[0].index, trial.guards[0]
-        midnet = next(frame for frame in trial.frames() if intruder in trial.pursuit.targets)
-        place = trial.pursuit.targets[intruder].place
+        midnet = next(frame for frame in trial.frames() if trial.pursuit.targets)
+        (target,) = trial.pursuit.targets.values()
+        place = target.place
         truth = trial.world.poses()[intruder, :2]
         assert place in [box.center for box in midnet.detections]
         assert guard.goal == place
         assert math.dist(place, truth) > 0.001
+
+
+def test_an_oracle_names_the_intruder_and_calls_guards_off_at_once() -> None:
+    with LabyrinthTrial(corridor(pursuit="oracle"), 1) as trial:
+        intruder = trial.intruders[0].index
+        next(frame for frame in trial.frames() if trial.pursuit.targets)
+        assert set(trial.pursuit.targets) == {intruder}
+        for _ in trial.frames():
+            pass
+        assert trial.outcomes[intruder].result == "caught"
+        assert not trial.pursuit.targets
+        assert (trial.targets, trial.ghosts) == (0, 0)
+
+
+def test_guards_are_not_told_who_was_caught() -> None:
+    with LabyrinthTrial(corridor(), 1) as trial:
+        for _ in trial.frames():
+            pass
+        assert trial.outcomes[trial.intruders[0].index].result == "caught"
+        assert trial.pursuit.targets, "nobody told them that there is nothing left to pursue"
+        assert trial.guards[0].goal is not None
 
 
 def test_the_time_limit_ends_a_trial_and_is_no_success() -> None:

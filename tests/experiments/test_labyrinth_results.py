@@ -84,11 +84,14 @@ def test_the_wide_table_is_the_papers_figure_in_numbers(results: Results) -> Non
     assert {(row["1 robot"], row["1 robot_n"]) for row in rows} == {("50.0", "8")}
     assert {(row["3 robots"], row["n"]) for row in rows} == {("75.0", "8")}
     assert all(float(row["1 robot_low"]) < 50.0 < float(row["1 robot_high"]) for row in rows)
-    assert table.cells()[0][1] == f"50.0 [{float(rows[0]['1 robot_low'])}, {float(rows[0]['1 robot_high'])}]"
+    assert (
+        table.cells()[0][1]
+        == f"50.0 [{float(rows[0]['1 robot_low']):.1f}, {float(rows[0]['1 robot_high']):.1f}]"
+    )
 
 
 def test_intervals_are_over_trials_and_near_the_binomials(tmp_path: Path) -> None:
-    """One intruder makes a trial a coin: the bootstrap must come close to the exact binomial spread."""
+    """One intruder makes a trial a coin: the interval must come close to the exact binomial spread."""
     grid: dict[str, list[Scalar]] = {"intruders": [1], "robots": [1]}
     found = made(tmp_path, alternating, seeds=20, grid=grid)
     rate = only(found).success(1, 1)
@@ -109,7 +112,7 @@ def test_a_perfect_score_is_not_certain(tmp_path: Path) -> None:
     nobody, everybody = only(found).success(2, 1), only(found).success(2, 2)
 
     assert (everybody.value, everybody.high) == (100.0, 100.0)
-    assert everybody.low == pytest.approx(100 / (1 + 1.96**2 / 20), abs=0.1)  # Wilson at 20 of 20
+    assert everybody.low == pytest.approx(100 / (1 + 2.093**2 / 20), abs=0.1)  # Wilson at 20 of 20
     assert (nobody.value, nobody.low) == (0.0, 0.0)
     assert nobody.high == pytest.approx(100 - everybody.low)
 
@@ -124,11 +127,11 @@ def test_over_all_intruders_the_seed_is_the_unit(tmp_path: Path) -> None:
     assert variant.success(1, 1).n == 8
 
 
-def test_times_are_means_over_intruders_with_trials_drawn_whole(results: Results) -> None:
+def test_times_are_means_over_intruders(results: Results) -> None:
     captured = only(results).pooled_time(2, 1, "capture_times")
 
-    assert captured[:3] == (20.0, 20.0, 20.0)
-    assert captured.n == 4
+    assert (captured.value, captured.n) == (20.0, 4)
+    assert math.isnan(captured.low), "all at 20 s: nothing tells how far such times spread"
     assert math.isnan(only(results).pooled_time(9, 9, "capture_times").value)
 
 
@@ -142,7 +145,7 @@ def test_a_long_capture_weighs_as_its_trial_does(tmp_path: Path) -> None:
     captured = variant.pooled_time(3, 1, "capture_times")
 
     assert captured.value == pytest.approx((10 + 20 + 30 + 40 + 4 * 30) / 8)
-    assert 20.0 < captured.low < captured.value < captured.high < 35.0
+    assert 15.0 < captured.low < captured.value < captured.high < 40.0
     assert captured.n == 4
 
 
@@ -220,11 +223,11 @@ def test_a_campaign_without_finished_trials_has_no_report_yet(tmp_path: Path) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seeds", [1, 2])
+@pytest.mark.parametrize("seeds", [1, 2, 3])
 def test_few_trials_give_a_figure_without_intervals_they_do_not_have(tmp_path: Path, seeds: int) -> None:
     found = made(tmp_path, alternating, seeds=seeds)
     assert chart_files(figures(found)["labyrinth_details"])
-    assert ("[" in success_table(variants_of(found)).cells()[0][1]) == (seeds > 1)
+    assert ("[" in success_table(variants_of(found)).cells()[0][1]) == (seeds > 2)
 
 
 def growing(intruders: int, robots: int, seed: int) -> int:

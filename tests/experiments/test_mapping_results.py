@@ -102,8 +102,10 @@ def test_a_teams_row_says_how_many_finished_and_covered_enough(tmp_path: Path) -
 def test_walls_are_told_in_centimetres(tmp_path: Path) -> None:
     found = mapping_store(tmp_path, {("map1", 1, 1): {"wall_error_m": 0.05}})
     first, *_ = walls_table(rows_of(found, "maps")).flat_rows()
-    assert (first["wall_error_cm"], first["wall_error_cm_low"]) == pytest.approx((2.0, 1.0))
-    assert (first["occupied_precision"], first["occupied_precision_high"]) == pytest.approx((0.96, 0.96))
+    assert (first["wall_error_cm"], first["wall_error_cm_low"]) == pytest.approx((2.0, 0.0))
+    assert first["wall_error_cm_high"] > 4.0
+    assert first["occupied_precision"] == pytest.approx(0.96)
+    assert math.isnan(first["occupied_precision_high"]), "the same in all trials"
 
 
 def test_the_ratio_of_times_is_paired_by_seed(tmp_path: Path) -> None:
@@ -117,7 +119,7 @@ def test_the_ratio_of_times_is_paired_by_seed(tmp_path: Path) -> None:
     low, value, high = (float(str(flat[name])) for name in ("low", "time_ratio", "high"))
     assert value == pytest.approx((41 + 42 + 43 + 44) / (101 + 102 + 103 + 104))
     assert low < value < high
-    assert high - low < 0.02
+    assert high - low < 0.03
 
 
 def test_the_map_that_is_kept_is_the_best_of_those_that_are_whole(tmp_path: Path) -> None:

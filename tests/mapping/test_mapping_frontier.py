@@ -88,6 +88,13 @@ def test_small_frontiers_are_left_out_and_long_ones_are_cheaper():
     assert [frontier.size_m for frontier in find_frontiers(two, at(4, 3), by_length)] == [3.0, 1.0]
 
 
+def test_a_frontier_goes_on_where_only_another_room_touches_it():
+    """explore_lite asks whether an unknown cell has a free neighbour, not whether the robot can go there."""
+    (frontier,) = find_frontiers(grid("#####\n# ?##\n##? #\n#####"), at(1, 2), ONE_CELL)
+    assert (frontier.size_m, frontier.distance_m) == (2.0, 0.0)
+    np.testing.assert_allclose(frontier.approaches, [(1.5, 2.5)])
+
+
 def test_diagonal_unknown_cells_form_one_frontier():
     (frontier,) = find_frontiers(grid("#####\n#  ?#\n# ?##\n#####"), at(1, 1), ONE_CELL)
     assert frontier.size_m == 2.0
@@ -121,10 +128,11 @@ def plain_search(data, row, column):
                 steps[cell] = steps[r, c] + 1
                 queue.append(cell)
     border = {
-        (r, c): min(steps[r + dr, c + dc] for dr, dc in around if (r + dr, c + dc) in steps)
+        (r, c): min((steps.get((r + dr, c + dc), math.inf) for dr, dc in around), default=math.inf)
         for r in range(height)
         for c in range(width)
-        if data[r, c] == -1 and any((r + dr, c + dc) in steps for dr, dc in around)
+        if data[r, c] == -1
+        and any(inside(r + dr, c + dc) and 0 <= data[r + dr, c + dc] < 99 for dr, dc in around)
     }
     groups, left = {}, set(border)
     while left:
@@ -136,7 +144,7 @@ def plain_search(data, row, column):
             left -= near
             queue.extend(near)
         groups[frozenset(group)] = min(border[cell] for cell in group)
-    return groups
+    return {group: steps for group, steps in groups.items() if math.isfinite(steps)}
 
 
 @settings(max_examples=60, deadline=None)

@@ -38,6 +38,7 @@ def test_hit_a_false_box_and_a_miss() -> None:
         duplicates=0,
         missed=1,
         error_sum_m=pytest.approx(math.hypot(0.35, 0.25)),
+        gospa_m=pytest.approx(math.hypot(0.35, 0.25) + 0.5 + 0.5),
     )
 
 
@@ -78,8 +79,8 @@ def test_box_on_an_intruder_out_of_range_is_a_true_positive_and_its_absence_no_m
 
 def test_frames_with_nothing_in_them() -> None:
     assert count_frame([], [], []) == NOTHING
-    assert count_frame([ONE.box], [], []) == NOTHING._replace(fp=1)
-    assert count_frame([], [ONE], [True]) == NOTHING._replace(fn=1, in_range=1, missed=1)
+    assert count_frame([ONE.box], [], []) == NOTHING._replace(fp=1, gospa_m=0.5)
+    assert count_frame([], [ONE], [True]) == NOTHING._replace(fn=1, in_range=1, missed=1, gospa_m=0.5)
     assert total([]) == NOTHING
 
 
@@ -168,7 +169,10 @@ def test_counts_are_what_their_names_say(frame: tuple[list[Box], list[tuple[Box,
 
 @given(
     st.lists(
-        st.tuples(*[st.integers(0, 9)] * 7, st.floats(0, 9)).map(lambda row: FrameCounts(*row)), max_size=5
+        st.tuples(*[st.integers(0, 9)] * 7, st.floats(0, 9), st.floats(0, 9)).map(
+            lambda row: FrameCounts(*row)
+        ),
+        max_size=5,
     )
 )
 def test_total_sums_each_count(frames: list[FrameCounts]) -> None:

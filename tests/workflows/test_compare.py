@@ -22,15 +22,17 @@ def compared(*directories: Path, output: Path | None = None) -> dict[str, Table]
 
 
 def test_detection_campaigns_are_paired_by_seed(tmp_path: Path) -> None:
-    exact = one_robot(tmp_path / "exact", {1: 0.9, 2: 0.5, 3: 0.7})
-    explored = one_robot(tmp_path / "explored", {2: 0.4, 3: 0.65, 4: 1.0})
+    exact = one_robot(tmp_path / "exact", {1: 0.9, 2: 0.5, 3: 0.7, 5: 0.6})
+    explored = one_robot(tmp_path / "explored", {2: 0.4, 3: 0.65, 4: 1.0, 5: 0.4})
     table = compared(exact, explored, output=tmp_path / "out")["differences"]
     rows = {row["measure"]: row for row in table.flat_rows()}
-    assert rows["precision"]["seeds"] == 2, "seeds 2 and 3 are in both"
+    assert rows["precision"]["seeds"] == 3, "seeds 2, 3 and 5 are in both"
     assert rows["precision"]["exact"] == pytest.approx(0.6)
-    assert rows["precision"]["explored"] == pytest.approx(0.525)
-    assert rows["precision"]["difference"] == pytest.approx(-0.075)
-    assert (rows["precision"]["low"], rows["precision"]["high"]) == pytest.approx((-0.1, -0.05))
+    assert rows["precision"]["explored"] == pytest.approx(1.45 / 3)
+    assert rows["precision"]["difference"] == pytest.approx(-0.35 / 3)
+    assert rows["precision"]["low"] < -0.2
+    assert rows["precision"]["high"] > 0.0
+    assert rows["precision"]["verdict"] == "inconclusive"
     assert rows["recall"]["difference"] == 0.0
     assert (math.isnan(rows["f1"]["difference"]), rows["f1"]["n"]) == (True, 0)
     assert (tmp_path / "out" / "differences.md").exists()
@@ -50,7 +52,7 @@ def test_the_values_of_a_factor_are_paired_by_seed(tmp_path: Path) -> None:
         labyrinth_store(folder / "campaign.sqlite", lambda i, r, s, n=number: n, seeds=3, grid=SMALL).close()
     together = {table.name: table for table in compare([one], by="engine")[1]}
     apart = compared(tmp_path / "engine=bullet", tmp_path / "engine=fast")
-    assert together["differences"].flat_rows() == apart["differences"].flat_rows()
+    assert str(together["differences"].flat_rows()) == str(apart["differences"].flat_rows())  # NaN is NaN
     assert {row["difference"] for row in together["differences"].flat_rows()} == {-75.0}
     assert [row["setting"] for row in together["settings"].rows] == ["engine"]
     for by, folders, told in (
@@ -60,6 +62,17 @@ def test_the_values_of_a_factor_are_paired_by_seed(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=told):
             compare(folders, by=by)
+
+
+def test_a_verdict_says_which_campaign_is_higher(tmp_path: Path) -> None:
+    """Recall is 0.5 at every seed of both: no spread, no verdict."""
+    seeds = range(1, 11)
+    low = one_robot(tmp_path / "low", {seed: 0.5 + 0.01 * (seed % 3) for seed in seeds})
+    high = one_robot(tmp_path / "high", {seed: 0.6 + 0.01 * (seed % 4) for seed in seeds})
+    for first, second, verdict in ((low, high, "higher"), (high, low, "lower")):
+        rows = {row["measure"]: row for row in compared(first, second)["differences"].flat_rows()}
+        assert (rows["precision"]["verdict"], rows["recall"]["verdict"]) == (verdict, "inconclusive")
+        assert 0.0 <= float(rows["precision"]["p_holm"] or 0.0) < 0.001
 
 
 @pytest.mark.slow
@@ -107,7 +120,7 @@ def test_campaigns_are_called_by_the_ends_of_their_paths(
 def test_a_folder_called_as_a_column_does_not_replace_it(tmp_path: Path) -> None:
     folders = [one_robot(tmp_path / "runs" / name, {1: 0.9}) for name in ("trial", "NaN")]
     table = compared(*folders)["differences"]
-    assert [row["trial"] for row in table.rows] == ["1-robot"] * 3
+    assert [row["trial"] for row in table.rows] == ["1-robot"] * 5
     assert table.rows[0]["runs/trial"] == table.rows[0]["runs/NaN"] == 0.9
 
 

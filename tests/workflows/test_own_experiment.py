@@ -14,10 +14,11 @@ DRIFT = '''
 """How far a walker drifts."""
 
 from dataclasses import dataclass
+from functools import partial
 
 from matplotlib.figure import Figure
 
-from midnet_bench.analysis.claims import Finding
+from midnet_bench.analysis.claims import finding
 from midnet_bench.analysis.statistics import mean
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import TrialResult
@@ -34,14 +35,14 @@ class Walk(Parameters):
 
 
 def walk(parameters, seed):
-    steps = stream(seed, "walk").normal(parameters.bias_m, 0.1, parameters.steps)
+    steps = stream(seed, "walk").normal(parameters.bias_m, 0.02, parameters.steps)
     return TrialResult({"walks": [{"drift_m": float(steps.sum())}]}, simulated_s=float(parameters.steps))
 
 
 def drift(results):
     walks = results.table("walks")
     return {
-        int(steps): mean(rows["drift_m"].tolist(), stream(0, "bootstrap", "drift", int(steps)))
+        int(steps): mean(rows["drift_m"].tolist())
         for steps, rows in walks.groupby("steps")
     }
 
@@ -58,8 +59,9 @@ def figures(results):
 
 
 def claims(results):
-    found = drift(results).items()
-    return [Finding(f"{n} steps drift about {n / 2} m", one, 0.4 * n, 0.6 * n) for n, one in found]
+    walks = results.table("walks").groupby("steps")["drift_m"]
+    means = {int(steps): partial(mean, drifts.tolist()) for steps, drifts in walks}
+    return [finding(f"{n} steps drift about {n / 2} m", one, 0.4 * n, 0.6 * n) for n, one in means.items()]
 
 
 def measures(results):

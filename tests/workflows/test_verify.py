@@ -99,26 +99,30 @@ def test_comparisons_are_made_seed_by_seed(tmp_path: Path) -> None:
 
     def caught(intruders: int, robots: int, seed: int) -> int:
         hard = seed % 2 == 0
-        return (0 if hard else 4) + (robots > 1)
+        return (0 if hard else 3) + (robots > 1) + (robots > 1 and seed == 1)
 
     grid: dict[str, list[Scalar]] = {"intruders": [5], "robots": [1, 2]}
     labyrinth_store(tmp_path / "campaign.sqlite", caught, seeds=10, grid=grid).close()
     name, table, code = verify(tmp_path)
 
     row = table.flat_rows()[0]
-    assert (row["ours"], row["low"], row["high"]) == (20.0, 20.0, 20.0)
+    assert row["ours"] == pytest.approx(22.0)
+    assert 15.0 < float(row["low"] or 0) < 22.0 < float(row["high"] or 0) < 40.0
     assert (row["agreeing_seeds"], row["n"], row["verdict"]) == (10, 10, "reproduced")
     assert name == "labyrinth"
     assert code == 0
 
 
 def detection_campaign(folder: Path, scores: dict[int, tuple[float, float, float]], seeds: int = 20) -> Path:
-    """Scores by team size, each seed a little off, the same for both teams."""
-    off = {seed: 0.01 * math.sin(seed) for seed in range(1, seeds + 1)}
+    """Scores by team size, each seed a little off, about the same for both teams."""
+    off = {
+        robots: {seed: 0.01 * math.sin(seed + 0.2 * robots) for seed in range(1, seeds + 1)}
+        for robots in scores
+    }
     return detection_store(
         folder,
         {
-            robots: {seed: (p + off[seed], r + off[seed], f1 + off[seed]) for seed in off}
+            robots: {seed: (p + by, r + by, f1 + by) for seed, by in off[robots].items()}
             for robots, (p, r, f1) in scores.items()
         },
     )
@@ -157,7 +161,7 @@ def test_a_campaign_that_the_paper_says_nothing_of_is_refused(tmp_path: Path) ->
     [
         # item 70: from, dip, intruders per trial, correlation within a trial -> trials per team size
         (0.90, 0.10, 1, 0.0, 199),
-        (0.90, 0.10, 5, 0.0, 40),
+        (0.90, 0.10, 5, 0.0, 40),  # 41 by Student's t: the notes take the normal distribution
         (0.90, 0.10, 5, 0.2, 72),
         (0.90, 0.05, 1, 0.0, 686),
         (0.90, 0.02, 5, 0.0, 769),
@@ -171,8 +175,8 @@ def test_the_numbers_of_trials_are_those_of_the_notes(
     def variance(rate: float) -> float:
         return rate * (1 - rate) / intruders * (1 + (intruders - 1) * correlation)
 
-    needed = sample_size(variance(first) + variance(first - dip), dip)
-    assert needed == pytest.approx(expected, rel=0.02)
+    needed = sample_size(variance(first) + variance(first - dip), dip, groups=2)
+    assert needed == pytest.approx(expected, rel=0.02, abs=1.01)
 
 
 def test_the_power_is_what_it_says_it_is() -> None:
@@ -254,8 +258,7 @@ def test_power_is_about_labyrinths(tmp_path: Path) -> None:
         power_report(detection_campaign(tmp_path, {1: (0.9, 0.9, 0.9)}), 5.0)
 
 
-@pytest.mark.usefixtures("all_resamples")
-@pytest.mark.parametrize(("name", "reproduced", "code"), [("detection", 9, 0), ("labyrinth", 6, 3)])
+@pytest.mark.parametrize(("name", "reproduced", "code"), [("detection", 9, 0), ("labyrinth", 5, 3)])
 def test_the_committed_references_are_verified_without_a_store(name: str, reproduced: int, code: int) -> None:
     assert not (REFERENCES / name / "campaign.sqlite").exists()
     found, exit_code = verdicts(REFERENCES / name)

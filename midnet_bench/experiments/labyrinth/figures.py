@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from midnet_bench.analysis.frames import Results
-from midnet_bench.analysis.statistics import Estimate
+from midnet_bench.analysis.statistics import SHARE_METHOD, Estimate
 from midnet_bench.drawing.charts import FONT_PT, add_series, chart, labelled
 from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, variants_of
 
@@ -96,7 +96,7 @@ def success_figure(panels: Mapping[str, Panel]) -> Figure:
         axes.set_ylabel("success rate (%)")
         axes.set_title(name, fontsize=FONT_PT + 1)
         per_point = "-".join(map(str, panel.trials))
-        _note(axes, f"{per_point} trials per point, 95 % bootstrap intervals over trials")
+        _note(axes, f"{per_point} trials per point, {SHARE_METHOD}")
     figure.legend(*labelled(figure.axes[0]), fontsize=FONT_PT, frameon=False, loc="outside right upper")
     return figure
 

@@ -8,10 +8,11 @@ import pandas as pd
 from midnet_bench.analysis.claims import Finding, comparison
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.power import ALPHA, POWER, power_cells
+from midnet_bench.analysis.statistics import SHARE_METHOD, mean
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.experiment import Measures
-from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, mean, variants_of
+from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, variants_of
 
 PAPER_REAL_TIME_FACTOR = 0.18
 """17 simulated hours in 92 hours, section V.B"""
@@ -50,13 +51,13 @@ def success_table(variants: Variants, name: str = "success_rate") -> Table:
             place: Mapping[str, Cell] = {"intruders": "all" if intruders is None else intruders}
             least = min(rate.n for rate in rates.values())
             rows.append({**_named(variants, variant), **place, **rates, "n": least})
-    title = "Success rate, percent (95 % interval over trials)"
+    title = f"Success rate, percent ({SHARE_METHOD}, over trials)"
     robots = {column: 1 for row in rows for column in row if column.endswith(("robot", "robots"))}
     return Table(name, title, rows, robots)
 
 
 def cells_table(variants: Variants) -> Table:
-    """A row per cell: rates in percent and times in seconds, each with its 95 % bootstrap interval."""
+    """A row per cell: rates in percent and times in seconds, each with its 95 % interval."""
     rows: list[Mapping[str, Cell]] = []
     for variant, one in variants.items():
         for intruders, robots, cell in one.cells():
@@ -70,11 +71,16 @@ def cells_table(variants: Variants) -> Table:
                     "detected_not_caught": one.not_caught(intruders, robots),
                     "time_to_detect_s": one.pooled_time(intruders, robots, "detection_times"),
                     "time_to_capture_s": one.pooled_time(intruders, robots, "capture_times"),
-                    "duration_s": mean(cell["simulated_s"], "duration"),
+                    "duration_s": mean(cell["simulated_s"].tolist()),
                 }
             )
     digits = {"success_rate": 1, "detected_not_caught": 1, "duration_s": 1}
-    return Table("success_rate_cells", "Labyrinth cells", rows, digits)
+    return Table(
+        "success_rate_cells",
+        f"Labyrinth cells ({SHARE_METHOD}; of times: Student's t, corrected for skewness)",
+        rows,
+        digits,
+    )
 
 
 def health_table(variants: Variants) -> Table:
@@ -172,7 +178,7 @@ def _change(one: Variant, intruders: int | None, smaller: int, larger: int, *, r
     first, second = one.rates_by_seed(intruders, smaller), one.rates_by_seed(intruders, larger)
     whom = "all intruders" if intruders is None else f"{intruders} intruder{'s' if intruders > 1 else ''}"
     statement = f"{whom}: success (points) {'rises' if rises else 'dips'} from {smaller} to {larger} robots"
-    return comparison(statement, first, second, rises, intruders or "all", smaller, larger)
+    return comparison(statement, first, second, rises)
 
 
 def measures(results: Results) -> Measures:

@@ -55,6 +55,8 @@ class LabyrinthTrial(GuardedArena):
         self._surfaces = surfaces(self.layout)
         self._refuge_rng = stream(seed, "refuge")
         self.pursuit = Pursuit(self.guards, parameters.pursuit)
+        self.targets, self.ghosts = 0, 0
+        """targets of the pursuit so far, and those of them whose first box was on no intruder"""
         self.outcomes: dict[int, Outcome] = {}
         for robot in self.intruders:
             start = (robot.pose.x, robot.pose.y)
@@ -75,25 +77,42 @@ class LabyrinthTrial(GuardedArena):
             yield midnet
 
     def _judge(self, midnet: Frame) -> None:
-        """Who was detected, caught or got away at this instant; where the guards go next."""
+        """Who was detected, caught or got away at this instant; where the guards go next.
+
+        The referee knows the truth. Pursuit gets the boxes and no word of it, but under ``oracle``.
+        """
         now_s = self.fleet.time_s
+        is_oracle = self._test.pursuit.rule == "oracle"
+        if not is_oracle:
+            self._see(midnet, now_s)
         for robot in self.at_large:
             outcome = self.outcomes[robot.index]
             boxes = self._boxes_on(robot, midnet)
             if boxes:
                 outcome.detected_at_s = now_s if math.isnan(outcome.detected_at_s) else outcome.detected_at_s
-                self.pursuit.detected(robot.index, boxes[0].center, now_s)
+                if is_oracle:
+                    self.pursuit.detected(robot.index, boxes[0].center, now_s)
             if boxes and self._is_caught(robot):
                 outcome.caught_at_s = now_s
             elif math.dist(self._place(robot), outcome.escape) <= self._test.escape_radius_m:
                 outcome.escaped_at_s = now_s
             else:
                 continue
-            self.pursuit.drop(robot.index)
+            if is_oracle:
+                self.pursuit.drop(robot.index)
             self.fleet.remove(robot)
         self.pursuit.update(now_s)
         if self._test.evasion == "flee":
             self._flee()
+
+    def _see(self, midnet: Frame, now_s: float) -> None:
+        """Hand the boxes to the pursuit, and note for the record which new targets are ghosts."""
+        seen = self.pursuit.see([box.center for box in midnet.detections], now_s)
+        outlines = [self.lidars.outline(robot.index) for robot in self.at_large]
+        for target, box in zip(seen, midnet.detections, strict=True):
+            if target >= self.targets:
+                self.targets += 1
+                self.ghosts += not any(box.intersection_area(outline) > 0.0 for outline in outlines)
 
     def _boxes_on(self, robot: MobileRobot, midnet: Frame) -> list[Box]:
         """The detections that cover some of an intruder (item 53)."""
@@ -160,6 +179,8 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
             "duration_s": duration_s,
             "ended": "time limit" if trial.at_large else "nobody left",
             "patrol_relaxations": trial.patrol.relaxations,
+            "targets": trial.targets,
+            "ghost_targets": trial.ghosts,
         }
         tables = {"trial": [row], "intruders": intruders, "robots": trial.rows_of_robots()}
         return TrialResult(tables, simulated_s=duration_s)

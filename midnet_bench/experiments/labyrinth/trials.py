@@ -1,8 +1,8 @@
 """The trials of a labyrinth campaign as data frames, sorted into cells, and their means with intervals."""
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -10,8 +10,7 @@ import pandas as pd
 
 from midnet_bench.analysis import statistics
 from midnet_bench.analysis.frames import Results
-from midnet_bench.analysis.statistics import Estimate, wilson
-from midnet_bench.rng import stream
+from midnet_bench.analysis.statistics import Estimate
 
 GUARD, INTRUDER = "guard", "intruder"
 CELL = ["intruders", "robots"]
@@ -31,10 +30,6 @@ class Variant:
     robots: pd.DataFrame
     """A row per robot and trial: its row of the table ``robots``, ``present_s`` (its time in the arena),
     ``stuck_percent`` of that time, and ``metres_per_minute``."""
-    _found: dict[tuple[str | int | None, ...], Estimate] = field(
-        default_factory=dict, repr=False, compare=False
-    )
-    """estimates that tables and figures share, by what was asked for"""
 
     @cached_property
     def intruder_counts(self) -> list[int]:
@@ -77,53 +72,26 @@ class Variant:
         return self._seed_means(_means(mine, TRIAL, column), robots, column)
 
     def success(self, intruders: int | None, robots: int) -> Estimate:
-        """The mean success rate of a cell, percent; over all numbers of intruders if that is None.
-
-        Where all trials caught everybody, or all nobody, no resample differs and the bootstrap would claim
-        certainty; there the interval is Wilson's, a trial counting as one yes or no.
-        """
-        return self._once(self._success, intruders, robots)
-
-    def _success(self, intruders: int | None, robots: int) -> Estimate:
-        values = self.rates_by_seed(intruders, robots).values()
-        rate = mean(values, "success", intruders or "all", robots)
-        if rate.n > 1 and rate.value in (0.0, 100.0):
-            proportion = wilson(round(rate.value / 100.0) * rate.n, rate.n)
-            return Estimate(rate.value, 100.0 * proportion.low, 100.0 * proportion.high, rate.n)
-        return rate
+        """The mean success rate of a cell, percent; over all numbers of intruders if that is None."""
+        return _percent(self.rates_by_seed(intruders, robots).values())
 
     def not_caught(self, intruders: int, robots: int) -> Estimate:
         """The mean share of intruders that were detected and yet not caught, percent."""
-        return self._once(self._not_caught, intruders, robots)
-
-    def _not_caught(self, intruders: int, robots: int) -> Estimate:
-        cell = self.cell(intruders, robots)
-        return mean(cell["detected_not_caught"], "not caught", intruders, robots)
+        return _percent(self.cell(intruders, robots)["detected_not_caught"])
 
     def pooled_time(self, intruders: int, robots: int, times: str) -> Estimate:
-        """The mean of ``capture_times`` or ``detection_times`` over intruders, seconds; trials drawn whole.
+        """The mean of ``capture_times`` or ``detection_times`` over intruders, seconds; trials are the unit.
 
         It is the mean of those that were caught (or detected) alone, so a team that catches the hard ones
         too may look slower; trials that caught nobody have no part in it.
         """
-        return self._once(self._pooled_time, intruders, robots, times)
-
-    def _pooled_time(self, intruders: int, robots: int, times: str) -> Estimate:
         cell = self.cell(intruders, robots)
         cell = cell[cell[times] > 0]
-        rng = stream(0, "bootstrap", f"{times}_s")
-        return statistics.ratio_of_sums(cell[f"{times}_s"].tolist(), cell[times].tolist(), rng)
+        return statistics.ratio_of_sums(cell[f"{times}_s"].tolist(), cell[times].tolist())
 
     def health(self, role: str, robots: int, column: str) -> Estimate:
         """The mean of a column of ``robots`` over seeds, all numbers of intruders together."""
-        return mean(self.health_by_seed(role, robots, column).values(), "health", role, robots)
-
-    def _once(self, find: Callable[..., Estimate], *asked: str | int | None) -> Estimate:
-        """An estimate, found when it is first asked for: many trials take seconds to draw again."""
-        key = (find.__name__, *asked)
-        if key not in self._found:
-            self._found[key] = find(*asked)
-        return self._found[key]
+        return statistics.mean(list(self.health_by_seed(role, robots, column).values()))
 
     def _seed_means(self, trials: pd.DataFrame, robots: int, column: str) -> dict[int, float]:
         """The mean over all numbers of intruders by seed; seeds that lack one are left out."""
@@ -155,9 +123,10 @@ def _variants(results: Results) -> dict[str, Variant]:
     }
 
 
-def mean(values: Iterable[float], *purpose: str | int) -> Estimate:
-    """The mean over trials (or seeds) with its 95 % bootstrap interval; ``purpose`` seeds the bootstrap."""
-    return statistics.mean(list(values), stream(0, "bootstrap", *purpose))
+def _percent(values: Iterable[float]) -> Estimate:
+    """The mean of percentages over trials (or seeds), each a share of the intruders, with its interval."""
+    one = statistics.share([value / 100.0 for value in values])
+    return Estimate(100.0 * one.value, 100.0 * one.low, 100.0 * one.high, one.n)
 
 
 def _trials(results: Results, trials: pd.DataFrame) -> pd.DataFrame:

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from midnet_bench.analysis.frames import Results
-from midnet_bench.analysis.statistics import Estimate
+from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
 from midnet_bench.drawing.charts import FONT_PT, STYLES, Style, add_estimates, chart, light_grid
 from midnet_bench.experiments.mapping.tables import ENOUGH_COVERAGE, Maps, mean_of, rows_of
 
@@ -68,7 +68,7 @@ def mapping_figure(arenas: Mapping[str, Teams]) -> Figure:
             light_grid(axes)
             axes.tick_params(labelsize=FONT_PT - 1)
     figure.supxlabel(
-        "a dot is a trial; means with 95 % bootstrap intervals over seeds",
+        f"a dot is a trial; {MEAN_METHOD}, over seeds",
         fontsize=FONT_PT - 2,
         color="#555555",
     )

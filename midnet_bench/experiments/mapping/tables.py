@@ -9,9 +9,8 @@ import pandas as pd
 
 from midnet_bench.analysis import statistics
 from midnet_bench.analysis.frames import Results, records
-from midnet_bench.analysis.statistics import Estimate
+from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
 from midnet_bench.analysis.tables import Cell, Table
-from midnet_bench.rng import stream
 
 MEASURES: Mapping[str, bool] = {
     "coverage": True,
@@ -89,7 +88,7 @@ def teams_table(maps: Maps) -> Table:
                     "distance_m": mean_of(trials, "distance_m"),
                 }
             )
-    title = "What explorers cover and what it takes (95 % intervals over seeds)"
+    title = f"What explorers cover and what it takes ({MEAN_METHOD}, over seeds)"
     return Table("mapping", title, rows, {"covered_percent": 2, "time_s": 1, "distance_m": 1})
 
 
@@ -106,7 +105,7 @@ def walls_table(maps: Maps) -> Table:
         for arena, teams in maps.items()
         for robots, trials in teams.items()
     ]
-    title = "Occupied cells of their maps, within one cell (95 % intervals over seeds)"
+    title = f"Occupied cells of their maps, within one cell ({MEAN_METHOD}, over seeds)"
     return Table("mapping_walls", title, rows, {"wall_error_cm": 2})
 
 
@@ -138,7 +137,7 @@ def measures_table(maps: Maps) -> Table:
 def speedup_table(maps: Maps) -> Table:
     """A row per arena and larger team: its time over that of the smallest, summed over the seeds of both.
 
-    The interval is the bootstrap's over seeds, both times of a seed drawn together. ``baseline`` is the size
+    The unit of its interval is the seed, both times of a seed together. ``baseline`` is the size
     of the smallest team, ``faster_seeds`` the number of seeds at which the larger one was faster.
     """
     rows: list[Mapping[str, Cell]] = []
@@ -149,7 +148,6 @@ def speedup_table(maps: Maps) -> Table:
             ratio = statistics.ratio_of_sums(
                 pairs["time_s"].tolist(),
                 pairs["time_s_alone"].tolist(),
-                stream(0, "bootstrap", "speedup", arena, robots),
             )
             rows.append(
                 {
@@ -161,7 +159,7 @@ def speedup_table(maps: Maps) -> Table:
                     "seeds": len(pairs),
                 }
             )
-    title = "Time of a team over that of the smallest (95 % interval over seeds)"
+    title = f"Time of a team over that of the smallest ({MEAN_METHOD}, over seeds)"
     return Table("mapping_speedup", title, rows, bounds={"time_ratio": ("low", "high", "n")})
 
 
@@ -207,8 +205,9 @@ def health_table(robots: Maps) -> Table:
 
 
 def mean_of(trials: pd.DataFrame, measure: str) -> Estimate:
-    """The mean of one measure over trials, with its 95 % bootstrap interval."""
-    return statistics.mean(trials[measure].tolist(), stream(0, "bootstrap", measure))
+    """The mean of one measure over trials, with its 95 % interval; shares stay between 0 and 1."""
+    is_share = measure in ("coverage", "occupied_precision", "occupied_recall")
+    return statistics.mean(trials[measure].tolist(), within=(0.0, 1.0 if is_share else math.inf))
 
 
 def _times(factor: float, one: Estimate) -> Estimate:

@@ -1,0 +1,114 @@
+"""How often a 95 % interval holds the truth, for samples shaped like our scores.
+
+Run it as ``python -m benchmarks.coverage [SAMPLES]`` (default 4000 samples a line). ``mean`` and ``share``
+are what the tables use; ``before`` is the percentile bootstrap of versions up to 0.1.0, by resampling.
+"""
+
+import math
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.analysis.statistics import Estimate, mean, paired_difference, ratio_of_sums, share
+
+Floats = npt.NDArray[np.float64]
+SIZES = (2, 3, 5, 10, 20, 50)
+RESAMPLES = 999
+
+
+def logit_normal(rng: np.random.Generator, shape: tuple[int, int]) -> Floats:
+    """A precision near 0.95, skewed to the left."""
+    return np.asarray(1.0 / (1.0 + np.exp(-rng.normal(3.0, 0.6, shape))))
+
+
+def _logit_normal_mean() -> float:
+    nodes, weights = np.polynomial.hermite_e.hermegauss(60)
+    return float(weights @ (1.0 / (1.0 + np.exp(-(3.0 + 0.6 * nodes)))) / math.sqrt(2.0 * math.pi))
+
+
+Case = tuple[str, Callable[[np.random.Generator, tuple[int, int]], Floats], float, bool]
+CASES: list[Case] = [
+    ("normal", lambda rng, shape: rng.normal(0.9, 0.02, shape), 0.9, False),
+    (
+        "skewed: a duration, lognormal",
+        lambda rng, shape: rng.lognormal(0, 0.5, shape),
+        math.exp(1 / 8),
+        False,
+    ),
+    ("skewed: a time to capture, exponential", lambda rng, shape: rng.exponential(1, shape), 1.0, False),
+    ("skewed: a precision near 0.95", logit_normal, _logit_normal_mean(), False),
+    ("0/1: one intruder, caught at 0.2", lambda rng, shape: rng.binomial(1, 0.2, shape) / 1, 0.2, True),
+    ("0/1: one intruder, caught at 0.6", lambda rng, shape: rng.binomial(1, 0.6, shape) / 1, 0.6, True),
+    ("shares of three intruders at 0.7", lambda rng, shape: rng.binomial(3, 0.7, shape) / 3, 0.7, True),
+    (
+        "shares of five, trials unlike, at 0.5",
+        lambda rng, shape: rng.binomial(5, rng.beta(2, 2, shape)) / 5,
+        0.5,
+        True,
+    ),
+]
+
+
+def percentile_bootstrap(values: Floats, rng: np.random.Generator) -> tuple[float, float]:
+    """The interval of versions up to 0.1.0."""
+    means = values[rng.integers(len(values), size=(RESAMPLES, len(values)))].mean(axis=1)
+    low, high = np.quantile(means, [0.025, 0.975])
+    return float(low), float(high)
+
+
+def held(estimate: Estimate, truth: float) -> float:
+    """1 if the interval holds the truth, 0 if not, NaN if there is none."""
+    if math.isnan(estimate.low):
+        return math.nan
+    # sums of the same shares differ in their last digit
+    return float(estimate.low - 1e-12 <= truth <= estimate.high + 1e-12)
+
+
+def percent(marks: list[float]) -> str:
+    """The share of intervals that held the truth, of those that there are."""
+    defined = [mark for mark in marks if not math.isnan(mark)]
+    return f"{100 * sum(defined) / len(defined):.1f}" if len(defined) > len(marks) / 2 else "none"
+
+
+def coverage(case: Case, n: int, samples: int) -> tuple[str, str]:
+    """Percent for today's interval and for the earlier one."""
+    _, draw, truth, is_share = case
+    rng = np.random.default_rng((n, samples))
+    values = draw(rng, (samples, n))
+    now = [held((share if is_share else mean)(one.tolist()), truth) for one in values]
+    before = []
+    for one in values[: max(1, samples // 4)]:
+        low, high = percentile_bootstrap(one, rng)
+        before.append(float(low - 1e-12 <= truth <= high + 1e-12))
+    return percent(now), percent(before)
+
+
+def of_pairs(n: int, samples: int) -> tuple[str, str]:
+    """Percent for a paired difference of two precisions, and for a time per capture."""
+    rng = np.random.default_rng((n, samples, 2))
+    difference, ratio = [], []
+    for _ in range(samples):
+        hard = rng.normal(3.0, 0.6, n)
+        first, second = (1.0 / (1.0 + np.exp(-hard - rng.normal(0.0, 0.2, n))) for _ in range(2))
+        difference.append(held(paired_difference(first.tolist(), second.tolist()), 0.0))
+        caught = 1 + rng.binomial(4, 0.6, n)
+        times = [float(rng.exponential(30.0, count).sum()) for count in caught]
+        ratio.append(held(ratio_of_sums(times, caught.tolist()), 30.0))
+    return percent(difference), percent(ratio)
+
+
+def main(samples: int) -> None:
+    print(f"percent of {samples} 95 % intervals that hold the truth (the earlier bootstrap: in brackets)")
+    print(f"{'sample':<42}" + "".join(f"{f'n = {n}':>15}" for n in SIZES))
+    for case in CASES:
+        cells = [coverage(case, n, samples) for n in SIZES]
+        print(f"{case[0]:<42}" + "".join(f"{f'{now} ({before})':>15}" for now, before in cells), flush=True)
+    pairs = [of_pairs(n, samples) for n in SIZES]
+    for row, name in enumerate(("a paired difference of precisions", "a time per capture, sum over sum")):
+        print(f"{name:<42}" + "".join(f"{cell[row]:>15}" for cell in pairs))
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 4000)
