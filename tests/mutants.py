@@ -61,10 +61,10 @@ MUTANTS = [
     ),
     Mutant(
         "stuck after 8 s instead of 5 s",
-        "agents/mobile_robot.py",
+        "simulation/integrity.py",
         "STUCK_AFTER_S = 5.0",
         "STUCK_AFTER_S = 8.0",
-        "agents/test_progress.py::test_a_stand_counts_from_five_seconds_on",
+        "simulation/test_simulation_standstill.py::test_a_stand_counts_from_five_seconds_on",
     ),
     Mutant(
         "Eq. 11 counts who was detected, not who was caught",

@@ -85,6 +85,7 @@ class Explorer(MobileRobot):
 
     def control(self, time_s: float) -> Command:
         """The velocity to drive at until the next cycle; a new map or the end of a drive calls for a plan."""
+        self.progress.update(self.pose.x, self.pose.y, time_s, self.goal is not None)
         self._settle_goal(time_s)
         if self._has_new_map or (self._has_map and self.goal is None and not self.is_done):
             self._explore(time_s)

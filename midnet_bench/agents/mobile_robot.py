@@ -79,6 +79,7 @@ class MobileRobot:
 
     def control(self, time_s: float) -> Command:
         """The velocity to drive at until the next cycle."""
+        self.progress.update(self.pose.x, self.pose.y, time_s, self.goal is not None)
         self._settle_goal(time_s)
         if self.goal is None:
             goal = self.next_goal(self)
@@ -163,47 +164,36 @@ class Localizer:
 
 
 class Progress:
-    """What one robot achieved and the time it lost, from its true positions; for ``robots.csv``."""
+    """What one robot achieved, as far as it knows, and since when its goal has come no nearer."""
 
-    STUCK_RADIUS_M = 0.25
-    STUCK_AFTER_S = 5.0
-    PROGRESS_RADIUS_M = 0.5
+    RADIUS_M = 0.5
 
     def __init__(self) -> None:
         """Nothing done yet."""
+        self.goals_set = 0
         self.goals_reached = 0
         self.goals_given_up = 0
-        self.stuck_s = 0.0
-        """seconds with a goal but within 0.25 m of one place, where that lasted longer than 5 s: a Burger
-        under way is through such a circle in 2.3 s, and one that swings to and fro never leaves it"""
-        self._stuck = _Dwell(self.STUCK_RADIUS_M)
-        self._without_progress = _Dwell(self.PROGRESS_RADIUS_M)
-        self._counted_until_s = 0.0
+        self._dwell = Dwell(self.RADIUS_M)
         self._has_new_goal = True
 
     def new_goal(self) -> None:
-        """Reset both timers: time spent on an earlier goal does not count."""
+        """Reset the timer: time spent on an earlier goal does not count."""
+        self.goals_set += 1
         self._has_new_goal = True
 
     def update(self, x: float, y: float, time_s: float, has_goal: bool) -> None:
-        """Note where the robot is, map frame, metres."""
+        """Note where the robot believes itself to be, map frame, metres."""
         if self._has_new_goal or not has_goal:
             self._has_new_goal = False
-            self._stuck.begin(x, y, time_s)
-            self._without_progress.begin(x, y, time_s)
-        self._stuck.update(x, y, time_s)
-        self._without_progress.update(x, y, time_s)
-        if time_s - self._stuck.since_s > self.STUCK_AFTER_S:
-            # a long stand counts from its beginning
-            self.stuck_s += time_s - max(self._stuck.since_s, self._counted_until_s)
-            self._counted_until_s = time_s
+            self._dwell.begin(x, y, time_s)
+        self._dwell.update(x, y, time_s)
 
     def without_progress_s(self, time_s: float) -> float:
         """How long the robot has been after its goal within half a metre of one place, seconds."""
-        return time_s - self._without_progress.since_s
+        return time_s - self._dwell.since_s
 
 
-class _Dwell:
+class Dwell:
     """How long a robot has been within ``radius_m`` of one place."""
 
     def __init__(self, radius_m: float) -> None:

@@ -48,7 +48,7 @@ class RobotTrial:
                 "distance_m": float(health.distances_m[robot.index]),
                 "goals_reached": robot.progress.goals_reached,
                 "goals_given_up": robot.progress.goals_given_up,
-                "stuck_s": robot.progress.stuck_s,
+                "stuck_s": self.fleet.stands[robot.index].stuck_s,
                 "collisions": int(collisions[robot.index]),
                 "walls_crossed": int(health.crossings[robot.index]),
                 "recoveries": robot.navigator.recoveries,

@@ -7,7 +7,7 @@ import numpy as np
 from midnet_bench.agents.mobile_robot import Localizer, MobileRobot
 from midnet_bench.rng import stream
 from midnet_bench.simulation.imu import ImuSensors
-from midnet_bench.simulation.integrity import HealthTracker
+from midnet_bench.simulation.integrity import HealthTracker, Standstill
 from midnet_bench.simulation.lidar import LidarSensors
 from midnet_bench.simulation.odometry import EncoderOdometers
 from midnet_bench.simulation.settings import SimulationSettings
@@ -38,6 +38,7 @@ class Fleet:
         self._lidars = lidars
         self.robots = robots
         self.health = HealthTracker(world.layout, world.poses())
+        self.stands = [Standstill() for _ in robots]
         hz = world.step_hz
         self._control_ticks = hz // CONTROL_HZ
         self._scan_ticks = hz // SCAN_HZ
@@ -108,7 +109,7 @@ class Fleet:
         places = self.world.poses()[:, :2].tolist()
         for robot in due:
             x, y = places[robot.index]
-            robot.progress.update(x, y, time_s, robot.goal is not None)
+            self.stands[robot.index].update(x, y, time_s, robot.goal is not None, robot.progress.goals_set)
             self.world.drive(robot.index, robot.control(time_s))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from midnet_bench.agents.mobile_robot import Dwell
 from midnet_bench.arena.layout import Layout
 
 Floats = npt.NDArray[np.float64]
@@ -25,6 +26,32 @@ class HealthTracker:
     def update(self, poses: Floats) -> None:
         """Take the (n, 3) poses of a later tick, NaN for a robot that is gone. Five a second will do."""
         note_moves(self._surfaces, self._last, poses, self.distances_m, self.crossings)
+
+
+class Standstill:
+    """The time that one robot stood although it had a goal, from its true positions; for ``robots.csv``."""
+
+    RADIUS_M = 0.25
+    STUCK_AFTER_S = 5.0
+
+    def __init__(self) -> None:
+        self.stuck_s = 0.0
+        """seconds with a goal but within 0.25 m of one place, where that lasted longer than 5 s: a Burger
+        under way is through such a circle in 2.3 s, and one that swings to and fro never leaves it"""
+        self._dwell = Dwell(self.RADIUS_M)
+        self._counted_until_s = 0.0
+        self._goal = -1
+
+    def update(self, x: float, y: float, time_s: float, has_goal: bool, goal: int) -> None:
+        """Note where the robot is, map frame, metres, and its goal, by number; a new one begins anew."""
+        if goal != self._goal or not has_goal:
+            self._goal = goal
+            self._dwell.begin(x, y, time_s)
+        self._dwell.update(x, y, time_s)
+        if time_s - self._dwell.since_s > self.STUCK_AFTER_S:
+            # a long stand counts from its beginning
+            self.stuck_s += time_s - max(self._dwell.since_s, self._counted_until_s)
+            self._counted_until_s = time_s
 
 
 def surfaces(layout: Layout) -> Floats:

@@ -2,6 +2,7 @@ import json
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
@@ -82,6 +83,47 @@ def test_guards_are_not_told_who_was_caught() -> None:
         assert trial.outcomes[trial.intruders[0].index].result == "caught"
         assert trial.pursuit.targets, "nobody told them that there is nothing left to pursue"
         assert trial.guards[0].goal is not None
+
+
+class Liar:
+    """A world that tells the referee nonsense about where robots are, and everything else as it is.
+
+    The robots' sensors keep the world itself.
+    """
+
+    def __init__(self, trial: LabyrinthTrial) -> None:
+        self._world = trial.world
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._world, name)
+
+    def poses(self) -> "np.ndarray[tuple[int, int], np.dtype[np.float64]]":
+        return self._world.poses()[::-1] + 1.0
+
+
+def driven(lies: bool) -> "list[np.ndarray[tuple[int, int], np.dtype[np.float64]]]":
+    """Where all robots are at each frame of a trial in which nobody can be caught or escape."""
+    parameters = LabyrinthParameters.of(
+        robots=3, intruders=2, time_limit_s=40.0, capture_distance_m=1e-6, escape_radius_m=1e-6
+    )
+    with LabyrinthTrial(parameters, 5) as trial:
+        true_world = trial.world
+        if lies:
+            # the referee's own eyes: who is where, which box is on whom, how long somebody stood
+            trial.world = Liar(trial)  # type: ignore[assignment]
+            trial._boxes_on = lambda robot, midnet: []  # type: ignore[method-assign]
+            for stand in trial.fleet.stands:
+                stand.update = lambda *where: None  # type: ignore[method-assign]
+        places = [true_world.poses().copy() for _ in trial.frames()]
+        assert lies or trial.targets > 0, "somebody was pursued"
+        return places
+
+
+@pytest.mark.slow
+def test_lies_of_the_referee_move_no_robot() -> None:
+    honest, lied = driven(lies=False), driven(lies=True)
+    assert len(honest) == len(lied) == 200
+    assert all((one == other).all() for one, other in zip(honest, lied, strict=True))
 
 
 def test_the_time_limit_ends_a_trial_and_is_no_success() -> None:
