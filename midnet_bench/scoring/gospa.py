@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 CUTOFF_M = 1.0
 """A box farther than this from an intruder is no partner for it; a miss or a false box costs half of it."""
@@ -33,6 +32,8 @@ def gospa(
     alone = 0.5 * cutoff_m * (len(boxes) + sum(in_range))
     if not boxes or not intruders:
         return alone
+    from scipy.optimize import linear_sum_assignment  # not needed by who makes tables of the counts
+
     # what a pair costs beside both of them alone; worse than alone is no pair
     change = np.array(
         [
