@@ -100,6 +100,10 @@ class LokyPool:
             initargs=(os.getpid(),),
             env=dict.fromkeys(LokyBackend.MAX_NUM_THREADS_VARS, "1"),
         )
+        # A worker that has grown by 300 MB leaves after its trial, and loky starts another one. It warns of
+        # that in the thread that looks after the workers: noise for users, and where warnings are errors it
+        # ends that thread, and every trial waits for ever.
+        warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
         remaining = iter(specs)
         running: set[Future[Outcome]] = set()
 

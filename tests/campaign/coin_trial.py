@@ -10,6 +10,9 @@ from typing import Any
 from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec
 from midnet_bench.errors import InputError
 
+HOARD: list[bytes] = []
+"""what a worker never gives back"""
+
 
 def run_trial(spec: TrialSpec) -> TrialResult:
     parameters: dict[str, Any] = dict(spec.parameters)
@@ -37,6 +40,8 @@ def make_trouble(kind: str, file: Path, tables: dict[str, list[Row]]) -> None:
         if kind == "first":
             raise ValueError("the first time it goes wrong")
         os.kill(os.getpid(), 9)  # as the kernel does when memory runs out
+    elif kind == "grow":
+        HOARD.append(bytes(400_000_000).replace(b"\0", b"\1"))  # written to, or it takes no memory
     elif kind == "die":
         os.kill(os.getpid(), 9)
     elif kind == "segfault":

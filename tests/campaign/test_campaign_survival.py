@@ -115,6 +115,15 @@ def test_a_killed_worker_costs_nothing(tmp_path: Path, undisturbed: dict[str, by
     assert not marks.exists()
 
 
+@pytest.mark.slow
+def test_a_worker_that_grows_is_replaced_without_a_word_and_nothing_waits_for_it(tmp_path: Path) -> None:
+    campaign = {"trials": 16, "parameters": {"work_s": 0.4, "trouble": "grow", "trouble_seed": 6}}
+    code, out, err = finish(start(tmp_path, campaign, jobs=2))
+
+    assert (code, err) == (0, "")
+    assert "done 16 0 16" in out
+
+
 def processor_time(pid: int) -> int:
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return int(fields[11]) + int(fields[12])
