@@ -53,7 +53,7 @@ clean:
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
 	sys.exit(0 if v == (3, 11) else "midnet-bench simulates with PyBullet, whose ready-made wheels are for Python 3.11; \
 	this is Python %d.%d. Install 3.11, or name it: make PYTHON=/path/to/python3.11" % v)'
-	@echo "setting up .venv (a minute or two) ..."
+	@echo "setting up .venv (a few minutes: loops are compiled once) ..."
 	@$(PYTHON) -m venv .venv
 	@$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	@$(BIN)/python -c 'from midnet_bench.experiments.warm_up import compile_kernels; compile_kernels()'
