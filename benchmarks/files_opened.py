@@ -69,9 +69,10 @@ def midnet_frame() -> set[str]:
     """From the scans of two guards to the row of scores, without physics and driving."""
     parameters = DetectionParameters.of(robots=2, frames=10)
     driving = ("Localizer.step", "MobileRobot.control", "Navigator.observe", "Progress.update")
-    world = ("World.step", "World.drive", "World.velocities", "HealthTracker.update", "ImuSensors.read")
+    world = ("World.step", "World.drive", "World.velocities", "ImuSensors.read")
+    noted = ("HealthTracker.update", "Standstill.update")
     rest = ("DetectionTrial.__init__", "RobotTrial.rows_of_robots", "RobotTrial.__exit__")
-    with traced(lambda code: code.co_name == "frames", (*driving, *world, *rest)) as opened:
+    with traced(lambda code: code.co_name == "frames", (*driving, *world, *noted, *rest)) as opened:
         run_detection(parameters, seed=1)
     return opened
 

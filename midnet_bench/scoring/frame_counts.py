@@ -11,9 +11,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from midnet_bench.geometry import Box
-from midnet_bench.scoring.gospa import gospa
 
 InRange = Literal["edge", "centre"]
+
+CUTOFF_M = 1.0
+"""A box farther than this from an intruder is no partner for it; a miss or a false box costs half of it."""
 
 
 class TruthObject(NamedTuple):
@@ -141,6 +143,44 @@ def count_frame(
         error_sum_m=sum(errors),
         gospa_m=gospa([box.center for box in detections], [truth.center for truth in truths], in_range),
     )
+
+
+def gospa(
+    boxes: Sequence[tuple[float, float]],
+    intruders: Sequence[tuple[float, float]],
+    in_range: Sequence[bool],
+    cutoff_m: float = CUTOFF_M,
+) -> float:
+    """GOSPA of one frame, metres; 0 where every intruder in range has its box and there is no other.
+
+    Rahmathullah, Garcia-Fernandez and Svensson, "Generalized optimal sub-pattern assignment metric" (2017),
+    with p = 1 and alpha = 2, so that it is a sum in metres: the distances of the pairs, and half the cut-off
+    for each intruder and each box without a partner. It does not get better by leaving boxes unfused.
+
+    Args:
+        boxes: (x, y) of the centres of the detections, map frame, metres.
+        intruders: (x, y) of the centres of the intruders.
+        in_range: for each intruder, whether missing it counts. One out of range may have a partner, which
+            costs their distance, and costs nothing without (item 47).
+        cutoff_m: c of the metric.
+    """
+    alone = 0.5 * cutoff_m * (len(boxes) + sum(in_range))
+    if not boxes or not intruders:
+        return alone
+    from scipy.optimize import linear_sum_assignment  # not needed by who makes tables of the counts
+
+    # what a pair costs beside both of them alone; worse than alone is no pair
+    change = np.array(
+        [
+            [
+                min(0.0, math.dist(box, intruder) - 0.5 * cutoff_m * (1 + counts))
+                for intruder, counts in zip(intruders, in_range, strict=True)
+            ]
+            for box in boxes
+        ]
+    )
+    rows, columns = linear_sum_assignment(change)
+    return alone + float(change[rows, columns].sum())
 
 
 def total(counts: Iterable[FrameCounts]) -> FrameCounts:

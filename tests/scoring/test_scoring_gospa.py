@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from midnet_bench.scoring.gospa import gospa
+from midnet_bench.scoring.frame_counts import gospa
 
 COORDINATES = st.integers(0, 12).map(lambda quarters: quarters / 4)
 PLACES = st.lists(st.tuples(COORDINATES, COORDINATES), max_size=4)

@@ -9,8 +9,7 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.arena.solids import Solid
 from midnet_bench.geometry import Pose2D
-from midnet_bench.simulation.bullet.rays import pieces
-from midnet_bench.simulation.bullet.world import World
+from midnet_bench.simulation.bullet.world import World, pieces
 from midnet_bench.simulation.integrity import surfaces
 from midnet_bench.simulation.lidar import beam_directions
 from midnet_bench.simulation.simulator import Beams

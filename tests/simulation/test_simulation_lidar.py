@@ -13,8 +13,7 @@ from midnet_bench.messages import Command
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
 from midnet_bench.simulation import lidar
-from midnet_bench.simulation.bullet.rays import MAX_BATCH
-from midnet_bench.simulation.bullet.world import World
+from midnet_bench.simulation.bullet.world import MAX_BATCH, World
 from midnet_bench.simulation.lidar import NOTHING, SOLID, TOO_NEAR_M
 from tests.simulation.scenes import beam_lengths, run, scene, sensors
 
