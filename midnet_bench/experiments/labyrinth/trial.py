@@ -108,11 +108,13 @@ class LabyrinthTrial(GuardedArena):
     def _see(self, midnet: Frame, now_s: float) -> None:
         """Hand the boxes to the pursuit, and note for the record which new targets are ghosts."""
         seen = self.pursuit.see([box.center for box in midnet.detections], now_s)
-        outlines = [self.lidars.outline(robot.index) for robot in self.at_large]
-        for target, box in zip(seen, midnet.detections, strict=True):
-            if target >= self.targets:
-                self.targets += 1
-                self.ghosts += not any(box.intersection_area(outline) > 0.0 for outline in outlines)
+        new = [box for target, box in zip(seen, midnet.detections, strict=True) if target >= self.targets]
+        if new:
+            self.targets += len(new)
+            outlines = [self.lidars.outline(robot.index) for robot in self.at_large]
+            self.ghosts += sum(
+                not any(box.intersection_area(outline) > 0.0 for outline in outlines) for box in new
+            )
 
     def _boxes_on(self, robot: MobileRobot, midnet: Frame) -> list[Box]:
         """The detections that cover some of an intruder (item 53)."""
