@@ -91,7 +91,8 @@ class Variant:
 
     def health(self, role: str, robots: int, column: str) -> Estimate:
         """The mean of a column of ``robots`` over seeds, all numbers of intruders together."""
-        return statistics.mean(list(self.health_by_seed(role, robots, column).values()))
+        values = self.health_by_seed(role, robots, column).values()
+        return statistics.mean(list(values), within=(0.0, math.inf))
 
     def _seed_means(self, trials: pd.DataFrame, robots: int, column: str) -> dict[int, float]:
         """The mean over all numbers of intruders by seed; seeds that lack one are left out."""
