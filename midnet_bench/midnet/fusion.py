@@ -239,14 +239,15 @@ def divide_and_conquer(
         seen: which boxes overlap.
         threshold: t, 0 < t <= 1.
     """
-    todo, calls = [(left, right)], [(left, right)]
-    while todo:
-        first, last = todo.pop()
+    # the first of the calls only tells numba what the list holds
+    waiting, calls = [(left, right)], [(left, right)]
+    while waiting:
+        first, last = waiting.pop()
         calls.append((first, last))
         if first < last:
             middle = (first + last) // 2
-            todo.append((first, middle))
-            todo.append((middle + 1, last))
+            waiting.append((first, middle))
+            waiting.append((middle + 1, last))
     fused = [lists[:0]]
     for first, last in calls[:0:-1]:  # both halves come before what they are halves of
         if first == last:

@@ -27,6 +27,12 @@ class Beams(NamedTuple):
     """(m, beams, 2) unit vectors"""
 
 
+def require_active(active: npt.NDArray[np.bool_], index: int) -> None:
+    """Raises ValueError unless robot ``index`` is one of the (n,) ``active`` ones of a world."""
+    if not 0 <= index < len(active) or not active[index]:
+        raise ValueError(f"robot {index} is not in this world (it has {len(active)}, or it was removed)")
+
+
 class Simulator(Protocol):
     """One trial's robots: security robots (index 0 up) and, after them, mobile intruders, as in the layout.
 

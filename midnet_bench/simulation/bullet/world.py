@@ -24,7 +24,7 @@ from midnet_bench.simulation.bullet.engine import bullet, give_back, take_client
 from midnet_bench.simulation.bullet.stage import add_floor, add_solids
 from midnet_bench.simulation.integrity import surfaces
 from midnet_bench.simulation.settings import WorldSettings
-from midnet_bench.simulation.simulator import Beams
+from midnet_bench.simulation.simulator import Beams, require_active
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -106,7 +106,7 @@ class World:
 
     def drive(self, index: int, command: Command) -> None:
         """Give a robot its new velocity; held until the next one. Clamped to the robot's limits."""
-        self._require(index)
+        require_active(self._active, index)
         self._drive.command(index, command)
 
     def step(self) -> None:
@@ -155,7 +155,7 @@ class World:
 
     def remove(self, index: int) -> None:
         """Take a robot out of the arena for good, as a caught intruder is."""
-        self._require(index)
+        require_active(self._active, index)
         bullet.removeBody(self._robots[index].body, physicsClientId=self._client)
         self._drive.forget(index)
         self._active[index] = False
@@ -168,12 +168,6 @@ class World:
         Touching counts once until a second has passed without it.
         """
         return self._collisions.copy()
-
-    def _require(self, index: int) -> None:
-        if not 0 <= index < len(self._robots) or not self._active[index]:
-            raise ValueError(
-                f"robot {index} is not in this world (it has {len(self._robots)}, or it was removed)"
-            )
 
     def _fetch_pose(self, index: int) -> tuple[float, float, float]:
         if not self._active[index]:

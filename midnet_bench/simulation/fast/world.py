@@ -17,7 +17,7 @@ from midnet_bench.simulation.fast.motion import drive_of
 from midnet_bench.simulation.fast.outlines import outlines_of, side_grid
 from midnet_bench.simulation.fast.rays import cast_on_outlines
 from midnet_bench.simulation.settings import WorldSettings
-from midnet_bench.simulation.simulator import Beams
+from midnet_bench.simulation.simulator import Beams, require_active
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -73,7 +73,7 @@ class World:
 
     def drive(self, index: int, command: Command) -> None:
         """Give a robot its new velocity; held until the next one. Clamped to the robot's limits."""
-        self._require(index)
+        require_active(self._present, index)
         robot = self.robot
         linear = min(max(command.linear_mps, -robot.max_linear_mps), robot.max_linear_mps)
         angular = min(max(command.angular_radps, -robot.max_angular_radps), robot.max_angular_radps)
@@ -125,7 +125,7 @@ class World:
 
     def remove(self, index: int) -> None:
         """Take a robot out of the arena for good, as a caught intruder is."""
-        self._require(index)
+        require_active(self._present, index)
         self._present[index] = False
         for part in (motion.POSE, motion.VELOCITY, motion.ANGLES):
             self._states[index, part] = np.nan
@@ -137,9 +137,3 @@ class World:
         Touching counts once until a second has passed without it.
         """
         return self._collisions.copy()
-
-    def _require(self, index: int) -> None:
-        if not 0 <= index < len(self._states) or not self._present[index]:
-            raise ValueError(
-                f"robot {index} is not in this world (it has {len(self._states)}, or it was removed)"
-            )
