@@ -23,6 +23,8 @@ BinaryArray = npt.NDArray[np.uint8]
 BoxArray = npt.NDArray[np.float64]
 """(n, 4): x_min, y_min, x_max, y_max of each box, metres, map frame"""
 Indices = npt.NDArray[np.int64]
+Eights = npt.NDArray[np.uint64]
+"""eight bytes of a ``BinaryArray`` at once"""
 
 # saved maps round their resolution to six decimals, ROS messages to 32 bits
 RESOLUTION_TOLERANCE = 1e-4
@@ -172,6 +174,32 @@ def foreground(a: BinaryArray, c: BinaryArray) -> BinaryArray:
     return cast(BinaryArray, cv2.absdiff(a, c))
 
 
+@njit(cache=True)
+def foreground_of_costs(
+    costs: npt.NDArray[np.int8], prior: BinaryArray, crop: Crop, thresh: int, unknown_occupied: bool
+) -> BinaryArray:
+    """D of Eqs. 1, 5 and 6 in one go over the cells, where nobody asks for A and C: D is B where A is 0.
+
+    Args:
+        costs: the whole local grid, int8 published costs.
+        prior: the whole prior map.
+        crop: what they have in common.
+        thresh: of Eq. 1, 1 to 100.
+        unknown_occupied: whether a cell of cost -1 counts as occupied.
+    """
+    height, width = crop.y2_lmap - crop.y1_lmap, crop.x2_lmap - crop.x1_lmap
+    d = np.empty((height, width), np.uint8)
+    least = np.int8(thresh)
+    for r in range(height):  # plain rows and no short cuts, so that the compiler takes many cells at once
+        seen = costs[crop.y1_lmap + r, crop.x1_lmap : crop.x2_lmap]
+        known = prior[crop.y1_gmap + r, crop.x1_gmap : crop.x2_gmap]
+        row = d[r]
+        for x in range(width):
+            occupied = (seen[x] >= least) | ((seen[x] < 0) & unknown_occupied)
+            row[x] = known[x] if occupied else 0
+    return d
+
+
 def bounding_boxes(
     d: BinaryArray, first_cell: tuple[int, int], prior: OccupancyGrid, min_area_cells: int = 1
 ) -> BoxArray:
@@ -203,11 +231,13 @@ def blob_boxes(
     root of all the free space that no blob encloses.
     """
     height, width = d.shape
+    edges = edges_along_rows(d)
+    eights = edges.view(np.uint64)  # most cells are like their neighbours
     begin, end, line, parent, top = np.empty((5, 1 + (height + 1) * (width + 2)), np.int64)
     begin[0], end[0], parent[0] = -1, width + 1, 0
     before, first, count = 0, 1, 1
     for r in range(height + 1):
-        count = cut_into_runs(d, r, begin, end, count)
+        count = cut_into_runs(edges, eights, r, begin, end, count)
         if count - first == 1 and first - before == 1:  # all free like the row before, which serves for both
             count = first
             continue
@@ -242,30 +272,39 @@ def blob_boxes(
     return boxes[:kept]
 
 
+@njit(cache=True)
+def edges_along_rows(d: BinaryArray) -> BinaryArray:
+    """Not 0 where a cell of D differs from the one before it in its row; all around D is free.
+
+    (height, width + 1) of the cells, and columns of 0 that fill the last eight bytes.
+    """
+    height, width = d.shape
+    edges = np.zeros((height, 8 * (width // 8 + 1)), np.uint8)
+    for r in range(height):
+        edges[r, 0], edges[r, width] = d[r, 0], d[r, width - 1]
+        for x in range(1, width):
+            edges[r, x] = d[r, x] ^ d[r, x - 1]
+    return edges
+
+
 @njit(cache=True, inline="always")
-def cut_into_runs(d: BinaryArray, row: int, begin: Indices, end: Indices, count: int) -> int:
+def cut_into_runs(
+    edges: BinaryArray, eights: Eights, row: int, begin: Indices, end: Indices, count: int
+) -> int:
     """Write where each run of a row begins and ends from place ``count`` on; return the place after the last.
 
     The first and the last one are free and reach one cell out of the grid. There is one row more than D has.
     """
-    height, width = d.shape
+    height, width = edges.shape
     begin[count] = -1
-    occupied = False
-    cells = 0
-    if row < height:  # most rows are free
-        for x in range(width):
-            cells |= d[row, x]
-    if cells != 0:
-        for x in range(width):
-            if (d[row, x] != 0) != occupied:
-                end[count] = x
-                count += 1
-                begin[count] = x
-                occupied = not occupied
-    if occupied:
-        end[count] = width
-        count += 1
-        begin[count] = width
+    if row < height:
+        for eight in range(width // 8):
+            if eights[row, eight] != 0:
+                for x in range(8 * eight, 8 * eight + 8):
+                    if edges[row, x] != 0:
+                        end[count] = x
+                        count += 1
+                        begin[count] = x
     end[count] = width + 1
     return count + 1
 

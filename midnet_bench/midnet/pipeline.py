@@ -19,6 +19,7 @@ from midnet_bench.midnet.detection import (
     common_occupancy,
     crop_to_prior,
     foreground,
+    foreground_of_costs,
     shrunk,
 )
 from midnet_bench.midnet.fusion import REMOVE, TeamBoxes, ally_squares, fuse_team
@@ -95,15 +96,14 @@ class Frame:
     """only when asked for"""
 
 
-class _Seen(NamedTuple):
-    """One robot's intermediates before the team comes in."""
+class _Grids(NamedTuple):
+    """One robot's intermediates before the team comes in, as in ``RobotView``."""
 
     crop: Crop
     a: BinaryArray
     b: BinaryArray
     c: BinaryArray
     d: BinaryArray
-    boxes: BoxArray
 
 
 class MIDNet:
@@ -129,13 +129,22 @@ class MIDNet:
         if not observations:
             return Frame([], [], Explanation([], []) if explain else None)
         settings = self.settings
-        seen: list[_Seen] = []
+        grids: list[_Grids] = []
         found: list[BoxArray] = []
         for observation in observations:
-            one = self._look(observation)
-            found.append(one.boxes)
-            if explain:  # else the next robot's grids take the memory of these, which is still in the cache
-                seen.append(one)
+            crop = self._crop(observation)
+            if explain:
+                grids.append(self._subtract(observation.costmap, crop))
+                d = grids[-1].d
+            else:
+                d = foreground_of_costs(
+                    observation.costmap.data,
+                    self.prior.data,
+                    crop,
+                    settings.thresh_local,
+                    settings.unknown == "occupied",
+                )
+            found.append(self._boxes(d, crop))
         boxes = np.concatenate(found)
         robots = np.repeat(np.arange(len(found)), [len(own) for own in found])
         squares = ally_squares([observation.pose for observation in observations], settings.ally_diameter_m)
@@ -145,36 +154,46 @@ class MIDNet:
         return Frame(
             [Box._make(box) for box in team.detections.tolist()],
             team.found_by.tolist(),
-            self._explain(seen, robots, squares, team) if explain else None,
+            self._explain(grids, found, robots, squares, team) if explain else None,
         )
 
-    def _look(self, observation: Observation) -> _Seen:
-        """Sections IV.A and IV.B for one robot."""
-        settings, prior, costmap = self.settings, self.prior, observation.costmap
+    def _crop(self, observation: Observation) -> Crop:
+        """Section IV.B.1 for one robot."""
+        costmap = observation.costmap
         if costmap.data.dtype != INT8:
             raise InputError(
                 f"costmap: its values are {costmap.data.dtype}; int8 is needed, as costmap_2d publishes them:"
                 " 0 to 100, and -1 where nothing is known"
             )
-        crop = crop_to_prior(costmap, prior, observation.pose, settings.align)
-        local = binary_map(costmap.data, settings.thresh_local, settings.unknown)
-        a, b = crop.of_local(local), crop.of_prior(prior.data)
+        return crop_to_prior(costmap, self.prior, observation.pose, self.settings.align)
+
+    def _subtract(self, costmap: OccupancyGrid, crop: Crop) -> _Grids:
+        """Sections IV.A and IV.B.2 for one robot, step by step; ``foreground_of_costs`` gives the same D."""
+        local = binary_map(costmap.data, self.settings.thresh_local, self.settings.unknown)
+        a, b = crop.of_local(local), crop.of_prior(self.prior.data)
         if crop.is_empty:
-            return _Seen(crop, a, b, a, a, np.empty((0, 4)))
+            return _Grids(crop, a, b, a, a)
         c = common_occupancy(a, b)
-        d = foreground(a, c)
-        boxes = bounding_boxes(d, (crop.x1_gmap, crop.y1_gmap), prior, settings.min_area_cells)
-        if settings.deflate_boxes_m > 0.0:
-            boxes = shrunk(boxes, settings.deflate_boxes_m)
-        return _Seen(crop, a, b, c, d, boxes)
+        return _Grids(crop, a, b, c, foreground(a, c))
+
+    def _boxes(self, d: BinaryArray, crop: Crop) -> BoxArray:
+        """Sections IV.B.3 and IV.B.4 for one robot."""
+        settings = self.settings
+        boxes = bounding_boxes(d, (crop.x1_gmap, crop.y1_gmap), self.prior, settings.min_area_cells)
+        return shrunk(boxes, settings.deflate_boxes_m) if settings.deflate_boxes_m > 0.0 else boxes
 
     def _explain(
-        self, seen: Sequence[_Seen], robots: Indices, squares: BoxArray, team: TeamBoxes
+        self,
+        grids: Sequence[_Grids],
+        boxes: Sequence[BoxArray],
+        robots: Indices,
+        squares: BoxArray,
+        team: TeamBoxes,
     ) -> Explanation:
         """The intermediates with their place in the map frame."""
-        found = [Box._make(box) for one in seen for box in one.boxes.tolist()]
+        found = [Box._make(box) for own in boxes for box in own.tolist()]
         views = []
-        for robot, one in enumerate(seen):
+        for robot, one in enumerate(grids):
             crop, resolution = one.crop, self.prior.resolution
             corner = (
                 self.prior.origin[0] + crop.x1_gmap * resolution,

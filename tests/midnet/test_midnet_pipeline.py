@@ -9,6 +9,7 @@ from hypothesis.extra import numpy as hnp
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.midnet.binary_map import Unknown
 from midnet_bench.midnet.pipeline import MIDNet, MIDNetSettings, Observation
 from tests.midnet.ascii_maps import binary, costs, draw
 
@@ -313,14 +314,16 @@ def test_turning_the_world_turns_the_boxes(
     hnp.arrays(np.int8, (6, 5), elements=st.sampled_from([-1, 0, 98, 99, 100])),
     st.integers(-5, 16),
     st.integers(-6, 13),
+    st.sampled_from(["free", "occupied"]),
 )
 def test_foreground_is_what_is_seen_and_not_on_the_map(
-    prior: np.ndarray, local: np.ndarray, column: int, row: int
+    prior: np.ndarray, local: np.ndarray, column: int, row: int, unknown: Unknown
 ) -> None:
     world = OccupancyGrid(prior, 0.5, (-3.0, -2.0))
     pose = Pose2D(*world.center_of(column, row), 0.0)
     observation = Observation(pose, OccupancyGrid(local, 0.5, (0.0, 0.0)))
-    explanation = MIDNet(world).update([observation], explain=True).explanation
+    midnet = MIDNet(world, MIDNetSettings(unknown=unknown))
+    explanation = midnet.update([observation], explain=True).explanation
     assert explanation is not None
     (view,) = explanation.views
     found = {
@@ -332,14 +335,15 @@ def test_foreground_is_what_is_seen_and_not_on_the_map(
         for r in range(9)
         for c in range(12)
         if 0 <= r - row + 3 < 6 and 0 <= c - column + 2 < 5
-        if local[r - row + 3, c - column + 2] >= 99 and prior[r, c] == 255
+        if local[r - row + 3, c - column + 2] in ((99, 100) if unknown == "free" else (99, 100, -1))
+        if prior[r, c] == 255
     }
     assert found == expected
     # every cell of the foreground is in some box, and explaining changes nothing
     for c, r in found:
         x, y = world.center_of(c, r)
         assert any(box.x_min < x < box.x_max and box.y_min < y < box.y_max for box in view.found)
-    assert MIDNet(world).update([observation]).detections == view.found
+    assert midnet.update([observation]).detections == view.found
 
 
 def test_grids_that_may_not_be_written_to_will_do() -> None:
@@ -348,7 +352,8 @@ def test_grids_that_may_not_be_written_to_will_do() -> None:
     local.setflags(write=False)
     observation = Observation(LEFT.pose, OccupancyGrid(local, 0.5, (0.0, 0.0)))
     midnet = MIDNet(OccupancyGrid(prior, 0.5, ROOM.origin), SETTINGS)
-    assert midnet.update([observation, observation], explain=True).detections == [INTRUDER]
+    for explain in (False, True):
+        assert midnet.update([observation, observation], explain).detections == [INTRUDER]
 
 
 @pytest.mark.parametrize(
