@@ -90,8 +90,12 @@ def detection_store(
     folder: Path,
     scores: Mapping[int, Mapping[int, tuple[float, float, float]]],
     failure: str | None = None,
+    counted: Callable[[int, int], Row] = lambda robots, seed: {},
 ) -> Path:
-    """Trials of the detection test: team size -> seed -> precision, recall, F1; all fail if ``failure``."""
+    """Trials of the detection test: team size -> seed -> precision, recall, F1; all fail if ``failure``.
+
+    ``counted``: further columns, or other counts, of a team size and a seed.
+    """
     seeds = [seed for by_seed in scores.values() for seed in by_seed]
     definition = Definition("detection", min(seeds), len(set(seeds)), {"robots": list(scores)}, {})
     folder.mkdir(parents=True, exist_ok=True)
@@ -102,6 +106,7 @@ def detection_store(
                 counts: Row = {"frames": 10, "tp": 8, "fp": 2, "fn": 4, "in_range": 12}
                 counts |= {"matched": 6, "duplicates": 2, "missed": 6, "error_sum_m": 0.6, "gospa_m": 5.0}
                 row: Row = {**counts, "precision": precision, "recall": recall, "f1": f1}
+                row |= counted(robots, seed)
                 frames: list[Row] = [{"frame": 1, **counts}]
                 robot: Row = {"robot": "guard 1", "role": "guard", "distance_m": 0.1 * seed}
                 robot |= {"collisions": 2}

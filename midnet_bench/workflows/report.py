@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from midnet_bench.analysis.claims import verdict_table
 from midnet_bench.analysis.frames import CONFIGURATION, PROVENANCE, Results, load_results, results_of
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.store import FILE_NAME, open_store
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def write_report(directory: str | Path, drawn_from: int = 1) -> tuple[Results, list[Table]]:
-    """Write CSV files, tables, figures, configuration and provenance into a campaign's folder.
+    """Write CSV files, tables, figures, verdicts, configuration and provenance into a campaign's folder.
 
     Without a store the tables and figures are made of the CSV files that are there.
 
@@ -41,7 +42,8 @@ def write_report(directory: str | Path, drawn_from: int = 1) -> tuple[Results, l
         results = load_results(directory)
     record = experiment_of(results)
     tables = list(record.tables(results))
-    for table in tables:
+    found = record.claims(results)
+    for table in [*tables, verdict_table(found)] if found else tables:
         table.write(directory)
     if results.finished >= drawn_from:
         _write_figures(record.figures(results), directory)

@@ -8,7 +8,7 @@ import pytest
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
-from midnet_bench.campaign.trial import TrialResult, TrialSpec
+from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
@@ -19,6 +19,7 @@ from midnet_bench.experiments.registry import run_trial
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
 from midnet_bench.navigation.settings import TrajectoryRolloutSettings
+from midnet_bench.scoring.causes import Causes
 
 
 @cache
@@ -59,6 +60,24 @@ def test_everybody_drives_and_eight_intruders_are_scored() -> None:
     assert min(row["distance_m"] for row in rows) > 1.0
     assert all(row["walls_crossed"] == 0 for row in rows)
     assert sum(frame.counts.tp for frame in frames) > 300
+
+
+def test_causes_are_parts_of_the_errors_and_a_hidden_intruder_is_none_where_sight_is_asked() -> None:
+    def row(**changes: object) -> Row:
+        (scores,) = detection(seed=7, **changes).tables["scores"]
+        return scores
+
+    scores, seen = row(), row(require_line_of_sight=True)
+    counts = {
+        name: int(value or 0) for name, value in scores.items() if name in (*Causes._fields, "fn", "fp")
+    }
+    assert counts["looked_at"] == 25 // 10
+    assert 0 < counts["fn_hidden"] <= counts["fn"]
+    assert counts["fn_new"] <= counts["fn"]
+    assert counts["fp_left"] <= counts["fp"]
+    assert counts["reordered"] <= counts["looked_at"]
+    assert seen["fn_hidden"] == 0
+    assert int(seen["fn"] or 0) <= counts["fn"] - counts["fn_hidden"]
 
 
 @pytest.mark.slow

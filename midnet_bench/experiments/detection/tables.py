@@ -2,12 +2,10 @@
 
 import math
 from collections.abc import Mapping
-from functools import partial
 
 import pandas as pd
 
 from midnet_bench.analysis import statistics
-from midnet_bench.analysis.claims import Finding, comparison, finding
 from midnet_bench.analysis.frames import Results, records
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.trial import Row
@@ -20,8 +18,6 @@ PAPER: Mapping[str, Row] = {
 }
 """The paper's only table."""
 PAPER_FRAMES = 1999
-TOLERANCE = 0.05
-"""how near a mean counts as the paper's"""
 
 SCORES = ("precision", "recall", "f1")
 BESIDE = ("f1_one_to_one", "gospa_per_frame_m")
@@ -174,33 +170,16 @@ def score_over_seeds(cell: pd.DataFrame, score: str, confidence: float = 0.95) -
     return statistics.mean(cell[score].tolist(), confidence, within=(0.0, most))
 
 
-def claims(results: Results) -> list[Finding]:
-    """The six means of the paper's table, and which team is ahead in each score."""
-    cells = cells_of(results)
-    found = []
-    for name, paper in PAPER.items():
-        for score in SCORES if name in cells else ():
-            value = float(paper[score] or 0.0)
-            statement = f"{name} {score} is {value:.3f}, within {TOLERANCE}"
-            ours = partial(score_over_seeds, cells[name], score)
-            found.append(finding(statement, ours, value - TOLERANCE, value + TOLERANCE))
-    if PAPER.keys() <= cells.keys():
-        for score, rises in (("recall", True), ("precision", False), ("f1", True)):
-            one, five = (_by_seed(cells[name].dropna(subset=[score]), score) for name in PAPER)
-            statement = f"{score} {'rises' if rises else 'falls'} from 1 to 5 robots"
-            found.append(comparison(statement, one, five, rises))
-    return found
-
-
 def measures(results: Results) -> Measures:
     """Precision, recall and F1, one-to-one F1 and GOSPA of each cell by seed."""
     return {
-        (name, score): _by_seed(cell, score)
+        (name, score): by_seed(cell, score)
         for name, cell in cells_of(results).items()
         for score in (*SCORES, *BESIDE)
         if score in cell
     }
 
 
-def _by_seed(cell: pd.DataFrame, score: str) -> dict[int, float]:
+def by_seed(cell: pd.DataFrame, score: str) -> dict[int, float]:
+    """One column of a cell's trials by seed."""
     return dict(zip(cell["seed"].tolist(), cell[score].tolist(), strict=True))

@@ -13,6 +13,7 @@ from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
+from midnet_bench.scoring.causes import CauseCounter, Causes, total_causes
 from midnet_bench.scoring.frame_counts import (
     FrameCounts,
     TruthObject,
@@ -25,6 +26,8 @@ from midnet_bench.simulation.lidar import SOLID
 
 ON_SURFACE_M = 0.05
 """A noisy return this near to a stationary intruder is one of its own; walls are farther off."""
+OPPOSITE_EVERY = 10
+"""MIDNet is asked anew in opposite order of the robots in each tenth frame: it costs as much as a frame."""
 GOAL_CLEARANCE_M = 0.4
 """From a mobile intruder's goal to walls and stationary intruders (item 49)."""
 
@@ -57,6 +60,7 @@ class DetectionTrial(GuardedArena):
         }
         self._goal_rngs = {robot.index: stream(seed, "goals", robot.name) for robot in self.intruders}
         self._sight_noise = [stream(seed, "sight", guard.name) for guard in self.guards]
+        self._causes = CauseCounter()
         for robot in self.intruders:
             robot.next_goal = self._random_goal
 
@@ -70,6 +74,17 @@ class DetectionTrial(GuardedArena):
             yield ScoredFrame(
                 number, midnet, truths, in_range, count_frame(midnet.detections, truths, in_range)
             )
+
+    def causes(self, frame: ScoredFrame) -> Causes:
+        """Which of the paper's causes the errors of the newest frame had; take each frame once, in order."""
+        is_looked_at = frame.number % OPPOSITE_EVERY == 0 and len(self.guards) > 1
+        return self._causes.count(
+            frame.midnet.detections,
+            frame.truths,
+            frame.in_range,
+            self._all_in_sight,
+            self.detector.detect_in_opposite_order(self.guards_poses()) if is_looked_at else None,
+        )
 
     def truths(self, test: DetectionParameters | None = None) -> list[TruthObject]:
         """The intruders as they are now: the stationary ones, then the mobile ones (item 45)."""
@@ -95,6 +110,12 @@ class DetectionTrial(GuardedArena):
         mobile = {robot.name: self.lidars.outline(robot.index) for robot in self.intruders}
         return [TruthObject(name, box, box.center) for name, box in (self._stationary | mobile).items()]
 
+    def _all_in_sight(self) -> list[bool]:
+        """For each truth, whether a beam meets it within range; True if others do not count."""
+        if self._test.require_line_of_sight:
+            return [True] * (len(self._stationary) + len(self.intruders))
+        return self._in_sight(self._test.costmap.obstacle_range_m)
+
     def _in_sight(self, range_m: float) -> list[bool]:
         """For each truth, whether a beam of some guard would meet it within range at this instant."""
         guards = [guard.index for guard in self.guards]
@@ -118,13 +139,17 @@ class DetectionTrial(GuardedArena):
 def run_detection(parameters: DetectionParameters, seed: int) -> TrialResult:
     """One trial: ``scores`` (one row, counts summed), ``frames`` and ``robots``."""
     with DetectionTrial(parameters, seed) as trial:
-        frames = [frame.counts for frame in trial.frames()]
+        frames, causes = [], []
+        for frame in trial.frames():
+            frames.append(frame.counts)
+            causes.append(trial.causes(frame))
         rows: list[Row] = [{"frame": i + 1, **counts._asdict()} for i, counts in enumerate(frames)]
         summed = total(frames)
         scores: Row = {
             "frames": len(frames),
             **summed._asdict(),
             **ratios(summed.tp, summed.fp, summed.fn)._asdict(),
+            **total_causes(causes)._asdict(),
             "patrol_relaxations": trial.patrol.relaxations,
         }
         tables = {"scores": [scores], "frames": rows, "robots": trial.rows_of_robots()}

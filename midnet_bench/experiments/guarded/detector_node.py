@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry
 from midnet_bench.midnet.binary_map import PriorMapSettings, binary_map
@@ -61,10 +61,15 @@ class DetectorNode:
 
     def detect(self, poses: Sequence[Pose2D], explain: bool = False) -> Frame:
         """What MIDNet says now, from each robot's latest pose and the costmap of its last scan."""
+        return self.midnet.update(self._observations(poses), explain)
+
+    def detect_in_opposite_order(self, poses: Sequence[Pose2D]) -> list[Box]:
+        """The boxes that MIDNet would give now if the last robot came first (item 35)."""
+        return self.midnet.update(self._observations(poses)[::-1]).detections
+
+    def _observations(self, poses: Sequence[Pose2D]) -> list[Observation]:
         pairs = zip(poses, self.costmaps, strict=True)
-        return self.midnet.update(
-            [Observation(pose, costmap.published()) for pose, costmap in pairs], explain
-        )
+        return [Observation(pose, costmap.published()) for pose, costmap in pairs]
 
 
 def binary_prior(prior_map: OccupancyGrid, settings: DetectorSettings) -> OccupancyGrid:

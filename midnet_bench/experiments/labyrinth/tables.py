@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from midnet_bench.analysis.claims import Finding, comparison
+from midnet_bench.analysis.claims import Finding, comparison, finding
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.power import ALPHA, POWER, power_cells
 from midnet_bench.analysis.statistics import SHARE_METHOD, mean
@@ -16,6 +16,9 @@ from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, 
 
 PAPER_REAL_TIME_FACTOR = 0.18
 """17 simulated hours in 92 hours, section V.B"""
+
+PAPER_DURATION_S = (16.5 * 3600 / 500, 17.5 * 3600 / 500)
+"""of a trial: "approximately 17 hours" of simulated time for 500, section V.B"""
 
 COUNTED = ("goals_reached", "goals_given_up", "collisions", "recoveries", "walls_crossed")
 
@@ -148,15 +151,16 @@ def _side_by_side(campaigns: Mapping[str, Results]) -> Variants:
 
 
 def claims(results: Results) -> list[Finding]:
-    """The shape of the paper's figure: a rise with the team, and for 1 and 5 intruders a dip at its end.
+    """The shape of the paper's figure, a rise with the team and two dips; and how long a trial takes.
 
+    The duration is judged where all 25 cells are there. The dips are those of 1 and 5 intruders, from 4 to 5.
     "Generally increase" is read as a rise from the smallest team to four robots for every number of
     intruders, and from each size to the next, up to four, over all of them. Differences are seed by seed.
     """
     return [
-        finding._replace(statement=f"{name}: {finding.statement}" if name else finding.statement)
+        one._replace(statement=f"{name}: {one.statement}" if name else one.statement)
         for name, variant in variants_of(results).items()
-        for finding in _claims(variant)
+        for one in _claims(variant)
     ]
 
 
@@ -171,6 +175,10 @@ def _claims(one: Variant) -> list[Finding]:
     if {4, 5} <= set(one.team_sizes):
         counts = [intruders for intruders in one.intruder_counts if intruders in (1, 5)]
         found += [_change(one, intruders, 4, 5, rises=False) for intruders in counts]
+    if one.team_sizes == one.intruder_counts == [1, 2, 3, 4, 5]:
+        low, high = PAPER_DURATION_S
+        statement = f"a trial takes {low:.0f} to {high:.0f} s on average"
+        found.append(finding(statement, one.duration, low, high))
     return found
 
 

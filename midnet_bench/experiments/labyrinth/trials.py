@@ -89,6 +89,13 @@ class Variant:
         cell = cell[cell[times] > 0]
         return statistics.ratio_of_sums(cell[f"{times}_s"].tolist(), cell[times].tolist())
 
+    def duration(self, confidence: float = 0.95) -> Estimate:
+        """How long a trial takes, simulated seconds, mean over all cells; seeds are the unit."""
+        cells = len(self.intruder_counts) * len(self.team_sizes)
+        complete = self.trials.groupby("seed")["seed"].transform("size") == cells
+        means = _means(self.trials[complete], ["seed"], "simulated_s")
+        return statistics.mean(means["simulated_s"].tolist(), confidence, within=(0.0, math.inf))
+
     def health(self, role: str, robots: int, column: str) -> Estimate:
         """The mean of a column of ``robots`` over seeds, all numbers of intruders together."""
         values = self.health_by_seed(role, robots, column).values()

@@ -1,0 +1,89 @@
+"""How often the causes that the paper names for its errors were there, and what it says of the fused list.
+
+Section V.A puts misses down to intruders that hide behind others, and both kinds of error to the LiDAR's
+delay. Section IV.C says of the fused list that no two boxes overlap and that the order of the robots does not
+matter (item 35). Each is counted here as the paper words it; an error may have several causes or none.
+"""
+
+import itertools
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
+
+from midnet_bench.geometry import Box
+from midnet_bench.scoring.frame_counts import TruthObject
+
+
+class Causes(NamedTuple):
+    """Counts of one frame, or their sums over frames."""
+
+    fn_hidden: int
+    """of fn: no beam of any guard meets the intruder within range at this instant"""
+    fn_new: int
+    """of fn: the intruder was out of range one frame (0.2 s) before"""
+    fp_left: int
+    """of fp: where an intruder was one frame before"""
+    overlapping: int
+    """frames in which two of the fused boxes overlap"""
+    reordered: int
+    """of the frames looked at so: those with other boxes if the robots come in opposite order"""
+    looked_at: int
+    """frames in which MIDNet was also given the robots in opposite order"""
+
+
+NONE = Causes(0, 0, 0, 0, 0, 0)
+
+
+class CauseCounter:
+    """Counts frame by frame; it remembers where the intruders were in the frame before."""
+
+    def __init__(self) -> None:
+        """Before the first frame nothing is known of any intruder."""
+        self._before: dict[str, tuple[Box, bool]] = {}
+
+    def count(
+        self,
+        detections: Sequence[Box],
+        truths: Sequence[TruthObject],
+        in_range: Sequence[bool],
+        in_sight: Callable[[], Sequence[bool]],
+        opposite: Sequence[Box] | None = None,
+    ) -> Causes:
+        """One frame.
+
+        Args:
+            detections: MIDNet's boxes, map frame, metres.
+            truths: the intruders at the frame's instant, each under its own name.
+            in_range: for each truth, whether missing it counts.
+            in_sight: for each truth, whether a beam meets it; asked only if something was missed.
+            opposite: MIDNet's boxes if the robots come in opposite order; None in frames that skip this.
+        """
+        touched = [[box.intersection_area(truth.box) > 0.0 for truth in truths] for box in detections]
+        found = {index for row in touched for index, is_touched in enumerate(row) if is_touched}
+        missed = [index for index, counts in enumerate(in_range) if counts and index not in found]
+        false = [box for box, row in zip(detections, touched, strict=True) if not any(row)]
+        before, self._before = (
+            self._before,
+            {truth.name: (truth.box, near) for truth, near in zip(truths, in_range, strict=True)},
+        )
+        seen = in_sight() if missed else ()
+        old = [box for box, _ in before.values()]
+        return Causes(
+            fn_hidden=sum(not seen[index] for index in missed),
+            fn_new=sum(
+                truths[index].name in before and not before[truths[index].name][1] for index in missed
+            ),
+            fp_left=sum(any(box.intersection_area(place) > 0.0 for place in old) for box in false),
+            overlapping=int(
+                any(
+                    one.intersection_area(other) > 0.0 for one, other in itertools.combinations(detections, 2)
+                )
+            ),
+            reordered=int(opposite is not None and sorted(opposite) != sorted(detections)),
+            looked_at=int(opposite is not None),
+        )
+
+
+def total_causes(causes: Iterable[Causes]) -> Causes:
+    """The sums over frames; of no frames, zeros."""
+    frames = list(causes)
+    return Causes(*map(sum, zip(*frames, strict=True))) if frames else NONE
