@@ -62,14 +62,18 @@ def relations_error(
     The estimate at a stamp is the last pose of the trajectory at or before it *in driving order*, composed
     with the odometry since. Relations outside the stamps of the trajectory are left out.
 
+    Which of several poses with one stamp is meant, a stamp cannot say (of the Intel log's relations a third
+    ends at such a stamp). The first one in driving order is taken, of the odometry's readings and of the
+    trajectory's poses alike; so is the first of two readings that are equally near in time.
+
     Args:
         relations: checked by hand.
         trajectory: estimated poses at stamps that are among the odometry's.
         odometry: dense, in driving order; clocks that jump back are why stamps alone do not order it.
     """
     estimated = np.full(len(odometry), -1)
-    for k, stamp_s in enumerate(trajectory.stamps_s):
-        estimated[_reading(odometry, stamp_s)] = k
+    for k in reversed(range(len(trajectory))):  # so that the first of equal stamps stays
+        estimated[_reading(odometry, trajectory.stamps_s[k])] = k
     readings = np.arange(len(odometry))
     last = np.maximum.accumulate(np.where(estimated >= 0, readings, -1))
 
@@ -95,7 +99,7 @@ def relations_error(
 
 
 def _reading(odometry: Trajectory, stamp_s: float) -> int:
-    """The reading nearest in time, the first one of equals."""
+    """The reading nearest in time, the first one in driving order of those equally near."""
     differences: npt.NDArray[np.float64] = np.abs(odometry.stamps_s - stamp_s)
     return int(np.argmin(differences))
 

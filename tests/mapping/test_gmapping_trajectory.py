@@ -51,6 +51,21 @@ def test_driving_order_decides_where_a_clock_jumps_back() -> None:
     assert error.mean_m == pytest.approx(0.0, abs=1e-12)  # the reading stamped 1.0 was driven after 2.0
 
 
+def test_the_first_of_equal_stamps_counts() -> None:
+    odometry = Trajectory(np.array([0.0, 1.0, 1.0, 2.0]), ODOMETRY.poses[:4])
+    poses = np.array([[0.0, 0, 0], [1.2, 0, 0], [2.7, 0, 0], [3.3, 0, 0]])
+    estimated = Trajectory(odometry.stamps_s, poses)
+    at_one, between = Relation(0.0, 1.0, Pose2D(1.0, 0, 0)), Relation(0.5, 2.0, Pose2D(3.0, 0, 0))
+    assert relations_error([at_one], estimated, odometry).mean_m == pytest.approx(0.2)
+    assert relations_error([between], estimated, odometry).mean_m == pytest.approx(
+        0.3
+    )  # 0.5 is 0 as well as 1
+    # with no estimate at 2.0, odometry leads there from the estimate at the first 1.0
+    part = Trajectory(np.array([0.0, 1.0, 1.0, 5.0]), poses)
+    later = Trajectory(np.array([0.0, 1.0, 1.0, 2.0, 5.0]), ODOMETRY.poses)
+    assert relations_error([Relation(0.0, 2.0, Pose2D(3.0, 0, 0))], part, later).mean_m == pytest.approx(0.2)
+
+
 def test_relations_outside_the_trajectory_are_left_out() -> None:
     part = Trajectory(ODOMETRY.stamps_s[:3], ODOMETRY.poses[:3])
     outside = [Relation(0.0, 4.0, Pose2D(9.0, 0.0, 0.0))]
