@@ -54,6 +54,30 @@ class FreeSpace:
         return self.grid.center_of(int(columns[choice]), int(rows[choice]))
 
 
+def doors(arena: Arena) -> list[tuple[float, float]]:
+    """The middles (x, y) of the gaps in the outer wall, map frame, metres: sides south, east, north, west.
+
+    A gap's ends are found to a centimetre.
+
+    Raises:
+        InputError: there is none.
+    """
+    half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
+    corners = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
+    found = []
+    for corner, following in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        steps = round(float(np.abs(following - corner).sum()) / 0.01)
+        along = corner + np.linspace(0.0, 1.0, steps + 1)[:, None] * (following - corner)
+        is_open = np.all([solid.distance_to(along) > 0.0 for solid in arena.wall_solids()], axis=0)
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], is_open, [False])).astype(np.int8)))
+        for first, last in edges.reshape(-1, 2).tolist():
+            x, y = ((along[first] + along[last - 1]) / 2.0).tolist()
+            found.append((x, y))
+    if not found:
+        raise InputError(f"arena '{arena.name}': its outer wall has no gap; take escape_at: anywhere")
+    return found
+
+
 def free_space(arena: Arena, clearance_m: float, obstacles: tuple[Solid, ...] = ()) -> FreeSpace:
     """Cells whose centre is ``clearance_m`` or more from every wall and from ``obstacles``.
 

@@ -42,6 +42,7 @@ UNBOUNDED = {
     "detected_at_s",
     "caught_at_s",
     "escaped_at_s",
+    "left_at_s",
     "duration_s",
     "ended",
     "patrol_relaxations",

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from midnet_bench.errors import InputError
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial, run_labyrinth
 
@@ -50,6 +51,51 @@ def test_nobody_is_caught_by_a_guard_that_cannot_come_close_enough() -> None:
     assert row["caught"] == 0
     assert row["detected"] == 1
     assert row["success_rate"] == 0.0
+
+
+def test_a_caught_intruder_that_drives_on_is_caught_once_and_keeps_the_trial_going() -> None:
+    leaves = run_labyrinth(corridor(), 1).tables
+    drives_on = run_labyrinth(corridor(after_capture="drives_on"), 1).tables
+    (first,), (second,) = leaves["intruders"], drives_on["intruders"]
+    assert first["left_at_s"] == first["caught_at_s"] == second["caught_at_s"]
+    assert (second["outcome"], drives_on["trial"][0]["caught"]) == ("caught", 1)
+    assert math.isnan(float(second["escaped_at_s"]))
+    assert float(second["left_at_s"]) > float(second["caught_at_s"]) + 5.0
+    assert drives_on["trial"][0]["duration_s"] == second["left_at_s"]
+
+
+def test_an_intruder_that_waits_stands_until_then() -> None:
+    with LabyrinthTrial(corridor(intruder_wait_s=10.0), 1) as trial:
+        intruder = trial.intruders[0].index
+        start = trial.world.poses()[intruder, :2].copy()
+        for _ in trial.frames():
+            moved_m = float(np.hypot(*(trial.world.poses()[intruder, :2] - start)))
+            if trial.fleet.time_s > 13.0:
+                break
+            assert moved_m < 0.01 or trial.fleet.time_s > 10.0
+        assert moved_m > 0.1
+
+
+def test_a_trial_may_go_on_when_nobody_is_left() -> None:
+    row = run_labyrinth(corridor(ends="time_limit", time_limit_s=60.0), 1).tables["trial"][0]
+    assert (row["caught"], row["duration_s"], row["ended"]) == (1, 60.0, "time limit")
+
+
+def test_intruders_escape_by_a_door_far_enough_or_else_by_the_farthest() -> None:
+    west, east = (-10.0, 5.0), (10.0, -5.0)
+    for seed, least_m in ((1, 12.0), (2, 3.0), (3, 60.0)):
+        parameters = LabyrinthParameters.of(intruders=5, escape_at="doors", escape_distance_m=least_m)
+        with LabyrinthTrial(parameters, seed) as trial:
+            for outcome in trial.outcomes.values():
+                taken, other = sorted((west, east), key=lambda door: math.dist(door, outcome.escape))
+                assert math.dist(taken, outcome.escape) < 0.02
+                reach_m = math.dist(outcome.start, taken)
+                assert reach_m >= least_m - 0.02 or reach_m >= math.dist(outcome.start, other) - 0.02
+
+
+def test_an_arena_without_doors_has_no_escape_by_them() -> None:
+    with pytest.raises(InputError, match="outer wall has no gap; take escape_at: anywhere"):
+        corridor(escape_at="doors").with_files_read()
 
 
 def test_a_guard_is_sent_to_the_box_and_not_to_the_true_position() -> None:

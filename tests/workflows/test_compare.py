@@ -53,7 +53,7 @@ def test_the_values_of_a_factor_are_paired_by_seed(tmp_path: Path) -> None:
     together = {table.name: table for table in compare([one], by="engine")[1]}
     apart = compared(tmp_path / "engine=bullet", tmp_path / "engine=fast")
     assert str(together["differences"].flat_rows()) == str(apart["differences"].flat_rows())  # NaN is NaN
-    assert {row["difference"] for row in together["differences"].flat_rows()} == {-75.0}
+    assert {row["difference"] for row in together["differences"].flat_rows()} == {-75.0, 20.0}
     assert [row["setting"] for row in together["settings"].rows] == ["engine"]
     for by, folders, told in (
         ("robot", [one], "no factor 'robot'; did you mean 'robots'"),
@@ -82,8 +82,10 @@ def test_labyrinths_get_their_figure_and_differences_over_all_intruders(tmp_path
         folder.mkdir()
         labyrinth_store(folder / "campaign.sqlite", caught, seeds=4, grid=SMALL).close()
     table = compared(*folders, output=tmp_path / "out")["differences"]
-    assert [row["trial"] for row in table.rows] == ["1-robot", "2-robot"]
-    assert {row["difference"] for row in table.flat_rows()} == {-75.0}, "one of one missed, and one of two"
+    rows = {(row["trial"], row["measure"]): row["difference"] for row in table.flat_rows()}
+    # one of one missed, and one of two; caught ones are gone after 20 s, escaped ones after 60 s
+    caught = {(cell, "caught_percent"): -75.0 for cell in ("1-robot", "2-robot", "all cells")}
+    assert rows == {**caught, ("all cells", "duration_s"): 40.0}
     assert (tmp_path / "out" / "success_comparison.png").exists()
 
 

@@ -1,9 +1,11 @@
 """What the labyrinth test lets a user set."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
 from midnet_bench.agents.settings import PursuitSettings
+from midnet_bench.arena.free_space import doors
+from midnet_bench.experiments.guarded.inputs import arena_from
 from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.settings import group, like, option
 
@@ -39,6 +41,14 @@ class LabyrinthParameters(GuardParameters):
         gt=0,
         le=5,
     )
+    after_capture: Literal["leaves", "drives_on"] = option(
+        "leaves",
+        "What a caught intruder does: it leaves the arena (leaves), or goes on to its escape as a caught one "
+        "and keeps the trial going (drives_on).",
+    )
+    intruder_wait_s: float = option(
+        0.0, "How long intruders stand at their starts before they set out.", ge=0, le=600
+    )
     evasion: Literal["none", "flee"] = option(
         "none",
         "What an intruder does when a guard comes near: nothing (none), or flee to where no guard is (flee).",
@@ -49,11 +59,21 @@ class LabyrinthParameters(GuardParameters):
     escape_distance_m: float = option(
         12.0, "Least distance from an intruder's start to its escape, in a straight line.", ge=0, le=100
     )
+    escape_at: Literal["anywhere", "doors"] = option(
+        "anywhere",
+        "Where intruders escape to: any free point inside the walls (anywhere), or the middle of a gap in "
+        "the outer wall (doors), the farthest if none is escape_distance_m away.",
+    )
     escape_radius_m: float = option(
         0.3, "An intruder has escaped when it is this near to its escape.", gt=0, le=5
     )
     time_limit_s: float = option(
         600.0, "Simulated time after which a trial ends with intruders still at large.", gt=0, le=36_000
+    )
+    ends: Literal["nobody_left", "time_limit"] = option(
+        "nobody_left",
+        "When a trial ends: when no intruder is left in the arena or the time is up (nobody_left), or only "
+        "when the time is up (time_limit).",
     )
     pursuit: PursuitSettings = group(PursuitSettings(), "pursuit")
 
@@ -61,3 +81,10 @@ class LabyrinthParameters(GuardParameters):
     def effort(self) -> float:
         """See :class:`Parameters`: each robot costs time, and more intruders take longer to catch."""
         return (self.robots + self.intruders) * self.intruders**0.5
+
+    def with_files_read(self) -> Self:
+        """See :class:`Parameters`; the arena has doors if intruders escape by them."""
+        read = super().with_files_read()
+        if read.escape_at == "doors":
+            doors(arena_from(read.arena))
+        return read

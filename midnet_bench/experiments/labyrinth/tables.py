@@ -190,14 +190,16 @@ def _change(one: Variant, intruders: int | None, smaller: int, larger: int, *, r
 
 
 def measures(results: Results) -> Measures:
-    """Percent caught over all numbers of intruders, by variant and team size."""
-    return {
-        (", ".join(filter(None, (f"{robots}-robot", name))), "caught_percent"): one.rates_by_seed(
-            None, robots
-        )
-        for name, one in variants_of(results).items()
-        for robots in one.team_sizes
-    }
+    """Percent caught by variant and team size, over all numbers of intruders; both and durations over all."""
+    found: dict[tuple[str, str], Mapping[int, float]] = {}
+    for name, one in variants_of(results).items():
+        for robots in one.team_sizes:
+            rates = one.rates_by_seed(None, robots)
+            found[", ".join(filter(None, (f"{robots}-robot", name))), "caught_percent"] = rates
+        everything = ", ".join(filter(None, ("all cells", name)))
+        found[everything, "caught_percent"] = one.all_cells_by_seed("success_rate")
+        found[everything, "duration_s"] = one.all_cells_by_seed("duration_s")
+    return found
 
 
 def power_table(results: Results, difference: float, robots: tuple[int, int], power: float = POWER) -> Table:

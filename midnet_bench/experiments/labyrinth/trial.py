@@ -1,14 +1,14 @@
 """The labyrinth test of section V.B: who is caught before he escapes."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from midnet_bench.agents.mobile_robot import MobileRobot, Point
 from midnet_bench.agents.pursuit import Pursuit
-from midnet_bench.arena.free_space import free_space
+from midnet_bench.arena.free_space import doors, free_space
 from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
@@ -35,6 +35,8 @@ class Outcome:
     detected_at_s: float = math.nan
     caught_at_s: float = math.nan
     escaped_at_s: float = math.nan
+    left_at_s: float = math.nan
+    """when it was taken out of the arena, caught or escaped"""
 
     @property
     def result(self) -> str:
@@ -60,7 +62,7 @@ class LabyrinthTrial(GuardedArena):
         self.outcomes: dict[int, Outcome] = {}
         for robot in self.intruders:
             start = (robot.pose.x, robot.pose.y)
-            escape = self._free.draw(stream(seed, "escape", robot.name), start, parameters.escape_distance_m)
+            escape = self._escape_of(start, stream(seed, "escape", robot.name))
             self.outcomes[robot.index] = Outcome(start, escape)
             robot.next_goal = self._next_goal_of_intruder
 
@@ -69,9 +71,15 @@ class LabyrinthTrial(GuardedArena):
         """Intruders that are neither caught nor gone."""
         return [robot for robot in self.intruders if self.outcomes[robot.index].result == "at large"]
 
+    @property
+    def present(self) -> list[MobileRobot]:
+        """Intruders that are still in the arena; a caught one may be."""
+        return [robot for robot in self.intruders if math.isnan(self.outcomes[robot.index].left_at_s)]
+
     def frames(self, explain: bool = False) -> Iterator[Frame]:
         """MIDNet's frames until everybody is caught or gone, or the time is up (item 58)."""
-        while self.at_large and self.fleet.time_s < self._test.time_limit_s - 1e-9:
+        to_the_end = self._test.ends == "time_limit"
+        while (to_the_end or self.present) and self.fleet.time_s < self._test.time_limit_s - 1e-9:
             midnet = self.next_frame(explain)
             self._judge(midnet)
             yield midnet
@@ -85,25 +93,31 @@ class LabyrinthTrial(GuardedArena):
         is_oracle = self._test.pursuit.rule == "oracle"
         if not is_oracle:
             self._see(midnet, now_s)
-        for robot in self.at_large:
-            outcome = self.outcomes[robot.index]
-            boxes = self._boxes_on(robot, midnet)
-            if boxes:
-                outcome.detected_at_s = now_s if math.isnan(outcome.detected_at_s) else outcome.detected_at_s
-                if is_oracle:
-                    self.pursuit.detected(robot.index, boxes[0].center, now_s)
-            if boxes and self._is_caught(robot):
-                outcome.caught_at_s = now_s
-            elif math.dist(self._place(robot), outcome.escape) <= self._test.escape_radius_m:
-                outcome.escaped_at_s = now_s
-            else:
-                continue
-            if is_oracle:
-                self.pursuit.drop(robot.index)
-            self.fleet.remove(robot)
+        for robot in self.present:
+            self._judge_one(robot, self._boxes_on(robot, midnet), now_s)
         self.pursuit.update(now_s)
         if self._test.evasion == "flee":
             self._flee()
+
+    def _judge_one(self, robot: MobileRobot, boxes: Sequence[Box], now_s: float) -> None:
+        """What becomes of one intruder now, ``boxes`` being those on it."""
+        outcome, is_oracle = self.outcomes[robot.index], self._test.pursuit.rule == "oracle"
+        was_at_large = outcome.result == "at large"
+        if boxes and was_at_large:
+            outcome.detected_at_s = now_s if math.isnan(outcome.detected_at_s) else outcome.detected_at_s
+            if is_oracle:
+                self.pursuit.detected(robot.index, boxes[0].center, now_s)
+        has_arrived = math.dist(self._place(robot), outcome.escape) <= self._test.escape_radius_m
+        if was_at_large and boxes and self._is_caught(robot):
+            outcome.caught_at_s = now_s
+        elif was_at_large and has_arrived:
+            outcome.escaped_at_s = now_s
+        if is_oracle and was_at_large and outcome.result != "at large":
+            self.pursuit.drop(robot.index)
+        is_taken_out = outcome.result == "caught" and self._test.after_capture == "leaves"
+        if is_taken_out or has_arrived:
+            outcome.left_at_s = now_s
+            self.fleet.remove(robot)
 
     def _see(self, midnet: Frame, now_s: float) -> None:
         """Hand the boxes to the pursuit, and note for the record which new targets are ghosts."""
@@ -111,7 +125,7 @@ class LabyrinthTrial(GuardedArena):
         new = [box for target, box in zip(seen, midnet.detections, strict=True) if target >= self.targets]
         if new:
             self.targets += len(new)
-            outlines = [self.lidars.outline(robot.index) for robot in self.at_large]
+            outlines = [self.lidars.outline(robot.index) for robot in self.present]
             self.ghosts += sum(
                 not any(box.intersection_area(outline) > 0.0 for outline in outlines) for box in new
             )
@@ -137,20 +151,31 @@ class LabyrinthTrial(GuardedArena):
         x, y = self.world.poses()[robot.index, :2].tolist()
         return x, y
 
-    def _next_goal_of_intruder(self, robot: MobileRobot) -> Point:
-        return self.outcomes[robot.index].escape
+    def _escape_of(self, start: Point, rng: np.random.Generator) -> Point:
+        """Item 56."""
+        test = self._test
+        if test.escape_at == "anywhere":
+            return self._free.draw(rng, start, test.escape_distance_m)
+        farthest_first = sorted(doors(self.arena), key=lambda door: -math.dist(start, door))
+        far = [door for door in farthest_first if math.dist(start, door) >= test.escape_distance_m]
+        candidates = far or farthest_first[:1]
+        return candidates[int(rng.integers(len(candidates)))]
+
+    def _next_goal_of_intruder(self, robot: MobileRobot) -> Point | None:
+        has_set_out = self.fleet.time_s >= self._test.intruder_wait_s
+        return self.outcomes[robot.index].escape if has_set_out else None
 
     def _flee(self) -> None:
         """Send intruders that a guard comes close to where no guard is near (item 57)."""
         guards = np.array([self._place(guard) for guard in self.guards])
-        for robot in self.at_large:
+        for robot in self.present:
             is_close = np.hypot(*(guards - self._place(robot)).T).min() < self._test.flee_radius_m
             escape = self.outcomes[robot.index].escape
             if is_close and robot.goal in (None, escape):
                 refuges = np.array([self._free.draw(self._refuge_rng) for _ in range(REFUGES)])
                 gaps = np.hypot(*(refuges[:, None] - guards[None]).transpose(2, 0, 1)).min(axis=1)
                 robot.drive_to(tuple(refuges[int(gaps.argmax())].tolist()))
-            elif not is_close and robot.goal != escape:
+            elif not is_close and robot.goal not in (None, escape):
                 robot.drive_to(escape)
 
 
@@ -167,6 +192,7 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
                 "detected_at_s": outcome.detected_at_s,
                 "caught_at_s": outcome.caught_at_s,
                 "escaped_at_s": outcome.escaped_at_s,
+                "left_at_s": outcome.left_at_s,
                 "straight_m": math.dist(outcome.start, outcome.escape),
             }
             for number, outcome in enumerate(outcomes, 1)
@@ -179,7 +205,7 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
             "escaped": sum(outcome.result == "escaped" for outcome in outcomes),
             "success_rate": 100.0 * caught / len(outcomes),
             "duration_s": duration_s,
-            "ended": "time limit" if trial.at_large else "nobody left",
+            "ended": "time limit" if trial.present or parameters.ends == "time_limit" else "nobody left",
             "patrol_relaxations": trial.patrol.relaxations,
             "targets": trial.targets,
             "ghost_targets": trial.ghosts,

@@ -91,10 +91,15 @@ class Variant:
 
     def duration(self, confidence: float = 0.95) -> Estimate:
         """How long a trial takes, simulated seconds, mean over all cells; seeds are the unit."""
+        durations_s = [*self.all_cells_by_seed("duration_s").values()]
+        return statistics.mean(durations_s, confidence, within=(0.0, math.inf))
+
+    def all_cells_by_seed(self, column: str) -> dict[int, float]:
+        """The mean of a column of ``trials`` over all cells by seed; seeds that lack a cell are left out."""
         cells = len(self.intruder_counts) * len(self.team_sizes)
         complete = self.trials.groupby("seed")["seed"].transform("size") == cells
-        means = _means(self.trials[complete], ["seed"], "simulated_s")
-        return statistics.mean(means["simulated_s"].tolist(), confidence, within=(0.0, math.inf))
+        means = _means(self.trials[complete], ["seed"], column)
+        return dict(zip(means["seed"].tolist(), means[column].tolist(), strict=True))
 
     def health(self, role: str, robots: int, column: str) -> Estimate:
         """The mean of a column of ``robots`` over seeds, all numbers of intruders together."""
@@ -154,13 +159,16 @@ def _trials(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def _robots(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
-    """A robot's time in the arena ends with its capture or escape, or with the trial."""
+    """A robot's time in the arena ends when it is taken out, or with the trial."""
     place = [*results.factors, "seed"]
     robots, fates = _placed(results, results.table("robots")), results.table("intruders")
     ends = fates[place].assign(
         role=INTRUDER,
         number=fates.groupby(place).cumcount(),
-        present_s=fates[["caught_at_s", "escaped_at_s"]].min(axis=1),
+        # not in results of versions up to 0.1.0, where whoever was caught left
+        present_s=fates["left_at_s"]
+        if "left_at_s" in fates
+        else fates[["caught_at_s", "escaped_at_s"]].min(axis=1),
     )
     robots = robots.assign(number=robots.groupby([*place, "role"]).cumcount())
     robots = robots.merge(ends, how="left", on=[*place, "role", "number"])
