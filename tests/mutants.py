@@ -47,9 +47,9 @@ MUTANTS = [
     ),
     Mutant(
         "the readings are not ranked",
-        "experiments/readings/tables.py",
-        "return noise > 0.0, math.inf if math.isnan(gap) else round(gap, 2), false",
-        "return False, 0.0, 0.0",
+        "experiments/readings/rules.py",
+        "return not false > rule.clean_at_most",
+        "return True",
         "experiments/test_readings_results.py::test_readings_are_ranked",
     ),
     Mutant(

@@ -128,34 +128,65 @@ class MIDNet:
         """
         if not observations:
             return Frame([], [], Explanation([], []) if explain else None)
-        settings = self.settings
         grids: list[_Grids] = []
         found: list[BoxArray] = []
         for observation in observations:
-            crop = self._crop(observation)
             if explain:
+                crop = self._crop(observation)
                 grids.append(self._subtract(observation.costmap, crop))
-                d = grids[-1].d
+                found.append(self._boxes(grids[-1].d, crop))
             else:
-                d = foreground_of_costs(
-                    observation.costmap.data,
-                    self.prior.data,
-                    crop,
-                    settings.thresh_local,
-                    settings.unknown == "occupied",
-                )
-            found.append(self._boxes(d, crop))
-        boxes = np.concatenate(found)
-        robots = np.repeat(np.arange(len(found)), [len(own) for own in found])
-        squares = ally_squares([observation.pose for observation in observations], settings.ally_diameter_m)
-        team = fuse_team(
-            boxes, robots, squares, settings.iou_ally, REMOVE[settings.ally_remove], settings.iou_fuse
-        )
+                found.append(self._found(observation))
+        robots, squares, team = self._fuse(found, [observation.pose for observation in observations])
         return Frame(
             [Box._make(box) for box in team.detections.tolist()],
             team.found_by.tolist(),
             self._explain(grids, found, robots, squares, team) if explain else None,
         )
+
+    def found_by_each(self, observations: Sequence[Observation]) -> list[BoxArray]:
+        """Sections IV.A and IV.B alone: of each robot (n, 4) boxes, map frame, before the team comes in.
+
+        Raises InputError as :meth:`update` does. ``fused`` of this is what ``update`` gives.
+        """
+        return [self._found(observation) for observation in observations]
+
+    def fused(self, found: Sequence[BoxArray], poses: Sequence[Pose2D]) -> list[Box]:
+        """Section IV.C alone: the team's detections from the boxes of each robot and its latest pose.
+
+        Which settings ``found`` was made by does not matter here, so those of section IV.C can be compared
+        on the same boxes.
+        """
+        if not found:
+            return []
+        _, _, team = self._fuse(found, poses)
+        return [Box._make(box) for box in team.detections.tolist()]
+
+    def _fuse(
+        self, found: Sequence[BoxArray], poses: Sequence[Pose2D]
+    ) -> tuple[Indices, BoxArray, TeamBoxes]:
+        """The robot of each box, each robot's square as an ally, and what is left of the boxes."""
+        settings = self.settings
+        robots = np.repeat(np.arange(len(found)), [len(own) for own in found])
+        squares = ally_squares(poses, settings.ally_diameter_m)
+        team = fuse_team(
+            np.concatenate(found),
+            robots,
+            squares,
+            settings.iou_ally,
+            REMOVE[settings.ally_remove],
+            settings.iou_fuse,
+        )
+        return robots, squares, team
+
+    def _found(self, observation: Observation) -> BoxArray:
+        """Sections IV.A and IV.B for one robot, without the intermediates."""
+        crop, settings = self._crop(observation), self.settings
+        tracks_unknown = settings.unknown == "occupied"
+        d = foreground_of_costs(
+            observation.costmap.data, self.prior.data, crop, settings.thresh_local, tracks_unknown
+        )
+        return self._boxes(d, crop)
 
     def _crop(self, observation: Observation) -> Crop:
         """Section IV.B.1 for one robot."""

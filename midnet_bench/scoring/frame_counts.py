@@ -13,6 +13,7 @@ import numpy as np
 from midnet_bench.geometry import Box
 
 InRange = Literal["edge", "centre"]
+TruePositives = Literal["every", "one_per_intruder"]
 
 CUTOFF_M = 1.0
 """A box farther than this from an intruder is no partner for it; a miss or a false box costs half of it."""
@@ -32,7 +33,7 @@ class FrameCounts(NamedTuple):
     """Counts of one frame, or their sums over frames; ratios are taken of sums only."""
 
     tp: int
-    """boxes that touch some intruder"""
+    """boxes that touch some intruder; or one for each intruder, ``matched``, where that is asked for"""
     fp: int
     """boxes that touch none, in either way of counting"""
     fn: int
@@ -40,7 +41,7 @@ class FrameCounts(NamedTuple):
     in_range: int
     """intruders that a robot could have seen"""
     matched: int
-    """pairs of one intruder and one box; with ``duplicates`` they make up tp"""
+    """pairs of one intruder and one box; with ``duplicates`` all boxes that touch some intruder"""
     duplicates: int
     """boxes left over on intruders that have theirs"""
     missed: int
@@ -109,7 +110,11 @@ def match_frame(detections: Sequence[Box], truths: Sequence[TruthObject]) -> Fra
 
 
 def count_frame(
-    detections: Sequence[Box], truths: Sequence[TruthObject], in_range: Sequence[bool]
+    detections: Sequence[Box],
+    truths: Sequence[TruthObject],
+    in_range: Sequence[bool],
+    tp_boxes: TruePositives = "every",
+    match: FrameMatch | None = None,
 ) -> FrameCounts:
     """One frame's counts: section V.A's, and those of the one-to-one matching.
 
@@ -119,22 +124,25 @@ def count_frame(
         in_range: for each truth, whether missing it counts: :func:`truths_in_range`, and with it
             whatever else the caller asks for (line of sight, say). A box on an intruder that is out
             of range is a tp all the same (item 47).
+        tp_boxes: whether every box on an intruder is a tp, or one box for each intruder, further ones
+            being neither tp nor fp (item 43).
+        match: of these detections and truths, if the caller has it.
     """
-    match = match_frame(detections, truths)
+    match = match or match_frame(detections, truths)
     touched_truths = {truth for indices in match.touched for truth in indices}
-    tp = sum(1 for indices in match.touched if indices)
+    touching = sum(1 for indices in match.touched if indices)
     errors = [
         math.dist(detections[detection].center, truths[truth].center)
         for detection, truth in enumerate(match.truth_of)
         if truth is not None
     ]
-    return FrameCounts(
-        tp=tp,
-        fp=len(detections) - tp,
+    counts = FrameCounts(
+        tp=touching,
+        fp=len(detections) - touching,
         fn=sum(1 for index, counts in enumerate(in_range) if counts and index not in touched_truths),
         in_range=sum(in_range),
         matched=len(errors),
-        duplicates=tp - len(errors),
+        duplicates=touching - len(errors),
         missed=sum(
             1
             for counts, detection in zip(in_range, match.detection_of, strict=True)
@@ -143,6 +151,12 @@ def count_frame(
         error_sum_m=sum(errors),
         gospa_m=gospa([box.center for box in detections], [truth.center for truth in truths], in_range),
     )
+    return counted_as(counts, tp_boxes)
+
+
+def counted_as(counts: FrameCounts, tp_boxes: TruePositives) -> FrameCounts:
+    """Counts of frames, summed or not, in which every box on an intruder is a tp, with tp read as asked."""
+    return counts if tp_boxes == "every" else counts._replace(tp=counts.matched)
 
 
 def gospa(

@@ -14,12 +14,14 @@ from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
 from midnet_bench.experiments.guarded.detector_node import binary_prior
 from midnet_bench.experiments.readings.parameters import ReadingsParameters
-from midnet_bench.experiments.readings.trial import run_readings
+from midnet_bench.experiments.readings.rules import name_of
+from midnet_bench.experiments.readings.trial import calibration, run_readings
 from midnet_bench.experiments.registry import run_trial
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
 from midnet_bench.navigation.settings import TrajectoryRolloutSettings
 from midnet_bench.scoring.causes import Causes
+from midnet_bench.scoring.frame_counts import FrameCounts
 
 
 @cache
@@ -135,6 +137,19 @@ def test_all_readings_watch_the_simulation_that_the_detection_test_runs() -> Non
     assert by_name["local_map=single_scan"]["tp"] == single["tp"]
     hidden = detection(seed=3, require_line_of_sight=True).tables["scores"][0]
     assert by_name["require_line_of_sight=true"]["fn"] == hidden["fn"] <= alone["fn"]
+
+
+@pytest.mark.slow
+def test_candidates_that_share_their_work_get_what_each_would_get_alone() -> None:
+    parameters = ReadingsParameters.of(robots=2, frames=25, readings="calibration")
+    rows = run_readings(parameters, 3).tables["readings"]
+    by_name = {row["reading"]: row for row in rows}
+    for changes in list(calibration().values())[37::211]:
+        alone = detection(seed=3, **changes).tables["scores"][0]
+        shared = by_name[name_of(changes)]
+        assert {key: shared[key] for key in FrameCounts._fields} == {
+            key: alone[key] for key in FrameCounts._fields
+        }, changes
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,6 @@ def test_a_trial_records_the_keys_that_it_always_had(experiment: str) -> None:
             6,
             "c16a54d3dc3f162c",
         ),
-        ("readings", {"readings": "calibration"}, 101, "a5d9eac56b69caad"),
         ("readings", {}, 1, "dcf815fb436031f2"),
     ],
 )

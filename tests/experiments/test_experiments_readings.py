@@ -33,7 +33,8 @@ def readings_campaign(folder: Path, readings: dict[str, tuple[Counts, int, int]]
                     rows: list[Row] = []
                     for name, (counts, *false) in readings.items():
                         tp, fp, fn = counts[robots] if arena == "map1" else (0, false[robots > 1] // 2, 0)
-                        row: Row = {"reading": name, "has_intruders": arena == "map1", "frames": 200}
+                        frames = 1999 if arena == "map1" else 200
+                        row: Row = {"reading": name, "has_intruders": arena == "map1", "frames": frames}
                         rows.append({**row, "tp": tp, "fp": fp, "fn": fn})
                     spec = TrialSpec("readings", {"robots": robots, "arena": arena}, seed)
                     payload = encode_tables(TrialResult({"readings": rows}, 1.0))
@@ -46,22 +47,32 @@ def ranked(results: Results) -> list[Any]:
     return list(table.rows)
 
 
-def test_noise_disqualifies_then_the_gap_decides_then_false_boxes(tmp_path: Path) -> None:
+def test_who_is_not_clean_comes_last_and_the_nearest_first(tmp_path: Path) -> None:
     rows = ranked(
         readings_campaign(
             tmp_path,
             {
-                "noisy": (THE_PAPERS, 2, 0),
+                "noisy": (THE_PAPERS, 4, 0),
+                "ghosts": (THE_PAPERS, 0, 8),
                 "far": (FAR, 0, 0),
-                "as near, more false": (THE_PAPERS, 0, 8),
-                "near, fewer false": (NEARLY, 0, 4),
+                "near": (NEARLY, 2, 2),
             },
         )
     )
-    assert [row["reading"] for row in rows] == ["near, fewer false", "as near, more false", "far", "noisy"]
-    assert (rows[0][NOISE], rows[0][FALSE]) == (0.0, 2.0)
-    assert rows[3][NOISE] == 1.0
-    assert rows[1]["rms gap"] < rows[0]["rms gap"] < 0.005, "equal to a hundredth: false boxes decide"
+    assert [row["reading"] for row in rows] == ["near", "far", "noisy", "ghosts"]
+    assert [(row[NOISE], row[FALSE]) for row in rows] == [(1.0, 1.0), (0.0, 0.0), (2.0, 2.0), (0.0, 4.0)]
+
+
+def test_counts_are_per_frame_and_weighed_by_what_there_was_to_find(tmp_path: Path) -> None:
+    more = {1: (6967, 176 + 400, 1889), 5: THE_PAPERS[5]}
+    (row,) = ranked(readings_campaign(tmp_path, {"default": (more, 0, 0)}))
+    assert (row["tp(1)"], row["fp(1)"]) == pytest.approx((6967 / 1999, 576 / 1999))
+    precision = 6967 / (6967 + 576) - 0.975
+    f1 = 2 * 6967 / (2 * 6967 + 576 + 1889) - 0.871
+    of_count = 400 / (6967 + 1889)
+    assert row["largest of 12"] == pytest.approx(-precision, abs=1e-4)
+    squares = precision**2 + f1**2 + of_count**2
+    assert row["rms of 12"] == pytest.approx(math.sqrt(squares / 12), abs=1e-4)
 
 
 def test_the_gap_is_to_the_papers_table(tmp_path: Path) -> None:

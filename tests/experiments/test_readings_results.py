@@ -33,18 +33,18 @@ def table_of(*rows: list[dict[str, object]]) -> Table:
 
 
 def test_readings_are_ranked() -> None:
-    """No noise first; then the nearest to the paper, to a hundredth; then the fewest false boxes."""
+    """Those that report next to nothing in an empty arena first, of them the nearest to the paper."""
     table = table_of(
         rows_of("far", shift=1500),
-        rows_of("nearest, but noise is detected", noise=1),
-        rows_of("near, with ghosts", ghosts=40),
-        rows_of("as near, fewer ghosts", shift=20, ghosts=4),
+        rows_of("nearest, but noise is detected", noise=3),
+        rows_of("near, with ghosts", shift=20, ghosts=40),
+        rows_of("near, next to no ghosts", shift=20, ghosts=2),
     )
     assert [row["reading"] for row in table.rows] == [
-        "as near, fewer ghosts",
-        "near, with ghosts",
+        "near, next to no ghosts",
         "far",
         "nearest, but noise is detected",
+        "near, with ghosts",
     ]
 
 

@@ -52,6 +52,14 @@ def test_two_boxes_on_one_intruder_are_two_tp_and_one_duplicate() -> None:
         assert counts.error_sum_m == pytest.approx(0.05)
 
 
+def test_one_box_for_each_intruder_leaves_further_boxes_uncounted() -> None:
+    boxes = [Box(0.0, 0.0, 0.9, 1.0), Box(0.8, 0.0, 1.2, 1.0), Box(5.0, 5.0, 6.0, 6.0)]
+    every = count_frame(boxes, [ONE, TWO], [True, True])
+    once = count_frame(boxes, [ONE, TWO], [True, True], "one_per_intruder", match_frame(boxes, [ONE, TWO]))
+    assert (every.tp, every.fp, every.fn) == (2, 1, 1)
+    assert once == every._replace(tp=1)
+
+
 def test_one_box_over_two_intruders_finds_both_for_the_paper_and_one_for_the_matching() -> None:
     counts = count_frame([Box(0.0, 0.0, 2.5, 1.0)], [ONE, TWO], [True, True])
     assert (counts.tp, counts.fn) == (1, 0)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from midnet_bench.experiments.guarded.parameters import GuardParameters
+from midnet_bench.scoring.frame_counts import InRange, TruePositives
 from midnet_bench.settings import option
 
 
@@ -20,13 +21,18 @@ class DetectionParameters(GuardParameters):
     )
 
     frames: int = option(1999, "Number of MIDNet frames that are scored, at 5 Hz.", ge=1, le=1_000_000)
-    in_range: Literal["edge", "centre"] = option(
+    in_range: InRange = option(
         "edge",
         "When an intruder counts as within a guard's usable range: when its nearest point is (edge), or "
         "when its centre is (centre).",
     )
     require_line_of_sight: bool = option(
         False, "Count an intruder as missed only if a beam of some guard could meet it."
+    )
+    tp_boxes: TruePositives = option(
+        "every",
+        "Which boxes are true positives: all that overlap an intruder (every), or one for each intruder, "
+        "further boxes on it then counting for nothing (one_per_intruder).",
     )
     truth_box: Literal["extent", "inflated"] = option(
         "extent",

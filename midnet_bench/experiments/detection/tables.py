@@ -104,7 +104,7 @@ def summary_table(cells: Cells) -> Table:
 def _note_on_duplicates(name: str, cell: pd.DataFrame) -> list[str]:
     """A sentence if a good part of the true positives are further boxes on intruders that have one."""
     found = sum(cell["tp"])
-    further = sum(cell["duplicates"]) / found if found else 0.0
+    further = (found - sum(cell["matched"])) / found if found else 0.0
     if further <= MANY_DUPLICATES:
         return []
     return [

@@ -72,7 +72,11 @@ class DetectionTrial(GuardedArena):
             truths = self.truths()
             in_range = self.in_range(test)
             yield ScoredFrame(
-                number, midnet, truths, in_range, count_frame(midnet.detections, truths, in_range)
+                number,
+                midnet,
+                truths,
+                in_range,
+                count_frame(midnet.detections, truths, in_range, test.tp_boxes),
             )
 
     def causes(self, frame: ScoredFrame) -> Causes:

@@ -7,8 +7,8 @@ from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
 from midnet_bench.arena.layout import place
 from midnet_bench.campaign.trial import Row
-from midnet_bench.experiments.guarded.detector_node import DetectorNode
-from midnet_bench.experiments.guarded.inputs import arena_from, prior_map_from
+from midnet_bench.experiments.guarded.detector_node import detector_nodes
+from midnet_bench.experiments.guarded.inputs import prior_map_from
 from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.geometry import Pose2D
@@ -40,7 +40,7 @@ class GuardedArena(RobotTrial):
         """
         self.parameters = parameters
         self.seed = seed
-        self.arena = arena_from(parameters.arena)
+        self.arena = parameters.guarded_place
         self.layout = place(self.arena, seed, parameters.robots, mobile_intruders)
         self.prior_map = prior_map_from(parameters.prior_map, parameters.arena, parameters.resolution_m)
         self._scan_to_map = (
@@ -49,8 +49,8 @@ class GuardedArena(RobotTrial):
             else None
         )
         self.patrol = self._make_patrol()
-        self.detector, *self.variant_detectors = (
-            DetectorNode(each, self.prior_map, parameters.robots) for each in (parameters, *variants)
+        self.detector, *self.variant_detectors = detector_nodes(
+            (parameters, *variants), self.prior_map, parameters.robots
         )
         self._guard_navigator, self._intruder_navigator = (
             parameters.guard_navigator,
@@ -119,7 +119,8 @@ class GuardedArena(RobotTrial):
             self.next_patrol_point,
             self.parameters.goals.timeout_s,
             self._scan_to_map,
-            [node.costmaps[index] for node in (self.detector, *self.variant_detectors)],
+            # nodes may share a costmap, which takes each scan once
+            list(dict.fromkeys(node.costmaps[index] for node in (self.detector, *self.variant_detectors))),
         )
 
     def _make_intruder(self, index: int, start: Pose2D) -> MobileRobot:

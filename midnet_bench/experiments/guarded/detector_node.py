@@ -38,11 +38,22 @@ class DetectorSettings(Protocol):
 class DetectorNode:
     """The prior map that is subtracted, a local costmap for each robot, and MIDNet over them."""
 
-    def __init__(self, settings: DetectorSettings, prior_map: OccupancyGrid, robots: int) -> None:
-        """For a team of ``robots``; ``prior_map``: int8, 100 occupied, map frame."""
+    def __init__(
+        self,
+        settings: DetectorSettings,
+        prior_map: OccupancyGrid,
+        robots: int,
+        costmaps: Sequence[RollingCostmap] = (),
+    ) -> None:
+        """For a team of ``robots``; ``prior_map``: int8, 100 occupied, map frame.
+
+        ``costmaps``: those of a node whose local costmaps are the same, to share them.
+        """
         self.prior = binary_prior(prior_map, settings)
         self.midnet = MIDNet(self.prior, settings.detector)
-        self.costmaps = [RollingCostmap(settings.local_costmap, prior_map.origin) for _ in range(robots)]
+        self.costmaps = list(costmaps) or [
+            RollingCostmap(settings.local_costmap, prior_map.origin) for _ in range(robots)
+        ]
         """by robot, map frame"""
 
     def observe(
@@ -70,6 +81,18 @@ class DetectorNode:
     def _observations(self, poses: Sequence[Pose2D]) -> list[Observation]:
         pairs = zip(poses, self.costmaps, strict=True)
         return [Observation(pose, costmap.published()) for pose, costmap in pairs]
+
+
+def detector_nodes(
+    settings: Sequence[DetectorSettings], prior_map: OccupancyGrid, robots: int
+) -> list[DetectorNode]:
+    """A node for each of ``settings`` over one team; those with the same local costmaps share them."""
+    shared: dict[CostmapSettings, list[RollingCostmap]] = {}
+    nodes = []
+    for each in settings:
+        nodes.append(DetectorNode(each, prior_map, robots, shared.get(each.local_costmap, ())))
+        shared[each.local_costmap] = nodes[-1].costmaps
+    return nodes
 
 
 def binary_prior(prior_map: OccupancyGrid, settings: DetectorSettings) -> OccupancyGrid:

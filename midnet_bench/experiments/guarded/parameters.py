@@ -4,9 +4,11 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Self
 
 from midnet_bench.agents.settings import GoalSettings, PatrolSettings
+from midnet_bench.arena.arena import Arena
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.inputs import (
     EXPLORED,
+    arena_from,
     check_prior_map,
     inline_arena,
     inline_prior_map,
@@ -75,6 +77,9 @@ class GuardParameters(Parameters):
         0.05, "Side of a cell of the prior map and of the local costmaps.", ge=0.02, le=0.2
     )
     deflate_boxes: bool = option(False, "Shrink each box by what the local costmap's inflation added to it.")
+    stationary_scale: float = option(
+        1.0, "Size of the stationary intruders that are drawn, as a multiple of the arena's.", gt=0, le=3
+    )
     intruder_speed_mps: float = option(0.22, "Top speed of the mobile intruders.", gt=0, le=0.22)
 
     prior: PriorMapSettings = group(PriorMapSettings(), "prior map")
@@ -100,6 +105,15 @@ class GuardParameters(Parameters):
     def effort(self) -> float:
         """See :class:`Parameters`."""
         return float(self.robots)
+
+    @property
+    def guarded_place(self) -> Arena:
+        """The arena, with its stationary intruders at their size."""
+        place = arena_from(self.arena)
+        least_m, greatest_m = place.stationary_intruders.size_m
+        size_m = (least_m * self.stationary_scale, greatest_m * self.stationary_scale)
+        drawn = place.stationary_intruders.model_copy(update={"size_m": size_m})
+        return place.model_copy(update={"stationary_intruders": drawn})
 
     @property
     def local_costmap(self) -> CostmapSettings:

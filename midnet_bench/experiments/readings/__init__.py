@@ -8,6 +8,7 @@ READINGS = Experiment(
     summary="The detection test under many readings of the paper's gaps at once.",
     parameters="midnet_bench.experiments.readings.parameters:ReadingsParameters",
     run=later("midnet_bench.experiments.readings.trial:run_readings"),
+    printed=("calibration_choice", "readings_table"),
     tables=later("midnet_bench.experiments.readings.tables:tables"),
     demo=later("midnet_bench.experiments.detection.demo:demo"),
 )

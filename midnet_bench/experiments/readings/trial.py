@@ -1,46 +1,35 @@
 """Many readings of the paper's gaps on the same simulated runs: what does each one move, and by how much?
 
 A reading that changes what MIDNet makes of the scans, or how it is scored, does not change what robots and
-intruders do. So all of them share one simulation: their differences are theirs alone, and thirty readings
-cost little more than one.
+intruders do. So all of them share one simulation: their differences are theirs alone, and hundreds of
+readings cost little more than one.
 """
 
-import itertools
 from collections.abc import Mapping
 
 from midnet_bench.campaign.trial import Row, Scalar, TrialResult
 from midnet_bench.experiments.detection.trial import DetectionTrial
 from midnet_bench.experiments.guarded.arena import FRAME_HZ
 from midnet_bench.experiments.readings.parameters import ReadingsParameters
-from midnet_bench.scoring.frame_counts import FrameCounts, count_frame, total
+from midnet_bench.experiments.readings.rules import choosing, combined, name_of
+from midnet_bench.geometry import Box
+from midnet_bench.midnet.pipeline import Observation
+from midnet_bench.scoring.frame_counts import (
+    NOTHING,
+    FrameCounts,
+    FrameMatch,
+    count_frame,
+    counted_as,
+    match_frame,
+    total,
+)
 
 Readings = Mapping[str, Mapping[str, Scalar]]
 
 
 def calibration() -> Readings:
-    """What section IV leaves open about local costmaps and allies, in all combinations.
-
-    How long a mark is kept (item 8), the side of the local costmap (item 6: costmap_2d takes whole metres,
-    TurtleBot3 has 3.5), and what counts as an ally (items 27 and 29: radius or footprint, and t).
-    """
-    memories: list[Mapping[str, Scalar]] = [
-        {"local_map": "persistent", "inf_is_valid": False},
-        {"local_map": "persistent", "inf_is_valid": True},
-        {"local_map": "decay", "decay_s": 2.0, "inf_is_valid": True},
-        {"local_map": "decay", "decay_s": 1.0, "inf_is_valid": True},
-        {"local_map": "decay", "decay_s": 0.5, "inf_is_valid": True},
-        {"local_map": "single_scan", "inf_is_valid": True},
-    ]
-    sizes: list[Mapping[str, Scalar]] = [{"local_size_m": size} for size in (3.5, 4.0, 5.0)]
-    allies: list[Mapping[str, Scalar]] = [
-        {"ally_diameter_m": 0.21, "iou_ally": 0.1},
-        {"ally_diameter_m": 0.297, "iou_ally": 0.1},
-        {"ally_diameter_m": 0.297, "iou_ally": 0.05},
-    ]
-    combined = [
-        {**size, **memory, **ally} for size, memory, ally in itertools.product(sizes, memories, allies)
-    ]
-    return {_name(changes): changes for changes in combined}
+    """The candidates of ``calibration.yaml``."""
+    return {name_of(changes): changes for changes in combined(choosing().candidates)}
 
 
 def items() -> Readings:
@@ -74,31 +63,83 @@ def items() -> Readings:
         {"in_range": "centre"},
         {"require_line_of_sight": True},
     ]
-    return {_name(changes): changes for changes in one_at_a_time}
+    return {name_of(changes): changes for changes in one_at_a_time}
+
+
+def readings_of(which: str) -> Readings:
+    """Name -> what it changes: ``items``, ``calibration`` (with a digest behind it) or ``default``."""
+    if which == "items":
+        return items()
+    return calibration() if which.startswith("calibration") else {"default": {}}
 
 
 class ReadingsTrial(DetectionTrial):
-    """The detection test with a detector node for each of several readings."""
+    """The detection test under several readings.
+
+    What readings have in common is worked out once: costmaps, each robot's own boxes, the team's detections
+    and their counts.
+    """
 
     def __init__(self, parameters: ReadingsParameters, seed: int) -> None:
-        """Place everybody; one detector node per reading."""
-        readings = calibration() if parameters.readings == "calibration" else items()
+        """Place everybody; one detector node for all readings by which a team detects the same."""
         base = parameters.flat()
         self.readings = {
-            name: ReadingsParameters.from_flat({**base, **changes}) for name, changes in readings.items()
+            name: ReadingsParameters.from_flat({**base, **changes})
+            for name, changes in readings_of(parameters.readings).items()
         }
-        super().__init__(parameters, seed, variants=list(self.readings.values()))
-        self._detectors = dict(zip(self.readings, self.variant_detectors, strict=True))
+        nodes: dict[object, int] = {}
+        scorings: dict[object, int] = {}
+        teams: dict[object, list[int]] = {}
+        variants: list[ReadingsParameters] = []
+        self._scorings: list[ReadingsParameters] = []
+        self._pair_of: dict[str, tuple[int, int]] = {}
+        for name, reading in self.readings.items():
+            eyes = (reading.local_costmap, reading.prior_costmap, reading.prior)
+            node = nodes.setdefault((eyes, reading.detector), len(variants))
+            if node == len(variants):
+                variants.append(reading)
+                teams.setdefault((eyes, reading.detector.before_the_team), []).append(node)
+            scoring = scorings.setdefault(_scoring_key(reading), len(self._scorings))
+            if scoring == len(self._scorings):
+                self._scorings.append(reading)
+            self._pair_of[name] = (node, scoring)
+        self._teams = list(teams.values())
+        """numbers of the nodes that differ in section IV.C alone"""
+        super().__init__(parameters, seed, variants=variants)
 
     def counts(self) -> dict[str, FrameCounts]:
         """Counts of each reading, summed over all frames."""
-        frames: dict[str, list[FrameCounts]] = {name: [] for name in self.readings}
+        sums = dict.fromkeys(self._pair_of.values(), NOTHING)
         for _ in self.frames():
-            for name, reading in self.readings.items():
-                truths = self.truths(reading)
-                detections = self._detectors[name].detect(self.guards_poses()).detections
-                frames[name].append(count_frame(detections, truths, self.in_range(reading)))
-        return {name: total(counts) for name, counts in frames.items()}
+            detections = self._detections()
+            worlds = [(self.truths(reading), self.in_range(reading)) for reading in self._scorings]
+            matches: dict[tuple[tuple[Box, ...], float], FrameMatch] = {}
+            counted: dict[tuple[tuple[Box, ...], int], FrameCounts] = {}
+            for (node, scoring), before in sums.items():
+                boxes = detections[node]
+                if (boxes, scoring) not in counted:
+                    truths, in_range = worlds[scoring]
+                    key = (boxes, _grown_m(self._scorings[scoring]))
+                    if key not in matches:
+                        matches[key] = match_frame(boxes, truths)
+                    counted[boxes, scoring] = count_frame(boxes, truths, in_range, match=matches[key])
+                sums[node, scoring] = total((before, counted[boxes, scoring]))
+        return {
+            name: counted_as(sums[self._pair_of[name]], reading.tp_boxes)
+            for name, reading in self.readings.items()
+        }
+
+    def _detections(self) -> list[tuple[Box, ...]]:
+        """By each node, what the team detects now."""
+        poses = self.guards_poses()
+        detections: list[tuple[Box, ...]] = [()] * len(self.variant_detectors)
+        for team in self._teams:
+            first = self.variant_detectors[team[0]]
+            pairs = zip(poses, first.costmaps, strict=True)
+            found = first.midnet.found_by_each([Observation(pose, map.published()) for pose, map in pairs])
+            for node in team:
+                detections[node] = tuple(self.variant_detectors[node].midnet.fused(found, poses))
+        return detections
 
 
 def run_readings(parameters: ReadingsParameters, seed: int) -> TrialResult:
@@ -109,5 +150,17 @@ def run_readings(parameters: ReadingsParameters, seed: int) -> TrialResult:
         return TrialResult({"readings": rows}, simulated_s=parameters.frames / FRAME_HZ)
 
 
-def _name(changes: Mapping[str, Scalar]) -> str:
-    return " ".join(f"{key}={str(value).lower()}" for key, value in changes.items()) or "default"
+def _scoring_key(reading: ReadingsParameters) -> object:
+    """Equal for readings that count the same detections alike, but for which boxes are true positives."""
+    return (
+        _grown_m(reading),
+        reading.costmap.obstacle_range_m,
+        reading.in_range,
+        reading.require_line_of_sight,
+    )
+
+
+def _grown_m(reading: ReadingsParameters) -> float:
+    """What is added to each side of an intruder's true box, metres."""
+    reach_m = reading.local_costmap.reach_m(reading.midnet.thresh_local)
+    return reach_m if reading.truth_box == "inflated" else 0.0
