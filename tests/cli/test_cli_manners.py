@@ -182,5 +182,6 @@ def test_the_shell_completes_names(tmp_path: Path) -> None:
     assert completed("midnet-bench report elsewhere/o", tmp_path) == ["elsewhere/other"]
     assert completed("midnet-bench labyrinth --set escape_", tmp_path) == [
         "escape_distance_m=",
+        "escape_at=",
         "escape_radius_m=",
     ]

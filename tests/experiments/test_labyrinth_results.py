@@ -193,7 +193,7 @@ def test_a_report_repeats_its_bytes_also_without_the_store(results: Results, tmp
     (tmp_path / "campaign.sqlite").unlink()
     write_report(tmp_path)
 
-    stems = ("success_rate", "success_rate_cells", "labyrinth_health", "labyrinth_speed")
+    stems = ("success_rate", "success_rate_cells", "labyrinth_health", "labyrinth_speed", "claims")
     figures = {
         f"{stem}{ending}" for stem in ("success_rate", "labyrinth_details") for ending in (".png", ".svg")
     }
