@@ -85,7 +85,8 @@ def test_labyrinths_get_their_figure_and_differences_over_all_intruders(tmp_path
     rows = {(row["trial"], row["measure"]): row["difference"] for row in table.flat_rows()}
     # one of one missed, and one of two; caught ones are gone after 20 s, escaped ones after 60 s
     caught = {(cell, "caught_percent"): -75.0 for cell in ("1-robot", "2-robot", "all cells")}
-    assert rows == {**caught, ("all cells", "duration_s"): 40.0}
+    times = {("all cells", "duration_s"): 40.0, ("all cells", "time_to_capture_s"): 0.0}
+    assert rows == {**caught, **times}
     assert (tmp_path / "out" / "success_comparison.png").exists()
 
 

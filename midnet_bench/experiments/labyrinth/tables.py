@@ -8,7 +8,7 @@ import pandas as pd
 from midnet_bench.analysis.claims import Finding, comparison, finding
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.power import ALPHA, POWER, power_cells
-from midnet_bench.analysis.statistics import SHARE_METHOD, mean
+from midnet_bench.analysis.statistics import SHARE_METHOD, mean, ratio_of_sums
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.experiment import Measures
@@ -64,20 +64,23 @@ def cells_table(variants: Variants) -> Table:
     rows: list[Mapping[str, Cell]] = []
     for variant, one in variants.items():
         for intruders, robots, cell in one.cells():
-            rows.append(
-                {
-                    **_named(variants, variant),
-                    "intruders": intruders,
-                    "robots": robots,
-                    "trials": len(cell),
-                    "success_rate": one.success(intruders, robots),
-                    "detected_not_caught": one.not_caught(intruders, robots),
-                    "time_to_detect_s": one.pooled_time(intruders, robots, "detection_times"),
-                    "time_to_capture_s": one.pooled_time(intruders, robots, "capture_times"),
-                    "duration_s": mean(cell["simulated_s"].tolist()),
-                }
-            )
-    digits = {"success_rate": 1, "detected_not_caught": 1, "duration_s": 1}
+            row: dict[str, Cell] = {
+                **_named(variants, variant),
+                "intruders": intruders,
+                "robots": robots,
+                "trials": len(cell),
+                "success_rate": one.success(intruders, robots),
+                "detected_not_caught": one.not_caught(intruders, robots),
+                "time_to_detect_s": one.pooled_time(intruders, robots, "detection_times"),
+                "time_to_capture_s": one.pooled_time(intruders, robots, "capture_times"),
+                "duration_s": mean(cell["simulated_s"].tolist()),
+            }
+            if "targets" in cell:  # not in results of versions up to 0.1.0
+                row["ghost_targets"] = ratio_of_sums(
+                    (100.0 * cell["ghost_targets"]).tolist(), cell["targets"].tolist()
+                )
+            rows.append(row)
+    digits = {"success_rate": 1, "detected_not_caught": 1, "duration_s": 1, "ghost_targets": 1}
     return Table(
         "success_rate_cells",
         f"Labyrinth cells ({SHARE_METHOD}; of times: Student's t, corrected for skewness)",
@@ -199,6 +202,7 @@ def measures(results: Results) -> Measures:
         everything = ", ".join(filter(None, ("all cells", name)))
         found[everything, "caught_percent"] = one.all_cells_by_seed("success_rate")
         found[everything, "duration_s"] = one.all_cells_by_seed("duration_s")
+        found[everything, "time_to_capture_s"] = one.capture_time_by_seed()
     return found
 
 

@@ -101,6 +101,14 @@ class Variant:
         means = _means(self.trials[complete], ["seed"], column)
         return dict(zip(means["seed"].tolist(), means[column].tolist(), strict=True))
 
+    def capture_time_by_seed(self) -> dict[int, float]:
+        """Seconds from the start, mean over a seed's caught intruders; seeds that caught none are left out."""
+        times_s, times = (
+            _means(self.trials, ["seed"], name) for name in ("capture_times_s", "capture_times")
+        )
+        pairs = zip(times["seed"], times_s["capture_times_s"], times["capture_times"], strict=True)
+        return {int(seed): float(total_s / count) for seed, total_s, count in pairs if count}
+
     def health(self, role: str, robots: int, column: str) -> Estimate:
         """The mean of a column of ``robots`` over seeds, all numbers of intruders together."""
         values = self.health_by_seed(role, robots, column).values()
