@@ -32,6 +32,8 @@ class Layout:
     """security robots' starts: base_footprint, the point under the middle of the axle"""
     intruders: tuple[Pose2D, ...]
     """mobile intruders' starts, likewise"""
+    mobile_scale: float = 1.0
+    """what beams meet of a mobile intruder, as a multiple of what they meet of a security robot"""
 
     @property
     def solids(self) -> tuple[Solid, ...]:

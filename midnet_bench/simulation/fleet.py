@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from midnet_bench.agents.mobile_robot import Localizer, MobileRobot
+from midnet_bench.messages import STOP
 from midnet_bench.rng import stream
 from midnet_bench.simulation.imu import ImuSensors
 from midnet_bench.simulation.integrity import HealthTracker, Standstill
@@ -16,7 +17,7 @@ from midnet_bench.simulation.simulator import Simulator
 CONTROL_HZ = 10
 """Pose filter and navigator; move_base's controller_frequency in turtlebot3_navigation."""
 SCAN_HZ = 5
-"""The LDS-01, and the costmaps it feeds (item 9)."""
+"""The LDS-01, and the costmaps it feeds (item 9), unless ``lidar_hz`` says otherwise."""
 
 
 class Fleet:
@@ -41,11 +42,12 @@ class Fleet:
         self.stands = [Standstill() for _ in robots]
         hz = world.step_hz
         self._control_ticks = hz // CONTROL_HZ
-        self._scan_ticks = hz // SCAN_HZ
+        self._scan_ticks = hz // settings.lidar.hz
+        self._health_ticks = hz // SCAN_HZ
         names = [robot.name for robot in robots]
-        phases = [int(stream(seed, "phase", name).integers(self._scan_ticks)) for name in names]
+        phases = [int(stream(seed, "phase", name).integers(self._health_ticks)) for name in names]
         self._controlling = _schedule(robots, phases, self._control_ticks)
-        self._scanning = _schedule(robots, phases, self._scan_ticks)
+        self._scanning = _schedule(robots, self._scan_phases(phases, names, seed), self._scan_ticks)
         self._lidar_noise = [stream(seed, "lidar", name) for name in names]
         self._imus = ImuSensors(settings.imu, [stream(seed, "imu", name) for name in names])
         self._odometers = (
@@ -60,38 +62,66 @@ class Fleet:
             else None
         )
         self._localizer = Localizer(robots)
+        starts = [*world.layout.robots, *world.layout.intruders]
+        self._yaw_errors = np.array(
+            [robot.pose.yaw - at.yaw for robot, at in zip(robots, starts, strict=True)]
+        )
 
     @property
     def time_s(self) -> float:
         """Seconds since the trial's start."""
         return self.world.tick / self.world.step_hz
 
-    def step(self) -> None:
-        """Let one tick pass: physics, then sensors and software of the robots that are due."""
+    def step(self) -> Sequence[MobileRobot]:
+        """Let one tick pass: physics, then sensors and software of the robots due, which come back."""
         world = self.world
         world.step()
-        phase = world.tick % self._scan_ticks
-        if due := self._controlling[phase % self._control_ticks]:
+        if due := self._controlling[world.tick % self._control_ticks]:
             self._localize(due)
-            self._scan(self._scanning[phase])
+            self._scan(self._scanning[world.tick % self._scan_ticks])
             self._control(due)
-        if phase == 0:
+        if world.tick % self._health_ticks == 0:
             self.health.update(world.poses())
+        return due
+
+    def stop(self, robot: MobileRobot) -> None:
+        """Let a robot stand where it is, body and all; it senses and drives no more."""
+        self.world.drive(robot.index, STOP)
+        self._unschedule(robot)
 
     def remove(self, robot: MobileRobot) -> None:
         """Take a robot out of the arena for good."""
         self.world.remove(robot.index)
+        self._unschedule(robot)
+
+    def _unschedule(self, robot: MobileRobot) -> None:
         # Lists of their own: a robot may be caught while the fleet goes through the old ones.
         self._controlling, self._scanning = (
             [[other for other in due if other is not robot] for due in schedule]
             for schedule in (self._controlling, self._scanning)
         )
 
+    def _scan_phases(self, phases: Sequence[int], names: Sequence[str], seed: int) -> list[int]:
+        """The tick of each robot's first scan: a slow LiDAR's may begin in any part of its longer period."""
+        if self._scan_ticks <= self._health_ticks:
+            return [phase % self._scan_ticks for phase in phases]
+        cycles = self._scan_ticks // self._control_ticks
+        return [
+            phase % self._control_ticks
+            + self._control_ticks * int(stream(seed, "scan phase", name).integers(cycles))
+            for phase, name in zip(phases, names, strict=True)
+        ]
+
     def _localize(self, due: Sequence[MobileRobot]) -> None:
         elapsed_s = 1.0 / CONTROL_HZ
         rows = np.array([robot.index for robot in due])
         poses, velocities = self.world.poses(), self.world.velocities()
-        imus = self._imus.read(rows, poses, velocities, elapsed_s)
+        headings = poses
+        if self._yaw_errors.any():
+            # an IMU counts from where its robot takes itself to look at the start
+            headings = poses.copy()
+            headings[:, 2] = (poses[:, 2] + self._yaw_errors + np.pi) % (2.0 * np.pi) - np.pi
+        imus = self._imus.read(rows, headings, velocities, elapsed_s)
         if self._odometers is not None:
             velocities = self._odometers.update(rows, self.world.wheel_angles(), elapsed_s)
         self._localizer.step(due, rows, poses, velocities, imus, elapsed_s)

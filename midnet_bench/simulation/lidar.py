@@ -77,15 +77,15 @@ def hide_behind_discs(
     directions: Floats,
     poses: Floats,
     ahead_m: float,
-    radius_m: float,
+    radii_m: Floats,
     own: Ints,
     far_m: float,
 ) -> Ints:
     """(m, beams) what each beam meets first: a disc's number, ``SOLID`` or ``NOTHING``.
 
     ``ranges``: (m, beams) to the nearest solid, inf for none; shortened where a disc within ``far_m`` is
-    nearer. The discs lie ``ahead_m`` before the (n, 3) poses, NaN for one that is not there; sensor i does
-    not see disc ``own[i]``. The solid, then the lower number wins a tie.
+    nearer. The discs lie ``ahead_m`` before the (n, 3) poses, NaN for one that is not there, and have
+    ``radii_m``, (n,); sensor i does not see disc ``own[i]``. The solid, then the lower number wins a tie.
     """
     sensors, beams = directions.shape[:2]
     met = np.empty((sensors, beams), dtype=np.int64)
@@ -98,9 +98,9 @@ def hide_behind_discs(
             met[i, k] = NOTHING if ranges[i, k] == np.inf else SOLID
         for disc in range(len(poses)):
             dx, dy = centers[disc, 0] - axes[i, 0], centers[disc, 1] - axes[i, 1]
-            if disc == own[i] or not math.hypot(dx, dy) < far_m + radius_m:
+            if disc == own[i] or not math.hypot(dx, dy) < far_m + radii_m[disc]:
                 continue
-            beside = radius_m * radius_m - dx * dx - dy * dy
+            beside = radii_m[disc] * radii_m[disc] - dx * dx - dy * dy
             for k in range(beams):
                 along = dx * directions[i, k, 0] + dy * directions[i, k, 1]
                 under_root = along * along + beside
@@ -131,31 +131,39 @@ class LidarSensors:
         self._simulator = simulator
         self._lidar = robot.lidar
         self._disc = robot.profiles[settings.robot_profile]
+        robots, intruders = len(layout.robots), len(layout.intruders)
+        self._radii_m = self._disc.radius_m * np.repeat([1.0, layout.mobile_scale], [robots, intruders])
         self._noise = settings.noise
+        self._dropout = settings.dropout
         angles_rad = self._lidar.mount.yaw + self._lidar.angles_rad
         self._cosines, self._sines = np.cos(angles_rad), np.sin(angles_rad)
         # Named by side, so that an intruder's sensor does not change with the size of the team.
-        owners = [("robot", i) for i in range(len(layout.robots))]
-        owners += [("intruder", i) for i in range(len(layout.intruders))]
+        owners = [("robot", i) for i in range(robots)] + [("intruder", i) for i in range(intruders)]
         self._scales = np.array(
             [draw_scale(stream(layout.seed, "lidar scale", side, i)) for side, i in owners]
         )
+        self._dropout_rngs = [stream(layout.seed, "lidar dropout", side, i) for side, i in owners]
         self._blind_cells = cells_near(layout.arena, layout.solids, _BLIND_M)
 
     def scan(self, indices: Sequence[int], rngs: Sequence[np.random.Generator]) -> Floats:
         """(len(indices), beams) ranges of those robots' LiDARs at this tick, metres.
 
-        inf where nothing reflects within range; 0 (``TOO_NEAR_M``) where something stands closer than
-        the sensor's least range. ``rngs`` are the robots' noise generators, one per index.
+        inf where nothing reflects within range or the beam drops out; 0 (``TOO_NEAR_M``) where something
+        stands closer than the sensor's least range. ``rngs`` are the robots' noise generators, one per index.
         """
-        return self.scan_and_bodies(indices, rngs)[0]
+        ranges = self.scan_and_bodies(indices, rngs)[0]
+        if self._dropout > 0.0:
+            for row, index in enumerate(indices):
+                ranges[row, self._dropout_rngs[index].random(ranges.shape[1]) < self._dropout] = np.inf
+        return ranges
 
     def scan_and_bodies(
         self, indices: Sequence[int], rngs: Sequence[np.random.Generator]
     ) -> tuple[Floats, Ints]:
         """What ``scan`` gives, and beside it which robot each beam met, both (len(indices), beams).
 
-        ``SOLID`` where it met a wall or a stationary intruder, ``NOTHING`` where it met nothing.
+        ``SOLID`` where it met a wall or a stationary intruder, ``NOTHING`` where it met nothing. No beam
+        drops out here: this is what could be seen.
 
         Raises:
             ValueError: one of these robots was removed.
@@ -175,7 +183,7 @@ class LidarSensors:
             true_ranges[row] = np.minimum(true_ranges[row], self._simulator.cast(one, 0.0, low)[0])
         numbers = np.asarray(rows, dtype=np.int64)
         bodies = hide_behind_discs(
-            true_ranges, *beams, poses, self._disc.offset_x_m, self._disc.radius_m, numbers, high
+            true_ranges, *beams, poses, self._disc.offset_x_m, self._radii_m, numbers, high
         )
         ranges = add_noise(true_ranges, self._noise, self._scales[rows], rngs, (low, high))
         ranges[true_ranges < low] = TOO_NEAR_M
@@ -184,7 +192,7 @@ class LidarSensors:
     def outline(self, index: int) -> Box:
         """The true box, map frame, of what beams see of a robot (item 45); NaN once it is removed."""
         center = self._simulator.pose(index).compose(Pose2D(self._disc.offset_x_m, 0.0, 0.0))
-        return Box.square(center.x, center.y, 2.0 * self._disc.radius_m)
+        return Box.square(center.x, center.y, 2.0 * float(self._radii_m[index]))
 
     def _near_solids(self, rows: list[int]) -> list[int]:
         """Which of ``rows``, by place, may have a solid within their sensor's least range."""

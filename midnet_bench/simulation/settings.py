@@ -44,6 +44,14 @@ class LidarSettings(Settings):
         "grow with the range (datasheet), or none.",
         key="lidar_noise",
     )
+    dropout: float = option(
+        0.0,
+        "Share of a LiDAR's beams that return nothing whatever they meet, drawn anew for each beam and scan.",
+        ge=0,
+        le=1,
+        key="lidar_dropout",
+    )
+    hz: Literal[1, 2, 5, 10] = option(5, "Scans per second of every robot's LiDAR.", key="lidar_hz")
 
 
 @dataclass(frozen=True)
@@ -107,6 +115,43 @@ class ImuSettings(Settings):
     gyro_bias_stddev_radps: float = option(
         8e-7, "Standard deviation of the size of the gyroscope's bias, drawn once per robot.", ge=0, le=1
     )
+
+
+@dataclass(frozen=True)
+class NetworkSettings(Settings):
+    """What happens to the messages from the guards to MIDNet; by default they arrive, all and at once."""
+
+    concern: ClassVar[str] = "network"
+
+    delay_s: float = option(
+        0.0, "Delay of each message from a guard to MIDNet, seconds.", ge=0, le=60, key="message_delay_s"
+    )
+    jitter_s: float = option(
+        0.0,
+        "Mean of what is added to each message's delay, exponentially distributed, seconds.",
+        ge=0,
+        le=60,
+        key="message_jitter_s",
+    )
+    loss: float = option(
+        0.0,
+        "Share of the messages from guards to MIDNet that are lost, each independently of the others.",
+        ge=0,
+        le=1,
+        key="message_loss",
+    )
+    timeout_s: float | None = option(
+        None,
+        "Age from which MIDNet leaves a guard's last costmap out, seconds; null: it goes by it for ever.",
+        gt=0,
+        le=3600,
+        key="message_timeout_s",
+    )
+
+    @property
+    def is_used(self) -> bool:
+        """Whether any of it is other than at once, whole and for ever."""
+        return self != NetworkSettings()
 
 
 @dataclass(frozen=True)

@@ -81,13 +81,15 @@ class DetectionTrial(GuardedArena):
 
     def causes(self, frame: ScoredFrame) -> Causes:
         """Which of the paper's causes the errors of the newest frame had; take each frame once, in order."""
-        is_looked_at = frame.number % OPPOSITE_EVERY == 0 and len(self.guards) > 1
+        opposite = None
+        if frame.number % OPPOSITE_EVERY == 0 and len(self.guards) > 1:
+            opposite = self.detector.detect_in_opposite_order(self.observations(self.detector))
         return self._causes.count(
             frame.midnet.detections,
             frame.truths,
             frame.in_range,
             self._all_in_sight,
-            self.detector.detect_in_opposite_order(self.guards_poses()) if is_looked_at else None,
+            opposite,
         )
 
     def truths(self, test: DetectionParameters | None = None) -> list[TruthObject]:

@@ -2,20 +2,22 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
 from midnet_bench.arena.layout import place
 from midnet_bench.campaign.trial import Row
-from midnet_bench.experiments.guarded.detector_node import detector_nodes
+from midnet_bench.experiments.guarded.detector_node import DetectorNode, detector_nodes
 from midnet_bench.experiments.guarded.inputs import prior_map_from
 from midnet_bench.experiments.guarded.parameters import GuardParameters
+from midnet_bench.experiments.guarded.uplink import Uplink
 from midnet_bench.experiments.robot_trial import RobotTrial
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf
-from midnet_bench.midnet.pipeline import Frame
+from midnet_bench.midnet.pipeline import Frame, Observation
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
@@ -41,7 +43,10 @@ class GuardedArena(RobotTrial):
         self.parameters = parameters
         self.seed = seed
         self.arena = parameters.guarded_place
-        self.layout = place(self.arena, seed, parameters.robots, mobile_intruders)
+        self.layout = replace(
+            place(self.arena, seed, parameters.robots, mobile_intruders),
+            mobile_scale=parameters.mobile_scale,
+        )
         self.prior_map = prior_map_from(parameters.prior_map, parameters.arena, parameters.resolution_m)
         self._scan_to_map = (
             ScanToMap(self.prior_map, parameters.scan_to_map)
@@ -68,6 +73,8 @@ class GuardedArena(RobotTrial):
             seed,
         )
         self._frame_ticks = self.step_hz // FRAME_HZ
+        self._dying, self._dead = self.guards[: parameters.dying_guards], list[Guard]()
+        self._uplink = Uplink(parameters.network, self.guards, seed) if parameters.network.is_used else None
 
     @property
     def prior(self) -> OccupancyGrid:
@@ -77,12 +84,27 @@ class GuardedArena(RobotTrial):
     def next_frame(self, explain: bool = False) -> Frame:
         """MIDNet's detections 0.2 s later."""
         for _ in range(self._frame_ticks):
-            self.fleet.step()
-        return self.detector.detect(self.guards_poses(), explain)
+            due = self.fleet.step()
+            if self._uplink is not None:
+                self._uplink.send(due, self.fleet.time_s)
+            if self._dying and self.fleet.time_s >= self.parameters.dying_after_s - 1e-9:
+                self._let_die()
+        return self.detector.midnet.update(self.observations(self.detector), explain)
+
+    def observations(self, node: DetectorNode) -> list[Observation]:
+        """What one of this trial's detectors goes by now, of each guard."""
+        if self._uplink is None:
+            return node.observations(self.guards_poses())
+        return self._uplink.received(node, self.fleet.time_s)
 
     def guards_poses(self) -> list[Pose2D]:
         """Where the guards take themselves to be, map frame."""
         return [guard.pose for guard in self.guards]
+
+    @property
+    def guards_alive(self) -> list[Guard]:
+        """Those that have not died."""
+        return [guard for guard in self.guards if guard not in self._dead]
 
     def rows_of_robots(self) -> list[Row]:
         """``robots.csv``: one row per guard and mobile intruder, what each did so far."""
@@ -101,6 +123,24 @@ class GuardedArena(RobotTrial):
         others = [guard.goal for guard in self.guards if guard is not robot and guard.goal is not None]
         return self.patrol.next_point((robot.pose.x, robot.pose.y), others)
 
+    def _let_die(self) -> None:
+        for guard in self._dying:
+            self.fleet.stop(guard)
+        self._dead, self._dying = self._dying, []
+
+    def _believed_start(self, name: str, start: Pose2D) -> Pose2D:
+        """Where a guard takes itself to be at first."""
+        off_m, off_deg = self.parameters.start_error_m, self.parameters.start_error_deg
+        if not off_m and not off_deg:
+            return start
+        rng = stream(self.seed, "start error", name)
+        direction_rad, side = rng.uniform(-math.pi, math.pi), rng.choice((-1.0, 1.0))
+        return Pose2D(
+            start.x + off_m * math.cos(direction_rad),
+            start.y + off_m * math.sin(direction_rad),
+            wrap_angle(start.yaw + float(side) * math.radians(off_deg)),
+        )
+
     def _make_patrol(self) -> Patrol:
         width_m, height_m = self.arena.enclosure_m
         start = self.layout.robots[0]
@@ -110,9 +150,11 @@ class GuardedArena(RobotTrial):
         return Patrol(points, z_m, stream(self.seed, "patrol"))
 
     def _make_guard(self, index: int, start: Pose2D) -> Guard:
+        name = f"guard {index + 1}"
+        start = self._believed_start(name, start)
         return Guard(
             index,
-            f"guard {index + 1}",
+            name,
             start,
             Navigator(self.prior_map, self._guard_navigator),
             self._ukf(start),

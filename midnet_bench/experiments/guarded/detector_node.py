@@ -72,13 +72,14 @@ class DetectorNode:
 
     def detect(self, poses: Sequence[Pose2D], explain: bool = False) -> Frame:
         """What MIDNet says now, from each robot's latest pose and the costmap of its last scan."""
-        return self.midnet.update(self._observations(poses), explain)
+        return self.midnet.update(self.observations(poses), explain)
 
-    def detect_in_opposite_order(self, poses: Sequence[Pose2D]) -> list[Box]:
-        """The boxes that MIDNet would give now if the last robot came first (item 35)."""
-        return self.midnet.update(self._observations(poses)[::-1]).detections
+    def detect_in_opposite_order(self, observations: Sequence[Observation]) -> list[Box]:
+        """The boxes that MIDNet would give of these if the last robot came first (item 35)."""
+        return self.midnet.update(observations[::-1]).detections
 
-    def _observations(self, poses: Sequence[Pose2D]) -> list[Observation]:
+    def observations(self, poses: Sequence[Pose2D]) -> list[Observation]:
+        """Each robot's latest pose, as given, and the costmap of its last scan."""
         pairs = zip(poses, self.costmaps, strict=True)
         return [Observation(pose, costmap.published()) for pose, costmap in pairs]
 

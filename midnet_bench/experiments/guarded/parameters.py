@@ -19,7 +19,7 @@ from midnet_bench.midnet.binary_map import PriorMapSettings
 from midnet_bench.midnet.settings import MIDNetSettings
 from midnet_bench.navigation.settings import CostmapSettings, NavigatorSettings
 from midnet_bench.settings import group, option
-from midnet_bench.simulation.settings import SimulationSettings
+from midnet_bench.simulation.settings import NetworkSettings, SimulationSettings
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,31 @@ class GuardParameters(Parameters):
         1.0, "Size of the stationary intruders that are drawn, as a multiple of the arena's.", gt=0, le=3
     )
     intruder_speed_mps: float = option(0.22, "Top speed of the mobile intruders.", gt=0, le=0.22)
+    mobile_scale: float = option(
+        1.0,
+        "Factor on the diameter of what LiDAR beams meet of a mobile intruder; its body stays a Burger's.",
+        ge=0.1,
+        le=3,
+    )
+    start_error_m: float = option(
+        0.0,
+        "Distance from a guard's start to where it takes itself to be then, in a random direction.",
+        ge=0,
+        le=2,
+    )
+    start_error_deg: float = option(
+        0.0,
+        "Error of the heading that a guard takes itself to have at the start, to either side.",
+        ge=0,
+        le=180,
+    )
+    dying_guards: int = option(
+        0,
+        "Number of guards, from the first on, that die: they stop and fall silent, their bodies stay.",
+        ge=0,
+        le=20,
+    )
+    dying_after_s: float = option(60.0, "Simulated time at which guards die.", ge=0, le=36_000)
 
     prior: PriorMapSettings = group(PriorMapSettings(), "prior map")
     costmap: CostmapSettings = group(
@@ -90,6 +115,7 @@ class GuardParameters(Parameters):
     )
     midnet: MIDNetSettings = group(MIDNetSettings(), "MIDNet")
     simulation: SimulationSettings = group(SimulationSettings(), "simulation")
+    network: NetworkSettings = group(NetworkSettings(), "network")
     ukf: UkfSettings = group(UkfSettings(), "pose filter", prefix="ukf_")
     scan_to_map: ScanToMapSettings = group(ScanToMapSettings(), "scan to map", prefix="scan_to_map_")
     navigator: NavigatorSettings = group(NavigatorSettings(), "navigator")
@@ -98,6 +124,14 @@ class GuardParameters(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.dying_guards > self.robots:
+            raise InputError(
+                f"dying_guards: {self.dying_guards} of {self.robots} guards cannot die; set robots"
+            )
+        if self.localization == "truth" and (self.start_error_m or self.start_error_deg):
+            raise InputError(
+                "start_error_m, start_error_deg: no start is wrong under localization: truth; take ukf"
+            )
         # what several parts share may not suit each of them: tell that here, not in a trial
         _ = self.prior_costmap, self.guard_navigator, self.intruder_navigator
 

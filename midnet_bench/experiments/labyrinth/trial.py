@@ -144,7 +144,7 @@ class LabyrinthTrial(GuardedArena):
         return any(
             math.dist(self._place(guard), self._place(robot)) <= reach_m
             and not crossed_wall(self._surfaces, np.array([self._place(guard)]), place)[0]
-            for guard in self.guards
+            for guard in self.guards_alive
         )
 
     def _place(self, robot: MobileRobot) -> Point:

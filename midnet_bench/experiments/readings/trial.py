@@ -13,7 +13,6 @@ from midnet_bench.experiments.guarded.arena import FRAME_HZ
 from midnet_bench.experiments.readings.parameters import ReadingsParameters
 from midnet_bench.experiments.readings.rules import choosing, combined, name_of
 from midnet_bench.geometry import Box
-from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.scoring.frame_counts import (
     NOTHING,
     FrameCounts,
@@ -131,12 +130,12 @@ class ReadingsTrial(DetectionTrial):
 
     def _detections(self) -> list[tuple[Box, ...]]:
         """By each node, what the team detects now."""
-        poses = self.guards_poses()
         detections: list[tuple[Box, ...]] = [()] * len(self.variant_detectors)
         for team in self._teams:
             first = self.variant_detectors[team[0]]
-            pairs = zip(poses, first.costmaps, strict=True)
-            found = first.midnet.found_by_each([Observation(pose, map.published()) for pose, map in pairs])
+            observations = self.observations(first)
+            found = first.midnet.found_by_each(observations)
+            poses = [observation.pose for observation in observations]
             for node in team:
                 detections[node] = tuple(self.variant_detectors[node].midnet.fused(found, poses))
         return detections

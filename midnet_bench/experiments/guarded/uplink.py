@@ -1,0 +1,67 @@
+"""``Uplink``: how the guards' poses and costmaps reach MIDNet where a network lies between them."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from midnet_bench.agents.mobile_robot import Guard, MobileRobot
+from midnet_bench.experiments.guarded.detector_node import DetectorNode
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.midnet.pipeline import Observation
+from midnet_bench.rng import stream
+from midnet_bench.simulation.network import LossyNetwork
+from midnet_bench.simulation.settings import NetworkSettings
+
+
+class Report(NamedTuple):
+    """One message of a guard."""
+
+    pose: Pose2D
+    costmaps: tuple[OccupancyGrid, ...]
+    """as published, in the order of the guard's own"""
+
+
+class Uplink:
+    """A guard reports after each of its control cycles; MIDNet goes by the latest report that has arrived.
+
+    What MIDNet tells the guards takes no time and is never lost.
+    """
+
+    def __init__(self, settings: NetworkSettings, guards: Sequence[Guard], seed: int) -> None:
+        """MIDNet knows where the guards take themselves to be at the start, and of nothing that they see."""
+        self._timeout_s = settings.timeout_s
+        self._guards = guards
+        rngs = [stream(seed, "network", guard.name) for guard in guards]
+        self._network: LossyNetwork[Report] = LossyNetwork(settings, rngs)
+        self._blind = [self._report(guard, sees=False) for guard in guards]
+
+    def send(self, robots: Sequence[MobileRobot], time_s: float) -> None:
+        """Let those of ``robots`` report that are guards; guard i of the team is robot i of the fleet."""
+        for robot in robots:
+            if isinstance(robot, Guard):
+                self._network.send(robot.index, self._report(robot), time_s)
+
+    def received(self, node: DetectorNode, time_s: float) -> list[Observation]:
+        """What a detector knows of each guard, in the team's order.
+
+        A guard that was never heard of is where it started; one whose last report is older than the time-out
+        is where it said. Nothing is taken to stand around either.
+        """
+        found = []
+        for guard, blind, costmap in zip(self._guards, self._blind, node.costmaps, strict=True):
+            message = self._network.latest(guard.index, time_s)
+            report = blind if message is None else message.payload
+            is_old = message is not None and (
+                self._timeout_s is not None and time_s - message.stamp_s > self._timeout_s + 1e-9
+            )
+            which = guard.detection_costmaps.index(costmap)
+            found.append(Observation(report.pose, (blind if is_old else report).costmaps[which]))
+        return found
+
+    def _report(self, guard: Guard, sees: bool = True) -> Report:
+        costmaps = [costmap.published() for costmap in guard.detection_costmaps]
+        if not sees:
+            costmaps = [costmap.with_data(np.zeros_like(costmap.data)) for costmap in costmaps]
+        return Report(guard.pose, tuple(costmaps))

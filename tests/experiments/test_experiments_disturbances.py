@@ -1,0 +1,248 @@
+"""Each disturbance of a guarded trial changes what it should, and nothing else."""
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.detection.parameters import DetectionParameters
+from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
+from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
+from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
+from midnet_bench.experiments.mapping.parameters import MappingParameters
+from midnet_bench.experiments.mapping.trial import ExplorationTrial
+from midnet_bench.geometry import Pose2D, wrap_angle
+
+SEED = 2001
+
+
+def of(**values: Any) -> DetectionParameters:
+    return DetectionParameters.of(
+        **{"engine": "fast", "prior_map": "exact", "robots": 2, "frames": 10, **values}
+    )
+
+
+@contextmanager
+def trial(**values: Any) -> Iterator[DetectionTrial]:
+    with DetectionTrial(of(**values), SEED) as made:
+        yield made
+
+
+def scan_now(made: DetectionTrial) -> np.ndarray:
+    """Of every robot, with the same noise each time."""
+    robots = range(len(made.fleet.robots))
+    return made.lidars.scan(robots, [np.random.default_rng(i) for i in robots])
+
+
+def test_dropout_takes_a_share_of_the_beams_and_leaves_the_others() -> None:
+    with trial() as whole, trial(lidar_dropout=0.3) as holey:
+        before = scan_now(whole)
+        lost = []
+        for _ in range(20):
+            after = scan_now(holey)
+            gone = np.isinf(after) & np.isfinite(before)
+            np.testing.assert_array_equal(after[~gone], before[~gone])
+            lost.append(gone)
+        met = np.isfinite(before)
+        assert np.mean(np.array(lost)[:, met]) == pytest.approx(0.3, abs=0.01)
+        assert not (lost[0] == lost[1]).all(), "drawn anew for each scan"
+        robots = range(len(whole.fleet.robots))
+        noise = [[np.random.default_rng(i) for i in robots] for _ in range(2)]
+        sights = [
+            each.lidars.scan_and_bodies(robots, rngs)
+            for each, rngs in zip((whole, holey), noise, strict=True)
+        ]
+        np.testing.assert_array_equal(sights[0][0], sights[1][0], "who is in sight is told without dropout")
+
+
+@pytest.mark.parametrize("hz", [1, 2, 5, 10])
+def test_lidars_scan_as_often_as_set_and_control_as_ever(hz: int) -> None:
+    with trial(lidar_hz=hz) as made:
+        scans = {robot.name: 0 for robot in made.fleet.robots}
+        cycles = dict(scans)
+        for robot in made.fleet.robots:
+            robot.observe = _counting(robot.observe, scans, robot.name)  # type: ignore[method-assign]
+            robot.control = _counting(robot.control, cycles, robot.name)  # type: ignore[method-assign]
+        for _ in range(10):
+            made.next_frame()
+    assert set(scans.values()) == {2 * hz}
+    assert set(cycles.values()) == {20}
+
+
+def test_explorers_wait_for_their_first_scan() -> None:
+    parameters = MappingParameters.of(engine="fast", lidar_hz=1, time_limit_s=4.0)
+    with ExplorationTrial(parameters, SEED) as made:
+        for _ in made.snapshots():
+            pass
+        assert not made.result().finished
+        assert made.explorers[0].goal is not None
+
+
+def _counting(call: Callable[..., Any], counts: dict[str, int], name: str) -> Callable[..., Any]:
+    def counted(*arguments: Any) -> Any:
+        counts[name] += 1
+        return call(*arguments)
+
+    return counted
+
+
+def test_sizes_change_intruders_where_they_are() -> None:
+    with trial() as usual, trial(mobile_scale=2.0) as other:
+        np.testing.assert_array_equal(usual.world.poses(), other.world.poses())
+        for guard in usual.guards:
+            assert usual.lidars.outline(guard.index) == other.lidars.outline(guard.index)
+        for robot in usual.intruders:
+            small, large = usual.lidars.outline(robot.index), other.lidars.outline(robot.index)
+            assert large.x_max - large.x_min == pytest.approx(2.0 * (small.x_max - small.x_min))
+            assert large.center == pytest.approx(small.center)
+        assert usual.layout.stationary == other.layout.stationary
+        robots = range(len(usual.fleet.robots))
+        seen = [
+            made.lidars.scan_and_bodies(robots, [np.random.default_rng(i) for i in robots])[1]
+            for made in (usual, other)
+        ]
+        guards = [np.isin(bodies, [guard.index for guard in usual.guards]).sum() for bodies in seen]
+        mobile = [np.isin(bodies, [robot.index for robot in usual.intruders]).sum() for bodies in seen]
+        assert mobile[1] > 1.5 * mobile[0]
+        assert guards[0] >= guards[1] > 0
+
+
+def test_a_guard_takes_itself_to_start_so_far_off_and_its_gyroscope_does_not_mend_that() -> None:
+    with trial(start_error_m=0.1, start_error_deg=5.0, imu_noise="none") as made, trial() as usual:
+        np.testing.assert_array_equal(made.world.poses(), usual.world.poses())
+        for robot in made.intruders:
+            assert robot.pose == usual.fleet.robots[robot.index].pose
+        offsets = []
+        for guard in made.guards:
+            true = Pose2D(*made.world.poses()[guard.index].tolist())
+            assert math.dist(guard.pose[:2], true[:2]) == pytest.approx(0.1)
+            offsets.append(wrap_angle(guard.pose.yaw - true.yaw))
+        assert np.abs(offsets) == pytest.approx(math.radians(5.0))
+        assert made.guards[0].pose != made.guards[1].pose
+        for _ in range(15):
+            made.next_frame()
+        for guard, offset in zip(made.guards, offsets, strict=True):
+            now = wrap_angle(guard.pose.yaw - float(made.world.poses()[guard.index, 2]))
+            assert now == pytest.approx(offset, abs=0.05), (
+                "half a turn of 2.8 rad/s in a control cycle at most"
+            )
+
+
+def test_a_dead_guard_stands_and_sees_no_more_and_the_others_go_on() -> None:
+    with trial(dying_guards=1, dying_after_s=2.0) as made, trial() as usual:
+        dead, alive = made.guards
+        for _ in range(10):
+            made.next_frame()
+            usual.next_frame()
+        np.testing.assert_array_equal(made.world.poses(), usual.world.poses(), "until then nothing differs")
+        assert made.guards_alive == [alive]
+        at, believed = made.world.pose(dead.index), dead.pose
+        seen = dead.detection_costmaps[0].costs.copy()
+        for _ in range(15):
+            made.next_frame()
+        assert math.dist(made.world.pose(dead.index)[:2], at[:2]) < 0.08, "it rolls to a stop"
+        assert dead.pose == believed
+        np.testing.assert_array_equal(dead.detection_costmaps[0].costs, seen)
+        assert made.world.active[dead.index]
+        assert made.fleet.health.distances_m[alive.index] > usual.fleet.health.distances_m[alive.index] + 0.1
+
+
+def test_a_dead_guard_catches_nobody() -> None:
+    parameters = LabyrinthParameters.of(
+        engine="fast", prior_map="exact", robots=1, dying_guards=1, dying_after_s=0.0, capture_distance_m=5.0
+    )
+    with LabyrinthTrial(parameters, SEED) as made:
+        made.next_frame()
+        assert made.guards_alive == []
+        assert not made._is_caught(made.intruders[0])
+
+
+def test_a_network_without_delay_and_loss_gives_the_same_bytes() -> None:
+    assert run_detection(of(message_timeout_s=3600.0), SEED) == run_detection(of(), SEED)
+
+
+@pytest.mark.parametrize(
+    "change", [{"message_delay_s": 0.5}, {"message_loss": 0.3}, {"message_jitter_s": 0.3}]
+)
+def test_the_network_changes_what_is_detected_and_no_robot(change: dict[str, float]) -> None:
+    usual, other = run_detection(of(), SEED).tables, run_detection(of(**change), SEED).tables
+    assert other["robots"] == usual["robots"]
+    assert other["frames"] != usual["frames"]
+    assert run_detection(of(**change), SEED).tables == other
+
+
+def test_a_guards_messages_do_not_depend_on_the_team() -> None:
+    """Who gets through when: the first guard's stamps in a team of one are those in a team of three."""
+    heard = []
+    for robots in (1, 3):
+        with trial(robots=robots, message_loss=0.5, message_jitter_s=0.2) as made:
+            assert made._uplink is not None
+            stamps = []
+            for _ in range(10):
+                made.next_frame()
+                message = made._uplink._network.latest(0, made.fleet.time_s)
+                stamps.append(message.stamp_s if message else None)
+            heard.append(stamps)
+    assert heard[0] == heard[1]
+
+
+def test_midnet_goes_by_poses_of_a_second_ago_and_every_detector_does() -> None:
+    parameters = of(message_delay_s=1.0)
+    with DetectionTrial(parameters, SEED, variants=[of(thresh_local=60)]) as made:
+        assert made._uplink is not None
+        starts, believed = made.guards_poses(), []
+        for number in range(12):
+            made.next_frame()
+            believed.append(made.guards_poses())
+            told = [
+                made._uplink.received(node, made.fleet.time_s)
+                for node in (made.detector, *made.variant_detectors)
+            ]
+            for observations in told:
+                expected = believed[number - 5] if number >= 5 else starts
+                assert [one.pose for one in observations] == expected
+            own, other = (np.array([one.costmap.data for one in observations]) for observations in told)
+            np.testing.assert_array_equal(own, other, "one threshold on the same costmaps")
+            assert own.any() == (number >= 5), "nothing is seen before the first message"
+        assert (
+            made.variant_detectors[0].midnet.update(made.observations(made.variant_detectors[0])).detections
+            != made.detector.midnet.update(made.observations(made.detector)).detections
+        )
+
+
+def test_who_is_never_heard_of_detects_nothing() -> None:
+    (scores,) = run_detection(of(message_loss=1.0), SEED).tables["scores"]
+    assert (scores["tp"], scores["fp"]) == (0, 0)
+    assert int(str(scores["fn"])) > 0
+
+
+def test_what_a_dead_guard_saw_last_is_left_out_after_the_time_out() -> None:
+    seen_by_the_dead = {}
+    for timeout_s in (None, 1.0):
+        with trial(dying_guards=1, dying_after_s=1.0, message_timeout_s=timeout_s) as made:
+            frames = [made.next_frame() for _ in range(15)]
+            seen_by_the_dead[timeout_s] = [0 in frame.robots for frame in frames]
+    assert all(seen_by_the_dead[None][5:])
+    assert seen_by_the_dead[1.0][:9] == seen_by_the_dead[None][:9]
+    assert not any(seen_by_the_dead[1.0][10:])
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"dying_guards": 3}, "dying_guards: 3 of 2 guards"),
+        ({"start_error_m": 0.1, "localization": "truth"}, "start_error_m"),
+        ({"lidar_hz": 7}, "lidar_hz"),
+        ({"lidar_dropout": 1.1}, "lidar_dropout"),
+        ({"message_loss": -0.1}, "message_loss"),
+        ({"message_timeout_s": 0}, "message_timeout_s"),
+        ({"mobile_scale": 5}, "mobile_scale"),
+    ],
+)
+def test_what_cannot_be_is_refused(values: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        of(**values)
