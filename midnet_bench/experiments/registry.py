@@ -9,6 +9,7 @@ from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.experiments.labyrinth import LABYRINTH
 from midnet_bench.experiments.mapping import MAPPING
 from midnet_bench.experiments.readings import READINGS
+from midnet_bench.experiments.robustness import ROBUSTNESS
 from midnet_bench.plugins import load_reference
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 ENTRY_POINTS = "midnet_bench.experiments"
 """the group under which an installed package offers experiments"""
 
-_OWN = {one.name: one for one in (DETECTION, LABYRINTH, MAPPING, READINGS)}
+_OWN = {one.name: one for one in (DETECTION, LABYRINTH, MAPPING, READINGS, ROBUSTNESS)}
 
 
 def names() -> list[str]:

@@ -1,14 +1,12 @@
 """Campaigns of one experiment side by side: what differs, seed by seed."""
 
-import math
 import os
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
-from midnet_bench.analysis.claims import LEVEL
+from midnet_bench.analysis.differences import differences
 from midnet_bench.analysis.frames import Results, load_results
-from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, holm, p_value, paired_difference
+from midnet_bench.analysis.statistics import MEAN_METHOD
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.errors import InputError
@@ -50,13 +48,13 @@ def compare(
             f"not {' and '.join(kinds)}"
         )
     measured = {name: record.measures(results) for name, results in campaigns.items()}
-    differences = differences_table(measured)
+    changes = differences_table(measured)
     for name in names[1:]:
-        if not any(name in row for row in differences.rows):
+        if not any(name in row for row in changes.rows):
             raise InputError(
                 f"compare: {names[0]} and {name} have no finished trials with a cell and a seed in common"
             )
-    tables = [*record.comparison_tables(campaigns), differences, settings_table(campaigns)]
+    tables = [*record.comparison_tables(campaigns), changes, settings_table(campaigns)]
     if output is not None:
         for table in tables:
             table.write(Path(output))
@@ -99,40 +97,29 @@ def differences_table(campaigns: Mapping[str, Measures]) -> Table:
     Over the seeds that both have; the seed is the unit. Verdicts go by p-values adjusted by Holm.
     """
     (first_name, first), *others = campaigns.items()
-    rows: list[dict[str, Cell]] = []
-    changes: list[Estimate] = []
-    p_values: list[float] = []
-    for name, other in others:
-        for (cell, measure), values in first.items():
-            seeds = [seed for seed in values if seed in other.get((cell, measure), {})]
-            if not seeds:
-                continue
-            before = [values[seed] for seed in seeds]
-            after = [other[cell, measure][seed] for seed in seeds]
-            difference = partial(paired_difference, before, after)
-            p_values.append(p_value(difference, 0.0, math.inf))
-            changes.append(difference(1.0 - LEVEL))
-            rows.append(
-                {
-                    "trial": cell,
-                    "measure": measure,
-                    first_name: sum(before) / len(before),
-                    name: sum(after) / len(after),
-                    "difference": changes[-1],
-                    "seeds": len(seeds),
-                }
-            )
-    for row, change, p in zip(rows, changes, holm(p_values), strict=True):
-        row |= {"p_holm": p, "verdict": _verdict(change, p)}
+    shared = [
+        (name, key, values, other[key])
+        for name, other in others
+        for key, values in first.items()
+        if any(seed in other.get(key, {}) for seed in values)
+    ]
+    rows: list[Mapping[str, Cell]] = [
+        {
+            "trial": cell,
+            "measure": measure,
+            first_name: one.before,
+            name: one.after,
+            "difference": one.change,
+            "seeds": one.seeds,
+            "p_holm": one.p_holm,
+            "verdict": one.verdict,
+        }
+        for (name, (cell, measure), *_), one in zip(
+            shared, differences([(before, after) for *_, before, after in shared]), strict=True
+        )
+    ]
     title = f"Differences from {first_name} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
     return Table("differences", title, rows, {"p_holm": 4}, bounds={"difference": ("low", "high", "n")})
-
-
-def _verdict(change: Estimate, p: float) -> str:
-    """``higher`` or ``lower`` than in the first campaign, or ``inconclusive``."""
-    if not p <= LEVEL:
-        return "inconclusive"
-    return "higher" if change.low > 0.0 else "lower"
 
 
 def settings_table(campaigns: Mapping[str, Results]) -> Table:

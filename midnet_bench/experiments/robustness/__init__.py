@@ -1,0 +1,15 @@
+"""How much the detection test suffers from what a simulation usually spares it."""
+
+from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.plugins import later
+
+ROBUSTNESS = Experiment(
+    name="robustness",
+    summary="The detection test under one disturbance at a time: noise, slip, delay, dead guards.",
+    parameters="midnet_bench.experiments.robustness.parameters:RobustnessParameters",
+    run=later("midnet_bench.experiments.robustness.trial:run_robustness"),
+    tables=later("midnet_bench.experiments.robustness.tables:tables"),
+    printed=("robustness_scores",),
+    figures=later("midnet_bench.experiments.robustness.figures:figures"),
+    demo=later("midnet_bench.experiments.robustness.trial:demo"),
+)

@@ -1,0 +1,105 @@
+"""What each disturbance costs: scores, and their differences from undisturbed trials on the same seeds."""
+
+from collections.abc import Mapping
+
+import pandas as pd
+
+from midnet_bench.analysis import statistics
+from midnet_bench.analysis.differences import BySeed, differences
+from midnet_bench.analysis.frames import Results
+from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.experiments.robustness.parameters import NONE
+from midnet_bench.scoring.frame_counts import ratios
+
+MEASURES = ("recall", "precision", "f1_one_to_one")
+
+Scores = Mapping[tuple[str, str, str], BySeed]
+"""(team, disturbance, measure) -> its value at each seed"""
+
+
+def tables(results: Results) -> list[Table]:
+    """The tables of a campaign with disturbances."""
+    scores = results.once(scores_of)
+    return [scores_table(scores), differences_table(scores)]
+
+
+def scores_of(results: Results) -> Scores:
+    """The scores of the finished trials: disturbances in the campaign's order, and in each the teams."""
+    frame = results.table("scores")
+    if frame.empty:
+        return {}
+    counts = (frame[name].tolist() for name in ("matched", "fp", "duplicates", "missed"))
+    one_to_one = [
+        ratios(hit, fp + further, missed).f1 for hit, fp, further, missed in zip(*counts, strict=True)
+    ]
+    others = results.others(frame, "robots", "disturbance")
+    sizes = results.column(frame, "robots")
+    frame = frame.assign(
+        f1_one_to_one=one_to_one,
+        disturbance=results.column(frame, "disturbance"),
+        team=[f"{size}-robot{', ' if more else ''}{more}" for size, more in zip(sizes, others, strict=True)],
+    )
+    asked = results.definition.grid.get("disturbance", [results.definition.parameters.get("disturbance")])
+    cells = {key: cell for key, cell in frame.groupby(["team", "disturbance"], sort=False)}
+    teams = list(dict.fromkeys(frame["team"]))
+    return {
+        (team, str(name), measure): _by_seed(cells[team, name], measure)
+        for name in asked
+        for team in teams
+        if (team, name) in cells
+        for measure in MEASURES
+    }
+
+
+def _by_seed(cell: pd.DataFrame, measure: str) -> BySeed:
+    return dict(zip(cell["seed"].tolist(), cell[measure].tolist(), strict=True))
+
+
+def score(scores: Scores, team: str, disturbance: str, measure: str) -> statistics.Estimate:
+    """The mean of one score over seeds, and its interval; without trials, undefined."""
+    values = list(scores.get((team, disturbance, measure), {}).values())
+    return statistics.mean(values, within=(0.0, 1.0))
+
+
+def scores_table(scores: Scores) -> Table:
+    """A row per disturbance and team: the three scores as means over seeds."""
+    rows: list[Mapping[str, Cell]] = [
+        {
+            "disturbance": name,
+            "trial": team,
+            **{measure: score(scores, team, name, measure) for measure in MEASURES},
+        }
+        for team, name in dict.fromkeys((team, name) for team, name, _ in scores)
+    ]
+    title = f"Scores under each disturbance ({statistics.MEAN_METHOD}, over seeds)"
+    return Table("robustness_scores", title, rows)
+
+
+def differences_table(scores: Scores) -> Table:
+    """A row per disturbance, team and score: its difference from undisturbed trials on the same seeds."""
+    places = [
+        (team, name, measure)
+        for team, name, measure in scores
+        if name != NONE
+        and any(seed in scores.get((team, NONE, measure), {}) for seed in scores[team, name, measure])
+    ]
+    pairs = [(scores[team, NONE, measure], scores[team, name, measure]) for team, name, measure in places]
+    rows: list[Mapping[str, Cell]] = [
+        {
+            "disturbance": name,
+            "trial": team,
+            "score": measure,
+            "undisturbed": one.before,
+            "disturbed": one.after,
+            "difference": one.change,
+            "seeds": one.seeds,
+            "p_holm": one.p_holm,
+            "verdict": one.verdict,
+        }
+        for (team, name, measure), one in zip(places, differences(pairs), strict=True)
+    ]
+    how = f"{statistics.MEAN_METHOD}; verdicts by Holm at 5 %"
+    title = f"Differences from undisturbed trials on the same seeds ({how})"
+    return Table(
+        "robustness_differences", title, rows, {"p_holm": 4}, bounds={"difference": ("low", "high", "n")}
+    )
