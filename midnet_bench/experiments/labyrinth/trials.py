@@ -102,7 +102,7 @@ class Variant:
         return dict(zip(means["seed"].tolist(), means[column].tolist(), strict=True))
 
     def capture_time_by_seed(self) -> dict[int, float]:
-        """Seconds from the start, mean over a seed's caught intruders; seeds that caught none are left out."""
+        """Seconds from the start, mean over a seed's caught intruders; seeds without any are left out."""
         times_s, times = (
             _means(self.trials, ["seed"], name) for name in ("capture_times_s", "capture_times")
         )
