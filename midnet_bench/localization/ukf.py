@@ -17,12 +17,17 @@ FloatArray = npt.NDArray[np.float64]
 MIN_VARIANCE = 1e-9
 """A smaller measurement variance, 0 included, is raised to this, as robot_localization does."""
 
+WIDE_YAW_RAD = 0.5
+"""how far from the mean the headings of sigma points may lie; their mean way is 2 % too short there"""
 
 _POSE, _YAW = 0, 2
 """number of the first state that a measurement of the pose, or of yaw and velocities, says something of"""
 
 _ONLY = np.zeros(1, dtype=np.int64)
 """the row of a filter in a team of one"""
+
+_NOTHING = np.full(2, np.nan)
+"""a reading of which every value is left out"""
 
 
 class PlanarUkf:
@@ -42,12 +47,18 @@ class PlanarUkf:
       mean that drives the package to NaN at a large heading variance does not occur;
     * a change of velocity acts within the step that it happens in, so the noise of velocities reaches the
       position too: over half the step, or over all of it if the twist is a mean. With the package's
-      diagonal noise the pose lags the robot by that much (11 or 22 mm at 0.22 m/s and 10 Hz).
+      diagonal noise the pose lags the robot by that much (11 or 22 mm at 0.22 m/s and 10 Hz);
+    * where nothing tells the heading, its variance grows without end, and the mean way of sigma points that
+      look to all sides is no way at all. Points farther apart than ``WIDE_YAW_RAD`` therefore move along
+      the mean heading, as all did in the package before 2021, and the pose follows dead reckoning.
+
+    A value of a reading that is NaN or infinite is left out, as the package does, and the others are taken.
     """
 
-    def __init__(self, initial: Pose2D, settings: UkfSettings) -> None:
-        """A robot at rest at ``initial``, its pose in the map frame."""
+    def __init__(self, initial: Pose2D, settings: UkfSettings, time_s: float = 0.0) -> None:
+        """A robot at rest at ``initial``, its pose in the map frame, at ``time_s``."""
         self.settings = settings
+        self._time_s = time_s
         self._state = np.array([initial.x, initial.y, initial.yaw, 0.0, 0.0, 0.0])
         self._covariance = settings.initial_variance * np.eye(6)
         self._process_noise = np.array(settings.process_noise)
@@ -61,6 +72,7 @@ class PlanarUkf:
         # and S stays well conditioned where both variances are tiny.
         self._gyro_share = wheel_rate / (wheel_rate + gyro_rate)
         self._twist_and_imu_noise = np.diag([yaw, vx, vy, gyro_rate * self._gyro_share])
+        self._variances = np.array([yaw, vx, vy, wheel_rate, gyro_rate])
 
     @property
     def pose(self) -> Pose2D:
@@ -83,6 +95,39 @@ class PlanarUkf:
         twist = np.array([[odometry.linear_mps, odometry.angular_radps]])
         imus = np.array([[imu.yaw_rad, imu.yaw_rate_radps]])
         self.step_rows(_ONLY, self._state[None], self._covariance[None], twist, imus, dt_s)
+        self._time_s += dt_s
+        return self.pose
+
+    def take_odometry(self, odometry: Odometry, time_s: float) -> Pose2D:
+        """The pose at ``time_s``, given odometry's twist of then; see :meth:`take_imu`."""
+        return self._take(np.array([odometry.linear_mps, odometry.angular_radps]), _NOTHING, time_s)
+
+    def take_imu(self, imu: Imu, time_s: float) -> Pose2D:
+        """The pose at ``time_s``, given what the IMU says of then.
+
+        For sensors that speak at times of their own: the filter predicts up to each reading's stamp and
+        corrects there. A reading of the same instant as the last one corrects without prediction, and so
+        does, as in the package, one that comes late.
+
+        Raises:
+            ValueError: ``time_s`` is not finite, or the filter belongs to a ``UkfTeam``.
+        """
+        return self._take(_NOTHING, np.array([imu.yaw_rad, imu.yaw_rate_radps]), time_s)
+
+    def _take(self, twist: FloatArray, imu: FloatArray, time_s: float) -> Pose2D:
+        dt_s = time_s - self._time_s
+        if not math.isfinite(dt_s):
+            raise ValueError(f"time_s: {time_s} after {self._time_s}; both must be finite, outside of a team")
+        state, covariance = self._state, self._covariance
+        if dt_s > 0.0:
+            lasts_s, weights = self._change_lasts * dt_s, (self._mean_weights, self._covariance_weights)
+            state, covariance = predicted(
+                state, covariance, self._process_noise, dt_s, lasts_s, self._scale, *weights
+            )
+            self._time_s = time_s
+        self._state[:], self._covariance[:] = corrected_value_by_value(
+            state, covariance, twist, imu, self._variances
+        )
         return self.pose
 
     def step_rows(
@@ -111,6 +156,7 @@ class PlanarUkf:
             self._mean_weights,
             self._covariance_weights,
             self._twist_and_imu_noise,
+            self._variances,
         )
 
     def correct_pose(self, pose: Pose2D, covariance: FloatArray) -> Pose2D:
@@ -119,7 +165,11 @@ class PlanarUkf:
         Args:
             pose: measured in the map frame.
             covariance: (3, 3) float64 of x, y, yaw; metres and radians, squared; positive definite.
+
+        A pose or a covariance that is not finite corrects nothing.
         """
+        if not (math.isfinite(sum(pose)) and np.isfinite(covariance).all()):
+            return self.pose
         measured = np.array([pose.x, pose.y, self._near_yaw(pose.yaw)])
         self._correct(measured, covariance, _POSE)
         return self.pose
@@ -148,6 +198,7 @@ class UkfTeam:
         """(n, 6, 6)"""
         for row, each in enumerate(filters):
             each._state, each._covariance = self.states[row], self.covariances[row]
+            each._time_s = math.nan  # the team's readings carry no stamps
 
     def step(self, rows: npt.NDArray[np.int64], twists: FloatArray, imus: FloatArray, dt_s: float) -> None:
         """Let ``dt_s`` > 0 seconds pass for the filters of ``rows``, given what their sensors say now.
@@ -194,8 +245,10 @@ def predicted(
             points[1 + i, k] = state[k] + root[k, i]
             points[1 + size + i, k] = state[k] - root[k, i]
     mean = np.zeros(size)
+    is_wide = scale * covariance[2, 2] > WIDE_YAW_RAD * WIDE_YAW_RAD
     for i in range(len(points)):
-        c, s = math.cos(points[i, 2]), math.sin(points[i, 2])
+        heading = state[2] if is_wide else points[i, 2]
+        c, s = math.cos(heading), math.sin(heading)
         vx, vy = points[i, 3], points[i, 4]
         points[i, 0] += (c * vx - s * vy) * dt_s
         points[i, 1] += (s * vx + c * vy) * dt_s
@@ -226,15 +279,22 @@ def step_filters(
     wm: FloatArray,
     wc: FloatArray,
     noise: FloatArray,
+    variances: FloatArray,
 ) -> None:
     """Predict and correct the filters of ``rows`` in place; arguments as for ``predicted``.
 
     ``gyro_share``: the gyroscope's weight beside the wheels' turn rate; ``noise``: (4, 4) of the measured
-    yaw, vx, vy (a 0 that stands in for the wheels' constraint) and vyaw.
+    yaw, vx, vy (a 0 that stands in for the wheels' constraint) and vyaw; ``variances``: as for
+    ``corrected_value_by_value``.
     """
     measured = np.zeros(4)
     for row in rows:
         state, covariance = predicted(states[row], covariances[row], per_second, dt_s, lasts_s, scale, wm, wc)
+        if not math.isfinite(twists[row, 0] + twists[row, 1] + imus[row, 0] + imus[row, 1]):
+            states[row], covariances[row] = corrected_value_by_value(
+                state, covariance, twists[row], imus[row], variances
+            )
+            continue
         # the whole turns that bring the measured yaw nearest to the estimate, which is not wrapped
         off = (imus[row, 0] - state[2] + math.pi) % (2.0 * math.pi) - math.pi
         measured[0] = state[2] + off
@@ -242,6 +302,26 @@ def step_filters(
         measured[3] = twists[row, 1] + gyro_share * (imus[row, 1] - twists[row, 1])
         state, covariance = corrected(state, covariance, measured, noise, _YAW)
         states[row], covariances[row] = state, covariance
+
+
+@njit(cache=True)
+def corrected_value_by_value(
+    state: FloatArray, covariance: FloatArray, twist: FloatArray, imu: FloatArray, variances: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(6,) state and (6, 6) covariance after what is finite of (2,) ``twist`` and (2,) or more ``imu``.
+
+    ``variances``: (5,) of the measured yaw, vx, vy and of the wheels' and the gyroscope's vyaw. Their errors
+    are independent, so one after the other is the same as all at once. vy is a part of the twist, and is left
+    out with all of it.
+    """
+    near = state[2] + (imu[0] - state[2] + math.pi) % (2.0 * math.pi) - math.pi
+    sideways = 0.0 if math.isfinite(twist[0]) or math.isfinite(twist[1]) else math.nan
+    measured = np.array([near, twist[0], sideways, twist[1], imu[1]])
+    for k, number in enumerate((2, 3, 4, 5, 5)):
+        if math.isfinite(measured[k]):
+            noise = variances[k : k + 1].copy().reshape(1, 1)
+            state, covariance = corrected(state, covariance, measured[k : k + 1], noise, number)
+    return state, covariance
 
 
 @njit(cache=True)

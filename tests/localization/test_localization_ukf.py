@@ -214,6 +214,101 @@ def test_steps_agree_with_a_plain_filter_that_fuses_message_by_message(twist_is_
     np.testing.assert_allclose(ukf.covariance, plain.P, atol=1e-9)
 
 
+TRUSTED = UkfSettings(
+    vx_variance=4e-4,
+    vy_variance=1e-4,
+    vyaw_variance=1e-2,
+    imu_yaw_variance=1e-4,
+    imu_yaw_rate_variance=1e-3,
+)
+NOWHERE = Pose2D(9.0, 9.0, 9.0)
+
+
+def assert_equal(ukf, plain):
+    np.testing.assert_allclose([*ukf.pose], [*plain.x[:2], wrap_angle(plain.x[2])], atol=1e-9)
+    np.testing.assert_allclose(ukf.covariance, plain.P, atol=1e-9)
+
+
+def test_values_that_are_no_numbers_are_left_out():
+    """Whatever is finite of the five values is taken, with the weights that it has beside the others."""
+    ukf = PlanarUkf(Pose2D(1.0, -2.0, 0.5), TRUSTED)
+    plain = PlainUkf([1.0, -2.0, 0.5, 0.0, 0.0, 0.0], TRUSTED.initial_variance, 1.0, 2.0, 0.0)
+    rng = stream(0, "holes")
+    places, variances = np.array([3, 5, 2, 5]), np.array([4e-4, 1e-2, 1e-4, 1e-3])
+    for holes in range(32):
+        values = rng.uniform(-0.2, 0.2, 4)
+        values[2] += plain.x[2]
+        is_there = np.array([holes >> k & 1 == 0 for k in range(4)])
+        v, w, yaw, gyro = np.where(is_there, values, rng.choice([math.nan, math.inf, -math.inf], 4))
+        ukf.step(Odometry(NOWHERE, v, w), Imu(yaw, gyro, 0.0), DT_S)
+        plain.predict(DT_S, TRUSTED.process_noise, 0.05)
+        if is_there[:2].any():  # the sideways 0 comes and goes with the twist
+            plain.correct([0.0], np.array([[1e-4]]), [4])
+        if is_there.any():
+            plain.correct(values[is_there], np.diag(variances[is_there]), places[is_there].tolist())
+        assert_equal(ukf, plain)
+    before = ukf.covariance
+    ukf.correct_pose(Pose2D(math.nan, 0.0, 0.0), np.eye(3))
+    assert_equal(ukf, plain)
+    np.testing.assert_array_equal(ukf.covariance, before)
+
+
+def test_a_hole_in_one_members_readings_is_no_matter_to_the_others():
+    rng = np.random.default_rng(2)
+    teams = [UkfTeam([PlanarUkf(Pose2D(0.0, 0.0, 0.0), TRUSTED) for _ in range(3)]) for _ in range(2)]
+    for _ in range(20):
+        twists, imus = rng.normal(0.0, 0.2, (3, 2)), rng.normal(0.0, 0.1, (3, 3))
+        teams[0].step(np.arange(3), twists, imus, DT_S)
+        imus[1] = twists[1, 0] = math.nan
+        teams[1].step(np.arange(3), twists, imus, DT_S)
+    np.testing.assert_array_equal(teams[0].states[[0, 2]], teams[1].states[[0, 2]])
+    assert np.isfinite(teams[1].covariances).all()
+    assert not np.array_equal(teams[0].states[1], teams[1].states[1])
+
+
+def test_sensors_may_speak_at_times_of_their_own():
+    """Encoders at 30 Hz and an IMU at 100 Hz, some readings at one instant, one late."""
+    ukf = PlanarUkf(Pose2D(1.0, -2.0, 0.5), TRUSTED, time_s=7.0)
+    plain = PlainUkf([1.0, -2.0, 0.5, 0.0, 0.0, 0.0], TRUSTED.initial_variance, 1.0, 2.0, 0.0)
+    rng = stream(0, "stamps")
+    readings = sorted([(k / 30, "odometry") for k in range(1, 15)] + [(k / 100, "imu") for k in range(50)])
+    readings.insert(20, (0.01, "imu"))  # late
+    newest = 0.0
+    for time_s, sensor in readings:
+        if time_s > newest:
+            plain.predict(time_s - newest, TRUSTED.process_noise, 0.5 * (time_s - newest))
+            newest = time_s
+        a, b = rng.uniform(-0.2, 0.2, 2)
+        if sensor == "imu":
+            ukf.take_imu(Imu(0.5 + a + 4.0 * math.pi, b, 0.0), 7.0 + time_s)
+            plain.correct([0.5 + a, b], np.diag([1e-4, 1e-3]), [2, 5])
+        else:
+            ukf.take_odometry(Odometry(NOWHERE, a, b), 7.0 + time_s)
+            plain.correct([a, 0.0, b], np.diag(TRUSTED.twist_variance), [3, 4, 5])
+        assert_equal(ukf, plain)
+    with pytest.raises(ValueError, match="time_s"):
+        ukf.take_imu(Imu(0.0, 0.0, 0.0), math.nan)
+    UkfTeam([ukf])
+    with pytest.raises(ValueError, match="team"):
+        ukf.take_imu(Imu(0.0, 0.0, 0.0), 8.0)
+
+
+def test_without_a_heading_the_filter_follows_dead_reckoning():
+    """Ten minutes by encoders alone: the heading's variance grows to 36 rad^2 and more."""
+    rng = stream(3, "no yaw")
+    ukf = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings.for_odometry("encoder"))
+    reckoned, v, w = Pose2D(0.0, 0.0, 0.0), 0.0, 0.0
+    for step in range(6000):
+        if step % 50 == 0:
+            v, w = float(rng.uniform(0.0, 0.22)), float(rng.uniform(-0.8, 0.8))
+        middle = Pose2D(0.0, 0.0, w * DT_S / 2).compose(Pose2D(v * DT_S, 0.0, w * DT_S / 2))
+        reckoned = reckoned.compose(middle)
+        ukf.step(Odometry(reckoned, v, w), Imu(math.nan, math.nan, 0.0), DT_S)
+    assert ukf.covariance[2, 2] > 36.0
+    assert np.linalg.eigvalsh(ukf.covariance)[0] > 0.0
+    assert ukf.pose.distance_to(reckoned) < 0.5
+
+
 def test_the_packages_small_alpha_gives_the_same_estimates():
     ours = PlanarUkf(Pose2D(0.0, 0.0, 0.0), UkfSettings.for_odometry("encoder"))
     theirs = PlanarUkf(Pose2D(0.0, 0.0, 0.0), replace(UkfSettings.for_odometry("encoder"), alpha=0.001))
