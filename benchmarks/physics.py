@@ -25,12 +25,12 @@ def measure(
 ) -> tuple[float, float, float]:
     """Start-up in milliseconds, then steps and scans in milliseconds per simulated second."""
     count = robots + intruders
-    noise = [stream(1, "lidar", number) for number in range(count)]
     steering = stream(1, "steering")
     begin = time.perf_counter()
     world = make_world(place(load_arena(arena), 1, robots, intruders), WorldSettings(engine=engine))
     start_s = time.perf_counter() - begin
     lidars = LidarSensors(world)
+    noise = lidars.noise([stream(1, "lidar", number) for number in range(count)])
     step_s = scans_s = 0.0
     for tick in range(simulated_s * world.step_hz):
         if tick % (world.step_hz // CONTROL_HZ) == 0:
@@ -42,7 +42,7 @@ def measure(
         world.step()
         between = time.perf_counter()
         if scanning:
-            lidars.scan(scanning, [noise[number] for number in scanning])
+            lidars.scan(scanning, noise)
         step_s += between - before
         scans_s += time.perf_counter() - between
     world.close()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from midnet_bench.messages import LidarGeometry
+from midnet_bench.messages import Command, LidarGeometry
 
 Outline = tuple[tuple[float, float], ...]
 """(x, y) of the corners in the robot's base frame, metres"""
@@ -49,6 +49,13 @@ class RobotModel:
     """of the scan plane above the floor"""
     profiles: Mapping[str, Disc]
     """what its own kind's beams meet of it, by the names of the option ``robot_profile``"""
+
+    def rim_speeds(self, command: Command) -> tuple[float, float]:
+        """How fast the rims of the left and the right wheel turn at a command, which is clamped, m/s."""
+        linear = min(max(command.linear_mps, -self.max_linear_mps), self.max_linear_mps)
+        angular = min(max(command.angular_radps, -self.max_angular_radps), self.max_angular_radps)
+        half = angular * self.wheel_separation_m / 2.0
+        return linear - half, linear + half
 
     @property
     def body_reach_m(self) -> float:

@@ -1,8 +1,10 @@
 """``Fleet``: every robot of one world, stepped in lockstep on integer ticks."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import Localizer, MobileRobot
 from midnet_bench.messages import STOP
@@ -18,6 +20,14 @@ CONTROL_HZ = 10
 """Pose filter and navigator; move_base's controller_frequency in turtlebot3_navigation."""
 SCAN_HZ = 5
 """The LDS-01, and the costmaps it feeds (item 9), unless ``lidar_hz`` says otherwise."""
+
+
+class _Due(NamedTuple):
+    """Robots of which something is due at one tick of a period."""
+
+    robots: list[MobileRobot]
+    rows: npt.NDArray[np.int64]
+    """their indices"""
 
 
 class Fleet:
@@ -48,7 +58,7 @@ class Fleet:
         phases = [int(stream(seed, "phase", name).integers(self._health_ticks)) for name in names]
         self._controlling = _schedule(robots, phases, self._control_ticks)
         self._scanning = _schedule(robots, self._scan_phases(phases, names, seed), self._scan_ticks)
-        self._lidar_noise = [stream(seed, "lidar", name) for name in names]
+        self._lidar_noise = lidars.noise([stream(seed, "lidar", name) for name in names])
         self._imus = ImuSensors(settings.imu, [stream(seed, "imu", name) for name in names])
         self._odometers = (
             EncoderOdometers(
@@ -66,6 +76,7 @@ class Fleet:
         self._yaw_errors = np.array(
             [robot.pose.yaw - at.yaw for robot, at in zip(robots, starts, strict=True)]
         )
+        self._has_yaw_errors = bool(self._yaw_errors.any())
 
     @property
     def time_s(self) -> float:
@@ -76,13 +87,14 @@ class Fleet:
         """Let one tick pass: physics, then sensors and software of the robots due, which come back."""
         world = self.world
         world.step()
-        if due := self._controlling[world.tick % self._control_ticks]:
+        due = self._controlling[world.tick % self._control_ticks]
+        if due.robots:
             self._localize(due)
             self._scan(self._scanning[world.tick % self._scan_ticks])
             self._control(due)
         if world.tick % self._health_ticks == 0:
             self.health.update(world.poses())
-        return due
+        return due.robots
 
     def stop(self, robot: MobileRobot) -> None:
         """Let a robot stand where it is, body and all; it senses and drives no more."""
@@ -97,7 +109,7 @@ class Fleet:
     def _unschedule(self, robot: MobileRobot) -> None:
         # Lists of their own: a robot may be caught while the fleet goes through the old ones.
         self._controlling, self._scanning = (
-            [[other for other in due if other is not robot] for due in schedule]
+            [_due([other for other in due.robots if other is not robot]) for due in schedule]
             for schedule in (self._controlling, self._scanning)
         )
 
@@ -112,42 +124,43 @@ class Fleet:
             for phase, name in zip(phases, names, strict=True)
         ]
 
-    def _localize(self, due: Sequence[MobileRobot]) -> None:
+    def _localize(self, due: _Due) -> None:
         elapsed_s = 1.0 / CONTROL_HZ
-        rows = np.array([robot.index for robot in due])
-        poses, velocities = self.world.poses(), self.world.velocities()
+        robots, rows = due
+        poses, velocities = self.world.poses(), self.world.velocities(rows)
         headings = poses
-        if self._yaw_errors.any():
+        if self._has_yaw_errors:
             # an IMU counts from where its robot takes itself to look at the start
             headings = poses.copy()
             headings[:, 2] = (poses[:, 2] + self._yaw_errors + np.pi) % (2.0 * np.pi) - np.pi
         imus = self._imus.read(rows, headings, velocities, elapsed_s)
         if self._odometers is not None:
             velocities = self._odometers.update(rows, self.world.wheel_angles(), elapsed_s)
-        self._localizer.step(due, rows, poses, velocities, imus, elapsed_s)
+        self._localizer.step(robots, rows, poses, velocities, imus, elapsed_s)
 
-    def _scan(self, scanning: Sequence[MobileRobot]) -> None:
-        if not scanning:
+    def _scan(self, scanning: _Due) -> None:
+        robots, rows = scanning
+        if not robots:
             return
-        indices = [robot.index for robot in scanning]
-        ranges_m = self._lidars.scan(indices, [self._lidar_noise[i] for i in indices])
-        for robot, ranges in zip(scanning, ranges_m, strict=True):
-            robot.observe(ranges, self.world.robot.lidar, self.time_s)
+        lidar, time_s = self.world.robot.lidar, self.time_s
+        for robot, ranges in zip(robots, self._lidars.scan(rows, self._lidar_noise), strict=True):
+            robot.observe(ranges, lidar, time_s)
 
-    def _control(self, due: Sequence[MobileRobot]) -> None:
+    def _control(self, due: _Due) -> None:
         time_s = self.time_s
-        places = self.world.poses()[:, :2].tolist()
-        for robot in due:
-            x, y = places[robot.index]
+        places = self.world.poses()[due.rows, :2].tolist()
+        for robot, (x, y) in zip(due.robots, places, strict=True):
             self.stands[robot.index].update(x, y, time_s, robot.goal is not None, robot.progress.goals_set)
             self.world.drive(robot.index, robot.control(time_s))
 
 
-def _schedule(
-    robots: Sequence[MobileRobot], phases: Sequence[int], period_ticks: int
-) -> list[list[MobileRobot]]:
+def _schedule(robots: Sequence[MobileRobot], phases: Sequence[int], period_ticks: int) -> list[_Due]:
     """For each tick of a period, which of the robots are due."""
     return [
-        [robot for robot, phase in zip(robots, phases, strict=True) if phase % period_ticks == tick]
+        _due([robot for robot, phase in zip(robots, phases, strict=True) if phase % period_ticks == tick])
         for tick in range(period_ticks)
     ]
+
+
+def _due(robots: list[MobileRobot]) -> _Due:
+    return _Due(robots, np.array([robot.index for robot in robots], dtype=np.int64))

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from midnet_bench.simulation.noise import BLOCK, NoiseBlocks
+from midnet_bench.simulation.noise import NoiseBlocks
 from midnet_bench.simulation.settings import ImuSettings
 
 ACCELEROMETER_STDDEV_MPS2, ACCELEROMETER_BIAS_MPS2, ACCELEROMETER_BIAS_STDDEV_MPS2 = 1.7e-2, 0.1, 1e-3
@@ -89,7 +89,7 @@ def read_imus(
             continue
         gyro, accelerometer = normals[row, used[row]]
         used[row] += 1
-        used_up = used_up or used[row] == BLOCK
+        used_up = used_up or used[row] == normals.shape[1]
         rate_error = biases[row, 0] + gyro_stddev_radps * gyro
         drift_rad[row] += rate_error * elapsed_s
         readings[row, 0] = (poses[row, 2] + drift_rad[row] + math.pi) % (2.0 * math.pi) - math.pi

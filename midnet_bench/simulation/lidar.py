@@ -7,6 +7,7 @@ on hit or miss for one beam in a hundred that passes near it, and costs four tim
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,7 @@ from numba import njit
 from midnet_bench.arena.free_space import cells_near
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.rng import stream
+from midnet_bench.simulation.noise import NoiseBlocks
 from midnet_bench.simulation.settings import LidarNoise, LidarSettings
 from midnet_bench.simulation.simulator import Beams, Simulator
 
@@ -23,6 +25,10 @@ Ints = npt.NDArray[np.int64]
 
 NOTHING, SOLID = -1, -2
 """What a beam met that was no robot: nothing, a wall or a stationary intruder."""
+TOO_NEAR_M = 0.0
+"""The range of a beam that ends before the sensor's least range, as the LDS-01's driver reports it."""
+_SCANS = 16
+"""of a robot whose noise is drawn at once"""
 
 
 @njit(cache=True)
@@ -43,31 +49,78 @@ def beam_directions(poses: Floats, ahead_m: float, cosines: Floats, sines: Float
     return axes, directions
 
 
+class Errors(NamedTuple):
+    """How a reported range differs from the true one, beside a factor that belongs to the sensor."""
+
+    sigma_m: float
+    """standard deviation of a range below ``near_m``; 0 for no errors at all"""
+    sigma_share: float
+    """of a range from there on, as a share of it"""
+    near_m: float
+    has_scale: bool
+    """whether the sensor's factor applies"""
+
+
+ERRORS: dict[LidarNoise, Errors] = {
+    "gazebo": Errors(0.010, 0.0, math.inf, has_scale=False),
+    "datasheet": Errors(0.010 / 3.0, 0.035 / 3.0, 0.5, has_scale=True),
+    "none": Errors(0.0, 0.0, math.inf, has_scale=False),
+}
+"""``gazebo`` adds a normal error of 10 mm at every range. ``datasheet`` reads the maker's precision (10 mm
+below 0.5 m, 3.5 % above) as three standard deviations, and its accuracy as each sensor's factor."""
+
+
 @njit(cache=True)
 def reported(
     ranges: Floats,
-    errors: Floats,
+    rows: Ints,
+    normals: Floats,
+    used: Ints,
     scales: Floats,
     sigma_m: float,
     sigma_share: float,
     near_m: float,
     limits_m: tuple[float, float],
-) -> Floats:
-    """(m, beams) ranges with noise, clamped to the sensor's limits; inf stays inf.
+    noisy: Floats,
+) -> bool:
+    """Fill ``noisy``, (m, beams), with what the sensors of ``rows`` report of true ``ranges``.
 
-    ``errors``: (m, beams) standard normal; ``scales``: (m,) factors, applied first. The standard deviation is
-    ``sigma_m`` below ``near_m`` and ``sigma_share`` of the range from there on.
+    ``TOO_NEAR_M`` below the lower limit, inf where nothing was met, else clamped to the limits. Each sensor
+    takes one reading of its block of ``normals``, (n, block, beams), whatever its beams meet; whether one is
+    used up now. ``scales``: (n,) factors, applied first; ``sigma_m`` and after as of :class:`Errors`.
     """
-    noisy = np.empty_like(ranges)
+    used_up = False
     for i in range(ranges.shape[0]):
+        row = rows[i]
+        errors = normals[row, used[row]]
         for k in range(ranges.shape[1]):
-            scaled = ranges[i, k] * scales[i]
-            if scaled == np.inf:
-                noisy[i, k] = np.inf
-                continue
-            sigma = sigma_m if scaled < near_m else sigma_share * scaled
-            noisy[i, k] = min(max(scaled + sigma * errors[i, k], limits_m[0]), limits_m[1])
-    return noisy
+            true_m = ranges[i, k]
+            if true_m < limits_m[0]:
+                noisy[i, k] = TOO_NEAR_M
+            elif true_m == np.inf or sigma_m == 0.0:
+                noisy[i, k] = true_m
+            else:
+                scaled = true_m * scales[row]
+                sigma = sigma_m if scaled < near_m else sigma_share * scaled
+                noisy[i, k] = min(max(scaled + sigma * errors[k], limits_m[0]), limits_m[1])
+        if sigma_m > 0.0:
+            used[row] += 1
+            used_up = used_up or used[row] == normals.shape[1]
+    return used_up
+
+
+@njit(cache=True)
+def in_marked_cells(
+    poses: Floats, marked: npt.NDArray[np.bool_], origin_m: tuple[float, float], resolution_m: float
+) -> npt.NDArray[np.bool_]:
+    """(m,) whether each of (m, 3) poses lies in a cell of a grid (rows, columns) that is ``marked``."""
+    found = np.zeros(len(poses), dtype=np.bool_)
+    for i in range(len(poses)):
+        column = math.floor((poses[i, 0] - origin_m[0]) / resolution_m)
+        row = math.floor((poses[i, 1] - origin_m[1]) / resolution_m)
+        is_on_grid = 0 <= row < marked.shape[0] and 0 <= column < marked.shape[1]
+        found[i] = is_on_grid and marked[row, column]
+    return found
 
 
 @njit(cache=True)
@@ -112,9 +165,6 @@ def hide_behind_discs(
     return met
 
 
-TOO_NEAR_M = 0.0
-"""The range of a beam that ends before the sensor's least range, as the LDS-01's driver reports it."""
-
 _BLIND_M = 0.20
 """No solid this far from the middle of the axle's cell can be within the sensor's least range."""
 
@@ -133,33 +183,43 @@ class LidarSensors:
         self._disc = robot.profiles[settings.robot_profile]
         robots, intruders = len(layout.robots), len(layout.intruders)
         self._radii_m = self._disc.radius_m * np.repeat([1.0, layout.mobile_scale], [robots, intruders])
-        self._noise = settings.noise
+        self._errors = ERRORS[settings.noise]
         self._dropout = settings.dropout
         angles_rad = self._lidar.mount.yaw + self._lidar.angles_rad
         self._cosines, self._sines = np.cos(angles_rad), np.sin(angles_rad)
         # Named by side, so that an intruder's sensor does not change with the size of the team.
         owners = [("robot", i) for i in range(robots)] + [("intruder", i) for i in range(intruders)]
         self._scales = np.array(
-            [draw_scale(stream(layout.seed, "lidar scale", side, i)) for side, i in owners]
+            [
+                draw_scale(stream(layout.seed, "lidar scale", side, i)) if self._errors.has_scale else 1.0
+                for side, i in owners
+            ]
         )
-        self._dropout_rngs = [stream(layout.seed, "lidar dropout", side, i) for side, i in owners]
+        self._dropout_rngs = (
+            [stream(layout.seed, "lidar dropout", side, i) for side, i in owners]
+            if self._dropout > 0.0
+            else []
+        )
         self._blind_cells = cells_near(layout.arena, layout.solids, _BLIND_M)
 
-    def scan(self, indices: Sequence[int], rngs: Sequence[np.random.Generator]) -> Floats:
+    def noise(self, rngs: Sequence[np.random.Generator]) -> NoiseBlocks:
+        """The noise of all robots' scans, from a generator of each."""
+        return NoiseBlocks(rngs, self._lidar.beams, _SCANS)
+
+    def scan(self, indices: Sequence[int] | Ints, noise: NoiseBlocks) -> Floats:
         """(len(indices), beams) ranges of those robots' LiDARs at this tick, metres.
 
         inf where nothing reflects within range or the beam drops out; 0 (``TOO_NEAR_M``) where something
-        stands closer than the sensor's least range. ``rngs`` are the robots' noise generators, one per index.
+        stands closer than the sensor's least range. ``noise``: of all robots of the world. A robot may come
+        once in ``indices``.
         """
-        ranges = self.scan_and_bodies(indices, rngs)[0]
+        ranges = self.scan_and_bodies(indices, noise)[0]
         if self._dropout > 0.0:
             for row, index in enumerate(indices):
                 ranges[row, self._dropout_rngs[index].random(ranges.shape[1]) < self._dropout] = np.inf
         return ranges
 
-    def scan_and_bodies(
-        self, indices: Sequence[int], rngs: Sequence[np.random.Generator]
-    ) -> tuple[Floats, Ints]:
+    def scan_and_bodies(self, indices: Sequence[int] | Ints, noise: NoiseBlocks) -> tuple[Floats, Ints]:
         """What ``scan`` gives, and beside it which robot each beam met, both (len(indices), beams).
 
         ``SOLID`` where it met a wall or a stationary intruder, ``NOTHING`` where it met nothing. No beam
@@ -168,59 +228,46 @@ class LidarSensors:
         Raises:
             ValueError: one of these robots was removed.
         """
-        rows = list(indices)
-        active = self._simulator.active
-        for row in rows:
-            if not active[row]:
-                raise ValueError(f"robot {row} is not in this world: it was removed")
+        rows = np.asarray(indices, dtype=np.int64)
+        is_there = self._simulator.active[rows]
+        if not is_there.all():
+            raise ValueError(f"robot {rows[~is_there][0]} is not in this world: it was removed")
         low, high = self._lidar.range_min_m, self._lidar.range_max_m
         poses = self._simulator.poses()
-        beams = Beams(*beam_directions(poses[rows], self._lidar.mount.x, self._cosines, self._sines))
+        own = poses[rows]
+        beams = Beams(*beam_directions(own, self._lidar.mount.x, self._cosines, self._sines))
         true_ranges = self._simulator.cast(beams, low, high)
-        for row in self._near_solids(rows):
+        blind = self._blind_cells
+        near = in_marked_cells(own, blind.data, blind.origin, blind.resolution)
+        for i in np.flatnonzero(near).tolist():
             # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
-            one = Beams(beams.axes[row : row + 1], beams.directions[row : row + 1])
-            true_ranges[row] = np.minimum(true_ranges[row], self._simulator.cast(one, 0.0, low)[0])
-        numbers = np.asarray(rows, dtype=np.int64)
+            one = Beams(beams.axes[i : i + 1], beams.directions[i : i + 1])
+            true_ranges[i] = np.minimum(true_ranges[i], self._simulator.cast(one, 0.0, low)[0])
         bodies = hide_behind_discs(
-            true_ranges, *beams, poses, self._disc.offset_x_m, self._radii_m, numbers, high
+            true_ranges, *beams, poses, self._disc.offset_x_m, self._radii_m, rows, high
         )
-        ranges = add_noise(true_ranges, self._noise, self._scales[rows], rngs, (low, high))
-        ranges[true_ranges < low] = TOO_NEAR_M
-        return ranges, np.asarray(bodies)
+        ranges = np.empty_like(true_ranges)
+        sigma_m, sigma_share, near_m, _ = self._errors
+        limits_m = (low, high)
+        if reported(
+            true_ranges,
+            rows,
+            noise.normals,
+            noise.used,
+            self._scales,
+            sigma_m,
+            sigma_share,
+            near_m,
+            limits_m,
+            ranges,
+        ):
+            noise.refill()
+        return ranges, bodies
 
     def outline(self, index: int) -> Box:
         """The true box, map frame, of what beams see of a robot (item 45); NaN once it is removed."""
         center = self._simulator.pose(index).compose(Pose2D(self._disc.offset_x_m, 0.0, 0.0))
         return Box.square(center.x, center.y, 2.0 * float(self._radii_m[index]))
-
-    def _near_solids(self, rows: list[int]) -> list[int]:
-        """Which of ``rows``, by place, may have a solid within their sensor's least range."""
-        grid = self._blind_cells
-        cells = [grid.cell_at(*self._simulator.pose(row)[:2]) for row in rows]
-        return [i for i, cell in enumerate(cells) if grid.contains_cell(*cell) and grid.data[cell[::-1]]]
-
-
-def add_noise(
-    ranges: Floats,
-    noise: LidarNoise,
-    scales: Floats,
-    rngs: Sequence[np.random.Generator],
-    limits_m: tuple[float, float],
-) -> Floats:
-    """Ranges as the sensor reports them; rows are robots. Beams without a return stay inf.
-
-    ``gazebo`` adds a normal error of 10 mm at every range. ``datasheet`` reads the maker's precision
-    (10 mm below 0.5 m, 3.5 % above) as three standard deviations, and its accuracy as ``scales``: (m,)
-    factors that belong to each sensor. Returns are clamped to ``limits_m``, the sensor's own. Each robot's
-    generator gives one number per beam, whatever the beams meet.
-    """
-    if noise == "none":
-        return ranges
-    errors = np.array([rng.standard_normal(ranges.shape[1]) for rng in rngs]).reshape(ranges.shape)
-    if noise == "gazebo":
-        return np.asarray(reported(ranges, errors, np.ones(len(ranges)), 0.010, 0.0, math.inf, limits_m))
-    return np.asarray(reported(ranges, errors, scales, 0.010 / 3.0, 0.035 / 3.0, 0.5, limits_m))
 
 
 def draw_scale(rng: np.random.Generator) -> float:

@@ -9,7 +9,7 @@ from numba import njit
 
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
-from midnet_bench.simulation.noise import BLOCK, NoiseBlocks
+from midnet_bench.simulation.noise import NoiseBlocks
 from midnet_bench.simulation.settings import OdometrySettings
 
 TICK_RAD = 2.0 * math.pi / 4096
@@ -94,7 +94,7 @@ def reckon(
             ticks[row, wheel] = now
             travel[wheel] = way + slip_m_per_sqrt_m * math.sqrt(abs(way)) * normals[row, used[row], wheel]
         used[row] += 1
-        used_up = used_up or used[row] == BLOCK
+        used_up = used_up or used[row] == normals.shape[1]
         forward, turn = (travel[0] + travel[1]) / 2.0, (travel[1] - travel[0]) / separation_m[row]
         heading = poses[row, 2] + turn / 2.0
         poses[row, 0] += forward * math.cos(heading)

@@ -16,6 +16,7 @@ from midnet_bench.messages import Command
 from midnet_bench.robots.model import RobotModel
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
 
 class Beams(NamedTuple):
@@ -75,8 +76,11 @@ class Simulator(Protocol):
     def poses(self) -> Floats:
         """(n, 3) x, y, yaw of what ``pose`` gives for every robot; read-only, fresh per tick."""
 
-    def velocities(self) -> Floats:
-        """(n, 2) forward speed (m/s) and yaw rate (rad/s) of every robot; NaN for one that is removed."""
+    def velocities(self, rows: Ints | None = None) -> Floats:
+        """(n, 2) forward speed (m/s) and yaw rate (rad/s) of every robot; NaN for one that is removed.
+
+        With ``rows``, only theirs are wanted: the others' may be NaN.
+        """
 
     def wheel_angles(self) -> Floats:
         """(n, 2) how far the left and right wheel have turned, radians; NaN for a robot that is removed."""

@@ -308,7 +308,10 @@ def test_one_parameter_is_explained_with_the_papers_gap(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     words = " ".join(done.stdout.split())
     assert words.startswith("localization Which pose is used to crop the map")
-    assert "default: ukf allowed: ukf | ukf+map | truth experiments: detection, labyrinth, readings, robustness" in words
+    assert (
+        "default: ukf allowed: ukf | ukf+map | truth experiments: detection, labyrinth, readings, robustness"
+        in words
+    )
     assert "The paper leaves open (item 10): which pose the crop uses." in words
 
 

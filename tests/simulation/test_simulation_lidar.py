@@ -15,9 +15,10 @@ from midnet_bench.robots.burger import LDS_01
 from midnet_bench.simulation import lidar
 from midnet_bench.simulation.bullet.world import MAX_BATCH, World
 from midnet_bench.simulation.lidar import NOTHING, SOLID, TOO_NEAR_M
+from midnet_bench.simulation.noise import NoiseBlocks
 from tests.simulation.scenes import beam_lengths, run, scene, sensors
 
-ANY = [stream(1, "unused")] * 10
+ANY = NoiseBlocks([stream(1, "unused")] * 10, LDS_01.beams)
 LIMITS_M = (LDS_01.range_min_m, LDS_01.range_max_m)
 
 
@@ -66,7 +67,7 @@ def test_a_burger_shows_others_its_lds_or_all_of_itself(profile: str, radius: fl
     layout = scene([(0.0, 0.0, 0.0)], [(0.8, 0.3, 2.0)])
     with World(layout) as world:
         lidars = sensors(world, profile)
-        ranges, bodies = lidars.scan_and_bodies([0], ANY[:1])
+        ranges, bodies = lidars.scan_and_bodies([0], ANY)
         axis = Pose2D(*world.poses()[0]).compose(LDS_01.mount)
         ((x, y, _),) = discs_seen(world.poses(), by=0, radius=radius, offset=offset)
         met = np.flatnonzero(bodies[0] == 1)
@@ -84,7 +85,7 @@ def test_a_burger_shows_others_its_lds_or_all_of_itself(profile: str, radius: fl
 def test_a_burger_never_sees_itself() -> None:
     for profile in ("urdf", "disc"):
         with World(scene([(0.0, 0.0, 0.7)])) as world:
-            assert sensors(world, profile).scan([0], ANY[:1]).min() > 2.8
+            assert sensors(world, profile).scan([0], ANY).min() > 2.8
 
 
 def test_bodies_tell_robots_from_what_stands() -> None:
@@ -92,7 +93,7 @@ def test_bodies_tell_robots_from_what_stands() -> None:
     with World(
         scene([(0.0, 0.0, 0.0)], [(0.0, 1.0, 0.0)], stationary=[block], arena=load_arena("map2"))
     ) as world:
-        ranges, bodies = sensors(world).scan_and_bodies([0, 1], ANY[:2])
+        ranges, bodies = sensors(world).scan_and_bodies([0, 1], ANY)
     assert bodies[0, 90] == 1
     assert bodies[1, 270] == 0
     assert bodies[0, 180] == SOLID
@@ -103,7 +104,7 @@ def test_bodies_tell_robots_from_what_stands() -> None:
 
 def test_the_nearer_of_two_robots_hides_the_other() -> None:
     with World(scene([(0.0, 0.0, 0.0), (0.7, 0.0, 0.0)], [(1.5, 0.0, 0.0)])) as world:
-        _, bodies = sensors(world).scan_and_bodies([0], ANY[:1])
+        _, bodies = sensors(world).scan_and_bodies([0], ANY)
     assert 2 not in bodies
     assert np.count_nonzero(bodies == 1) == 9
 
@@ -114,7 +115,7 @@ def test_a_wall_at_the_bumper_is_too_near_and_nothing_is_seen_through_it(yaw: fl
     with World(scene([start])) as world:
         world.drive(0, Command(0.1, 0.0))
         run(world, 4.0)
-        ranges = sensors(world).scan([0], ANY[:1])[0]
+        ranges = sensors(world).scan([0], ANY)[0]
         expected = beam_lengths(world.poses()[0], world.layout.solids, [])
     assert np.count_nonzero(ranges == TOO_NEAR_M) > 60
     assert np.array_equal(ranges == TOO_NEAR_M, expected == 0.0)
@@ -123,7 +124,7 @@ def test_a_wall_at_the_bumper_is_too_near_and_nothing_is_seen_through_it(yaw: fl
 
 def test_a_robot_at_the_bumper_is_too_near() -> None:
     with World(scene([(0.0, 0.0, 0.0)], [(0.08, 0.0, math.pi)])) as world:
-        ranges, bodies = sensors(world).scan_and_bodies([0], ANY[:1])
+        ranges, bodies = sensors(world).scan_and_bodies([0], ANY)
     assert ranges[0, 0] == TOO_NEAR_M
     assert bodies[0, 0] == 1
     assert ranges[0, 180] > 2.5
@@ -133,30 +134,55 @@ def test_a_scan_does_not_depend_on_who_scans_with_it() -> None:
     layout = place(load_arena("map1"), 2, 5)
     with World(layout) as world:
         lidars = sensors(world, noise="gazebo")
-        together = lidars.scan(range(10), [stream(1, "noise", i) for i in range(10)])
-        alone = [lidars.scan([i], [stream(1, "noise", i)])[0] for i in range(10)]
-        reversed_order = lidars.scan([9, 4], [stream(1, "noise", 9), stream(1, "noise", 4)])
+
+        def noise() -> NoiseBlocks:
+            return lidars.noise([stream(1, "noise", i) for i in range(10)])
+
+        together = lidars.scan(range(10), noise())
+        alone = [lidars.scan([i], noise())[0] for i in range(10)]
+        reversed_order = lidars.scan([9, 4], noise())
     assert np.array_equal(together, alone)
     assert np.array_equal(reversed_order, together[[9, 4]])
 
 
 def test_more_rays_than_one_batch_holds_are_split() -> None:
     with World(scene([(0.0, 0.0, 0.0)])) as world:
-        one = sensors(world).scan([0], ANY[:1])
-        many = sensors(world).scan([0] * 50, ANY[:1] * 50)
+        one = sensors(world).scan([0], ANY)
+        many = sensors(world).scan([0] * 50, ANY)
     assert MAX_BATCH < 50 * 360
     assert np.array_equal(many, np.repeat(one, 50, axis=0))
     with World(scene([(0.0, 0.0, 0.0)])) as world:
-        assert sensors(world).scan([], []).shape == (0, 360)
+        assert sensors(world).scan([], ANY).shape == (0, 360)
 
 
 def noisy_scans(noise: str, scans: int = 300) -> tuple[np.ndarray, np.ndarray]:
     layout = place(load_arena("map2"), 3, 1, 0)
     with World(layout) as world:
-        truth = sensors(world).scan([0], ANY[:1])[0]
+        truth = sensors(world).scan([0], ANY)[0]
         lidars = sensors(world, noise=noise)
-        rng = stream(3, "lidar", 0)
-        return truth, np.array([lidars.scan([0], [rng])[0] for _ in range(scans)])
+        blocks = lidars.noise([stream(3, "lidar", 0)])
+        return truth, np.array([lidars.scan([0], blocks)[0] for _ in range(scans)])
+
+
+def reported(ranges: np.ndarray, noise: str) -> np.ndarray:
+    blocks = NoiseBlocks([stream(1, "a")], ranges.shape[1], 1)
+    noisy = np.empty_like(ranges)
+    sigma_m, sigma_share, near_m, _ = lidar.ERRORS[noise]
+    row, ones = np.zeros(1, dtype=np.int64), np.ones(1)
+    assert lidar.reported(
+        ranges, row, blocks.normals, blocks.used, ones, sigma_m, sigma_share, near_m, LIMITS_M, noisy
+    )
+    return noisy
+
+
+def test_noise_drawn_in_blocks_is_that_drawn_scan_by_scan() -> None:
+    """Over the end of a block: the same numbers in the same order."""
+    truth, scans = noisy_scans("gazebo", 20)
+    rng = stream(3, "lidar", 0)
+    for scan in scans:
+        expected = np.clip(truth + 0.010 * rng.standard_normal(360), *LIMITS_M)
+        expected[np.isinf(truth)] = np.inf
+        np.testing.assert_array_equal(scan, expected)
 
 
 def test_gazebo_noise_is_normal_with_one_centimetre_at_every_range() -> None:
@@ -184,8 +210,7 @@ def test_datasheet_noise_grows_with_range_and_has_a_scale_of_its_own() -> None:
 
 
 def test_datasheet_noise_is_a_third_of_a_centimetre_close_by() -> None:
-    ranges = np.full((1, 20000), 0.3)
-    noisy = lidar.add_noise(ranges, "datasheet", np.ones(1), [stream(1, "a")], LIMITS_M)
+    noisy = reported(np.full((1, 20000), 0.3), "datasheet")
     assert noisy.std() == pytest.approx(0.010 / 3.0, rel=0.03)
 
 
@@ -197,5 +222,5 @@ def test_sensors_scales_are_spread_as_the_maker_says() -> None:
 
 def test_ranges_are_clamped_to_the_sensor_s_limits() -> None:
     ranges = np.array([[0.1201] * 500 + [3.499] * 500])
-    noisy = lidar.add_noise(ranges, "gazebo", np.ones(1), [stream(1, "a")], LIMITS_M)
+    noisy = reported(ranges, "gazebo")
     assert (noisy.min(), noisy.max()) == (0.12, 3.5)

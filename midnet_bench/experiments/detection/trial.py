@@ -59,7 +59,7 @@ class DetectionTrial(GuardedArena):
             for number, solid in enumerate(self.layout.stationary, 1)
         }
         self._goal_rngs = {robot.index: stream(seed, "goals", robot.name) for robot in self.intruders}
-        self._sight_noise = [stream(seed, "sight", guard.name) for guard in self.guards]
+        self._sight_noise = self.lidars.noise([stream(seed, "sight", guard.name) for guard in self.guards])
         self._causes = CauseCounter()
         for robot in self.intruders:
             robot.next_goal = self._random_goal

@@ -66,11 +66,7 @@ class Drive:
 
     def command(self, number: int, command: Command) -> None:
         """Take a new command; it is held until the next one, as the plugin holds it."""
-        robot = self._robot
-        linear = min(max(command.linear_mps, -robot.max_linear_mps), robot.max_linear_mps)
-        angular = min(max(command.angular_radps, -robot.max_angular_radps), robot.max_angular_radps)
-        half = angular * robot.wheel_separation_m / 2.0
-        self._targets[number] = (linear - half, linear + half)
+        self._targets[number] = self._robot.rim_speeds(command)
 
     def step(self) -> None:
         """Move every wheel's speed one physics step closer to its target."""

@@ -73,6 +73,7 @@ class World:
         add_solids(self._client, layout.solids)
         self._rays = Rays(layout, robot.lidar_height_m)
         self._robots = [load_robot(self._client, robot, pose) for pose in starts]
+        self._mass_x_m = self._robots[0].mass_x_m if starts else 0.0
         self._drive = Drive(robot, self._robots, self._client, 1.0 / self.step_hz)
         self._active = np.ones(len(starts), dtype=np.bool_)
         self._present = list(range(len(starts)))
@@ -125,15 +126,20 @@ class World:
     def poses(self) -> Floats:
         """(n, 3) x, y, yaw of what ``pose`` gives for every robot."""
         if self._poses is None:
-            self._poses = np.array([self._fetch_pose(index) for index in range(len(self._robots))])
+            fetch, client = bullet.getBasePositionAndOrientation, self._client
+            places = np.full((len(self._robots), 7), np.nan)
+            for index in self._present:
+                at, turn = fetch(self._robots[index].body, client)
+                places[index] = at + turn
+            self._poses = base_poses(places, self._mass_x_m)
             self._poses.flags.writeable = False
         return self._poses
 
-    def velocities(self) -> Floats:
-        """(n, 2) forward speed (m/s) and yaw rate (rad/s) of every robot; NaN for one that is removed."""
+    def velocities(self, rows: Ints | None = None) -> Floats:
+        """(n, 2) forward speed (m/s) and yaw rate (rad/s) of ``rows``, or of all; NaN for one removed."""
         velocities = np.full((len(self._robots), 2), np.nan)
         yaws = self.poses()[:, 2].tolist()
-        for index in self._present:
+        for index in self._present if rows is None else rows.tolist():
             (x, y, _), (_, _, turn) = bullet.getBaseVelocity(self._robots[index].body, self._client)
             # the solver made this velocity at the heading that the step began with
             heading = yaws[index] - turn / self.step_hz
@@ -168,14 +174,6 @@ class World:
         Touching counts once until a second has passed without it.
         """
         return self._collisions.copy()
-
-    def _fetch_pose(self, index: int) -> tuple[float, float, float]:
-        if not self._active[index]:
-            return math.nan, math.nan, math.nan
-        body, _, mass_x_m = self._robots[index]
-        at, (x, y, z, w) = bullet.getBasePositionAndOrientation(body, self._client)
-        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        return at[0] - mass_x_m * math.cos(yaw), at[1] - mass_x_m * math.sin(yaw), yaw
 
     def _count_collisions(self) -> None:
         gap = _EPISODE_GAP_S * self.step_hz
@@ -232,6 +230,22 @@ def ray_fractions(client: int, starts: Floats, ends: Floats) -> Floats:
         hits = bullet.rayTestBatch(starts[batch], ends[batch], numThreads=1, physicsClientId=client)
         fractions[batch] = np.fromiter(map(_FRACTION, hits), np.float64, len(hits))
     return fractions
+
+
+@njit(cache=True)
+def base_poses(places: Floats, mass_x_m: float) -> Floats:
+    """(n, 3) x, y, yaw of base frames from (n, 7) positions and quaternions (x, y, z, w) of their masses.
+
+    ``mass_x_m``: how far the mass lies before the base frame's origin.
+    """
+    poses = np.empty((len(places), 3))
+    for i in range(len(places)):
+        x, y, z, w = places[i, 3], places[i, 4], places[i, 5], places[i, 6]
+        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        poses[i, 0] = places[i, 0] - mass_x_m * math.cos(yaw)
+        poses[i, 1] = places[i, 1] - mass_x_m * math.sin(yaw)
+        poses[i, 2] = yaw
+    return poses
 
 
 @njit(cache=True)

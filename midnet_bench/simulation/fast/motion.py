@@ -38,7 +38,6 @@ POSE = slice(0, 3)
 SPEED_X, SPEED_Y = 3, 4
 FORWARD, TURN = 5, 6
 VELOCITY = slice(5, 7)
-TARGETS = slice(7, 9)
 ASKED_LEFT, ASKED_RIGHT, LEFT, RIGHT = 7, 8, 9, 10
 ANGLES = slice(11, 13)
 ANGLE_LEFT = 11
@@ -319,14 +318,25 @@ def count_collisions(
     last_touch: Ints,
     tick: int,
     gap_ticks: int,
-    body: Body,
-    ground: SideGrid,
-    room: Room,
+    numbers: Floats,
+    hull: Floats,
+    sides: Floats,
+    frame: Floats,
+    first: Ints,
+    members: Ints,
+    hulls: Floats,
+    rows: Floats,
+    pairs: Ints,
 ) -> None:
-    """Counts a collision of each body that touches something and has not for more than ``gap_ticks``."""
+    """Counts a collision of each body that touches something and has not for more than ``gap_ticks``.
+
+    Everything from ``numbers`` on as :func:`taken_apart` gives it.
+    """
+    body, room = Body(hull, numbers[6], numbers[7]), Room(hulls, rows, pairs)
+    ground = SideGrid(sides, frame, first, members)
     count = find_contacts(states[:, :3], present, body, TOUCH_M, ground, room)
     for c in range(count):
-        for i in room.pairs[c]:
+        for i in pairs[c]:
             if i >= 0:
                 if tick - last_touch[i] > gap_ticks:
                     collisions[i] += 1

@@ -46,8 +46,7 @@ class World:
         body = body_of(robot)
         self._outlines = outlines_of(layout.solids)
         ground = side_grid(self._outlines, body.reach_m + 2.0 * drive.most_m)
-        self._surroundings = (body, ground, room_for(len(starts), body))
-        self._parts = motion.taken_apart(drive, *self._surroundings)
+        self._parts = motion.taken_apart(drive, body, ground, room_for(len(starts), body))
         self._states = np.zeros((len(starts), motion.COLUMNS))
         self._states[:, motion.POSE] = starts
         self._present = np.ones(len(starts), dtype=np.bool_)
@@ -74,11 +73,9 @@ class World:
     def drive(self, index: int, command: Command) -> None:
         """Give a robot its new velocity; held until the next one. Clamped to the robot's limits."""
         require_active(self._present, index)
-        robot = self.robot
-        linear = min(max(command.linear_mps, -robot.max_linear_mps), robot.max_linear_mps)
-        angular = min(max(command.angular_radps, -robot.max_angular_radps), robot.max_angular_radps)
-        half = angular * robot.wheel_separation_m / 2.0
-        self._states[index, motion.TARGETS] = linear - half, linear + half
+        left, right = self.robot.rim_speeds(command)
+        self._states[index, motion.ASKED_LEFT] = left
+        self._states[index, motion.ASKED_RIGHT] = right
 
     def step(self) -> None:
         """Let one tick of 1 / ``step_hz`` seconds pass."""
@@ -93,7 +90,7 @@ class World:
                 self._last_touch,
                 self.tick,
                 int(_EPISODE_GAP_S * self.step_hz),
-                *self._surroundings,
+                *self._parts,
             )
 
     def pose(self, index: int) -> Pose2D:
@@ -107,7 +104,7 @@ class World:
             self._pose_array.flags.writeable = False
         return self._pose_array
 
-    def velocities(self) -> Floats:
+    def velocities(self, rows: Ints | None = None) -> Floats:
         """(n, 2) forward speed (m/s) and yaw rate (rad/s) of every robot; NaN for one that is removed."""
         return self._states[:, motion.VELOCITY].copy()
 
