@@ -237,7 +237,7 @@ def predicted(
     where the covariance is not positive definite.
     """
     size = len(state)
-    root = np.linalg.cholesky(scale * covariance)
+    root = lower_root(scale * covariance)
     points = np.empty((2 * size + 1, size))
     points[0] = state
     for i in range(size):
@@ -337,7 +337,11 @@ def step_noise(yaw_rad: float, per_second: FloatArray, dt_s: float, lasts_s: flo
     reach[2, 2] = lasts_s
     for k in range(3):
         reach[3 + k, k] = 1.0
-    noise = (reach * (dt_s * per_second[3:])) @ reach.T
+    noise = np.zeros((6, 6))
+    for i in range(6):
+        for j in range(6):
+            for k in range(3):
+                noise[i, j] += reach[i, k] * (dt_s * per_second[3 + k]) * reach[j, k]
     for k in range(3):
         noise[k, k] += dt_s * per_second[k]
     return noise
@@ -353,9 +357,48 @@ def corrected(
     transform of a linear function is exact, so no sigma points are drawn: the innovation's covariance is that
     part of the state's, plus the noise.
     """
-    last = first + len(measured)
-    cross = np.ascontiguousarray(covariance[:, first:last])
-    innovation = cross[first:last] + noise
-    gain = np.linalg.solve(innovation, cross.T).T
-    after = covariance - gain @ cross.T
-    return state + gain @ (measured - state[first:last]), 0.5 * (after + after.T)
+    size, count = len(state), len(measured)
+    root = lower_root(covariance[first : first + count, first : first + count] + noise)
+    # whitened: what the state and the innovation have in common, and the innovation, by the root's inverse
+    common, surprise = np.empty((count, size)), np.empty(count)
+    for i in range(count):
+        surprise[i] = measured[i] - state[first + i]
+        for j in range(size):
+            common[i, j] = covariance[first + i, j]
+        for k in range(i):
+            surprise[i] -= root[i, k] * surprise[k]
+            for j in range(size):
+                common[i, j] -= root[i, k] * common[k, j]
+        surprise[i] /= root[i, i]
+        for j in range(size):
+            common[i, j] /= root[i, i]
+    mean, after = state.copy(), covariance.copy()
+    for k in range(count):
+        for i in range(size):
+            mean[i] += common[k, i] * surprise[k]
+            for j in range(size):
+                after[i, j] -= common[k, i] * common[k, j]
+    return mean, 0.5 * (after + after.T)
+
+
+@njit(cache=True)
+def lower_root(matrix: FloatArray) -> FloatArray:
+    """(n, n) lower triangular L with L L' the symmetric ``matrix``: Cholesky's.
+
+    For a handful of rows a call of LAPACK takes several times as long. Raises LinAlgError where the matrix is
+    not positive definite.
+    """
+    size = len(matrix)
+    root = np.zeros((size, size))
+    for i in range(size):
+        for j in range(i + 1):
+            left = matrix[i, j]
+            for k in range(j):
+                left -= root[i, k] * root[j, k]
+            if i > j:
+                root[i, j] = left / root[j, j]
+            elif left > 0.0:
+                root[i, i] = math.sqrt(left)
+            else:
+                raise np.linalg.LinAlgError("Matrix is not positive definite.")
+    return root

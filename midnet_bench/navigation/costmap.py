@@ -5,7 +5,7 @@ Costs and their published values first, then the layers and the costmaps, last t
 
 import math
 from functools import lru_cache
-from typing import TypeVar
+from typing import Any
 
 import cv2
 import numpy as np
@@ -86,9 +86,6 @@ class _Inflation:
         return np.asarray(inflate(base, self._costs, self.reach))
 
 
-_Value = TypeVar("_Value", bound=np.generic)
-
-
 class ObstacleLayer:
     """Cells that are free (0), an obstacle (254) or unseen (255), on a lattice that never moves.
 
@@ -114,6 +111,7 @@ class ObstacleLayer:
         self._footprint_cells = corner_array(cleared) / settings.resolution
         self._marked = np.empty(0, dtype=np.int64)
         self._raytrace_cells = reach_cells(settings.raytrace_range_m, settings.resolution)
+        self._lattice = (float(lattice_origin[0]), float(lattice_origin[1]), float(settings.resolution))
 
     @property
     def origin(self) -> tuple[float, float]:
@@ -162,15 +160,15 @@ class ObstacleLayer:
             self._marked = np.empty(len(ranges_m), dtype=np.int64)
         count = integrate_scan(
             self.cells,
-            (*self.to_cells(sensor_pose.x, sensor_pose.y), sensor_pose.yaw),
-            settings.resolution,
+            self._lattice,
+            (self.column, self.row),
+            sensor_pose[:],  # without names, which numba would look at anew at every call
             np.ascontiguousarray(ranges_m, dtype=np.float64),
             geometry.directions,
-            (geometry.range_min_m, geometry.range_max_m),
-            settings.obstacle_range_m,
+            (geometry.range_min_m, geometry.range_max_m, settings.obstacle_range_m),
             self._raytrace_cells,
             settings.inf_is_valid,
-            (*self.to_cells(pose.x, pose.y), pose.yaw),
+            pose[:],
             self._footprint_cells,
             self._marked,
         )
@@ -199,14 +197,16 @@ class ObstacleLayer:
             self.cells[(self.cells == LETHAL) & (self._marked_at_s < time_s - memory_s)] = FREE_SPACE
 
 
+@njit(cache=True)
 def _moved(
-    old: npt.NDArray[_Value], columns: int, rows: int, width: int, height: int, unseen: float
-) -> npt.NDArray[_Value]:
+    old: npt.NDArray[Any], columns: int, rows: int, width: int, height: int, unseen: float
+) -> npt.NDArray[Any]:
+    """(height, width): what ``old`` holds from (columns, rows) on, and ``unseen`` beyond it."""
     new = np.full((height, width), unseen, dtype=old.dtype)
     x0, x1 = max(columns, 0), min(columns + width, old.shape[1])
-    y0, y1 = max(rows, 0), min(rows + height, old.shape[0])
-    if x0 < x1 and y0 < y1:
-        new[y0 - rows : y1 - rows, x0 - columns : x1 - columns] = old[y0:y1, x0:x1]
+    for y in range(max(rows, 0), min(rows + height, old.shape[0])):
+        for x in range(x0, x1):
+            new[y - rows, x - columns] = old[y, x]
     return new
 
 
@@ -272,6 +272,7 @@ class RollingCostmap:
         return OccupancyGrid(published(self.costs), self.settings.resolution, self.origin)
 
     def _window(self, pose: Pose2D) -> tuple[int, int]:
+        """Column and row of the lattice at which the window is to begin."""
         n = self._side_cells
         x, y = self.layer.to_lattice(pose.x, pose.y)
         if self.settings.centered:
@@ -349,9 +350,9 @@ class GlobalCostmap:
         sensor_pose.require_finite()
         self.layer.update(pose, sensor_pose, ranges_m, geometry, time_s)
         if self.layer.remembers_for_ever:
-            x, y = (math.floor(value) for value in self.layer.to_cells(sensor_pose.x, sensor_pose.y))
-            reach = self._scan_cells
-            self._touch(x - reach, y - reach, x + reach + 1, y + reach + 1)
+            x, y = self.layer.to_cells(sensor_pose.x, sensor_pose.y)
+            column, row, reach = math.floor(x), math.floor(y), self._scan_cells
+            self._touch(column - reach, row - reach, column + reach + 1, row + reach + 1)
         else:
             self._touch(0, 0, self.static.shape[1], self.static.shape[0])
 
@@ -446,16 +447,16 @@ def clear_line(flat: Cells, width: int, x0: int, y0: int, x1: int, y1: int, max_
     steps = major
     if major * major + minor * minor > max_cells * max_cells:
         steps = int(max_cells / math.hypot(x1 - x0, y1 - y0) * major)
-    error = major // 2
+    # counted from -major, so that a step aside is due when it comes to 0
+    error = major // 2 - major
     # Unsigned, so that no index is asked whether it counts from the end; steps back wrap round.
-    index, along, aside = np.uint64(y0 * width + x0), np.uint64(major_step), np.uint64(minor_step)
+    index, along, both = np.uint64(y0 * width + x0), np.uint64(major_step), np.uint64(major_step + minor_step)
     for _ in range(steps + 1):
         flat[index] = FREE_SPACE
-        # no branch, which the processor would guess wrong half the time
-        error += minor
-        is_over = error >= major
-        index += along + (aside if is_over else np.uint64(0))
-        error -= major if is_over else 0
+        # no branch, which the processor would guess wrong half the time, and both outcomes at once
+        is_over = error + minor >= 0
+        error = error + (minor - major) if is_over else error + minor
+        index = index + both if is_over else index + along
 
 
 @njit(cache=True)
@@ -510,12 +511,12 @@ def placed(corners: Floats, pose: tuple[float, float, float]) -> Floats:
 @njit(cache=True)
 def integrate_scan(
     cells: Cells,
+    lattice: tuple[float, float, float],
+    corner: tuple[int, int],
     sensor: tuple[float, float, float],
-    resolution: float,
     ranges: Floats,
     directions: Floats,
-    range_limits: tuple[float, float],
-    obstacle_range: float,
+    range_limits: tuple[float, float, float],
     raytrace_cells: int,
     inf_is_valid: bool,
     base: tuple[float, float, float],
@@ -524,16 +525,20 @@ def integrate_scan(
 ) -> int:
     """Clear along every beam, then mark every hit, then free the footprint; returns how many were marked.
 
-    ``sensor``: x, y in cells from the grid's lower-left corner, yaw in radians. ``ranges``: (B,) metres;
-    ``directions``: (B, 2) cosine and sine of each beam in the sensor frame. A range outside
-    [range_min, range_max) neither clears nor marks, except that +inf clears under ``inf_is_valid``.
-    A hit at ``obstacle_range`` exactly is not marked. ``base``: as ``sensor``, where the robot stands;
-    ``footprint``: (N, 2) cells, its corners in its base frame; empty to clear none. ``marked``: (B,), takes
-    the flat indices of the marked cells.
+    ``lattice``: x, y of its origin and the side of a cell, metres; ``corner``: column and row on it of the
+    grid's lower-left corner. ``sensor``: its pose, x, y in metres, yaw in radians. ``ranges``: (B,) metres;
+    ``directions``: (B, 2) cosine and sine of each beam in the sensor frame. ``range_limits``: least and
+    largest range and the obstacle range, metres. A range outside [least, largest) neither clears nor marks,
+    except that +inf clears under ``inf_is_valid``. A hit at the obstacle range exactly is not marked.
+    ``base``: as ``sensor``, where the robot stands; ``footprint``: (N, 2) cells, its corners in its base
+    frame; empty to clear none. ``marked``: (B,), takes the flat indices of the marked cells.
     """
     height, width = cells.shape
     flat = cells.reshape(-1)
-    sensor_x, sensor_y, yaw = sensor
+    resolution = lattice[2]
+    sensor_x = (sensor[0] - lattice[0]) / resolution - corner[0]
+    sensor_y = (sensor[1] - lattice[1]) / resolution - corner[1]
+    yaw = sensor[2]
     cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
     inside = 0.0 <= sensor_x < width and 0.0 <= sensor_y < height
     start_x, start_y = int(sensor_x), int(sensor_y)
@@ -550,7 +555,7 @@ def integrate_scan(
         a = reach * (cos_yaw * directions[i, 0] - sin_yaw * directions[i, 1])
         b = reach * (sin_yaw * directions[i, 0] + cos_yaw * directions[i, 1])
         x, y = sensor_x + a, sensor_y + b
-        if distance < obstacle_range and 0.0 <= x < width and 0.0 <= y < height:
+        if distance < range_limits[2] and 0.0 <= x < width and 0.0 <= y < height:
             marked[count] = int(y) * width + int(x)
             count += 1
         if not inside:
@@ -571,7 +576,9 @@ def integrate_scan(
     for i in range(count):
         flat[marked[i]] = LETHAL
     if len(footprint) > 0:
-        clear_polygon(cells, placed(footprint, base))
+        base_x = (base[0] - lattice[0]) / resolution - corner[0]
+        base_y = (base[1] - lattice[1]) / resolution - corner[1]
+        clear_polygon(cells, placed(footprint, (base_x, base_y, base[2])))
     return count
 
 

@@ -116,11 +116,12 @@ class DwaPlanner:
             limits.acc_lim_x_mps2 * period_s,
             limits.acc_lim_theta_radps2 * period_s,
         )
-        self._speeds = (reach_v, limits.min_vel_x_mps, limits.max_vel_x_mps)
+        self._speeds = (reach_v, float(limits.min_vel_x_mps), float(limits.max_vel_x_mps))
         """how far one period reaches, lowest, highest"""
-        self._turns = (reach_w, -limits.max_vel_theta_radps, limits.max_vel_theta_radps)
+        turn = float(limits.max_vel_theta_radps)
+        self._turns = (reach_w, -turn, turn)
         self._counts = (settings.vx_samples, settings.vth_samples)
-        self._parameters = SearchParameters(
+        parameters = SearchParameters(
             min_vel_trans=float(limits.min_vel_trans_mps),
             max_vel_trans=float(limits.max_vel_trans_mps),
             min_vel_theta=float(limits.min_vel_theta_radps),
@@ -133,6 +134,8 @@ class DwaPlanner:
             occupied=float(settings.occdist_scale),
             forward_cells=settings.forward_point_distance_m / resolution,
         )
+        # numba looks at a tuple with names anew at every call, which takes longer than to pass it
+        self._parameters = tuple(parameters)
 
     @property
     def limits(self) -> LocalPlannerLimits:
@@ -150,20 +153,16 @@ class DwaPlanner:
         grids are made when plan or costmap change rather than at every cycle.
         """
         settings = self.settings
-        windows = (
-            _window(velocity[0], *self._speeds),
-            _window(velocity[1], *self._turns),
-            self._counts,
-        )
-        end_x, end_y = plan[-1].tolist()
+        windows = (*velocity, self._speeds, self._turns, self._counts)
         start = (*costmap.layer.to_cells(pose.x, pose.y), pose.yaw)
+        ahead_m = settings.forward_point_distance_m
         found, speed, turn = best_velocity(
             costmap.costs,
-            self._grids.grids(costmap, plan, pose, settings.forward_point_distance_m),
+            self._grids.grids(costmap, plan, pose, ahead_m),
             start,
             *windows,
             self._oscillation.allowed,
-            math.hypot(end_x - pose.x, end_y - pose.y) > settings.forward_point_distance_m,
+            math.hypot(plan.item(-2) - pose.x, plan.item(-1) - pose.y) > ahead_m,
             self._footprint_cells,
             self._parameters,
         )
@@ -179,11 +178,6 @@ class DwaPlanner:
         return chosen
 
 
-def _window(now: float, reach: float, low: float, high: float) -> tuple[float, float]:
-    """What can be reached of [low, high]; a velocity outside it is brought back to the nearer end."""
-    return min(max(low, now - reach), high), max(min(high, now + reach), low)
-
-
 def _sign(value: float) -> int:
     return (value > 0.0) - (value < 0.0)
 
@@ -193,21 +187,38 @@ def best_velocity(
     costs: Cells,
     grids: Grids,
     start: tuple[float, float, float],
-    speed_window: tuple[float, float],
-    turn_window: tuple[float, float],
+    speed: float,
+    turn: float,
+    speed_range: tuple[float, float, float],
+    turn_range: tuple[float, float, float],
     counts: tuple[int, int],
     signs_allowed: tuple[bool, bool, bool, bool],
     aligned: bool,
     footprint: Floats,
-    params: SearchParameters,
+    parameters: tuple[float, ...],
 ) -> tuple[bool, float, float]:
-    """(whether any is legal, speed in m/s, turn in rad/s) of the best among evenly spaced samples."""
-    speeds = velocity_samples(speed_window[0], speed_window[1], counts[0])
-    turns = velocity_samples(turn_window[0], turn_window[1], counts[1])
+    """(whether any is legal, speed in m/s, turn in rad/s) of the best among evenly spaced samples.
+
+    ``speed``, ``turn``: the present ones; ``speed_range``, ``turn_range``: as for ``_reachable``;
+    ``counts``: samples of each; ``parameters``: ``SearchParameters``; the rest as for ``search``.
+    """
+    params = SearchParameters(*parameters)
+    speeds = _reachable(speed, speed_range, counts[0])
+    turns = _reachable(turn, turn_range, counts[1])
     best, _ = search(costs, grids, start, speeds, turns, signs_allowed, aligned, footprint, params)
     if best < 0:
         return False, 0.0, 0.0
     return True, speeds[best // len(turns)], turns[best % len(turns)]
+
+
+@njit(cache=True)
+def _reachable(now: float, limits: tuple[float, float, float], count: int) -> Floats:
+    """Samples of what one period reaches from ``now``; a velocity outside comes back to the nearer end.
+
+    ``limits``: how far one period reaches, lowest, highest.
+    """
+    reach, low, high = limits
+    return velocity_samples(min(max(low, now - reach), high), max(min(high, now + reach), low), count)
 
 
 @njit(cache=True)
@@ -284,18 +295,28 @@ def _end_scores(
     """(len(speeds) * len(turns),) what the critics of the last point give; inf where a sample is discarded.
 
     The last of n Euler points is known in closed form: the sum of n - 1 unit vectors, each turned on by the
-    same angle.
+    same angle. Half that angle alone needs a sine and a cosine; all other headings follow by turning on.
     """
     height, width = grids.shape[1] - 2, grids.shape[2] - 2
     free_below = height * width
     forward = params.forward_cells
+    # Flat and unsigned, so that no index is asked whether it counts from the end.
+    path_grid, goal_grid, front_grid = (
+        grids[PATH].reshape(-1),
+        grids[GOAL].reshape(-1),
+        grids[GOAL_FRONT].reshape(-1),
+    )
+    one, stride = np.uint32(1), np.uint32(width + 2)
+    start_c, start_s = math.cos(start[2]), math.sin(start[2])
     scores = np.full(len(speeds) * len(turns), np.inf)
     for j in range(len(turns)):
         turn = turns[j]
         if (turn > 0.0 and not signs_allowed[2]) or (turn < 0.0 and not signs_allowed[3]):
             continue
         steps_before = -1
-        sum_c, sum_s, end_c, end_s = 0.0, 0.0, 0.0, 0.0
+        sum_c, sum_s, nose_x, nose_y = 0.0, 0.0, 0.0, 0.0
+        half_turn = 0.5 * turn * params.sim_time
+        half_turn_c, half_turn_s = math.cos(half_turn), math.sin(half_turn)
         for i in range(len(speeds)):
             speed = speeds[i]
             if (speed > 0.0 and not signs_allowed[0]) or (speed < 0.0 and not signs_allowed[1]):
@@ -309,28 +330,29 @@ def _end_scores(
                 continue
             if steps != steps_before:
                 steps_before = steps
-                angle = turn * params.sim_time / steps
-                half = math.sin(0.5 * angle)
-                ratio = (steps - 1.0) if half == 0.0 else math.sin(0.5 * (steps - 1) * angle) / half
-                middle = start[2] + 0.5 * (steps - 2) * angle
-                sum_c, sum_s = ratio * math.cos(middle), ratio * math.sin(middle)
-                end_c = math.cos(start[2] + (steps - 1) * angle)
-                end_s = math.sin(start[2] + (steps - 1) * angle)
-            advance = speed * params.cells_per_m * params.sim_time / steps
-            x, y = start[0] + advance * sum_c, start[1] + advance * sum_s
-            ahead_x, ahead_y = x + forward * end_c, y + forward * end_s
+                c, s = math.cos(half_turn / steps), math.sin(half_turn / steps)
+                # half of what lies between the first heading and the last, and the heading there
+                half_c, half_s = half_turn_c * c + half_turn_s * s, half_turn_s * c - half_turn_c * s
+                middle_c, middle_s = start_c * half_c - start_s * half_s, start_s * half_c + start_c * half_s
+                ratio = (steps - 1.0) if s == 0.0 else half_s / s
+                ratio *= params.cells_per_m * params.sim_time / steps
+                sum_c, sum_s = ratio * (middle_c * c + middle_s * s), ratio * (middle_s * c - middle_c * s)
+                nose_x = start[0] + forward * (middle_c * half_c - middle_s * half_s)
+                nose_y = start[1] + forward * (middle_s * half_c + middle_c * half_s)
+            x, y = start[0] + speed * sum_c, start[1] + speed * sum_s
+            ahead_x, ahead_y = nose_x + speed * sum_c, nose_y + speed * sum_s
             if not (0.0 <= x < width and 0.0 <= y < height):
                 continue
             if not (0.0 <= ahead_x < width and 0.0 <= ahead_y < height):
                 continue
-            row, column = int(y) + 1, int(x) + 1
-            path, goal = grids[PATH, row, column], grids[GOAL, row, column]
+            cell = (np.uint32(y) + one) * stride + np.uint32(x) + one
+            path, goal = path_grid[cell], goal_grid[cell]
             if path >= free_below or goal >= free_below:
                 continue
-            row, column = int(ahead_y) + 1, int(ahead_x) + 1
-            score = params.goal * grids[GOAL_FRONT, row, column]
+            cell = (np.uint32(ahead_y) + one) * stride + np.uint32(ahead_x) + one
+            score = params.goal * front_grid[cell]
             if aligned:
-                score += params.path * grids[PATH, row, column]
+                score += params.path * path_grid[cell]
             scores[i * len(turns) + j] = score + params.path * path + params.goal * goal
     return scores
 
@@ -389,11 +411,13 @@ def _simulation_steps(speed: float, turn: float, params: SearchParameters) -> in
 def escape(
     costs: Cells,
     start: tuple[float, float, float],
-    speed_window: tuple[float, float],
-    turn_window: tuple[float, float],
+    speed_now: float,
+    turn_now: float,
+    speed_range: tuple[float, float, float],
+    turn_range: tuple[float, float, float],
     counts: tuple[int, int],
     footprint: Floats,
-    params: SearchParameters,
+    parameters: tuple[float, ...],
 ) -> tuple[bool, float, float]:
     """As ``best_velocity``, of the sample that ends farthest from obstacles without an outline on one.
 
@@ -403,8 +427,9 @@ def escape(
     height, width = costs.shape
     if not (0.0 <= start[0] < width and 0.0 <= start[1] < height):
         return False, 0.0, 0.0
-    speeds = velocity_samples(speed_window[0], speed_window[1], counts[0])
-    turns = velocity_samples(turn_window[0], turn_window[1], counts[1])
+    params = SearchParameters(*parameters)
+    speeds = _reachable(speed_now, speed_range, counts[0])
+    turns = _reachable(turn_now, turn_range, counts[1])
     no_plan = np.zeros((3, height + 2, width + 2), dtype=np.int32)
     best = -1
     lowest = int(costs[int(start[1]), int(start[0])])

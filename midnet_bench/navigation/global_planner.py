@@ -281,64 +281,76 @@ def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[P
     ``traversal``: (H, W) uint8 whose outer border is blocked. ``goal`` and ``start`` are flat cell indices.
     The wave stops once everything up to ``margin`` above the potential of ``start`` is settled; potentials
     below the returned bound are final. Cells are taken in bands of potential 100 wide, not from a heap, and
-    may be improved several times within their band.
+    may be improved several times within their band. Arithmetic is in single precision, as navfn's own.
     """
     width = traversal.shape[1]
     cost = traversal.reshape(-1)
     potential = np.full(cost.size, UNREACHED, dtype=np.float32)
     # Unsigned, so that no index is asked whether it counts from the end; steps back wrap round.
     left, right, down, up = np.uint32(-1), np.uint32(1), np.uint32(-width), np.uint32(width)
-    neighbours = (left, right, down, up)
-    queued = np.zeros(cost.size, dtype=np.bool_)
-    current = np.empty(cost.size, dtype=np.uint32)
-    following = np.empty(cost.size, dtype=np.uint32)
-    overflow = np.empty(cost.size, dtype=np.uint32)
-    n_current, n_following, n_overflow = 0, 0, 0
+    # what a cell costs to enter, or BLOCKED while it waits its turn already
+    entry = cost.copy()
+    # one more than there are cells: what is not queued is written too, behind the last
+    current = np.empty(cost.size + 1, dtype=np.uint32)
+    following = np.empty(cost.size + 1, dtype=np.uint32)
+    overflow = np.empty(cost.size + 1, dtype=np.uint32)
+    n_current, n_following, n_overflow = 0, np.uint32(0), np.uint32(0)
     potential[goal] = 0.0
-    for step in neighbours:
+    for step in (left, right, down, up):
         other = np.uint32(np.uint32(goal) + step)
         if cost[other] < BLOCKED:
-            queued[other] = True
+            entry[other] = BLOCKED
             current[n_current] = other
             n_current += 1
-    threshold = float(BLOCKED)
+    threshold = np.float32(BLOCKED)
     while n_current > 0:
         for i in range(n_current):
-            queued[current[i]] = False
+            entry[current[i]] = cost[current[i]]
         for i in range(n_current):
             cell = current[i]
-            h = float(cost[cell])
-            a = min(potential[np.uint32(cell + left)], potential[np.uint32(cell + right)])
-            b = min(potential[np.uint32(cell + down)], potential[np.uint32(cell + up)])
-            low = float(min(a, b))
-            x = abs(float(a) - float(b)) / h
-            rise = h if x >= 1.0 else h * (-0.2301 * x * x + 0.5307 * x + 0.7040)
-            value = np.float32(low + rise)
+            h = np.float32(cost[cell])
+            beside = (
+                np.uint32(cell + left),
+                np.uint32(cell + right),
+                np.uint32(cell + down),
+                np.uint32(cell + up),
+            )
+            a = min(potential[beside[0]], potential[beside[1]])
+            b = min(potential[beside[2]], potential[beside[3]])
+            x = np.float32(abs(a - b) / h)
+            rise = h * (np.float32(0.7040) + x * (np.float32(0.5307) - np.float32(0.2301) * x))
+            value = np.float32(min(a, b) + (h if x >= np.float32(1.0) else rise))
             if value >= potential[cell]:
                 continue
             potential[cell] = value
-            for step in neighbours:
-                other = np.uint32(cell + step)
-                if (
-                    not queued[other]
-                    and cost[other] < BLOCKED
-                    and potential[other] > value + 0.70710678 * cost[other]
-                ):
-                    queued[other] = True
-                    if value < threshold:
-                        following[n_following] = other
-                        n_following += 1
-                    else:
-                        overflow[n_overflow] = other
-                        n_overflow += 1
+            # Each neighbour is written behind the queue's end, which moves on if it is to stay: no branch,
+            # which the processor would guess wrong half the time.
+            if value < threshold:
+                for other in beside:
+                    dear = entry[other]
+                    stays = (dear < BLOCKED) & (
+                        potential[other] > value + np.float32(0.70710678) * np.float32(dear)
+                    )
+                    following[n_following] = other
+                    n_following += np.uint32(stays)
+                    entry[other] = np.uint8(BLOCKED) if stays else dear
+            else:
+                for other in beside:
+                    dear = entry[other]
+                    stays = (dear < BLOCKED) & (
+                        potential[other] > value + np.float32(0.70710678) * np.float32(dear)
+                    )
+                    overflow[n_overflow] = other
+                    n_overflow += np.uint32(stays)
+                    entry[other] = np.uint8(BLOCKED) if stays else dear
         current, following = following, current
-        n_current, n_following = n_following, 0
+        n_current, n_following = int(n_following), np.uint32(0)
         if n_current == 0:
             if threshold > potential[start] + margin:
-                return potential.reshape(traversal.shape), threshold
-            threshold += 2.0 * NEUTRAL
+                return potential.reshape(traversal.shape), float(threshold)
+            threshold += np.float32(2 * NEUTRAL)
             current, overflow = overflow, current
-            n_current, n_overflow = n_overflow, 0
+            n_current, n_overflow = int(n_overflow), np.uint32(0)
     return potential.reshape(traversal.shape), float(UNREACHED)
 
 
@@ -399,6 +411,9 @@ def descend(
     offset_x, offset_y = start[0] - x, start[1] - y
     search = 1
     count = 0
+    # Steps are half a cell: what is known of a point's four cells often serves the next one too.
+    known_x, known_y, complete = -1, -1, False
+    ax, ay, bx, by, cx, cy, dx, dy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     while count < limit:
         if not (1 <= x <= width - 2 and 1 <= y <= height - 2):
             # The outermost ring never carries a potential.
@@ -415,21 +430,23 @@ def descend(
         near_x, near_y = x + (offset_x >= 0.5), y + (offset_y >= 0.5)
         if potential[near_y, near_x] < NEUTRAL:
             return points[:count].copy(), True
-        complete = True
-        for j in range(-1, 2):
-            for i in range(-1, 2):
-                if potential[y + j, x + i] >= UNREACHED:
-                    complete = False
+        if x != known_x or y != known_y:
+            known_x, known_y, complete = x, y, True
+            for j in range(-1, 2):
+                for i in range(-1, 2):
+                    if potential[y + j, x + i] >= UNREACHED:
+                        complete = False
+            if complete:
+                ax, ay = _descent(potential, x, y)
+                bx, by = _descent(potential, x + 1, y)
+                cx, cy = _descent(potential, x, y + 1)
+                dx, dy = _descent(potential, x + 1, y + 1)
         swings = (
             count > 2
             and points[count - 1, 0] == points[count - 3, 0]
             and points[count - 1, 1] == points[count - 3, 1]
         )
         if complete and not swings:
-            ax, ay = _descent(potential, x, y)
-            bx, by = _descent(potential, x + 1, y)
-            cx, cy = _descent(potential, x, y + 1)
-            dx, dy = _descent(potential, x + 1, y + 1)
             down_x = (1.0 - offset_y) * ((1.0 - offset_x) * ax + offset_x * bx) + offset_y * (
                 (1.0 - offset_x) * cx + offset_x * dx
             )
@@ -497,14 +514,26 @@ def changed_near(
     for i in range(0, len(path), 4):
         column = int((path[i, 0] - origin[0]) / resolution)
         row = int((path[i, 1] - origin[1]) / resolution)
+        x0, x1 = max(column - radius, 0), min(column + radius + 1, width)
         for y in range(max(row - radius, 0), min(row + radius + 1, height)):
-            for x in range(max(column - radius, 0), min(column + radius + 1, width)):
+            if _are_equal(now[y, x0:x1], then[y, x0:x1]):
+                continue
+            for x in range(x0, x1):
                 is_lethal, was_lethal = now[y, x] == LETHAL, then[y, x] == LETHAL
                 if is_lethal == was_lethal or static_costs[y, x] >= INSCRIBED:
                     continue
                 if not _lethal_beside(then if is_lethal else now, x, y):
                     return True
     return False
+
+
+@njit(cache=True)
+def _are_equal(some: Cells, others: Cells) -> bool:
+    """Whether two rows of cells, of one length, are the same; many cells are compared at once."""
+    differ = False
+    for i in range(len(some)):
+        differ |= some[i] != others[i]
+    return not differ
 
 
 @njit(cache=True)

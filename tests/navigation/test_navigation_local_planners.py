@@ -349,6 +349,10 @@ def test_a_wedged_robot_backs_off_after_standing_for_two_seconds() -> None:
     assert planner.command(costmap, plan, pose, Command(0.0, 0.0)) is None
 
 
+WITHIN_REACH = (0.0, 0.0, (0.5, -0.22, 0.22), (5.0, -1.6, 1.6), (5, 5))
+"""a robot at rest that can have any velocity after one period, and five samples of each"""
+
+
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_an_escape_ends_farther_from_obstacles_than_any_other_legal_motion(seed: int) -> None:
@@ -370,15 +374,14 @@ def test_an_escape_ends_farther_from_obstacles_than_any_other_legal_motion(seed:
                 yaw += w * s.sim_time / n
         if legal and costs[int(y), int(x)] < lowest:
             best, lowest = (True, v, w), int(costs[int(y), int(x)])
-    assert dwa_kernels.escape(costs, start, (-0.22, 0.22), (-1.6, 1.6), (5, 5), FOOTPRINT, s) == best
+    assert dwa_kernels.escape(costs, start, *WITHIN_REACH, FOOTPRINT, tuple(s)) == best
 
 
 @pytest.mark.parametrize("start", [(-0.1, 20.0), (20.0, 1e6), (math.nan, 20.0), (20.0, math.inf)])
 def test_an_escape_from_off_the_window_is_none(start: tuple[float, float]) -> None:
     """Found as a read outside the array, which ended the process."""
     costs = np.full((SIZE, SIZE), 100, dtype=np.uint8)
-    windows = ((-0.22, 0.22), (-1.6, 1.6), (5, 5))
-    assert not dwa_kernels.escape(costs, (*start, 0.3), *windows, FOOTPRINT, scales(0.5))[0]
+    assert not dwa_kernels.escape(costs, (*start, 0.3), *WITHIN_REACH, FOOTPRINT, tuple(scales(0.5)))[0]
 
 
 def test_a_swing_forbids_the_old_direction_until_the_robot_has_moved() -> None:
