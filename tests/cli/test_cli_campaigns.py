@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint
+from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows
 
 
 def test_campaigns_lists_every_file_with_its_first_sentence(tmp_path: Path) -> None:
@@ -65,3 +65,31 @@ def test_smoke_agrees_with_the_expected_numbers(tmp_path: Path) -> None:
     done = midnet_bench("smoke", "--jobs", 2, folder=tmp_path)
     assert done.returncode == 0, done.stdout
     assert done.stdout.startswith("0 differences")
+
+
+@pytest.mark.slow
+def test_a_campaign_of_disturbances_from_end_to_end(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text(
+        "experiment: robustness\n"
+        "grid:\n"
+        "  disturbance: [none, lidar_dropout=0.5, message_delay_s=0.4 message_loss=0.1]\n"
+        "  robots: [1, 2]\n"
+        "trials: 1\n"
+        "base_seed: 2001\n"
+        "parameters: {engine: fast, frames: 4}\n"
+    )
+    done = midnet_bench("run", "mine.yaml", "--jobs", "1", "-o", "out", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Scores under each disturbance" in done.stdout
+    drawn = [tmp_path / "out" / f"robustness.{ending}" for ending in ("png", "svg")]
+    before = [file.read_bytes() for file in drawn]
+    assert midnet_bench("plot", "out", "-q", folder=tmp_path).returncode == 0
+    assert [file.read_bytes() for file in drawn] == before
+    differences = rows(tmp_path / "out" / "robustness_differences.csv")
+    assert len(differences) == 2 * 2 * 3
+    assert {row["disturbance"] for row in differences} == {
+        "lidar_dropout=0.5",
+        "message_delay_s=0.4 message_loss=0.1",
+    }
+    wrong = midnet_bench("run", "mine.yaml", "--set", "disturbance=lidar_hz=7", "-n", folder=tmp_path)
+    assert "lidar_hz" in one_line_of_complaint(wrong)

@@ -10,6 +10,8 @@ from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
 from midnet_bench.experiments.registry import experiment_of
+from midnet_bench.experiments.robustness.parameters import NONE
+from midnet_bench.experiments.robustness.tables import MEASURES, differences_table, scores_table
 from midnet_bench.workflows.compare import compare
 from midnet_bench.workflows.verify import power_report, verify
 
@@ -65,6 +67,16 @@ def check_campaign(directory: Path) -> None:
 @pytest.mark.parametrize("name", ["detection", "labyrinth", "capture", "mapping", "calibration", "readings"])
 def test_every_column_of_a_reference_is_described(name: str) -> None:
     check_campaign(REFERENCES / name)
+
+
+def test_every_column_of_the_tables_of_disturbances_is_described() -> None:
+    scores = {
+        ("1-robot", name, measure): {1: 0.5, 2: 0.6, 3: 0.8}
+        for name in (NONE, "lidar_hz=1")
+        for measure in MEASURES
+    }
+    check_table(scores_table(scores))
+    check_table(differences_table(scores))
 
 
 @pytest.mark.slow

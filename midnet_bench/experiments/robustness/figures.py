@@ -29,8 +29,8 @@ HEADINGS = {
     "start_error_deg": "wrong start pose",
     "message_delay_s": "message delay (s)",
     "message_loss": "messages lost",
-    "mobile_intruder_scale": "intruders' size",
-    "stationary_intruder_scale": "intruders' size",
+    "mobile_scale": "intruders' size",
+    "stationary_scale": "intruders' size",
     "intruder_speed_mps": "intruders' speed (m/s)",
     "prior_map": "prior map",
     "dying_guards": "a guard dies",
@@ -42,11 +42,12 @@ WORDS = {
     "wheel_slip": "slip {:g} m",
     "start_error_m": "{:g} m",
     "start_error_deg": "{:g}°",
-    "mobile_intruder_scale": "mobile x {:g}",
-    "stationary_intruder_scale": "standing x {:g}",
-    "dying_guards": "{} dies",
+    "mobile_scale": "mobile x {:g}",
+    "stationary_scale": "standing x {:g}",
+    "dying_guards": "dead: {}",
     "dying_after_s": "after {:g} s",
     "message_timeout_s": "time-out {:g} s",
+    "ukf_imu_yaw_variance": "IMU yaw variance {:g}",
 }
 """how a value is written below an axis"""
 LABELS = {"recall": "recall", "precision": "precision", "f1_one_to_one": "one-to-one F1"}
@@ -101,8 +102,9 @@ def _words(changes: Mapping[str, Scalar]) -> str:
     """``encoder``, ``slip 0.01 m``, ``ukf+map``, a line each."""
     words = []
     for key, value in changes.items():
-        shown = value.split(":")[0] if isinstance(value, str) else value
-        words.append(WORDS.get(key, "{}").format(shown))
+        shown = value.split(":")[0] if isinstance(value, str) else value  # a map's digest is no word
+        usual = "{:g}" if isinstance(shown, float) else "{}"
+        words.append(WORDS.get(key, usual).format(shown))
     return "\n".join(words) or "default"
 
 
@@ -127,7 +129,9 @@ def figure(scores: Scores, drawn: Sequence[Panel]) -> Figure:
             if line == 0:
                 axes.set_title(panel.heading, fontsize=FONT_PT)
             axes.tick_params(labelbottom=line == len(MEASURES) - 1)
-    handles, labels = labelled(picture.axes[0])
+    # a legend shows the lines if there are any
+    first = next((place for place, panel in enumerate(drawn) if panel.is_scale and place < columns), 0)
+    handles, labels = labelled(picture.axes[len(MEASURES) * first])
     seeds = sorted({len(by_seed) for by_seed in scores.values()})
     counts = "-".join(map(str, dict.fromkeys((seeds[0], seeds[-1]))))
     picture.legend(
