@@ -41,12 +41,16 @@ def render_exact(arena: Arena, resolution_m: float = 0.05) -> OccupancyGrid:
 
 
 FOLDER = Path(__file__).parent / "maps"
-"""``ARENA.yaml`` and ``ARENA.pgm``, chosen from ``campaigns/mapping.yaml``"""
+"""``ARENA.yaml`` and ``ARENA.pgm``, chosen from ``campaigns/mapping.yaml``; ``ARENA_worst``, its worst map"""
 
 
-def explored_map(arena: str) -> OccupancyGrid | None:
-    """The explored map of a packaged arena, int8 (100 occupied, 0 free, -1 unknown), or None without one."""
-    path = FOLDER / f"{arena}.yaml"
+def explored_map(arena: str, worst: bool = False) -> OccupancyGrid | None:
+    """An explored map of a packaged arena, int8 (100 occupied, 0 free, -1 unknown), or None without one.
+
+    The best of the finished maps of the campaign, or the ``worst`` of them: first and last by the rule of
+    ``mapping_choice`` in the campaign's report.
+    """
+    path = FOLDER / f"{arena}{'_worst' if worst else ''}.yaml"
     return _load(path) if path.is_file() else None
 
 

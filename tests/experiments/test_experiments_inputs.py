@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 
 from midnet_bench.arena.arena import arena_names, load_arena
+from midnet_bench.arena.layout import robot_starts
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.experiments.guarded.inputs import _as_text
+from midnet_bench.experiments.guarded.inputs import _as_text, prior_map_from
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
+from midnet_bench.mapping.map_score import score_map
 
 
 def free_map(path: Path, side_m: float, center: tuple[float, float] = (0.0, 0.0)) -> Path:
@@ -60,6 +62,20 @@ def test_exact_maps_from_files_cover_their_arenas(tmp_path: Path, name: str) -> 
 def test_explored_maps_cover_their_arenas() -> None:
     assert DetectionParameters.of(prior_map="explored").arena == "map1"
     assert LabyrinthParameters.of(prior_map="explored").arena == "map2"
+
+
+def test_the_worst_explored_maps_cover_their_arenas_and_are_worse() -> None:
+    for arena in ("map1", "map2", "empty"):
+        parameters = DetectionParameters.of(prior_map="explored-worst", arena=arena)
+        assert parameters.prior_map.startswith(f"explored-worst:{arena}:")
+        assert DetectionParameters.of(**parameters.flat()) == parameters
+        truth = render_exact(load_arena(arena))
+        start = robot_starts(load_arena(arena), 1)[0]
+        f1 = []
+        for name in ("explored", "explored-worst"):
+            score = score_map(prior_map_from(name, arena, 0.05), truth, (start.x, start.y))
+            f1.append(score.occupied_precision * score.occupied_recall)
+        assert f1[1] < f1[0]
 
 
 def test_what_is_wrong_with_a_map_names_its_file(tmp_path: Path) -> None:

@@ -137,6 +137,7 @@ def test_the_map_that_is_kept_is_the_best_of_those_that_are_whole(tmp_path: Path
         ("chosen", 1, 4),
         ("2.", 3, 3),
         ("3.", 1, 3),
+        ("worst", 3, 2),
     ]
     assert ours[0]["occupied_f1"] == pytest.approx(2 * 0.97 * 0.99 / 1.96)
 

@@ -24,7 +24,7 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.checked_yaml import Spec
 from midnet_bench.io.map_server import load_map
 
-EXACT, EXPLORED = "exact", "explored"
+EXACT, EXPLORED, WORST = "exact", "explored", "explored-worst"
 SHOWN = 30
 """characters of a text that a message quotes"""
 
@@ -55,10 +55,11 @@ def _arena_of_text(value: str) -> Arena:
 
 
 def inline_prior_map(value: str, arena: str) -> str:
-    """``exact`` as it is, ``explored`` with the arena's name and a digest of the map; else a file's contents.
+    """``exact`` as it is, explored maps with the arena's name and a digest; else a file's contents.
 
     Args:
-        value: ``exact``, ``explored``, a map_server YAML file, or what this function made of one of them.
+        value: ``exact``, ``explored``, ``explored-worst``, a map_server YAML file, or what this function
+            made of one of them.
         arena: as ``inline_arena`` wrote it down.
 
     Raises:
@@ -69,12 +70,13 @@ def inline_prior_map(value: str, arena: str) -> str:
     if value.startswith("{"):
         _from_text(value)
         return value
-    if value.split(":")[0] == EXPLORED:
+    if value.split(":")[0] in (EXPLORED, WORST):
         return _named_explored(value, arena)
     path = Path(value)
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(
-            f"prior_map: {value!r} is neither '{EXPLORED}' nor '{EXACT}' nor the YAML file of a map"
+            f"prior_map: {value!r} is neither '{EXPLORED}' nor '{WORST}' nor '{EXACT}' nor the YAML file of"
+            " a map"
         )
     try:
         return _as_text(load_map(path))
@@ -92,7 +94,7 @@ def prior_map_from(value: str, arena: str, resolution_m: float) -> OccupancyGrid
     if value == EXACT:
         return render_exact(arena_from(arena), resolution_m)
     taken = inline_prior_map(value, arena)
-    grid = _explored(arena) if taken.startswith(EXPLORED) else _from_text(taken)
+    grid = _explored(taken.split(":")[0], arena) if taken.startswith(EXPLORED) else _from_text(taken)
     if abs(grid.resolution - resolution_m) > 1e-9:
         raise InputError(
             f"prior_map: resolution {grid.resolution:g} m differs from the local costmaps' "
@@ -127,9 +129,10 @@ def _check_covers(grid: OccupancyGrid, arena: Arena) -> None:
 
 def _named_explored(value: str, arena: str) -> str:
     """``explored:ARENA:DIGEST`` of the package's map; the same again if ``value`` is that already."""
-    grid = _explored(arena)
-    name = f"{EXPLORED}:{arena}:{_digest(grid)}"
-    if value not in (EXPLORED, name):
+    which = value.split(":")[0]
+    grid = _explored(which, arena)
+    name = f"{which}:{arena}:{_digest(grid)}"
+    if value not in (which, name):
         raise InputError(f"prior_map: '{value}' is not the map that this version has, '{name}'")
     return name
 
@@ -141,12 +144,12 @@ def _digest(grid: OccupancyGrid) -> str:
     return hashlib.sha256(place + grid.data.tobytes()).hexdigest()[:8]
 
 
-def _explored(arena: str) -> OccupancyGrid:
-    grid = None if arena.startswith("{") else explored_map(arena)
+def _explored(which: str, arena: str) -> OccupancyGrid:
+    grid = None if arena.startswith("{") else explored_map(arena, which == WORST)
     if grid is None:
         name = "ARENA.yaml" if arena.startswith("{") else arena
         raise InputError(
-            f"prior_map: no explored map of this arena comes with midnet-bench; make one by "
+            f"prior_map: no map '{which}' of this arena comes with midnet-bench; make one by "
             f"'midnet-bench map {name}' and give it by --map, or take prior_map=exact"
         )
     return grid

@@ -64,8 +64,9 @@ class GuardParameters(Parameters):
     arena: str = option("map1", "Name of a packaged arena, or an arena's YAML file.")
     prior_map: str = option(
         EXPLORED,
-        "The map that is subtracted and driven by: explored by robots as the package has it (explored), "
-        "drawn from the arena's walls (exact), or a map_server YAML file.",
+        "The map that is subtracted and driven by: explored by robots as the package has it, the best of 30 "
+        "maps (explored) or the worst (explored-worst), drawn from the arena's walls (exact), or a "
+        "map_server YAML file.",
     )
     robots: int = option(1, "Number of security robots.", ge=1, le=20)
     localization: Literal["ukf", "ukf+map", "truth"] = option(

@@ -164,11 +164,11 @@ def speedup_table(maps: Maps) -> Table:
 
 
 def choice_table(maps: Maps) -> Table:
-    """The best maps of each arena, the one to keep as its prior map first.
+    """The best maps of each arena, the one to keep as its prior map first, and the worst.
 
     Of the finished explorations that cover 98 % of the free space within reach, the one whose occupied cells
     have the highest F1 within one cell, then the one that covers most, both to four digits; then the smaller
-    wall error, the smaller team, the lower seed.
+    wall error, the smaller team, the lower seed. The worst is the last of them in this order.
     """
     rows: list[Mapping[str, Cell]] = []
     for arena, teams in maps.items():
@@ -181,12 +181,15 @@ def choice_table(maps: Maps) -> Table:
         ranked = both.assign(f1=digits["occupied_f1"], covered=digits["coverage"]).sort_values(
             ["f1", "covered", "wall_error_m", "robots", "seed"], ascending=[False, False, True, True, True]
         )
-        best = ranked[["robots", "seed", "occupied_f1", *SHOWN]].head(BEST)
-        rows += [
-            {"arena": arena, "choice": "chosen" if place == 0 else f"{place + 1}.", **one}
-            for place, one in enumerate(records(best))
-        ]
-    title = f"Best maps: finished, {ENOUGH_COVERAGE:.0%} covered; highest occupied F1, then most covered"
+        ranked = ranked[ranked["occupied_f1"].notna()][["robots", "seed", "occupied_f1", *SHOWN]]
+        names = ["chosen", *(f"{place + 1}." for place in range(1, BEST))]
+        shown = list(zip(names, records(ranked.head(BEST)), strict=False))
+        if len(ranked) > BEST:
+            shown += [("worst", one) for one in records(ranked.tail(1))]
+        rows += [{"arena": arena, "choice": name, **one} for name, one in shown]
+    title = (
+        f"Best maps, and the worst: finished, {ENOUGH_COVERAGE:.0%} covered; by occupied F1, then coverage"
+    )
     return Table("mapping_choice", title, rows, dict.fromkeys(("occupied_f1", *SHOWN), 4))
 
 
