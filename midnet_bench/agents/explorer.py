@@ -9,7 +9,7 @@ from midnet_bench.agents.mobile_robot import MobileRobot
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import MapWindow, OccupancyGrid
 from midnet_bench.localization.ukf import PlanarUkf
-from midnet_bench.mapping.frontier import FrontierExplorer
+from midnet_bench.mapping.frontier import Frontier, FrontierExplorer, assign_frontiers
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.messages import STOP, Command, LidarGeometry
 from midnet_bench.navigation.navigator import Navigator
@@ -88,27 +88,34 @@ class Explorer(MobileRobot):
         self.progress.update(self.pose.x, self.pose.y, time_s, self.goal is not None)
         self._settle_goal(time_s)
         if self._has_new_map or (self._has_map and self.goal is None and not self.is_done):
-            self._explore(time_s)
+            frontiers = self._frontiers.offers(self.pose, self.navigator.global_costmap.published())
+            taken = [mate.goal for mate in self.mates if mate.goal is not None]
+            self.explore(frontiers, time_s, taken)
         if self.goal is None:
             return STOP
         return self.navigator.control(self.pose, Command(*self.velocity), time_s)
+
+    def offers(self, costmap: OccupancyGrid) -> list[Frontier]:
+        """The frontiers of ``costmap`` that it can reach and has not given up, cheapest first."""
+        return self._frontiers.offers(self.pose, costmap)
+
+    def explore(
+        self, frontiers: Sequence[Frontier], time_s: float, taken: Sequence[tuple[float, float]]
+    ) -> None:
+        """Drive to the first of ``frontiers`` that is left to it, or be done; ``taken`` are mates' goals."""
+        self._has_new_map = False
+        goal = self._frontiers.choose(frontiers, time_s, taken)
+        if goal is None:
+            self.is_done = True
+            self.cancel_goal()
+        elif goal != self.goal:
+            self.drive_to(goal)
 
     def _settle_goal(self, time_s: float) -> None:
         had_goal, given_up = self.goal is not None, self.progress.goals_given_up
         super()._settle_goal(time_s)
         if had_goal and self.goal is None:
             self._frontiers.report(succeeded=self.progress.goals_given_up == given_up)
-
-    def _explore(self, time_s: float) -> None:
-        self._has_new_map = False
-        taken = [mate.goal for mate in self.mates if mate.goal is not None]
-        costmap = self.navigator.global_costmap.published()
-        goal = self._frontiers.plan(self.pose, costmap, time_s, taken)
-        if goal is None:
-            self.is_done = True
-            self.cancel_goal()
-        elif goal != self.goal:
-            self.drive_to(goal)
 
     def _without_mates(
         self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry
@@ -129,3 +136,21 @@ class Explorer(MobileRobot):
     def _correct(self) -> None:
         pose = self._correction.compose(self._odometry_pose)
         self.pose = pose._replace(yaw=wrap_angle(pose.yaw))
+
+
+def hand_out_frontiers(team: Sequence[Explorer], time_s: float) -> None:
+    """Send each explorer to a frontier of its own, as the central program can that hears all of them.
+
+    It lays their global costmaps over each other, a cell free where it is to any of them, and knows where
+    they believe themselves to be. Between two maps an explorer that has arrived chooses by itself.
+    """
+    costmaps = [explorer.navigator.global_costmap.published() for explorer in team]
+    least = np.minimum.reduce([costmap.data.view(np.uint8) for costmap in costmaps])  # unknown is 255
+    costmap = costmaps[0].with_data(least.view(np.int8))
+    offers = [explorer.offers(costmap) for explorer in team]
+    taken: list[tuple[float, float]] = []
+    for explorer, own, place in zip(team, offers, assign_frontiers(offers), strict=True):
+        preferred = own if place is None else [own[place], *own[:place], *own[place + 1 :]]
+        explorer.explore(preferred, time_s, taken)
+        if explorer.goal is not None:
+            taken.append(explorer.goal)

@@ -8,10 +8,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+from scipy.optimize import linear_sum_assignment
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import UNKNOWN, OccupancyGrid
 from midnet_bench.mapping.settings import FrontierSettings
+
+_OUT_OF_REACH, _SECOND = 1e9, 1e6
+"""costs above any other: of a frontier that the robot cannot reach, of one that another robot is sent to"""
 
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
@@ -84,6 +88,34 @@ def find_frontiers(
     return sorted(frontiers, key=lambda frontier: frontier.cost)
 
 
+def assign_frontiers(offers: Sequence[Sequence[Frontier]]) -> list[int | None]:
+    """For each robot the place in its own list of the frontier that it is sent to; None if its list is empty.
+
+    Robots get different frontiers, so that the sum of their costs is least: the Hungarian method (Kuhn,
+    1955), by which Wurm, Stachniss and Burgard (Coordinated Multi-Robot Exploration using a Segmentation of
+    the Environment, IROS 2008) send robots to segments of a map. The cost is explore_lite's, way minus gain,
+    as ``find_frontiers`` has it. Where there are fewer frontiers than robots, each has its robot before one
+    gets a second.
+
+    Args:
+        offers: of each robot, found on one grid; frontiers of one centroid are one.
+    """
+    centroids = sorted({frontier.centroid for own in offers for frontier in own})
+    if not centroids:
+        return [None] * len(offers)
+    costs = np.full((len(offers), len(centroids)), _OUT_OF_REACH)
+    place_of = [{frontier.centroid: place for place, frontier in enumerate(own)} for own in offers]
+    for robot, own in enumerate(offers):
+        for frontier in own:
+            costs[robot, centroids.index(frontier.centroid)] = frontier.cost
+    rounds = math.ceil(len(offers) / len(centroids))
+    _, columns = linear_sum_assignment(np.hstack([costs + _SECOND * k for k in range(rounds)]))
+    return [
+        places.get(centroids[column % len(centroids)])
+        for places, column in zip(place_of, columns.tolist(), strict=True)
+    ]
+
+
 class FrontierExplorer:
     """One robot's exploration: gives a goal, then the next, until no frontier is left.
 
@@ -116,17 +148,28 @@ class FrontierExplorer:
     ) -> tuple[float, float] | None:
         """The goal to drive to, (x, y) metres in the costmap's frame; None when nothing is left.
 
-        Call it at a planning rate (the package: 1 Hz, its launch files 0.33 Hz) and after each ``report``. A
-        goal near the last one is the same goal: when the way to it has not become shorter for
-        ``progress_timeout_s``, it is given up.
-
         Args:
             robot: the robot's pose in the costmap's frame.
             costmap: int8, -1 unknown, 0 to 100.
             time_s: now; never less than at the last call.
             taken: goals of the other robots.
         """
+        return self.choose(find_frontiers(costmap, robot, self._settings), time_s, taken)
+
+    def offers(self, robot: Pose2D, costmap: OccupancyGrid) -> list[Frontier]:
+        """The frontiers that the robot can reach and has not given up, cheapest first; or all of them."""
         frontiers = find_frontiers(costmap, robot, self._settings)
+        return [frontier for frontier in frontiers if self._is_open(frontier.approaches).any()] or frontiers
+
+    def choose(
+        self, frontiers: Sequence[Frontier], time_s: float, taken: Sequence[tuple[float, float]] = ()
+    ) -> tuple[float, float] | None:
+        """As ``plan``, of ``frontiers`` that come in the order of preference.
+
+        Call it at a planning rate (the package: 1 Hz, its launch files 0.33 Hz) and after each ``report``. A
+        goal near the last one is the same goal: when the way to it has not become shorter for
+        ``progress_timeout_s``, it is given up.
+        """
         while True:
             choice = self._choose(frontiers, taken)
             if choice is None and frontiers and self._chances > 0:
@@ -156,14 +199,11 @@ class FrontierExplorer:
     def _choose(
         self, frontiers: Sequence[Frontier], taken: Sequence[tuple[float, float]]
     ) -> tuple[tuple[float, float], float] | None:
-        """(goal, way to its frontier) of the cheapest open frontier, one far from ``taken`` if any."""
+        """(goal, way to its frontier) of the first open frontier, one far from ``taken`` if any."""
         fallback = None
         for frontier in frontiers:
             approaches = frontier.approaches
-            open_to_try = np.ones(len(approaches), dtype=np.bool_)
-            for point in self._blacklist:
-                offset = np.abs(approaches - point).max(axis=1)
-                open_to_try &= offset >= self._settings.blacklist_half_width_m
+            open_to_try = self._is_open(approaches)
             free_of_mates = open_to_try.copy()
             for point in taken:
                 offset = np.hypot(*(approaches - point).T)
@@ -175,6 +215,13 @@ class FrontierExplorer:
                         return (x, y), frontier.distance_m
                     fallback = (x, y), frontier.distance_m
         return fallback
+
+    def _is_open(self, approaches: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+        """(K,) for each of (K, 2) goals whether none that was given up is near."""
+        is_open = np.ones(len(approaches), dtype=np.bool_)
+        for point in self._blacklist:
+            is_open &= np.abs(approaches - point).max(axis=1) >= self._settings.blacklist_half_width_m
+        return is_open
 
 
 def _within(a: tuple[float, float], b: tuple[float, float], half_width_m: float) -> bool:

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.agents.explorer import Explorer
+from midnet_bench.agents.explorer import Explorer, hand_out_frontiers
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import MapWindow
 from midnet_bench.localization.settings import UkfSettings
@@ -134,3 +134,31 @@ def test_a_drive_without_progress_is_given_up_and_blacklisted() -> None:
             break
     assert robot.progress.goals_given_up == 1
     assert robot.goal is None or max(abs(robot.goal[0] - first[0]), abs(robot.goal[1] - first[1])) >= 0.5
+
+
+def test_two_explorers_between_two_doors_are_sent_to_one_each() -> None:
+    """Both stand nearer to the east door; what only one of them has seen counts for both."""
+    team = [explorer(Pose2D(0.2, 0.3, 0.0), 1), explorer(Pose2D(0.5, -0.3, 0.0), 2)]
+    grid = AREA.empty()
+    inside = np.abs(grid.x_centers) < HALF_M
+    grid.data[np.ix_(np.abs(grid.y_centers) < HALF_M, inside)] = 0
+    wall = np.ix_(
+        np.abs(grid.y_centers) < HALF_M + 0.05, np.abs(np.abs(grid.x_centers) - HALF_M - 0.025) < 0.04
+    )
+    grid.data[wall] = 100
+    grid.data[np.ix_(np.abs(np.abs(grid.y_centers) - HALF_M - 0.025) < 0.04, inside)] = 100
+    door = np.ix_(np.abs(grid.y_centers) < 0.6, np.abs(np.abs(grid.x_centers) - HALF_M - 0.025) < 0.04)
+    grid.data[door] = 0
+    for robot in team:
+        stay(robot, robot.pose)
+        robot.mates = [mate for mate in team if mate is not robot]
+        robot.take_map(grid)
+    hand_out_frontiers(team, 0.1)
+    goals = [robot.goal for robot in team]
+    assert goals[0] is not None
+    assert goals[1] is not None
+    assert goals[0][0] < -1.3
+    assert goals[1][0] > 1.3
+    for robot in team:  # at their next control cycles they keep to it
+        robot.control(0.2)
+    assert [robot.goal for robot in team] == goals

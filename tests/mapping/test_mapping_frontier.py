@@ -1,3 +1,4 @@
+import itertools
 import math
 from collections import deque
 
@@ -9,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.mapping.frontier import FrontierExplorer, find_frontiers
+from midnet_bench.mapping.frontier import Frontier, FrontierExplorer, assign_frontiers, find_frontiers
 from midnet_bench.mapping.settings import FrontierSettings
 
 VALUES = {" ": 0, "#": 100, "?": -1, "i": 99, "~": 50}
@@ -206,6 +207,47 @@ def test_team_mates_share_one_long_frontier():
     second = FrontierExplorer().plan(at(2, 6), wall_of_unknown, 0.0, taken=[first])
     assert first[0] == second[0] == 5.5
     assert abs(first[1] - second[1]) >= FrontierSettings().taken_radius_m
+
+
+def offered(costs):
+    """A robot's list: frontiers at x = 0, 1, 2 ... with these costs, cheapest first; None is out of reach."""
+    named = [(cost, place) for place, cost in enumerate(costs) if cost is not None]
+    return [
+        Frontier(cost, 1.0, 1.0, (float(place), 0.0), np.array([[float(place), 0.0]]))
+        for cost, place in sorted(named)
+    ]
+
+
+def sent_to(offers):
+    """The x of the frontier that each robot is sent to."""
+    return [
+        None if place is None else own[place].centroid[0]
+        for own, place in zip(offers, assign_frontiers(offers), strict=True)
+    ]
+
+
+def test_each_robot_gets_a_frontier_of_its_own_though_all_like_one_best():
+    assert sent_to([offered([1.0, 2.0, 9.0]), offered([1.5, 7.0, 9.0])]) == [1.0, 0.0]
+    assert sent_to([offered([1.0, None]), offered([None, None])]) == [0.0, None]
+    # two frontiers for three robots: both have a robot before one gets a second
+    assert sent_to([offered([1.0, 50.0]), offered([1.1, 40.0]), offered([1.2, 60.0])]) == [0.0, 1.0, 0.0]
+    assert assign_frontiers([[], []]) == [None, None]
+
+
+@given(arrays(np.int64, st.tuples(st.integers(1, 4), st.integers(1, 4)), elements=st.integers(-20, 20)))
+def test_the_sum_of_costs_is_the_least_of_all_assignments(costs):
+    robots, frontiers = costs.shape
+    offers = [offered(row.tolist()) for row in costs]
+    sent = [int(x) for x in sent_to(offers)]
+    most = math.ceil(robots / frontiers)
+    possible = [
+        chosen
+        for chosen in itertools.product(range(frontiers), repeat=robots)
+        if len(set(chosen)) == min(robots, frontiers) and max(map(chosen.count, chosen)) <= most
+    ]
+    assert tuple(sent) in possible
+    least = min(sum(costs[i, k] for i, k in enumerate(chosen)) for chosen in possible)
+    assert sum(costs[i, k] for i, k in enumerate(sent)) == least
 
 
 RESOLUTION_M = 0.1

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.agents.explorer import Explorer
+from midnet_bench.agents.explorer import Explorer, hand_out_frontiers
 from midnet_bench.agents.mobile_robot import Point
 from midnet_bench.arena.arena import Arena, MobileIntruders, StationaryIntruders
 from midnet_bench.arena.layout import place
@@ -163,6 +163,8 @@ class ExplorationTrial(RobotTrial):
         self._newest = by_known_starts(parts).grid if self._knows_starts else largest(parts)
         for explorer, part in zip(self.explorers, parts, strict=True):
             explorer.take_map(self._newest if self._knows_starts else part)
+        if self._knows_starts and len(self.explorers) > 1:
+            hand_out_frontiers(self.explorers, self.time_s)
 
     def _parts(self) -> list[OccupancyGrid]:
         return [self._plane.cut(explorer.slam.occupancy()) for explorer in self.explorers]
