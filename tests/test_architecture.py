@@ -16,7 +16,7 @@ PACKAGE = Path(midnet_bench.__file__).parent
 # From the ground up: a room may import the ones on lower floors. Rooms on one floor know nothing of each
 # other, but for the modules of the ground floor.
 FLOORS = [
-    {"errors", "geometry", "grid", "messages", "plugins", "rng", "settings"},
+    {"assignment", "errors", "geometry", "grid", "messages", "plugins", "rng", "settings"},
     {"io"},
     {"robots"},
     {"midnet"},

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linear_sum_assignment
+
+from midnet_bench.assignment import linear_sum_assignment
 
 Point = tuple[float, float]
 
