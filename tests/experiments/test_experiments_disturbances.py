@@ -12,7 +12,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
-from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
+from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial, run_labyrinth
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.mapping.trial import ExplorationTrial
 from midnet_bench.geometry import Pose2D, wrap_angle
@@ -161,6 +161,17 @@ def test_a_dead_guard_catches_nobody() -> None:
         made.next_frame()
         assert made.guards_alive == []
         assert not made._is_caught(made.intruders[0])
+
+
+def test_guards_of_the_labyrinth_chase_nobody_of_whom_midnet_never_hears() -> None:
+    seen = {}
+    for loss in (0.0, 1.0):
+        parameters = LabyrinthParameters.of(
+            engine="fast", prior_map="exact", robots=3, intruders=5, time_limit_s=8.0, message_loss=loss
+        )
+        (row,) = run_labyrinth(parameters, 2003).tables["trial"]
+        seen[loss] = (row["detected"], row["targets"])
+    assert seen == {0.0: (1, 1), 1.0: (0, 0)}
 
 
 def test_a_network_without_delay_and_loss_gives_the_same_bytes() -> None:

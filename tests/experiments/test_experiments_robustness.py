@@ -104,7 +104,7 @@ def test_the_campaign_disturbs_all_that_it_says_and_fits_in_half_an_hour() -> No
     assert rate.disturbances == ["lidar_hz=1", "lidar_hz=2", "none", "lidar_hz=10"]
     assert (noise.names[0], noise.disturbances[0], noise.is_scale) == ("gazebo", "none", False)
     assert dead.names == ["dead: 0", "dead: 1\nafter 50 s", "dead: 1\nafter 50 s\ntime-out 2 s"]
-    assert drawn["prior map"].names[0] == "explored"
+    assert drawn["prior map"].names == ["explored", "exact", "explored-worst"]
     assert drawn["intruders' size"].names[0] == "default"
 
 

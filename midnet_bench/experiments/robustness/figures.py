@@ -47,7 +47,7 @@ WORDS = {
     "dying_guards": "dead: {}",
     "dying_after_s": "after {:g} s",
     "message_timeout_s": "time-out {:g} s",
-    "ukf_imu_yaw_variance": "IMU yaw variance {:g}",
+    "ukf_imu_yaw_variance": "yaw var. {:g}",
 }
 """how a value is written below an axis"""
 LABELS = {"recall": "recall", "precision": "precision", "f1_one_to_one": "one-to-one F1"}
