@@ -82,6 +82,13 @@ MUTANTS = [
         "experiments/test_experiments_labyrinth.py"
         "::test_a_guard_is_sent_to_the_box_and_not_to_the_true_position",
     ),
+    Mutant(
+        "a message that was overtaken replaces the newer one",
+        "simulation/network.py",
+        "if newest is None or message.stamp_s > newest.stamp_s:",
+        "if True:",
+        "simulation/test_simulation_network.py::test_an_overtaken_message_is_not_gone_back_to",
+    ),
 ]
 
 
