@@ -361,6 +361,10 @@ class GlobalCostmap:
         self.layer.clear_outside(x, y, side_m)
         self._touch(0, 0, self.static.shape[1], self.static.shape[0])
 
+    def is_open_between(self, start: tuple[float, float], end: tuple[float, float]) -> bool:
+        """Whether no wall of the static map crosses the straight line between two points of it, metres."""
+        return bool(is_open_line(self.static, *self.layer.to_cells(*start), *self.layer.to_cells(*end)))
+
     def published(self) -> OccupancyGrid:
         """The costmap as nav_msgs has it: int8, 0 to 100 and -1."""
         return OccupancyGrid(published(self.costs), self.settings.resolution, self.origin)
@@ -457,6 +461,29 @@ def clear_line(flat: Cells, width: int, x0: int, y0: int, x1: int, y1: int, max_
         is_over = error + minor >= 0
         error = error + (minor - major) if is_over else error + minor
         index = index + both if is_over else index + along
+
+
+@njit(cache=True)
+def is_open_line(cells: Cells, x0: float, y0: float, x1: float, y1: float) -> bool:
+    """Whether no cell from (x0, y0) to (x1, y1), in cells from the lower-left corner, is lethal.
+
+    Both ends count. Nothing is open to a point off the grid.
+    """
+    height, width = cells.shape
+    if not (0.0 <= x0 < width and 0.0 <= y0 < height and 0.0 <= x1 < width and 0.0 <= y1 < height):
+        return False
+    flat = cells.reshape(-1)
+    major, minor, major_step, minor_step = line_steps(int(x1) - int(x0), int(y1) - int(y0), width)
+    index, error = int(y0) * width + int(x0), major // 2
+    for _ in range(major + 1):
+        if flat[index] == LETHAL:
+            return False
+        index += major_step
+        error += minor
+        if error >= major:
+            index += minor_step
+            error -= major
+    return True
 
 
 @njit(cache=True)

@@ -38,8 +38,11 @@ class _State(enum.Enum):
     CLEARING = enum.auto()
 
 
-_BESIDE_M = 0.2
-"""how much farther than the tolerance a robot still counts as waiting at a covered goal"""
+_NEAR_S = 15.0
+"""For so long a robot may be near its goal and not reach it. Without such a limit robots were near 478
+goals that they reached, 7 of them for longer than that, and near 16 that they gave up in the end, for 40 s
+in the mean (three detection trials of 300 s, seeds 2001 to 2003). nav2's SimpleProgressChecker asks for 0.5
+m of movement in 10 s instead, to wherever."""
 
 
 class Navigator:
@@ -50,8 +53,8 @@ class Navigator:
     turn once, clear all but 1.84 m, turn once) are move_base's. Departures: planning runs inside
     ``control``, not in a thread of its own; a goal that the map alone makes impossible (off the map, in or
     at a wall, walled off) is aborted at once; one that a scanned obstacle covers is approached as near as
-    can be and aborted if it is still covered after ``oscillation_timeout_s`` beside it; and the plan is
-    traced anew after each scan, not between.
+    can be; one that the robot has been near for 15 s and does not reach is aborted, for something that the
+    map does not know keeps it off; and the plan is traced anew after each scan, not between.
     """
 
     def __init__(self, prior: OccupancyGrid, settings: NavigatorSettings | None = None) -> None:
@@ -83,8 +86,10 @@ class Navigator:
         # clocks of the goal at hand, seconds; they start with its first control cycle
         self._started = False
         self._planning_since_s = self._planned_at_s = self._valid_command_at_s = 0.0
-        self._moved_at_s = self._waiting_since_s = 0.0
+        self._moved_at_s = 0.0
         self._moved_from = Pose2D(0.0, 0.0, 0.0)
+        self._near_s = 0.0
+        """how long the robot has been near the goal at hand"""
 
     @property
     def goal(self) -> tuple[float, float] | None:
@@ -141,8 +146,11 @@ class Navigator:
         if not self._started:
             self._started = True
             self._planning_since_s = self._valid_command_at_s = time_s
-            self._moved_at_s = self._waiting_since_s = time_s
-            self._moved_from = pose
+            self._moved_at_s, self._moved_from = time_s, pose
+            self._near_s = 0.0
+        if self._is_kept_off(self._goal, pose):
+            self._abort()
+            return STOP
         if self._state is _State.PLANNING:
             self._make_plan(self._goal, pose, time_s)
         if self._state is _State.CLEARING:
@@ -190,9 +198,6 @@ class Navigator:
             self._goal = None
             self.status = Status.SUCCEEDED
             return STOP
-        if self._waits_beside_goal(to_goal_m, time_s):
-            self._abort()
-            return STOP
         if self._oscillates(pose, time_s):
             self._clear_because(_State.CLEARING)
             return STOP
@@ -224,12 +229,18 @@ class Navigator:
                 self._recovery_index = 0
         return time_s - self._moved_at_s > self.settings.oscillation_timeout_s
 
-    def _waits_beside_goal(self, to_goal_m: float, time_s: float) -> bool:
-        """Whether the robot has stood beside a goal that something covers for longer than the timeout."""
-        near_m = self.settings.goal_tolerance_m + _BESIDE_M
-        if not self._global_planner.is_covered or to_goal_m > near_m:
-            self._waiting_since_s = time_s
-        return time_s - self._waiting_since_s > self.settings.oscillation_timeout_s
+    def _is_kept_off(self, goal: tuple[float, float], pose: Pose2D) -> bool:
+        """Whether the robot has been near the goal for too long.
+
+        Near is within the reach of the local window and without a wall of the map between: farther off, and
+        behind a wall, the way may lead away from the goal at first. A LiDAR sees an obstacle's skin only, so
+        what stands on a goal may seem open from one side and then from another, and a robot drives to and fro
+        before it. That it drives is therefore no sign of progress.
+        """
+        to_goal_m = math.hypot(goal[0] - pose.x, goal[1] - pose.y)
+        if to_goal_m < self._window_m and self.global_costmap.is_open_between((pose.x, pose.y), goal):
+            self._near_s += self._period_s
+        return self._near_s > _NEAR_S
 
     def _clear_because(self, trigger: _State) -> None:
         """Begin a recovery; ``trigger`` is what failed: planning, controlling, or (CLEARING) moving on."""

@@ -4,14 +4,22 @@ import math
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry
-from midnet_bench.navigation.costmap import GlobalCostmap, RollingCostmap, clear_line, clear_polygon, inflate
+from midnet_bench.navigation.costmap import (
+    LETHAL,
+    GlobalCostmap,
+    RollingCostmap,
+    clear_line,
+    clear_polygon,
+    inflate,
+    is_open_line,
+)
 from midnet_bench.navigation.settings import CostmapSettings
 from midnet_bench.robots.burger import LDS_01
 
@@ -367,3 +375,16 @@ def test_a_map_that_grows_keeps_the_marks_in_place() -> None:
 def test_a_static_map_of_another_resolution_is_refused() -> None:
     with pytest.raises(InputError, match=r"0\.1 .*0\.05"):
         GlobalCostmap(BARE, OccupancyGrid(np.zeros((5, 5), dtype=np.int8), 0.1, (0.0, 0.0)))
+
+
+@settings(deadline=None)  # the first call compiles
+@given(st.integers(0, 2**32 - 1))
+def test_a_line_is_open_where_no_cell_that_a_beam_clears_is_lethal(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cells = np.where(rng.random((12, 17)) < 0.15, LETHAL, 0).astype(np.uint8)
+    (x0, x1), (y0, y1) = rng.integers(17, size=2).tolist(), rng.integers(12, size=2).tolist()
+    cleared = cells.copy()
+    clear_line(cleared.reshape(-1), 17, x0, y0, x1, y1, 100)
+    is_open = (cleared == cells).all()
+    assert is_open_line(cells, x0 + 0.3, y0 + 0.9, x1 + 0.5, y1 + 0.1) == is_open
+    assert not is_open_line(cells, x0 + 0.3, -0.1, x1 + 0.5, y1 + 0.1)
