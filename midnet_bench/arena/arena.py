@@ -98,8 +98,7 @@ class Arena(Spec):
 
     def wall_solids(self) -> tuple[Solid, ...]:
         """Every straight piece of wall as a box."""
-        thickness, height = self.wall_thickness_m, self.wall_height_m
-        return tuple(Solid.segment(a, b, thickness, height) for a, b in self.wall_segments())
+        return _boxes(self.wall_segments(), self.wall_thickness_m, self.wall_height_m)
 
     def placed_solids(self) -> tuple[Solid, ...]:
         """The stationary intruders whose place the file fixes."""
@@ -114,6 +113,14 @@ class Arena(Spec):
             )
             for item in self.stationary_intruders.placed
         )
+
+
+@lru_cache(maxsize=16)
+def _boxes(
+    segments: tuple[tuple[Point, Point], ...], thickness_m: float, height_m: float
+) -> tuple[Solid, ...]:
+    """Made once in a process: the same in every trial in one arena, and each remembers its outline."""
+    return tuple(Solid.segment(a, b, thickness_m, height_m) for a, b in segments)
 
 
 def arena_names() -> list[str]:

@@ -27,6 +27,12 @@ class FreeSpace:
         """Rows and columns of the free cells, (n,) each."""
         return np.nonzero(self.grid.data)
 
+    @cached_property
+    def _centers(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Where the free cells' centres are: x and y, (n,) each, metres."""
+        rows, columns = self._cells
+        return self.grid.x_centers[columns], self.grid.y_centers[rows]
+
     def contains(self, x: float, y: float) -> bool:
         """Whether the cell that holds (x, y) is free."""
         column, row = self.grid.cell_at(x, y)
@@ -44,7 +50,7 @@ class FreeSpace:
         """
         rows, columns = self._cells
         if away_from is not None:
-            x, y = self.grid.x_centers[columns], self.grid.y_centers[rows]
+            x, y = self._centers
             far = np.hypot(x - away_from[0], y - away_from[1]) >= at_least_m
             rows, columns = rows[far], columns[far]
         if rows.size == 0:

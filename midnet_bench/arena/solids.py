@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -50,10 +51,14 @@ class Solid:
         return outside + np.minimum(np.maximum(beyond_x, beyond_y), 0.0)
 
     def outline(self) -> npt.NDArray[np.float64]:
-        """(k, 2) corners seen from above, counter-clockwise, map frame, metres.
+        """(k, 2) corners seen from above, counter-clockwise, map frame, metres; read-only.
 
         A cylinder's corners lie outside its circle by as much as the middles of its sides lie inside.
         """
+        return self._outline
+
+    @cached_property
+    def _outline(self) -> npt.NDArray[np.float64]:
         if self.kind == "cylinder":
             half_side = math.pi / CYLINDER_SIDES
             radius = self.length_m / (1.0 + math.cos(half_side))
@@ -62,7 +67,9 @@ class Solid:
         else:
             half = np.array([self.length_m, self.width_m]) / 2.0
             corners = half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
-        return self.pose.transform(corners)
+        outline = self.pose.transform(corners)
+        outline.flags.writeable = False
+        return outline
 
     def bounding_box(self) -> Box:
         """The axis-aligned extent in the plane, which is also that in the scan plane (item 45)."""

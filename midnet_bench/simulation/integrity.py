@@ -57,7 +57,8 @@ class Standstill:
 def surfaces(layout: Layout) -> Floats:
     """(k, 4) the sides of all walls and stationary intruders: x and y of one end, x and y of the other."""
     outlines = [solid.outline() for solid in layout.solids]
-    return np.concatenate([np.hstack((outline, np.roll(outline, -1, axis=0))) for outline in outlines])
+    ends = [part for outline in outlines for part in (outline[1:], outline[:1])]
+    return np.hstack((np.concatenate(outlines), np.concatenate(ends)))
 
 
 @njit(cache=True)

@@ -57,6 +57,7 @@ class GuardedArena(RobotTrial):
         self.detector, *self.variant_detectors = detector_nodes(
             (parameters, *variants), self.prior_map, parameters.robots
         )
+        self._pose_filter = parameters.pose_filter
         self._guard_navigator, self._intruder_navigator = (
             parameters.guard_navigator,
             parameters.intruder_navigator,
@@ -178,5 +179,4 @@ class GuardedArena(RobotTrial):
         )
 
     def _ukf(self, start: Pose2D) -> PlanarUkf | None:
-        settings = self.parameters.pose_filter
-        return None if settings is None else PlanarUkf(start, settings)
+        return None if self._pose_filter is None else PlanarUkf(start, self._pose_filter)

@@ -51,8 +51,9 @@ class DetectorNode:
         """
         self.prior = binary_prior(prior_map, settings)
         self.midnet = MIDNet(self.prior, settings.detector)
+        local_costmap = settings.local_costmap
         self.costmaps = list(costmaps) or [
-            RollingCostmap(settings.local_costmap, prior_map.origin) for _ in range(robots)
+            RollingCostmap(local_costmap, prior_map.origin) for _ in range(robots)
         ]
         """by robot, map frame"""
 

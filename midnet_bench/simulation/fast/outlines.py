@@ -49,7 +49,7 @@ def outlines_of(solids: tuple[Solid, ...]) -> Outlines:
     """The outlines of ``solids``, in their order."""
     outlines = [solid.outline() for solid in solids]
     corners = np.concatenate(outlines)
-    after = np.concatenate([np.roll(outline, -1, axis=0) for outline in outlines])
+    after = np.concatenate([part for outline in outlines for part in (outline[1:], outline[:1])])
     centers = [outline.mean(axis=0) for outline in outlines]
     radii = [np.hypot(*(outline - center).T).max() for outline, center in zip(outlines, centers, strict=True)]
     return Outlines(
