@@ -24,6 +24,7 @@ from midnet_bench.scoring.frame_counts import (
 )
 
 Readings = Mapping[str, Mapping[str, Scalar]]
+Boxes = tuple[Box, ...]
 
 
 def calibration() -> Readings:
@@ -111,33 +112,41 @@ class ReadingsTrial(DetectionTrial):
         sums = dict.fromkeys(self._pair_of.values(), NOTHING)
         for _ in self.frames():
             detections = self._detections()
-            worlds = [(self.truths(reading), self.in_range(reading)) for reading in self._scorings]
-            matches: dict[tuple[tuple[Box, ...], float], FrameMatch] = {}
-            counted: dict[tuple[tuple[Box, ...], int], FrameCounts] = {}
+            worlds = [
+                (_grown_m(reading), self.truths(reading), tuple(self.in_range(reading)))
+                for reading in self._scorings
+            ]
+            matches: dict[tuple[Boxes, float], FrameMatch] = {}
+            counted: dict[tuple[Boxes, float, tuple[bool, ...]], FrameCounts] = {}
             for (node, scoring), before in sums.items():
                 boxes = detections[node]
-                if (boxes, scoring) not in counted:
-                    truths, in_range = worlds[scoring]
-                    key = (boxes, _grown_m(self._scorings[scoring]))
-                    if key not in matches:
-                        matches[key] = match_frame(boxes, truths)
-                    counted[boxes, scoring] = count_frame(boxes, truths, in_range, match=matches[key])
-                sums[node, scoring] = total((before, counted[boxes, scoring]))
+                grown_m, truths, in_range = worlds[scoring]
+                now = counted.get((boxes, grown_m, in_range))
+                if now is None:
+                    match = matches.get((boxes, grown_m)) or match_frame(boxes, truths)
+                    matches[boxes, grown_m] = match
+                    now = counted[boxes, grown_m, in_range] = count_frame(
+                        boxes, truths, in_range, match=match
+                    )
+                sums[node, scoring] = total((before, now))
         return {
             name: counted_as(sums[self._pair_of[name]], reading.tp_boxes)
             for name, reading in self.readings.items()
         }
 
-    def _detections(self) -> list[tuple[Box, ...]]:
+    def _detections(self) -> list[Boxes]:
         """By each node, what the team detects now."""
-        detections: list[tuple[Box, ...]] = [()] * len(self.variant_detectors)
+        detections: list[Boxes] = [()] * len(self.variant_detectors)
         for team in self._teams:
             first = self.variant_detectors[team[0]]
             observations = self.observations(first)
             found = first.midnet.found_by_each(observations)
             poses = [observation.pose for observation in observations]
             for node in team:
-                detections[node] = tuple(self.variant_detectors[node].midnet.fused(found, poses))
+                # a robot alone has no ally, and nobody's boxes to fuse with its own
+                if node == team[0] or len(poses) > 1:
+                    fused = tuple(self.variant_detectors[node].midnet.fused(found, poses))
+                detections[node] = fused
         return detections
 
 
