@@ -296,6 +296,7 @@ class GlobalCostmap:
         )
         self.layer = ObstacleLayer(settings, static_map.width, static_map.height, static_map.origin)
         self.set_static(static_map)
+        self._touched = (0, 0, 0, 0)  # without any obstacle the costs are the static ones
 
     def set_static(self, static_map: OccupancyGrid) -> None:
         """Put another static map (int8, -1 to 100) below the obstacle layer; marks stay where they are.

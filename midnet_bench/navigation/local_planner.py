@@ -191,22 +191,27 @@ def _spread(
             flat[seed] = 0
             queue[tail] = seed
             tail += one
+    steps = np.int32(0)
     while head < tail:
-        cell = queue[head]
-        head += one
-        following = np.int32(flat[cell] + 1)
-        for other in (cell - one, cell + one, cell - stride, cell + stride):
-            value = flat[other]
-            if value == unreachable:
-                flat[other] = following
-                queue[tail] = other
-                tail += one
-            elif value == closed:
-                flat[other] = blocked
+        steps += np.int32(1)
+        last = tail
+        while head < last:
+            cell = queue[head]
+            head += one
+            for other in (cell - one, cell + one, cell - stride, cell + stride):
+                if flat[other] == unreachable:
+                    flat[other] = steps
+                    queue[tail] = other
+                    tail += one
+    # A closed cell is blocked if a neighbour was reached; the ring's -1 is a large number here.
     for row in range(1, height + 1):
+        below, here, above = grid[row - 1], grid[row], grid[row + 1]
         for column in range(1, width + 1):
-            if grid[row, column] == closed:
-                grid[row, column] = unreachable
+            left, right = np.uint32(here[column - 1]), np.uint32(here[column + 1])
+            down, up = np.uint32(below[column]), np.uint32(above[column])
+            is_beside = (left < blocked) | (right < blocked) | (down < blocked) | (up < blocked)
+            if here[column] == closed:
+                here[column] = blocked if is_beside else unreachable
 
 
 @njit(cache=True)
