@@ -103,7 +103,8 @@ def test_the_campaign_disturbs_all_that_it_says_and_fits_in_half_an_hour() -> No
     assert (rate.names, rate.is_scale) == (["1", "2", "5", "10"], True), "the usual rate at its place"
     assert rate.disturbances == ["lidar_hz=1", "lidar_hz=2", "none", "lidar_hz=10"]
     assert (noise.names[0], noise.disturbances[0], noise.is_scale) == ("gazebo", "none", False)
-    assert dead.names == ["dead: 0", "dead: 1\nafter 50 s", "dead: 1\nafter 50 s\ntime-out 2 s"]
+    assert dead.names == ["dead: 0", "dead: 1 after 50 s", "dead: 1 after 50 s\ntime-out 2 s"]
+    assert max(name.count("\n") for panel in drawn.values() for name in panel.names) == 1
     assert drawn["prior map"].names == ["explored", "exact", "explored-worst"]
     assert drawn["intruders' size"].names[0] == "default"
 

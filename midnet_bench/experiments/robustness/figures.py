@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from itertools import cycle
 from math import ceil
+from textwrap import wrap
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,8 @@ PER_ROW = 6
 """panels side by side"""
 DODGE = 0.12
 """between team sizes, in places along x"""
+ONE_LINE = 19
+"""characters below an axis that need no second line"""
 HEADINGS = {
     "lidar_noise": "LiDAR noise",
     "lidar_dropout": "beams without return",
@@ -99,13 +102,14 @@ def _panel(heading: str, disturbances: Sequence[str], undisturbed: Mapping[str, 
 
 
 def _words(changes: Mapping[str, Scalar]) -> str:
-    """``encoder``, ``slip 0.01 m``, ``ukf+map``, a line each."""
+    """``encoder slip 0.01 m ukf+map``, in two lines at most: more of them would cover their neighbours."""
     words = []
     for key, value in changes.items():
         shown = value.split(":")[0] if isinstance(value, str) else value  # a map's digest is no word
         usual = "{:g}" if isinstance(shown, float) else "{}"
         words.append(WORDS.get(key, usual).format(shown))
-    return "\n".join(words) or "default"
+    text = " ".join(words) or "default"
+    return text if len(text) <= ONE_LINE else "\n".join(wrap(text, len(text) // 2 + 4))
 
 
 def figure(scores: Scores, drawn: Sequence[Panel]) -> Figure:
