@@ -150,7 +150,12 @@ class Liar:
 def driven(lies: bool) -> "list[np.ndarray[tuple[int, int], np.dtype[np.float64]]]":
     """Where all robots are at each frame of a trial in which nobody can be caught or escape."""
     parameters = LabyrinthParameters.of(
-        robots=3, intruders=2, time_limit_s=40.0, capture_distance_m=1e-6, escape_radius_m=1e-6
+        robots=3,
+        intruders=2,
+        time_limit_s=40.0,
+        capture_distance_m=1e-6,
+        escape_radius_m=1e-6,
+        engine="fast",
     )
     with LabyrinthTrial(parameters, 5) as trial:
         true_world = trial.world
@@ -202,6 +207,6 @@ def test_the_labyrinth_is_repeatable_and_its_cells_share_their_worlds() -> None:
 
 @pytest.mark.slow
 def test_a_fleeing_intruder_keeps_away_longer() -> None:
-    still = run_labyrinth(corridor(evasion="none"), 2).tables["trial"][0]
-    fleeing = run_labyrinth(corridor(evasion="flee", flee_radius_m=2.5), 2).tables["trial"][0]
+    still = run_labyrinth(corridor(evasion="none", engine="fast"), 2).tables["trial"][0]
+    fleeing = run_labyrinth(corridor(evasion="flee", flee_radius_m=2.5, engine="fast"), 2).tables["trial"][0]
     assert float(fleeing["duration_s"]) > float(still["duration_s"])
