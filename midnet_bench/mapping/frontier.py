@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import njit
-from scipy.optimize import linear_sum_assignment
 
+from midnet_bench.assignment import linear_sum_assignment
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import UNKNOWN, OccupancyGrid
 from midnet_bench.mapping.settings import FrontierSettings

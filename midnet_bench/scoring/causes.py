@@ -44,6 +44,7 @@ class CauseCounter:
         self,
         detections: Sequence[Box],
         truths: Sequence[TruthObject],
+        touched: Sequence[Sequence[int]],
         in_range: Sequence[bool],
         in_sight: Callable[[], Sequence[bool]],
         opposite: Sequence[Box] | None = None,
@@ -53,14 +54,14 @@ class CauseCounter:
         Args:
             detections: MIDNet's boxes, map frame, metres.
             truths: the intruders at the frame's instant, each under its own name.
+            touched: for each detection the truths that it covers some area of, as ``FrameMatch`` has them.
             in_range: for each truth, whether missing it counts.
             in_sight: for each truth, whether a beam meets it; asked only if something was missed.
             opposite: MIDNet's boxes if the robots come in opposite order; None in frames that skip this.
         """
-        touched = [[box.intersection_area(truth.box) > 0.0 for truth in truths] for box in detections]
-        found = {index for row in touched for index, is_touched in enumerate(row) if is_touched}
+        found = {index for indices in touched for index in indices}
         missed = [index for index, counts in enumerate(in_range) if counts and index not in found]
-        false = [box for box, row in zip(detections, touched, strict=True) if not any(row)]
+        false = [box for box, indices in zip(detections, touched, strict=True) if not indices]
         before, self._before = (
             self._before,
             {truth.name: (truth.box, near) for truth, near in zip(truths, in_range, strict=True)},

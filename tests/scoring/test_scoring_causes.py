@@ -1,16 +1,31 @@
 """Causes of errors as the paper words them, by hand."""
 
+from collections.abc import Callable
+
 import pytest
 
 from midnet_bench.geometry import Box
 from midnet_bench.scoring.causes import NONE, CauseCounter, Causes, total_causes
-from midnet_bench.scoring.frame_counts import TruthObject
+from midnet_bench.scoring.frame_counts import TruthObject, match_frame
 
 HERE, THERE, FAR = Box(0.0, 0.0, 1.0, 1.0), Box(2.0, 0.0, 3.0, 1.0), Box(8.0, 0.0, 9.0, 1.0)
 
 
 def intruder(box: Box, name: str = "intruder 1") -> TruthObject:
     return TruthObject(name, box, box.center)
+
+
+def counted(
+    counter: CauseCounter,
+    detections: list[Box],
+    truths: list[TruthObject],
+    in_range: list[bool],
+    in_sight: Callable[[], list[bool]],
+    opposite: list[Box] | None = None,
+) -> Causes:
+    """As a trial asks for it."""
+    touched = match_frame(detections, truths).touched
+    return counter.count(detections, truths, touched, in_range, in_sight, opposite)
 
 
 def never() -> list[bool]:
@@ -20,46 +35,46 @@ def never() -> list[bool]:
 def test_a_hidden_intruder_and_one_that_just_came_near() -> None:
     counter = CauseCounter()
     truths = [intruder(HERE), intruder(THERE, "intruder 2")]
-    first = counter.count([HERE], truths, [True, False], never)
-    second = counter.count([], truths, [True, True], lambda: [False, True])
+    first = counted(counter, [HERE], truths, [True, False], never)
+    second = counted(counter, [], truths, [True, True], lambda: [False, True])
 
     assert first == NONE
     assert second == Causes(fn_hidden=1, fn_new=1, fp_left=0, overlapping=0, reordered=0, looked_at=0)
 
 
 def test_nobody_is_new_in_the_first_frame() -> None:
-    assert CauseCounter().count([], [intruder(HERE)], [True], lambda: [True]) == NONE
+    assert counted(CauseCounter(), [], [intruder(HERE)], [True], lambda: [True]) == NONE
 
 
 def test_an_intruder_out_of_range_is_not_missed() -> None:
-    assert CauseCounter().count([], [intruder(HERE)], [False], never) == NONE
+    assert counted(CauseCounter(), [], [intruder(HERE)], [False], never) == NONE
 
 
 def test_a_box_where_an_intruder_was_is_left_over_from_it_and_another_is_not() -> None:
     counter = CauseCounter()
-    counter.count([], [intruder(HERE)], [False], never)
-    causes = counter.count([HERE, FAR], [intruder(THERE)], [False], never)
+    counted(counter, [], [intruder(HERE)], [False], never)
+    causes = counted(counter, [HERE, FAR], [intruder(THERE)], [False], never)
 
     assert causes.fp_left == 1
     # a frame later it is older than the delay of a scan
-    assert counter.count([HERE], [intruder(THERE)], [False], never).fp_left == 0
+    assert counted(counter, [HERE], [intruder(THERE)], [False], never).fp_left == 0
 
 
 def test_a_box_on_an_intruder_is_no_false_one_wherever_it_was() -> None:
     counter = CauseCounter()
-    counter.count([], [intruder(HERE)], [False], never)
-    assert counter.count([Box(0.5, 0.0, 2.5, 1.0)], [intruder(THERE)], [True], never).fp_left == 0
+    counted(counter, [], [intruder(HERE)], [False], never)
+    assert counted(counter, [Box(0.5, 0.0, 2.5, 1.0)], [intruder(THERE)], [True], never).fp_left == 0
 
 
 @pytest.mark.parametrize(("other", "overlaps"), [(Box(0.9, 0.0, 2.0, 1.0), 1), (Box(1.0, 0.0, 2.0, 1.0), 0)])
 def test_boxes_that_share_an_edge_do_not_overlap(other: Box, overlaps: int) -> None:
-    causes = CauseCounter().count([HERE, other], [intruder(HERE)], [True], never)
+    causes = counted(CauseCounter(), [HERE, other], [intruder(HERE)], [True], never)
     assert causes.overlapping == overlaps
 
 
 def test_the_order_of_boxes_is_no_difference_and_another_box_is_one() -> None:
     def reordered(opposite: list[Box] | None) -> tuple[int, int]:
-        causes = CauseCounter().count([HERE, FAR], [intruder(HERE)], [True], never, opposite)
+        causes = counted(CauseCounter(), [HERE, FAR], [intruder(HERE)], [True], never, opposite)
         return causes.reordered, causes.looked_at
 
     assert reordered(None) == (0, 0)

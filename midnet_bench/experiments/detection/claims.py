@@ -27,6 +27,9 @@ MINOR = 0.10
 NEVER = 0.01
 """the share of frames below which something counts as not happening"""
 
+RISES = {"recall": True, "precision": False, "f1": True, "fp": True, "fn": False, "fn_hidden": False}
+"""column of the scores -> whether it rises from one robot to five, in the paper's words or table"""
+
 ONE, FIVE = PAPER
 
 
@@ -42,11 +45,10 @@ def claims(results: Results) -> list[Finding]:
     if PAPER.keys() <= cells.keys():
         one, five = cells[ONE], cells[FIVE]
         found += [
-            _change(one, five, score, rises) for score, rises in (("recall", True), ("precision", False))
+            _change(one, five, column, rises)
+            for column, rises in RISES.items()
+            if column in one and column in five
         ]
-        found += [_change(one, five, "f1", rises=True)]
-        found += [_change(one, five, "fp", rises=True), _change(one, five, "fn", rises=False)]
-        found += [_change(one, five, "fn_hidden", rises=False)] if has_causes else []
     if has_causes and ONE in cells:
         statement = f"{ONE}: most misses are of hidden intruders (share)"
         found.append(finding(statement, _share(cells[ONE], "fn_hidden", "fn"), 0.5, math.inf))

@@ -16,8 +16,10 @@ from midnet_bench.robots.burger import LDS_01
 from midnet_bench.scoring.causes import CauseCounter, Causes, total_causes
 from midnet_bench.scoring.frame_counts import (
     FrameCounts,
+    FrameMatch,
     TruthObject,
     count_frame,
+    match_frame,
     ratios,
     total,
     truths_in_range,
@@ -41,6 +43,7 @@ class ScoredFrame:
     midnet: Frame
     truths: list[TruthObject]
     in_range: list[bool]
+    match: FrameMatch
     counts: FrameCounts
 
 
@@ -71,13 +74,9 @@ class DetectionTrial(GuardedArena):
             midnet = self.next_frame(explain)
             truths = self.truths()
             in_range = self.in_range(test)
-            yield ScoredFrame(
-                number,
-                midnet,
-                truths,
-                in_range,
-                count_frame(midnet.detections, truths, in_range, test.tp_boxes),
-            )
+            match = match_frame(midnet.detections, truths)
+            counts = count_frame(midnet.detections, truths, in_range, test.tp_boxes, match)
+            yield ScoredFrame(number, midnet, truths, in_range, match, counts)
 
     def causes(self, frame: ScoredFrame) -> Causes:
         """Which of the paper's causes the errors of the newest frame had; take each frame once, in order."""
@@ -87,6 +86,7 @@ class DetectionTrial(GuardedArena):
         return self._causes.count(
             frame.midnet.detections,
             frame.truths,
+            frame.match.touched,
             frame.in_range,
             self._all_in_sight,
             opposite,

@@ -54,6 +54,7 @@ class LabyrinthTrial(GuardedArena):
         super().__init__(parameters, seed, parameters.intruders)
         self._test = parameters
         self._free = free_space(self.arena, GOAL_CLEARANCE_M, self.layout.stationary)
+        self._doors = doors(self.arena) if parameters.escape_at == "doors" else []
         self._surfaces = surfaces(self.layout)
         self._refuge_rng = stream(seed, "refuge")
         self.pursuit = Pursuit(self.guards, parameters.pursuit)
@@ -65,11 +66,6 @@ class LabyrinthTrial(GuardedArena):
             escape = self._escape_of(start, stream(seed, "escape", robot.name))
             self.outcomes[robot.index] = Outcome(start, escape)
             robot.next_goal = self._next_goal_of_intruder
-
-    @property
-    def at_large(self) -> list[MobileRobot]:
-        """Intruders that are neither caught nor gone."""
-        return [robot for robot in self.intruders if self.outcomes[robot.index].result == "at large"]
 
     @property
     def present(self) -> list[MobileRobot]:
@@ -101,23 +97,30 @@ class LabyrinthTrial(GuardedArena):
 
     def _judge_one(self, robot: MobileRobot, boxes: Sequence[Box], now_s: float) -> None:
         """What becomes of one intruder now, ``boxes`` being those on it."""
-        outcome, is_oracle = self.outcomes[robot.index], self._test.pursuit.rule == "oracle"
-        was_at_large = outcome.result == "at large"
-        if boxes and was_at_large:
-            outcome.detected_at_s = now_s if math.isnan(outcome.detected_at_s) else outcome.detected_at_s
-            if is_oracle:
-                self.pursuit.detected(robot.index, boxes[0].center, now_s)
+        outcome = self.outcomes[robot.index]
         has_arrived = math.dist(self._place(robot), outcome.escape) <= self._test.escape_radius_m
-        if was_at_large and boxes and self._is_caught(robot):
-            outcome.caught_at_s = now_s
-        elif was_at_large and has_arrived:
-            outcome.escaped_at_s = now_s
-        if is_oracle and was_at_large and outcome.result != "at large":
-            self.pursuit.drop(robot.index)
+        if outcome.result == "at large":
+            self._judge_at_large(robot, boxes, has_arrived, now_s)
         is_taken_out = outcome.result == "caught" and self._test.after_capture == "leaves"
         if is_taken_out or has_arrived:
             outcome.left_at_s = now_s
             self.fleet.remove(robot)
+
+    def _judge_at_large(
+        self, robot: MobileRobot, boxes: Sequence[Box], has_arrived: bool, now_s: float
+    ) -> None:
+        """Note whether one that nobody has caught yet is detected, caught, or got away; tell an oracle."""
+        outcome, is_oracle = self.outcomes[robot.index], self._test.pursuit.rule == "oracle"
+        if boxes:
+            outcome.detected_at_s = now_s if math.isnan(outcome.detected_at_s) else outcome.detected_at_s
+            if is_oracle:
+                self.pursuit.detected(robot.index, boxes[0].center, now_s)
+        if boxes and self._is_caught(robot):
+            outcome.caught_at_s = now_s
+        elif has_arrived:
+            outcome.escaped_at_s = now_s
+        if is_oracle and outcome.result != "at large":
+            self.pursuit.drop(robot.index)
 
     def _see(self, midnet: Frame, now_s: float) -> None:
         """Hand the boxes to the pursuit, and note for the record which new targets are ghosts."""
@@ -156,7 +159,7 @@ class LabyrinthTrial(GuardedArena):
         test = self._test
         if test.escape_at == "anywhere":
             return self._free.draw(rng, start, test.escape_distance_m)
-        farthest_first = sorted(doors(self.arena), key=lambda door: -math.dist(start, door))
+        farthest_first = sorted(self._doors, key=lambda door: -math.dist(start, door))
         far = [door for door in farthest_first if math.dist(start, door) >= test.escape_distance_m]
         candidates = far or farthest_first[:1]
         return candidates[int(rng.integers(len(candidates)))]
