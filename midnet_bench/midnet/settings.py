@@ -39,10 +39,10 @@ class MIDNetSettings(Settings):
     deflate_boxes_m: float = 0.0
     """taken off each side of a box as soon as it is found, >= 0; changes every later IoU (item 25)"""
     ally_diameter_m: float = option(
-        0.297, "Side of the square that a guard is taken to fill, di of Algorithm 2.", gt=0, le=2
+        0.42, "Side of the square that a guard is taken to fill, di of Algorithm 2.", gt=0, le=2
     )
     iou_ally: float = option(
-        0.05,
+        0.1,
         "IoU with an ally's square from which a box is removed as that ally, t of Algorithm 2.",
         gt=0,
         le=1,

@@ -50,8 +50,9 @@ class CostmapSettings(Settings):
     ``inscribed_radius_m`` is the Burger's robot_radius of 0.105 m as it stands. costmap_2d would pad a robot
     of that radius by 0.01 m: its circle of 16 corners then has an inscribed radius of 0.1127 m.
 
-    MIDNet's local costmaps depart from the defaults in two values, by calibration: a 4 m window (item 6) and
-    ``inf_is_valid`` (item 8). ``burger_local`` and ``burger_global`` give what a TurtleBot3 navigates with.
+    MIDNet's local costmaps depart from the defaults by calibration: a 3 m window (item 6), and marks that
+    are forgotten half a second after the last scan that met them (item 8). ``burger_local`` and
+    ``burger_global`` give what a TurtleBot3 navigates with.
     """
 
     concern: ClassVar[str] = "costmap"

@@ -36,6 +36,15 @@ KEYS = {
     "time_limit_s",
 }
 """what the parameters of a trial held when they were one flat class"""
+DEFAULTS_THEN: dict[str, Scalar] = {
+    "local_size_m": 4.0,
+    "local_map": "persistent",
+    "decay_s": 1.0,
+    "ally_diameter_m": 0.297,
+    "iou_ally": 0.05,
+    "in_range": "edge",
+}
+"""those that the calibration changed since"""
 
 
 @pytest.mark.parametrize("experiment", KEYS)
@@ -107,7 +116,8 @@ def test_trials_keep_the_ids_that_they_had(
     experiment: str, values: dict[str, Scalar], seed: int, trial_id: str
 ) -> None:
     """The constants were taken when the parameters were one flat class without any of the newer options."""
-    parameters = parameters_model(experiment).resolve(values, "test")
+    then = {key: value for key, value in DEFAULTS_THEN.items() if key in KEYS[experiment].split()}
+    parameters = parameters_model(experiment).resolve({**then, **values}, "test")
     assert TrialSpec(experiment, parameters, seed).trial_id == trial_id
 
 

@@ -22,7 +22,7 @@ class DetectionParameters(GuardParameters):
 
     frames: int = option(1999, "Number of MIDNet frames that are scored, at 5 Hz.", ge=1, le=1_000_000)
     in_range: InRange = option(
-        "edge",
+        "centre",
         "When an intruder counts as within a guard's usable range: when its nearest point is (edge), or "
         "when its centre is (centre).",
     )

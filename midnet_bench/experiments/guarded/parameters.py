@@ -110,7 +110,7 @@ class GuardParameters(Parameters):
 
     prior: PriorMapSettings = group(PriorMapSettings(), "prior map")
     costmap: CostmapSettings = group(
-        CostmapSettings(size_m=4.0, inf_is_valid=True),
+        CostmapSettings(size_m=3.0, memory="decay", decay_s=0.5, inf_is_valid=True),
         "MIDNet's local costmaps",
         keys={"resolution": None, "size_m": "local_size_m", "centered": None, "track_unknown": None},
     )
