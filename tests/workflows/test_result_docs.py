@@ -64,7 +64,9 @@ def check_campaign(directory: Path) -> None:
         check_table(table)
 
 
-@pytest.mark.parametrize("name", ["detection", "labyrinth", "capture", "mapping", "calibration", "readings"])
+@pytest.mark.parametrize(
+    "name", ["detection", "labyrinth", "capture", "mapping", "calibration", "calibration-sizes", "readings"]
+)
 def test_every_column_of_a_reference_is_described(name: str) -> None:
     check_campaign(REFERENCES / name)
 
