@@ -10,7 +10,7 @@ from midnet_bench.agents.patrol import DRIVABLE_M
 from midnet_bench.arena.layout import ROBOT_CLEARANCE_M
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.midnet.pipeline import MIDNetSettings
-from midnet_bench.navigation.settings import LocalPlannerLimits
+from midnet_bench.navigation.settings import CostmapSettings, LocalPlannerLimits
 from midnet_bench.robots.burger import BURGER
 
 
@@ -57,6 +57,8 @@ def test_defaults_that_are_said_in_other_rooms_are_this_robots() -> None:
     limits = LocalPlannerLimits()
     assert limits.max_vel_x_mps == -limits.min_vel_x_mps == BURGER.max_linear_mps
     assert limits.max_vel_trans_mps == DetectionParameters().intruder_speed_mps == BURGER.max_linear_mps
-    # the circle around a robot (item 27), to the millimetre
-    assert MIDNetSettings().ally_diameter_m == pytest.approx(2.0 * BURGER.footprint_reach_m, abs=5e-4)
+    # the circle around a robot, grown by how far a costmap's cells around a return are occupied (item 27)
+    midnet = MIDNetSettings()
+    grown_m = BURGER.radius_m + CostmapSettings().reach_m(midnet.thresh_local)
+    assert midnet.ally_diameter_m == pytest.approx(2.0 * grown_m, abs=1e-9)
     assert BURGER.profiles["disc"].radius_m == BURGER.radius_m
