@@ -16,7 +16,7 @@ PACKAGE = Path(midnet_bench.__file__).parent
 # From the ground up: a room may import the ones on lower floors. Rooms on one floor know nothing of each
 # other, but for the modules of the ground floor.
 FLOORS = [
-    {"assignment", "errors", "geometry", "grid", "messages", "plugins", "rng", "settings"},
+    {"assignment", "compiled", "errors", "geometry", "grid", "messages", "plugins", "rng", "settings"},
     {"io"},
     {"robots"},
     {"midnet"},
@@ -114,6 +114,8 @@ def test_libraries_stay_where_they_belong() -> None:
         libraries = {module.split(".")[0] for module in modules}
         if not name.startswith("midnet_bench.simulation.bullet"):
             assert not libraries & {"pybullet", "pybullet_data"}, name
+        if name != "midnet_bench.compiled":  # it keeps stale machine code away
+            assert not libraries & {"numba", "llvmlite"}, name
         if name.startswith("midnet_bench.midnet"):
             assert libraries <= {"midnet_bench", *LIFTED_OUT, *sys.stdlib_module_names}, name
             rooms = {room_of(module) for module in modules if module.startswith("midnet_bench.")}

@@ -37,22 +37,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (site,) = (place / "venv" / "lib").glob("python*/site-packages")
     # a path, not a copy of this environment: its own .pth files, which would show the checkout, stay unread
     (site / "libraries.pth").write_text(sysconfig.get_path("purelib"))
-    take_compiled_loops(REPOSITORY / "midnet_bench", site / "midnet_bench")
     return programs
-
-
-def take_compiled_loops(compiled: Path, package: Path) -> None:
-    """Let an installed package find the loops that are compiled already: compiling anew takes a minute.
-
-    numba takes a file's loops as compiled where its time and size are the same.
-    """
-    for cache in compiled.rglob("__pycache__"):
-        for loop in cache.glob("*.nb?"):
-            target = package / cache.relative_to(compiled) / loop.name
-            target.parent.mkdir(exist_ok=True)
-            shutil.copy2(loop, target)
-    for source in compiled.rglob("*.py"):
-        shutil.copystat(source, package / source.relative_to(compiled))
 
 
 def run(program: Path, *arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:

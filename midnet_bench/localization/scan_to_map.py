@@ -7,8 +7,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.localization.settings import ScanToMapSettings
@@ -119,7 +119,7 @@ def _directions(geometry: LidarGeometry) -> FloatArray:
     return np.column_stack((np.cos(angles), np.sin(angles)))
 
 
-@njit(cache=True)
+@njit
 def fit(
     distances_m: FloatArray, cell_m: float, ends: FloatArray, start: FloatArray
 ) -> tuple[FloatArray, Terms]:
@@ -144,7 +144,7 @@ def fit(
     return pose, _terms(distances_m, cell_m, ends, pose, narrow_m)
 
 
-@njit(cache=True)
+@njit
 def _terms(
     distances_m: FloatArray, cell_m: float, ends: FloatArray, pose: FloatArray, scale_m: float
 ) -> Terms:
@@ -183,7 +183,7 @@ def _terms(
     return Terms(hessian, gradient, beams, squares / max(weights, 1.0))
 
 
-@njit(cache=True)
+@njit
 def _leave_out_unseen(hessian: FloatArray, gradient: FloatArray, least: float) -> None:
     """Zero both along directions in the plane whose information is no more than ``least``.
 
@@ -205,7 +205,7 @@ def _leave_out_unseen(hessian: FloatArray, gradient: FloatArray, least: float) -
                     hessian[i, j] -= say * way[i] * way[j]
 
 
-@njit(cache=True)
+@njit
 def _step(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
     """(3,) the solution of hessian @ step = gradient, 0 along what was left out: Gauss's elimination."""
     left, step = hessian.copy(), gradient.copy()

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.localization.settings import UkfSettings
 from midnet_bench.messages import Imu, Odometry
@@ -219,7 +219,7 @@ def _merwe_weights(settings: UkfSettings) -> tuple[FloatArray, FloatArray]:
     return mean, covariance
 
 
-@njit(cache=True)
+@njit
 def predicted(
     state: FloatArray,
     covariance: FloatArray,
@@ -264,7 +264,7 @@ def predicted(
     return mean, spread
 
 
-@njit(cache=True)
+@njit
 def step_filters(
     rows: npt.NDArray[np.int64],
     states: FloatArray,
@@ -304,7 +304,7 @@ def step_filters(
         states[row], covariances[row] = state, covariance
 
 
-@njit(cache=True)
+@njit
 def corrected_value_by_value(
     state: FloatArray, covariance: FloatArray, twist: FloatArray, imu: FloatArray, variances: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -324,7 +324,7 @@ def corrected_value_by_value(
     return state, covariance
 
 
-@njit(cache=True)
+@njit
 def step_noise(yaw_rad: float, per_second: FloatArray, dt_s: float, lasts_s: float) -> FloatArray:
     """(6, 6): what a step of ``dt_s`` adds to the covariance; ``per_second``: (6,) variances.
 
@@ -347,7 +347,7 @@ def step_noise(yaw_rad: float, per_second: FloatArray, dt_s: float, lasts_s: flo
     return noise
 
 
-@njit(cache=True)
+@njit
 def corrected(
     state: FloatArray, covariance: FloatArray, measured: FloatArray, noise: FloatArray, first: int
 ) -> tuple[FloatArray, FloatArray]:
@@ -381,7 +381,7 @@ def corrected(
     return mean, 0.5 * (after + after.T)
 
 
-@njit(cache=True)
+@njit
 def lower_root(matrix: FloatArray) -> FloatArray:
     """(n, n) lower triangular L with L L' the symmetric ``matrix``: Cholesky's.
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from midnet_bench.assignment import linear_sum_assignment
+from midnet_bench.compiled import njit
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import UNKNOWN, OccupancyGrid
 from midnet_bench.mapping.settings import FrontierSettings
@@ -254,7 +254,7 @@ def _touching_pairs(
     return np.divmod(pairs, labels.size)
 
 
-@njit(cache=True)
+@njit
 def _steps_from(traversable: npt.NDArray[np.bool_], row: int, column: int) -> npt.NDArray[np.int32]:
     """(H, W) int32: 4-neighbour steps from a cell, -1 where none lead; the mask's border is False."""
     height, width = traversable.shape

@@ -12,8 +12,8 @@ from typing import NamedTuple, cast
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
@@ -174,7 +174,7 @@ def foreground(a: BinaryArray, c: BinaryArray) -> BinaryArray:
     return cast(BinaryArray, cv2.absdiff(a, c))
 
 
-@njit(cache=True)
+@njit
 def foreground_of_costs(
     costs: npt.NDArray[np.int8], prior: BinaryArray, crop: Crop, thresh: int, unknown_occupied: bool
 ) -> BinaryArray:
@@ -217,7 +217,7 @@ def bounding_boxes(
     return blob_boxes(d, *first_cell, prior.resolution, *prior.origin, min_area_cells)
 
 
-@njit(cache=True)
+@njit
 def blob_boxes(
     d: BinaryArray, column: int, row: int, resolution_m: float, x_m: float, y_m: float, min_area_cells: int
 ) -> BoxArray:
@@ -272,7 +272,7 @@ def blob_boxes(
     return boxes[:kept]
 
 
-@njit(cache=True)
+@njit
 def edges_along_rows(d: BinaryArray) -> BinaryArray:
     """Not 0 where a cell of D differs from the one before it in its row; all around D is free.
 
@@ -287,7 +287,7 @@ def edges_along_rows(d: BinaryArray) -> BinaryArray:
     return edges
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def cut_into_runs(
     edges: BinaryArray, eights: Eights, row: int, begin: Indices, end: Indices, count: int
 ) -> int:
@@ -309,7 +309,7 @@ def cut_into_runs(
     return count + 1
 
 
-@njit(cache=True, inline="always")
+@njit(inline="always")
 def root(parent: Indices, run: int) -> int:
     """The first of the runs that are joined with ``run``."""
     while parent[run] != run:

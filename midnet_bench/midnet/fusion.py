@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.geometry import Pose2D
 from midnet_bench.midnet.detection import BoxArray, Indices
 from midnet_bench.midnet.settings import AllyRemove
@@ -60,13 +60,13 @@ def ally_squares(poses: Sequence[Pose2D], diameter_m: float) -> BoxArray:
     return np.array([(x - half, y - half, x + half, y + half) for x, y, _ in poses])
 
 
-@njit(cache=True)
+@njit
 def area(rectangles: BoxArray, i: int) -> float:
     """Square metres."""
     return (rectangles[i, 2] - rectangles[i, 0]) * (rectangles[i, 3] - rectangles[i, 1])
 
 
-@njit(cache=True)
+@njit
 def iou(rectangles: BoxArray, i: int, j: int) -> float:
     """Eq. 7: the area that both cover over the area that either covers; 0 for two that share only an edge."""
     width = min(rectangles[i, 2], rectangles[j, 2]) - max(rectangles[i, 0], rectangles[j, 0])
@@ -77,7 +77,7 @@ def iou(rectangles: BoxArray, i: int, j: int) -> float:
     return both / (area(rectangles, i) + area(rectangles, j) - both)
 
 
-@njit(cache=True)
+@njit
 def overlaps(rectangles: BoxArray) -> Overlaps:
     """All pairs with an IoU above 0, by a sweep: a rectangle can meet those that begin before it ends.
 
@@ -103,7 +103,7 @@ def overlaps(rectangles: BoxArray) -> Overlaps:
     return Overlaps(rectangles, starts, partners)
 
 
-@njit(cache=True)
+@njit
 def wider_axis(rectangles: BoxArray) -> int:
     """0 if they begin farther apart in x than in y, else 1."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
@@ -114,7 +114,7 @@ def wider_axis(rectangles: BoxArray) -> int:
     return 0 if high[0] - low[0] >= high[1] - low[1] else 1
 
 
-@njit(cache=True)
+@njit
 def both_ways(first: Indices, second: Indices, count: int) -> tuple[Indices, Indices]:
     """``starts`` and ``partners`` of ``Overlaps``, from pairs in any order."""
     starts = np.zeros(count + 1, np.int64)
@@ -138,7 +138,7 @@ def both_ways(first: Indices, second: Indices, count: int) -> tuple[Indices, Ind
     return starts, partners
 
 
-@njit(cache=True)
+@njit
 def remove_ally_detections(
     seen: Overlaps, robots: Indices, team: int, threshold: float, remove: int
 ) -> tuple[Indices, Indices, Indices]:
@@ -191,7 +191,7 @@ def remove_ally_detections(
     return kept, starts.cumsum(), removed[:removals]
 
 
-@njit(cache=True)
+@njit
 def fuse_detections(s1: Indices, s2: Indices, seen: Overlaps, threshold: float) -> Indices:
     """Algorithm 4, Fuse Detections: ``s2``, with the boxes of ``s1`` in place of smaller ones or behind.
 
@@ -221,7 +221,7 @@ def fuse_detections(s1: Indices, s2: Indices, seen: Overlaps, threshold: float) 
     return fused[:length]
 
 
-@njit(cache=True)
+@njit
 def divide_and_conquer(
     lists: Indices, starts: Indices, left: int, right: int, seen: Overlaps, threshold: float
 ) -> Indices:
@@ -258,7 +258,7 @@ def divide_and_conquer(
     return fused.pop()
 
 
-@njit(cache=True)
+@njit
 def fuse_team(
     boxes: BoxArray, robots: Indices, squares: BoxArray, iou_ally: float, remove: int, iou_fuse: float
 ) -> TeamBoxes:

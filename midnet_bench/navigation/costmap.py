@@ -10,8 +10,8 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid
@@ -197,7 +197,7 @@ class ObstacleLayer:
             self.cells[(self.cells == LETHAL) & (self._marked_at_s < time_s - memory_s)] = FREE_SPACE
 
 
-@njit(cache=True)
+@njit
 def _moved(
     old: npt.NDArray[Any], columns: int, rows: int, width: int, height: int, unseen: float
 ) -> npt.NDArray[Any]:
@@ -428,7 +428,7 @@ def _box(bounds: tuple[int, int, int, int]) -> tuple[slice, slice]:
     return slice(y0, y1), slice(x0, x1)
 
 
-@njit(cache=True)
+@njit
 def line_steps(dx: int, dy: int, width: int) -> tuple[int, int, int, int]:
     """(steps along the dominant axis, steps along the other, flat index step of each) of a grid line.
 
@@ -441,7 +441,7 @@ def line_steps(dx: int, dy: int, width: int) -> tuple[int, int, int, int]:
     return abs(dy), abs(dx), step_y, step_x
 
 
-@njit(cache=True)
+@njit
 def clear_line(flat: Cells, width: int, x0: int, y0: int, x1: int, y1: int, max_cells: int) -> None:
     """Set the cells from (x0, y0) towards (x1, y1) free, both ends too, ``max_cells`` (Euclidean) at most.
 
@@ -464,7 +464,7 @@ def clear_line(flat: Cells, width: int, x0: int, y0: int, x1: int, y1: int, max_
         index = index + both if is_over else index + along
 
 
-@njit(cache=True)
+@njit
 def is_open_line(cells: Cells, x0: float, y0: float, x1: float, y1: float) -> bool:
     """Whether no cell from (x0, y0) to (x1, y1), in cells from the lower-left corner, is lethal.
 
@@ -487,7 +487,7 @@ def is_open_line(cells: Cells, x0: float, y0: float, x1: float, y1: float) -> bo
     return True
 
 
-@njit(cache=True)
+@njit
 def clear_polygon(cells: Cells, corners: Floats) -> None:
     """Set the cells of a convex polygon free; nothing if a corner is off the grid or they are fewer than 3.
 
@@ -524,7 +524,7 @@ def clear_polygon(cells: Cells, corners: Floats) -> None:
             cells[y, x] = FREE_SPACE
 
 
-@njit(cache=True)
+@njit
 def placed(corners: Floats, pose: tuple[float, float, float]) -> Floats:
     """(N, 2) corners, given in the frame of ``pose`` (x, y, yaw), in the frame that it is given in."""
     x, y, yaw = pose
@@ -536,7 +536,7 @@ def placed(corners: Floats, pose: tuple[float, float, float]) -> Floats:
     return moved
 
 
-@njit(cache=True)
+@njit
 def integrate_scan(
     cells: Cells,
     lattice: tuple[float, float, float],
@@ -610,7 +610,7 @@ def integrate_scan(
     return count
 
 
-@njit(cache=True)
+@njit
 def combined(static: Cells, obstacles: Cells) -> Cells:
     """(H, W) uint8: the higher of both; an unknown cell gives way to a known one (combination method 1)."""
     height, width = static.shape
@@ -625,7 +625,7 @@ def combined(static: Cells, obstacles: Cells) -> Cells:
     return costs
 
 
-@njit(cache=True)
+@njit
 def inflate(base: Cells, cost_by_squared_distance: Cells, reach: int) -> Cells:
     """(H, W) uint8: ``base`` with the cost of the distance to its nearest lethal cell, where that is higher.
 

@@ -4,8 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.messages import Command
 from midnet_bench.navigation.costmap import Cells, Floats, RollingCostmap, corner_array
@@ -182,7 +182,7 @@ def _sign(value: float) -> int:
     return (value > 0.0) - (value < 0.0)
 
 
-@njit(cache=True)
+@njit
 def best_velocity(
     costs: Cells,
     grids: Grids,
@@ -211,7 +211,7 @@ def best_velocity(
     return True, speeds[best // len(turns)], turns[best % len(turns)]
 
 
-@njit(cache=True)
+@njit
 def _reachable(now: float, limits: tuple[float, float, float], count: int) -> Floats:
     """Samples of what one period reaches from ``now``; a velocity outside comes back to the nearer end.
 
@@ -221,7 +221,7 @@ def _reachable(now: float, limits: tuple[float, float, float], count: int) -> Fl
     return velocity_samples(min(max(low, now - reach), high), max(min(high, now + reach), low), count)
 
 
-@njit(cache=True)
+@njit
 def search(
     costs: Cells,
     grids: Grids,
@@ -282,7 +282,7 @@ def search(
         scores[sample] = np.inf
 
 
-@njit(cache=True)
+@njit
 def _end_scores(
     grids: Grids,
     start: tuple[float, float, float],
@@ -357,7 +357,7 @@ def _end_scores(
     return scores
 
 
-@njit(cache=True)
+@njit
 def collision_cost(
     costs: Cells,
     grids: Grids,
@@ -402,12 +402,12 @@ def collision_cost(
     return highest
 
 
-@njit(cache=True)
+@njit
 def _simulation_steps(speed: float, turn: float, params: SearchParameters) -> int:
     return math.ceil(max(abs(speed) * params.steps_per_mps, abs(turn) * params.steps_per_radps))
 
 
-@njit(cache=True)
+@njit
 def escape(
     costs: Cells,
     start: tuple[float, float, float],

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.costmap import (
@@ -274,7 +274,7 @@ def _traversal_table(allow_unknown: bool) -> Cells:
 _TRAVERSAL = {allowed: _traversal_table(allowed) for allowed in (False, True)}
 
 
-@njit(cache=True)
+@njit
 def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[Potentials, float]:
     """(H, W) float32 potential, 0 in the goal cell, 1e10 where the wave did not come; and the settled bound.
 
@@ -354,7 +354,7 @@ def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[P
     return potential.reshape(traversal.shape), float(UNREACHED)
 
 
-@njit(cache=True)
+@njit
 def path_down(
     potential: Potentials,
     start: tuple[float, float],
@@ -392,7 +392,7 @@ def path_down(
     return points, True
 
 
-@njit(cache=True)
+@njit
 def descend(
     potential: Potentials, start: tuple[float, float], escape_cells: int, until_cells: float
 ) -> tuple[Floats, bool]:
@@ -477,7 +477,7 @@ def descend(
     return points[:count].copy(), False
 
 
-@njit(cache=True)
+@njit
 def _descent(potential: Potentials, x: int, y: int) -> tuple[float, float]:
     """The unit vector downhill at a cell, from differences to those neighbours that have a potential."""
     here = float(potential[y, x])
@@ -494,7 +494,7 @@ def _descent(potential: Potentials, x: int, y: int) -> tuple[float, float]:
     return (dx / norm, dy / norm) if norm > 0.0 else (0.0, 0.0)
 
 
-@njit(cache=True)
+@njit
 def changed_near(
     now: Cells,
     then: Cells,
@@ -527,7 +527,7 @@ def changed_near(
     return False
 
 
-@njit(cache=True)
+@njit
 def _are_equal(some: Cells, others: Cells) -> bool:
     """Whether two rows of cells, of one length, are the same; many cells are compared at once."""
     differ = False
@@ -536,7 +536,7 @@ def _are_equal(some: Cells, others: Cells) -> bool:
     return not differ
 
 
-@njit(cache=True)
+@njit
 def _lethal_beside(cells: Cells, column: int, row: int) -> bool:
     height, width = cells.shape
     for y in range(max(row - 1, 0), min(row + 2, height)):

@@ -5,8 +5,8 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.navigation.costmap import (
@@ -91,7 +91,7 @@ class LocalGoalGrids:
         return self._grids
 
 
-@njit(cache=True)
+@njit
 def distance_grids(costs: Cells, plan: Floats, pushed_end: tuple[float, float]) -> Grids:
     """(3, H + 2, W + 2) int32 steps between 4-neighbours, indexed by PATH, GOAL, GOAL_FRONT.
 
@@ -111,7 +111,7 @@ def distance_grids(costs: Cells, plan: Floats, pushed_end: tuple[float, float]) 
     return grids
 
 
-@njit(cache=True)
+@njit
 def local_grids(
     costs: Cells,
     plan: Floats,
@@ -138,7 +138,7 @@ def local_grids(
     return distance_grids(costs, cells, (end_x + push * ahead_x, end_y + push * ahead_y))
 
 
-@njit(cache=True)
+@njit
 def _plan_cells(costs: Cells, plan: Floats, end: tuple[float, float]) -> tuple[npt.NDArray[np.int32], int]:
     """Flat indices (in the ringed grid) of the plan's first run of known cells inside the window.
 
@@ -166,7 +166,7 @@ def _plan_cells(costs: Cells, plan: Floats, end: tuple[float, float]) -> tuple[n
     return found, count
 
 
-@njit(cache=True)
+@njit
 def _spread(
     costs: Cells, seeds: npt.NDArray[np.int32], queue: npt.NDArray[np.uint32], grid: npt.NDArray[np.int32]
 ) -> None:
@@ -214,7 +214,7 @@ def _spread(
                 here[column] = blocked if is_beside else unreachable
 
 
-@njit(cache=True)
+@njit
 def velocity_samples(low: float, high: float, count: int) -> Floats:
     """``count`` (at least 2) evenly spaced values from low to high, and 0 if they straddle it without a hit.
 
@@ -235,7 +235,7 @@ def velocity_samples(low: float, high: float, count: int) -> Floats:
     return samples[:size]
 
 
-@njit(cache=True)
+@njit
 def outline_cost(costs: Cells, x: float, y: float, cos_yaw: float, sin_yaw: float, footprint: Floats) -> int:
     """The highest cost under a footprint's outline; -1 if it is lethal or unknown there or off the grid.
 
@@ -269,7 +269,7 @@ def outline_cost(costs: Cells, x: float, y: float, cos_yaw: float, sin_yaw: floa
     return ILLEGAL if highest >= LETHAL else highest
 
 
-@njit(cache=True)
+@njit
 def turn_is_free(costs: Cells, x: float, y: float, yaw: float, angle: float, footprint: Floats) -> bool:
     """Whether the outline stays legal while turning on the spot by ``angle``, every 0.017 rad (1 degree)."""
     steps = max(1, math.ceil(abs(angle) / 0.017))

@@ -4,8 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.messages import Command
 from midnet_bench.navigation.costmap import Cells, Floats, RollingCostmap, corner_array
@@ -150,7 +150,7 @@ class TrajectoryRolloutPlanner:
             self._escape_from = None
 
 
-@njit(cache=True)
+@njit
 def search_rollouts(
     costs: Cells,
     grids: Grids,
@@ -198,7 +198,7 @@ def search_rollouts(
     return best, best_speed, best_turn
 
 
-@njit(cache=True)
+@njit
 def roll_out(
     costs: Cells,
     grids: Grids,

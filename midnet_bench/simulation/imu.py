@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.simulation.noise import NoiseBlocks
 from midnet_bench.simulation.settings import ImuSettings
 
@@ -64,7 +64,7 @@ class ImuSensors:
         return self._readings
 
 
-@njit(cache=True)
+@njit
 def read_imus(
     rows: Ints,
     poses: Floats,

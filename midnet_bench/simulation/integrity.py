@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from midnet_bench.agents.mobile_robot import Dwell
 from midnet_bench.arena.layout import Layout
+from midnet_bench.compiled import njit
 
 Floats = npt.NDArray[np.float64]
 
@@ -61,7 +61,7 @@ def surfaces(layout: Layout) -> Floats:
     return np.hstack((np.concatenate(outlines), np.concatenate(ends)))
 
 
-@njit(cache=True)
+@njit
 def note_moves(
     sides: Floats, last: Floats, now: Floats, distances_m: Floats, crossings: npt.NDArray[np.int64]
 ) -> None:
@@ -76,7 +76,7 @@ def note_moves(
         last[i] = now[i]
 
 
-@njit(cache=True)
+@njit
 def crossed_wall(sides: Floats, before: Floats, after: Floats) -> npt.NDArray[np.bool_]:
     """(n,) whether the straight way from ``before`` to ``after`` goes through one of ``surfaces``.
 

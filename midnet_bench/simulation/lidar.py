@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from midnet_bench.arena.free_space import cells_near
+from midnet_bench.compiled import njit
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.rng import stream
 from midnet_bench.simulation.noise import NoiseBlocks
@@ -31,7 +31,7 @@ _SCANS = 16
 """of a robot whose noise is drawn at once"""
 
 
-@njit(cache=True)
+@njit
 def beam_directions(poses: Floats, ahead_m: float, cosines: Floats, sines: Floats) -> tuple[Floats, Floats]:
     """(m, 2) axes ``ahead_m`` before (m, 3) poses and (m, beams, 2) unit vectors, in the poses' frame.
 
@@ -70,7 +70,7 @@ ERRORS: dict[LidarNoise, Errors] = {
 below 0.5 m, 3.5 % above) as three standard deviations, and its accuracy as each sensor's factor."""
 
 
-@njit(cache=True)
+@njit
 def reported(
     ranges: Floats,
     rows: Ints,
@@ -109,7 +109,7 @@ def reported(
     return used_up
 
 
-@njit(cache=True)
+@njit
 def in_marked_cells(
     poses: Floats, marked: npt.NDArray[np.bool_], origin_m: tuple[float, float], resolution_m: float
 ) -> npt.NDArray[np.bool_]:
@@ -123,7 +123,7 @@ def in_marked_cells(
     return found
 
 
-@njit(cache=True)
+@njit
 def hide_behind_discs(
     ranges: Floats,
     axes: Floats,

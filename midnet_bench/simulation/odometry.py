@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.noise import NoiseBlocks
@@ -69,7 +69,7 @@ class EncoderOdometers:
         return self._velocities
 
 
-@njit(cache=True)
+@njit
 def reckon(
     rows: Ints,
     wheel_angles_rad: Floats,

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.mapping.gmapping.scan_matcher import (
     EMPTY,
     PATCH_CELLS,
@@ -17,7 +17,7 @@ from midnet_bench.mapping.gmapping.scan_matcher import (
 from midnet_bench.mapping.gmapping.threads import ParticleThreads
 
 
-@njit(cache=True)
+@njit
 def trace_line(column: int, row: int, end_column: int, end_row: int, cells: npt.NDArray[np.int64]) -> int:
     """How many cells Bresenham's line visits before its end cell; ``cells[:count]`` holds them.
 
@@ -152,7 +152,7 @@ class ParticleMaps:
         self.visits = np.concatenate([self.visits, counts])
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def mark_patches(tables: IndexArray, poses: FloatArray, ends: FloatArray, hits: int) -> npt.NDArray[np.bool_]:
     """(N, rows, columns) bool: the patches of each particle that a scan may change.
 
@@ -176,7 +176,7 @@ def mark_patches(tables: IndexArray, poses: FloatArray, ends: FloatArray, hits: 
     return touched
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def register_rays(
     means: MeanArray,
     cell_hits: IndexArray,

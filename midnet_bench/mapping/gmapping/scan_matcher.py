@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.mapping.gmapping.settings import GmappingSettings
 
 PATCH_CELLS = 32
@@ -64,7 +64,7 @@ def matching_in_cells(settings: GmappingSettings) -> Matching:
     )
 
 
-@njit(cache=True)
+@njit
 def nearest_hit_squared(means: MeanArray, table: IndexArray, x: float, y: float) -> float:
     """Squared distance from (x, y) to the nearest mean hit point in the 3 x 3 cells around it, cells^2.
 
@@ -103,7 +103,7 @@ def nearest_hit_squared(means: MeanArray, table: IndexArray, x: float, y: float)
     return best
 
 
-@njit(cache=True)
+@njit
 def rotate_beams(beams: FloatArray, yaw: float, rotated: FloatArray) -> None:
     """Fill ``rotated`` (B, 2) with the beam ends (B, 2) turned by ``yaw``, radians."""
     cos, sin = math.cos(yaw), math.sin(yaw)
@@ -112,7 +112,7 @@ def rotate_beams(beams: FloatArray, yaw: float, rotated: FloatArray) -> None:
         rotated[b, 1] = sin * beams[b, 0] + cos * beams[b, 1]
 
 
-@njit(cache=True)
+@njit
 def match_score(
     means: MeanArray, table: IndexArray, rotated: FloatArray, x: float, y: float, sigma: float, enough: float
 ) -> float:
@@ -131,7 +131,7 @@ def match_score(
     return total
 
 
-@njit(cache=True)
+@njit
 def log_likelihood(
     means: MeanArray, table: IndexArray, rotated: FloatArray, x: float, y: float, sigma: float, miss: float
 ) -> float:
@@ -143,7 +143,7 @@ def log_likelihood(
     return total
 
 
-@njit(cache=True)
+@njit
 def climb(
     means: MeanArray, table: IndexArray, beams: FloatArray, x: float, y: float, yaw: float, matching: Matching
 ) -> tuple[float, float, float, float]:
@@ -192,7 +192,7 @@ def climb(
             return x, y, yaw, score
 
 
-@njit(cache=True, nogil=True)
+@njit(nogil=True)
 def match_particles(
     means: MeanArray, tables: IndexArray, beams: FloatArray, poses: FloatArray, matching: Matching
 ) -> tuple[FloatArray, FloatArray]:

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import TypeVar
 
-import numba
+from midnet_bench.compiled import numba
 
 PartT = TypeVar("PartT")
 
@@ -15,7 +15,7 @@ PARTS_PER_THREAD = 4
 
 def cores() -> int:
     """How many threads a process that works alone should take; ``NUMBA_NUM_THREADS`` says it if set."""
-    return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+    return int(numba().config.NUMBA_NUM_THREADS)
 
 
 class ParticleThreads:

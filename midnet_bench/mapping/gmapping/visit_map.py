@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.mapping.gmapping.particle_map import trace_line
 
@@ -87,7 +87,7 @@ class VisitMap:
             self._origin_cells = self._origin_cells - before
 
 
-@njit(cache=True)
+@njit
 def trace_rays(
     cell_hits: npt.NDArray[np.int32],
     cell_visits: npt.NDArray[np.int32],

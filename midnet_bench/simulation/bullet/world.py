@@ -12,9 +12,9 @@ from typing import Self
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from midnet_bench.arena.layout import Layout
+from midnet_bench.compiled import njit
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.robots.burger import BURGER
@@ -232,7 +232,7 @@ def ray_fractions(client: int, starts: Floats, ends: Floats) -> Floats:
     return fractions
 
 
-@njit(cache=True)
+@njit
 def base_poses(places: Floats, mass_x_m: float) -> Floats:
     """(n, 3) x, y, yaw of base frames from (n, 7) positions and quaternions (x, y, z, w) of their masses.
 
@@ -248,7 +248,7 @@ def base_poses(places: Floats, mass_x_m: float) -> Floats:
     return poses
 
 
-@njit(cache=True)
+@njit
 def pieces(
     axes: Floats, directions: Floats, sides: Floats, near_m: float, far_m: float, height_m: float
 ) -> tuple[Floats, Floats, Floats, Ints]:
@@ -280,7 +280,7 @@ def pieces(
     return starts[:n], ends[:n], spans[:n], places[:n]
 
 
-@njit(cache=True)
+@njit
 def reaches(x: float, y: float, sides: Floats, near_m: float, far_m: float) -> tuple[Floats, Floats]:
     """Two of (SECTORS,): no beam from (x, y) meets a side before the first, each beam does by the second.
 
@@ -326,7 +326,7 @@ def reaches(x: float, y: float, sides: Floats, near_m: float, far_m: float) -> t
     return nearest, farthest
 
 
-@njit(cache=True)
+@njit
 def meet(ranges: Floats, places: Ints, spans: Floats, met: Floats) -> None:
     """Put into ``ranges``, (all beams,), where each piece meets something: at its share ``met`` below 1."""
     for i in range(len(met)):

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.fast.outlines import (
     AX,
@@ -108,7 +108,7 @@ def _turns_right(a: tuple[float, float], b: tuple[float, float], c: tuple[float,
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) <= 0.0
 
 
-@njit(cache=True)
+@njit
 def find_contacts(
     poses: Floats,
     present: npt.NDArray[np.bool_],
@@ -160,7 +160,7 @@ def find_contacts(
     return count
 
 
-@njit(cache=True)
+@njit
 def _place(hull: Floats, pose: Floats, placed: Floats) -> None:
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(hull)):
@@ -173,7 +173,7 @@ def _place(hull: Floats, pose: Floats, placed: Floats) -> None:
         placed[k, LAST_Y] = s * hull[k, LAST_X] + c * hull[k, LAST_Y]
 
 
-@njit(cache=True)
+@njit
 def _may_touch(side: Floats, x: float, y: float, within_m: float) -> bool:
     dx, dy = x - side[AX], y - side[AY]
     aside = dx * side[NX] + dy * side[NY]
@@ -184,7 +184,7 @@ def _may_touch(side: Floats, x: float, y: float, within_m: float) -> bool:
     return -within_m < along < length + within_m
 
 
-@njit(cache=True)
+@njit
 def _against_side(
     i: int,
     body: Floats,
@@ -225,7 +225,7 @@ def _against_side(
     return count
 
 
-@njit(cache=True)
+@njit
 def _against_body(
     i: int,
     j: int,
@@ -262,7 +262,7 @@ def _against_body(
     return count
 
 
-@njit(cache=True)
+@njit
 def _corner_before_body(
     px: float,
     py: float,
@@ -324,7 +324,7 @@ def _corner_before_body(
     return True
 
 
-@njit(cache=True)
+@njit
 def islands(count: int, pairs: Ints, n: int) -> Ints:
     """(n,) for each body the least number among those that contacts join it with, one by the next."""
     label = np.arange(n)
@@ -339,7 +339,7 @@ def islands(count: int, pairs: Ints, n: int) -> Ints:
     return label
 
 
-@njit(cache=True)
+@njit
 def parting_speed(row: Floats, a: int, b: int, nx: float, ny: float, moves: Floats) -> float:
     """How fast body ``a`` moves off ``b`` along (nx, ny) at a contact, m/s.
 
@@ -353,7 +353,7 @@ def parting_speed(row: Floats, a: int, b: int, nx: float, ny: float, moves: Floa
     return x * nx + y * ny
 
 
-@njit(cache=True)
+@njit
 def push(row: Floats, a: int, b: int, px: float, py: float, gyration2: float, moves: Floats) -> None:
     """Lets an impulse per mass (px, py) act on body ``a`` at a contact, and its opposite on ``b``."""
     moves[a, 0] += px
@@ -365,7 +365,7 @@ def push(row: Floats, a: int, b: int, px: float, py: float, gyration2: float, mo
         moves[b, 2] -= (row[OTHER_X] * py - row[OTHER_Y] * px) / gyration2
 
 
-@njit(cache=True)
+@njit
 def mobility(row: Floats, b: int, nx: float, ny: float, gyration2: float) -> float:
     """What speed along (nx, ny) a unit impulse per mass gives the points of a contact."""
     lever = row[ARM_X] * ny - row[ARM_Y] * nx
@@ -376,7 +376,7 @@ def mobility(row: Floats, b: int, nx: float, ny: float, gyration2: float) -> flo
     return found
 
 
-@njit(cache=True)
+@njit
 def hold_contacts(
     island: int,
     label: Ints,
@@ -412,7 +412,7 @@ def hold_contacts(
     return change
 
 
-@njit(cache=True)
+@njit
 def part(
     count: int,
     rows: Floats,
@@ -434,7 +434,7 @@ def part(
     return found
 
 
-@njit(cache=True)
+@njit
 def stands_in(
     i: int,
     poses: Floats,
@@ -469,7 +469,7 @@ def stands_in(
     return False
 
 
-@njit(cache=True)
+@njit
 def _cuts(side: Floats, hull: Floats, depth_m: float) -> bool:
     """Whether a side has points more than ``depth_m`` inside a placed hull."""
     enter, leave = 0.0, 1.0
@@ -486,7 +486,7 @@ def _cuts(side: Floats, hull: Floats, depth_m: float) -> bool:
     return enter < leave
 
 
-@njit(cache=True)
+@njit
 def _is_parted(one: Floats, other: Floats, depth_m: float) -> bool:
     """Whether all corners of the other lie beyond a side of one, or less than ``depth_m`` inside of it."""
     for k in range(len(one)):

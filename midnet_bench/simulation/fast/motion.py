@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from midnet_bench.compiled import njit
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.fast.contacts import (
     GAP,
@@ -85,7 +85,7 @@ def drive_of(robot: RobotModel, step_hz: int, rounds: int) -> Drive:
     )
 
 
-@njit(cache=True)
+@njit
 def step_world(
     states: Floats,
     present: npt.NDArray[np.bool_],
@@ -110,7 +110,7 @@ def taken_apart(drive: Drive, body: Body, ground: SideGrid, room: Room) -> tuple
     return (np.array([*drive, body.reach_m, body.gyration2_m2]), body.hull, *ground, *room)
 
 
-@njit(cache=True)
+@njit
 def advance(
     states: Floats, present: npt.NDArray[np.bool_], drive: Drive, body: Body, ground: SideGrid, room: Room
 ) -> None:
@@ -138,7 +138,7 @@ def advance(
             _note_velocity(states[i], moves[i], held[i])
 
 
-@njit(cache=True)
+@njit
 def _turn_wheels(state: Floats, drive: Drive) -> None:
     """Moves each rim's speed one tick closer to its target; the wheel turns by it, on the floor or not."""
     for wheel in range(2):
@@ -150,7 +150,7 @@ def _turn_wheels(state: Floats, drive: Drive) -> None:
         state[ANGLE_LEFT + wheel] += state[LEFT + wheel] * drive.step_s / drive.wheel_m
 
 
-@njit(cache=True)
+@njit
 def _roll(state: Floats, drive: Drive, move: Floats) -> None:
     """Fills ``move`` with the velocity of wheels that do not slip: along the heading half-way of the tick."""
     forward = (state[LEFT] + state[RIGHT]) / 2.0
@@ -159,13 +159,13 @@ def _roll(state: Floats, drive: Drive, move: Floats) -> None:
     move[0], move[1], move[2] = forward * math.cos(heading), forward * math.sin(heading), turn
 
 
-@njit(cache=True)
+@njit
 def _move(pose: Floats, move: Floats, step_s: float) -> None:
     for axis in range(3):
         pose[axis] += move[axis] * step_s
 
 
-@njit(cache=True)
+@njit
 def _hold(
     count: int,
     states: Floats,
@@ -215,7 +215,7 @@ def _hold(
             _limit(drive, body.reach_m, moves[i])
 
 
-@njit(cache=True)
+@njit
 def _grip(
     state: Floats, drive: Drive, gyration2: float, heading: Floats, grip: Floats, move: Floats
 ) -> float:
@@ -245,7 +245,7 @@ def _grip(
     return change
 
 
-@njit(cache=True)
+@njit
 def _limit(drive: Drive, reach_m: float, move: Floats) -> None:
     """Slows a body that would move farther in a tick than contacts were looked for."""
     travel_m = (math.hypot(move[0], move[1]) + abs(move[2]) * reach_m) * drive.step_s
@@ -254,7 +254,7 @@ def _limit(drive: Drive, reach_m: float, move: Floats) -> None:
         move[0], move[1], move[2] = move[0] * share, move[1] * share, move[2] * share
 
 
-@njit(cache=True)
+@njit
 def _move_among_contacts(
     poses: Floats,
     present: npt.NDArray[np.bool_],
@@ -296,7 +296,7 @@ def _move_among_contacts(
                 moves[i, axis] = 0.0
 
 
-@njit(cache=True)
+@njit
 def _note_velocity(state: Floats, move: Floats, is_held: bool) -> None:
     """Keeps what a body's velocity came to, and its yaw within [-pi, pi]."""
     if state[2] > math.pi:
@@ -310,7 +310,7 @@ def _note_velocity(state: Floats, move: Floats, is_held: bool) -> None:
         state[FORWARD] = (state[LEFT] + state[RIGHT]) / 2.0
 
 
-@njit(cache=True)
+@njit
 def count_collisions(
     states: Floats,
     present: npt.NDArray[np.bool_],

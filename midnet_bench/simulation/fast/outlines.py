@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from midnet_bench.arena.solids import Solid
+from midnet_bench.compiled import njit
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -70,7 +70,7 @@ def side_grid(outlines: Outlines, reach_m: float) -> SideGrid:
     return SideGrid(sides, frame, first, members)
 
 
-@njit(cache=True)
+@njit
 def exposed_sides(corners: Floats, first: Ints, circles: Floats) -> Floats:
     """(k, 8) the parts of all sides that lie outside every other solid.
 
@@ -124,7 +124,7 @@ def exposed_sides(corners: Floats, first: Ints, circles: Floats) -> Floats:
     return sides[:count]
 
 
-@njit(cache=True)
+@njit
 def _inside(
     outline: Floats, x: float, y: float, along_x: float, along_y: float, length: float
 ) -> tuple[float, float, float, float]:
@@ -153,7 +153,7 @@ def _inside(
     return enter, leave, depth, nearest
 
 
-@njit(cache=True)
+@njit
 def sides_by_cell(sides: Floats, frame: Floats, reach_m: float) -> tuple[Ints, Ints]:
     """``first`` and ``members`` of a :class:`SideGrid`."""
     columns, rows = int(frame[3]), int(frame[4])

@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from midnet_bench.compiled import njit
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 
-@njit(cache=True)
+@njit
 def cast_on_outlines(
     axes: Floats,
     directions: Floats,
@@ -57,7 +58,7 @@ def cast_on_outlines(
     return ranges
 
 
-@njit(cache=True)
+@njit
 def _is_even(fan: Floats, spacing_rad: float) -> bool:
     """Whether each beam points ``spacing_rad`` counter-clockwise of the one before, the first of the last."""
     sine = math.sin(spacing_rad)
@@ -68,7 +69,7 @@ def _is_even(fan: Floats, spacing_rad: float) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit
 def _chain(outline: Floats, x: float, y: float, seen: Floats) -> tuple[float, int]:
     """Fills ``seen`` with the corners of the sides that face (x, y), from there, counter-clockwise about it.
 
@@ -103,7 +104,7 @@ def _chain(outline: Floats, x: float, y: float, seen: Floats) -> tuple[float, in
     return distance_m, count
 
 
-@njit(cache=True)
+@njit
 def _meet_chain(
     fan: Floats, seen: Floats, count: int, beam: int, near_m: float, far_m: float, found: Floats
 ) -> None:
@@ -130,7 +131,7 @@ def _meet_chain(
             beam = beam + 1 if beam + 1 < beams else 0
 
 
-@njit(cache=True)
+@njit
 def _meet_all(
     fan: Floats, outline: Floats, x: float, y: float, near_m: float, far_m: float, found: Floats
 ) -> None:

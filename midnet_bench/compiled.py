@@ -1,0 +1,263 @@
+"""``njit`` for the compiled loops, and the folder that keeps what numba makes of them.
+
+numba compiles a function anew when the file of that function changes, but not when a file changes that it
+calls into or takes a number from. So the folder's name holds a digest of all of these files, of the libraries
+and of the processor: other code is other machine code, whatever was compiled before. numba also reads options
+from a file in the working folder; here it does not, since who can put a file there could make it load code.
+"""
+
+import atexit
+import contextlib
+import hashlib
+import importlib
+import logging
+import os
+import platform
+import re
+import shutil
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from functools import cache, partial
+from importlib.metadata import version
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar, overload
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+PACKAGE = Path(__file__).parent
+VARIABLE = "NUMBA_CACHE_DIR"
+"""the environment variable, numba's own, that names the folder for compiled loops"""
+LIBRARIES = ("numba", "llvmlite", "numpy")
+KEPT_S = 30 * 24 * 3600.0
+"""after so long without anything new, the machine code of other sources is deleted"""
+_IMPORTS = re.compile(rb"^\s*(?:from|import) (midnet_bench[\w.]*)", re.MULTILINE)
+_WITHOUT_EFFECT = (VARIABLE, "NUMBA_NUM_THREADS")
+
+
+@overload
+def njit(function: F, /) -> F: ...
+
+
+@overload
+def njit(*, inline: str = "never", nogil: bool = False) -> Callable[[F], F]: ...
+
+
+def njit(function: F | None = None, /, **options: Any) -> F | Callable[[F], F]:
+    """Numba's ``njit``, which keeps its machine code where nobody finds it under other sources.
+
+    Where no folder can be written every process compiles for itself; the numbers are the same.
+    """
+    if function is None:
+        return partial(_compiled, options)
+    return _compiled({}, function)
+
+
+def _compiled(options: dict[str, Any], function: F) -> F:
+    """``function`` for numba to compile at its first call, with numba's ``options``."""
+    library = numba()
+    if folder() is None:
+        dispatcher: F = library.njit(**options)(function)
+        return dispatcher
+    before = library.config.CACHE_LOCATOR_CLASSES
+    library.config.CACHE_LOCATOR_CLASSES = f"{__name__}.{Locator.__name__}"
+    try:
+        dispatcher = library.njit(cache=True, **options)(function)
+    finally:
+        library.config.CACHE_LOCATOR_CLASSES = before
+    _forgive(dispatcher._cache)  # type: ignore[attr-defined]
+    return dispatcher
+
+
+def _forgive(loops: Any) -> None:
+    """What is kept only saves time: where it is damaged, or a disk is full, numba compiles."""
+    load, save = loops.load_overload, loops.save_overload
+
+    def load_overload(*arguments: Any) -> Any:
+        try:
+            return load(*arguments)
+        except Exception:  # whatever unpickling a damaged file raises
+            with contextlib.suppress(OSError):
+                loops.flush()  # else the damaged index would be read before the next one is saved
+            return None
+
+    def save_overload(*arguments: Any) -> None:
+        with contextlib.suppress(OSError):
+            save(*arguments)
+
+    loops.load_overload, loops.save_overload = load_overload, save_overload
+
+
+class Locator:
+    """Where numba keeps the machine code of one function; numba calls these methods by name."""
+
+    def __init__(self, function: Callable[..., Any], file: str, path: Path) -> None:
+        self._py_file = file  # numba's warnings name it
+        self._path = path / str(function.__module__)
+        self._line = function.__code__.co_firstlineno
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], file: str) -> "Locator | None":
+        """Numba looks for another place if this is None."""
+        path = folder()
+        return None if path is None else cls(function, file, path)
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder. Raises OSError if it cannot be made."""
+        self._path.mkdir(parents=True, exist_ok=True)
+
+    def get_cache_path(self) -> str:
+        """The folder."""
+        return str(self._path)
+
+    def get_source_stamp(self) -> str:
+        """Machine code with another stamp is not taken."""
+        return digest()
+
+    def get_disambiguator(self) -> str:
+        """Two functions of one name and module may stand on different lines."""
+        return str(self._line)
+
+
+def prepare_folder() -> Path | None:
+    """The folder that holds one folder of machine code for each state of the sources; None if there is none.
+
+    It is what ``NUMBA_CACHE_DIR`` names, else one in the user's cache (``XDG_CACHE_HOME``, ``~/.cache``).
+    Where that cannot be written it is a temporary one, which goes with this process; processes that this one
+    starts find it.
+    """
+    if named := os.environ.get(VARIABLE):
+        return _writable(Path(named))
+    home = os.environ.get("XDG_CACHE_HOME") or Path(os.path.expanduser("~"), ".cache")
+    return _writable(Path(home, "midnet-bench")) or _temporary()
+
+
+@cache
+def folder() -> Path | None:
+    """Where this process keeps its machine code: ``<folder>/<digest>``; None if nowhere."""
+    root = prepare_folder()
+    if root is None:
+        return None
+    path = root / digest()
+    if not path.exists():
+        _forget_old(root)
+        with contextlib.suppress(OSError):
+            path.mkdir(exist_ok=True)
+    return path if path.is_dir() else None
+
+
+@cache
+def digest() -> str:
+    """What machine code depends on: sources, libraries, processor, numba's options; 16 hexadecimal digits."""
+    import llvmlite.binding as llvm
+
+    found = hashlib.sha256()
+    for name, source in sorted(_sources().items()):
+        found.update(f"{name} {len(source)}\n".encode() + source)
+    options = {
+        key: value
+        for key, value in os.environ.items()
+        if key.startswith("NUMBA_") and key not in _WITHOUT_EFFECT
+    }
+    rest = (
+        sys.version,
+        platform.machine(),
+        [version(library) for library in LIBRARIES],
+        llvm.get_host_cpu_name(),
+        llvm.get_host_cpu_features().flatten(),
+        sorted(options.items()),
+    )
+    found.update(repr(rest).encode())
+    return found.hexdigest()[:16]
+
+
+def _sources() -> dict[str, bytes]:
+    """Module -> source, of each module with a compiled loop and of all that these import of this package."""
+    paths = {_module(path): path for path in PACKAGE.rglob("*.py")}
+    sources: dict[str, bytes] = {}
+    todo = []
+    for name, path in paths.items():
+        source = path.read_bytes()
+        if b"njit" in source:
+            sources[name] = source
+            todo.append(source)
+    while todo:
+        for found in _IMPORTS.findall(todo.pop()):
+            name = found.decode()
+            if name in paths and name not in sources:
+                sources[name] = paths[name].read_bytes()
+                todo.append(sources[name])
+    return sources
+
+
+def _module(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def _writable(path: Path) -> Path | None:
+    """``path``, made if need be, if files can be written there and nobody else could have."""
+    try:
+        path.mkdir(mode=0o700, parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path).close()
+        is_own = not hasattr(os, "geteuid") or path.stat().st_uid == os.geteuid()
+    except (OSError, ValueError, RuntimeError):
+        return None
+    return path if is_own or str(path) == os.environ.get(VARIABLE) else None
+
+
+def _temporary() -> Path | None:
+    try:
+        path = Path(tempfile.mkdtemp(prefix="midnet-bench-compiled-"))
+    except OSError:
+        logging.getLogger("midnet_bench").warning(
+            "compiled loops are not kept, since no folder can be written: each process compiles for a minute."
+            " %s can name a folder",
+            VARIABLE,
+        )
+        os.environ[VARIABLE] = os.devnull  # processes that this one starts need not say it again
+        return None
+    os.environ[VARIABLE] = str(path)
+    owner = os.getpid()
+
+    def remove() -> None:
+        if os.getpid() == owner:
+            shutil.rmtree(path, ignore_errors=True)
+
+    atexit.register(remove)
+    return path
+
+
+def _forget_old(root: Path) -> None:
+    """Machine code of sources that nobody has run for long makes room."""
+    with contextlib.suppress(OSError):
+        for other in root.iterdir():
+            if re.fullmatch("[0-9a-f]{16}", other.name) and time.time() - other.stat().st_mtime > KEPT_S:
+                shutil.rmtree(other, ignore_errors=True)
+
+
+@cache
+def numba() -> ModuleType:
+    """numba, without what a ``.numba_config.yaml`` in the working folder would tell it."""
+    if "numba" not in sys.modules:
+        with _without("yaml"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that it cannot read such a file without yaml
+            importlib.import_module("numba.core.config")
+        sys.modules["numba.core.config"]._config_fname = os.devnull  # type: ignore[attr-defined]
+    return importlib.import_module("numba")
+
+
+@contextlib.contextmanager
+def _without(name: str) -> Iterator[None]:
+    """Nobody can import the module ``name`` meanwhile."""
+    before = sys.modules.get(name)
+    sys.modules[name] = None  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        del sys.modules[name]
+        if before is not None:
+            sys.modules[name] = before

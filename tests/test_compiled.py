@@ -1,0 +1,170 @@
+"""Machine code is that of the sources that stand there, wherever it is kept."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import midnet_bench
+
+PACKAGE = Path(midnet_bench.__file__).parent
+
+BELOW = """
+from midnet_bench.compiled import njit
+from midnet_bench.numbers import FACTOR
+
+@njit
+def times(x):
+    return FACTOR * x
+"""
+ABOVE = """
+from midnet_bench.compiled import njit
+from midnet_bench.below import times
+
+@njit
+def product(x):
+    return times(x)
+"""
+PRINT = "from midnet_bench.above import product; print(product(2.0)); from midnet_bench import compiled"
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """A package with our ``njit``: ``above`` calls ``below``, which takes a number of ``numbers``."""
+    folder = tmp_path / "place" / "midnet_bench"
+    folder.mkdir(parents=True)
+    (folder / "__init__.py").write_text("")
+    shutil.copy(PACKAGE / "compiled.py", folder)
+    (folder / "numbers.py").write_text("FACTOR = 3.0\n")
+    (folder / "below.py").write_text(BELOW)
+    (folder / "above.py").write_text(ABOVE)
+    return folder
+
+
+def product(package: Path, kept: Path | str, more: str = "", cwd: Path | None = None) -> str:
+    """What a fresh process prints that keeps its loops in ``kept``; ``more`` is run after it."""
+    done = subprocess.run(
+        [sys.executable, "-c", f"{PRINT}\n{more}"],
+        cwd=cwd or package.parent.parent,
+        env={
+            **os.environ,
+            "PYTHONPATH": str(package.parent),
+            "PYTHONSAFEPATH": "1",
+            "NUMBA_CACHE_DIR": str(kept),
+        },
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def compiled_files(folder: Path) -> set[Path]:
+    return set(folder.rglob("*.nbc"))
+
+
+def test_a_change_in_a_callee_or_in_a_number_changes_the_result_and_back(package: Path) -> None:
+    kept = package.parent.parent / "kept"
+    assert product(package, kept) == "6.0"
+
+    below = package / "below.py"
+    below.write_text(BELOW.replace("FACTOR * x", "FACTOR + x"))
+    assert product(package, kept) == "5.0"
+
+    (package / "numbers.py").write_text("FACTOR = 9.0\n")
+    assert product(package, kept) == "11.0"
+
+    below.write_text(BELOW)
+    (package / "numbers.py").write_text("FACTOR = 3.0\n")
+    before = compiled_files(kept)
+    assert product(package, kept) == "6.0"
+    assert compiled_files(kept) == before  # the first machine code was found again
+
+
+def test_sources_that_no_loop_uses_cost_no_compilation(package: Path, tmp_path: Path) -> None:
+    kept = tmp_path / "kept"
+    product(package, kept)
+    before = compiled_files(kept)
+    (package / "other.py").write_text("x = 1\n")
+    product(package, kept)
+    assert before
+    assert compiled_files(kept) == before
+
+
+def test_the_same_sources_elsewhere_share_what_is_compiled(package: Path, tmp_path: Path) -> None:
+    kept = tmp_path / "kept"
+    product(package, kept)
+    before = compiled_files(kept)
+    other = tmp_path / "other" / "midnet_bench"
+    shutil.copytree(package, other)
+    product(other, kept)
+    assert compiled_files(kept) == before
+
+
+def test_a_damaged_file_is_compiled_anew(package: Path, tmp_path: Path) -> None:
+    kept = tmp_path / "kept"
+    product(package, kept)
+    for number, path in enumerate(sorted(kept.rglob("*.nb?"))):
+        path.write_bytes(path.read_bytes()[: 10 * number])
+    assert product(package, kept) == "6.0"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+def test_without_a_folder_that_can_be_written_a_temporary_one_goes_with_the_process(
+    package: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setenv("XDG_CACHE_HOME", os.devnull)
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    told = product(package, "", "print(compiled.folder())").splitlines()
+    assert told[0] == "6.0"
+    assert Path(told[1]).is_relative_to(temporary)
+    assert list(temporary.iterdir()) == []
+
+
+def test_nowhere_to_write_is_said_once_and_changes_nothing(package: Path) -> None:
+    # a process and one that it starts; tempfile finds no folder because none is left to it
+    more = (
+        "import subprocess, sys\n"
+        "print(compiled.folder())\n"
+        f"child = subprocess.run([sys.executable, '-c', {PRINT!r}], capture_output=True, text=True)\n"
+        "print(child.stdout.strip(), repr(child.stderr))"
+    )
+    code = (
+        "import tempfile\n"
+        "def refuse(*a, **k): raise OSError('read-only')\n"
+        "tempfile.mkdtemp = refuse\n"
+        f"{PRINT}\n{more}"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=package.parent.parent,
+        env={
+            **os.environ,
+            "PYTHONPATH": str(package.parent),
+            "XDG_CACHE_HOME": "/dev/null",
+            "NUMBA_CACHE_DIR": "",
+        },
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.split() == ["6.0", "None", "6.0", "''"], done.stderr
+    assert "each process compiles for a minute" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_numba_takes_nothing_from_the_working_folder(package: Path, tmp_path: Path) -> None:
+    hostile = tmp_path / "hostile"
+    hostile.mkdir()
+    trap = tmp_path / "trap"
+    (hostile / ".numba_config.yaml").write_text(f"cache_dir: {trap}\nopt: nonsense\ndisable_jit: 1\n")
+    kept = tmp_path / "kept"
+    more = "import numba; print(numba.config.DISABLE_JIT, type(product).__name__)"
+    told = product(package, kept, more, cwd=hostile)
+    assert told.split() == ["6.0", "0", "CPUDispatcher"]
+    assert not trap.exists()
+    assert compiled_files(kept)
