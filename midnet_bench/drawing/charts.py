@@ -15,6 +15,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
 
 from midnet_bench.analysis.statistics import Estimate
+from midnet_bench.drawing.plots import own_style
 
 DPI = 200
 FONT_PT = 9
@@ -96,6 +97,7 @@ def labelled(axes: Axes) -> tuple[list[Artist], list[str]]:
     return handles, labels
 
 
+@own_style()
 def chart_files(figure: Figure) -> dict[str, bytes]:
     """The figure's files by ending, PNG and SVG; the same figure gives the same bytes."""
     files = {}

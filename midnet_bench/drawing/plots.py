@@ -1,10 +1,13 @@
 """What the pictures that matplotlib draws have in common. Agg only: no window, no global state."""
 
+import contextlib
 import io
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib import rc_context, rcParamsDefault
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -19,6 +22,13 @@ DPI = 150
 _HALO = [withStroke(linewidth=2.0, foreground="white")]
 
 
+@contextlib.contextmanager
+def own_style() -> Iterator[None]:
+    """Matplotlib draws by its defaults, whatever a ``matplotlibrc`` says; also a decorator."""
+    with rc_context({key: value for key, value in rcParamsDefault.items() if not key.startswith("backend")}):
+        yield
+
+
 def new_figure(width_in: float, height_in: float) -> Figure:
     """An empty figure on a canvas of its own."""
     figure = Figure(figsize=(width_in, height_in), dpi=DPI)
@@ -26,6 +36,7 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     return figure
 
 
+@own_style()
 def png_of_figure(figure: Figure) -> bytes:
     """The figure as a PNG file, the same bytes for the same figure."""
     buffer = io.BytesIO()

@@ -31,6 +31,7 @@ from midnet_bench.drawing.plots import (
     add_label,
     add_polygon,
     new_figure,
+    own_style,
     show_greys,
     show_grid,
     show_metres,
@@ -62,6 +63,7 @@ HEIGHT_IN = 7.6
 SIDE_IN, TOP_IN, BOTTOM_IN = 0.75, 0.4, 0.8
 
 
+@own_style()
 def draw_arena(setup: Setup, scene: Scene) -> Figure:
     """Walls, stationary and mobile intruders, guards with the range of their LiDARs, paths and goals."""
     plan = setup.plan
@@ -81,6 +83,7 @@ def draw_arena(setup: Setup, scene: Scene) -> Figure:
     return figure
 
 
+@own_style()
 def draw_grids(setup: Setup, scene: Scene, explanation: Explanation) -> Figure:
     """Grids A to D of each guard, a row per guard, in the paper's colours: 0 black, 255 white.
 
@@ -140,6 +143,7 @@ def draw_grids(setup: Setup, scene: Scene, explanation: Explanation) -> Figure:
     return figure
 
 
+@own_style()
 def draw_detections(setup: Setup, scene: Scene) -> Figure:
     """The fused detections on the prior map before inflation, with the true outlines thin underneath.
 
@@ -166,6 +170,7 @@ def draw_detections(setup: Setup, scene: Scene) -> Figure:
     return figure
 
 
+@own_style()
 def draw_map(
     grid: OccupancyGrid, paths: Sequence[Floats], title: str, walls: Sequence[Floats] = ()
 ) -> Figure:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import SHARE_METHOD, Estimate
 from midnet_bench.drawing.charts import FONT_PT, add_series, chart, labelled
+from midnet_bench.drawing.plots import own_style
 from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, variants_of
 
 DODGE = 0.07
@@ -84,6 +85,7 @@ def details_series(variant: Variant) -> tuple[dict[str, Series], dict[str, Serie
     }
 
 
+@own_style()
 def success_figure(panels: Mapping[str, Panel]) -> Figure:
     """Mean success rate over team size, a line per number of intruders; a panel per variant."""
     columns = min(2, len(panels))
@@ -101,6 +103,7 @@ def success_figure(panels: Mapping[str, Panel]) -> Figure:
     return figure
 
 
+@own_style()
 def details_figure(by_intruders: Mapping[str, Series], by_role: Mapping[str, Series]) -> Figure:
     """Two panels with a line per number of intruders, three with a line per role, over team size."""
     figure = chart(10.0, 6.0)

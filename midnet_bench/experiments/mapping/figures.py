@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
 from midnet_bench.drawing.charts import FONT_PT, STYLES, Style, add_estimates, chart, light_grid
+from midnet_bench.drawing.plots import own_style
 from midnet_bench.experiments.mapping.tables import ENOUGH_COVERAGE, Maps, mean_of, rows_of
 
 DODGE = 0.1
@@ -45,6 +46,7 @@ def points_of(maps: Maps) -> dict[str, Teams]:
     }
 
 
+@own_style()
 def mapping_figure(arenas: Mapping[str, Teams]) -> Figure:
     """Each trial as a dot, each team's mean with its 95 % interval over seeds."""
     figure = chart(10.5, 0.5 + 3.1 * len(arenas), w_pad=0.1, h_pad=0.1)

@@ -14,6 +14,7 @@ from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import MEAN_METHOD
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.drawing.charts import FONT_PT, STYLES, add_estimates, chart, labelled, light_grid
+from midnet_bench.drawing.plots import own_style
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.robustness.parameters import NONE, changes_of
 from midnet_bench.experiments.robustness.tables import MEASURES, Scores, score, scores_of
@@ -112,6 +113,7 @@ def _words(changes: Mapping[str, Scalar]) -> str:
     return text if len(text) <= ONE_LINE else "\n".join(wrap(text, len(text) // 2 + 4))
 
 
+@own_style()
 def figure(scores: Scores, drawn: Sequence[Panel]) -> Figure:
     """A column of three axes for each panel, recall, precision and one-to-one F1 below each other."""
     columns = min(PER_ROW, len(drawn))
