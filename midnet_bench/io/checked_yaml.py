@@ -1,5 +1,6 @@
 """YAML files and key=value settings checked against pydantic models; one clear line when they are wrong."""
 
+import zlib
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -8,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, fie
 from pydantic_core import PydanticKnownError
 
 from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.io.files import read_bounded
 
 
 class Spec(BaseModel):
@@ -38,6 +40,10 @@ def _mentions(annotation: Any, kind: type) -> bool:
 SpecT = TypeVar("SpecT", bound=BaseModel)
 
 
+LARGEST_BYTES = 4_000_000
+"""of a YAML file"""
+MOST_VALUES = 200_000
+"""in a YAML text, where a reference (``*name``) counts as all that it stands for"""
 MAX_DEPTH = 100
 """lists and mappings inside each other that a YAML text may have"""
 
@@ -68,6 +74,24 @@ class _Loader(yaml.SafeLoader):
                 seen.add((key.tag, key.value))
         return mapping
 
+    def get_single_node(self) -> yaml.Node | None:
+        root = super().get_single_node()
+        if root is not None and self._values_in(root, {}) > MOST_VALUES:
+            raise yaml.YAMLError(f"more than {MOST_VALUES} values, references counted each time")
+        return root
+
+    def _values_in(self, node: yaml.Node, known: dict[int, int]) -> int:
+        if id(node) in known:
+            return known[id(node)]
+        known[id(node)] = MOST_VALUES + 1  # until it is known: only what refers to itself is asked before
+        count = 1
+        if isinstance(node, yaml.SequenceNode):
+            count += sum(self._values_in(part, known) for part in node.value)
+        elif isinstance(node, yaml.MappingNode):
+            count += sum(self._values_in(part, known) for pair in node.value for part in pair)
+        known[id(node)] = count
+        return count
+
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
         try:
             value = super().construct_object(node, deep)
@@ -78,7 +102,7 @@ class _Loader(yaml.SafeLoader):
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             kind = node.tag.rpartition(":")[2]
             raise yaml.MarkedYAMLError(
-                problem=f"{_short(node.value)} is not a valid {kind}; if it is a text, put it in quotes",
+                problem=f"{short(node.value)} is not a valid {kind}; if it is a text, put it in quotes",
                 problem_mark=node.start_mark,
             ) from error
 
@@ -104,7 +128,7 @@ def read_yaml(path: Path) -> Any:
 def read_text(path: Path) -> str:
     """A YAML file's text, not parsed. Raises InputError naming the file when it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8")
+        return read_bounded(path, LARGEST_BYTES).decode("utf-8")
     except FileNotFoundError as error:
         where = "" if path.is_absolute() else "; the path starts from the working folder"
         raise InputError(f"{path}: cannot be read: {error.strerror}{where}") from error
@@ -114,6 +138,8 @@ def read_text(path: Path) -> str:
         is_image = path.suffix.lower() in (".png", ".pgm", ".jpg", ".jpeg")
         what = "an image; a YAML file is needed" if is_image else "not a UTF-8 text"
         raise InputError(f"{path}: cannot be read: {what}") from error
+    except (EOFError, zlib.error) as error:
+        raise InputError(f"{path}: cannot be read: a damaged gzip file") from error
     except ValueError as error:
         raise InputError(f"{str(path)!r}: cannot be read: no file can have this name") from error
 
@@ -163,11 +189,12 @@ def parse(model: type[SpecT], values: Any, source: str) -> SpecT:
             valid = _fields_at(model, location[:-1])
             hint = nearest_name(str(location[-1]), valid)
             raise InputError(f"{source}: {key}: unknown key{hint}") from error
-        got = "" if first["type"] == "missing" else f" (got {_short(first['input'])})"
+        got = "" if first["type"] == "missing" else f" (got {short(first['input'])})"
         raise InputError(f"{source}: {key}: {message}{got}") from error
 
 
-def _short(value: Any) -> str:
+def short(value: Any) -> str:
+    """A value as messages quote it."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

@@ -2,14 +2,47 @@
 
 import contextlib
 import errno
+import gzip
+import io
 import os
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 
 from midnet_bench.errors import InputError, MidnetBenchError
 
+NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)
 DISK_IS_FULL = (errno.ENOSPC, errno.EDQUOT)
 """error numbers of a disk, or of a user's share of it, that has no room left"""
+
+
+def read_bounded(path: Path, most_bytes: int) -> bytes:
+    """What is in an ordinary file, unpacked if it is gzipped; neither endless nor more than fits.
+
+    Args:
+        path: the file.
+        most_bytes: of what comes back.
+
+    Raises:
+        OSError: it cannot be read; ``strerror`` says why, also of a device and of one that is too large.
+        ValueError: no file can have this name.
+    """
+    # not blocking: opening a pipe that nobody writes to would wait for ever
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | NOT_BLOCKING)) as file:
+        found = os.fstat(file.fileno())
+        if not stat.S_ISREG(found.st_mode):
+            raise OSError(errno.EINVAL, "it is a folder, a device or a pipe; give an ordinary file")
+        too_large = OSError(errno.EFBIG, f"it holds more than {most_bytes // 1_000_000} MB")
+        if found.st_size > most_bytes:
+            raise too_large
+        content = file.read(most_bytes + 1)
+    if not content.startswith(b"\x1f\x8b"):
+        return content
+    with gzip.open(io.BytesIO(content)) as packed:
+        unpacked = packed.read(most_bytes + 1)
+    if len(unpacked) > most_bytes:
+        raise too_large
+    return unpacked
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:

@@ -22,9 +22,13 @@ from PIL import Image
 
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.checked_yaml import read_yaml
-from midnet_bench.io.files import write_atomically
+from midnet_bench.io.checked_yaml import read_yaml, short
+from midnet_bench.io.files import read_bounded, write_atomically
 
+LARGEST_BYTES = 200_000_000
+"""of an image's file"""
+MOST_PIXELS = 25_000_000
+"""250 by 250 m at 5 cm; a larger one would take more than a gigabyte on its way to a grid"""
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
@@ -36,7 +40,7 @@ def read_image(path: Path, key: str) -> npt.NDArray[np.uint8]:
     """
     where = f"{key}: {path}"
     try:
-        data = path.read_bytes()
+        data = read_bounded(path, LARGEST_BYTES)
     except OSError as error:
         raise InputError(f"{where}: cannot be read: {error.strerror}") from error
     except ValueError as error:
@@ -50,6 +54,11 @@ def read_image(path: Path, key: str) -> npt.NDArray[np.uint8]:
             # Pillow warns at half of the size that it refuses
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
             image = Image.open(io.BytesIO(data), formats=["PNG" if is_png else "PPM"])
+            if image.width * image.height > MOST_PIXELS:
+                raise InputError(
+                    f"{where}: too many pixels for a map ({image.width} x {image.height}); at most"
+                    f" {MOST_PIXELS} are read: cut or shrink the image"
+                )
             if is_png and not _png_is_whole(data):
                 raise damaged
             return _pixels(image)
@@ -140,7 +149,7 @@ def read_map_file(yaml_path: Path) -> MapFile:
     reader = _Keys(yaml_path, values)
     image = reader.get("image")
     if not isinstance(image, str) or not image:
-        raise reader.error("image", f"a file name is needed (got {image!r})")
+        raise reader.error("image", f"a file name is needed (got {short(image)})")
     resolution = reader.number("resolution")
     if resolution <= 0.0:
         raise reader.error("resolution", f"must be above 0 metres per pixel (got {resolution:g})")
@@ -182,7 +191,7 @@ class _Keys:
     def origin(self) -> tuple[float, float]:
         value = self.get("origin")
         if not isinstance(value, list) or len(value) != 3:
-            raise self.error("origin", f"three numbers are needed, [x, y, yaw] (got {value!r})")
+            raise self.error("origin", f"three numbers are needed, [x, y, yaw] (got {short(value)})")
         x, y, yaw = (self._finite("origin", part) for part in value)
         if yaw != 0.0:
             raise self.error("origin", f"yaw must be 0 (got {yaw:g} rad); turn the image instead")
@@ -197,7 +206,7 @@ class _Keys:
                 number = math.nan
             if math.isfinite(number):
                 return number
-        raise self.error(key, f"a number is needed (got {value!r})")
+        raise self.error(key, f"a number is needed (got {short(value)})")
 
 
 def occupancy(image: npt.NDArray[np.uint8], file: MapFile) -> npt.NDArray[np.int8]:

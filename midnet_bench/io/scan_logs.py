@@ -1,6 +1,5 @@
 """Recorded scans with odometry: CARMEN logs and plain tables, by what stands in the file."""
 
-import gzip
 import math
 import zlib
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ import numpy.typing as npt
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
+from midnet_bench.io.files import read_bounded
 from midnet_bench.messages import LidarGeometry
 
 Floats = npt.NDArray[np.float64]
@@ -24,6 +24,8 @@ LARGEST_MAP_M = 1000.0
 a square kilometre is 400 million cells of 5 cm and takes gigabytes; the largest published logs span half a
 kilometre, and one in millimetres comes there in no time."""
 
+LARGEST_BYTES = 200_000_000
+"""of a log's text; ten hours of a Burger's scans have as much"""
 _LONGEST_SHOWN = 30
 """characters of a word that a message quotes"""
 _SAME_PLACE = 1e-3
@@ -33,10 +35,7 @@ _SAME_PLACE = 1e-3
 def read_lines(path: Path) -> list[str]:
     """The lines of a text file, gzipped or plain. Raises InputError if it cannot be read or holds no text."""
     try:
-        data = path.read_bytes()
-        if data.startswith(b"\x1f\x8b"):
-            data = gzip.decompress(data)
-        lines = data.decode("utf-8").splitlines()
+        lines = read_bounded(path, LARGEST_BYTES).decode("utf-8").splitlines()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (EOFError, UnicodeDecodeError, zlib.error) as error:
