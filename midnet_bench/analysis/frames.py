@@ -8,6 +8,7 @@ store is written out as such files first, so the data frames are the same.
 import csv
 import gzip
 import json
+import logging
 import shutil
 import tempfile
 import weakref
@@ -22,7 +23,7 @@ import pandas as pd
 
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.export import FAILURES, TIMING, cell_text, export_csv
-from midnet_bench.campaign.provenance import Provenance
+from midnet_bench.campaign.provenance import Provenance, versions_note
 from midnet_bench.campaign.store import FILE_NAME, Store, open_store
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.errors import InputError, nearest_name
@@ -211,6 +212,8 @@ def _from_files(directory: Path) -> Results:
 def _results(
     directory: Path, definition: Definition, provenance: list[Provenance], files: "dict[str, _File]"
 ) -> Results:
+    for note in versions_note(provenance):
+        logging.getLogger("midnet_bench").warning("%s: note: %s", directory, note)
     timing, failures = (files.pop(name, None) for name in (TIMING, FAILURES))
     empty = pd.DataFrame()
     return Results(
@@ -228,7 +231,7 @@ def _provenance(path: Path) -> list[Provenance]:
         runs = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
-    return list(runs) if isinstance(runs, list) else [runs]
+    return [run for run in (runs if isinstance(runs, list) else [runs]) if isinstance(run, dict)]
 
 
 @dataclass(frozen=True)

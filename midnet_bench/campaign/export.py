@@ -9,10 +9,10 @@ from pathlib import Path
 
 from midnet_bench.campaign.store import Store
 from midnet_bench.campaign.trial import Row, Scalar
+from midnet_bench.campaign.worker import OTHER_FILES
 from midnet_bench.io.files import draft_of
 
-TIMING = "timing"
-FAILURES = "failures"
+TIMING, FAILURES = OTHER_FILES
 
 
 def export_csv(store: Store, directory: Path) -> list[Path]:

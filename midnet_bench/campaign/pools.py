@@ -1,13 +1,15 @@
 """Where trials run: worker processes of this machine, or a Dask cluster; both through what joblib has."""
 
 import contextlib
+import errno
 import itertools
 import os
 import shutil
 import signal
+import threading
 import time
 import warnings
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -19,10 +21,24 @@ from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from midnet_bench.campaign.trial import RunTrial, TrialSpec
-from midnet_bench.campaign.worker import Outcome, attempt, marked, prepare_worker
-from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.campaign.worker import (
+    HARD_LIMIT_S,
+    SIGNALS_TO_END,
+    Outcome,
+    attempt,
+    marked,
+    prepare_worker,
+)
+from midnet_bench.compiled import prepare_folder
+from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
 
 BACKENDS = ("loky", "dask")
+NO_SEMAPHORES = (errno.EROFS, errno.EACCES, errno.ENOSPC, errno.ENOENT, errno.ENOSYS)
+"""error numbers of a /dev/shm that cannot be used"""
+LOOK_S = 1.0
+"""between two looks at how long trials have been running"""
+STALLED_S = 10.0
+"""after the moment at which a worker should have ended itself"""
 IDLE_S = 300.0
 """after so long without a trial a worker ends; the next campaign of this process finds it before that"""
 
@@ -75,9 +91,10 @@ def check_options(backend: str, jobs: int | None, scheduler: str | None) -> None
 class LokyPool:
     """Worker processes of this machine. One that dies takes the others along; new ones are started."""
 
-    def __init__(self, jobs: int, marks: Path) -> None:
+    def __init__(self, jobs: int, marks: Path, note: Callable[[str], None] = lambda text: None) -> None:
         self._jobs = jobs
         self._marks = marks
+        self._note = note
 
     @property
     def workers(self) -> int:
@@ -88,18 +105,36 @@ class LokyPool:
         self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
         """See :meth:`Pool.outcomes`."""
+        with _safe_path():
+            yield from self._outcomes(run_trial, specs, limit_s, one_at_a_time)
+
+    def _outcomes(
+        self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool
+    ) -> Generator[Outcome, None, None]:
+        prepare_folder()  # before the workers start, so that they share it
         shutil.rmtree(self._marks, ignore_errors=True)  # of a process that was killed
         self._marks.mkdir(parents=True)
         workers = 1 if one_at_a_time else min(self._jobs, len(specs))
         # not joblib.Parallel: for one job it would run the trials inside this process, where a crash ends
         # the campaign
-        executor = get_reusable_executor(
-            workers,
-            timeout=IDLE_S,
-            initializer=prepare_worker,
-            initargs=(os.getpid(),),
-            env=dict.fromkeys(LokyBackend.MAX_NUM_THREADS_VARS, "1"),
-        )
+        try:
+            with _interrupts_held_back():
+                executor = get_reusable_executor(
+                    workers,
+                    timeout=IDLE_S,
+                    initializer=prepare_worker,
+                    initargs=(os.getpid(),),
+                    env=dict.fromkeys(LokyBackend.MAX_NUM_THREADS_VARS, "1"),
+                )
+        except OSError as error:
+            if error.errno not in NO_SEMAPHORES:
+                raise _no_process(error) from error
+            self._note(
+                f"no worker process can be started, since /dev/shm cannot be used ({error.strerror}):"
+                " trials run in this process, one at a time"
+            )
+            yield from (attempt(run_trial, spec, limit_s, None) for spec in specs)
+            return
         # A worker that has grown by 300 MB leaves after its trial, and loky starts another one. It warns of
         # that in the thread that looks after the workers: noise for users, and where warnings are errors it
         # ends that thread, and every trial waits for ever.
@@ -109,13 +144,16 @@ class LokyPool:
 
         def submit(count: int) -> None:
             for spec in itertools.islice(remaining, count):
-                running.add(executor.submit(attempt, run_trial, spec, limit_s, self._marks))
+                # what is submitted is known, and it may start a worker
+                with _interrupts_held_back():
+                    running.add(executor.submit(attempt, run_trial, spec, limit_s, self._marks))
 
         try:
-            with _interrupts_held_back():
-                submit(1 if one_at_a_time else 2 * workers)  # starts the workers
+            submit(1 if one_at_a_time else 2 * workers)
+            watch = _Watch(self._marks, limit_s)
             while running:
-                done, _ = wait(running, return_when=FIRST_COMPLETED)
+                done, _ = wait(running, LOOK_S, FIRST_COMPLETED)
+                watch.look()
                 for future in done:
                     outcome = future.result()
                     running.remove(future)
@@ -123,6 +161,8 @@ class LokyPool:
                 submit(len(done))
         except BrokenProcessPool as error:
             raise WorkersLost(str(error).splitlines()[0], marked(self._marks)) from error
+        except (OSError, UnboundLocalError) as error:  # the second is loky's, where it can make no pipe
+            raise _no_process(error) from error
         finally:
             if running:  # given up
                 # loky stumbles over a shutdown if it has yet to take in what was submitted
@@ -135,22 +175,82 @@ class LokyPool:
         """Nothing to let go of: idle workers end with this process."""
 
 
-@contextlib.contextmanager
-def _interrupts_held_back() -> Iterator[None]:
-    """Ctrl-C waits for the end of this in this process, and is never heard in those that begin inside.
+class _Watch:
+    """How long each trial runs by this process's clock; kills a worker that ends neither it nor itself."""
 
-    A terminal sends it to the workers too, and one that is still loading its libraries would end with a
-    traceback: :func:`prepare_worker` is called after that.
-    """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    resource_tracker.ensure_running()  # joblib would start it inside, and with it Python lets signals through
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    def __init__(self, marks: Path, limit_s: float) -> None:
+        self._marks = marks
+        self._limit_s = limit_s + HARD_LIMIT_S + STALLED_S
+        self._ages_s: dict[Path, float] = {}
+        self._last_s = time.monotonic()
+
+    def look(self) -> None:
+        """Kill what has stalled: a process that is stopped, or waits for a file system, stays for ever."""
+        # while this process was stopped itself, nobody's time went on
+        passed_s = min(time.monotonic() - self._last_s, 2 * LOOK_S)
+        self._last_s = time.monotonic()
+        with contextlib.suppress(OSError):  # somebody has deleted the folder
+            self._ages_s = {mark: self._ages_s.get(mark, 0.0) + passed_s for mark in self._marks.iterdir()}
+        for mark, age_s in self._ages_s.items():
+            if age_s > self._limit_s:
+                with contextlib.suppress(OSError):  # it has just ended by itself
+                    mark.write_text("its worker had stalled: stopped, or waiting for a file system")
+                    os.kill(int(mark.suffix[1:]), signal.SIGKILL)
+
+
+def _no_process(error: Exception) -> MidnetBenchError:
+    """What to say where the system refuses what worker processes need."""
+    cause = error if isinstance(error, OSError) else error.__context__
+    why = cause.strerror if isinstance(cause, OSError) else str(error)
+    return MidnetBenchError(
+        f"no worker process can be started: {why}; workers need memory and open files (ulimit -n)"
+    )
+
+
+@contextlib.contextmanager
+def _safe_path() -> Iterator[None]:
+    """Processes that begin inside import nothing from the working folder, whatever its files are called."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before
+
+
+@contextlib.contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """Signals to end wait for the end of this here, and are never heard in processes that begin inside.
+
+    A terminal sends Ctrl-C to the workers too, and one that is still loading its libraries would end with a
+    traceback: :func:`prepare_worker` is called after that.
+    """
+    handlers = {}
+    held: list[int] = []
+    if threading.current_thread() is threading.main_thread():  # Python hands signals to no other
+        handlers = {number: signal.getsignal(number) for number in SIGNALS_TO_END}
+        for number, handler in handlers.items():
+            if callable(handler):
+                signal.signal(number, lambda number, _: held.append(number))
+    # joblib would start it inside, and with it Python lets signals through
+    resource_tracker.ensure_running()
+    has_masks = hasattr(signal, "pthread_sigmask")  # not on Windows
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS_TO_END) if has_masks else set()
+    try:
+        yield
+    finally:
+        if has_masks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in handlers.items():
+            if callable(handler):
+                signal.signal(number, handler)
+        for number in held:
+            handler = handlers[number]
+            assert callable(handler)
+            handler(number, None)
 
 
 def abandoning_quietly(outcomes: Generator[Outcome, None, None]) -> Generator[Outcome, None, None]:

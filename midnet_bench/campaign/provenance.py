@@ -1,10 +1,13 @@
 """Where numbers come from: code, libraries, machine, command and time; never a path of the machine."""
 
+import math
 import os
 import platform
 import subprocess
 import sys
-from collections.abc import Sequence
+import zlib
+from array import array
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -39,6 +42,8 @@ def collect(seed: int, command: Sequence[str] | None = None) -> Provenance:
         "libraries": {name: version for name in LIBRARIES if (version := _version(name))},
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "system": f"{platform.system()} {platform.release()}",
+        "libc": " ".join(platform.libc_ver()).strip() or None,
+        "libm": libm_digest(),
         "machine": platform.machine(),
         "processor": _processor(),
         "cores": os.cpu_count(),
@@ -48,9 +53,38 @@ def collect(seed: int, command: Sequence[str] | None = None) -> Provenance:
     }
 
 
+def libm_digest() -> str:
+    """8 hexadecimal digits of what the C library's functions give, to the last bit.
+
+    One library has several versions of them and takes what the processor can do (FMA, AVX2). They differ in
+    the last bit, and so do results.
+    """
+    functions = (math.sin, math.cos, math.tan, math.atan, math.exp, math.log, math.sqrt, math.cbrt)
+    values = array("d")
+    for step in range(1, 400):
+        number = 0.0173 * step
+        values.extend(function(number) for function in functions)
+        values.extend((math.atan2(number, 1.7), math.hypot(number, 0.3), math.pow(number, 0.7)))
+    return f"{zlib.crc32(values.tobytes()):08x}"
+
+
 def now_utc() -> str:
     """The present in UTC, ISO 8601, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def versions_note(runs: Iterable[Provenance]) -> list[str]:
+    """What the reader of numbers should know that come from these runs: nothing, or that the code changed."""
+    different = list(dict.fromkeys(_code(run) for run in runs))
+    if len(different) > 1:
+        return [f"these trials were run by {len(different)} versions of the code: {'; '.join(different)}"]
+    return []
+
+
+def _code(run: Provenance) -> str:
+    code = f"{run.get('midnet_bench', 'unknown')} {str(run.get('commit') or 'installed')[:12]}"
+    digest = run.get("experiment_sha256")
+    return f"{code}, experiment {str(digest)[:12]}" if digest else code
 
 
 def _version(library: str) -> str | None:

@@ -19,9 +19,9 @@ from midnet_bench.campaign.database import only_writer
 from midnet_bench.campaign.definition import Definition, ResolvedCampaign
 from midnet_bench.campaign.pools import LokyPool, Pool, WorkersLost, check_options
 from midnet_bench.campaign.progress import Progress
-from midnet_bench.campaign.provenance import Provenance, collect
+from midnet_bench.campaign.provenance import Provenance, collect, versions_note
 from midnet_bench.campaign.trial import RunTrial, TrialSpec
-from midnet_bench.campaign.worker import HARD_LIMIT_S, Outcome
+from midnet_bench.campaign.worker import HARD_LIMIT_S, SIGNALS_TO_END, Outcome
 from midnet_bench.errors import InputError, MidnetBenchError
 
 MAX_LOSSES_IN_VAIN = 3
@@ -33,9 +33,11 @@ RULE_OF_THUMB_BYTES = 20_000.0
 
 
 class Interrupted(MidnetBenchError):
-    """Ctrl-C. What was finished is stored."""
+    """Ctrl-C, or a scheduler's SIGTERM. What was finished is stored."""
 
-    exit_code = 130
+    def __init__(self, message: str, signal_number: int = signal.SIGINT) -> None:
+        super().__init__(message)
+        self.exit_code = 128 + signal_number
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,7 @@ def run_campaign(
                 unusable=_unusable(store),
                 ran=ran,
                 wall_s=time.perf_counter() - start_s,
-                notes=_notes(store),
+                notes=versions_note(store.runs()),
             )
 
 
@@ -189,10 +191,11 @@ def _add_trials(
         with _interruptible():
             limit_s = campaign.campaign.trial_timeout_s
             _run(pool, campaign.run_trial, missing, limit_s, keep, progress.note)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         raise Interrupted(
             f"interrupted; {sum(store.counts())} of {total} trials are stored in {store.path}:"
-            " run the same command again to continue"
+            " run the same command again to continue",
+            *interrupt.args,
         ) from None
     finally:
         progress.end()
@@ -250,7 +253,7 @@ def _pool(
 
         pool: Pool = DaskPool(scheduler, progress.note)
     else:
-        pool = LokyPool(joblib.cpu_count() if jobs is None else jobs, directory / ".running")
+        pool = LokyPool(joblib.cpu_count() if jobs is None else jobs, directory / ".running", progress.note)
     with contextlib.closing(pool):
         yield pool
 
@@ -304,20 +307,29 @@ def _run(
 
 @contextlib.contextmanager
 def _interruptible() -> Iterator[None]:
-    """The first Ctrl-C raises KeyboardInterrupt, a second one ends the process at once."""
+    """The first signal to end raises KeyboardInterrupt with its number, a second one ends all at once."""
 
     def interrupt(signum: int, frame: FrameType | None) -> None:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-        raise KeyboardInterrupt
+        for number in before:
+            signal.signal(number, signal.SIG_DFL)
+        raise KeyboardInterrupt(signum)
 
     if threading.current_thread() is not threading.main_thread():  # Python delivers signals to no other
         yield
         return
-    before = signal.signal(signal.SIGINT, interrupt)
+    before = {
+        number: handler
+        for number in SIGNALS_TO_END
+        # what this process was started to ignore, by nohup for example, stays ignored
+        if (handler := signal.getsignal(number)) not in (signal.SIG_IGN, None)
+    }
     try:
+        for number in before:
+            signal.signal(number, interrupt)
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _count(definition: Definition) -> int:
@@ -336,16 +348,3 @@ def _provenance(campaign: ResolvedCampaign) -> Provenance:
         content = campaign.experiment_file.read_bytes()
         provenance["experiment_sha256"] = hashlib.sha256(content).hexdigest()
     return provenance
-
-
-def _notes(store: stores.Store) -> list[str]:
-    different = list(dict.fromkeys(_code(run) for run in store.runs()))
-    if len(different) > 1:
-        return [f"these trials were run by {len(different)} versions of the code: {'; '.join(different)}"]
-    return []
-
-
-def _code(run: Provenance) -> str:
-    code = f"{run.get('midnet_bench', 'unknown')} {str(run.get('commit') or 'installed')[:12]}"
-    digest = run.get("experiment_sha256")
-    return f"{code}, experiment {str(digest)[:12]}" if digest else code

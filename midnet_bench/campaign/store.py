@@ -52,13 +52,16 @@ class StoredTrial:
 
     @property
     def tables(self) -> dict[str, list[Row]]:
-        """The tables of a finished trial. Raises InputError if they are damaged."""
+        """The tables of a finished trial. Raises InputError if they are none that a trial has."""
         if self.payload is None:
             raise ValueError(f"trial {self.trial_id} has failed and has no tables")
         try:
             return decode_tables(self.payload)
         except ValueError as error:
-            raise _damaged(self.store, f"trial {self.trial_id} (seed {self.seed})") from error
+            raise InputError(
+                f"{self.store}: trial {self.trial_id} (seed {self.seed}): {error}; midnet-bench writes no"
+                " such tables: ask where this file comes from"
+            ) from error
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import os
 import sys
+import warnings
 
 import typer
 
@@ -18,18 +19,20 @@ def main() -> None:
     A known error is one line on stderr; with MIDNET_BENCH_DEBUG set it keeps its traceback.
     """
     messages.set_up()
+    # on a machine where no worker can be started; a command that needs one says so itself
+    warnings.filterwarnings("ignore", ".*joblib will operate in serial mode", UserWarning)
     try:
         with printing():
             code = app(prog_name="midnet-bench", standalone_mode=False)
     except typer.TyperException as error:
         # without a command the help is shown, and there is nothing to add
         if message := error.format_message():
-            messages.log.error("error: %s", message)
+            messages.log.error("%s", messages.one_line(f"error: {message}"))
         code = error.exit_code
     except MidnetBenchError as error:
         if os.environ.get("MIDNET_BENCH_DEBUG"):
             raise
-        messages.log.error("error: %s", error)
+        messages.log.error("%s", messages.one_line(f"error: {error}"))
         code = error.exit_code
     except (KeyboardInterrupt, typer.Abort):
         code = 130

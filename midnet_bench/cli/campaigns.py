@@ -234,8 +234,6 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
         progress=CampaignProgress(),
     )
     present(directory, chosen.as_json, drawn_from=2)  # a lone point is no curve, and takes seconds to draw
-    for note in outcome.notes:
-        messages.log.warning("note: %s", note)
     if not chosen.as_json:
         messages.tell_where(directory)
     if outcome.failed:

@@ -14,6 +14,8 @@ from midnet_bench.errors import InputError
 log = logging.getLogger("midnet_bench")
 
 
+LONGEST = 300
+"""letters of a line that says what is wrong"""
 _handlers: list[logging.Handler] = []
 
 
@@ -68,6 +70,16 @@ def level() -> int:
     return min(
         (handler.level for handler in log.handlers if isinstance(handler, _Stderr)), default=logging.INFO
     )
+
+
+def one_line(text: str) -> str:
+    """``text`` as a terminal can show it: control characters as escapes, at most ``LONGEST`` letters."""
+    shown = "".join(letter if letter.isprintable() else _escaped(letter) for letter in text)
+    return shown if len(shown) <= LONGEST else f"{shown[: LONGEST - 1]}\N{HORIZONTAL ELLIPSIS}"
+
+
+def _escaped(letter: str) -> str:
+    return letter.encode("unicode_escape").decode()
 
 
 def tell_where(directory: Path) -> None:

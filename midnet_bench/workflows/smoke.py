@@ -11,7 +11,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.io.files import write_atomically
 
 PLATFORM = "platform.json"
-SAME_PLATFORM = ("machine", "processor", "python", "libraries")
+SAME_PLATFORM = ("libm", "machine", "processor", "python", "libraries")
 BOUNDS = {
     "tp": (0.0, 0.2),
     "fp": (20.0, 0.5),

@@ -209,7 +209,7 @@ def test_starting_over_keeps_the_old_store(tmp_path: Path) -> None:
     [
         ("raise", "ValueError: the coin stands on its edge"),
         ("exit", "SystemExit: 3"),
-        ("odd", "TypeError: Object of type complex is not JSON serializable"),
+        ("odd", "ValueError: trial: 'heads': neither a number nor a text"),
     ],
 )
 def test_a_trial_that_raises_is_stored_as_failed(tmp_path: Path, trouble: str, last_line: str) -> None:

@@ -5,12 +5,14 @@ import os
 import random
 import signal
 import subprocess
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from midnet_bench.campaign import pools
 from midnet_bench.campaign.database import StoreFull, only_writer
 from midnet_bench.campaign.definition import Campaign, resolve
 from midnet_bench.campaign.runner import CampaignOutcome, run_campaign
@@ -124,18 +126,51 @@ def test_a_worker_that_grows_is_replaced_without_a_word_and_nothing_waits_for_it
     assert "done 16 0 16" in out
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("stops", "failed"), [(1, 0), (2, 1)])
+def test_a_worker_that_is_stopped_costs_a_repetition_and_then_its_trial(
+    stops: int, failed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pools, "STALLED_S", 0.5)
+    campaign = {"trials": 4, "trial_timeout_s": 1.0, "parameters": {"work_s": 0.4}}
+    stopped: list[str] = []
+
+    def stop() -> None:
+        deadline_s = time.monotonic() + 30
+        while len(stopped) < stops and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+            for mark in (tmp_path / ".running").glob("*.*"):
+                if mark.name not in stopped and (not stopped or mark.stem == Path(stopped[0]).stem):
+                    os.kill(int(mark.suffix[1:]), signal.SIGSTOP)
+                    stopped.append(mark.name)
+                    break
+
+    thread = threading.Thread(target=stop)
+    thread.start()
+    outcome = run_here(tmp_path, campaign)
+    thread.join()
+
+    assert len(stopped) == stops
+    assert (outcome.finished, outcome.failed) == (4 - failed, failed)
+    with open_store(tmp_path / "campaign.sqlite") as store:
+        assert ["its worker died twice" in line for line in store.failures()] == [True] * failed
+
+
 def processor_time(pid: int) -> int:
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return int(fields[11]) + int(fields[12])
 
 
-def test_one_interrupt_keeps_what_is_finished_and_says_how_to_go_on(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_one_interrupt_keeps_what_is_finished_and_says_how_to_go_on(
+    tmp_path: Path, number: signal.Signals
+) -> None:
     process = start(tmp_path, LONG, jobs=2)
     wait_for(process, "stored", 3)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: workers get it too
+    os.killpg(process.pid, number)  # as terminals and schedulers do: workers get it too
     code, _, err = finish(process)
 
-    assert code == 130
+    assert code == 128 + number
     stored = stored_in(tmp_path)
     assert stored >= 3
     assert err.splitlines() == [

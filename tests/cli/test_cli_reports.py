@@ -10,9 +10,10 @@ import pytest
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import open_or_create
-from midnet_bench.campaign.trial import TrialResult, TrialSpec
+from midnet_bench.campaign.trial import Scalar, TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome, encode_tables
 from tests.cli.command import midnet_bench
+from tests.stores import labyrinth_store
 
 Command = Callable[..., tuple[int, str, list[str]]]
 
@@ -54,6 +55,25 @@ def test_what_is_no_campaigns_folder_gets_a_hint(tmp_path: Path, command: Comman
         assert (code, "give the campaign's folder, one" in line) == (2, True), line
         code, _, (line,) = command(name, "two")
         assert (code, "two: there is no such folder" in line) == (2, True), line
+
+
+def test_trials_of_two_versions_of_the_code_are_told_by_whatever_reads_them(
+    tmp_path: Path, command: Command
+) -> None:
+    (tmp_path / "one").mkdir()
+    grid: dict[str, list[Scalar]] = {"intruders": [1], "robots": [1, 2]}
+    with labyrinth_store(
+        tmp_path / "one" / "campaign.sqlite", lambda intruders, robots, seed: 1, seeds=2, grid=grid
+    ) as store:
+        later = store.begin_run({**collect(1), "commit": "0" * 40})
+        first = next(store.trials())
+        outcome = Outcome(first.trial_id, 1.0, 2.0, first.payload)
+        store.record(later, TrialSpec("labyrinth", first.parameters, first.seed), outcome)
+    told = "one: note: these trials were run by 2 versions of the code"
+    for arguments in (("report", "one"), ("verify", "one"), ("compare", "one", "--by", "robots")):
+        assert any(told in line for line in command(*arguments)[2]), arguments
+    (tmp_path / "one" / "campaign.sqlite").unlink()  # the report's files say it too
+    assert any(told in line for line in command("verify", "one")[2])
 
 
 def test_two_equal_team_sizes_are_refused(tmp_path: Path, command: Command) -> None:
