@@ -317,11 +317,12 @@ def _interruptible() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():  # Python delivers signals to no other
         yield
         return
+    # what nohup ignores stays ignored; SIGINT is ignored wherever a script starts a campaign behind itself
     before = {
         number: handler
         for number in SIGNALS_TO_END
-        # what this process was started to ignore, by nohup for example, stays ignored
-        if (handler := signal.getsignal(number)) not in (signal.SIG_IGN, None)
+        if (handler := signal.getsignal(number)) is not None
+        if number == signal.SIGINT or handler is not signal.SIG_IGN
     }
     try:
         for number in before:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -27,7 +28,14 @@ def start(directory: Path, campaign: dict[str, object], **options: object) -> su
         text=True,
         env=environment(),
         start_new_session=True,
+        preexec_fn=_hear_all_signals,
     )
+
+
+def _hear_all_signals() -> None:
+    """Whoever runs the tests may have told their processes to ignore some, as nohup does."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:

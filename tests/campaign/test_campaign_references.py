@@ -4,7 +4,6 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -15,6 +14,8 @@ from midnet_bench.campaign.store import open_store
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.campaigns import run_campaign as run_with_registry
+from midnet_bench.io import checked_yaml
+from midnet_bench.io.files import read_bounded
 from tests.campaign import dice
 from tests.campaign.campaign_process import environment
 
@@ -134,13 +135,12 @@ def test_an_arena_in_a_file_is_read_once_for_each_cell(
     fixed = {"arena": str(arena), "prior_map": "exact"}
     values = {"experiment": "labyrinth", "grid": grid, "parameters": fixed, "trials": 9}
     read: list[Path] = []
-    read_text = Path.read_text
 
-    def counted(path: Path, *options: Any, **named: Any) -> str:
+    def counted(path: Path, most_bytes: int) -> bytes:
         read.append(path)
-        return read_text(path, *options, **named)
+        return read_bounded(path, most_bytes)
 
-    monkeypatch.setattr(Path, "read_text", counted)
+    monkeypatch.setattr(checked_yaml, "read_bounded", counted)
     resolved = resolve(Campaign.model_validate(values), registry)
     plan(resolved, tmp_path / "results")
 
