@@ -65,7 +65,17 @@ def check_campaign(directory: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["detection", "labyrinth", "capture", "mapping", "calibration", "calibration-sizes", "readings", "robustness"]
+    "name",
+    [
+        "detection",
+        "labyrinth",
+        "capture",
+        "mapping",
+        "calibration",
+        "calibration-sizes",
+        "readings",
+        "robustness",
+    ],
 )
 def test_every_column_of_a_reference_is_described(name: str) -> None:
     check_campaign(REFERENCES / name)
