@@ -34,7 +34,9 @@ VARIABLE = "NUMBA_CACHE_DIR"
 LIBRARIES = ("numba", "llvmlite", "numpy")
 KEPT_S = 30 * 24 * 3600.0
 """after so long without anything new, the machine code of other sources is deleted"""
-_IMPORTS = re.compile(rb"^\s*(?:from|import) (midnet_bench[\w.]*)", re.MULTILINE)
+_IMPORTS = re.compile(
+    rb"^\s*(?:from|import) (midnet_bench[\w.]*)(?: import (\([^)]*\)|[^\n]*))?", re.MULTILINE
+)
 _WITHOUT_EFFECT = (VARIABLE, "NUMBA_NUM_THREADS")
 
 
@@ -185,11 +187,12 @@ def _sources() -> dict[str, bytes]:
             sources[name] = source
             todo.append(source)
     while todo:
-        for found in _IMPORTS.findall(todo.pop()):
-            name = found.decode()
-            if name in paths and name not in sources:
-                sources[name] = paths[name].read_bytes()
-                todo.append(sources[name])
+        for module, parts in _IMPORTS.findall(todo.pop()):
+            inside = [module + b"." + part for part in re.findall(rb"\w+", parts)]  # of a package
+            for name in map(bytes.decode, [module, *inside]):
+                if name in paths and name not in sources:
+                    sources[name] = paths[name].read_bytes()
+                    todo.append(sources[name])
     return sources
 
 

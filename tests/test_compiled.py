@@ -14,11 +14,13 @@ PACKAGE = Path(midnet_bench.__file__).parent
 
 BELOW = """
 from midnet_bench.compiled import njit
-from midnet_bench.numbers import FACTOR
+from midnet_bench import (
+    numbers,
+)
 
 @njit
 def times(x):
-    return FACTOR * x
+    return numbers.FACTOR * x
 """
 ABOVE = """
 from midnet_bench.compiled import njit
@@ -71,7 +73,7 @@ def test_a_change_in_a_callee_or_in_a_number_changes_the_result_and_back(package
     assert product(package, kept) == "6.0"
 
     below = package / "below.py"
-    below.write_text(BELOW.replace("FACTOR * x", "FACTOR + x"))
+    below.write_text(BELOW.replace("numbers.FACTOR * x", "numbers.FACTOR + x"))
     assert product(package, kept) == "5.0"
 
     (package / "numbers.py").write_text("FACTOR = 9.0\n")
