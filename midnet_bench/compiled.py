@@ -146,9 +146,7 @@ def folder() -> Path | None:
     path = root / digest()
     if not path.exists():
         _forget_old(root)
-        with contextlib.suppress(OSError):
-            path.mkdir(exist_ok=True)
-    return path if path.is_dir() else None
+    return path
 
 
 @cache
@@ -180,19 +178,19 @@ def _sources() -> dict[str, bytes]:
     """Module -> source, of each module with a compiled loop and of all that these import of this package."""
     paths = {_module(path): path for path in PACKAGE.rglob("*.py")}
     sources: dict[str, bytes] = {}
-    todo = []
+    unread = []
     for name, path in paths.items():
         source = path.read_bytes()
         if b"njit" in source:
             sources[name] = source
-            todo.append(source)
-    while todo:
-        for module, parts in _IMPORTS.findall(todo.pop()):
+            unread.append(source)
+    while unread:
+        for module, parts in _IMPORTS.findall(unread.pop()):
             inside = [module + b"." + part for part in re.findall(rb"\w+", parts)]  # of a package
             for name in map(bytes.decode, [module, *inside]):
                 if name in paths and name not in sources:
                     sources[name] = paths[name].read_bytes()
-                    todo.append(sources[name])
+                    unread.append(sources[name])
     return sources
 
 

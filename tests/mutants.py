@@ -100,7 +100,7 @@ def killed_by(mutant: Mutant, folder: Path) -> list[str]:
     """
     for part in ("midnet_bench", "tests", "campaigns", "results", "docs"):
         if (REPOSITORY / part).is_dir():
-            shutil.copytree(REPOSITORY / part, folder / part)  # with its times, so that numba's cache holds
+            shutil.copytree(REPOSITORY / part, folder / part)
     shutil.copy(REPOSITORY / "pyproject.toml", folder)
     source = folder / "midnet_bench" / mutant.file
     text = source.read_text(encoding="utf-8")

@@ -5,10 +5,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from midnet_bench.campaign.definition import Definition
+from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import Store, open_or_create
 from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
-from midnet_bench.campaign.worker import Outcome, encode_tables
+from midnet_bench.campaign.worker import Outcome
 
 Caught = Callable[[int, int, int], int]
 """(intruders, robots, seed) -> how many were caught"""

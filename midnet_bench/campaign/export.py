@@ -7,9 +7,9 @@ import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from midnet_bench.campaign.payload import OTHER_FILES
 from midnet_bench.campaign.store import Store
 from midnet_bench.campaign.trial import Row, Scalar
-from midnet_bench.campaign.worker import OTHER_FILES
 from midnet_bench.io.files import draft_of
 
 TIMING, FAILURES = OTHER_FILES

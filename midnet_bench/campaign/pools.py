@@ -6,12 +6,10 @@ import itertools
 import os
 import shutil
 import signal
-import threading
 import time
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Protocol
 
@@ -20,10 +18,10 @@ from joblib._parallel_backends import LokyBackend
 from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
+from midnet_bench.campaign.signals import held_back
 from midnet_bench.campaign.trial import RunTrial, TrialSpec
 from midnet_bench.campaign.worker import (
     HARD_LIMIT_S,
-    SIGNALS_TO_END,
     Outcome,
     attempt,
     marked,
@@ -118,7 +116,7 @@ class LokyPool:
         # not joblib.Parallel: for one job it would run the trials inside this process, where a crash ends
         # the campaign
         try:
-            with _interrupts_held_back():
+            with held_back():
                 executor = get_reusable_executor(
                     workers,
                     timeout=IDLE_S,
@@ -144,9 +142,14 @@ class LokyPool:
 
         def submit(count: int) -> None:
             for spec in itertools.islice(remaining, count):
-                # what is submitted is known, and it may start a worker
-                with _interrupts_held_back():
-                    running.add(executor.submit(attempt, run_trial, spec, limit_s, self._marks))
+                try:
+                    with held_back():  # what is submitted is known, and it may start a worker
+                        running.add(executor.submit(attempt, run_trial, spec, limit_s, self._marks))
+                except (
+                    OSError,
+                    UnboundLocalError,
+                ) as error:  # the second is loky's, where it can make no pipe
+                    raise _no_process(error) from error
 
         try:
             submit(1 if one_at_a_time else 2 * workers)
@@ -161,8 +164,6 @@ class LokyPool:
                 submit(len(done))
         except BrokenProcessPool as error:
             raise WorkersLost(str(error).splitlines()[0], marked(self._marks)) from error
-        except (OSError, UnboundLocalError) as error:  # the second is loky's, where it can make no pipe
-            raise _no_process(error) from error
         finally:
             if running:  # given up
                 # loky stumbles over a shutdown if it has yet to take in what was submitted
@@ -219,38 +220,6 @@ def _safe_path() -> Iterator[None]:
             del os.environ["PYTHONSAFEPATH"]
         else:
             os.environ["PYTHONSAFEPATH"] = before
-
-
-@contextlib.contextmanager
-def _interrupts_held_back() -> Iterator[None]:
-    """Signals to end wait for the end of this here, and are never heard in processes that begin inside.
-
-    A terminal sends Ctrl-C to the workers too, and one that is still loading its libraries would end with a
-    traceback: :func:`prepare_worker` is called after that.
-    """
-    handlers = {}
-    held: list[int] = []
-    if threading.current_thread() is threading.main_thread():  # Python hands signals to no other
-        handlers = {number: signal.getsignal(number) for number in SIGNALS_TO_END}
-        for number, handler in handlers.items():
-            if callable(handler):
-                signal.signal(number, lambda number, _: held.append(number))
-    # joblib would start it inside, and with it Python lets signals through
-    resource_tracker.ensure_running()
-    has_masks = hasattr(signal, "pthread_sigmask")  # not on Windows
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS_TO_END) if has_masks else set()
-    try:
-        yield
-    finally:
-        if has_masks:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        for number, handler in handlers.items():
-            if callable(handler):
-                signal.signal(number, handler)
-        for number in held:
-            handler = handlers[number]
-            assert callable(handler)
-            handler(number, None)
 
 
 def abandoning_quietly(outcomes: Generator[Outcome, None, None]) -> Generator[Outcome, None, None]:

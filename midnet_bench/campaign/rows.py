@@ -7,8 +7,8 @@ import struct
 import zlib
 from collections.abc import Iterator
 
+from midnet_bench.campaign.payload import decode_tables
 from midnet_bench.campaign.trial import Cell
-from midnet_bench.campaign.worker import decode_tables
 
 TABLES = (
     "CREATE TABLE cells (cell INTEGER PRIMARY KEY, parameters TEXT NOT NULL)",

@@ -4,13 +4,11 @@ import contextlib
 import hashlib
 import itertools
 import signal
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 
 import joblib
 
@@ -20,8 +18,9 @@ from midnet_bench.campaign.definition import Definition, ResolvedCampaign
 from midnet_bench.campaign.pools import LokyPool, Pool, WorkersLost, check_options
 from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.provenance import Provenance, collect, versions_note
+from midnet_bench.campaign.signals import interruptible
 from midnet_bench.campaign.trial import RunTrial, TrialSpec
-from midnet_bench.campaign.worker import HARD_LIMIT_S, SIGNALS_TO_END, Outcome
+from midnet_bench.campaign.worker import HARD_LIMIT_S, Outcome
 from midnet_bench.errors import InputError, MidnetBenchError
 
 MAX_LOSSES_IN_VAIN = 3
@@ -188,7 +187,7 @@ def _add_trials(
 
     progress.begin(total, total - len(missing))
     try:
-        with _interruptible():
+        with interruptible():
             limit_s = campaign.campaign.trial_timeout_s
             _run(pool, campaign.run_trial, missing, limit_s, keep, progress.note)
     except KeyboardInterrupt as interrupt:
@@ -303,34 +302,6 @@ def _run(
                     suspects[trial_id] = spec
             if suspects and not alone:
                 note(f"a worker died; what was running is repeated, one at a time ({len(suspects)})")
-
-
-@contextlib.contextmanager
-def _interruptible() -> Iterator[None]:
-    """The first signal to end raises KeyboardInterrupt with its number, a second one ends all at once."""
-
-    def interrupt(signum: int, frame: FrameType | None) -> None:
-        for number in before:
-            signal.signal(number, signal.SIG_DFL)
-        raise KeyboardInterrupt(signum)
-
-    if threading.current_thread() is not threading.main_thread():  # Python delivers signals to no other
-        yield
-        return
-    # what nohup ignores stays ignored; SIGINT is ignored wherever a script starts a campaign behind itself
-    before = {
-        number: handler
-        for number in SIGNALS_TO_END
-        if (handler := signal.getsignal(number)) is not None
-        if number == signal.SIGINT or handler is not signal.SIG_IGN
-    }
-    try:
-        for number in before:
-            signal.signal(number, interrupt)
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _count(definition: Definition) -> int:

@@ -12,9 +12,10 @@ from typing import cast
 from midnet_bench.campaign import database, rows
 from midnet_bench.campaign.database import explained, transaction
 from midnet_bench.campaign.definition import Definition, differences
+from midnet_bench.campaign.payload import decode_tables
 from midnet_bench.campaign.provenance import Provenance, now_utc
 from midnet_bench.campaign.trial import Cell, Row, Scalar, TrialSpec
-from midnet_bench.campaign.worker import Outcome, decode_tables
+from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import InputError
 
 FILE_NAME = "campaign.sqlite"

@@ -133,7 +133,7 @@ def read_text(path: Path) -> str:
         where = "" if path.is_absolute() else "; the path starts from the working folder"
         raise InputError(f"{path}: cannot be read: {error.strerror}{where}") from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         is_image = path.suffix.lower() in (".png", ".pgm", ".jpg", ".jpeg")
         what = "an image; a YAML file is needed" if is_image else "not a UTF-8 text"

@@ -42,7 +42,7 @@ def read_image(path: Path, key: str) -> npt.NDArray[np.uint8]:
     try:
         data = read_bounded(path, LARGEST_BYTES)
     except OSError as error:
-        raise InputError(f"{where}: cannot be read: {error.strerror}") from error
+        raise InputError(f"{where}: cannot be read: {error.strerror or error}") from error
     except ValueError as error:
         raise InputError(f"{key}: {str(path)!r}: cannot be read: no file can have this name") from error
     is_png = data.startswith(_PNG_SIGNATURE)

@@ -8,10 +8,11 @@ import pytest
 from midnet_bench.campaign import database
 from midnet_bench.campaign.database import only_writer
 from midnet_bench.campaign.definition import Campaign, Definition, resolve
+from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import Store, keep_aside, open_or_create, open_store
 from midnet_bench.campaign.trial import TrialSpec
-from midnet_bench.campaign.worker import Outcome, attempt, encode_tables
+from midnet_bench.campaign.worker import Outcome, attempt
 from midnet_bench.errors import InputError
 from tests.campaign import coin_experiments as coins
 

@@ -4,6 +4,7 @@ import hashlib
 import json
 import shutil
 import sqlite3
+import tempfile
 import zlib
 from pathlib import Path
 
@@ -23,7 +24,7 @@ def packed(tables: object) -> bytes:
 
 PAYLOADS = {
     "a parent folder": packed({"../../evil": [{"x": 1}]}),
-    "an absolute path": packed({"/tmp/evil": [{"x": 1}]}),
+    "an absolute path": packed({f"{tempfile.gettempdir()}/evil": [{"x": 1}]}),
     "a path inside": packed({"a/b": [{"x": 1}]}),
     "an empty name": packed({"": [{"x": 1}]}),
     "a long name": packed({"x" * 300: [{"x": 1}]}),

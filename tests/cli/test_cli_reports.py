@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.campaign.definition import Definition
+from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import open_or_create
 from midnet_bench.campaign.trial import Scalar, TrialResult, TrialSpec
-from midnet_bench.campaign.worker import Outcome, encode_tables
+from midnet_bench.campaign.worker import Outcome
 from tests.cli.command import midnet_bench
 from tests.stores import labyrinth_store
 

@@ -7,10 +7,11 @@ import pytest
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import holm, mean
 from midnet_bench.campaign.definition import Definition, load_campaign, resolve
+from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import open_or_create
 from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
-from midnet_bench.campaign.worker import Outcome, encode_tables
+from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters
