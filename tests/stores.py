@@ -55,6 +55,8 @@ def labyrinth_result(intruders: int, robots: int, caught: int) -> TrialResult:
             "detected_at_s": 10.0,
             "caught_at_s": 20.0 if k <= caught else math.nan,
             "escaped_at_s": math.nan if k <= caught else 60.0,
+            "left_at_s": 20.0 if k <= caught else 60.0,
+            "straight_m": 9.0,
         }
         for k in range(1, intruders + 1)
     ]
@@ -68,8 +70,17 @@ def labyrinth_result(intruders: int, robots: int, caught: int) -> TrialResult:
         "success_rate": 100.0 * caught / intruders,
         "duration_s": duration_s,
         "ended": "nobody left",
+        "patrol_relaxations": 0,
+        "targets": intruders,
+        "ghost_targets": 0,
     }
     return TrialResult({"trial": [trial], "intruders": outcomes, "robots": health}, duration_s)
+
+
+NO_CAUSES: Row = {
+    **dict.fromkeys(("fn_hidden", "fn_new", "fp_left", "overlapping", "reordered", "looked_at"), 0),
+    "patrol_relaxations": 0,
+}
 
 
 def robot_row(role: str, present_s: float, stuck_s: float, goals_given_up: int = 0) -> Row:
@@ -107,10 +118,12 @@ def detection_store(
                 counts: Row = {"frames": 10, "tp": 8, "fp": 2, "fn": 4, "in_range": 12}
                 counts |= {"matched": 6, "duplicates": 2, "missed": 6, "error_sum_m": 0.6, "gospa_m": 5.0}
                 row: Row = {**counts, "precision": precision, "recall": recall, "f1": f1}
+                row |= NO_CAUSES
                 row |= counted(robots, seed)
-                frames: list[Row] = [{"frame": 1, **counts}]
-                robot: Row = {"robot": "guard 1", "role": "guard", "distance_m": 0.1 * seed}
-                robot |= {"collisions": 2}
+                frames: list[Row] = [
+                    {"frame": 1, **{name: count for name, count in counts.items() if name != "frames"}}
+                ]
+                robot = robot_row("guard", 0.5 * seed, stuck_s=0.0) | {"collisions": 2}
                 tables = {"scores": [row], "frames": frames, "robots": [robot] * robots}
                 spec = TrialSpec("detection", {"robots": robots}, seed)
                 payload = encode_tables(TrialResult(tables, 2.0))

@@ -11,6 +11,7 @@ import json
 import logging
 import shutil
 import tempfile
+import warnings
 import weakref
 import zlib
 from collections.abc import Callable, Iterator, Mapping
@@ -19,18 +20,24 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+import numpy as np
 import pandas as pd
 
-from midnet_bench.campaign.definition import Definition
-from midnet_bench.campaign.export import FAILURES, TIMING, cell_text, export_csv
+from midnet_bench.campaign.columns import Column, Columns, Tables, shown
+from midnet_bench.campaign.definition import Definition, shown_cell
+from midnet_bench.campaign.export import FAILURES, TIMING, TIMING_TABLE, cell_text, export_csv
 from midnet_bench.campaign.provenance import Provenance, versions_note
 from midnet_bench.campaign.store import FILE_NAME, Store, open_store
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.io.files import read_bounded
 
 CONFIGURATION = "configuration.json"
 PROVENANCE = "provenance.json"
 ENDINGS = (".csv", ".csv.gz")
+MOST_JSON_BYTES = 100_000_000
+RESTORE = "take the file from where it was made, or run the campaign again"
+SEED = Column(int, least=-(2.0**63), most=2.0**63)
 _EXACTLY: dict[str, Any] = {"float_precision": "round_trip"} if pd.__version__ < "3.1" else {}
 """floats to their last digit, which is what pandas does unasked since 3.1"""
 
@@ -100,6 +107,13 @@ class Results:
             raise InputError(f"{self.directory / CONFIGURATION}: parameters.{parameter}: missing")
         return pd.Series([self.definition.parameters[parameter]] * len(frame), index=frame.index)
 
+    def whole_numbers(self, frame: pd.DataFrame, parameter: str) -> pd.Series:
+        """As :meth:`column`. Raises InputError too if they are no whole numbers."""
+        values = self.column(frame, parameter)
+        if values.dtype.kind not in "iu":
+            raise InputError(f"{self.directory}: {parameter}: whole numbers are needed for these results")
+        return values
+
     def others(self, frame: pd.DataFrame, *known: str, separator: str = ", ") -> list[str]:
         """``factor=value`` of the grid's factors but ``known``, for each row of one of the tables."""
         factors = [factor for factor in self.factors if factor not in known]
@@ -143,31 +157,41 @@ def records(frame: pd.DataFrame) -> list[Row]:
     return [{str(name): value for name, value in row.items()} for row in frame.to_dict("records")]
 
 
-def load_results(directory: str | Path) -> Results:
+TablesOf = Callable[[Definition, Path], Tables]
+"""(a campaign's definition, its folder) -> the tables that its experiment has"""
+
+
+def _any_tables(definition: Definition, directory: Path) -> Tables:
+    return {}
+
+
+def load_results(directory: str | Path, tables_of: TablesOf = _any_tables) -> Results:
     """The results in a campaign's folder.
 
     Args:
         directory: with ``campaign.sqlite``, or with the files that a report wrote.
+        tables_of: what the tables are held to, ``registry.tables_of`` in all commands; to nothing unless
+            given.
 
     Raises:
         InputError: neither is there, or it is damaged, foreign or of a newer version.
     """
     directory = Path(directory)
     if (directory / FILE_NAME).exists():
-        return _from_store(directory)
+        return _from_store(directory, tables_of)
     if (directory / CONFIGURATION).exists():
-        return _from_files(directory)
+        return _from_files(directory, tables_of)
     raise InputError(
         f"{directory}: there is no campaign here: neither {FILE_NAME} nor {CONFIGURATION}; give the folder "
         "of one, such as results/labyrinth"
     )
 
 
-def _from_store(directory: Path) -> Results:
+def _from_store(directory: Path, tables_of: TablesOf) -> Results:
     folder = Path(tempfile.mkdtemp(prefix="midnet-bench-"))
     try:
         with open_store(directory / FILE_NAME) as store:
-            results = results_of(store, directory, folder)
+            results = results_of(store, directory, folder, tables_of)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
@@ -175,7 +199,7 @@ def _from_store(directory: Path) -> Results:
     return results
 
 
-def results_of(store: Store, directory: Path, folder: Path) -> Results:
+def results_of(store: Store, directory: Path, folder: Path, tables_of: TablesOf = _any_tables) -> Results:
     """The results in a store.
 
     Args:
@@ -183,29 +207,36 @@ def results_of(store: Store, directory: Path, folder: Path) -> Results:
         directory: where the store is.
         folder: the CSV files of the trials' tables are written here, and read from here when they are asked
             for.
+        tables_of: as for :func:`load_results`.
 
     Raises:
-        InputError: a trial is damaged, or the folder cannot be written.
+        InputError: a trial is damaged or has other tables, or the folder cannot be written.
     """
-    files = {path.stem: _File(path, store.definition) for path in export_csv(store, folder)}
+    written = export_csv(store, folder, tables_of(store.definition, directory))
+    files = {path.stem: _File(path, store.definition) for path in written}
     return _results(directory, store.definition, store.runs(), files)
 
 
-def _from_files(directory: Path) -> Results:
+def _from_files(directory: Path, tables_of: TablesOf) -> Results:
     try:
-        definition = Definition.from_json((directory / CONFIGURATION).read_text(encoding="utf-8"))
+        text = read_bounded(directory / CONFIGURATION, MOST_JSON_BYTES).decode()
+        definition = Definition.from_json(text)
     except (OSError, ValueError) as error:
         raise InputError(f"{directory / CONFIGURATION}: is not the configuration of a campaign") from error
     place = [*definition.grid, "seed"]
+    expected = {**tables_of(definition, directory), **TIMING_TABLE}
     files = {
-        path.name.removesuffix(ending): _File(path, definition)
+        name: _File(path, definition, expected.get(name))
         for path in sorted(directory.iterdir())
         for ending in ENDINGS
-        if path.name.endswith(ending)
+        if path.name.endswith(ending) and path.is_file()
+        for name in (path.name.removesuffix(ending),)
     }
     # tables made of the trials' tables stand beside them and begin otherwise
     tables = {name: file for name, file in files.items() if file.columns[: len(place)] == place}
     about_trials = {name: files[name] for name in (TIMING, FAILURES) if name in files}
+    if tables and TIMING not in files:
+        raise InputError(f"{directory / TIMING}.csv: missing; {RESTORE}")
     return _results(directory, definition, _provenance(directory / PROVENANCE), tables | about_trials)
 
 
@@ -228,8 +259,8 @@ def _results(
 
 def _provenance(path: Path) -> list[Provenance]:
     try:
-        runs = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
-    except (OSError, ValueError) as error:
+        runs = json.loads(read_bounded(path, MOST_JSON_BYTES)) if path.exists() else []
+    except (OSError, RecursionError, ValueError) as error:
         raise InputError(f"{path}: cannot be read: {error}") from error
     return [run for run in (runs if isinstance(runs, list) else [runs]) if isinstance(run, dict)]
 
@@ -240,6 +271,8 @@ class _File:
 
     path: Path
     definition: Definition
+    table: Columns | None = None
+    """what its columns are held to"""
 
     @cached_property
     def columns(self) -> list[str]:
@@ -260,17 +293,20 @@ class _File:
         """
         grid = self.definition.grid
         try:
-            frame = pd.read_csv(
-                self.path,
-                dtype=dict.fromkeys(grid, "category"),
-                keep_default_na=False,
-                na_values=[""],
-                **_EXACTLY,
-            )
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", pd.errors.DtypeWarning)  # texts among numbers: see _check
+                frame = pd.read_csv(
+                    self.path,
+                    dtype=dict.fromkeys(grid, "category"),
+                    keep_default_na=False,
+                    na_values=[""],
+                    **_EXACTLY,
+                )
         except pd.errors.EmptyDataError:
             return pd.DataFrame()
         except (OSError, EOFError, ValueError, zlib.error) as error:  # pandas' own errors are among them
-            raise InputError(f"{self.path}: cannot be read: {error}") from error
+            why = " ".join(str(error).split())
+            raise InputError(f"{self.path}: cannot be read: {why}; {RESTORE}") from error
         for factor, values in grid.items():
             if factor not in frame:
                 raise InputError(f"{self.path}: the column '{factor}' is missing, a factor of the grid")
@@ -282,7 +318,55 @@ class _File:
             present = pd.Series([by_text[text] for text in texts])
             # an empty cell has the code -1, which takes the last one
             frame[factor] = present.take(codes % len(texts)).set_axis(frame.index)
+        if self.table is not None:
+            self._check(frame, self.table)
         return frame
+
+    def _check(self, frame: pd.DataFrame, table: Columns) -> None:
+        """Raises InputError unless the columns hold what those of this table do."""
+        columns = {"seed": SEED, **table.columns}
+        for name, column in columns.items():
+            if name in frame:
+                if (odd := first_odd(frame[name], column)) is not None:
+                    got = shown(frame[name].tolist()[odd])
+                    raise self._fault(frame, odd, f"column '{name}': {column.wanted} is needed (got {got})")
+            elif column.since == 1:
+                raise InputError(f"{self.path}: the column '{name}' is missing; {RESTORE}")
+        place = [*self.definition.grid, "seed"]
+        if table.one_row and frame.duplicated(place).any():
+            odd = int(frame.duplicated(place).to_numpy().argmax())
+            raise self._fault(frame, odd, "the same trial is there twice")
+        for name, column in columns.items():
+            if column.at_most is not None:
+                limits = frame.get(column.at_most, self.definition.parameters.get(column.at_most))
+                above = (frame[name] > limits).to_numpy()
+                if above.any():
+                    odd = int(above.argmax())
+                    raise self._fault(frame, odd, f"column '{name}': more than {column.at_most}")
+
+    def _fault(self, frame: pd.DataFrame, row: int, what: str) -> InputError:
+        place = {name: frame[name].tolist()[row] for name in [*self.definition.grid, "seed"]}
+        return InputError(f"{self.path}: row {row + 1} ({shown_cell(place)}): {what}; {RESTORE}")
+
+
+def first_odd(cells: pd.Series, column: Column) -> int | None:
+    """The place of the first cell that a column cannot have; None if there is none."""
+    may_be_empty = column.may_be_empty or column.since > 1  # rows of older payloads have none
+    if column.kind in (int, float) and cells.dtype.kind in "iuf":
+        values = cells.to_numpy(np.float64)
+        odd = ~((values >= column.least) & (values <= column.most))
+        if column.kind is int:
+            odd |= values != np.floor(values)
+        if may_be_empty:
+            odd &= ~np.isnan(values)
+    elif column.kind is bool and cells.dtype.kind == "b":
+        return None
+    else:
+        plain = (column.of_text(one) if isinstance(one, str) else one for one in cells.tolist())
+        odd = np.array([not column.holds(one) and not (may_be_empty and one != one) for one in plain], bool)
+        if column.kind in (int, float) and len(odd) and not odd.any():
+            return 0  # pandas has found a text that Python takes for a number, such as 1_000
+    return int(odd.argmax()) if odd.any() else None
 
 
 class _Lazily(Mapping[str, pd.DataFrame]):

@@ -21,6 +21,10 @@ from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.checked_yaml import Spec, load_yaml, parse, read_yaml
 from midnet_bench.io.parameters import Parameters
 
+SEVERAL = " | "
+"""between the values of a parameter that is not a factor of the grid and yet not the same in all cells"""
+LONGEST_NAME = 255
+"""bytes; no file system has longer ones"""
 MAX_SHOWN_CHARACTERS = 60
 """of a value in a message: an arena that was read from a file is long"""
 
@@ -63,6 +67,8 @@ class Campaign(Spec):
     def _names_one_folder(cls, name: str) -> str:
         if name in ("", ".", "..") or not name.isprintable() or "/" in name or "\\" in name:
             raise ValueError("the results' folder is named so; give one plain name, such as evening-run")
+        if len(name.encode(errors="replace")) > LONGEST_NAME:
+            raise ValueError(f"the results' folder is named so; at most {LONGEST_NAME} bytes")
         return name
 
     @field_validator("grid", "parameters", mode="before")
@@ -297,7 +303,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     for product, cell in zip(products, cells, strict=True):
         trial_id = TrialSpec(identity, cell, 0).trial_id
         if trial_id in seen:
-            raise InputError(f"{source}: grid: the cell {_shown_cell(product)} is there twice")
+            raise InputError(f"{source}: grid: the cell {shown_cell(product)} is there twice")
         seen.add(trial_id)
     grid = {factor: list(dict.fromkeys(cell[factor] for cell in cells)) for factor in campaign.grid}
     return ResolvedCampaign(
@@ -324,8 +330,9 @@ def _check_keys(campaign: Campaign, parameters: type[Parameters]) -> None:
     for section in ("grid", "parameters"):
         for key in getattr(campaign, section):
             if key not in known:
+                where = f"; 'midnet-bench parameters {campaign.experiment}' lists them"
                 raise InputError(
-                    f"{campaign._source}: {section}.{key}: unknown key{nearest_name(key, known)}"
+                    f"{campaign._source}: {section}.{key}: unknown key{nearest_name(key, known, where)}"
                 )
     twice = sorted(set(campaign.grid) & set(campaign.parameters))
     if twice:
@@ -338,7 +345,7 @@ def _cell(
     campaign: Campaign, parameters: type[Parameters], product: dict[str, Scalar]
 ) -> tuple[dict[str, Scalar], float]:
     """The parameters of a cell, defaults filled in, and their effort."""
-    source = f"{campaign._source}: cell {_shown_cell(product)}"
+    source = f"{campaign._source}: cell {shown_cell(product)}"
     checked = parameters.parse({**campaign.parameters, **product}, source)
     flat, values = checked.flat(), checked.flat_values()
     # a newer option is left out at its default, but what the grid varies tells the cells apart
@@ -362,7 +369,12 @@ def _in_all_cells(name: str, cells: list[dict[str, Scalar]]) -> Scalar:
     They may where one parameter names what goes with another: each arena has an explored map of its own.
     """
     values = list(dict.fromkeys(cell[name] for cell in cells))
-    return values[0] if len(values) == 1 else " | ".join(map(str, values))
+    return values[0] if len(values) == 1 else SEVERAL.join(map(str, values))
+
+
+def differs_between_cells(value: Scalar) -> bool:
+    """Whether a parameter of a definition stands for several values."""
+    return isinstance(value, str) and SEVERAL in value
 
 
 def differences(old: Definition, new: Definition) -> list[str]:
@@ -397,5 +409,6 @@ def _shown(value: Scalar | list[Scalar]) -> str:
     return text if len(text) <= MAX_SHOWN_CHARACTERS else f"{text[:MAX_SHOWN_CHARACTERS]}..."
 
 
-def _shown_cell(cell: Mapping[str, Scalar]) -> str:
-    return ", ".join(f"{factor}={value}" for factor, value in cell.items()) or "(the only one)"
+def shown_cell(cell: Mapping[str, Scalar]) -> str:
+    """``robots=1, capture=within``: what messages call a cell."""
+    return ", ".join(f"{factor}={_shown(value)}" for factor, value in cell.items()) or "(the only one)"

@@ -3,19 +3,31 @@
 import contextlib
 import csv
 import io
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
-from midnet_bench.campaign.payload import OTHER_FILES
+from midnet_bench.campaign.columns import Column, Columns, Tables, check_tables, shown
+from midnet_bench.campaign.payload import OTHER_FILES, VERSION
 from midnet_bench.campaign.store import Store
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.io.files import draft_of
 
 TIMING, FAILURES = OTHER_FILES
+TIMING_TABLE: Tables = {
+    TIMING: Columns(
+        {
+            "status": Column(str, choices=("finished", "failed")),
+            "wall_s": Column(float),
+            "simulated_s": Column(float, may_be_empty=True),
+            "finished_utc": Column(str),
+        },
+        one_row=True,
+    )
+}
 
 
-def export_csv(store: Store, directory: Path) -> list[Path]:
+def export_csv(store: Store, directory: Path, expected: Tables = MappingProxyType({})) -> list[Path]:
     """Writes one CSV per table of the trials; the files written.
 
     Rows stand in the campaign's order (cells, then seeds, then the trial's own rows), led by the
@@ -23,8 +35,14 @@ def export_csv(store: Store, directory: Path) -> list[Path]:
     on them. ``failures.csv`` names the trials that failed; it is there only if some did. One trial is in
     memory at a time, however many there are.
 
+    Args:
+        store: open.
+        directory: for the files.
+        expected: the tables that the campaign's experiment has; any do if it does not say.
+
     Raises:
-        InputError: a trial is damaged, or the folder cannot be written.
+        InputError: a trial is damaged or its tables are others, or the folder cannot be written. No file is
+            written then.
         MidnetBenchError: there is no room.
     """
     definition = store.definition
@@ -46,12 +64,20 @@ def export_csv(store: Store, directory: Path) -> list[Path]:
                 "simulated_s": trial.simulated_s,
                 "finished_utc": trial.finished_utc,
             }
+            try:
+                check_tables(TIMING_TABLE, VERSION, {TIMING: [timing]}, place)
+            except ValueError as error:
+                raise trial.fault(str(error), definition.grid) from error
             table(TIMING).add(place, [timing])
             if trial.traceback is not None:
-                reason = trial.traceback.splitlines()[-1]
-                table(FAILURES).add(place, [{"trial_id": trial.trial_id, "reason": reason}])
+                table(FAILURES).add(place, [{"trial_id": trial.trial_id, "reason": trial.reason}])
             else:
-                for name, rows in trial.tables.items():
+                for name, rows in trial.tables_as(expected, definition.grid).items():
+                    for row in rows:
+                        for column in row.keys() & place.keys():
+                            if row[column] != place[column]:
+                                what = f"table '{name}', column '{column}': {shown(row[column])} is another's"
+                                raise trial.fault(what, definition.grid)
                     table(name).add(place, rows)
     if FAILURES not in tables:
         (directory / f"{FAILURES}.csv").unlink(missing_ok=True)
@@ -86,11 +112,8 @@ class _Growing:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         with self._file:
-            if kind is None:
-                if not self._columns:
-                    self._writer.writerow([])
-                self._file.flush()
-                os.fsync(self._file.fileno())
+            if kind is None and not self._columns:
+                self._writer.writerow([])
         if kind is None and len(self._columns) > len(self._columns_of_header or ()):
             self._widen()
 
@@ -106,8 +129,6 @@ class _Growing:
             lines = csv.reader(narrow)
             next(lines)
             writer.writerows(line + [""] * (len(self._columns) - len(line)) for line in lines)
-            wide.flush()
-            os.fsync(wide.fileno())
 
 
 def csv_text(rows: Iterable[Row]) -> str:

@@ -4,7 +4,7 @@ import json
 import re
 import zlib
 from types import NoneType
-from typing import cast
+from typing import NamedTuple
 
 from midnet_bench.campaign.trial import Row, TrialResult
 
@@ -12,10 +12,23 @@ TABLE_NAME = re.compile("[a-z][a-z0-9_]{0,63}")
 """what a trial's table may be called; it becomes the name of a file"""
 OTHER_FILES = ("timing", "failures")
 """tables of the whole campaign, which no trial has"""
+VERSION = 2
+"""of payloads; those of version 1 do not say theirs, and are the tables alone"""
 _SCALAR = (bool, int, float, str, NoneType)
 UNPACKED_BYTES = 8_000_000
 UNPACKED_TIMES = 12
 """tables unpack to at most ``UNPACKED_BYTES`` and so many times their packed size; ours to 8 times"""
+
+
+class NewerPayload(ValueError):
+    """A newer midnet-bench wrote this."""
+
+
+class Payload(NamedTuple):
+    """The tables of a trial as a store has them."""
+
+    version: int
+    tables: dict[str, list[Row]]
 
 
 def encode_tables(result: TrialResult) -> bytes:
@@ -26,17 +39,18 @@ def encode_tables(result: TrialResult) -> bytes:
     """
     tables = {name: result.tables[name] for name in sorted(result.tables)}
     _check_tables(tables)
-    text = json.dumps(tables, separators=(",", ":")).encode()
+    text = json.dumps({"version": VERSION, "tables": tables}, separators=(",", ":")).encode()
     payload = zlib.compress(text, level=6)
     if len(text) > _most_unpacked(payload):
         raise ValueError(f"the tables of a trial take {len(text)} bytes, and say the same again and again")
     return payload
 
 
-def decode_tables(payload: bytes) -> dict[str, list[Row]]:
-    """The tables that :func:`encode_tables` packed.
+def decode_tables(payload: bytes) -> Payload:
+    """The tables that :func:`encode_tables` packed, now or in an earlier version.
 
     Raises:
+        NewerPayload: a newer midnet-bench wrote it.
         ValueError: ``payload`` is damaged, or somebody else made it. No table has a name with a path in it,
             and no more memory is taken than the tables of a trial need.
     """
@@ -48,16 +62,24 @@ def decode_tables(payload: bytes) -> dict[str, list[Row]]:
         tables = json.loads(text)
     except (TypeError, RecursionError, zlib.error) as error:
         raise ValueError(str(error)) from error
-    _check_tables(tables)
-    return cast(dict[str, list[Row]], tables)
+    version = 1
+    # a table is a list, so a number under this name is none
+    if isinstance(tables, dict) and isinstance(tables.get("version"), int):
+        version, tables = tables["version"], tables.get("tables")
+        if version > VERSION:
+            raise NewerPayload(
+                f"written by a newer midnet-bench (tables of version {version},"
+                f" this one knows up to {VERSION}); update midnet-bench"
+            )
+    return Payload(version, _check_tables(tables))
 
 
 def _most_unpacked(payload: bytes) -> int:
     return UNPACKED_BYTES + UNPACKED_TIMES * len(payload)
 
 
-def _check_tables(tables: object) -> None:
-    """Raises ValueError unless these are tables by name, lists of rows of numbers, texts and None."""
+def _check_tables(tables: object) -> dict[str, list[Row]]:
+    """The tables. Raises ValueError unless they are lists of rows of numbers, texts and None by name."""
     if not isinstance(tables, dict):
         raise ValueError("not tables by name")
     for name, rows in tables.items():
@@ -71,3 +93,4 @@ def _check_tables(tables: object) -> None:
             for column, value in row.items():
                 if not isinstance(value, _SCALAR):
                     raise ValueError(f"{name}: {column!r}: neither a number nor a text")
+    return tables

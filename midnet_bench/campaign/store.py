@@ -10,13 +10,14 @@ from types import TracebackType
 from typing import cast
 
 from midnet_bench.campaign import database, rows
+from midnet_bench.campaign.columns import Tables, check_tables
 from midnet_bench.campaign.database import explained, transaction
-from midnet_bench.campaign.definition import Definition, differences
-from midnet_bench.campaign.payload import decode_tables
+from midnet_bench.campaign.definition import Definition, differences, shown_cell
+from midnet_bench.campaign.payload import NewerPayload, decode_tables
 from midnet_bench.campaign.provenance import Provenance, now_utc
 from midnet_bench.campaign.trial import Cell, Row, Scalar, TrialSpec
 from midnet_bench.campaign.worker import Outcome
-from midnet_bench.errors import InputError
+from midnet_bench.errors import InputError, MidnetBenchError
 
 FILE_NAME = "campaign.sqlite"
 ROWS_AT_ONCE = 500
@@ -52,17 +53,43 @@ class StoredTrial:
         return "finished" if self.traceback is None else "failed"
 
     @property
+    def reason(self) -> str:
+        """Of a failed trial the last line of its traceback: the exception and what it says."""
+        return _last_line(self.traceback or "")
+
+    @property
     def tables(self) -> dict[str, list[Row]]:
         """The tables of a finished trial. Raises InputError if they are none that a trial has."""
+        return self.tables_as({})
+
+    def tables_as(self, expected: Tables, factors: Iterable[str] = ()) -> dict[str, list[Row]]:
+        """The same; they also have to be those that the experiment of the trial has.
+
+        Args:
+            expected: the experiment's tables; see :func:`columns.check_tables`.
+            factors: of the campaign's grid, to name the trial by.
+        """
         if self.payload is None:
             raise ValueError(f"trial {self.trial_id} has failed and has no tables")
         try:
-            return decode_tables(self.payload)
+            payload = decode_tables(self.payload)
+            check_tables(expected, payload.version, payload.tables, {**self.parameters, "seed": self.seed})
+        except NewerPayload as error:
+            raise InputError(f"{self._named(factors)}: {error}") from error
         except ValueError as error:
-            raise InputError(
-                f"{self.store}: trial {self.trial_id} (seed {self.seed}): {error}; midnet-bench writes no"
-                " such tables: ask where this file comes from"
-            ) from error
+            raise self.fault(str(error), factors) from error
+        return payload.tables
+
+    def fault(self, what: str, factors: Iterable[str] = ()) -> InputError:
+        """What to raise if something is wrong with the trial that no disk does to it."""
+        return InputError(
+            f"{self._named(factors)}: {what}; midnet-bench writes no such trials:"
+            " ask where this file comes from"
+        )
+
+    def _named(self, factors: Iterable[str]) -> str:
+        place = {**{factor: self.parameters[factor] for factor in factors}, "seed": self.seed}
+        return f"{self.store}: trial {self.trial_id} ({shown_cell(place)})"
 
 
 @dataclass(frozen=True)
@@ -86,6 +113,7 @@ class Store:
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
         self.path = path
         self._connection = connection
+        self._identity = _identity(path)
         self._definition: Definition | None = None
         self._written: set[int] = set()
         """numbers of cells whose parameters are there"""
@@ -104,8 +132,21 @@ class Store:
 
     @contextlib.contextmanager
     def _transaction(self) -> Iterator[None]:
-        with explained(self.path), transaction(self._connection):
-            yield
+        self.refuse_if_gone()
+        try:
+            with explained(self.path), transaction(self._connection):
+                yield
+        except MidnetBenchError:
+            self.refuse_if_gone()  # that explains it better
+            raise
+
+    def refuse_if_gone(self) -> None:
+        """Raises MidnetBenchError if the file was deleted or replaced: SQLite goes on writing to it."""
+        if _identity(self.path) != self._identity:
+            raise MidnetBenchError(
+                f"{self.path}: somebody deleted or replaced it while it was in use; the trials in it are lost"
+                " unless you put it back; run the same command again to go on with what is there"
+            )
 
     @property
     def definition(self) -> Definition:
@@ -164,7 +205,7 @@ class Store:
             found = self._connection.execute(
                 "SELECT traceback FROM trials WHERE traceback IS NOT NULL"
             ).fetchall()
-        return [text.splitlines()[-1] for (text,) in found]
+        return [_last_line(text) for (text,) in found]
 
     def begin_run(self, provenance: Provenance) -> int:
         """Notes that a process begins to add trials; the run's id."""
@@ -313,6 +354,19 @@ class Store:
                 "SELECT count(*), avg(wall_s), avg(length(result)) FROM trials WHERE traceback IS NULL"
             ).fetchone()
         return count, wall_s or 0.0, size or 0.0
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """What tells a file from another one of the same name; None if there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
+def _last_line(text: str) -> str:
+    return (text.splitlines() or [""])[-1]
 
 
 def _called(row_id: int, row: rows.Row, cells: Mapping[int, Cell]) -> str:

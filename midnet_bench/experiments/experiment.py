@@ -6,7 +6,7 @@ by an entry point of the group ``midnet_bench.experiments``.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from midnet_bench.plugins import load_reference
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from midnet_bench.analysis.claims import Finding
     from midnet_bench.analysis.frames import Results
     from midnet_bench.analysis.tables import Table
+    from midnet_bench.campaign.columns import Tables
     from midnet_bench.campaign.trial import TrialResult
     from midnet_bench.io.parameters import Parameters
 
@@ -47,6 +48,8 @@ class Experiment:
     """the class of its parameters, a subclass of ``io.parameters.Parameters``; or a reference to it"""
     run: "Callable[[Any, int], TrialResult]"
     """(parameters, seed) -> the tables of one trial: a pure function, no file, no clock, no global state"""
+    columns: "Tables" = field(default_factory=dict)
+    """the tables that ``run`` gives and what their columns hold; nothing is checked unless given"""
     tables: "Callable[[Results], Sequence[Table]]" = _nothing
     """what ``report`` writes, prints (unless ``printed`` says otherwise) and gives as JSON"""
     printed: tuple[str, ...] = ()

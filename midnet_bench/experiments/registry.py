@@ -3,6 +3,9 @@
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
+from midnet_bench.campaign.columns import check_tables, shown
+from midnet_bench.campaign.definition import differs_between_cells
+from midnet_bench.campaign.payload import VERSION
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.detection import DETECTION
 from midnet_bench.experiments.experiment import Experiment
@@ -11,9 +14,14 @@ from midnet_bench.experiments.mapping import MAPPING
 from midnet_bench.experiments.readings import READINGS
 from midnet_bench.experiments.robustness import ROBUSTNESS
 from midnet_bench.plugins import load_reference
+from midnet_bench.settings import leaves
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from midnet_bench.analysis.frames import Results
+    from midnet_bench.campaign.columns import Tables
+    from midnet_bench.campaign.definition import Definition
     from midnet_bench.campaign.trial import TrialResult, TrialSpec
     from midnet_bench.io.parameters import Parameters
 
@@ -55,15 +63,48 @@ def experiment_of(results: "Results") -> Experiment:
     return experiment(results.definition.reference(results.directory))
 
 
+def tables_of(definition: "Definition", directory: "Path") -> "Tables":
+    """The tables that the trials of a campaign have, by its experiment.
+
+    Args:
+        definition: of the campaign.
+        directory: its folder.
+
+    Raises:
+        InputError: as :func:`experiment`, or the definition gives a parameter what it cannot be.
+    """
+    found = experiment(definition.reference(directory))
+    known = leaves(found.model)
+    fixed = {
+        name: [value]
+        for name, value in definition.parameters.items()
+        if name in known and not differs_between_cells(value)
+    }
+    for name, values in {**fixed, **definition.grid}.items():
+        if name not in known:
+            raise InputError(f"{directory}: the grid's '{name}' is no parameter of '{found.name}'")
+        for value in values:
+            if not known[name].is_of_its_kind(value):
+                allowed = known[name].allowed
+                raise InputError(f"{directory}: {name} cannot be {shown(value)}; allowed: {allowed}")
+    return found.columns
+
+
 def parameters_model(name: str) -> "type[Parameters]":
     """The class of an experiment's parameters. Raises InputError as :func:`experiment`."""
     return experiment(name).model
 
 
 def run_trial(spec: "TrialSpec") -> "TrialResult":
-    """The tables of one trial, a pure function of ``spec``. Imports the simulator on first use."""
+    """The tables of one trial, a pure function of ``spec``. Imports the simulator on first use.
+
+    Raises:
+        ValueError: they are others than its experiment says; ``report`` would refuse them.
+    """
     found = experiment(spec.experiment)
-    return found.run(found.model.from_flat(spec.parameters), spec.seed)
+    result = found.run(found.model.from_flat(spec.parameters), spec.seed)
+    check_tables(found.columns, VERSION, result.tables, spec.parameters)
+    return result
 
 
 def _checked(reference: str, found: object) -> Experiment:

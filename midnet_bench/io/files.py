@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import gzip
+import hashlib
 import io
 import os
 import stat
@@ -12,6 +13,8 @@ from pathlib import Path
 from midnet_bench.errors import InputError, MidnetBenchError
 
 NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)
+LONGEST_NAME = 150
+"""bytes of a file's name that is made of values: room for an ending, and for the name of a draft"""
 DISK_IS_FULL = (errno.ENOSPC, errno.EDQUOT)
 """error numbers of a disk, or of a user's share of it, that has no room left"""
 
@@ -52,10 +55,8 @@ def write_atomically(path: Path, content: str | bytes) -> None:
         path: the file; its folder is made if it is not there.
         content: a str is written as UTF-8.
     """
-    with draft_of(path) as draft, draft.open("wb") as file:
-        file.write(content.encode() if isinstance(content, str) else content)
-        file.flush()
-        os.fsync(file.fileno())
+    with draft_of(path) as draft:
+        draft.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 @contextlib.contextmanager
@@ -74,12 +75,34 @@ def draft_of(path: Path) -> Iterator[Path]:
         if not path.parent.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
         yield draft
+        _sync(draft, os.O_RDWR)
         os.replace(draft, path)
+        if os.name == "posix":  # elsewhere a folder cannot be opened
+            with contextlib.suppress(OSError):  # some file systems cannot; the file itself is safe
+                _sync(path.parent, os.O_RDONLY)
     except OSError as error:
         raise cannot_be_written(path, error) from error
     finally:
         with contextlib.suppress(OSError):
             draft.unlink(missing_ok=True)
+
+
+def _sync(path: Path, flags: int) -> None:
+    """Waits until what was written is on the disk: a name may get there before what it names."""
+    opened = os.open(path, flags)
+    try:
+        os.fsync(opened)
+    finally:
+        os.close(opened)
+
+
+def plain_name(name: str) -> str:
+    """``name`` if a file can be called so; else what can be shown of it, and a digest that tells it apart."""
+    plain = "".join(letter if letter.isprintable() and letter not in '/\\:*?"<>|' else "-" for letter in name)
+    if plain == name and len(name.encode()) <= LONGEST_NAME:
+        return name
+    digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:8]
+    return f"{plain.encode(errors='replace')[:LONGEST_NAME].decode(errors='ignore')}-{digest}"
 
 
 def cannot_be_written(path: Path, error: OSError) -> MidnetBenchError:

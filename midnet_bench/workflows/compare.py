@@ -11,7 +11,7 @@ from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.experiment import Measures
-from midnet_bench.experiments.registry import experiment_of
+from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.workflows.report import write_figures_of
 
 COLUMNS = ("trial", "measure", "difference", "low", "high", "n", "seeds", "p_holm", "verdict", "setting")
@@ -64,14 +64,14 @@ def compare(
 
 def _load(directories: Sequence[str | Path]) -> dict[str, Results]:
     names = names_of([Path(directory) for directory in directories])
-    return {name: load_results(path) for name, path in zip(names, directories, strict=True)}
+    return {name: load_results(path, tables_of) for name, path in zip(names, directories, strict=True)}
 
 
 def _parts(directories: Sequence[str | Path], by: str) -> dict[str, Results]:
     """The only campaign by the values of a factor, called ``factor=value``."""
     if len(directories) != 1:
         raise InputError(f"compare: --by {by} parts one campaign; give one folder")
-    parts = load_results(directories[0]).by_value(by)
+    parts = load_results(directories[0], tables_of).by_value(by)
     if len(parts) == 1:
         raise InputError(f"{directories[0]}: '{by}' has one value only; there is nothing to compare")
     return {f"{by}={value}": results for value, results in parts.items()}

@@ -10,7 +10,7 @@ from midnet_bench.analysis.frames import CONFIGURATION, PROVENANCE, Results, loa
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.store import FILE_NAME, open_store
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.registry import experiment_of
+from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.io.files import write_atomically
 
 if TYPE_CHECKING:
@@ -35,11 +35,11 @@ def write_report(directory: str | Path, drawn_from: int = 1) -> tuple[Results, l
     directory = Path(directory)
     if (directory / FILE_NAME).exists():
         with open_store(directory / FILE_NAME) as store:
-            results = results_of(store, directory, directory)
+            results = results_of(store, directory, directory, tables_of)
             _write_json(directory / CONFIGURATION, json.loads(store.definition.to_json()))
             _write_json(directory / PROVENANCE, results.provenance)
     else:
-        results = load_results(directory)
+        results = load_results(directory, tables_of)
     record = experiment_of(results)
     tables = list(record.tables(results))
     found = record.claims(results)
@@ -66,7 +66,7 @@ def plot(directory: str | Path, output: str | Path | None = None) -> list[Path]:
     Raises:
         InputError: there is no campaign, it is damaged, or its experiment has no figures.
     """
-    results = load_results(directory)
+    results = load_results(directory, tables_of)
     figures = experiment_of(results).figures(results)
     if not figures:
         raise InputError(

@@ -7,7 +7,7 @@ from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.power import POWER
 from midnet_bench.analysis.tables import Table
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.registry import experiment_of
+from midnet_bench.experiments.registry import experiment_of, tables_of
 
 EXIT_CODES = {Verdict.REPRODUCED: 0, Verdict.INCONCLUSIVE: 3, Verdict.NOT_REPRODUCED: 4}
 
@@ -20,7 +20,7 @@ def verify(directory: str | Path) -> tuple[str, Table, int]:
     Raises:
         InputError: a campaign that the paper states nothing about, or without the trials it takes.
     """
-    results = load_results(directory)
+    results = load_results(directory, tables_of)
     found = experiment_of(results).claims(results)
     if not found:
         raise InputError(f"{directory}: nothing here that the paper states a result for")
@@ -48,7 +48,7 @@ def power_report(
         raise InputError(f"--power {power:g}: expected a probability between 0 and 1")
     if robots[0] == robots[1]:
         raise InputError(f"--robots {robots[0]} {robots[1]}: give two different team sizes")
-    results = load_results(directory)
+    results = load_results(directory, tables_of)
     record = experiment_of(results)
     if record.power is None:
         raise InputError(f"{directory}: a {record.name} campaign; 'power' works on labyrinth campaigns")

@@ -87,5 +87,5 @@ def test_a_trial_that_is_none_is_refused_and_nothing_written(what: str, honest: 
     for command in (("report",), ("verify",), ("compare", honest), ("plot",)):
         complaint = one_line_of_complaint(midnet_bench(*command, folder, folder=tmp_path))
         assert len(complaint) <= 300
-        assert "(seed 2): " in complaint, complaint
+        assert "(intruders=1, robots=2, seed=2): " in complaint, complaint
         assert tree(tmp_path) == before

@@ -11,10 +11,10 @@ from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import open_or_create
-from midnet_bench.campaign.trial import Scalar, TrialResult, TrialSpec
+from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome
 from tests.cli.command import midnet_bench
-from tests.stores import labyrinth_store
+from tests.stores import NO_CAUSES, labyrinth_store, robot_row
 
 Command = Callable[..., tuple[int, str, list[str]]]
 
@@ -34,9 +34,12 @@ def detection_store(folder: Path, seeds: range, failure: str | None = None) -> N
     """Trials of one robot at ``seeds``, all alike."""
     folder.mkdir(parents=True)
     definition = Definition("detection", seeds[0], len(seeds), {"robots": [1]}, {})
-    scores = {"frames": 10, "tp": 9, "fp": 1, "fn": 9, "matched": 9, "duplicates": 0, "missed": 9}
-    scores |= {"precision": 0.9, "recall": 0.5, "f1": math.nan}
-    payload = encode_tables(TrialResult({"scores": [scores], "robots": []}, 2.0))
+    counts: Row = {"tp": 9, "fp": 1, "fn": 9, "in_range": 18, "matched": 9, "duplicates": 0, "missed": 9}
+    counts |= {"error_sum_m": 0.9, "gospa_m": 5.0}
+    scores = {"frames": 10, **counts, "precision": 0.9, "recall": 0.5, "f1": math.nan, **NO_CAUSES}
+    robots = [robot_row("guard", 2.0, stuck_s=0.0)]
+    tables = {"scores": [scores], "frames": [{"frame": 1, **counts}], "robots": robots}
+    payload = encode_tables(TrialResult(tables, 2.0))
     with open_or_create(folder / "campaign.sqlite", definition) as store:
         run_id = store.begin_run(collect(1))
         for seed in seeds:

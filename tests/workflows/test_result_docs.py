@@ -9,7 +9,7 @@ import pytest
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
-from midnet_bench.experiments.registry import experiment_of
+from midnet_bench.experiments.registry import experiment, experiment_of, names
 from midnet_bench.experiments.robustness.parameters import NONE
 from midnet_bench.experiments.robustness.tables import MEASURES, differences_table, scores_table
 from midnet_bench.workflows.compare import compare
@@ -79,6 +79,14 @@ def check_campaign(directory: Path) -> None:
 )
 def test_every_column_of_a_reference_is_described(name: str) -> None:
     check_campaign(REFERENCES / name)
+
+
+@pytest.mark.parametrize("name", names())
+def test_the_columns_that_cells_are_checked_by_are_those_described(name: str) -> None:
+    for table, known in experiment(name).columns.items():
+        without_role = {"role"} if (name, table) == ("mapping", "robots") else set()
+        assert set(known.columns) == described(table) - without_role, table
+        assert {one for one, column in known.columns.items() if column.since > 1} <= OPTIONAL
 
 
 def test_every_column_of_the_tables_of_disturbances_is_described() -> None:

@@ -1,5 +1,6 @@
 """The detection test of section V.A."""
 
+from midnet_bench.experiments import columns
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.plugins import later
 
@@ -8,6 +9,7 @@ DETECTION = Experiment(
     summary="Map 1, section V.A: which intruders are detected, frame by frame.",
     parameters="midnet_bench.experiments.detection.parameters:DetectionParameters",
     run=later("midnet_bench.experiments.detection.trial:run_detection"),
+    columns=columns.DETECTION,
     tables=later("midnet_bench.experiments.detection.tables:tables"),
     printed=("detection_summary", "detection_matching"),
     claims=later("midnet_bench.experiments.detection.claims:claims"),

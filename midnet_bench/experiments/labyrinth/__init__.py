@@ -1,5 +1,6 @@
 """The labyrinth test of section V.B."""
 
+from midnet_bench.experiments import columns
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.plugins import later
 
@@ -8,6 +9,7 @@ LABYRINTH = Experiment(
     summary="Map 2, section V.B: which intruders are caught before they escape.",
     parameters="midnet_bench.experiments.labyrinth.parameters:LabyrinthParameters",
     run=later("midnet_bench.experiments.labyrinth.trial:run_labyrinth"),
+    columns=columns.LABYRINTH,
     tables=later("midnet_bench.experiments.labyrinth.tables:tables"),
     printed=("success_rate", "labyrinth_health", "labyrinth_speed"),
     claims=later("midnet_bench.experiments.labyrinth.tables:claims"),

@@ -12,6 +12,7 @@ from midnet_bench.analysis.statistics import SHARE_METHOD, Estimate
 from midnet_bench.drawing.charts import FONT_PT, add_series, chart, labelled
 from midnet_bench.drawing.plots import own_style
 from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, variants_of
+from midnet_bench.io.files import plain_name
 
 DODGE = 0.07
 """between neighbouring series, in security robots"""
@@ -36,7 +37,7 @@ def figures(results: Results) -> dict[str, Figure]:
     drawn = {"success_rate": success_figure({name: success_panel(one) for name, one in variants.items()})}
     for name, one in variants.items():
         suffix = f"_{name.replace('=', '-').replace(', ', '_')}" if name else ""
-        drawn[f"labyrinth_details{suffix}"] = details_figure(*details_series(one))
+        drawn[plain_name(f"labyrinth_details{suffix}")] = details_figure(*details_series(one))
     return drawn
 
 

@@ -1,6 +1,7 @@
 """The labyrinth's result: success rates by team size (Eq. 11), what lies behind them, the robots' health."""
 
 import itertools
+import math
 from collections.abc import Mapping
 
 import pandas as pd
@@ -75,7 +76,7 @@ def cells_table(variants: Variants) -> Table:
                 "time_to_capture_s": one.pooled_time(intruders, robots, "capture_times"),
                 "duration_s": mean(cell["simulated_s"].tolist()),
             }
-            if "targets" in cell:  # not in results of versions up to 0.1.0
+            if {"targets", "ghost_targets"} <= set(cell):  # not in results of versions up to 0.1.0
                 row["ghost_targets"] = ratio_of_sums(
                     (100.0 * cell["ghost_targets"]).tolist(), cell["targets"].tolist()
                 )
@@ -97,7 +98,8 @@ def health_table(variants: Variants) -> Table:
             for role in (GUARD, INTRUDER):
                 robots = one.robots[(one.robots["robots"] == size) & (one.robots["role"] == role)]
                 place = {**_named(variants, variant), "robots": size, "role": role}
-                rows.append({**place, **_health(robots)})
+                if len(robots):
+                    rows.append({**place, **_health(robots)})
     digits = {"goals_reached": 2, "goals_given_up": 2, "recoveries": 2, "metres_per_minute": 1}
     digits |= {"stuck_percent": 1, "most_stuck_percent": 1}
     return Table("labyrinth_health", "Health of the robots", rows, digits)
@@ -107,11 +109,15 @@ def _health(robots: pd.DataFrame) -> dict[str, Cell]:
     present_s = sum(robots["present_s"])
     row: dict[str, Cell] = {
         "robot_trials": len(robots),
-        "metres_per_minute": 60.0 * sum(robots["distance_m"]) / present_s,
-        "stuck_percent": 100.0 * sum(robots["stuck_s"]) / present_s,
+        "metres_per_minute": 60.0 * _ratio(sum(robots["distance_m"]), present_s),
+        "stuck_percent": 100.0 * _ratio(sum(robots["stuck_s"]), present_s),
         "most_stuck_percent": max(robots["stuck_percent"]),
     }
     return row | {name: sum(robots[name]) / len(robots) for name in COUNTED}
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole else math.nan
 
 
 def speed_table(variants: Variants) -> Table:
@@ -131,8 +137,8 @@ def speed_table(variants: Variants) -> Table:
                 "trials": len(trials),
                 "simulated_s": simulated_s,
                 "wall_s": wall_s,
-                "wall_per_simulated": wall_s / simulated_s,
-                "real_time_factor": simulated_s / wall_s,
+                "wall_per_simulated": _ratio(wall_s, simulated_s),
+                "real_time_factor": _ratio(simulated_s, wall_s),
                 "paper": PAPER_REAL_TIME_FACTOR,
             }
         )

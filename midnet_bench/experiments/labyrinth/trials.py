@@ -193,7 +193,7 @@ def _robots(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
 def _placed(results: Results, frame: pd.DataFrame) -> pd.DataFrame:
     """A table with its variant and the two numbers, whether or not they are factors of the grid."""
     return frame.assign(
-        variant=results.others(frame, *CELL), **{name: results.column(frame, name) for name in CELL}
+        variant=results.others(frame, *CELL), **{name: results.whole_numbers(frame, name) for name in CELL}
     )
 
 

@@ -1,5 +1,6 @@
 """Map construction of section II.A."""
 
+from midnet_bench.experiments import columns
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.plugins import later
 
@@ -8,6 +9,7 @@ MAPPING = Experiment(
     summary="Section II.A: how robots explore an unknown arena and map it.",
     parameters="midnet_bench.experiments.mapping.parameters:MappingParameters",
     run=later("midnet_bench.experiments.mapping.trial:run_mapping"),
+    columns=columns.MAPPING,
     tables=later("midnet_bench.experiments.mapping.tables:tables"),
     printed=("mapping", "mapping_walls", "mapping_speedup", "mapping_choice"),
     figures=later("midnet_bench.experiments.mapping.figures:figures"),

@@ -11,6 +11,8 @@ from midnet_bench.analysis import statistics
 from midnet_bench.analysis.frames import Results, records
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
 from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.campaign.columns import shown
+from midnet_bench.errors import InputError
 
 MEASURES: Mapping[str, bool] = {
     "coverage": True,
@@ -53,7 +55,7 @@ def rows_of(results: Results, table: str) -> Maps:
     frame = results.table(table)
     if frame.empty:
         return {}
-    sizes = results.column(frame, "robots").astype(int)
+    sizes = results.whole_numbers(frame, "robots").astype(int)
     arenas = [
         f"{_name(str(arena))}{', ' if others else ''}{others}"
         for arena, others in zip(
@@ -219,4 +221,11 @@ def _times(factor: float, one: Estimate) -> Estimate:
 
 def _name(arena: str) -> str:
     """A packaged arena's name, or the one that a file gives it."""
-    return str(json.loads(arena)["name"]) if arena.startswith("{") else arena
+    if not arena.startswith("{"):
+        return arena
+    try:
+        return str(json.loads(arena)["name"])
+    except (KeyError, ValueError) as error:
+        raise InputError(
+            f"arena {shown(arena)}: it has no name; was this campaign written by hand?"
+        ) from error

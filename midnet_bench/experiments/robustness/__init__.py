@@ -1,5 +1,6 @@
 """How much the detection test suffers from what a simulation usually spares it."""
 
+from midnet_bench.experiments import columns
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.plugins import later
 
@@ -8,6 +9,7 @@ ROBUSTNESS = Experiment(
     summary="The detection test under one disturbance at a time: noise, slip, delay, dead guards.",
     parameters="midnet_bench.experiments.robustness.parameters:RobustnessParameters",
     run=later("midnet_bench.experiments.robustness.trial:run_robustness"),
+    columns=columns.ROBUSTNESS,
     tables=later("midnet_bench.experiments.robustness.tables:tables"),
     printed=("robustness_scores",),
     figures=later("midnet_bench.experiments.robustness.figures:figures"),

@@ -1,0 +1,99 @@
+"""The columns of each experiment's tables, which a store or a CSV file from elsewhere is held to.
+
+``docs/results.md`` says what they mean. A column of ``since=2`` is not in every result of version 0.1.0.
+"""
+
+from midnet_bench.campaign.columns import Column, Columns, Tables
+
+COUNT = Column(int)
+AMOUNT = Column(float)
+TIME_OR_NONE = Column(float, may_be_empty=True)
+SHARE = Column(float, most=1.0)
+SHARE_OR_NONE = Column(float, most=1.0, may_be_empty=True)
+LATER_COUNT = Column(int, since=2)
+
+FRAMES = Column(int, least=1)
+COUNTS = {
+    **dict.fromkeys(("tp", "fp", "fn", "in_range", "matched", "duplicates", "missed"), COUNT),
+    "error_sum_m": AMOUNT,
+    "gospa_m": Column(float, since=2),
+}
+"""as ``scoring.frame_counts.FrameCounts`` has them"""
+CAUSES = dict.fromkeys(
+    ("fn_hidden", "fn_new", "fp_left", "overlapping", "reordered", "looked_at"), LATER_COUNT
+)
+"""as ``scoring.causes.Causes`` has them"""
+RATIOS = dict.fromkeys(("precision", "recall", "f1"), SHARE_OR_NONE)
+
+SCORES = Columns(
+    {"frames": FRAMES, **COUNTS, **RATIOS, **CAUSES, "patrol_relaxations": COUNT},
+    one_row=True,
+)
+EXPLORERS = Columns(
+    {
+        "robot": Column(str),
+        "distance_m": AMOUNT,
+        "goals_reached": COUNT,
+        "goals_given_up": COUNT,
+        "stuck_s": AMOUNT,
+        "collisions": COUNT,
+        "walls_crossed": COUNT,
+        "recoveries": COUNT,
+        "pose_error_m": TIME_OR_NONE,
+    }
+)
+ROBOTS = Columns({**EXPLORERS.columns, "role": Column(str, choices=("guard", "intruder"))})
+
+DETECTION: Tables = {
+    "scores": SCORES,
+    "frames": Columns({"frame": FRAMES, **COUNTS}),
+    "robots": ROBOTS,
+}
+ROBUSTNESS: Tables = {"scores": SCORES, "robots": ROBOTS}
+LABYRINTH: Tables = {
+    "trial": Columns(
+        {
+            "caught": Column(int, at_most="detected"),
+            "detected": Column(int, at_most="intruders"),
+            "escaped": Column(int, at_most="intruders"),
+            "success_rate": Column(float, most=100.0),
+            "duration_s": AMOUNT,
+            "ended": Column(str),
+            "patrol_relaxations": COUNT,
+            "targets": LATER_COUNT,
+            "ghost_targets": LATER_COUNT,
+        },
+        one_row=True,
+    ),
+    "intruders": Columns(
+        {
+            "intruder": COUNT,
+            "outcome": Column(str, choices=("caught", "escaped", "at large")),
+            "detected_at_s": TIME_OR_NONE,
+            "caught_at_s": TIME_OR_NONE,
+            "escaped_at_s": TIME_OR_NONE,
+            "left_at_s": Column(float, may_be_empty=True, since=2),
+            "straight_m": AMOUNT,
+        }
+    ),
+    "robots": ROBOTS,
+}
+MAPPING: Tables = {
+    "maps": Columns(
+        {
+            "coverage": SHARE,
+            "occupied_precision": SHARE_OR_NONE,
+            "occupied_recall": SHARE_OR_NONE,
+            "wall_error_m": TIME_OR_NONE,
+            "time_s": AMOUNT,
+            "distance_m": AMOUNT,
+            "finished": Column(bool),
+            "merge_confidence": TIME_OR_NONE,
+        },
+        one_row=True,
+    ),
+    "robots": EXPLORERS,
+}
+READINGS: Tables = {
+    "readings": Columns({"reading": Column(str), "has_intruders": Column(bool), "frames": FRAMES, **COUNTS})
+}
