@@ -174,8 +174,8 @@ def _check_places(arena: Arena, source: str) -> None:
             if corner and line[corner - 1] == (x, y):
                 raise InputError(f"{source}: walls.{number}.{corner}: the same point as the one before")
     x, y = arena.robots.center_m
-    if abs(x) > arena.enclosure_m[0] / 2.0 or abs(y) > arena.enclosure_m[1] / 2.0:
-        raise InputError(f"{source}: robots.center_m: ({x:g}, {y:g}) is outside the enclosure")
+    if abs(x) >= arena.enclosure_m[0] / 2.0 or abs(y) >= arena.enclosure_m[1] / 2.0:
+        raise InputError(f"{source}: robots.center_m: ({x:g}, {y:g}) is not inside the enclosure")
     walls = arena.wall_solids()
     for number, solid in enumerate(arena.placed_solids()):
         if abs(solid.pose.x) > half[0] or abs(solid.pose.y) > half[1] or gap_m(solid, walls) <= 0.0:

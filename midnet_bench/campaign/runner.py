@@ -191,6 +191,7 @@ def _add_trials(
             limit_s = campaign.campaign.trial_timeout_s
             _run(pool, campaign.run_trial, missing, limit_s, keep, progress.note)
     except KeyboardInterrupt as interrupt:
+        store.refuse_if_gone()
         raise Interrupted(
             f"interrupted; {sum(store.counts())} of {total} trials are stored in {store.path}:"
             " run the same command again to continue",

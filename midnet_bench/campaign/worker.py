@@ -77,6 +77,8 @@ def attempt(run_trial: RunTrial, spec: TrialSpec, limit_s: float, marks: Path | 
 
 def marked(marks: Path) -> dict[str, str]:
     """The trials that were running when their workers ended -> the stack at that moment, if there is one."""
+    if not marks.is_dir():  # somebody has deleted the folder
+        return {}
     return {path.stem: path.read_text(errors="replace") for path in sorted(marks.iterdir())}
 
 

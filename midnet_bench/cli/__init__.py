@@ -1,5 +1,6 @@
 """The ``midnet-bench`` command: parse, call, print. Heavy rooms are imported inside the commands."""
 
+import errno
 import os
 import sys
 import warnings
@@ -8,9 +9,12 @@ import typer
 
 from midnet_bench.cli import campaigns, inputs, maps, messages, pictures, reports, smoke
 from midnet_bench.cli.app import app, printing
-from midnet_bench.errors import MidnetBenchError
+from midnet_bench.errors import InputError, MidnetBenchError
 
 __all__ = ["campaigns", "inputs", "main", "maps", "pictures", "reports", "smoke"]
+
+NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
+"""error numbers of a path that no file can have, wherever it is asked about"""
 
 
 def main() -> None:
@@ -34,6 +38,13 @@ def main() -> None:
             raise
         messages.log.error("%s", messages.one_line(f"error: {error}"))
         code = error.exit_code
+    except OSError as error:
+        if error.errno not in NO_NAME:
+            raise
+        messages.log.error(
+            "%s", messages.one_line(f"error: {error.filename}: {error.strerror}; give another")
+        )
+        code = InputError.exit_code
     except (KeyboardInterrupt, typer.Abort):
         code = 130
     finally:

@@ -6,6 +6,7 @@ import errno
 import inspect
 import io
 import os
+import select
 import sys
 from collections.abc import Callable, Iterator
 from typing import Any, get_type_hints
@@ -146,6 +147,10 @@ def printing() -> Iterator[None]:
         # rich and typer make the one into the other; an exit for any other reason stays as it is
         if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
             raise
+        if not _reader_has_gone():
+            raise MidnetBenchError(
+                "a connection to another program broke: it has ended, or was ended; run the command again"
+            ) from error
         _drop_the_rest()
         raise SystemExit(READER_GONE) from None
     except OSError as error:
@@ -153,6 +158,18 @@ def printing() -> Iterator[None]:
             raise
         _drop_the_rest()
         raise MidnetBenchError(f"the output cannot be written: {error.strerror}") from error
+
+
+def _reader_has_gone() -> bool:
+    """Whether standard output is a pipe that nobody reads any more."""
+    if not hasattr(select, "poll"):  # Windows tells no more
+        return True
+    poll = select.poll()
+    try:
+        poll.register(sys.stdout.fileno(), 0)
+    except OSError:  # it is no file
+        return False
+    return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
 
 
 def _drop_the_rest() -> None:

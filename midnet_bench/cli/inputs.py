@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from midnet_bench.settings import Leaf
 
 
+LISTED = "; 'midnet-bench parameters EXPERIMENT' lists an experiment's"
+
+
 @command("Inputs", example="midnet-bench parameters localization")
 def parameters(
     name: Annotated[
@@ -33,7 +36,9 @@ def parameters(
     users = {one: known[name] for one, known in of_all.items() if name in known}
     if not users:
         known_names = {*of_all, *(key for known in of_all.values() for key in known)}
-        raise InputError(f"parameters: no experiment or parameter '{name}'{nearest_name(name, known_names)}")
+        raise InputError(
+            f"parameters: no experiment or parameter '{name}'{nearest_name(name, known_names, LISTED)}"
+        )
     _explain(name, users, as_json)
 
 

@@ -5,6 +5,7 @@ Every module speaks through ``logging.getLogger("midnet_bench")``: ``debug`` wha
 """
 
 import logging
+import os
 import sys
 from pathlib import Path
 
@@ -23,7 +24,10 @@ class _Stderr(logging.Handler):
     """Bare lines on whatever stderr is when the line comes."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(record.getMessage(), file=sys.stderr, flush=True)
+        try:
+            print(shown(record.getMessage()), file=sys.stderr, flush=True)
+        except OSError:  # nobody reads it any more: no reason to stop
+            sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lasts
 
 
 def set_up(*, quiet: bool = False, verbose: bool = False, log_file: Path | None = None) -> None:
@@ -73,13 +77,25 @@ def level() -> int:
 
 
 def one_line(text: str) -> str:
-    """``text`` as a terminal can show it: control characters as escapes, at most ``LONGEST`` letters."""
-    shown = "".join(letter if letter.isprintable() else _escaped(letter) for letter in text)
-    return shown if len(shown) <= LONGEST else f"{shown[: LONGEST - 1]}\N{HORIZONTAL ELLIPSIS}"
+    """``text`` as :func:`shown`, and at most ``LONGEST`` letters: the longest words lose their middle."""
+    line = shown(text)
+    for most in (120, 60, 30):
+        if len(line) > LONGEST:
+            line = " ".join(_shortened(word, most) for word in line.split(" "))
+    return line if len(line) <= LONGEST else f"{line[: LONGEST - 1]}\N{HORIZONTAL ELLIPSIS}"
 
 
-def _escaped(letter: str) -> str:
-    return letter.encode("unicode_escape").decode()
+def _shortened(word: str, most: int) -> str:
+    """A word that keeps both ends, so that a message about an endless name still says what is wrong."""
+    half = (most - 1) // 2
+    return word if len(word) <= most else f"{word[:half]}\N{HORIZONTAL ELLIPSIS}{word[-half:]}"
+
+
+def shown(text: str) -> str:
+    """``text`` as a terminal can show it in one line: control characters as escapes."""
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text
+    )
 
 
 def tell_where(directory: Path) -> None:

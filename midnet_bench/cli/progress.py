@@ -83,6 +83,8 @@ class Bar(Meter):
         self._bar = Progress(*columns, console=Console(file=sys.stderr), speed_estimate_period=600.0)
         self._task = self._bar.add_task("", total=None)
         self._bar.start()
+        # rich hides it until the end, and not every end can bring it back: kill -9, a second Ctrl-C
+        self._bar.console.show_cursor(True)
 
     def show(self, done: float, total: float, text: str) -> None:
         """See :class:`Meter`."""

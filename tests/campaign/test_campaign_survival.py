@@ -45,6 +45,11 @@ def kill(process: subprocess.Popen[str]) -> None:
     process.communicate()
 
 
+def named_in_shared_memory(process: subprocess.Popen[str]) -> list[str]:
+    """What a campaign's process and its workers share; loky names it by the process."""
+    return [path.name for path in Path("/dev/shm").glob(f"*-{process.pid}-*")]
+
+
 def stored_in(directory: Path) -> int:
     with open_store(directory / "campaign.sqlite") as store:
         return len(store.statuses())
@@ -198,12 +203,17 @@ def test_an_interrupt_while_workers_start_is_one_line_too(tmp_path: Path, after_
 def test_two_interrupts_end_at_once(tmp_path: Path) -> None:
     process = start(tmp_path, LONG, jobs=2)
     wait_for(process, "stored", 3)
+    assert named_in_shared_memory(process)
     process.send_signal(signal.SIGINT)
     process.send_signal(signal.SIGINT)
     code, _, _ = finish(process)
 
     assert code in (130, -signal.SIGINT)
     assert stored_in(tmp_path) >= 3
+    deadline_s = time.monotonic() + 30.0
+    while named_in_shared_memory(process) and time.monotonic() < deadline_s:
+        time.sleep(0.1)
+    assert not named_in_shared_memory(process)
 
 
 def test_a_process_is_refused_while_another_one_writes(tmp_path: Path) -> None:
