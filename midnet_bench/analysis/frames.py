@@ -161,11 +161,7 @@ TablesOf = Callable[[Definition, Path], Tables]
 """(a campaign's definition, its folder) -> the tables that its experiment has"""
 
 
-def _any_tables(definition: Definition, directory: Path) -> Tables:
-    return {}
-
-
-def load_results(directory: str | Path, tables_of: TablesOf = _any_tables) -> Results:
+def load_results(directory: str | Path, tables_of: TablesOf | None = None) -> Results:
     """The results in a campaign's folder.
 
     Args:
@@ -187,7 +183,7 @@ def load_results(directory: str | Path, tables_of: TablesOf = _any_tables) -> Re
     )
 
 
-def _from_store(directory: Path, tables_of: TablesOf) -> Results:
+def _from_store(directory: Path, tables_of: TablesOf | None) -> Results:
     folder = Path(tempfile.mkdtemp(prefix="midnet-bench-"))
     try:
         with open_store(directory / FILE_NAME) as store:
@@ -199,7 +195,7 @@ def _from_store(directory: Path, tables_of: TablesOf) -> Results:
     return results
 
 
-def results_of(store: Store, directory: Path, folder: Path, tables_of: TablesOf = _any_tables) -> Results:
+def results_of(store: Store, directory: Path, folder: Path, tables_of: TablesOf | None = None) -> Results:
     """The results in a store.
 
     Args:
@@ -212,19 +208,19 @@ def results_of(store: Store, directory: Path, folder: Path, tables_of: TablesOf 
     Raises:
         InputError: a trial is damaged or has other tables, or the folder cannot be written.
     """
-    written = export_csv(store, folder, tables_of(store.definition, directory))
+    written = export_csv(store, folder, {} if tables_of is None else tables_of(store.definition, directory))
     files = {path.stem: _File(path, store.definition) for path in written}
     return _results(directory, store.definition, store.runs(), files)
 
 
-def _from_files(directory: Path, tables_of: TablesOf) -> Results:
+def _from_files(directory: Path, tables_of: TablesOf | None) -> Results:
     try:
         text = read_bounded(directory / CONFIGURATION, MOST_JSON_BYTES).decode()
         definition = Definition.from_json(text)
     except (OSError, ValueError) as error:
         raise InputError(f"{directory / CONFIGURATION}: is not the configuration of a campaign") from error
     place = [*definition.grid, "seed"]
-    expected = {**tables_of(definition, directory), **TIMING_TABLE}
+    expected = {**({} if tables_of is None else tables_of(definition, directory)), **TIMING_TABLE}
     files = {
         name: _File(path, definition, expected.get(name))
         for path in sorted(directory.iterdir())

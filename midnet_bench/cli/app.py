@@ -166,7 +166,10 @@ def _reader_has_gone() -> bool:
         return True
     poll = select.poll()
     try:
-        poll.register(sys.stdout.fileno(), 0)
+        output = sys.stdout.fileno()
+        if os.path.samestat(os.fstat(output), os.stat(os.devnull)):
+            return True  # rich has put it in the place of the broken output
+        poll.register(output, 0)
     except OSError:  # it is no file
         return False
     return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))

@@ -48,7 +48,7 @@ def test_a_line_of_walls_becomes_one_solid_per_piece(tmp_path) -> None:
         ("walls", [[[0, 0], [9, 0]]], "walls.0.1: (9, 0) is off the plane, which ends at (4, 4)"),
         ("walls", [[[0, 0], [1, 0], [1, 0]]], "walls.0.2: the same point"),
         ("robots", {"centre_m": [0, 0]}, "robots.centre_m: unknown key; did you mean 'center_m'?"),
-        ("robots", {"center_m": [3.5, 0]}, "robots.center_m: (3.5, 0) is outside the enclosure"),
+        ("robots", {"center_m": [3.5, 0]}, "robots.center_m: (3.5, 0) is not inside the enclosure"),
         ("stationary_intruders", {"count": -1}, "stationary_intruders.count: "),
         ("stationary_intruders", {"size_m": [1.0, 0.4]}, "size_m: the least size comes first"),
         ("stationary_intruders", {"shapes": ["ball"]}, "shapes.0: Input should be 'box' or 'cylinder'"),
