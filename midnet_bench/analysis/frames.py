@@ -231,8 +231,8 @@ def _from_files(directory: Path, tables_of: TablesOf | None) -> Results:
     # tables made of the trials' tables stand beside them and begin otherwise
     tables = {name: file for name, file in files.items() if file.columns[: len(place)] == place}
     about_trials = {name: files[name] for name in (TIMING, FAILURES) if name in files}
-    if tables and TIMING not in files:
-        raise InputError(f"{directory / TIMING}.csv: missing; {RESTORE}")
+    if tables and (TIMING not in files or files[TIMING].frame.empty):
+        raise InputError(f"{directory / TIMING}.csv: missing, or without trials; {RESTORE}")
     return _results(directory, definition, _provenance(directory / PROVENANCE), tables | about_trials)
 
 

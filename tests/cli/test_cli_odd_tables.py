@@ -233,6 +233,8 @@ def test_a_missing_column_or_file_is_named_by_every_command(
     scores.write_bytes(kept[scores])
     timing.unlink()
     assert "timing.csv: missing" in one_line_of_complaint(midnet_bench("verify", exported, folder=exported))
+    timing.write_bytes(b"\n")
+    assert "timing.csv: missing" in one_line_of_complaint(midnet_bench("verify", exported, folder=exported))
     timing.write_bytes(kept[timing])
 
 
