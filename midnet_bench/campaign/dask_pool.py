@@ -5,7 +5,7 @@ import contextlib
 import logging
 import threading
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping
 from importlib import metadata
 from typing import Any
 
@@ -127,7 +127,7 @@ class DaskPool:
         return sum(cores.values())
 
     def outcomes(
-        self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool
+        self, run_trial: RunTrial, specs: Iterator[TrialSpec], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
         """See :meth:`Pool.outcomes`. Dask itself tries a task on several workers before it gives it up."""
         backend = _Backend(self._client)

@@ -8,7 +8,7 @@ import shutil
 import signal
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 from typing import Protocol
@@ -61,10 +61,11 @@ class Pool(Protocol):
         """How many trials it runs at a time, as far as it knows."""
 
     def outcomes(
-        self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool
+        self, run_trial: RunTrial, specs: Iterator[TrialSpec], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
         """The outcomes of ``specs`` as they finish, in any order. Raises WorkersLost.
 
+        No more of ``specs`` are read than the workers need; there is one at least.
         Closing the iterator abandons what is running.
         """
 
@@ -100,19 +101,20 @@ class LokyPool:
         return self._jobs
 
     def outcomes(
-        self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool
+        self, run_trial: RunTrial, specs: Iterator[TrialSpec], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
         """See :meth:`Pool.outcomes`."""
         with _safe_path():
             yield from self._outcomes(run_trial, specs, limit_s, one_at_a_time)
 
     def _outcomes(
-        self, run_trial: RunTrial, specs: Sequence[TrialSpec], limit_s: float, one_at_a_time: bool
+        self, run_trial: RunTrial, specs: Iterator[TrialSpec], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
         prepare_folder()  # before the workers start, so that they share it
         shutil.rmtree(self._marks, ignore_errors=True)  # of a process that was killed
         self._marks.mkdir(parents=True)
-        workers = 1 if one_at_a_time else min(self._jobs, len(specs))
+        first = list(itertools.islice(specs, 1 if one_at_a_time else self._jobs))
+        workers, remaining = len(first), itertools.chain(first, specs)
         # not joblib.Parallel: for one job it would run the trials inside this process, where a crash ends
         # the campaign
         try:
@@ -131,13 +133,12 @@ class LokyPool:
                 f"no worker process can be started, since /dev/shm cannot be used ({error.strerror}):"
                 " trials run in this process, one at a time"
             )
-            yield from (attempt(run_trial, spec, limit_s, None) for spec in specs)
+            yield from (attempt(run_trial, spec, limit_s, None) for spec in remaining)
             return
         # A worker that has grown by 300 MB leaves after its trial, and loky starts another one. It warns of
         # that in the thread that looks after the workers: noise for users, and where warnings are errors it
         # ends that thread, and every trial waits for ever.
         warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
-        remaining = iter(specs)
         running: set[Future[Outcome]] = set()
 
         def submit(count: int) -> None:

@@ -2,7 +2,6 @@
 
 import contextlib
 import hashlib
-import itertools
 import signal
 import time
 from collections import Counter
@@ -20,13 +19,12 @@ from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.provenance import Provenance, collect, versions_note
 from midnet_bench.campaign.signals import interruptible
 from midnet_bench.campaign.trial import RunTrial, TrialSpec
+from midnet_bench.campaign.unfinished import Unfinished, unfinished
 from midnet_bench.campaign.worker import HARD_LIMIT_S, Outcome
 from midnet_bench.errors import InputError, MidnetBenchError
 
 MAX_LOSSES_IN_VAIN = 3
 """workers that die one after another before any of them has begun a trial"""
-FEW_TRIALS = 10
-"""for a worker: no more of them are begun by their length alone"""
 RULE_OF_THUMB_WALL_S = 15.0
 RULE_OF_THUMB_BYTES = 20_000.0
 
@@ -154,7 +152,7 @@ def run_campaign(
             store.write_cells(campaign.numbered_cells)
             inventory = store.inventory()
             _forget_damaged(store, inventory.damaged, progress)
-            missing = _missing(campaign, inventory, retry_failed, pool.workers)
+            missing = unfinished(campaign, inventory, retry_failed, pool.workers)
             ran = len(missing)
             if missing:
                 _add_trials(store, pool, campaign, missing, progress)
@@ -174,7 +172,7 @@ def _add_trials(
     store: stores.Store,
     pool: Pool,
     campaign: ResolvedCampaign,
-    missing: dict[str, TrialSpec],
+    missing: Unfinished,
     progress: Progress,
 ) -> None:
     """Runs the missing trials and stores each as it ends. Raises Interrupted on Ctrl-C."""
@@ -211,37 +209,6 @@ def _forget_damaged(store: stores.Store, damaged: Mapping[int, str], progress: P
         progress.note(f"{store.path}: damaged; what cannot be read is run again: {first}{more}")
 
 
-def _missing(
-    campaign: ResolvedCampaign, inventory: stores.Inventory, retry_failed: bool, workers: int
-) -> dict[str, TrialSpec]:
-    """Trial id -> what is to run, in the order in which it is begun.
-
-    Seed by seed, so that an interrupted campaign has visited all cells about equally, and of each seed the
-    trials that take longest first. Where there are few trials for each worker, those that take longest come
-    first of all: a worker that begins one at the end would keep the others waiting.
-    """
-    nothing: set[int] = set()
-    ranked = sorted(zip(campaign.numbered_cells, campaign.efforts, strict=True), key=lambda one: -one[1])
-    done = [
-        inventory.finished.get(cell.number, nothing)
-        | (nothing if retry_failed else inventory.failed.get(cell.number, nothing))
-        for cell, _ in ranked
-    ]
-    missing = (
-        (effort, cell, seed)
-        for seed in campaign.seeds
-        for (cell, effort), seeds in zip(ranked, done, strict=True)
-        if seed not in seeds
-    )
-    first = list(itertools.islice(missing, FEW_TRIALS * workers + 1))
-    if len(first) <= FEW_TRIALS * workers:
-        first.sort(key=lambda one: -one[0])
-    return {
-        cell.trial_id(seed): TrialSpec(cell.experiment, cell.parameters, seed)
-        for _, cell, seed in itertools.chain(first, missing)
-    }
-
-
 @contextlib.contextmanager
 def _pool(
     backend: str, jobs: int | None, scheduler: str | None, directory: Path, progress: Progress
@@ -261,7 +228,7 @@ def _pool(
 def _run(
     pool: Pool,
     run_trial: RunTrial,
-    missing: dict[str, TrialSpec],
+    missing: Unfinished,
     limit_s: float,
     keep: Callable[[TrialSpec, Outcome], None],
     note: Callable[[str], None],
@@ -271,16 +238,16 @@ def _run(
     A worker that dies does not tell which trial did it. So those that were running are repeated one at
     a time, and the one with which a worker dies again has failed.
     """
-    suspects: dict[str, TrialSpec] = {}
+    suspects = Unfinished()
     losses_in_vain = 0
     while missing or suspects:
         alone = bool(suspects)
         batch = suspects if alone else missing
         try:
-            outcomes = pool.outcomes(run_trial, list(batch.values()), limit_s, one_at_a_time=alone)
+            outcomes = pool.outcomes(run_trial, iter(batch), limit_s, one_at_a_time=alone)
             with contextlib.closing(outcomes):
                 for outcome in outcomes:
-                    keep(batch.pop(outcome.trial_id), outcome)
+                    keep(batch.take(outcome.trial_id), outcome)
                     losses_in_vain = 0
             if batch:
                 raise WorkersLost("the workers stopped", {})
@@ -290,7 +257,7 @@ def _run(
             if losses_in_vain == MAX_LOSSES_IN_VAIN:
                 raise MidnetBenchError(f"workers die before they begin a trial: {lost}") from lost
             for trial_id, stack in in_flight.items():
-                spec = batch.pop(trial_id)
+                spec = batch.take(trial_id)
                 if stack.startswith("Timeout"):
                     failure = (
                         f"{stack}\nstill in native code {HARD_LIMIT_S:g} s after its limit of {limit_s:g} s"
@@ -300,7 +267,7 @@ def _run(
                     failure = f"{stack}\nits worker died twice: it crashed, or was killed for want of memory"
                     keep(spec, Outcome(trial_id, 0.0, failure=failure.strip()))
                 else:
-                    suspects[trial_id] = spec
+                    suspects.add(spec)
             if suspects and not alone:
                 note(f"a worker died; what was running is repeated, one at a time ({len(suspects)})")
 

@@ -15,11 +15,11 @@ from typing import TypedDict
 import pytest
 
 import midnet_bench
-from midnet_bench.campaign import runner
 from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
 from midnet_bench.campaign.progress import Progress
-from midnet_bench.campaign.runner import CampaignOutcome, plan, run_campaign
+from midnet_bench.campaign.runner import CampaignOutcome, Interrupted, plan, run_campaign
 from midnet_bench.campaign.store import Inventory, StoredTrial, open_store
+from midnet_bench.campaign.unfinished import unfinished
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
@@ -131,9 +131,9 @@ def begun(campaign: ResolvedCampaign, workers: int) -> list[tuple[int, int]]:
     """(effort, seed) in the order in which the trials of a new campaign are begun."""
     nothing = Inventory({}, {}, {})
     efforts = dict(zip(map(id, campaign.cells), campaign.efforts, strict=True))
-    missing = runner._missing(campaign, nothing, False, workers)
-    assert missing == {spec.trial_id: spec for spec in campaign.trials()}
-    return [(round(efforts[id(spec.parameters)]), spec.seed) for spec in missing.values()]
+    missing = list(unfinished(campaign, nothing, False, workers))
+    assert {spec.trial_id for spec in missing} == {spec.trial_id for spec in campaign.trials()}
+    return [(round(efforts[id(spec.parameters)]), spec.seed) for spec in missing]
 
 
 def test_trials_that_take_longest_are_begun_first() -> None:
@@ -142,6 +142,27 @@ def test_trials_that_take_longest_are_begun_first() -> None:
     campaign = resolve(Campaign.model_validate(values), registry)
     assert begun(campaign, 2) == [(robots, seed) for seed in range(1, 8) for robots in (5, 2, 1)]
     assert begun(campaign, 3) == [(robots, seed) for robots in (5, 2, 1) for seed in range(1, 8)]
+
+
+class Stopping(Listener):
+    """Ctrl-C after the first trial, and the time at which that was stored."""
+
+    def advance(self, outcome: Outcome) -> None:
+        super().advance(outcome)
+        self.cpu_s = time.process_time()
+        raise KeyboardInterrupt
+
+
+def test_a_million_trials_of_each_cell_begin_at_once_and_go_on(tmp_path: Path) -> None:
+    for done in (0, 1):
+        listener, cpu_s = Stopping(), time.process_time()
+        with pytest.raises(Interrupted, match=rf"{done + 1} of 6000000 trials are stored"):
+            run(tmp_path, {"progress": listener}, trials=1_000_000)
+        assert listener.begun == [(6_000_000, done)]
+        assert listener.cpu_s - cpu_s < 2.0
+    assert [trial.seed for trial in stored(tmp_path)] == [1, 1]
+    assert len(exported(tmp_path)["trial.csv"].splitlines()) == 3
+    assert plan(coin_campaign(trials=1_000_000), tmp_path).to_run == 5_999_998
 
 
 def test_another_seed_gives_other_bytes(tmp_path: Path) -> None:
