@@ -25,6 +25,8 @@ SEVERAL = " | "
 """between the values of a parameter that is not a factor of the grid and yet not the same in all cells"""
 LONGEST_NAME = 255
 """bytes; no file system has longer ones"""
+MAX_CELLS = 10_000
+"""of a grid; to check one takes some milliseconds"""
 MAX_SHOWN_CHARACTERS = 60
 """of a value in a message: an arena that was read from a file is long"""
 
@@ -289,6 +291,12 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     _check_keys(campaign, parameters)
     file, name = _file_and_name(campaign.experiment)
     identity = campaign.experiment if file is None else f"{file.name}:{name}"
+    count = math.prod(map(len, campaign.grid.values()))
+    if count > MAX_CELLS:
+        raise InputError(
+            f"{source}: grid: {count} cells, and each is checked before the first trial;"
+            f" give at most {MAX_CELLS}, in several campaigns if need be"
+        )
     products = [
         dict(zip(campaign.grid, values, strict=True)) for values in itertools.product(*campaign.grid.values())
     ]

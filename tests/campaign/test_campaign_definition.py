@@ -79,6 +79,11 @@ def test_every_cell_meets_the_same_seeds() -> None:
         ("  coins: [1, 2]", "  coins: []", "grid: 'coins' has no values"),
         ("  coins: [1, 2]", "  coins: 1", "grid.coins: Input should be a valid list (got 1)"),
         ("  coins: [1, 2]", "  coins: [1, 0]", "cell coins=0, bias=0: coins: Input should be greater"),
+        (
+            "  coins: [1, 2]",
+            f"  coins: {[*range(1, 1001)]}\n  work_s: {[*range(1000)]}\n  trouble_seed: {[*range(1000)]}",
+            "grid: 3000000000 cells, and each is checked before the first trial; give at most 10000",
+        ),
         ("  coins: [1, 2]", "  coins: [1, 1.0]", "grid: the cell coins=1.0, bias=0 is there twice"),
         ("  coins: [1, 2]", "  table: [oak]", "parameters.table: also a factor of the grid"),
         ("  table: glass", "  tabel: glass", "parameters.tabel: unknown key; did you mean 'table'?"),
