@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from midnet_bench.compiled import folder
 from tests.cli.command import REPOSITORY
 
 MODULES = (
@@ -67,18 +68,23 @@ def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     return found
 
 
+def make_hostile(folder: Path, trap: Path) -> set[str]:
+    """A folder full of files that would make ``trap`` if somebody ran them; their names."""
+    folder.mkdir()
+    for module in MODULES:
+        (folder / f"{module}.py").write_text(TRAP.format(trap=str(trap)))
+    for name, text in FILES.items():
+        (folder / name).write_text(text.replace("{trap}", str(trap)))
+    return {path.name for path in folder.iterdir()}
+
+
 @pytest.mark.slow
 def test_files_of_the_working_folder_are_not_run_and_change_no_byte(
     tmp_path: Path, elsewhere: dict[str, bytes]
 ) -> None:
     trap = tmp_path / "trap"
     hostile = tmp_path / "hostile"
-    hostile.mkdir()
-    for module in MODULES:
-        (hostile / f"{module}.py").write_text(TRAP.format(trap=str(trap)))
-    for name, text in FILES.items():
-        (hostile / name).write_text(text.replace("{trap}", str(trap)))
-    before = {path.name for path in hostile.iterdir()}
+    before = make_hostile(hostile, trap)
 
     found, _ = ran(hostile)
 
@@ -88,18 +94,54 @@ def test_files_of_the_working_folder_are_not_run_and_change_no_byte(
     assert [name for name in found if found[name] != elsewhere[name]] == []
 
 
+NOBODY = 65534
+POOR = """
+mount --make-rprivate / || exit 1
+while read -r _ place _ options _; do
+    mount -o "remount,bind,$options,ro" "$place" 2>&-
+done < /proc/self/mounts
+for place in "$1" "$2" "$HOME" "$3"; do
+    touch "$place" 2>&- && exit 1
+done
+mount -t tmpfs -o ro tmpfs /dev/shm && mount -t tmpfs tmpfs /media && mkdir /media/work /media/tmp || exit 1
+mount --bind "$1" /media/work && mount -o remount,bind,rw /media/work || exit 1
+mount --bind "$2" /media/tmp && mount -o remount,bind,rw /media/tmp || exit 1
+mount -o remount,ro /media && cd /media/work && shift 3 && exec "$@"
+"""
+"""runs a command that can write nowhere but in ``/media/work`` and ``/media/tmp``, which are the folders of
+the first two arguments; the third is a place that must not be written"""
+
+
 @pytest.mark.slow
-def test_without_a_folder_for_semaphores_trials_run_one_at_a_time(
+def test_a_user_who_may_write_nothing_else_gets_the_same_bytes_in_a_hostile_folder(
     tmp_path: Path, elsewhere: dict[str, bytes]
 ) -> None:
-    inside = ("unshare", "--map-root-user", "--mount")
-    mount = "mount -t tmpfs -o ro tmpfs /dev/shm"
-    made = shutil.which("unshare") and subprocess.run([*inside, "sh", "-c", mount], capture_output=True)
-    if not made or made.returncode:
-        pytest.skip("needs a namespace of its own in which /dev/shm can be made read-only")
+    """No right of root, and everything read-only but the working folder and the one for temporary files."""
+    hostile, temporary = tmp_path / "hostile", tmp_path / "temporary"
+    before = make_hostile(hostile, Path("/media/work/trap"))
+    temporary.mkdir()
+    kept = folder()
+    if kept is not None:  # else everything would be compiled anew, which test_compiled.py does
+        shutil.copytree(kept, temporary / "compiled" / kept.name)
+    is_root = os.geteuid() == 0
+    for place in (hostile, temporary, *temporary.rglob("*")):
+        place.chmod(0o777)
+    user = ("--reuid", f"{NOBODY}", "--regid", f"{NOBODY}", "--clear-groups", "--no-new-privs")
+    inside = (
+        *("unshare", "--mount", *(() if is_root else ("--map-root-user",))),
+        *("sh", "-c", POOR, "sh", str(hostile), str(temporary), str(REPOSITORY)),
+        *(("setpriv", *user) if is_root else ()),
+    )
+    probe = [*inside, sys.executable, "-P", "-c", "import numba"]
+    if not shutil.which(inside[0]) or subprocess.run(probe, capture_output=True, check=False).returncode:
+        pytest.skip("needs a namespace of its own in which all is read-only, and a Python that all may run")
 
-    found, complaints = ran(tmp_path, *inside, "sh", "-c", f'{mount} && exec "$@"', "sh")
+    places = {"HOME": "/", "TMPDIR": "/media/tmp", "NUMBA_CACHE_DIR": "/media/tmp/compiled"}
+    found, complaints = ran(hostile, *inside, **places, XDG_CACHE_HOME="")
 
     assert "since /dev/shm cannot be used (Read-only file system): trials run in this process" in complaints
     assert "Traceback" not in complaints
+    assert {path.name for path in hostile.iterdir()} - before == {"small.yaml", "results"}
+    assert {path.name for path in temporary.iterdir()} <= {"compiled"}
+    assert found.keys() == elsewhere.keys()
     assert [name for name in found if found[name] != elsewhere[name]] == []
