@@ -2,11 +2,13 @@
 
 import contextlib
 import errno
+import glob
 import gzip
 import hashlib
 import io
 import os
 import stat
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,6 +19,9 @@ LONGEST_NAME = 150
 """bytes of a file's name that is made of values: room for an ending, and for the name of a draft"""
 DISK_IS_FULL = (errno.ENOSPC, errno.EDQUOT)
 """error numbers of a disk, or of a user's share of it, that has no room left"""
+
+DRAFT_KEPT_S = 3600.0
+"""after so long without a change a draft is of a process that was killed"""
 
 
 def read_bounded(path: Path, most_bytes: int) -> bytes:
@@ -64,7 +69,7 @@ def draft_of(path: Path) -> Iterator[Path]:
     """The path of a draft beside ``path``, which takes its place when the block ends without an error.
 
     No reader sees half of a file, and an older file stays as it was if anything fails. The draft is removed
-    then. The folder is made if it is not there.
+    then; that of a process that was killed, an hour later. The folder is made if it is not there.
 
     Raises:
         InputError: the place cannot be written (exit code 2: another place helps).
@@ -74,6 +79,7 @@ def draft_of(path: Path) -> Iterator[Path]:
     try:
         if not path.parent.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
+        _forget_drafts(path)
         yield draft
         _sync(draft, os.O_RDWR)
         os.replace(draft, path)
@@ -103,6 +109,14 @@ def plain_name(name: str) -> str:
         return name
     digest = hashlib.sha256(name.encode("utf-8", "surrogatepass")).hexdigest()[:8]
     return f"{plain.encode(errors='replace')[:LONGEST_NAME].decode(errors='ignore')}-{digest}"
+
+
+def _forget_drafts(path: Path) -> None:
+    """Removes drafts that processes left which were killed, also drafts of such drafts."""
+    for draft in path.parent.glob(f"*.{glob.escape(path.name)}.*.new"):
+        with contextlib.suppress(OSError):  # another process has just done it
+            if time.time() - draft.stat().st_mtime > DRAFT_KEPT_S:
+                draft.unlink()
 
 
 def cannot_be_written(path: Path, error: OSError) -> MidnetBenchError:

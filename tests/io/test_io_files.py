@@ -67,6 +67,23 @@ def test_what_fails_half_way_leaves_the_old_file_and_no_draft(tmp_path: Path) ->
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_drafts_of_killed_processes_make_room_an_hour_later(tmp_path: Path) -> None:
+    names = (
+        ".a[1].txt.17.new",
+        "..a[1].txt.17.new.17.new",
+        ".a[1].txt.18.new",
+        ".b.txt.17.new",
+        "a[1].txt.new",
+    )
+    for name in names:
+        (tmp_path / name).write_text("half of a te")
+        if "18" not in name:
+            os.utime(tmp_path / name, (0, 0))
+    write_atomically(tmp_path / "a[1].txt", "text")
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {"a[1].txt", ".a[1].txt.18.new", ".b.txt.17.new", "a[1].txt.new"}
+
+
 def test_a_place_that_cannot_be_written_is_wrong_input(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written: Not a directory; its folder must be") as caught:
