@@ -115,27 +115,22 @@ def _draw_exactly(arena: str, settings: list[str], output: Path, as_json: bool) 
 
 def _map_log(path: Path, particles: int, seed: int, clip: bool, output: Path, as_json: bool) -> None:
     from midnet_bench.cli.progress import meter
-    from midnet_bench.errors import InputError
     from midnet_bench.io.scan_logs import read_scan_log
 
     log = read_scan_log(path)
     # after the log is read: these take seconds, and a bad log is told at once
+    from midnet_bench.mapping.log_mapping import held_in_memory
     from midnet_bench.workflows.log_map import write_log_map
 
-    try:
-        with meter() as shown:
-            made = write_log_map(
-                log,
-                particles,
-                seed,
-                output,
-                clip,
-                progress=lambda done, scans: shown.show(done, scans, f"scan {done} of {scans}"),
-            )
-    except MemoryError as error:
-        raise InputError(
-            f"{path}: a map of that size does not fit into memory; are odometry and ranges in metres?"
-        ) from error
+    with meter() as shown, held_in_memory(log):
+        made = write_log_map(
+            log,
+            particles,
+            seed,
+            output,
+            clip,
+            progress=lambda done, scans: shown.show(done, scans, f"scan {done} of {scans}"),
+        )
     _tell(made.grid, made.files, made.warnings, as_json)
 
 

@@ -24,6 +24,13 @@ LARGEST_MAP_M = 1000.0
 a square kilometre is 400 million cells of 5 cm and takes gigabytes; the largest published logs span half a
 kilometre, and one in millimetres comes there in no time."""
 
+LARGEST_HEADING_RAD = 1e5
+"""Odometry need not wrap its heading, but a robot that turns by 1 rad/s takes a day to come here."""
+FULL_CIRCLE_RAD = 2.0 * math.pi * 1.01
+"""what a scanner's beams may go round; a hundredth is the rounding of a step that few digits tell"""
+LONGEST_MOUNT_M = 5.0
+"""how far a laser may sit from its robot's base"""
+
 LARGEST_BYTES = 200_000_000
 """of a log's text; five hours of a Burger's scans have as much: 360 readings, five times a second"""
 _LONGEST_SHOWN = 30
@@ -92,6 +99,8 @@ class ScanLog:
     path: Path
     geometry: LidarGeometry
     scans: list[LoggedScan]
+    laser_off_m: float | None = None
+    """how far the laser's poses lie from the robot's, if that is too far for a mount"""
 
     def __iter__(self) -> Iterator[LoggedScan]:
         """The scans in order."""
@@ -105,6 +114,28 @@ class ScanLog:
     def invalid_ranges(self) -> int:
         """How many ranges are NaN; their beams say nothing."""
         return sum(int(np.count_nonzero(np.isnan(scan.ranges_m))) for scan in self.scans)
+
+    @property
+    def negative_ranges(self) -> int:
+        """How many ranges are below 0; their beams say nothing either, as those with 0 do, which is usual."""
+        return sum(int(np.count_nonzero(scan.ranges_m < 0.0)) for scan in self.scans)
+
+    @property
+    def warnings(self) -> list[str]:
+        """A line for each kind of thing in the log that is not taken as it stands there."""
+        kinds = {"NaN or infinite": self.invalid_ranges, "negative": self.negative_ranges}
+        total = len(self) * self.geometry.beams
+        lines = [
+            f"{self.path}: {count} of {total} ranges are {kind} and were left out"
+            for kind, count in kinds.items()
+            if count
+        ]
+        if self.laser_off_m is not None:
+            lines.append(
+                f"{self.path}: the laser's poses lie {self.laser_off_m:g} m from the robot's, which is no "
+                "mount; the laser is taken to sit on the robot's base"
+            )
+        return lines
 
 
 def take_ranges(words: list[str], where: str) -> tuple[Floats, list[str]]:
@@ -125,18 +156,31 @@ def take_ranges(words: list[str], where: str) -> tuple[Floats, list[str]]:
 
 
 def check_newest(scans: list[LoggedScan], where: str) -> None:
-    """Raise InputError if the last scan is not as long as the first one, or further off than a map may be."""
+    """Raise InputError if the last scan is not as long as the first one, or its odometry is nonsense.
+
+    That is: further off than a map may be, or turned by more than a robot can have turned.
+    """
     first, last = scans[0], scans[-1]
     if len(first.ranges_m) != len(last.ranges_m):
         raise InputError(
             f"{where}: a scan of {len(last.ranges_m)} ranges in a log whose first scan has "
             f"{len(first.ranges_m)}"
         )
-    x, y, _ = last.odometry
+    _check_pose(last.odometry, "odometry", where)
+
+
+def _check_pose(pose: Pose2D, whose: str, where: str) -> None:
+    """Raise InputError if a pose is further off than a map may be, or turned by more than a robot can be."""
+    x, y, yaw = pose
     if max(abs(x), abs(y)) > LARGEST_MAP_M:
         raise InputError(
-            f"{where}: the odometry x {x:g}, y {y:g} lies more than {LARGEST_MAP_M:g} m from its origin, and "
+            f"{where}: the {whose} x {x:g}, y {y:g} lies more than {LARGEST_MAP_M:g} m from its origin, and "
             "no map can be that large; is it in metres?"
+        )
+    if abs(yaw) > LARGEST_HEADING_RAD:
+        raise InputError(
+            f"{where}: the {whose} has a heading of {yaw:g} rad, more than a robot turns in a day; "
+            "is it in radians?"
         )
 
 
@@ -234,8 +278,7 @@ def _parse_flaser(path: Path, lines: list[str]) -> ScanLog:
         scans.append(LoggedScan(finite(rest[6:7], where, "stamp")[0], odometry, ranges_m))
         check_newest(scans, where)
         lasers_on_base.append(laser)
-    geometry = _mounted(half_circle(len(scans[0].ranges_m)), lasers_on_base)
-    return ScanLog(path, geometry, scans)
+    return _mounted(ScanLog(path, half_circle(len(scans[0].ranges_m)), scans), lasers_on_base)
 
 
 def _parse_rawlaser(path: Path, lines: list[str]) -> ScanLog:
@@ -276,7 +319,7 @@ def _parse_robotlaser(path: Path, lines: list[str]) -> ScanLog:
         check_newest(scans, where)
         geometries.append(scanner)
         lasers_on_base.append(laser)
-    return ScanLog(path, _mounted(geometries[0], lasers_on_base), scans)
+    return _mounted(ScanLog(path, geometries[0], scans), lasers_on_base)
 
 
 _PARSERS = {"FLASER": _parse_flaser, "RAWLASER1": _parse_rawlaser, "ROBOTLASER1": _parse_robotlaser}
@@ -303,6 +346,16 @@ def _take_scan(words: list[str], where: str) -> tuple[LidarGeometry, Floats, lis
     if range_max_m <= 0.0:
         raise InputError(f"{where}: largest range: {range_max_m:g} m; it must be above 0")
     ranges_m, rest = take_ranges(words[8:], where)
+    round_rad = abs(step_rad) * (len(ranges_m) - 1)
+    if round_rad > FULL_CIRCLE_RAD:
+        raise InputError(
+            f"{where}: angle step: {len(ranges_m)} beams {step_rad:g} rad apart go "
+            f"{round_rad / (2.0 * math.pi):.3g} times round the circle; is the step in radians?"
+        )
+    if abs(start_rad) > FULL_CIRCLE_RAD:
+        raise InputError(
+            f"{where}: start angle: {start_rad:g} rad is beyond a full circle; is it in radians?"
+        )
     too_far = ranges_m[(ranges_m > LARGEST_MAP_M) & (ranges_m < range_max_m)]
     if len(too_far):
         raise InputError(
@@ -319,14 +372,20 @@ def _take_poses(words: list[str], where: str) -> tuple[Pose2D, Pose2D]:
     """Of the laser's pose and the robot's, three words each: the robot's, and the laser's on the robot."""
     laser = Pose2D(*finite(words[0:3], where, "laser pose"))
     odometry = Pose2D(*finite(words[3:6], where, "odometry"))
+    _check_pose(laser, "laser's pose", where)
+    _check_pose(odometry, "odometry", where)
     return odometry, laser.relative_to(odometry)
 
 
-def _mounted(geometry: LidarGeometry, lasers_on_base: list[Pose2D]) -> LidarGeometry:
-    """The geometry with its mount, if the laser has one place on the robot in the whole log."""
-    if np.ptp(np.array(lasers_on_base), axis=0).max() < _SAME_PLACE:
-        return replace(geometry, mount=lasers_on_base[0])
-    return geometry
+def _mounted(log: ScanLog, lasers_on_base: list[Pose2D]) -> ScanLog:
+    """The log with its laser's mount, if the laser has one place on the robot in the whole log."""
+    if np.ptp(np.array(lasers_on_base), axis=0).max() >= _SAME_PLACE:
+        return log
+    mount = lasers_on_base[0]
+    off_m = math.hypot(mount.x, mount.y)
+    if off_m > LONGEST_MOUNT_M:
+        return replace(log, laser_off_m=off_m)
+    return replace(log, geometry=replace(log.geometry, mount=mount))
 
 
 def read_scan_log(path: Path) -> ScanLog:
@@ -336,9 +395,9 @@ def read_scan_log(path: Path) -> ScanLog:
 
     Raises:
         InputError: one line with the file and, where there is one, the line: an empty or unreadable file, no
-            scan, missing odometry, odometry too far off for a map, a scan of another length, a word that is
-            no number, NaN for odometry, or no range that says anything. Single NaN ranges are beams that say
-            nothing.
+            scan, missing odometry, odometry too far off or turned too far for a map, a scan of another
+            length, a scanner that no robot has, a word that is no number, NaN for odometry, or no range that
+            says anything. Single NaN or negative ranges are beams that say nothing.
     """
     lines = read_lines(path)
     words = next((line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")), [""])

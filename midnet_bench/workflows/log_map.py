@@ -15,11 +15,11 @@ from midnet_bench.drawing.stills import draw_map
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import write_atomically
 from midnet_bench.io.scan_logs import ScanLog
-from midnet_bench.io.trajectory import write_tum
+from midnet_bench.io.trajectory import clock_fault, write_tum
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.gmapping.settings import RECORDED_LOG
 from midnet_bench.mapping.gmapping.threads import cores
-from midnet_bench.mapping.log_mapping import map_scans
+from midnet_bench.mapping.log_mapping import MappingResult, map_scans
 from midnet_bench.workflows.map_files import MapFiles, write_configuration, write_map, write_provenance
 
 
@@ -70,7 +70,7 @@ def write_log_map(
     configured = write_configuration(files, configuration)
     written = write_map(files, result.grid, comment)
     trajectory = files.named("trajectory.tum")
-    write_tum(result.trajectory, trajectory)
+    warnings = result.warnings + write_trajectory(result, log.path, trajectory)
     picture, growth = files.map.with_suffix(".png"), files.named("growth.png")
     write_atomically(picture, png_of_figure(draw_map(result.grid, [result.trajectory.poses], comment)))
     write_atomically(growth, png_of(log_page(history, comment)))
@@ -80,7 +80,19 @@ def write_log_map(
         write_log_video(history, comment, video)
         written.append(video)
     written += [configured, write_provenance(files, provenance)]
-    return LogMap(result.grid, result.scans, written, result.warnings)
+    return LogMap(result.grid, result.scans, written, warnings)
+
+
+def write_trajectory(result: MappingResult, log: Path, path: Path) -> list[str]:
+    """Write the trajectory (TUM), numbered where the log's clock is wrong; a line that says so, or none."""
+    fault = clock_fault(result.trajectory.stamps_s)
+    if fault is None:
+        write_tum(result.trajectory, path)
+        return []
+    index, what = fault
+    write_tum(result.trajectory, path, result.integrated)
+    where = f"{log}: scan {result.integrated[index]}"
+    return [f"{where}: {what}; {path.name} has the numbers of scans in place of stamps"]
 
 
 def log_snapshot(done: int, slam: GMapping) -> MapSnapshot:

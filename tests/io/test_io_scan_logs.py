@@ -190,6 +190,9 @@ def test_a_scanner_that_cannot_be(tmp_path: Path, kind: str) -> None:
         ("-2.0 4.0 0.5 -30.0", "largest range: -30 m"),
         ("-2.0 4.0 0.5 0", "largest range: 0 m"),
         ("-2.0 4.0 0.5 80000", "range: 8000 m is further than 1000 m"),
+        ("-2.0 4.0 1e300 30.0", "angle step: 3 beams 1e+300 rad apart go 3.18e+299 times round the circle"),
+        ("-2.0 4.0 -9.4 30.0", "angle step: 3 beams -9.4 rad apart go 2.99 times round the circle"),
+        ("-90 180 0.5 30.0", "start angle: -90 rad is beyond a full circle; is it in radians?"),
     ):
         scan = f"{kind} 0 {numbers} 0.01 0 3 1 2 8000 0 1 2 0 1 2 0 0.1 0.2 0.3 0.4 0.5 1.1 host 1.1"
         assert f":2: {said}" in error_of(written(tmp_path, odometry, scan))
@@ -200,6 +203,44 @@ def test_odometry_in_millimetres(tmp_path: Path) -> None:
     said = error_of(written(tmp_path, *lines))
     assert ":3: the odometry x 1200, y 0 lies more than 1000 m from its origin" in said
     assert "metres?" in said
+
+
+def test_a_scanner_that_looks_all_round_is_none_that_cannot_be(tmp_path: Path) -> None:
+    head = f"RAWLASER1 0 {-math.pi} {2 * math.pi} {2 * math.pi / 360} 30.0 0.01 0 361"
+    log = read_scan_log(written(tmp_path, "ODOM 0 0 0 0 0 0 1 h 1", f"{head} 3 {'2 ' * 360} 0 1.1 h 1.1"))
+    assert log.geometry.beams == 361
+
+
+def test_poses_that_no_robot_has(tmp_path: Path) -> None:
+    for odometry, said in (
+        ("0 0 1e308 0 0 0", ":1: the laser's pose has a heading of 1e+308 rad"),
+        ("-1e308 0 0 0 0 0", ":1: the laser's pose x -1e+308, y 0 lies more than 1000 m"),
+        ("0 0 0 0 0 -1e308", ":1: the odometry has a heading of -1e+308 rad"),
+    ):
+        assert said in error_of(written(tmp_path, f"FLASER 3 1 2 3 {odometry} 1 h 1"))
+    assert ":2: the odometry has a heading" in error_of(
+        written(tmp_path, "1 0 0 90000 3 1 2 3", "2 0 0 1.1e5 3 1 2 3")
+    )
+
+
+def test_negative_ranges_say_nothing_and_are_counted(tmp_path: Path) -> None:
+    log = read_scan_log(written(tmp_path, "1 0 0 0 4 1.5 -1 2.5 0", "2 0 0 0 4 1.5 -1 nan 90"))
+    assert log.warnings == [
+        f"{log.path}: 1 of 8 ranges are NaN or infinite and were left out",
+        f"{log.path}: 2 of 8 ranges are negative and were left out",
+    ]
+    assert "no range lies between" in error_of(written(tmp_path, "1 0 0 0 3 -1 -1 -2"))
+
+
+def test_a_laser_too_far_from_its_robot_is_no_mount(tmp_path: Path) -> None:
+    log = read_scan_log(
+        written(tmp_path, "FLASER 3 1 2 3 30 40 0 0 0 0 1 h 1", "FLASER 3 1 2 3 31 40 0 1 0 0 2 h 2")
+    )
+    assert log.geometry.mount == Pose2D(0.0, 0.0, 0.0)
+    assert log.warnings == [
+        f"{log.path}: the laser's poses lie 50 m from the robot's, which is no mount; "
+        "the laser is taken to sit on the robot's base"
+    ]
 
 
 def test_readings_that_are_all_the_same_are_told(tmp_path: Path) -> None:

@@ -114,7 +114,7 @@ def test_the_climb_finds_back_to_a_known_offset(offset: tuple[float, float, floa
     ends = room_scan(pose)
     maps = mapped(pose, ends)
     start = maps.to_cells(np.array([pose]) + offset)
-    matched, likelihoods = match_particles(
+    matched, likelihoods, _ = match_particles(
         maps.means, maps.tables, ends / CELL_M, start, matching_in_cells(SLAM_GMAPPING)
     )
     x, y, yaw = maps.to_metres(matched)[0]
@@ -148,7 +148,7 @@ def test_a_match_at_or_below_the_minimum_score_leaves_the_particle_where_it_was(
     start = maps.to_cells(np.array([pose]) + np.array([0.04, 0.0, 0.0]))
     for minimum, moves in ((350.0, True), (360.0, False)):
         matching = matching_in_cells(replace(SLAM_GMAPPING, minimum_score=minimum))
-        matched, _ = match_particles(maps.means, maps.tables, ends / CELL_M, start, matching)
+        matched, _, _ = match_particles(maps.means, maps.tables, ends / CELL_M, start, matching)
         assert (matched[0, 0] != start[0, 0]) == moves
 
 
@@ -167,7 +167,7 @@ def test_the_odometry_holds_against_the_pull_of_a_corridor() -> None:
     slid = []
     for reliability in (0.0, 20.0):
         settings = replace(SLAM_GMAPPING, sigma_m2=0.0025, linear_reliability=reliability)
-        matched, _ = match_particles(
+        matched, _, _ = match_particles(
             maps.means,
             maps.tables,
             ends / CELL_M,
@@ -187,7 +187,7 @@ def test_a_trusted_heading_is_hardly_turned_by_one_scan() -> None:
     left_rad = []
     for reliability in (0.0, 1e3, 1e6):
         matching = matching_in_cells(replace(BURGER_UKF, angular_reliability=reliability))
-        matched, _ = match_particles(maps.means, maps.tables, ends / CELL_M, start, matching)
+        matched, _, _ = match_particles(maps.means, maps.tables, ends / CELL_M, start, matching)
         left_rad.append(matched[0, 2] - pose.yaw)
     assert abs(left_rad[0]) < 0.001 < left_rad[1] < left_rad[2]
     assert left_rad[2] == pytest.approx(0.01, abs=1e-4)
@@ -199,7 +199,7 @@ def test_the_price_of_a_beam_into_the_unknown() -> None:
     maps = mapped(pose, ends)
     lost = maps.to_cells(np.array([[200.0, 0.0, 0.0]]))
     for settings, expected in ((SLAM_GMAPPING, -0.5 / 0.075), (BURGER_UKF, -0.02 / 0.01)):
-        _, likelihoods = match_particles(
+        _, likelihoods, _ = match_particles(
             maps.means, maps.tables, ends / CELL_M, lost, matching_in_cells(settings)
         )
         assert likelihoods[0] == pytest.approx(len(ends) * expected)

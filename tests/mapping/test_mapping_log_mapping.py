@@ -1,5 +1,7 @@
 """A recorded log becomes a map."""
 
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.io.scan_logs import half_circle, read_scan_log
 from midnet_bench.mapping.gmapping.filter import GMapping
-from midnet_bench.mapping.log_mapping import map_scans
+from midnet_bench.mapping.log_mapping import collapse, map_scans
 from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, drive
 
 
@@ -61,3 +63,39 @@ def test_a_log_becomes_a_map_and_the_same_seed_the_same_bytes(tmp_path: Path) ->
     )
     column, row = result.grid.cell_at(0.001, 3.0)
     assert (result.grid.data[row - 5 : row + 5, column - 2 : column + 3] == 100).any(axis=1).mean() > 0.7
+
+
+def test_the_first_scan_that_does_not_fit_is_named(tmp_path: Path) -> None:
+    lines = [f"{k} {0.5 * k} 0 {0.5 if k > 2 else 0} 3 1 2 3" for k in range(5)]
+    log = read_scan_log(written(tmp_path, *lines))
+    numbers = [1, 2, 4, 5]
+    assert collapse(log, numbers, [math.nan, 0.8, 0.8 * 0.46, 0.8]) is None
+    assert collapse(log, [1], [math.nan]) is None
+    said = collapse(log, numbers, [math.nan, 0.84, 0.31, 0.9])
+    assert said == (
+        "scan 4: heading changed by 29 degrees and the place by 0.50 m, score 0.31, median 0.84: "
+        "the map may be broken from there on"
+    )
+    assert "scan 4: " in str(collapse(log, [*numbers, 5], [0.9, 0.84, 0.31, 0.2, 0.9]))
+    assert ", and 1 later scans like it: " in str(collapse(log, [*numbers, 5], [0.9, 0.84, 0.31, 0.2, 0.9]))
+
+
+@pytest.mark.parametrize("turned_deg", [0, 60, 180])
+def test_a_heading_that_jumps_is_told_with_its_scan(turned_deg: int, tmp_path: Path) -> None:
+    lidar = half_circle(90)
+    journey = drive(ROOM, lidar, Pose2D(1.0, 1.0, 0.0), ROUND_TRIP[:2], np.random.default_rng(5))
+    lines = []
+    turn = Pose2D(0.0, 0.0, math.radians(turned_deg))
+    for k in range(0, len(journey.stamps_s), 5):
+        at = journey.odometry[k]
+        if k >= 60:
+            at = journey.odometry[60].compose(turn).compose(at.relative_to(journey.odometry[60]))
+        ranges = " ".join(f"{r:.2f}" for r in journey.ranges_m[k])
+        lines.append(f"{journey.stamps_s[k]:.6f} {at.x} {at.y} {at.yaw} 90 {ranges}")
+    log = read_scan_log(written(tmp_path, *lines))
+    warnings = map_scans(replace(log, path=Path("run.log")), particles=5, seed=1).warnings
+    if turned_deg == 0:
+        assert warnings == []
+    else:
+        (warning,) = warnings
+        assert warning.startswith("run.log: scan 13: heading changed by ")

@@ -12,7 +12,7 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.io.map_server import load_map
 from midnet_bench.io.scan_logs import LoggedScan, ScanLog, half_circle
 from midnet_bench.mapping.log_mapping import MappingResult, map_scans
-from midnet_bench.workflows.log_map import log_snapshot
+from midnet_bench.workflows.log_map import log_snapshot, write_trajectory
 
 SIDE_M = 6.0
 TURNS = 9
@@ -86,3 +86,16 @@ def test_snapshots_lead_to_the_map(mapped: tuple[MapHistory, MappingResult]) -> 
         x_min, y_min, x_max, y_max = history.at(clock).grid.extent
         assert view.x_min < x_min < x_max < view.x_max
         assert view.y_min < y_min < y_max < view.y_max
+
+
+@pytest.mark.parametrize(("stamp_s", "what"), [(3.0, "stands still"), (-1.0, "runs backwards")])
+def test_a_clock_that_is_wrong_gives_a_numbered_trajectory(stamp_s: float, what: str, tmp_path: Path) -> None:
+    log = room_log(Path("room.log"))
+    log.scans[4:] = [scan._replace(stamp_s=stamp_s) for scan in log.scans[4:]]
+    path = tmp_path / "trajectory.tum"
+    (warning,) = write_trajectory(map_scans(log, 1, 1), log.path, path)
+    assert (
+        warning
+        == f"room.log: scan 5: the clock {what}; trajectory.tum has the numbers of scans in place of stamps"
+    )
+    assert np.loadtxt(path)[:, 0].tolist() == list(range(1, TURNS + 1))

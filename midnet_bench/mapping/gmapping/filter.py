@@ -69,6 +69,7 @@ class GMapping:
         self._driven_m = 0.0
         self._turned_rad = 0.0
         self._stamps_s: list[float] = []
+        self._scores: list[float] = []
         self._scans: list[ScanRays] = []
         self._history: list[npt.NDArray[np.float64]] = []
         self._ancestors: list[npt.NDArray[np.int64]] = []
@@ -100,11 +101,13 @@ class GMapping:
 
         rays = scan_rays(self.geometry, ranges_m, self._usable_m)
         ancestors = np.arange(self.settings.particles)
+        score = math.nan
         if not first:
-            self._match(rays)
+            score = self._match(rays)
             ancestors = self._resample(ancestors)
         self._maps.register(self._poses, *rays)
         self._stamps_s.append(time_s)
+        self._scores.append(score)
         self._scans.append(rays)
         self._history.append(self._poses)
         self._ancestors.append(ancestors)
@@ -127,6 +130,14 @@ class GMapping:
         """Where the best particle's lineage places the robot's base at each integrated scan."""
         poses = [self._base_at(k, particle) for k, particle in enumerate(self._best_lineage())]
         return Trajectory(np.array(self._stamps_s), np.array(poses, dtype=np.float64).reshape(-1, 3))
+
+    @property
+    def scores(self) -> list[float]:
+        """How well each integrated scan fitted the best particle's map then, 0 to 1 per beam that hit.
+
+        NaN for the first scan, which had no map to fit, and for one without a hit.
+        """
+        return list(self._scores)
 
     def occupancy(self, anew: bool = False) -> OccupancyGrid:
         """The map along the best particle's trajectory: int8, 100 occupied, 0 free, -1 unknown.
@@ -162,17 +173,21 @@ class GMapping:
             )
         )
 
-    def _match(self, rays: ScanRays) -> None:
-        """Put every particle on its scan match and add the log-likelihood to its weights."""
+    def _match(self, rays: ScanRays) -> float:
+        """Put every particle on its scan match and add the log-likelihood to its weights.
+
+        The best particle's score comes back, as :attr:`scores` has it.
+        """
         maps, poses = self._maps, self._maps.to_cells(self._poses)
         beams = rays.ends_m[: rays.hits] / self.settings.resolution_m
         parts = self._threads.over_particles(
             lambda part: match_particles(maps.means, maps.tables[part], beams, poses[part], self._matching)
         )
-        matched, likelihoods = (np.concatenate(both) for both in zip(*parts, strict=True))
+        matched, likelihoods, scores = (np.concatenate(both) for both in zip(*parts, strict=True))
         self._poses = self._maps.to_metres(matched)
         self._weights = self._weights + likelihoods
         self._weight_sums = self._weight_sums + likelihoods
+        return float(scores[self._best]) / rays.hits if rays.hits else math.nan
 
     def _resample(self, ancestors: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """The ancestors of the particles after resampling, or as they were when none was needed."""

@@ -195,10 +195,11 @@ def climb(
 @njit(nogil=True)
 def match_particles(
     means: MeanArray, tables: IndexArray, beams: FloatArray, poses: FloatArray, matching: Matching
-) -> tuple[FloatArray, FloatArray]:
-    """((N, 3) poses, (N,) log-likelihoods): every particle at its best match.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """((N, 3) poses, (N,) log-likelihoods, (N,) scores): every particle at its best match.
 
-    A particle whose match scores no more than the minimum keeps the pose that its noisy odometry gave it.
+    A score lies between 0 and the number of beams. A particle whose match scores no more than the minimum
+    keeps the pose that its noisy odometry gave it.
 
     Args:
         means: (P, 32, 32, 2) float32 mean hit points of all patches, cells from the patch's corner; EMPTY
@@ -210,9 +211,11 @@ def match_particles(
     """
     matched = poses.copy()
     likelihoods = np.empty(poses.shape[0])
+    scores = np.empty(poses.shape[0])
     rotated = np.empty_like(beams)
     for n in range(poses.shape[0]):
         x, y, yaw, score = climb(means, tables[n], beams, poses[n, 0], poses[n, 1], poses[n, 2], matching)
+        scores[n] = score
         if score > matching.minimum_score:
             matched[n, 0], matched[n, 1], matched[n, 2] = x, y, yaw
         rotate_beams(beams, matched[n, 2], rotated)
@@ -225,4 +228,4 @@ def match_particles(
             matching.likelihood_sigma,
             matching.miss_log_likelihood,
         )
-    return matched, likelihoods
+    return matched, likelihoods, scores
