@@ -77,18 +77,22 @@ def level() -> int:
 
 
 def one_line(text: str) -> str:
-    """``text`` as :func:`shown`, and at most ``LONGEST`` letters: the longest words lose their middle."""
+    """``text`` as :func:`shown`, and at most ``LONGEST`` letters.
+
+    First the longest words lose their middle, then the whole: a message begins with what it is about and ends
+    with what is wrong.
+    """
     line = shown(text)
     for most in (120, 60, 30):
         if len(line) > LONGEST:
             line = " ".join(_shortened(word, most) for word in line.split(" "))
-    return line if len(line) <= LONGEST else f"{line[: LONGEST - 1]}\N{HORIZONTAL ELLIPSIS}"
+    return _shortened(line, LONGEST)
 
 
-def _shortened(word: str, most: int) -> str:
-    """A word that keeps both ends, so that a message about an endless name still says what is wrong."""
+def _shortened(text: str, most: int) -> str:
+    """Both ends of a text, together ``most`` letters at most."""
     half = (most - 1) // 2
-    return word if len(word) <= most else f"{word[:half]}\N{HORIZONTAL ELLIPSIS}{word[-half:]}"
+    return text if len(text) <= most else f"{text[:half]}\N{HORIZONTAL ELLIPSIS}{text[-half:]}"
 
 
 def shown(text: str) -> str:

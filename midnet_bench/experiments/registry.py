@@ -13,6 +13,7 @@ from midnet_bench.experiments.labyrinth import LABYRINTH
 from midnet_bench.experiments.mapping import MAPPING
 from midnet_bench.experiments.readings import READINGS
 from midnet_bench.experiments.robustness import ROBUSTNESS
+from midnet_bench.io.parameters import flat_model
 from midnet_bench.plugins import load_reference
 from midnet_bench.settings import leaves
 
@@ -43,7 +44,8 @@ def experiment(name: str) -> Experiment:
         name: one of :func:`names`, or a reference: ``package.module:NAME`` or ``path/file.py:NAME``.
 
     Raises:
-        InputError: an unknown name, or a reference to something that is no ``Experiment``.
+        InputError: an unknown name, or a reference to something that is no ``Experiment`` or has options that
+            make no sense.
     """
     if name in _OWN:
         return _OWN[name]
@@ -110,4 +112,13 @@ def run_trial(spec: "TrialSpec") -> "TrialResult":
 def _checked(reference: str, found: object) -> Experiment:
     if not isinstance(found, Experiment):
         raise InputError(f"{reference}: expected an Experiment, got {type(found).__name__}")
+    try:
+        flat_model(found.model)
+    except InputError:
+        raise
+    except Exception as error:  # whatever options that somebody else wrote make of pydantic
+        what = " ".join(str(error).split())
+        raise InputError(
+            f"{reference}: its parameters cannot be used: {type(error).__name__}: {what}"
+        ) from error
     return found

@@ -56,6 +56,14 @@ def test_an_experiment_in_a_file_is_run_by_reference(tmp_path: Path) -> None:
     assert 0 <= int(first.tables["rolls"][0]["eyes"] or 0) < 1000
 
 
+def test_options_that_make_no_sense_are_told_with_the_file(tmp_path: Path) -> None:
+    (tmp_path / "dice.py").write_text(DICE.replace("ge=2", "ge='two'"))
+    with pytest.raises(
+        InputError, match=r"dice\.py:DICE: its parameters cannot be used: ValueError: 'ge' must"
+    ):
+        experiment(f"{tmp_path / 'dice.py'}:DICE")
+
+
 def test_an_installed_package_offers_an_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "dicepack.py").write_text(DICE)
     metadata = tmp_path / "dicepack-1.0.dist-info"
