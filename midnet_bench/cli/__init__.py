@@ -13,8 +13,8 @@ from midnet_bench.errors import InputError, MidnetBenchError
 
 __all__ = ["campaigns", "inputs", "main", "maps", "pictures", "reports", "smoke"]
 
-NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
-"""error numbers of a path that no file can have, wherever it is asked about"""
+NO_PATH = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES)
+"""error numbers of a path that cannot even be asked for"""
 
 
 def main() -> None:
@@ -39,7 +39,8 @@ def main() -> None:
         messages.log.error("%s", messages.one_line(f"error: {error}"))
         code = error.exit_code
     except OSError as error:
-        if error.errno not in NO_NAME:
+        # wherever it was that somebody first asked for a path that the user gave
+        if error.errno not in NO_PATH or error.filename is None or os.environ.get("MIDNET_BENCH_DEBUG"):
             raise
         messages.log.error(
             "%s", messages.one_line(f"error: {error.filename}: {error.strerror}; give another")

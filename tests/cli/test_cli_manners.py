@@ -185,3 +185,25 @@ def test_the_shell_completes_names(tmp_path: Path) -> None:
         "escape_at=",
         "escape_radius_m=",
     ]
+
+
+def test_a_long_message_keeps_what_it_is_about_and_what_is_wrong(tmp_path: Path) -> None:
+    complaint = one_line_of_complaint(midnet_bench("campaigns", "--log-file", "x" * 400, folder=tmp_path))
+    assert len(complaint) == 300
+    assert complaint.startswith("error: --log-file xxx")
+    assert complaint.endswith("xxx: cannot be written: File name too long")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("run", "x" * 5000, "-n"),
+        ("run", "smoke-detection", "-n", "-o", "x" * 300),
+        ("report", "x" * 300),
+        ("map", "map1", "--exact", "-o", "x" * 300),
+        ("map", "--from-log", "x" * 300),
+    ],
+)
+def test_a_name_that_is_too_long_is_one_line(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    assert "File name too long" in one_line_of_complaint(midnet_bench(*arguments, folder=tmp_path))
+    assert list(tmp_path.iterdir()) == []

@@ -58,9 +58,7 @@ def test_an_experiment_in_a_file_is_run_by_reference(tmp_path: Path) -> None:
 
 def test_options_that_make_no_sense_are_told_with_the_file(tmp_path: Path) -> None:
     (tmp_path / "dice.py").write_text(DICE.replace("ge=2", "ge='two'"))
-    with pytest.raises(
-        InputError, match=r"dice\.py:DICE: its parameters cannot be used: ValueError: 'ge' must"
-    ):
+    with pytest.raises(InputError, match=r"dice\.py:DICE: its parameters cannot be used: "):
         experiment(f"{tmp_path / 'dice.py'}:DICE")
 
 
