@@ -244,7 +244,7 @@ def _reported(rng: Random | None, folder: Path, name: str) -> Case:
     """A command on the campaign in the folder ``name``."""
     original = shutil.copytree(campaigns_folder(folder) / name.removesuffix("-tables"), folder / "original")
     writes = (name, original.name, "out")
-    kind = 0.0 if rng is None else rng.random()
+    kind = 1.0 if rng is None else rng.random()
     if kind > 0.7:
         return function(f"write_report({name})", lambda: write_report(name, sys.maxsize), writes)
     lines: list[tuple[str, ...]] = [

@@ -17,6 +17,7 @@ from tests.fuzz import forked
 REPOSITORY = Path(__file__).parents[2]
 
 
+@pytest.mark.slow
 def test_300_mutated_inputs_are_taken_or_refused_in_one_line() -> None:
     # in its own process: a fork of one with threads, as pytest's workers have, may wait for a lock for ever
     done = subprocess.run(
