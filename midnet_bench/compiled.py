@@ -61,7 +61,7 @@ def njit(function: F | None = None, /, **options: Any) -> F | Callable[[F], F]:
 def _compiled(options: dict[str, Any], function: F) -> F:
     """``function`` for numba to compile at its first call, with numba's ``options``."""
     library = numba()
-    if folder() is None:
+    if folder() is None or library.config.DISABLE_JIT:
         dispatcher: F = library.njit(**options)(function)
         return dispatcher
     before = library.config.CACHE_LOCATOR_CLASSES
