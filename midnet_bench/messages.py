@@ -33,6 +33,25 @@ class LidarGeometry:
         return np.stack((np.cos(self.angles_rad), np.sin(self.angles_rad)), axis=1)
 
 
+class Scan(NamedTuple):
+    """sensor_msgs/LaserScan, and where the robot took itself to be then."""
+
+    ranges_m: npt.NDArray[np.float64]
+    """(beams,); inf where nothing was met, nan where the reading is void"""
+    lidar: LidarGeometry
+    pose: Pose2D
+    """of the robot, map frame"""
+    stamp_s: float
+
+    def returns(self, range_m: float) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+        """(n,) the beams that met something within ``range_m``, and (n, 2) where, map frame, metres."""
+        lidar = self.lidar
+        near = (self.ranges_m >= lidar.range_min_m) & (self.ranges_m <= min(range_m, lidar.range_max_m))
+        beams = np.flatnonzero(near)
+        points = lidar.directions[beams] * self.ranges_m[beams, None]
+        return beams, self.pose.compose(lidar.mount).transform(points)
+
+
 class Odometry(NamedTuple):
     """nav_msgs/Odometry in the plane: pose in the odom frame, velocities in the body frame."""
 

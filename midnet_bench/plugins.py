@@ -1,17 +1,35 @@
-"""References to Python objects: ``package.module:NAME`` or ``path/file.py:NAME``."""
+"""References to Python objects: ``package.module:NAME`` or ``path/file.py:NAME``.
+
+A file that a trial needs is known by a digest of its bytes, and travels to the workers with the trial: they
+may run on another machine, and the file may change while they do.
+"""
 
 import hashlib
 import importlib
 import importlib.util
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 from midnet_bench.errors import InputError, nearest_name
 
+DIGITS = 12
+"""of the digests, hexadecimal"""
 FORMS = "expected package.module:NAME or path/file.py:NAME"
+
+
+class Source(NamedTuple):
+    """A file with code, as it was read."""
+
+    name: str
+    """without its folder"""
+    content: bytes
+
+
+_KNOWN: dict[str, Source] = {}
+"""digest -> file: those that this process has read, or was handed with a trial"""
 
 
 def load_reference(reference: str) -> Any:
@@ -27,7 +45,51 @@ def load_reference(reference: str) -> Any:
     place, colon, name = reference.rpartition(":")
     if not (colon and place and name.isidentifier()):
         raise InputError(f"{reference}: {FORMS}")
-    module = _from_file(Path(place), reference) if place.endswith(".py") else _from_package(place, reference)
+    if place.endswith(".py"):
+        path = Path(place)
+        content = _read(path, reference)
+        digest = hashlib.sha256(str(path.resolve()).encode() + content).hexdigest()
+        module = _executed(digest, place, content, reference)
+    else:
+        module = _from_package(place, reference)
+    return _named(name, module, place, reference)
+
+
+def read_source(path: Path, reference: str) -> str:
+    """The digest of a file, whose code :func:`from_source` finds from now on.
+
+    Raises:
+        InputError: the file cannot be read; the message begins with ``reference``.
+    """
+    content = _read(path, reference)
+    digest = hashlib.sha256(content).hexdigest()[:DIGITS]
+    _KNOWN[digest] = Source(path.name, content)
+    return digest
+
+
+def from_source(digest: str, name: str, reference: str) -> Any:
+    """The object ``name`` of the file with that digest; the file is executed once.
+
+    Raises:
+        InputError: nobody has read or handed over such a file, it cannot be executed, or it has no such name.
+    """
+    if digest not in _KNOWN:
+        raise InputError(f"{reference}: no file with the digest {digest} is known here; give its path")
+    file, content = _KNOWN[digest]
+    return _named(name, _executed(digest, file, content, reference), file, reference)
+
+
+def sources(digests: set[str]) -> dict[str, Source]:
+    """Those of the known files that have one of ``digests``."""
+    return {digest: _KNOWN[digest] for digest in sorted(digests & _KNOWN.keys())}
+
+
+def take_sources(handed: Mapping[str, Source]) -> None:
+    """Know files that another process has read."""
+    _KNOWN.update(handed)
+
+
+def _named(name: str, module: ModuleType, place: str, reference: str) -> Any:
     if not hasattr(module, name):
         names = [one for one in vars(module) if not one.startswith("_")]
         raise InputError(f"{reference}: no '{name}' in {place}{nearest_name(name, names)}")
@@ -52,22 +114,24 @@ def _from_package(place: str, reference: str) -> ModuleType:
         raise _not_imported(reference, error) from error
 
 
-def _from_file(path: Path, reference: str) -> ModuleType:
-    """The module in a file, executed once for each content that the file has."""
+def _read(path: Path, reference: str) -> bytes:
     try:
-        content = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise InputError(f"{reference}: {path} cannot be read: {error.strerror}") from error
-    digest = hashlib.sha256(str(path.resolve()).encode() + content).hexdigest()[:16]
+
+
+def _executed(digest: str, file: str, content: bytes, reference: str) -> ModuleType:
+    """The module of a file, executed once."""
     name = f"midnet_bench_reference_{digest}"
     if name in sys.modules:
         return sys.modules[name]
     module = ModuleType(name)
-    module.__file__ = str(path)
+    module.__file__ = file
     sys.modules[name] = module  # classes find their module by its name
     try:
         # what was read, and not bytecode of a file that had the same time and size
-        exec(compile(content, str(path), "exec"), module.__dict__)
+        exec(compile(content, file, "exec"), module.__dict__)
     except Exception as error:
         del sys.modules[name]
         raise _not_imported(reference, error) from error

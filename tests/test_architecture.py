@@ -16,12 +16,24 @@ PACKAGE = Path(midnet_bench.__file__).parent
 # From the ground up: a room may import the ones on lower floors. Rooms on one floor know nothing of each
 # other, but for the modules of the ground floor.
 FLOORS = [
-    {"assignment", "compiled", "errors", "geometry", "grid", "messages", "plugins", "rng", "settings"},
+    {
+        "assignment",
+        "compiled",
+        "errors",
+        "geometry",
+        "grid",
+        "messages",
+        "plugins",
+        "rng",
+        "seams",
+        "settings",
+    },
     {"io"},
     {"robots"},
     {"midnet"},
     {"localization", "mapping", "navigation"},
     {"agents"},
+    {"rivals"},
     {"arena"},
     {"simulation"},
     {"scoring"},

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf, UkfTeam
-from midnet_bench.messages import STOP, Command, LidarGeometry
+from midnet_bench.messages import STOP, Command, LidarGeometry, Scan
 from midnet_bench.navigation.costmap import RollingCostmap
 from midnet_bench.navigation.navigator import Navigator, Status
 
@@ -120,10 +120,13 @@ class Guard(MobileRobot):
         """As ``MobileRobot``; each of ``detection_costmaps``, map frame, takes every scan of this robot."""
         super().__init__(index, name, start, navigator, ukf, next_goal, goal_timeout_s, scan_to_map)
         self.detection_costmaps = detection_costmaps
+        self.scan: Scan | None = None
+        """the last one"""
 
     def observe(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:
         """Take one scan into pose filter, navigator and detection costmaps."""
         super().observe(ranges_m, lidar, time_s)
+        self.scan = Scan(ranges_m, lidar, self.pose, time_s)
         sensor_pose = self.pose.compose(lidar.mount)
         for costmap in self.detection_costmaps:
             costmap.update(self.pose, sensor_pose, ranges_m, lidar, time_s)

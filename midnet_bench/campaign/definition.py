@@ -8,7 +8,7 @@ import itertools
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -20,6 +20,8 @@ from midnet_bench.campaign.trial import Cell, RunTrial, Scalar, TrialResult, Tri
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.checked_yaml import Spec, load_yaml, parse, read_yaml
 from midnet_bench.io.parameters import Parameters
+from midnet_bench.plugins import Source, take_sources
+from midnet_bench.seams import code_in
 
 SEVERAL = " | "
 """between the values of a parameter that is not a factor of the grid and yet not the same in all cells"""
@@ -325,9 +327,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
         ),
         cells=cells,
         efforts=[effort for _, effort in checked],
-        run_trial=experiments.run_trial
-        if file is None
-        else partial(_run_from_file, experiments.run_trial, campaign.experiment),
+        run_trial=_with_files(experiments.run_trial, None if file is None else campaign.experiment, cells),
         experiment_file=file,
     )
 
@@ -358,6 +358,21 @@ def _cell(
     flat, values = checked.flat(), checked.flat_values()
     # a newer option is left out at its default, but what the grid varies tells the cells apart
     return flat | {key: values[key] for key in product if key not in flat}, checked.effort
+
+
+def _with_files(
+    run_trial: RunTrial, reference: str | None, cells: Sequence[Mapping[str, Scalar]]
+) -> RunTrial:
+    """``run_trial`` with what other processes need of the user's files: an experiment, parts of a trial."""
+    if reference is not None:
+        run_trial = partial(_run_from_file, run_trial, reference)
+    code = code_in(value for cell in cells for value in cell.values())
+    return partial(_run_with_code, run_trial, code) if code else run_trial
+
+
+def _run_with_code(run_trial: RunTrial, code: Mapping[str, Source], spec: TrialSpec) -> TrialResult:
+    take_sources(code)
+    return run_trial(spec)
 
 
 def _run_from_file(run_trial: RunTrial, reference: str, spec: TrialSpec) -> TrialResult:

@@ -9,6 +9,7 @@ import numpy as np
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.messages import Scan
 from midnet_bench.midnet.binary_map import FREE, INT8, OCCUPIED, binary_map
 from midnet_bench.midnet.detection import (
     BinaryArray,
@@ -34,6 +35,8 @@ class Observation:
     """of the robot, map frame, the latest it reports: for Eq. 4 and, as an ally, for Algorithm 2"""
     costmap: OccupancyGrid
     """its local grid map, int8 published costs, axes along those of the map"""
+    scan: Scan | None = None
+    """its last one, which MIDNet does not need; None before the first"""
 
 
 @dataclass(frozen=True)
@@ -159,8 +162,12 @@ class MIDNet:
         """
         if not found:
             return []
+        return [Box._make(box) for box in self.team_of(found, poses).detections.tolist()]
+
+    def team_of(self, found: Sequence[BoxArray], poses: Sequence[Pose2D]) -> TeamBoxes:
+        """As :meth:`fused`, with what Algorithm 2 left and took; at least one robot."""
         _, _, team = self._fuse(found, poses)
-        return [Box._make(box) for box in team.detections.tolist()]
+        return team
 
     def _fuse(
         self, found: Sequence[BoxArray], poses: Sequence[Pose2D]

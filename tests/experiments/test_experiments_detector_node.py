@@ -35,7 +35,8 @@ def test_a_node_fed_with_poses_and_scans_detects_what_the_trial_s_own_does() -> 
             guard.observe = observe
         for _ in range(10):
             frame = trial.next_frame()
-            again = node.detect([guard.pose for guard in trial.guards])
+            observations = node.observations([guard.pose for guard in trial.guards])
+            again = node.detect(observations, trial.fleet.time_s)
             assert again == frame
         assert frame.detections
         np.testing.assert_array_equal(node.prior.data, trial.prior.data)

@@ -189,8 +189,8 @@ def test_what_several_parts_share_reaches_each_of_them() -> None:
     assert guards.guard_navigator.global_costmap.resolution == 0.1
     assert guards.local_costmap.track_unknown
     assert not guards.prior_costmap.track_unknown
-    assert guards.detector.unknown == "occupied"
-    assert guards.detector.deflate_boxes_m == pytest.approx(0.125, abs=0.004)
+    assert guards.midnet_settings.unknown == "occupied"
+    assert guards.midnet_settings.deflate_boxes_m == pytest.approx(0.125, abs=0.004)
     assert guards.intruder_navigator.dwa.limits.max_vel_x_mps == 0.1
     assert guards.guard_navigator.dwa.limits.max_vel_x_mps == 0.22
     assert guards.robot_simulation.odometry.source == "world"

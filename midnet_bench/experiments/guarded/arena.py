@@ -90,12 +90,12 @@ class GuardedArena(RobotTrial):
                 self._uplink.send(due, self.fleet.time_s)
             if self._dying and self.fleet.time_s >= self.parameters.dying_after_s - 1e-9:
                 self._let_die()
-        return self.detector.midnet.update(self.observations(self.detector), explain)
+        return self.detector.detect(self.observations(self.detector), self.fleet.time_s, explain)
 
     def observations(self, node: DetectorNode) -> list[Observation]:
         """What one of this trial's detectors goes by now, of each guard."""
         if self._uplink is None:
-            return node.observations(self.guards_poses())
+            return node.observations(self.guards_poses(), [guard.scan for guard in self.guards])
         return self._uplink.received(node, self.fleet.time_s)
 
     def guards_poses(self) -> list[Pose2D]:

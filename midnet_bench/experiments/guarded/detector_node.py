@@ -8,11 +8,12 @@ import numpy.typing as npt
 
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import LidarGeometry
+from midnet_bench.messages import LidarGeometry, Scan
 from midnet_bench.midnet.binary_map import PriorMapSettings, binary_map
 from midnet_bench.midnet.pipeline import Frame, MIDNet, MIDNetSettings, Observation
 from midnet_bench.navigation.costmap import RollingCostmap, static_costs
 from midnet_bench.navigation.settings import CostmapSettings
+from midnet_bench.rivals.team import TeamDetector
 
 
 class DetectorSettings(Protocol):
@@ -31,8 +32,16 @@ class DetectorSettings(Protocol):
         """Each robot's local costmap."""
 
     @property
-    def detector(self) -> MIDNetSettings:
+    def midnet_settings(self) -> MIDNetSettings:
         """MIDNet itself."""
+
+    @property
+    def detector(self) -> str:
+        """Who detects, a value of ``DETECTORS``."""
+
+    @property
+    def fusion(self) -> str:
+        """Who fuses, a value of ``FUSIONS``."""
 
 
 class DetectorNode:
@@ -50,12 +59,17 @@ class DetectorNode:
         ``costmaps``: those of a node whose local costmaps are the same, to share them.
         """
         self.prior = binary_prior(prior_map, settings)
-        self.midnet = MIDNet(self.prior, settings.detector)
+        self.midnet = MIDNet(self.prior, settings.midnet_settings)
         local_costmap = settings.local_costmap
+        self.team = TeamDetector(
+            self.midnet, prior_map, local_costmap.obstacle_range_m, settings.detector, settings.fusion
+        )
         self.costmaps = list(costmaps) or [
             RollingCostmap(local_costmap, prior_map.origin) for _ in range(robots)
         ]
         """by robot, map frame"""
+        self.scans: list[Scan | None] = [None] * robots
+        """by robot, the last one that :meth:`observe` took"""
 
     def observe(
         self,
@@ -67,22 +81,28 @@ class DetectorNode:
     ) -> None:
         """Take one scan into a robot's costmap: (beams,) metres, and its pose then, map frame.
 
-        A guard that was given its costmap does this by itself.
+        A guard that was given its costmap does this by itself, and has its last scan.
         """
+        self.scans[robot] = Scan(ranges_m, lidar, pose, time_s)
         self.costmaps[robot].update(pose, pose.compose(lidar.mount), ranges_m, lidar, time_s)
 
-    def detect(self, poses: Sequence[Pose2D], explain: bool = False) -> Frame:
-        """What MIDNet says now, from each robot's latest pose and the costmap of its last scan."""
-        return self.midnet.update(self.observations(poses), explain)
+    def detect(self, observations: Sequence[Observation], time_s: float, explain: bool = False) -> Frame:
+        """What the team detects now, of what each robot told; frames must come in order."""
+        return self.team.update(observations, time_s, explain)
 
-    def detect_in_opposite_order(self, observations: Sequence[Observation]) -> list[Box]:
-        """The boxes that MIDNet would give of these if the last robot came first (item 35)."""
-        return self.midnet.update(observations[::-1]).detections
+    def detect_in_opposite_order(self, observations: Sequence[Observation]) -> list[Box] | None:
+        """The boxes that MIDNet would give of these if the last robot came first (item 35).
 
-    def observations(self, poses: Sequence[Pose2D]) -> list[Observation]:
-        """Each robot's latest pose, as given, and the costmap of its last scan."""
-        pairs = zip(poses, self.costmaps, strict=True)
-        return [Observation(pose, costmap.published()) for pose, costmap in pairs]
+        None where another detector or fusion is at work: it may remember, and must not be asked twice.
+        """
+        return self.midnet.update(observations[::-1]).detections if self.team.is_the_papers else None
+
+    def observations(
+        self, poses: Sequence[Pose2D], scans: Sequence[Scan | None] | None = None
+    ) -> list[Observation]:
+        """Each robot's latest pose, its costmap, and its last scan: ``scans``, else those observed here."""
+        each = zip(poses, self.costmaps, self.scans if scans is None else scans, strict=True)
+        return [Observation(pose, costmap.published(), scan) for pose, costmap, scan in each]
 
 
 def detector_nodes(

@@ -18,6 +18,7 @@ from midnet_bench.localization.settings import ScanToMapSettings, UkfSettings
 from midnet_bench.midnet.binary_map import PriorMapSettings
 from midnet_bench.midnet.settings import MIDNetSettings
 from midnet_bench.navigation.settings import CostmapSettings, NavigatorSettings
+from midnet_bench.rivals.seams import DETECTORS, FUSIONS
 from midnet_bench.settings import group, option
 from midnet_bench.simulation.settings import NetworkSettings, SimulationSettings
 
@@ -73,6 +74,17 @@ class GuardParameters(Parameters):
         "ukf",
         "Which pose is used to crop the map and to drive: the pose filter's (ukf), the filter's corrected by "
         "matching scans to the prior map (ukf+map), or the true one (truth).",
+    )
+    detector: str = option(
+        "midnet",
+        "Who makes boxes of what the guards see: midnet, subtraction, clusters, background, or your own as "
+        "package.module:NAME or file.py:NAME; options of its own stand behind it, such as "
+        "clusters(noise_m=0.02).",
+    )
+    fusion: str = option(
+        "paper",
+        "Who makes one list of the guards' boxes: paper (Algorithms 3 and 4), none, suppression, components, "
+        "weighted, centres, tracks, or your own, given as a detector is.",
     )
     resolution_m: float = option(
         0.05, "Side of a cell of the prior map and of the local costmaps.", ge=0.02, le=0.2
@@ -170,7 +182,7 @@ class GuardParameters(Parameters):
         return replace(self.local_costmap, track_unknown=self.prior.unknown == "occupied")
 
     @property
-    def detector(self) -> MIDNetSettings:
+    def midnet_settings(self) -> MIDNetSettings:
         """What MIDNet works by, the shrinking of boxes included (item 25)."""
         if not self.deflate_boxes:
             return self.midnet
@@ -214,4 +226,10 @@ class GuardParameters(Parameters):
             raise InputError(
                 f"prior_map: {self.prior_map}: {str(error).removeprefix('prior_map: ')}"
             ) from error
-        return replace(self, arena=arena, prior_map=prior_map)
+        return replace(
+            self,
+            arena=arena,
+            prior_map=prior_map,
+            detector=DETECTORS.pinned(self.detector),
+            fusion=FUSIONS.pinned(self.fusion),
+        )

@@ -9,6 +9,7 @@ from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.experiments.guarded.detector_node import DetectorNode
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.messages import Scan
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.rng import stream
 from midnet_bench.simulation.network import LossyNetwork
@@ -21,6 +22,7 @@ class Report(NamedTuple):
     pose: Pose2D
     costmaps: tuple[OccupancyGrid, ...]
     """as published, in the order of the guard's own"""
+    scan: Scan | None
 
 
 class Uplink:
@@ -57,11 +59,12 @@ class Uplink:
                 self._timeout_s is not None and time_s - message.stamp_s > self._timeout_s + 1e-9
             )
             which = guard.detection_costmaps.index(costmap)
-            found.append(Observation(report.pose, (blind if is_old else report).costmaps[which]))
+            sight = blind if is_old else report
+            found.append(Observation(report.pose, sight.costmaps[which], sight.scan))
         return found
 
     def _report(self, guard: Guard, sees: bool = True) -> Report:
         costmaps = [costmap.published() for costmap in guard.detection_costmaps]
         if not sees:
             costmaps = [costmap.with_data(np.zeros_like(costmap.data)) for costmap in costmaps]
-        return Report(guard.pose, tuple(costmaps))
+        return Report(guard.pose, tuple(costmaps), guard.scan if sees else None)

@@ -24,6 +24,12 @@ class ReadingsParameters(DetectionParameters):
         "option at a time (items), or none beside what the parameters say (default).",
     )
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, own in (("detector", "midnet"), ("fusion", "paper")):
+            if getattr(self, name) != own:
+                raise InputError(f"{name}: readings are MIDNet's; leave {name} at {own}")
+
     def with_files_read(self) -> Self:
         """See :class:`Parameters`; behind ``calibration`` a digest of its candidates and rules."""
         read = super().with_files_read()

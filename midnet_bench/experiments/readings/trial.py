@@ -98,10 +98,10 @@ class ReadingsTrial(DetectionTrial):
         self._pair_of: dict[str, tuple[int, int]] = {}
         for name, reading in self.readings.items():
             eyes = (reading.local_costmap, reading.prior_costmap, reading.prior)
-            node = nodes.setdefault((eyes, reading.detector), len(variants))
+            node = nodes.setdefault((eyes, reading.midnet_settings), len(variants))
             if node == len(variants):
                 variants.append(reading)
-                teams.setdefault((eyes, reading.detector.before_the_team), []).append(node)
+                teams.setdefault((eyes, reading.midnet_settings.before_the_team), []).append(node)
             scoring = scorings.setdefault(_scoring_key(reading), len(self._scorings))
             if scoring == len(self._scorings):
                 self._scorings.append(reading)

@@ -1,0 +1,91 @@
+"""``CircleClusters``: adaptive breakpoints cut the scan, and a circle is fitted to each piece.
+
+Borges and Aldon, "Line extraction in 2D range images for mobile robotics", Journal of Intelligent and Robotic
+Systems 40 (2004): two neighbouring returns belong together if they are no farther apart than a surface that
+the beams meet at an angle of ``incidence_deg`` would put them, plus three deviations of the range.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.grid import OccupancyGrid, values_at
+from midnet_bench.messages import Scan
+from midnet_bench.midnet.detection import BoxArray
+from midnet_bench.midnet.pipeline import Observation
+from midnet_bench.rivals.map_subtraction import wall_distances
+
+Points = npt.NDArray[np.float64]
+
+
+class CircleClusters:
+    """Pieces of the scan off the mapped walls, each the upright square around the circle that fits it best.
+
+    Args beside those of every detector:
+        incidence_deg: lambda of the breakpoints.
+        noise_m: deviation of a range.
+        tolerance_m: a piece whose median return is nearer to a mapped wall is the wall.
+        max_radius_m: a circle that comes out larger is not believed; the piece's extent is taken.
+        min_returns: a piece of fewer is dropped.
+    """
+
+    def __init__(
+        self,
+        prior_map: OccupancyGrid,
+        range_m: float,
+        incidence_deg: float = 10.0,
+        noise_m: float = 0.01,
+        tolerance_m: float = 0.15,
+        max_radius_m: float = 0.3,
+        min_returns: int = 2,
+    ) -> None:
+        self._walls = wall_distances(prior_map)
+        self._range_m, self._incidence_rad = range_m, math.radians(incidence_deg)
+        self._noise_m, self._tolerance_m = noise_m, tolerance_m
+        self._max_radius_m, self._min_returns = max_radius_m, min_returns
+
+    def detect(self, team: Sequence[Observation]) -> list[BoxArray]:
+        """For each robot (n, 4) boxes, map frame, metres, of its last scan."""
+        return [self._boxes(observation.scan) for observation in team]
+
+    def _boxes(self, scan: Scan | None) -> BoxArray:
+        boxes = []
+        for piece in [] if scan is None else self._pieces(scan):
+            off_m = float(np.median(values_at(self._walls.data, self._walls, piece, 0.0)))
+            if len(piece) >= self._min_returns and off_m > self._tolerance_m:
+                boxes.append(self._box(piece))
+        return np.array(boxes, dtype=np.float64).reshape(-1, 4)
+
+    def _pieces(self, scan: Scan) -> list[Points]:
+        """The returns within range, cut at the breakpoints; each piece (n, 2), map frame."""
+        beams, points = scan.returns(self._range_m)
+        if not len(beams):
+            return []
+        lidar, ranges_m = scan.lidar, scan.ranges_m[beams]
+        turns = np.diff(beams, prepend=beams[-1] - lidar.beams) * abs(lidar.angle_increment_rad)
+        before_m = np.roll(ranges_m, 1)
+        # a turn as wide as the incidence or wider leaves no surface that could join the two
+        reach_m = np.where(
+            turns < self._incidence_rad,
+            before_m * np.sin(turns) / np.sin(np.maximum(self._incidence_rad - turns, 1e-9)),
+            0.0,
+        )
+        gaps_m = np.hypot(*(points - np.roll(points, 1, axis=0)).T)
+        apart = (gaps_m > reach_m + 3.0 * self._noise_m) | (turns >= self._incidence_rad)
+        first = int(np.argmax(apart))
+        return np.split(np.roll(points, -first, axis=0), np.flatnonzero(np.roll(apart, -first))[1:])
+
+    def _box(self, piece: Points) -> list[float]:
+        """Around the least-squares circle (Kasa), or around the returns where that is no good."""
+        middle = piece.mean(axis=0)
+        x, y = (piece - middle).T
+        solution, _, rank, _ = np.linalg.lstsq(
+            np.column_stack((2.0 * x, 2.0 * y, np.ones(len(piece)))), x * x + y * y, rcond=None
+        )
+        radius_m = math.sqrt(max(0.0, float(solution[2] + solution[0] ** 2 + solution[1] ** 2)))
+        if rank == 3 and radius_m <= self._max_radius_m:
+            centre = middle + solution[:2]
+            return [*centre - radius_m, *centre + radius_m]
+        return [*piece.min(axis=0) - self._noise_m, *piece.max(axis=0) + self._noise_m]

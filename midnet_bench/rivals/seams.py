@@ -1,0 +1,32 @@
+"""Who detects and who fuses, by name; nothing is imported before it is asked for."""
+
+from midnet_bench.seams import Seam
+
+DETECTORS = Seam(
+    option="detector",
+    entry_points="midnet_bench.detectors",
+    method="detect",
+    own={
+        "midnet": None,
+        "subtraction": "midnet_bench.rivals.map_subtraction:MapSubtraction",
+        "clusters": "midnet_bench.rivals.clusters:CircleClusters",
+        "background": "midnet_bench.rivals.background:RunningMean",
+    },
+)
+"""see ``rivals/detector.py``"""
+
+FUSIONS = Seam(
+    option="fusion",
+    entry_points="midnet_bench.fusions",
+    method="fuse",
+    own={
+        "paper": None,
+        "none": "midnet_bench.rivals.plain_fusions:NoFusion",
+        "suppression": "midnet_bench.rivals.plain_fusions:NonMaximumSuppression",
+        "components": "midnet_bench.rivals.plain_fusions:ConnectedComponents",
+        "weighted": "midnet_bench.rivals.weighted_boxes:WeightedBoxes",
+        "centres": "midnet_bench.rivals.centre_distance:CentreDistance",
+        "tracks": "midnet_bench.rivals.kalman_tracks:KalmanTracks",
+    },
+)
+"""see ``rivals/fusion.py``"""

@@ -1,0 +1,128 @@
+"""``TeamDetector``: a detector, Algorithm 2 and a fusion, one after the other."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from midnet_bench.errors import MidnetBenchError
+from midnet_bench.geometry import Box
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.midnet.detection import BoxArray
+from midnet_bench.midnet.pipeline import Frame, MIDNet, Observation
+from midnet_bench.rivals.fusion import ious
+from midnet_bench.rivals.seams import DETECTORS, FUSIONS
+from midnet_bench.seams import PluginError, Seam
+
+
+class TeamDetector:
+    """What a team detects, by the detector and the fusion that were asked for; MIDNet does the rest.
+
+    Whatever comes from outside is checked here, so that what is wrong with it is said by its name.
+    """
+
+    def __init__(
+        self, midnet: MIDNet, prior_map: OccupancyGrid, range_m: float, detector: str, fusion: str
+    ) -> None:
+        """For one trial.
+
+        Args:
+            midnet: which takes out allies, and detects or fuses unless others do.
+            prior_map: int8, 100 occupied, map frame.
+            range_m: up to which an intruder has to be found.
+            detector: a pinned value of ``DETECTORS``.
+            fusion: a pinned value of ``FUSIONS``.
+
+        Raises:
+            PluginError: one of the two cannot be made.
+        """
+        self.midnet = midnet
+        self._detector_name, self._fusion_name = detector, fusion
+        self._detector: Any = None
+        if not DETECTORS.is_made_here(detector):
+            self._detector = DETECTORS.make(detector, prior_map, range_m)
+        self._fusion: Any = None if FUSIONS.is_made_here(fusion) else FUSIONS.make(fusion)
+
+    @property
+    def is_the_papers(self) -> bool:
+        """Whether section IV is done as it is written, and no frame depends on an earlier one."""
+        return self._detector is None and self._fusion is None
+
+    def update(self, observations: Sequence[Observation], time_s: float, explain: bool = False) -> Frame:
+        """The team's detections at this instant; frames must come in order, each once.
+
+        ``explain`` keeps what MIDNet's own detector did; others explain nothing.
+
+        Raises:
+            PluginError: the detector or the fusion failed, or gave what are no boxes.
+        """
+        if self.is_the_papers or not observations:
+            return self.midnet.update(observations, explain)
+        poses = [observation.pose for observation in observations]
+        explanation = None
+        if self._detector is None:
+            found = self.midnet.found_by_each(observations)
+            if explain:
+                explanation = self.midnet.update(observations, explain).explanation
+        else:
+            found = self._detected(observations)
+        team = self.midnet.team_of(found, poses)
+        if self._fusion is None:
+            return Frame(_boxes(team.detections), team.found_by.tolist(), explanation)
+        every = np.concatenate(found)[team.kept]
+        lists = [every[team.starts[i] : team.starts[i + 1]] for i in range(len(found))]
+        fused = self._fused(lists, time_s)
+        robots = np.repeat(np.arange(len(lists)), [len(own) for own in lists])
+        alike = ious(fused, every)
+        found_by = robots[alike.argmax(axis=1)].tolist() if len(every) else [0] * len(fused)
+        return Frame(_boxes(fused), found_by, explanation)
+
+    def _detected(self, observations: Sequence[Observation]) -> list[BoxArray]:
+        try:
+            found = list(self._detector.detect(observations))
+        except MidnetBenchError:
+            raise
+        except Exception as error:
+            raise DETECTORS.failure(self._detector_name, error) from error
+        if len(found) != len(observations):
+            raise PluginError(
+                f"detector {self._detector_name}: detect gave {len(found)} lists of boxes for "
+                f"{len(observations)} robots; give one for each, empty where there is nothing"
+            )
+        return [checked_boxes(own, DETECTORS, self._detector_name) for own in found]
+
+    def _fused(self, lists: list[BoxArray], time_s: float) -> BoxArray:
+        try:
+            fused = self._fusion.fuse(lists, time_s)
+        except MidnetBenchError:
+            raise
+        except Exception as error:
+            raise FUSIONS.failure(self._fusion_name, error) from error
+        return checked_boxes(fused, FUSIONS, self._fusion_name)
+
+
+def checked_boxes(given: object, seam: Seam, name: str) -> BoxArray:
+    """``given`` by code of ``seam`` as (n, 4) float64. Raises PluginError if they are no boxes."""
+    said = f"{seam.option} {name}: {seam.method}"
+    try:
+        boxes = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise PluginError(f"{said} gave no numbers: {' '.join(str(error).split())}") from error
+    if boxes.size == 0:
+        return np.empty((0, 4))
+    if boxes.ndim != 2 or boxes.shape[1] != 4:
+        raise PluginError(f"{said} gave an array of shape {boxes.shape}; boxes have the shape (n, 4)")
+    if not np.isfinite(boxes).all():
+        raise PluginError(
+            f"{said} gave a box that is not finite: {boxes[~np.isfinite(boxes).all(axis=1)][0]}"
+        )
+    empty = (boxes[:, :2] >= boxes[:, 2:]).any(axis=1)
+    if empty.any():
+        raise PluginError(
+            f"{said} gave a box without area: {boxes[empty][0]}; x_min < x_max and y_min < y_max are needed"
+        )
+    return boxes
+
+
+def _boxes(rows: BoxArray) -> list[Box]:
+    return [Box._make(row) for row in rows.tolist()]

@@ -1,0 +1,216 @@
+"""Seams: options whose value names code, of this package, of an installed one or of a user's own file.
+
+A value is ``NAME``, ``package.module:NAME`` or ``path/file.py:NAME``, with options of the code's own behind
+it in brackets: ``clusters(noise_m=0.02)``. :meth:`Seam.pinned` adds what tells this code from another of the
+same name: ``#`` and a digest of the file's bytes, or ``@`` and the version of the installed package. So a
+trial's parameters say all that it depends on, and its id changes with the code.
+"""
+
+import importlib.metadata
+import inspect
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
+from midnet_bench.plugins import Source, from_source, load_reference, read_source, sources
+from midnet_bench.settings import Scalar
+
+_VALUE = re.compile(r"(?P<place>[^()#@]+)(?:\((?P<options>[^()]*)\))?(?:(?P<mark>[#@])(?P<pin>[\w.+-]+))?")
+_WORDS: dict[str, Scalar] = {"true": True, "false": False, "null": None}
+
+
+class PluginError(MidnetBenchError):
+    """Code from outside failed, or gave what it must not give. The message names it."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A seam's value, taken apart."""
+
+    place: str
+    """a name, or a reference as :func:`~midnet_bench.plugins.load_reference` takes"""
+    options: Mapping[str, Scalar]
+    """of the code itself, by name"""
+    mark: str = ""
+    pin: str = ""
+
+    @property
+    def is_file(self) -> bool:
+        """Whether ``place`` is a name in a file of the user's."""
+        return self.place.rpartition(":")[0].endswith(".py")
+
+    def __str__(self) -> str:
+        words = {value: word for word, value in _WORDS.items()}
+        said = ", ".join(
+            f"{key}={words[value] if value is None or isinstance(value, bool) else value}"
+            for key, value in sorted(self.options.items())
+        )
+        return f"{self.place}({said}){self.mark}{self.pin}" if said else f"{self.place}{self.mark}{self.pin}"
+
+
+@dataclass(frozen=True)
+class Seam:
+    """A place where other people's code goes in."""
+
+    option: str
+    """its flat key, which messages begin with"""
+    entry_points: str
+    """the group under which installed packages offer theirs"""
+    method: str
+    """what every class here has"""
+    own: Mapping[str, str | None]
+    """this package's by name: a reference, or None for one that whoever asks makes himself"""
+
+    def names(self) -> list[str]:
+        """The names that can be given, this package's first; beside them it takes references."""
+        return list(dict.fromkeys([*self.own, *(one.name for one in entry_points(group=self.entry_points))]))
+
+    def pinned(self, value: str) -> str:
+        """``value`` in its one spelling, with a digest or version of code that is not this package's.
+
+        Raises:
+            InputError: there is no such code, it cannot be imported, it has no such option, or it is not what
+                a pin that was given says.
+        """
+        choice = self._parsed(value)
+        if choice.place in self.own:
+            return str(self._without_pin(choice))
+        try:
+            pinned = self._with_pin(choice)
+        except InputError as error:
+            raise InputError(f"{self.option}: {error}") from error
+        if choice.pin and choice != pinned:
+            raise InputError(
+                f"{self.option}: {value}: what is here is {pinned}; leave out what follows {choice.mark}"
+            )
+        self._class(pinned)
+        return str(pinned)
+
+    def make(self, value: str, *arguments: Any) -> Any:
+        """An instance of what ``value``, a pinned one, names, made of ``arguments`` and its options.
+
+        Raises:
+            InputError: as :meth:`pinned`.
+            PluginError: it cannot be made.
+        """
+        choice = self._parsed(value)
+        made = self._class(choice)
+        try:
+            return made(*arguments, **choice.options)
+        except MidnetBenchError:
+            raise
+        except Exception as error:
+            raise self.failure(value, error) from error
+
+    def _without_pin(self, choice: Choice) -> Choice:
+        """A choice of this package's own, checked."""
+        said = f"{self.option}: {choice}"
+        if choice.pin:
+            raise InputError(
+                f"{said}: '{choice.place}' comes with midnet-bench; leave out what follows {choice.mark}"
+            )
+        if self.own[choice.place] is not None:
+            if choice.options:  # importing it takes a while
+                self._class(choice)
+        elif choice.options:
+            raise InputError(f"{said}: '{choice.place}' goes by keys; 'midnet-bench parameters' lists them")
+        return choice
+
+    def is_made_here(self, value: str) -> bool:
+        """Whether ``value`` names what whoever asks makes himself."""
+        return value in self.own and self.own[value] is None
+
+    def failure(self, value: str, error: Exception) -> PluginError:
+        """What to raise when code that ``value`` names fails."""
+        said = " ".join(str(error).split()) or "without a word"
+        return PluginError(f"{self.option} {value}: {type(error).__name__}: {said}")
+
+    def _parsed(self, value: str) -> Choice:
+        found = _VALUE.fullmatch(value.strip())
+        if found is None:
+            raise InputError(
+                f"{self.option}: {value[:80]!r}: expected NAME, package.module:NAME or path/file.py:NAME, "
+                "with options as NAME(key=value, key=value)"
+            )
+        options: dict[str, Scalar] = {}
+        for part in filter(None, map(str.strip, (found["options"] or "").split(","))):
+            key, equals, text = map(str.strip, part.partition("="))
+            if not (equals and key.isidentifier() and text) or key in options:
+                raise InputError(
+                    f"{self.option}: {value[:80]}: {part!r} is no key=value, or its key is there twice"
+                )
+            options[key] = _scalar(text)
+        return Choice(found["place"].strip(), options, found["mark"] or "", found["pin"] or "")
+
+    def _with_pin(self, choice: Choice) -> Choice:
+        """``choice`` with the pin that it has here; a file by its name alone."""
+        if choice.is_file:
+            if choice.pin:
+                return choice
+            file, _, name = choice.place.rpartition(":")
+            digest = read_source(Path(file), choice.place)
+            return replace(choice, place=f"{Path(file).name}:{name}", mark="#", pin=digest)
+        version = _version(self._reference(choice))
+        return replace(choice, mark="@" if version else "", pin=version)
+
+    def _reference(self, choice: Choice) -> str:
+        """Of what is in no file."""
+        if ":" in choice.place:
+            return choice.place
+        if (own := self.own.get(choice.place)) is not None:
+            return own
+        for point in entry_points(group=self.entry_points, name=choice.place):
+            return point.value
+        raise InputError(f"unknown name '{choice.place}'{nearest_name(choice.place, self.names())}")
+
+    def _class(self, choice: Choice) -> Any:
+        try:
+            if choice.is_file:
+                found = from_source(choice.pin, choice.place.rpartition(":")[2], str(choice))
+            else:
+                found = load_reference(self._reference(choice))
+        except InputError as error:
+            raise InputError(f"{self.option}: {error}") from error
+        if not callable(found) or not callable(getattr(found, self.method, None)):
+            raise InputError(f"{self.option}: {choice}: expected a class with a method '{self.method}'")
+        for key in choice.options:
+            known = _options_of(found)
+            if key not in known:
+                raise InputError(f"{self.option}: {choice}: no option '{key}'{nearest_name(key, known)}")
+        return found
+
+
+def code_in(values: Iterable[Scalar]) -> dict[str, Source]:
+    """The files that pinned values name, which ``plugins.take_sources`` takes in another process."""
+    texts = [_VALUE.fullmatch(value) for value in values if isinstance(value, str)]
+    return sources({found["pin"] for found in texts if found is not None and found["mark"] == "#"})
+
+
+def _options_of(found: Any) -> list[str]:
+    """What may be given by name, behind what this package gives by position: parameters with a default."""
+    taken = inspect.signature(found).parameters.values()
+    return [one.name for one in taken if one.default is not one.empty]
+
+
+def _version(reference: str) -> str:
+    """Of the installed package that a reference is into; empty for a module that belongs to none."""
+    package = reference.partition(":")[0].partition(".")[0]
+    for distribution in importlib.metadata.packages_distributions().get(package, []):
+        return importlib.metadata.version(distribution)
+    return ""
+
+
+def _scalar(text: str) -> Scalar:
+    """A number, true, false, null, or the text as it stands."""
+    if text in _WORDS:
+        return _WORDS[text]
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
