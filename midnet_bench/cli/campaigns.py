@@ -67,7 +67,7 @@ def detection(
             "robots": _integers(robots, "--robots"),
             "frames": frames,
             "arena": arena,
-            "engine": campaign.engine,
+            **campaign.parts,
         },
         seeds,
         seed,
@@ -114,7 +114,7 @@ def labyrinth(
             "intruders": _integers(intruders, "--intruders"),
             "robots": _integers(robots, "--robots"),
             "arena": arena,
-            "engine": campaign.engine,
+            **campaign.parts,
         },
         trials,
         seed,
@@ -154,7 +154,7 @@ def run(
     from midnet_bench.campaign.definition import load_campaign, override
     from midnet_bench.workflows.campaigns import campaign_file
 
-    named = {} if campaign.engine is None else {"engine": campaign.engine}
+    named = {option: value for option, value in campaign.parts.items() if value is not None}
     settings = {**named, **options.settings_with(named, campaign.settings, campaign.map_file)}
     written = load_campaign(campaign_file(file))
     _run(override(written, settings, trials=trials, base_seed=seed), campaign)

@@ -64,6 +64,22 @@ class Campaign:
     """What every command that runs a campaign takes, besides what that campaign is."""
 
     engine: Engine = None
+    detector: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Who detects: midnet, another by name, package.module:NAME or file.py:NAME.",
+            show_default=False,
+        ),
+    ] = None
+    fusion: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Who fuses the robots' boxes: paper, another by name, package.module:NAME or file.py:NAME.",
+            show_default=False,
+        ),
+    ] = None
     map_file: Map = None
     settings: Settings = None
     output: Annotated[
@@ -91,6 +107,11 @@ class Campaign:
         bool, typer.Option("--retry-failed", help="Run trials that failed once more.")
     ] = False
     as_json: Json = False
+
+    @property
+    def parts(self) -> dict[str, str | None]:
+        """What stands behind the seams, by option; None if not given."""
+        return {"engine": self.engine, "detector": self.detector, "fusion": self.fusion}
 
 
 @dataclass(frozen=True)

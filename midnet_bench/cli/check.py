@@ -1,0 +1,52 @@
+"""The command that tries code for a seam: ``check``."""
+
+import json
+from typing import Annotated
+
+import typer
+
+from midnet_bench.cli import options
+from midnet_bench.cli.app import command
+
+BROKEN = 1
+"""exit code where something is wrong"""
+
+
+@command("Inputs", example="midnet-bench check my_detector.py:Mine")
+def check(
+    thing: Annotated[
+        str,
+        typer.Argument(
+            metavar="THING",
+            help="A detector or a fusion: a name, package.module:NAME or file.py:NAME.",
+            show_default=False,
+        ),
+    ],
+    as_json: options.Json = False,
+) -> None:
+    """Say what is wrong with a detector or a fusion of your own, a line for each fault, or 'ok'.
+
+    It is run in this process and in another, with nobody, with one robot and with twenty. Units, shapes,
+    untouched inputs and the same answer each time are looked at. The exit code is 1 if anything is wrong.
+    """
+    from midnet_bench.workflows.check import check as checked_thing
+
+    found = checked_thing(thing)
+    if as_json:
+        typer.echo(
+            json.dumps(
+                {
+                    "seam": found.seam,
+                    "name": found.name,
+                    "faults": found.faults,
+                    "frame_ms": None if found.faults else round(found.frame_ms, 3),
+                }
+            )
+        )
+    elif not found.faults:
+        typer.echo(f"ok, {found.frame_ms:.1f} ms a frame ({found.seam} {found.name}, four robots)")
+    else:
+        for fault in found.faults:
+            typer.echo(fault)
+    if found.faults:
+        raise typer.Exit(BROKEN)
