@@ -72,7 +72,7 @@ class RunningMean:
         """(H, W) each: cells with a return within range, and those that beams passed through before that."""
         sensor = scan.pose.compose(scan.lidar.mount)
         ranges_m = np.where(np.isnan(scan.ranges_m), 0.0, scan.ranges_m)
-        steps_m = np.arange(scan.lidar.range_min_m, self._range_m, self._map.resolution / 2.0)
+        steps_m = np.arange(scan.lidar.range_min_m, self._range_m, self._map.resolution)
         ends = scan.lidar.directions[:, None] * steps_m[None, :, None]
         before = steps_m[None] < ranges_m[:, None] - self._map.resolution
         hit = self._marked(scan.returns(self._range_m)[1])

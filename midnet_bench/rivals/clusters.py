@@ -24,7 +24,7 @@ class CircleClusters:
     """Pieces of the scan off the mapped walls, each the upright square around the circle that fits it best.
 
     Args beside those of every detector:
-        incidence_deg: lambda of the breakpoints.
+        incidence_deg: lambda of the breakpoints, more than the angle between two beams.
         noise_m: deviation of a range.
         tolerance_m: a piece whose median return is nearer to a mapped wall is the wall.
         max_radius_m: a circle that comes out larger is not believed; the piece's extent is taken.
@@ -60,22 +60,21 @@ class CircleClusters:
 
     def _pieces(self, scan: Scan) -> list[Points]:
         """The returns within range, cut at the breakpoints; each piece (n, 2), map frame."""
-        beams, points = scan.returns(self._range_m)
+        # what is out of range cuts too: it tells an intruder from the wall beside it
+        beams, points = scan.returns(math.inf)
         if not len(beams):
             return []
-        lidar, ranges_m = scan.lidar, scan.ranges_m[beams]
-        turns = np.diff(beams, prepend=beams[-1] - lidar.beams) * abs(lidar.angle_increment_rad)
-        before_m = np.roll(ranges_m, 1)
-        # a turn as wide as the incidence or wider leaves no surface that could join the two
-        reach_m = np.where(
-            turns < self._incidence_rad,
-            before_m * np.sin(turns) / np.sin(np.maximum(self._incidence_rad - turns, 1e-9)),
-            0.0,
-        )
+        ranges_m = scan.ranges_m[beams]
+        turn_rad = abs(scan.lidar.angle_increment_rad)
+        widening = math.sin(turn_rad) / math.sin(self._incidence_rad - turn_rad)
         gaps_m = np.hypot(*(points - np.roll(points, 1, axis=0)).T)
-        apart = (gaps_m > reach_m + 3.0 * self._noise_m) | (turns >= self._incidence_rad)
-        first = int(np.argmax(apart))
-        return np.split(np.roll(points, -first, axis=0), np.flatnonzero(np.roll(apart, -first))[1:])
+        apart = gaps_m > np.roll(ranges_m, 1) * widening + 3.0 * self._noise_m
+        first = int(np.argmax(apart))  # 0 where nothing is apart
+        cuts = np.flatnonzero(np.roll(apart, -first))[1:]
+        pieces = zip(
+            *(np.split(np.roll(one, -first, axis=0), cuts) for one in (points, ranges_m)), strict=True
+        )
+        return [piece[far <= self._range_m] for piece, far in pieces if (far <= self._range_m).any()]
 
     def _box(self, piece: Points) -> list[float]:
         """Around the least-squares circle (Kasa), or around the returns where that is no good."""

@@ -1,0 +1,125 @@
+"""Detectors on scans made by hand: a square room with a round intruder in it."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.messages import Scan
+from midnet_bench.midnet.pipeline import Observation
+from midnet_bench.rivals.background import RunningMean
+from midnet_bench.rivals.clusters import CircleClusters
+from midnet_bench.rivals.detector import groups_of
+from midnet_bench.rivals.map_subtraction import MapSubtraction
+from midnet_bench.robots.burger import LDS_01
+
+HALF_M = 2.0
+"""from the middle of the room to its walls"""
+RANGE_M = 2.5
+
+
+def room() -> OccupancyGrid:
+    """Walls one cell thick whose inner faces are HALF_M from the middle, cells of 5 cm."""
+    cells = np.zeros((82, 82), dtype=np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    return OccupancyGrid(cells, 0.05, (-2.05, -2.05))
+
+
+def scan_of(pose: Pose2D, discs: list[tuple[float, float, float]], stamp_s: float = 0.0) -> Scan:
+    """What the LiDAR of a robot at ``pose`` meets: walls and discs (x, y, radius), without noise."""
+    sensor = pose.compose(LDS_01.mount)
+    angles = sensor.yaw + LDS_01.angles_rad
+    along = np.column_stack((np.cos(angles), np.sin(angles)))
+    to_each = (HALF_M - np.sign(along) * (sensor.x, sensor.y)) / np.maximum(np.abs(along), 1e-12)
+    to_walls = to_each.min(axis=1)
+    ranges_m: npt.NDArray[np.float64] = to_walls
+    for x, y, radius in discs:
+        offset = np.array([x - sensor.x, y - sensor.y])
+        nearest = along @ offset
+        miss2 = offset @ offset - nearest**2
+        entry = nearest - np.sqrt(np.maximum(radius**2 - miss2, 0.0))
+        ranges_m = np.where((miss2 < radius**2) & (nearest > 0), np.minimum(ranges_m, entry), ranges_m)
+    return Scan(ranges_m, LDS_01, pose, stamp_s)
+
+
+MIDDLE = Pose2D(0.0, 0.0, 0.0)
+
+
+def seen(scan: Scan | None, pose: Pose2D = MIDDLE) -> Observation:
+    return Observation(pose, room(), scan)
+
+
+DISC = (1.0, 0.5, 0.1)
+DETECTORS = [MapSubtraction, CircleClusters, RunningMean]
+
+
+@pytest.mark.parametrize("make", DETECTORS)
+@pytest.mark.parametrize("yaw", [0.0, 1.0, math.pi])
+def test_one_intruder_is_one_box_on_it_and_walls_are_none(make, yaw: float) -> None:
+    pose = Pose2D(-0.3, 0.2, yaw)
+    empty, full = scan_of(pose, []), scan_of(pose, [DISC], 0.2)
+    detector = make(room(), RANGE_M)
+    (nothing,) = detector.detect([seen(empty, pose)])
+    assert len(nothing) == 0
+    (found,) = detector.detect([seen(full, pose)])
+    assert np.shape(found) == (1, 4)
+    x_min, y_min, x_max, y_max = found[0]
+    assert x_min < 0.95
+    assert y_min < 0.5
+    assert 0.85 < x_min < x_max < 1.15
+    assert 0.35 < y_min < y_max < 0.65
+
+
+@pytest.mark.parametrize("make", DETECTORS)
+def test_each_robot_has_its_own_boxes_and_one_that_saw_nothing_has_none(make) -> None:
+    left, right = Pose2D(-0.3, 0.2, 0.0), Pose2D(0.4, -0.5, 2.0)
+    team = [
+        seen(scan_of(left, [DISC]), left),
+        seen(None),
+        seen(scan_of(right, [DISC, (-1.0, -1.0, 0.1)]), right),
+    ]
+    assert [len(own) for own in make(room(), RANGE_M).detect(team)] == [1, 0, 2]
+    assert make(room(), RANGE_M).detect([]) == []
+
+
+@pytest.mark.parametrize("make", DETECTORS)
+def test_what_is_farther_than_the_usable_range_is_not_looked_at(make) -> None:
+    pose = Pose2D(0.0, 0.0, 0.0)
+    (found,) = make(room(), 0.8).detect([seen(scan_of(pose, [DISC]), pose)])
+    assert len(found) == 0
+
+
+def test_a_circle_is_the_whole_body_and_not_the_side_that_was_seen() -> None:
+    pose = Pose2D(-0.3, 0.2, 0.0)
+    (found,) = CircleClusters(room(), RANGE_M).detect([seen(scan_of(pose, [DISC]), pose)])
+    np.testing.assert_allclose(found, [[0.9, 0.4, 1.1, 0.6]], atol=0.01)
+
+
+def test_a_single_return_is_left_out_where_two_are_asked_for() -> None:
+    pose = Pose2D(0.0, 0.0, 0.0)
+    scan = scan_of(pose, [])
+    scan.ranges_m[40] = 1.0
+    one, two = (MapSubtraction(room(), RANGE_M, min_returns=n).detect([seen(scan)])[0] for n in (1, 2))
+    assert (len(one), len(two)) == (1, 0)
+
+
+def test_the_background_swallows_what_stands_still_and_map_subtraction_does_not() -> None:
+    pose = Pose2D(-0.3, 0.2, 0.0)
+    background, subtraction = RunningMean(room(), RANGE_M), MapSubtraction(room(), RANGE_M)
+    counts = []
+    for step in range(100):
+        team = [seen(scan_of(pose, [DISC], 0.2 * step), pose)]
+        counts.append((len(background.detect(team)[0]), len(subtraction.detect(team)[0])))
+    assert {one for one, _ in counts[:30]} == {1}
+    assert {one for one, _ in counts[40:]} == {0}, "0.69 of ten seconds are over"
+    assert {other for _, other in counts} == {1}
+
+
+def test_groups_are_cut_at_gaps_and_go_round() -> None:
+    points = np.array([[0.0, 0.0], [0.1, 0.0], [1.0, 0.0], [1.1, 0.0], [0.0, 0.1]])
+    assert [len(group) for group in groups_of(points, 0.3)] == [2, 3]
+    assert [len(group) for group in groups_of(points[:2], 0.3)] == [2]
+    assert groups_of(points[:0], 0.3) == []
