@@ -8,6 +8,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -174,6 +175,7 @@ def _in_another_process(seam: Seam, name: str) -> tuple[bytes | None, list[str]]
     return None, [said.split("PluginError: ", 1)[-1]]
 
 
+@cache
 def _recorded() -> tuple[list[_Frame], OccupancyGrid, float]:
     """Frames of a team in motion, the prior map, and the usable range."""
     parameters = DetectionParameters.of(engine="fast", robots=ROBOTS)

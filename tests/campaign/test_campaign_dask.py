@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from midnet_bench.campaign.definition import Campaign, load_campaign, resolve
+from midnet_bench.campaign.definition import Campaign, load_campaign, parse_campaign, resolve
 from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.campaign.store import open_store
 from midnet_bench.errors import InputError
@@ -27,6 +27,15 @@ distributed = pytest.importorskip("distributed", reason="the extra midnet-bench[
 
 PLAIN = {"grid": {"coins": [1, 2, 3], "table": ["wood", "glass"]}, "trials": 3}
 HERE = ("--host", "127.0.0.1")
+MINE = """
+class Mine:
+    def __init__(self, prior_map, range_m):
+        self.range_m = range_m
+    def detect(self, team):
+        return [self.boxes(robot.scan) for robot in team]
+    def boxes(self, scan):
+        return [] if scan is None else [(x, y, x + 0.1, y + 0.1) for x, y in scan.returns(self.range_m)[1]]
+"""
 
 
 def serve(*arguments: str, folder: Path, path: Path | None = None) -> subprocess.Popen[bytes]:
@@ -109,6 +118,22 @@ def test_an_experiment_in_a_file_runs_in_a_cluster(tmp_path: Path, scheduler: st
 
     assert exported(tmp_path / "cluster") == exported(tmp_path / "here")
     assert run_campaign(campaign, tmp_path / "cluster", jobs=2).ran == 0
+
+
+def test_a_detector_in_a_file_travels_to_the_cluster_s_workers(
+    tmp_path: Path, scheduler: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(MINE)
+    parameters = {"engine": "fast", "frames": 3, "detector": "mine.py:Mine"}
+    campaign = parse_campaign({"experiment": "detection", "parameters": parameters, "trials": 1}, "test")
+    resolved = resolve(campaign, registry)
+    (tmp_path / "mine.py").unlink()  # nobody can read it there
+    run_campaign(resolved, tmp_path / "cluster", backend="dask", scheduler=scheduler)
+    run_campaign(resolved, tmp_path / "here", jobs=1)
+
+    assert exported(tmp_path / "cluster") == exported(tmp_path / "here")
+    assert not (tmp_path / "cluster" / "failures.csv").exists()
 
 
 def test_a_campaign_begun_here_goes_on_in_a_cluster(tmp_path: Path, scheduler: str) -> None:

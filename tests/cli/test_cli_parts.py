@@ -1,0 +1,127 @@
+"""Detectors and fusions of one's own on the command line, from a file outside the package."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows
+
+MINE = '''
+import numpy as np
+
+class Returns:
+    """A box around each return that is far from every wall of the map."""
+    def __init__(self, prior_map, range_m, away_m=0.3):
+        rows, columns = np.nonzero(prior_map.data == 100)
+        self.walls = np.column_stack([prior_map.x_centers[columns], prior_map.y_centers[rows]])
+        self.range_m, self.away_m = range_m, away_m
+    def detect(self, team):
+        return [self.boxes(robot.scan) for robot in team]
+    def boxes(self, scan):
+        if scan is None:
+            return []
+        points = scan.returns(self.range_m)[1]
+        gaps = np.linalg.norm(points[:, None] - self.walls, axis=2).min(axis=1, initial=np.inf)
+        return [(x - 0.05, y - 0.05, x + 0.05, y + 0.05) for x, y in points[gaps > self.away_m]]
+
+class Largest:
+    def fuse(self, found, time_s):
+        every = np.concatenate(found)
+        areas = (every[:, 2:] - every[:, :2]).prod(axis=1)
+        return every[np.argsort(areas, kind="stable")[-1:]]
+
+class Failing:
+    def __init__(self, prior_map, range_m):
+        pass
+    def detect(self, team):
+        raise RuntimeError("the lens is dirty")
+'''
+SHORT = ("--engine", "fast", "--frames", "4", "--jobs", "1")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "mine.py").write_text(MINE)
+    return tmp_path
+
+
+def test_a_detector_of_ones_own_runs_and_its_trial_says_which_it_was(folder: Path) -> None:
+    arguments = ("detection", *SHORT, "--robots", "2", "--detector", "mine.py:Returns(away_m=0.4)")
+    done = midnet_bench(*arguments, "-o", "out", folder=folder)
+    assert done.returncode == 0, done.stderr
+    (score,) = rows(folder / "out" / "scores.csv")
+    assert int(score["frames"]) == 4
+    assert '"mine.py:Returns(away_m=0.4)#' in (folder / "out" / "configuration.json").read_text()
+    before = (folder / "out" / "scores.csv").read_bytes()
+
+    (folder / "mine.py").write_text(MINE + "# changed")
+    complaint = one_line_of_complaint(midnet_bench(*arguments, "-o", "out", folder=folder))
+    assert "detector mine.py:Returns(away_m=0.4)#" in complaint
+    assert (folder / "out" / "scores.csv").read_bytes() == before
+
+
+def test_parts_stand_in_a_campaign_s_grid(folder: Path) -> None:
+    (folder / "both.yaml").write_text(
+        "experiment: detection\ntrials: 1\nparameters: {engine: fast, frames: 4, robots: 2}\n"
+        "grid:\n  detector: [midnet, mine.py:Returns]\n"
+        "  fusion: [paper, components(iou=0.2), mine.py:Largest]\n"
+    )
+    done = midnet_bench("run", "both.yaml", "-o", "out", "--jobs", "1", folder=folder)
+    assert done.returncode == 0, done.stderr
+    table = rows(folder / "out" / "scores.csv")
+    assert len(table) == 6
+    fusions = {row["fusion"].partition("#")[0] for row in table}
+    assert fusions == {"paper", "components(iou=0.2)", "mine.py:Largest"}
+
+
+def test_one_that_fails_costs_its_own_trials_and_is_named(folder: Path) -> None:
+    (folder / "two.yaml").write_text(
+        "experiment: detection\ntrials: 1\nparameters: {engine: fast, frames: 4, robots: 1}\n"
+        "grid: {detector: [midnet, mine.py:Failing]}\n"
+    )
+    done = midnet_bench("run", "two.yaml", "-o", "out", "--jobs", "1", folder=folder)
+    assert done.returncode == 1
+    assert len(rows(folder / "out" / "scores.csv")) == 1
+    (failure,) = rows(folder / "out" / "failures.csv")
+    assert "RuntimeError: the lens is dirty" in str(failure)
+    assert "detector mine.py:Failing#" in str(failure)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "says"),
+    [
+        ("--detector", "mine.py:Retruns", "no 'Retruns' in mine.py; did you mean 'Returns'?"),
+        ("--detector", "mine.py:Largest", "expected a class with a method 'detect'"),
+        ("--fusion", "compnents", "unknown name 'compnents'; did you mean 'components'?"),
+    ],
+)
+def test_a_part_that_is_not_there_is_one_line(folder: Path, option: str, value: str, says: str) -> None:
+    complaint = one_line_of_complaint(midnet_bench("detection", *SHORT, option, value, folder=folder))
+    assert f"{option.removeprefix('--')}: " in complaint
+    assert says in complaint
+
+
+@pytest.mark.slow
+def test_a_campaign_with_parts_of_ones_own_goes_on_after_kill_9(folder: Path) -> None:
+    arguments = ["detection", "--engine", "fast", "--frames", "25", "--robots", "1", "--seeds", "6", "-q"]
+    arguments += ["--detector", "mine.py:Returns", "--fusion", "mine.py:Largest", "--jobs", "1"]
+    command = [sys.executable, "-m", "midnet_bench", *arguments, "-o", "killed"]
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    process = subprocess.Popen(command, cwd=folder, env=environment, start_new_session=True)
+    deadline_s = time.monotonic() + 120
+    while not list(folder.glob("killed/campaign.sqlite*")) and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    time.sleep(4.0)  # the worker has begun
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+    for name in ("killed", "whole"):
+        done = midnet_bench(*arguments, "-o", name, folder=folder)
+        assert done.returncode == 0, done.stderr
+    for table in ("scores.csv", "frames.csv"):
+        assert (folder / "killed" / table).read_bytes() == (folder / "whole" / table).read_bytes()

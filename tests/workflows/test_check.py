@@ -1,0 +1,113 @@
+"""``check`` names what is wrong with each of many broken parts, and passes those of the package."""
+
+from pathlib import Path
+
+import pytest
+
+from midnet_bench.errors import InputError
+from midnet_bench.rivals.seams import DETECTORS, FUSIONS
+from midnet_bench.workflows.check import check
+from tests.cli.command import midnet_bench, one_line_of_complaint
+
+HEAD = """
+import itertools, os, random, time
+import numpy as np
+from midnet_bench.rivals.map_subtraction import MapSubtraction
+
+class Base(MapSubtraction):
+    def __init__(self, prior_map, range_m):
+        super().__init__(prior_map, range_m)
+"""
+GOOD = (
+    HEAD
+    + """
+class Mine(Base):
+    pass
+"""
+)
+BROKEN = {
+    "changes what it is given": "def detect(self, team):\n"
+    "        for robot in team:\n"
+    "            robot.costmap.data[:] = 0\n"
+    "        return super().detect(team)",
+    "global random numbers": "def detect(self, team):\n"
+    "        return [boxes + np.random.uniform(0, 0.1) for boxes in super().detect(team)]",
+    "other boxes the second time": "seen = itertools.count()\n"
+    "    def detect(self, team):\n"
+    "        return [boxes + 0.001 * next(Mine.seen) for boxes in super().detect(team)]",
+    "another process gets other results": "def detect(self, team):\n"
+    "        return [boxes + 1e-9 * os.getpid() for boxes in super().detect(team)]",
+    "with nobody: ": "def detect(self, team):\n        team[0]\n        return super().detect(team)",
+    "with one robot that has seen nothing: ": "def detect(self, team):\n"
+    "        for robot in team:\n"
+    "            robot.scan.stamp_s\n"
+    "        return super().detect(team)",
+    "with 20 robots: ": "def detect(self, team):\n        return super().detect(team)[:9]",
+    "are these metres?": "def detect(self, team):\n"
+    "        return [1000 * boxes for boxes in super().detect(team)]",
+    "is it in the map frame?": "def detect(self, team):\n"
+    "        return [boxes + 30.0 for boxes in super().detect(team)]",
+    "shape (": "def detect(self, team):\n        return [boxes[:, :2] for boxes in super().detect(team)]",
+    "is not finite": "def detect(self, team):\n"
+    "        return [boxes * np.nan for boxes in super().detect(team)]",
+    "without area": "def detect(self, team):\n"
+    "        return [boxes[:, [2, 3, 0, 1]] for boxes in super().detect(team)]",
+    "ZeroDivisionError: division by zero": "def detect(self, team):\n        1 / 0",
+    "gave no numbers": "def detect(self, team):\n        return [['a box'] for _ in team]",
+    "0 lists of boxes for": "def detect(self, team):\n        return []",
+    "takes its process along": "def detect(self, team):\n        os._exit(3)",
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", BROKEN)
+def test_a_broken_detector_is_told_what_is_wrong_with_it(fault: str, folder: Path) -> None:
+    (folder / "mine.py").write_text(HEAD + f"\nclass Mine(Base):\n    {BROKEN[fault]}\n")
+    found = check("mine.py:Mine")
+    assert any(fault in one for one in found.faults), found.faults
+    assert all("\n" not in one for one in found.faults)
+
+
+def test_a_good_detector_of_ones_own_is_ok(folder: Path) -> None:
+    (folder / "mine.py").write_text(GOOD)
+    done = midnet_bench("check", "mine.py:Mine", folder=folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("ok, ")
+    assert "ms a frame (detector mine.py:Mine#" in done.stdout
+
+
+def test_a_broken_one_has_exit_code_one(folder: Path) -> None:
+    (folder / "mine.py").write_text(
+        HEAD + "\nclass Mine(Base):\n    def detect(self, team):\n        1 / 0\n"
+    )
+    done = midnet_bench("check", "mine.py:Mine", folder=folder)
+    assert done.returncode == 1
+    assert "ZeroDivisionError: division by zero" in done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [*DETECTORS.own, *FUSIONS.own])
+def test_what_comes_with_the_package_is_ok(name: str) -> None:
+    assert check(name).faults == []
+
+
+def test_a_fusion_is_told_from_a_detector_by_its_method(folder: Path) -> None:
+    (folder / "mine.py").write_text(
+        "class First:\n    def fuse(self, found, time_s):\n        return found[0]\n"
+    )
+    found = check("mine.py:First")
+    assert found.seam == "fusion"
+    assert any(one.startswith("with nobody: fusion mine.py:First") for one in found.faults)
+
+
+def test_what_is_for_no_seam_is_one_line(folder: Path) -> None:
+    complaint = one_line_of_complaint(midnet_bench("check", "os.path:join", folder=folder))
+    assert "expected a class with a method 'detect' (detector) or 'fuse' (fusion)" in complaint
+    with pytest.raises(InputError, match="unknown name 'nix'"):
+        check("nix")
