@@ -30,6 +30,12 @@ class PatrolSettings(Settings):
 
     concern: ClassVar[str] = "patrol"
 
+    rule: str = option(
+        "paper",
+        "Where guards go that have nothing to do: paper (random points of section V.B), cyclic, reactive, "
+        "coordinated, or your own as package.module:NAME or file.py:NAME.",
+        key="patrol",
+    )
     z_factor: float = option(
         0.5,
         "Least distance between patrol goals, as a share of the arena's diagonal divided by the number of "

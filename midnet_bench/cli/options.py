@@ -80,6 +80,14 @@ class Campaign:
             show_default=False,
         ),
     ] = None
+    patrol: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Where idle guards go: paper, another by name, package.module:NAME or file.py:NAME.",
+            show_default=False,
+        ),
+    ] = None
     map_file: Map = None
     settings: Settings = None
     output: Annotated[
@@ -111,7 +119,12 @@ class Campaign:
     @property
     def parts(self) -> dict[str, str | None]:
         """What stands behind the seams, by option; None if not given."""
-        return {"engine": self.engine, "detector": self.detector, "fusion": self.fusion}
+        return {
+            "engine": self.engine,
+            "detector": self.detector,
+            "fusion": self.fusion,
+            "patrol": self.patrol,
+        }
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Who detects and who fuses, by name; nothing is imported before it is asked for."""
+"""Who detects, who fuses and who sends guards around, by name; nothing is imported before it is asked for."""
 
 from midnet_bench.seams import Seam
 
@@ -30,3 +30,16 @@ FUSIONS = Seam(
     },
 )
 """see ``rivals/fusion.py``"""
+
+PATROLS = Seam(
+    option="patrol",
+    entry_points="midnet_bench.patrols",
+    method="next_point",
+    own={
+        "paper": None,
+        "cyclic": "midnet_bench.rivals.patrols:CyclicRoute",
+        "reactive": "midnet_bench.rivals.patrols:ConscientiousReactive",
+        "coordinated": "midnet_bench.rivals.patrols:CoordinatedIdleness",
+    },
+)
+"""see ``rivals/patrol.py``"""

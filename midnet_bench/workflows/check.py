@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from midnet_bench.campaign.definition import parse_campaign, resolve
 from midnet_bench.campaign.pools import LokyPool, WorkersLost
@@ -24,17 +25,20 @@ from midnet_bench.experiments.detection.trial import DetectionTrial
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
-from midnet_bench.rivals.seams import DETECTORS, FUSIONS
+from midnet_bench.rivals.patrol import GuardState, TeamPatrol
+from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS
 from midnet_bench.rivals.team import checked_boxes
 from midnet_bench.seams import PluginError, Seam
 
-SEAMS = (DETECTORS, FUSIONS)
+SEAMS = (DETECTORS, FUSIONS, PATROLS)
 ROBOTS, FRAMES, SEED = 4, 25, 3001
 FULL_TEAM = 20
 LIMIT_S = 60.0
 """of a short trial in another process"""
 OFF_MAP_M, LARGEST_M = 1.0, 5.0
 """A box farther off the map, or with a longer side, is in other units or another frame."""
+NEAR_M = 0.5
+"""from where a guard is sent to the nearest place where it may be"""
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,16 @@ class _Frame:
     found: list[BoxArray]
     """by robot, without its allies"""
     time_s: float
+    asking: int = 0
+    """the guard that wants to know where to go"""
+
+    @property
+    def team(self) -> list[GuardState]:
+        """As a patrol rule sees it; every other guard is on its way to the middle."""
+        return [
+            GuardState((one.pose.x, one.pose.y), (0.0, 0.0) if i % 2 else None)
+            for i, one in enumerate(self.observations)
+        ]
 
 
 @dataclass(frozen=True)
@@ -69,9 +83,13 @@ class _Candidate:
     name: str
     prior_map: OccupancyGrid
     range_m: float
+    points: npt.NDArray[np.float64]
+    """(n, 2) where a guard may be sent"""
 
     def make(self) -> Callable[[_Frame], list[BoxArray]]:
-        """A fresh one; what it returns answers a frame, checked. Raises PluginError."""
+        """A fresh one; what it returns answers a frame, checked: boxes, or a point. Raises PluginError."""
+        if self.seam is PATROLS:
+            return self._patrol()
         prior_map = self.prior_map.with_data(self.prior_map.data.copy())
         arguments = (prior_map, self.range_m) if self.seam is DETECTORS else ()
         made = self.seam.make(self.name, *arguments)
@@ -94,25 +112,38 @@ class _Candidate:
 
         return answer
 
+    def _patrol(self) -> Callable[[_Frame], list[BoxArray]]:
+        """Patrols are told the team's size, so one is made for each."""
+        patrols: dict[int, TeamPatrol] = {}
+
+        def answer(frame: _Frame) -> list[BoxArray]:
+            guards = len(frame.team)
+            if guards not in patrols:
+                rng = np.random.default_rng(SEED)
+                patrols[guards] = TeamPatrol(self.name, self.points.copy(), guards, rng)
+            return [np.array([patrols[guards].next_point(frame.asking, frame.team, frame.time_s)])]
+
+        return answer
+
 
 def check(thing: str) -> Checked:
     """What is wrong with the code that ``thing`` names, found with robots in the fast engine's Map 1.
 
     Args:
-        thing: what ``--detector`` or ``--fusion`` takes.
+        thing: what ``--detector``, ``--fusion`` or ``--patrol`` takes.
 
     Raises:
         InputError: there is no such code, or it is for no seam.
     """
     seam = _seam_of(thing)
     name = seam.pinned(thing)
-    if seam.is_made_here(name):
+    if seam.is_made_here(name):  # it is what all else is measured with
         return Checked(seam.option, name, [], _own_time_ms())
     elsewhere, faults = _in_another_process(seam, name)
     if faults:  # it hangs, fails or takes its process along
         return Checked(seam.option, name, faults, float("nan"))
-    frames, prior_map, range_m = _recorded()
-    candidate = _Candidate(seam, name, prior_map, range_m)
+    frames, prior_map, range_m, points = _recorded()
+    candidate = _Candidate(seam, name, prior_map, range_m, points)
     frame_ms = float("nan")
     with _random_state_kept():
         for contract in (_keeps_its_hands_off, _repeats, _takes_any_team, _speaks_in_metres):
@@ -176,8 +207,8 @@ def _in_another_process(seam: Seam, name: str) -> tuple[bytes | None, list[str]]
 
 
 @cache
-def _recorded() -> tuple[list[_Frame], OccupancyGrid, float]:
-    """Frames of a team in motion, the prior map, and the usable range."""
+def _recorded() -> tuple[list[_Frame], OccupancyGrid, float, npt.NDArray[np.float64]]:
+    """Frames of a team in motion, the prior map, the usable range, and where a patrol may go."""
     parameters = DetectionParameters.of(engine="fast", robots=ROBOTS)
     frames = []
     with DetectionTrial(parameters, SEED) as trial:
@@ -190,8 +221,8 @@ def _recorded() -> tuple[list[_Frame], OccupancyGrid, float]:
             team = trial.detector.midnet.team_of(boxes, [one.pose for one in observations])
             kept = np.concatenate(boxes)[team.kept]
             found = [kept[team.starts[i] : team.starts[i + 1]] for i in range(ROBOTS)]
-            frames.append(_Frame(observations, found, trial.fleet.time_s))
-        return frames, trial.prior_map, parameters.costmap.obstacle_range_m
+            frames.append(_Frame(observations, found, trial.fleet.time_s, number % ROBOTS))
+        return frames, trial.prior_map, parameters.costmap.obstacle_range_m, trial.patrol.points
 
 
 def _keeps_its_hands_off(candidate: _Candidate, frames: list[_Frame]) -> Iterator[str]:
@@ -238,6 +269,8 @@ def _takes_any_team(candidate: _Candidate, frames: list[_Frame]) -> Iterator[str
         f"{FULL_TEAM} robots": _Frame(frame.observations * times, frame.found * times, frame.time_s),
     }
     for team, asked in teams.items():
+        if candidate.seam is PATROLS and not asked.observations:
+            continue  # nobody asks
         try:
             candidate.make()(copy.deepcopy(asked))
         except PluginError as error:
@@ -245,8 +278,18 @@ def _takes_any_team(candidate: _Candidate, frames: list[_Frame]) -> Iterator[str
 
 
 def _speaks_in_metres(candidate: _Candidate, frames: list[_Frame]) -> Iterator[str]:
-    """Boxes lie where robots can be, and are as large as things are."""
+    """Boxes lie where robots can be, and are as large as things are; guards are sent where they may be."""
     answer = candidate.make()
+    if candidate.seam is PATROLS:
+        for frame in frames:
+            point = answer(copy.deepcopy(frame))[0][0]
+            if np.hypot(*(candidate.points - point).T).min() > NEAR_M:
+                yield (
+                    f"it sends a guard to ({point[0]:.3g}, {point[1]:.3g}) m, where none may be: give one of "
+                    "the points that it was made of"
+                )
+                return
+        return
     x_min, y_min, x_max, y_max = candidate.prior_map.extent
     for frame in frames:
         for box in np.concatenate(answer(copy.deepcopy(frame))):

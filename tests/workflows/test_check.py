@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.errors import InputError
-from midnet_bench.rivals.seams import DETECTORS, FUSIONS
+from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS
 from midnet_bench.workflows.check import check
 from tests.cli.command import midnet_bench, one_line_of_complaint
 
@@ -92,7 +92,7 @@ def test_a_broken_one_has_exit_code_one(folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*DETECTORS.own, *FUSIONS.own])
+@pytest.mark.parametrize("name", dict.fromkeys([*DETECTORS.own, *FUSIONS.own, *PATROLS.own]))
 def test_what_comes_with_the_package_is_ok(name: str) -> None:
     assert check(name).faults == []
 
@@ -106,8 +106,20 @@ def test_a_fusion_is_told_from_a_detector_by_its_method(folder: Path) -> None:
     assert any(one.startswith("with nobody: fusion mine.py:First") for one in found.faults)
 
 
+def test_a_patrol_that_sends_guards_through_walls_is_told(folder: Path) -> None:
+    (folder / "mine.py").write_text(
+        "class Away:\n    def __init__(self, points, guards, rng):\n        pass\n"
+        "    def next_point(self, guard, team, time_s):\n        return 100.0, guard\n"
+    )
+    found = check("mine.py:Away")
+    assert found.seam == "patrol"
+    assert found.faults == [
+        "it sends a guard to (100, 1) m, where none may be: give one of the points that it was made of"
+    ]
+
+
 def test_what_is_for_no_seam_is_one_line(folder: Path) -> None:
     complaint = one_line_of_complaint(midnet_bench("check", "os.path:join", folder=folder))
-    assert "expected a class with a method 'detect' (detector) or 'fuse' (fusion)" in complaint
+    assert "expected a class with a method 'detect' (detector) or 'fuse' (fusion) or " in complaint
     with pytest.raises(InputError, match="unknown name 'nix'"):
         check("nix")

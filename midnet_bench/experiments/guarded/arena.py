@@ -19,6 +19,8 @@ from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.midnet.pipeline import Frame, Observation
 from midnet_bench.navigation.navigator import Navigator
+from midnet_bench.rivals.patrol import GuardState, TeamPatrol
+from midnet_bench.rivals.seams import PATROLS
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
 
@@ -121,6 +123,9 @@ class GuardedArena(RobotTrial):
 
     def next_patrol_point(self, robot: MobileRobot) -> Point:
         """Where MIDNet sends a guard that has nothing to do (section V.B)."""
+        if isinstance(self.patrol, TeamPatrol):
+            team = [GuardState((guard.pose.x, guard.pose.y), guard.goal) for guard in self.guards]
+            return self.patrol.next_point(robot.index, team, self.fleet.time_s)
         others = [guard.goal for guard in self.guards if guard is not robot and guard.goal is not None]
         return self.patrol.next_point((robot.pose.x, robot.pose.y), others)
 
@@ -142,11 +147,13 @@ class GuardedArena(RobotTrial):
             wrap_angle(start.yaw + float(side) * math.radians(off_deg)),
         )
 
-    def _make_patrol(self) -> Patrol:
+    def _make_patrol(self) -> Patrol | TeamPatrol:
         width_m, height_m = self.arena.enclosure_m
         start = self.layout.robots[0]
         patrol = self.parameters.patrol
         points = patrol_points(self.prior_map, (start.x, start.y), (width_m, height_m), patrol.clearance_m)
+        if not PATROLS.is_made_here(patrol.rule):
+            return TeamPatrol(patrol.rule, points, self.parameters.robots, stream(self.seed, "patrol"))
         z_m = safe_distance(math.hypot(width_m, height_m), self.parameters.robots, patrol.z_factor)
         return Patrol(points, z_m, stream(self.seed, "patrol"))
 

@@ -18,7 +18,7 @@ from midnet_bench.localization.settings import ScanToMapSettings, UkfSettings
 from midnet_bench.midnet.binary_map import PriorMapSettings
 from midnet_bench.midnet.settings import MIDNetSettings
 from midnet_bench.navigation.settings import CostmapSettings, NavigatorSettings
-from midnet_bench.rivals.seams import DETECTORS, FUSIONS
+from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS
 from midnet_bench.settings import group, option
 from midnet_bench.simulation.settings import NetworkSettings, SimulationSettings
 
@@ -232,4 +232,5 @@ class GuardParameters(Parameters):
             prior_map=prior_map,
             detector=DETECTORS.pinned(self.detector),
             fusion=FUSIONS.pinned(self.fusion),
+            patrol=replace(self.patrol, rule=PATROLS.pinned(self.patrol.rule)),
         )

@@ -1,0 +1,132 @@
+"""Patrols over a graph of places: a cyclic route, conscientious reactive guards, and coordinated ones."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.agents.mobile_robot import Point
+from midnet_bench.rivals.patrol import GuardState
+from midnet_bench.rivals.patrol_graph import PatrolGraph
+
+SPEED_MPS = 0.22
+"""of a Burger at its fastest"""
+
+
+class CyclicRoute:
+    """All guards follow one closed route, evenly apart.
+
+    Chevaleyre, "Theoretical analysis of the multi-agent patrolling problem", IAT 2004. The route is a tour of
+    the nodes: nearest neighbour, then two-opt.
+    """
+
+    def __init__(
+        self,
+        points: npt.NDArray[np.float64],
+        guards: int,
+        rng: np.random.Generator,
+        spacing_m: float = 1.5,
+    ) -> None:
+        self._graph = PatrolGraph(points, spacing_m)
+        self._route = _tour(self._graph.ways_m)
+        self._guards = guards
+        self._next: dict[int, int] = {}
+
+    def next_point(self, guard: int, team: Sequence[GuardState], time_s: float) -> Point:
+        """The next node of the route; at first, a share of the way round from the first guard's node."""
+        if guard not in self._next:
+            begin = self._route.index(self._graph.nearest(team[0].place))
+            self._next[guard] = begin + round(guard * len(self._route) / self._guards)
+        place = self._next[guard] % len(self._route)
+        self._next[guard] = place + 1
+        return _point(self._graph, self._route[place])
+
+
+class ConscientiousReactive:
+    """Each guard goes to that neighbour of its node which it has not visited itself for longest.
+
+    Machado, Ramalho, Zucker and Drogoul, "Multi-agent patrolling: an empirical analysis", MABS 2002.
+    """
+
+    def __init__(
+        self,
+        points: npt.NDArray[np.float64],
+        guards: int,
+        rng: np.random.Generator,
+        spacing_m: float = 1.5,
+    ) -> None:
+        self._graph = PatrolGraph(points, spacing_m)
+        self._visited_s = np.full((guards, len(self._graph.nodes)), -math.inf)
+        self._rng = rng
+        self._reach_m = 2.0 * spacing_m
+
+    def next_point(self, guard: int, team: Sequence[GuardState], time_s: float) -> Point:
+        """The neighbour of longest idleness; of several, one at random."""
+        here = self._graph.nearest(team[guard].place)
+        visited_s = self._visited_s[guard]
+        visited_s[here] = time_s
+        near = np.flatnonzero(self._graph.ways_m[here] <= self._reach_m)
+        near = near[near != here]
+        if not len(near):
+            near = np.delete(np.arange(len(visited_s)), here)
+        if not len(near):  # one node is all there is
+            return _point(self._graph, here)
+        longest = near[visited_s[near] == visited_s[near].min()]
+        return _point(self._graph, int(self._rng.choice(longest)))
+
+
+class CoordinatedIdleness:
+    """A guard goes where nobody was for longest, less the time to get there, and to nobody else's goal.
+
+    Idleness is shared: a node counts as visited when any guard is sent on from it.
+    """
+
+    def __init__(
+        self,
+        points: npt.NDArray[np.float64],
+        guards: int,
+        rng: np.random.Generator,
+        spacing_m: float = 1.5,
+        apart_m: float = 3.0,
+    ) -> None:
+        self._graph = PatrolGraph(points, spacing_m)
+        self._visited_s = np.zeros(len(self._graph.nodes))
+        self._rng, self._apart_m = rng, apart_m
+
+    def next_point(self, guard: int, team: Sequence[GuardState], time_s: float) -> Point:
+        """The node of greatest idleness less travel that is apart from others' goals, if there is any."""
+        here = self._graph.nearest(team[guard].place)
+        self._visited_s[here] = time_s
+        worth_s = time_s - self._visited_s - self._graph.ways_m[here] / SPEED_MPS
+        worth_s[here] = -math.inf
+        taken = [one.goal for i, one in enumerate(team) if i != guard and one.goal is not None]
+        free = np.ones(len(worth_s), np.bool_)
+        for goal in taken:
+            free &= np.hypot(*(self._graph.nodes - goal).T) >= self._apart_m
+        worth_s[~free] -= 1e6  # only if nothing else is left
+        best = np.flatnonzero(worth_s == worth_s.max())
+        return _point(self._graph, int(self._rng.choice(best)))
+
+
+def _tour(ways_m: npt.NDArray[np.float64]) -> list[int]:
+    """A short closed tour of all nodes from node 0."""
+    route, left = [0], set(range(1, len(ways_m)))
+    while left:
+        route.append(min(left, key=lambda node: (ways_m[route[-1], node], node)))
+        left.remove(route[-1])
+    improved = True
+    while improved:
+        improved = False
+        for i in range(1, len(route) - 1):
+            for j in range(i + 1, len(route)):
+                a, b, c, d = route[i - 1], route[i], route[j], route[(j + 1) % len(route)]
+                if ways_m[a, c] + ways_m[b, d] < ways_m[a, b] + ways_m[c, d] - 1e-9:
+                    route[i : j + 1] = route[i : j + 1][::-1]
+                    improved = True
+    return route
+
+
+def _point(graph: PatrolGraph, node: int) -> Point:
+    x, y = graph.nodes[node].tolist()
+    return x, y
