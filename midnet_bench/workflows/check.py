@@ -194,7 +194,7 @@ def _in_another_process(seam: Seam, name: str) -> tuple[bytes | None, list[str]]
     with tempfile.TemporaryDirectory() as folder:
         pool = LokyPool(1, Path(folder) / "marks")
         try:
-            with contextlib.closing(pool.outcomes(run_trial, [spec], LIMIT_S, True)) as outcomes:
+            with contextlib.closing(pool.outcomes(run_trial, iter([spec]), LIMIT_S, True)) as outcomes:
                 (outcome,) = outcomes
         except WorkersLost as lost:
             return None, [f"it takes its process along: {lost}"]
