@@ -4,7 +4,6 @@ from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
 from midnet_bench.campaign.columns import check_tables, shown
-from midnet_bench.campaign.definition import differs_between_cells
 from midnet_bench.campaign.payload import VERSION
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.detection import DETECTION
@@ -13,7 +12,6 @@ from midnet_bench.experiments.labyrinth import LABYRINTH
 from midnet_bench.experiments.mapping import MAPPING
 from midnet_bench.experiments.readings import READINGS
 from midnet_bench.experiments.robustness import ROBUSTNESS
-from midnet_bench.io.parameters import flat_model
 from midnet_bench.plugins import load_reference
 from midnet_bench.settings import leaves
 
@@ -75,6 +73,8 @@ def tables_of(definition: "Definition", directory: "Path") -> "Tables":
     Raises:
         InputError: as :func:`experiment`, or the definition gives a parameter what it cannot be.
     """
+    from midnet_bench.campaign.definition import differs_between_cells
+
     found = experiment(definition.reference(directory))
     known = leaves(found.model)
     fixed = {
@@ -112,6 +112,8 @@ def run_trial(spec: "TrialSpec") -> "TrialResult":
 def _checked(reference: str, found: object) -> Experiment:
     if not isinstance(found, Experiment):
         raise InputError(f"{reference}: expected an Experiment, got {type(found).__name__}")
+    from midnet_bench.io.parameters import flat_model
+
     try:
         flat_model(found.model)
     except InputError:

@@ -31,7 +31,9 @@ from midnet_bench.rivals.team import checked_boxes
 from midnet_bench.seams import PluginError, Seam
 
 SEAMS = (DETECTORS, FUSIONS, PATROLS)
-ROBOTS, FRAMES, SEED = 4, 25, 3001
+ROBOTS, FRAMES, SEED = 4, 12, 3001
+WARM_UP = 25
+"""frames before those that are looked at"""
 FULL_TEAM = 20
 LIMIT_S = 60.0
 """of a short trial in another process"""
@@ -212,9 +214,9 @@ def _recorded() -> tuple[list[_Frame], OccupancyGrid, float, npt.NDArray[np.floa
     parameters = DetectionParameters.of(engine="fast", robots=ROBOTS)
     frames = []
     with DetectionTrial(parameters, SEED) as trial:
-        for number in range(2 * FRAMES):
+        for number in range(WARM_UP + FRAMES):
             trial.next_frame()
-            if number < FRAMES:  # robots stand where they start, and intruders are far
+            if number < WARM_UP:  # robots stand where they start, and intruders are far
                 continue
             observations = trial.observations(trial.detector)
             boxes = trial.detector.midnet.found_by_each(observations)

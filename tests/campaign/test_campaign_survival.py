@@ -56,10 +56,10 @@ def stored_in(directory: Path) -> int:
 
 
 @pytest.mark.slow
-def test_twenty_kills_change_nothing(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
-    """Kills fall anywhere from the process's first moment to the middle of storing; each is resumed."""
+def test_ten_kills_change_nothing(tmp_path: Path, undisturbed: dict[str, bytes]) -> None:
+    """From the process's first moment to the middle of storing; ``python -m tests.kills`` makes 120."""
     chance = random.Random(20)
-    moments = [-1, -1, -1, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2]
+    moments = [-1, -1, 0, 0, 0, 1, 1, 1, 2, 2]
     chance.shuffle(moments)
     for trials_first in moments:
         process = start(tmp_path, FORTY, jobs=2)

@@ -66,7 +66,7 @@ def test_lines_keep_both_ends_of_long_words() -> None:
     assert line.startswith("error: results/yyy")
     assert line.endswith("; make room")
     assert len(line) <= LONGEST
-    assert len(one_line("word " * 100)) == LONGEST
+    assert LONGEST - 1 <= len(one_line("word " * 100)) <= LONGEST
 
 
 def test_names_of_files_are_plain_and_short() -> None:

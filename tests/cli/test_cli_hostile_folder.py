@@ -132,9 +132,11 @@ def test_a_user_who_may_write_nothing_else_gets_the_same_bytes_in_a_hostile_fold
         *("sh", "-c", POOR, "sh", str(hostile), str(temporary), str(REPOSITORY)),
         *(("setpriv", *user) if is_root else ()),
     )
-    probe = [*inside, sys.executable, "-P", "-c", "import numba"]
+    # another Python would compile for minutes
+    same_python = f"import sys, numba; sys.exit(sys.version != {sys.version!r})"
+    probe = [*inside, sys.executable, "-P", "-c", same_python]
     if not shutil.which(inside[0]) or subprocess.run(probe, capture_output=True, check=False).returncode:
-        pytest.skip("needs a namespace of its own in which all is read-only, and a Python that all may run")
+        pytest.skip("needs a namespace of its own where all is read-only, and this Python open to all users")
 
     places = {"HOME": "/", "TMPDIR": "/media/tmp", "NUMBA_CACHE_DIR": "/media/tmp/compiled"}
     found, complaints = ran(hostile, *inside, **places, XDG_CACHE_HOME="")

@@ -189,7 +189,7 @@ def test_the_shell_completes_names(tmp_path: Path) -> None:
 
 def test_a_long_message_keeps_what_it_is_about_and_what_is_wrong(tmp_path: Path) -> None:
     complaint = one_line_of_complaint(midnet_bench("campaigns", "--log-file", "x" * 400, folder=tmp_path))
-    assert len(complaint) == 300
+    assert len(complaint) <= 300
     assert complaint.startswith("error: --log-file xxx")
     assert complaint.endswith("xxx: cannot be written: File name too long")
 
