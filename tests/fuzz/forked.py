@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+import midnet_bench
+
 CPU_S = 5
 MEMORY_BYTES = 1 << 30
 """resident, together with the interpreter and all libraries"""
@@ -21,6 +23,8 @@ WALL_S = 600
 FILE_BYTES = 500_000_000
 LONGEST = 300
 """letters of the line that refuses an input"""
+VERBOSE = f"midnet-bench {midnet_bench.__version__}: "
+"""what ``--verbose`` says first: the command"""
 ESCAPED = 70
 """exit code of a command that an exception has escaped from"""
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
@@ -61,6 +65,8 @@ class Ended:
             return ""
         if self.code != 2:
             return f"exit code {self.code}"
+        if lines and lines[0].startswith(VERBOSE):
+            del lines[0]
         if len(lines) != 1:
             return f"{len(lines)} lines of refusal"
         if len(lines[0]) > LONGEST or not lines[0].isprintable():
