@@ -90,6 +90,8 @@ def _png_is_whole(data: bytes) -> bool:
             packed.append(data[position + 8 : end])
         position = end + 4
     width, height, depth, colours, _, _, interlaced = struct.unpack(">IIBBBBB", data[16:29])
+    if width * height > MOST_PIXELS:  # of several headers Pillow goes by another
+        return False
     bits = width * depth * {2: 3, 4: 2, 6: 4}.get(colours, 1)
     # a row begins with its filter; passes of an interlaced image have more of them than one per row
     needed = height * ((bits + 7) // 8 + (0 if interlaced else 1))

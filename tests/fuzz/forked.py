@@ -59,7 +59,8 @@ class Ended:
         if self.peak_bytes > MEMORY_BYTES:
             return f"takes {self.peak_bytes / 2**20:.0f} MB"
         lines = self.stderr.splitlines()
-        if any("Warning: " in line for line in lines):
+        # what Python says of a user's own file is his to hear
+        if any("Warning: " in line and "SyntaxWarning: " not in line for line in lines):
             return "a warning of Python's"
         if self.code in good_codes:
             return ""

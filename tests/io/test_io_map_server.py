@@ -149,6 +149,13 @@ def png(
     return b"\x89PNG\r\n\x1a\n" + chunks + chunk(b"IDAT", body) + chunk(b"IEND", b"")
 
 
+def two_headers() -> bytes:
+    """A PNG file whose first header says more than any machine holds; Pillow goes by the second."""
+    header = b"IHDR" + struct.pack(">IIBBBBB", 2**31 - 1, 2**31 - 1, 16, 6, 0, 0, 0)
+    whole = png(0, 8, [b"\0"])
+    return whole[:8] + struct.pack(">I", 13) + header + struct.pack(">I", zlib.crc32(header)) + whole[8:]
+
+
 def test_other_kinds_of_png(tmp_path: Path) -> None:
     yaml_path = write_yaml(tmp_path, image="map.png", mode="raw")
     (tmp_path / "map.png").write_bytes(png(4, 8, [bytes([10, 255, 20, 0])]))  # grey with alpha
@@ -171,6 +178,7 @@ def test_other_kinds_of_png(tmp_path: Path) -> None:
         (png(0, 8, [b"\0"], says=(0, 1)), "truncated or damaged"),
         (png(0, 8, [b"\0"], says=(1, 2)), "truncated or damaged"),
         (png(0, 8, [b"\0"])[:8] + png(0, 8, [b"\0"])[-12:], "truncated or damaged"),
+        (two_headers(), "truncated or damaged"),
     ],
 )
 def test_a_png_that_says_what_it_does_not_hold_is_one_line(
