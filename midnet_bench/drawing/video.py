@@ -41,7 +41,8 @@ def mp4_file(path: Path, width: int, height: int, pictures_per_s: float) -> Iter
     options = f"-y -v error {pictures} {coding} {container}".split()
     with draft_of(path) as draft:
         draft.touch()  # a place that cannot be written is told as for every other file
-        command = [imageio_ffmpeg.get_ffmpeg_exe(), *options, str(draft)]
+        # "file:", or a name such as -x would be an option, and one with a colon another protocol
+        command = [imageio_ffmpeg.get_ffmpeg_exe(), *options, f"file:{draft}"]
         ffmpeg = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
         to_ffmpeg = ffmpeg.stdin
         assert to_ffmpeg is not None

@@ -28,6 +28,14 @@ def test_a_video_has_all_its_pictures_and_its_folder_is_made(tmp_path: Path) -> 
     video.release()
 
 
+def test_a_name_is_neither_an_option_nor_a_protocol(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("--exact", "pipe:1"):
+        with mp4_file(Path(folder, "film.mp4"), 64, 48, 10.0) as append:
+            append(np.zeros((48, 64, 3), dtype=np.uint8))
+        assert (tmp_path / folder / "film.mp4").stat().st_size > 0
+
+
 def test_an_error_on_the_way_leaves_nothing_and_an_older_video_alone(tmp_path: Path) -> None:
     with pytest.raises(KeyError):
         write_40_pictures(tmp_path / "video.mp4", fails_at=30)
