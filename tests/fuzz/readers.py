@@ -298,7 +298,7 @@ def _as_json(text: bytes) -> bytes:
 
 
 _BOUNDED = {name: ("-n",) for name in ("detection", "labyrinth", "run")} | {
-    "map": ("--exact",),
+    "map": ("--exact", "--exact"),  # an option that lacks its value takes the first
     "smoke": ("--jobs", "0"),
     "render": ("--frames", "2", "--robots", "1", "--no-clip", "--engine", "fast"),
 }
