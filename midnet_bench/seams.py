@@ -6,10 +6,11 @@ same name: ``#`` and a digest of the file's bytes, or ``@`` and the version of t
 trial's parameters say all that it depends on, and its id changes with the code.
 """
 
+import contextlib
 import importlib.metadata
 import inspect
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -99,12 +100,8 @@ class Seam:
         """
         choice = self._parsed(value)
         made = self._class(choice)
-        try:
+        with self.calling(value):
             return made(*arguments, **choice.options)
-        except MidnetBenchError:
-            raise
-        except Exception as error:
-            raise self.failure(value, error) from error
 
     def _without_pin(self, choice: Choice) -> Choice:
         """A choice of this package's own, checked."""
@@ -124,10 +121,16 @@ class Seam:
         """Whether ``value`` names what whoever asks makes himself."""
         return value in self.own and self.own[value] is None
 
-    def failure(self, value: str, error: Exception) -> PluginError:
-        """What to raise when code that ``value`` names fails."""
-        said = " ".join(str(error).split()) or "without a word"
-        return PluginError(f"{self.option} {value}: {type(error).__name__}: {said}")
+    @contextlib.contextmanager
+    def calling(self, value: str) -> Iterator[None]:
+        """Raises PluginError, by its name, if code that ``value`` names fails inside."""
+        try:
+            yield
+        except MidnetBenchError:
+            raise
+        except Exception as error:
+            said = " ".join(str(error).split()) or "without a word"
+            raise PluginError(f"{self.option} {value}: {type(error).__name__}: {said}") from error
 
     def _parsed(self, value: str) -> Choice:
         found = _VALUE.fullmatch(value.strip())

@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import Point
-from midnet_bench.errors import MidnetBenchError
 from midnet_bench.rivals.seams import PATROLS
 from midnet_bench.seams import PluginError
 
@@ -51,12 +50,8 @@ class TeamPatrol:
 
     def next_point(self, guard: int, team: Sequence[GuardState], time_s: float) -> Point:
         """See :class:`PatrolRule`. Raises PluginError: it failed, or gave no finite point."""
-        try:
+        with PATROLS.calling(self._name):
             x, y = map(float, self._rule.next_point(guard, team, time_s))
-        except MidnetBenchError:
-            raise
-        except Exception as error:
-            raise PATROLS.failure(self._name, error) from error
         if not math.isfinite(x + y):
             raise PluginError(f"patrol {self._name}: next_point gave ({x}, {y}); a finite point is needed")
         return x, y

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from midnet_bench.errors import MidnetBenchError
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Frame, MIDNet, Observation
-from midnet_bench.rivals.fusion import ious
+from midnet_bench.rivals.detector import Detector
+from midnet_bench.rivals.fusion import Fusion, ious
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS
 from midnet_bench.seams import PluginError, Seam
 
@@ -65,40 +65,44 @@ class TeamDetector:
             if explain:
                 explanation = self.midnet.update(observations, explain).explanation
         else:
-            found = self._detected(observations)
+            found = detected(self._detector, self._detector_name, observations)
         team = self.midnet.team_of(found, poses)
         if self._fusion is None:
             return Frame(_boxes(team.detections), team.found_by.tolist(), explanation)
         every = np.concatenate(found)[team.kept]
         lists = [every[team.starts[i] : team.starts[i + 1]] for i in range(len(found))]
-        fused = self._fused(lists, time_s)
+        boxes = fused(self._fusion, self._fusion_name, lists, time_s)
         robots = np.repeat(np.arange(len(lists)), [len(own) for own in lists])
-        alike = ious(fused, every)
-        found_by = robots[alike.argmax(axis=1)].tolist() if len(every) else [0] * len(fused)
-        return Frame(_boxes(fused), found_by, explanation)
+        alike = ious(boxes, every)
+        found_by = robots[alike.argmax(axis=1)].tolist() if len(every) else [0] * len(boxes)
+        return Frame(_boxes(boxes), found_by, explanation)
 
-    def _detected(self, observations: Sequence[Observation]) -> list[BoxArray]:
-        try:
-            found = list(self._detector.detect(observations))
-        except MidnetBenchError:
-            raise
-        except Exception as error:
-            raise DETECTORS.failure(self._detector_name, error) from error
-        if len(found) != len(observations):
-            raise PluginError(
-                f"detector {self._detector_name}: detect gave {len(found)} lists of boxes for "
-                f"{len(observations)} robots; give one for each, empty where there is nothing"
-            )
-        return [checked_boxes(own, DETECTORS, self._detector_name) for own in found]
 
-    def _fused(self, lists: list[BoxArray], time_s: float) -> BoxArray:
-        try:
-            fused = self._fusion.fuse(lists, time_s)
-        except MidnetBenchError:
-            raise
-        except Exception as error:
-            raise FUSIONS.failure(self._fusion_name, error) from error
-        return checked_boxes(fused, FUSIONS, self._fusion_name)
+def detected(detector: Detector, name: str, observations: Sequence[Observation]) -> list[BoxArray]:
+    """For each robot (n, 4) boxes, map frame, metres, by ``detector``, which ``DETECTORS`` knows as ``name``.
+
+    Raises:
+        PluginError: it failed, or gave what are no boxes of each robot.
+    """
+    with DETECTORS.calling(name):
+        found = list(detector.detect(observations))
+    if len(found) != len(observations):
+        raise PluginError(
+            f"detector {name}: detect gave {len(found)} lists of boxes for {len(observations)} robots; "
+            "give one for each, empty where there is nothing"
+        )
+    return [checked_boxes(own, DETECTORS, name) for own in found]
+
+
+def fused(fusion: Fusion, name: str, lists: Sequence[BoxArray], time_s: float) -> BoxArray:
+    """(n, 4) boxes of the team, map frame, metres, by ``fusion``, which ``FUSIONS`` knows as ``name``.
+
+    Raises:
+        PluginError: it failed, or gave what are no boxes.
+    """
+    with FUSIONS.calling(name):
+        boxes = fusion.fuse(lists, time_s)
+    return checked_boxes(boxes, FUSIONS, name)
 
 
 def checked_boxes(given: object, seam: Seam, name: str) -> BoxArray:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from midnet_bench.campaign.definition import parse_campaign, resolve
 from midnet_bench.campaign.pools import LokyPool, WorkersLost
 from midnet_bench.campaign.worker import attempt
-from midnet_bench.errors import InputError, MidnetBenchError
+from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
@@ -27,7 +27,7 @@ from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.rivals.patrol import GuardState, TeamPatrol
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS
-from midnet_bench.rivals.team import checked_boxes
+from midnet_bench.rivals.team import detected, fused
 from midnet_bench.seams import PluginError, Seam
 
 SEAMS = (DETECTORS, FUSIONS, PATROLS)
@@ -97,20 +97,9 @@ class _Candidate:
         made = self.seam.make(self.name, *arguments)
 
         def answer(frame: _Frame) -> list[BoxArray]:
-            try:
-                if self.seam is FUSIONS:
-                    return [checked_boxes(made.fuse(frame.found, frame.time_s), self.seam, self.name)]
-                lists = list(made.detect(frame.observations))
-            except MidnetBenchError:
-                raise
-            except Exception as error:
-                raise self.seam.failure(self.name, error) from error
-            if len(lists) != len(frame.observations):
-                raise PluginError(
-                    f"detector {self.name}: detect gave {len(lists)} lists of boxes for "
-                    f"{len(frame.observations)} robots"
-                )
-            return [checked_boxes(own, self.seam, self.name) for own in lists]
+            if self.seam is FUSIONS:
+                return [fused(made, self.name, frame.found, frame.time_s)]
+            return detected(made, self.name, frame.observations)
 
         return answer
 
