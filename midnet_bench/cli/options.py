@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -59,35 +59,20 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else
 _MESSAGES = "Messages"
 
 
+def _part(help: str) -> Any:
+    """An option that names code; ``help`` ends with what comes with the package."""
+    more = "another by name, package.module:NAME or file.py:NAME."
+    return typer.Option(metavar="NAME", help=f"{help}, {more}", show_default=False)
+
+
 @dataclass(frozen=True)
 class Campaign:
     """What every command that runs a campaign takes, besides what that campaign is."""
 
     engine: Engine = None
-    detector: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Who detects: midnet, another by name, package.module:NAME or file.py:NAME.",
-            show_default=False,
-        ),
-    ] = None
-    fusion: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Who fuses the robots' boxes: paper, another by name, package.module:NAME or file.py:NAME.",
-            show_default=False,
-        ),
-    ] = None
-    patrol: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Where idle guards go: paper, another by name, package.module:NAME or file.py:NAME.",
-            show_default=False,
-        ),
-    ] = None
+    detector: Annotated[str | None, _part("Who detects: midnet")] = None
+    fusion: Annotated[str | None, _part("Who fuses the robots' boxes: paper")] = None
+    patrol: Annotated[str | None, _part("Where idle guards go: paper")] = None
     map_file: Map = None
     settings: Settings = None
     output: Annotated[
