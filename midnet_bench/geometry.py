@@ -1,10 +1,26 @@
 """Poses and axis-aligned boxes in the plane: metres and radians, x to the right, y up."""
 
 import math
+from functools import cache
+from types import ModuleType
 from typing import NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
+
+
+@cache
+def _elementary() -> ModuleType:
+    """:mod:`midnet_bench.elementary`, once it is needed: numba takes long to import."""
+    from midnet_bench import elementary
+
+    return elementary
+
+
+def lengths(vectors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """(...) lengths of (..., 2) vectors, each below 1e150: as ``elementary.hypot`` of each, to the bit."""
+    x, y = vectors[..., 0], vectors[..., 1]
+    return np.asarray(np.sqrt(x * x + y * y))
 
 
 def wrap_angle(angle_rad: float) -> float:
@@ -22,16 +38,22 @@ class Pose2D(NamedTuple):
     yaw: float
     """radians, counter-clockwise from the parent's x axis"""
 
+    @property
+    def direction(self) -> tuple[float, float]:
+        """Cosine and sine of the yaw: the way of this frame's x axis in the parent frame."""
+        found: tuple[float, float] = _elementary().cos_sin(self.yaw)
+        return found
+
     def compose(self, local: "Pose2D") -> "Pose2D":
         """``local``, given in this pose's frame, in the parent frame; its yaw is not wrapped."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        c, s = self.direction
         return Pose2D(
             self.x + c * local.x - s * local.y, self.y + s * local.x + c * local.y, self.yaw + local.yaw
         )
 
     def inverse(self) -> "Pose2D":
         """The parent's pose in this frame."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        c, s = self.direction
         return Pose2D(-c * self.x - s * self.y, s * self.x - c * self.y, -self.yaw)
 
     def require_finite(self) -> None:
@@ -46,8 +68,9 @@ class Pose2D(NamedTuple):
 
     def transform(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """(N, 2) float64 points that are given in this pose's frame, in the parent frame, metres."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
-        return np.asarray(points @ np.array([[c, s], [-s, c]]) + (self.x, self.y), dtype=np.float64)
+        c, s = self.direction
+        x, y = points[:, 0], points[:, 1]
+        return np.stack((self.x + (c * x - s * y), self.y + (s * x + c * y)), axis=1)
 
     def distance_to(self, other: "Pose2D") -> float:
         """The distance between the two origins, metres."""

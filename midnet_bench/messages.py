@@ -30,7 +30,9 @@ class LidarGeometry:
     @cached_property
     def directions(self) -> npt.NDArray[np.float64]:
         """(beams, 2) unit vector along each beam in the sensor frame."""
-        return np.stack((np.cos(self.angles_rad), np.sin(self.angles_rad)), axis=1)
+        from midnet_bench.elementary import directions  # which needs a compiler
+
+        return directions(self.angles_rad)
 
 
 class Scan(NamedTuple):

@@ -19,6 +19,7 @@ FLOORS = [
     {
         "assignment",
         "compiled",
+        "elementary",
         "errors",
         "geometry",
         "grid",
@@ -132,6 +133,138 @@ def test_libraries_stay_where_they_belong() -> None:
             assert libraries <= {"midnet_bench", *LIFTED_OUT, *sys.stdlib_module_names}, name
             rooms = {room_of(module) for module in modules if module.startswith("midnet_bench.")}
             assert rooms <= {"midnet", *FLOORS[0]}, name
+
+
+TRIAL_ROOMS = {
+    "agents",
+    "arena",
+    "localization",
+    "mapping",
+    "midnet",
+    "navigation",
+    "robots",
+    "scoring",
+    "simulation",
+}
+TRIAL_MODULES = {
+    *(name for name in SOURCES if name not in ABOVE_ALL and room_of(name) in TRIAL_ROOMS | FLOORS[0]),
+    *(
+        name
+        for name in SOURCES
+        if name.startswith("midnet_bench.experiments") and not name.endswith("figures")
+    ),
+}
+NOT_REPRODUCED = {
+    "midnet_bench.elementary": "powers of integers",
+    "midnet_bench.mapping.map_alignment": "OpenCV finds features, and its sums go by the processor",
+}
+ROUNDED_ALIKE = {
+    "ceil",
+    "copysign",
+    "fabs",
+    "floor",
+    "fmod",
+    "frexp",
+    "inf",
+    "isfinite",
+    "isinf",
+    "isnan",
+    "isqrt",
+}
+ROUNDED_ALIKE |= {"degrees", "fsum", "isclose", "ldexp", "nan", "pi", "radians", "sqrt"}
+"""of ``math``: what IEEE 754 defines to the last bit"""
+PYTHONS_OWN = {"dist", "hypot"}
+"""of ``math``: Python's own code, from such; in a compiled loop it would be the C library's"""
+LIBRARYS = {
+    *(
+        "sin",
+        "cos",
+        "tan",
+        "sinc",
+        "sinh",
+        "cosh",
+        "tanh",
+        "arcsin",
+        "arccos",
+        "arctan",
+        "arctan2",
+        "arcsinh",
+    ),
+    *("arccosh", "arctanh", "exp", "exp2", "expm1", "log", "log2", "log10", "log1p", "logaddexp", "cbrt"),
+    *("power", "float_power", "hypot", "linalg", "dot", "vdot", "inner", "matmul", "tensordot", "einsum"),
+}
+"""of NumPy: what the C library, BLAS or the processor's vectors decide about"""
+DRAWN_BY_LOGARITHM = {"exponential", "gamma", "normal", "standard_exponential", "standard_normal"}
+
+
+def strays(name: str, source: str) -> set[str]:
+    """What a module computes with of which the last bit differs between C libraries and processors."""
+    found, errors = set(), set()
+    tree = ast.parse(source)
+    compiled = {
+        inside
+        for function in ast.walk(tree)
+        if isinstance(function, ast.FunctionDef) and "njit" in map(decorator_name, function.decorator_list)
+        for inside in ast.walk(function)
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module in {"math", "numpy", "numpy.linalg", "cmath"}:
+            found.add(f"from {node.module}")
+        elif isinstance(node, ast.BinOp | ast.AugAssign) and isinstance(node.op, ast.MatMult):
+            found.add("@")
+        elif isinstance(node, ast.BinOp | ast.AugAssign) and isinstance(node.op, ast.Pow):
+            ends = (node.left, node.right) if isinstance(node, ast.BinOp) else (node.target, node.value)
+            if not all(isinstance(end, ast.Constant) and isinstance(end.value, int) for end in ends):
+                found.add("**")
+        elif isinstance(node, ast.Attribute) and node.attr == "LinAlgError":
+            errors.add(node.value)
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node not in errors:
+            of, what = node.value.id, node.attr
+            allowed = ROUNDED_ALIKE if node in compiled else ROUNDED_ALIKE | PYTHONS_OWN
+            if (of == "math" and what not in allowed) or (of == "np" and what in LIBRARYS):
+                found.add(f"{of}.{what}")
+        if (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr in DRAWN_BY_LOGARITHM | {"dot"}
+            and name != "midnet_bench.rng"
+        ):
+            found.add(node.func.attr)
+    return found
+
+
+def decorator_name(node: ast.expr) -> str:
+    node = node.func if isinstance(node, ast.Call) else node
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+def test_trials_compute_with_nothing_whose_last_bit_is_a_librarys() -> None:
+    found = {name: strays(name, SOURCES[name].read_text(encoding="utf-8")) for name in TRIAL_MODULES}
+    assert {name: what for name, what in found.items() if what and name not in NOT_REPRODUCED} == {}
+    assert NOT_REPRODUCED.keys() <= {name for name, what in found.items() if what}
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "math.sin(1.0)",
+        "x ** 2",
+        "x **= 0.5",
+        "a @ b",
+        "np.hypot(1.0, 2.0)",
+        "np.linalg.inv(a)",
+        "rng.standard_normal(3)",
+        "from math import cos",
+        "@njit\ndef f(x):\n    return math.hypot(x, 1.0)",
+        "@njit(nogil=True)\ndef f(x):\n    return math.dist(x, x)",
+    ],
+)
+def test_a_stray_is_found(source: str) -> None:
+    assert strays("a", source)
+
+
+def test_what_is_rounded_alike_is_none() -> None:
+    assert not strays("a", "math.sqrt(2.0) + math.hypot(1.0, 2.0) + np.sqrt(a) * 2 ** 3")
 
 
 WITHOUT_PYBULLET = """

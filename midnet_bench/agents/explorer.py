@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import MobileRobot
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.elementary import directions
+from midnet_bench.geometry import Pose2D, lengths, wrap_angle
 from midnet_bench.grid import MapWindow, OccupancyGrid
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import Frontier, FrontierExplorer, assign_frontiers
@@ -126,11 +127,10 @@ class Explorer(MobileRobot):
         sensor = self.pose.compose(lidar.mount)
         bearings = sensor.yaw + lidar.angles_rad
         lengths_m = np.minimum(ranges_m, lidar.range_max_m)
-        x = sensor.x + lengths_m * np.cos(bearings)
-        y = sensor.y + lengths_m * np.sin(bearings)
+        ends = (sensor.x, sensor.y) + lengths_m[:, None] * directions(bearings)
         scan = ranges_m.copy()
         for mate in self.mates:
-            scan[np.hypot(x - mate.pose.x, y - mate.pose.y) < MATE_RADIUS_M] = np.nan
+            scan[lengths(ends - mate.pose[:2]) < MATE_RADIUS_M] = np.nan
         return scan
 
     def _correct(self) -> None:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from midnet_bench.agents.settings import PatrolSettings
 from midnet_bench.errors import InputError
+from midnet_bench.geometry import lengths
 from midnet_bench.grid import OCCUPIED, OccupancyGrid, connected_to
 
 DRIVABLE_M = 0.15
@@ -110,7 +111,7 @@ class Patrol:
         while True:
             draws = self.points[self._rng.integers(len(self.points), size=DRAWS_PER_RELAXATION)]
             gaps = draws[:, None, :] - keep_away[None, :, :]
-            good = np.flatnonzero(np.hypot(gaps[..., 0], gaps[..., 1]).min(axis=1) >= z_m)
+            good = np.flatnonzero(lengths(gaps).min(axis=1) >= z_m)
             if len(good):
                 x, y = draws[good[0]]
                 return float(x), float(y)

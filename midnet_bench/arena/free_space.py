@@ -10,6 +10,7 @@ import numpy.typing as npt
 from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.solids import Solid
 from midnet_bench.errors import InputError
+from midnet_bench.geometry import lengths
 from midnet_bench.grid import OccupancyGrid, connected_to
 
 RESOLUTION_M = 0.05
@@ -51,7 +52,7 @@ class FreeSpace:
         rows, columns = self._cells
         if away_from is not None:
             x, y = self._centers
-            far = np.hypot(x - away_from[0], y - away_from[1]) >= at_least_m
+            far = lengths(np.stack((x - away_from[0], y - away_from[1]), axis=-1)) >= at_least_m
             rows, columns = rows[far], columns[far]
         if rows.size == 0:
             place = "" if away_from is None else f" from ({away_from[0]:g}, {away_from[1]:g})"

@@ -10,7 +10,7 @@ from midnet_bench.arena.arena import Arena, StationaryIntruders
 from midnet_bench.arena.free_space import free_space
 from midnet_bench.arena.solids import Solid, gap_m
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Pose2D, lengths
 from midnet_bench.rng import stream
 
 TEAM = 5
@@ -76,10 +76,12 @@ def robot_starts(arena: Arena, robots: int) -> tuple[Pose2D, ...]:
     x, y = arena.robots.center_m
     if robots == 1:
         return (Pose2D(x, y, 0.0),)
-    radius = arena.robots.spacing_m / 2.0 / math.sin(math.pi / robots)
+    from midnet_bench.elementary import sin  # which needs a compiler
+
+    radius = arena.robots.spacing_m / 2.0 / sin(math.pi / robots)
     center = Pose2D(x, y, 0.0)
-    yaws = (2.0 * math.pi * k / robots for k in range(robots))
-    return tuple(center.compose(Pose2D(radius * math.cos(yaw), radius * math.sin(yaw), yaw)) for yaw in yaws)
+    turns = (Pose2D(0.0, 0.0, 2.0 * math.pi * k / robots) for k in range(robots))
+    return tuple(center.compose(turn.compose(Pose2D(radius, 0.0, 0.0))) for turn in turns)
 
 
 def _check_robot_starts(arena: Arena, starts: tuple[Pose2D, ...], solids: tuple[Solid, ...]) -> None:
@@ -135,8 +137,8 @@ def _draw_mobile(
         others = np.array([(pose.x, pose.y) for pose in poses]).reshape(-1, 2)
         for _ in range(_TRIES):
             point = free.draw(rng)
-            fits = np.hypot(*(starts - point).T).min() >= spec.clear_of_robots_m
-            if fits and np.all(np.hypot(*(others - point).T) >= spec.spacing_m):
+            fits = lengths(starts - point).min() >= spec.clear_of_robots_m
+            if fits and np.all(lengths(others - point) >= spec.spacing_m):
                 poses.append(Pose2D(*point, float(rng.uniform(-math.pi, math.pi))))
                 break
         else:

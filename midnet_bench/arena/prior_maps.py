@@ -30,7 +30,7 @@ def render_exact(arena: Arena, resolution_m: float = 0.05) -> OccupancyGrid:
         left, right = np.searchsorted(x, (box.x_min - half_cell + 1e-9, box.x_max + half_cell - 1e-9))
         low, high = np.searchsorted(y, (box.y_min - half_cell + 1e-9, box.y_max + half_cell - 1e-9))
         # The map's two axes do not part cell and wall here; where the wall's own do not, they overlap.
-        c, s = math.cos(wall.pose.yaw), math.sin(wall.pose.yaw)
+        c, s = wall.pose.direction
         reach = half_cell * (abs(c) + abs(s)) - 1e-9
         dx, dy = x[left:right] - wall.pose.x, (y[low:high] - wall.pose.y)[:, None]
         overlap = (np.abs(c * dx + s * dy) < wall.length_m / 2.0 + reach) & (

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import Box, Pose2D, lengths
 
 CYLINDER_SIDES = 64
 """Corners of a cylinder's outline; the outline stays within 0.7 mm of a circle of 1 m diameter."""
@@ -35,19 +35,21 @@ class Solid:
 
         The overlength closes the corner where two walls share an end.
         """
+        from midnet_bench.elementary import atan2  # which needs a compiler
+
         dx, dy = end[0] - start[0], end[1] - start[1]
-        pose = Pose2D((start[0] + end[0]) / 2.0, (start[1] + end[1]) / 2.0, math.atan2(dy, dx))
+        pose = Pose2D((start[0] + end[0]) / 2.0, (start[1] + end[1]) / 2.0, atan2(dy, dx))
         return cls("box", pose, math.hypot(dx, dy) + thickness_m, thickness_m, height_m)
 
     def distance_to(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """(n,) from each of (n, 2) points to the surface in the plane, metres; negative inside."""
         dx, dy = points[:, 0] - self.pose.x, points[:, 1] - self.pose.y
         if self.kind == "cylinder":
-            return np.hypot(dx, dy) - self.length_m / 2.0
-        c, s = math.cos(self.pose.yaw), math.sin(self.pose.yaw)
+            return np.sqrt(dx * dx + dy * dy) - self.length_m / 2.0
+        c, s = self.pose.direction
         beyond_x = np.abs(c * dx + s * dy) - self.length_m / 2.0
         beyond_y = np.abs(c * dy - s * dx) - self.width_m / 2.0
-        outside = np.hypot(np.maximum(beyond_x, 0.0), np.maximum(beyond_y, 0.0))
+        outside = lengths(np.maximum(np.stack((beyond_x, beyond_y), axis=-1), 0.0))
         return outside + np.minimum(np.maximum(beyond_x, beyond_y), 0.0)
 
     def outline(self) -> npt.NDArray[np.float64]:
@@ -59,11 +61,13 @@ class Solid:
 
     @cached_property
     def _outline(self) -> npt.NDArray[np.float64]:
+        from midnet_bench.elementary import cos, directions  # which needs a compiler
+
         if self.kind == "cylinder":
             half_side = math.pi / CYLINDER_SIDES
-            radius = self.length_m / (1.0 + math.cos(half_side))
-            angles = 2.0 * half_side * np.arange(CYLINDER_SIDES)
-            corners = radius * np.column_stack((np.cos(angles), np.sin(angles)))
+            radius = self.length_m / (1.0 + cos(half_side))
+            angles = 2.0 * half_side * np.arange(CYLINDER_SIDES, dtype=np.float64)
+            corners = radius * directions(angles)
         else:
             half = np.array([self.length_m, self.width_m]) / 2.0
             corners = half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
@@ -87,7 +91,7 @@ def gap_m(solid: Solid, others: tuple[Solid, ...]) -> float:
     """
     corners = solid.outline()
     sides = np.roll(corners, -1, axis=0) - corners
-    pieces = math.ceil(float(np.hypot(*sides.T).max()) / 0.05)
+    pieces = math.ceil(float(lengths(sides).max()) / 0.05)
     steps = np.arange(pieces) / pieces
     points = (corners[:, None, :] + steps[None, :, None] * sides[:, None, :]).reshape(-1, 2)
     points = np.vstack((points, (solid.pose.x, solid.pose.y)))

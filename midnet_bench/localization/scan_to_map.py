@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import atan2, cos_sin, directions, hypot
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.localization.settings import ScanToMapSettings
@@ -105,9 +106,10 @@ class ScanToMap:
         settings = self._settings
         if terms.beams < max(settings.min_beams, settings.min_share * len(ends)):
             return None
-        variance = settings.correlated_beams * max(terms.variance_m2, self._cell_m**2 / 12.0)
-        covariance = np.linalg.inv(terms.hessian / variance + np.eye(3) / settings.unseen_deviation**2)
-        covariance += np.diag((self._cell_m, self._cell_m, 0.0)) ** 2 / 12.0
+        variance = settings.correlated_beams * max(terms.variance_m2, self._cell_m * self._cell_m / 12.0)
+        unseen = settings.unseen_deviation * settings.unseen_deviation
+        covariance = _inverse(terms.hessian / variance + np.eye(3) / unseen)
+        covariance += np.square(np.diag((self._cell_m, self._cell_m, 0.0))) / 12.0
         dx, dy, yaw = fitted.tolist()
         return Pose2D(x + dx, y + dy, wrap_angle(yaw)), (covariance + covariance.T) / 2.0
 
@@ -116,7 +118,7 @@ class ScanToMap:
 def _directions(geometry: LidarGeometry) -> FloatArray:
     """(beams, 2) unit vectors, robot frame."""
     angles = geometry.angles_rad + geometry.mount.yaw
-    return np.column_stack((np.cos(angles), np.sin(angles)))
+    return directions(angles)
 
 
 @njit
@@ -151,7 +153,7 @@ def _terms(
     rows, columns = distances_m.shape
     hessian, gradient, slope = np.zeros((3, 3)), np.zeros(3), np.empty(3)
     beams, weights, squares = 0, 0.0, 0.0
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    cos, sin = cos_sin(pose[2])
     for b in range(ends.shape[0]):
         dx = cos * ends[b, 0] - sin * ends[b, 1]
         dy = sin * ends[b, 0] + cos * ends[b, 1]
@@ -171,14 +173,16 @@ def _terms(
         if not (abs(distance) <= GATE * scale_m and dx * slope[0] + dy * slope[1] <= 0.0):
             continue
         slope[2] = dx * slope[1] - dy * slope[0]
-        weight = 1.0 / (1.0 + (distance / scale_m) ** 2) ** 2
+        share = distance / scale_m
+        spread = 1.0 + share * share
+        weight = 1.0 / (spread * spread)
         for i in range(3):
             gradient[i] += weight * distance * slope[i]
             for j in range(3):
                 hessian[i, j] += weight * slope[i] * slope[j]
         beams += 1
         weights += weight
-        squares += weight * distance**2
+        squares += weight * distance * distance
     _leave_out_unseen(hessian, gradient, MIN_INFORMATION * weights)
     return Terms(hessian, gradient, beams, squares / max(weights, 1.0))
 
@@ -191,10 +195,10 @@ def _leave_out_unseen(hessian: FloatArray, gradient: FloatArray, least: float) -
     """
     mean = (hessian[0, 0] + hessian[1, 1]) / 2.0
     half, cross = (hessian[0, 0] - hessian[1, 1]) / 2.0, hessian[0, 1]
-    spread, angle = math.hypot(half, cross), math.atan2(cross, half) / 2.0
+    spread, angle = hypot(half, cross), atan2(cross, half) / 2.0
     for say, toward in ((mean + spread, angle), (mean - spread, angle + math.pi / 2.0)):
         if say <= least:
-            way = np.array([math.cos(toward), math.sin(toward)])
+            way = cos_sin(toward)
             of_yaw = way[0] * hessian[0, 2] + way[1] * hessian[1, 2]
             slope = way[0] * gradient[0] + way[1] * gradient[1]
             for i in range(2):
@@ -222,3 +226,21 @@ def _step(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
             step[k] -= left[k, j] * step[j]
         step[k] /= left[k, k]
     return step
+
+
+@njit
+def _inverse(matrix: FloatArray) -> FloatArray:
+    """(3, 3) the inverse of a symmetric, positive definite matrix; LAPACK's bits depend on the processor."""
+    left, found = matrix.copy(), np.eye(3)
+    for k in range(3):
+        pivot = left[k, k]
+        for j in range(3):
+            left[k, j] /= pivot
+            found[k, j] /= pivot
+        for i in range(3):
+            factor = left[i, k]
+            if i != k:
+                for j in range(3):
+                    left[i, j] -= factor * left[k, j]
+                    found[i, j] -= factor * found[k, j]
+    return found

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import cos_sin
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.localization.settings import UkfSettings
 from midnet_bench.messages import Imu, Odometry
@@ -63,7 +64,7 @@ class PlanarUkf:
         self._covariance = settings.initial_variance * np.eye(6)
         self._process_noise = np.array(settings.process_noise)
         self._change_lasts = 1.0 if settings.twist_is_mean else 0.5
-        self._scale = settings.alpha**2 * (6 + settings.kappa)
+        self._scale = settings.alpha * settings.alpha * (6 + settings.kappa)
         self._mean_weights, self._covariance_weights = _merwe_weights(settings)
         vx, vy, wheel_rate = (max(variance, MIN_VARIANCE) for variance in settings.twist_variance)
         yaw = max(settings.imu_yaw_variance, MIN_VARIANCE)
@@ -211,11 +212,12 @@ class UkfTeam:
 
 def _merwe_weights(settings: UkfSettings) -> tuple[FloatArray, FloatArray]:
     """((13,), (13,)) weights of mean and covariance, the centre point first."""
-    spread = settings.alpha**2 * (6 + settings.kappa) - 6
+    squared = settings.alpha * settings.alpha
+    spread = squared * (6 + settings.kappa) - 6
     mean = np.full(13, 0.5 / (6 + spread))
     covariance = mean.copy()
     mean[0] = spread / (6 + spread)
-    covariance[0] = spread / (6 + spread) + (1 - settings.alpha**2 + settings.beta)
+    covariance[0] = spread / (6 + spread) + (1 - squared + settings.beta)
     return mean, covariance
 
 
@@ -248,7 +250,7 @@ def predicted(
     is_wide = scale * covariance[2, 2] > WIDE_YAW_RAD * WIDE_YAW_RAD
     for i in range(len(points)):
         heading = state[2] if is_wide else points[i, 2]
-        c, s = math.cos(heading), math.sin(heading)
+        c, s = cos_sin(heading)
         vx, vy = points[i, 3], points[i, 4]
         points[i, 0] += (c * vx - s * vy) * dt_s
         points[i, 1] += (s * vx + c * vy) * dt_s
@@ -330,7 +332,8 @@ def step_noise(yaw_rad: float, per_second: FloatArray, dt_s: float, lasts_s: flo
 
     A change of velocity moves the robot, along its heading, for the ``lasts_s`` of the step that it acts in.
     """
-    c, s = lasts_s * math.cos(yaw_rad), lasts_s * math.sin(yaw_rad)
+    c, s = cos_sin(yaw_rad)
+    c, s = lasts_s * c, lasts_s * s
     reach = np.zeros((6, 3))
     reach[0, 0], reach[0, 1] = c, -s
     reach[1, 0], reach[1, 1] = s, c

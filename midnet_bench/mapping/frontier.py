@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from midnet_bench.assignment import linear_sum_assignment
 from midnet_bench.compiled import njit
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Pose2D, lengths
 from midnet_bench.grid import UNKNOWN, OccupancyGrid
 from midnet_bench.mapping.settings import FrontierSettings
 
@@ -74,7 +74,7 @@ def find_frontiers(
     for label in np.unique(label_of).tolist():  # those that touch what was reached
         rows, columns = np.divmod(cell_of[label_of == label], padded.shape[1])
         column, row = centroids[label]
-        order = np.argsort((columns - column) ** 2 + (rows - row) ** 2, kind="stable")
+        order = np.argsort(np.square(columns - column) + np.square(rows - row), kind="stable")
         rows, columns = rows[order], columns[order]
         distance_m = float(steps[rows, columns].min()) * costmap.resolution
         # One cell of padding on either side, and centres half a cell from corners.
@@ -206,7 +206,7 @@ class FrontierExplorer:
             open_to_try = self._is_open(approaches)
             free_of_mates = open_to_try.copy()
             for point in taken:
-                offset = np.hypot(*(approaches - point).T)
+                offset = lengths(approaches - point)
                 free_of_mates &= offset >= self._settings.taken_radius_m
             for candidates, wanted in ((free_of_mates, True), (open_to_try, fallback is None)):
                 if wanted and candidates.any():
@@ -236,7 +236,7 @@ def _nearest_cell(mask: npt.NDArray[np.bool_], column: int, row: int) -> tuple[i
     rows, columns = np.nonzero(mask)
     if len(rows) == 0:
         return None
-    nearest = int(np.argmin((rows - row) ** 2 + (columns - column) ** 2))
+    nearest = int(np.argmin(np.square(rows - row) + np.square(columns - column)))
     return int(rows[nearest]), int(columns[nearest])
 
 

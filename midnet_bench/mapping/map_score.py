@@ -107,7 +107,7 @@ def closed_spaces(
     """
     left = (truth.data >= 0) & (truth.data < OCCUPIED_FROM) & ~reachable_free(truth, start, robot_radius_m)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(left.view(np.uint8), connectivity=4)
-    least_cells = math.pi * (robot_radius_m / truth.resolution) ** 2
+    least_cells = math.pi * robot_radius_m * robot_radius_m / (truth.resolution * truth.resolution)
     rooms = [piece for piece in range(1, count) if stats[piece, cv2.CC_STAT_AREA] >= least_cells]
     return np.isin(labels, rooms)
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import cos_sin, exponentials, hypot
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid
@@ -60,9 +61,9 @@ def inflation_costs(
 
     254 at 0, 253 within the inscribed radius, then 252 exp(-k (distance - inscribed radius)), truncated.
     """
-    distance_m = np.sqrt(np.arange(reach_cells**2 + 1)) * resolution
+    distance_m = np.sqrt(np.arange(reach_cells * reach_cells + 1)) * resolution
     beyond_m = np.maximum(distance_m - inscribed_radius_m, 0.0)
-    graded = (252.0 * np.exp(-cost_scaling_factor * beyond_m)).astype(np.uint8)
+    graded = (252.0 * exponentials(-cost_scaling_factor * beyond_m)).astype(np.uint8)
     costs = np.where(beyond_m == 0.0, np.uint8(INSCRIBED), graded)
     costs[0] = LETHAL
     return costs
@@ -451,7 +452,7 @@ def clear_line(flat: Cells, width: int, x0: int, y0: int, x1: int, y1: int, max_
     major, minor, major_step, minor_step = line_steps(x1 - x0, y1 - y0, width)
     steps = major
     if major * major + minor * minor > max_cells * max_cells:
-        steps = int(max_cells / math.hypot(x1 - x0, y1 - y0) * major)
+        steps = int(max_cells / hypot(x1 - x0, y1 - y0) * major)
     # counted from -major, so that a step aside is due when it comes to 0
     error = major // 2 - major
     # Unsigned, so that no index is asked whether it counts from the end; steps back wrap round.
@@ -528,7 +529,7 @@ def clear_polygon(cells: Cells, corners: Floats) -> None:
 def placed(corners: Floats, pose: tuple[float, float, float]) -> Floats:
     """(N, 2) corners, given in the frame of ``pose`` (x, y, yaw), in the frame that it is given in."""
     x, y, yaw = pose
-    c, s = math.cos(yaw), math.sin(yaw)
+    c, s = cos_sin(yaw)
     moved = np.empty_like(corners)
     for i in range(len(corners)):
         moved[i, 0] = x + c * corners[i, 0] - s * corners[i, 1]
@@ -567,7 +568,7 @@ def integrate_scan(
     sensor_x = (sensor[0] - lattice[0]) / resolution - corner[0]
     sensor_y = (sensor[1] - lattice[1]) / resolution - corner[1]
     yaw = sensor[2]
-    cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
+    cos_yaw, sin_yaw = cos_sin(yaw)
     inside = 0.0 <= sensor_x < width and 0.0 <= sensor_y < height
     start_x, start_y = int(sensor_x), int(sensor_y)
     pulled_in = 0.001 / resolution

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import cos_sin
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.messages import Command
 from midnet_bench.navigation.costmap import Cells, Floats, RollingCostmap, corner_array
@@ -244,7 +245,8 @@ def search(
     scoring them all. The most promising ones are followed first until one is legal.
     """
     scores = _end_scores(grids, start, speeds, turns, signs_allowed, aligned, params)
-    at_start = outline_cost(costs, start[0], start[1], math.cos(start[2]), math.sin(start[2]), footprint)
+    start_c, start_s = cos_sin(start[2])
+    at_start = outline_cost(costs, start[0], start[1], start_c, start_s, footprint)
     if at_start == ILLEGAL:
         return -1, np.inf
     least = params.occupied * at_start
@@ -307,7 +309,7 @@ def _end_scores(
         grids[GOAL_FRONT].reshape(-1),
     )
     one, stride = np.uint32(1), np.uint32(width + 2)
-    start_c, start_s = math.cos(start[2]), math.sin(start[2])
+    start_c, start_s = cos_sin(start[2])
     scores = np.full(len(speeds) * len(turns), np.inf)
     for j in range(len(turns)):
         turn = turns[j]
@@ -316,7 +318,7 @@ def _end_scores(
         steps_before = -1
         sum_c, sum_s, nose_x, nose_y = 0.0, 0.0, 0.0, 0.0
         half_turn = 0.5 * turn * params.sim_time
-        half_turn_c, half_turn_s = math.cos(half_turn), math.sin(half_turn)
+        half_turn_c, half_turn_s = cos_sin(half_turn)
         for i in range(len(speeds)):
             speed = speeds[i]
             if (speed > 0.0 and not signs_allowed[0]) or (speed < 0.0 and not signs_allowed[1]):
@@ -330,7 +332,7 @@ def _end_scores(
                 continue
             if steps != steps_before:
                 steps_before = steps
-                c, s = math.cos(half_turn / steps), math.sin(half_turn / steps)
+                c, s = cos_sin(half_turn / steps)
                 # half of what lies between the first heading and the last, and the heading there
                 half_c, half_s = half_turn_c * c + half_turn_s * s, half_turn_s * c - half_turn_c * s
                 middle_c, middle_s = start_c * half_c - start_s * half_s, start_s * half_c + start_c * half_s
@@ -378,8 +380,8 @@ def collision_cost(
     height, width = costs.shape
     free_below = height * width
     x, y = start[0], start[1]
-    c, s = math.cos(start[2]), math.sin(start[2])
-    turn_c, turn_s = math.cos(turn * dt), math.sin(turn * dt)
+    c, s = cos_sin(start[2])
+    turn_c, turn_s = cos_sin(turn * dt)
     advance = speed_cells * dt
     highest = 0
     for _ in range(steps):
@@ -443,8 +445,9 @@ def escape(
         dt, speed_cells = params.sim_time / steps, speed * params.cells_per_m
         x, y, yaw = start
         for _ in range(steps - 1):
-            x += speed_cells * dt * math.cos(yaw)
-            y += speed_cells * dt * math.sin(yaw)
+            c, s = cos_sin(yaw)
+            x += speed_cells * dt * c
+            y += speed_cells * dt * s
             yaw += turn * dt
         if not (0.0 <= x < width and 0.0 <= y < height) or costs[int(y), int(x)] >= lowest:
             continue

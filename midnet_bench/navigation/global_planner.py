@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import hypot
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.costmap import (
@@ -144,7 +145,8 @@ class GlobalPlanner:
         if self._costmap.costs[cell] >= self._tight_cost > self._costmap.static_costs[cell]:
             return True
         reached = np.count_nonzero(self._potential.values < UNREACHED)
-        return bool(reached * self._costmap.settings.resolution**2 < _POCKET_M2)
+        cell_m = self._costmap.settings.resolution
+        return bool(reached * cell_m * cell_m < _POCKET_M2)
 
     def _changed_near(self, path: Plan) -> bool:
         now, then = self._costmap.layer.cells, self._obstacles_then
@@ -248,7 +250,7 @@ def _nearest_open(traversal: Cells, column: int, row: int, radius: int) -> tuple
     """(column, row) of the nearest cell within ``radius`` cells that the wave may enter; first in a tie."""
     x0, y0 = max(column - radius, 0), max(row - radius, 0)
     rows, columns = np.nonzero(traversal[y0 : row + radius + 1, x0 : column + radius + 1] < BLOCKED)
-    squared = (rows + y0 - row) ** 2 + (columns + x0 - column) ** 2
+    squared = np.square(rows + y0 - row) + np.square(columns + x0 - column)
     if not len(squared) or squared.min() > radius * radius:
         return None
     nearest = int(np.argmin(squared))
@@ -386,7 +388,7 @@ def path_down(
     for i in range(len(cells)):
         points[i, 0] = (cells[i, 0] + 0.5) * resolution + origin[0]
         points[i, 1] = (cells[i, 1] + 0.5) * resolution + origin[1]
-    if math.hypot(points[-2, 0] - start[0], points[-2, 1] - start[1]) > until_m:
+    if hypot(points[-2, 0] - start[0], points[-2, 1] - start[1]) > until_m:
         return points[:-1], True
     points[-1, 0], points[-1, 1] = goal
     return points, True
@@ -425,7 +427,7 @@ def descend(
             offset_x, offset_y = 0.0, 0.0
         points[count, 0], points[count, 1] = x + offset_x, y + offset_y
         count += 1
-        if math.hypot(x + offset_x - start[0], y + offset_y - start[1]) > until_cells:
+        if hypot(x + offset_x - start[0], y + offset_y - start[1]) > until_cells:
             return points[:count].copy(), True
         near_x, near_y = x + (offset_x >= 0.5), y + (offset_y >= 0.5)
         if potential[near_y, near_x] < NEUTRAL:
@@ -453,7 +455,7 @@ def descend(
             down_y = (1.0 - offset_y) * ((1.0 - offset_x) * ay + offset_x * by) + offset_y * (
                 (1.0 - offset_x) * cy + offset_x * dy
             )
-            norm = math.hypot(down_x, down_y)
+            norm = hypot(down_x, down_y)
             if norm > 0.0:
                 offset_x += 0.5 * down_x / norm
                 offset_y += 0.5 * down_y / norm
@@ -490,7 +492,7 @@ def _descent(potential: Potentials, x: int, y: int) -> tuple[float, float]:
         dy += potential[y - 1, x] - here
     if potential[y + 1, x] < UNREACHED:
         dy += here - potential[y + 1, x]
-    norm = math.hypot(dx, dy)
+    norm = hypot(dx, dy)
     return (dx / norm, dy / norm) if norm > 0.0 else (0.0, 0.0)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import cos_sin, hypot
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.navigation.costmap import (
@@ -133,7 +134,7 @@ def local_grids(
         end_x - (robot[0] - origin[0]) / resolution,
         end_y - (robot[1] - origin[1]) / resolution,
     )
-    distance = math.hypot(ahead_x, ahead_y)
+    distance = hypot(ahead_x, ahead_y)
     push = forward_m / resolution / distance if distance > 0.0 else 0.0
     return distance_grids(costs, cells, (end_x + push * ahead_x, end_y + push * ahead_y))
 
@@ -151,7 +152,7 @@ def _plan_cells(costs: Cells, plan: Floats, end: tuple[float, float]) -> tuple[n
     old_x, old_y = plan[0, 0], plan[0, 1]
     for i in range(last + 1):
         x, y = (end[0], end[1]) if i == last else (plan[i, 0], plan[i, 1])
-        pieces = max(1, int(np.ceil(np.hypot(x - old_x, y - old_y))))
+        pieces = max(1, int(np.ceil(hypot(x - old_x, y - old_y))))
         for piece in range(1, pieces + 1):
             at_x = old_x + (x - old_x) * piece / pieces
             at_y = old_y + (y - old_y) * piece / pieces
@@ -275,6 +276,7 @@ def turn_is_free(costs: Cells, x: float, y: float, yaw: float, angle: float, foo
     steps = max(1, math.ceil(abs(angle) / 0.017))
     for i in range(steps + 1):
         at = yaw + angle * i / steps
-        if outline_cost(costs, x, y, math.cos(at), math.sin(at), footprint) == ILLEGAL:
+        c, s = cos_sin(at)
+        if outline_cost(costs, x, y, c, s, footprint) == ILLEGAL:
             return False
     return True

@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from midnet_bench.errors import InputError
+from midnet_bench.geometry import lengths
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import Outline
 from midnet_bench.settings import Settings, group, option
@@ -34,7 +35,7 @@ def radii(footprint: Footprint) -> tuple[float, float]:
     edges = np.roll(corners, -1, axis=0) - corners
     along = np.clip(-(corners * edges).sum(axis=1) / (edges * edges).sum(axis=1), 0.0, 1.0)
     nearest = corners + along[:, None] * edges
-    return float(np.hypot(*nearest.T).min()), float(np.hypot(*corners.T).max())
+    return float(lengths(nearest).min()), float(lengths(corners).max())
 
 
 Memory = Literal["persistent", "single_scan", "decay"]
@@ -117,8 +118,10 @@ class CostmapSettings(Settings):
         """How far from an obstacle a published cost stays at ``thresh`` or above, metres (item 1)."""
         if thresh == 100:
             return 0.0
+        from midnet_bench.elementary import log  # which needs a compiler
+
         least_cost = 1 + math.ceil(251 * (thresh - 1) / 97)
-        graded_m = self.inscribed_radius_m + math.log(252 / least_cost) / self.cost_scaling_factor
+        graded_m = self.inscribed_radius_m + log(252 / least_cost) / self.cost_scaling_factor
         return min(self.inscribed_radius_m if thresh == 99 else graded_m, self.inflation_radius_m)
 
     @property

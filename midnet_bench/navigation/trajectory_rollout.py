@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import cos_sin
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.messages import Command
 from midnet_bench.navigation.costmap import Cells, Floats, RollingCostmap, corner_array
@@ -188,8 +189,9 @@ def search_rollouts(
         cost, x, y, yaw = roll_out(costs, grids, start, velocity, 0.0, turn, footprint, params, bound)
         if cost < 0.0 or cost > bound:
             continue
-        x += params.lookahead_m * params.cells_per_m * math.cos(yaw)
-        y += params.lookahead_m * params.cells_per_m * math.sin(yaw)
+        c, s = cos_sin(yaw)
+        x += params.lookahead_m * params.cells_per_m * c
+        y += params.lookahead_m * params.cells_per_m * s
         if 0.0 <= x < width and 0.0 <= y < height:
             distance = grids[GOAL, int(y) + 1, int(x) + 1]
             if distance < nearest:
@@ -232,8 +234,9 @@ def roll_out(
             if not (0.0 <= x < width and 0.0 <= y < height):
                 return HITS, x, y, yaw
             column, row = int(x), int(y)
+            c, s = cos_sin(yaw)
             if outlines:
-                under = outline_cost(costs, x, y, math.cos(yaw), math.sin(yaw), footprint)
+                under = outline_cost(costs, x, y, c, s, footprint)
                 if under == ILLEGAL:
                     return HITS, x, y, yaw
                 highest = max(highest, under)
@@ -243,8 +246,8 @@ def roll_out(
                 return BLOCKED, x, y, yaw
             v = min(v + params.acc_x * dt, speed) if v < speed else max(v - params.acc_x * dt, speed)
             w = min(w + params.acc_theta * dt, turn) if w < turn else max(w - params.acc_theta * dt, turn)
-            x += v * params.cells_per_m * math.cos(yaw) * dt
-            y += v * params.cells_per_m * math.sin(yaw) * dt
+            x += v * params.cells_per_m * c * dt
+            y += v * params.cells_per_m * s * dt
             yaw += w * dt
         cost = params.path * path + params.goal * goal + params.occupied * highest
         if cost > bound:

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
+from midnet_bench.rng import standard_normals
 from midnet_bench.simulation.noise import NoiseBlocks
 from midnet_bench.simulation.settings import ImuSettings
 
@@ -29,7 +30,7 @@ class ImuSensors:
         self._noisy = settings.noise == "gazebo"
         self._gyro_stddev_radps = settings.gyro_stddev_radps
         signs = np.array([rng.choice((-1.0, 1.0), size=2) for rng in rngs])
-        draws = np.array([rng.standard_normal(2) for rng in rngs])
+        draws = np.array([standard_normals(rng, (2,)) for rng in rngs])
         means = np.array([settings.gyro_bias_radps, ACCELEROMETER_BIAS_MPS2])
         spreads = np.array([settings.gyro_bias_stddev_radps, ACCELEROMETER_BIAS_STDDEV_MPS2])
         self._biases = signs * (means + spreads * draws)

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from midnet_bench.agents.mobile_robot import Dwell
 from midnet_bench.arena.layout import Layout
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import hypot
 
 Floats = npt.NDArray[np.float64]
 
@@ -68,7 +69,7 @@ def note_moves(
     """Add the straight ways from (n, 3) poses to later ones, and what they go through; then they are last."""
     crossed = crossed_wall(sides, last, now)
     for i in range(len(now)):
-        way_m = math.hypot(now[i, 0] - last[i, 0], now[i, 1] - last[i, 1])
+        way_m = hypot(now[i, 0] - last[i, 0], now[i, 1] - last[i, 1])
         if not math.isnan(way_m):
             distances_m[i] += way_m
         if crossed[i]:

@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from midnet_bench.arena.free_space import cells_near
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import cos_sin, directions, hypot
 from midnet_bench.geometry import Box, Pose2D
-from midnet_bench.rng import stream
+from midnet_bench.rng import standard_normals, stream
 from midnet_bench.simulation.noise import NoiseBlocks
 from midnet_bench.simulation.settings import LidarNoise, LidarSettings
 from midnet_bench.simulation.simulator import Beams, Simulator
@@ -40,7 +41,7 @@ def beam_directions(poses: Floats, ahead_m: float, cosines: Floats, sines: Float
     axes = np.empty((len(poses), 2))
     directions = np.empty((len(poses), len(cosines), 2))
     for i in range(len(poses)):
-        c, s = math.cos(poses[i, 2]), math.sin(poses[i, 2])
+        c, s = cos_sin(poses[i, 2])
         axes[i, 0] = poses[i, 0] + ahead_m * c
         axes[i, 1] = poses[i, 1] + ahead_m * s
         for k in range(len(cosines)):
@@ -144,14 +145,14 @@ def hide_behind_discs(
     met = np.empty((sensors, beams), dtype=np.int64)
     centers = np.empty((len(poses), 2))
     for disc in range(len(poses)):
-        centers[disc, 0] = poses[disc, 0] + ahead_m * math.cos(poses[disc, 2])
-        centers[disc, 1] = poses[disc, 1] + ahead_m * math.sin(poses[disc, 2])
+        c, s = cos_sin(poses[disc, 2])
+        centers[disc, 0], centers[disc, 1] = poses[disc, 0] + ahead_m * c, poses[disc, 1] + ahead_m * s
     for i in range(sensors):
         for k in range(beams):
             met[i, k] = NOTHING if ranges[i, k] == np.inf else SOLID
         for disc in range(len(poses)):
             dx, dy = centers[disc, 0] - axes[i, 0], centers[disc, 1] - axes[i, 1]
-            if disc == own[i] or not math.hypot(dx, dy) < far_m + radii_m[disc]:
+            if disc == own[i] or not hypot(dx, dy) < far_m + radii_m[disc]:
                 continue
             beside = radii_m[disc] * radii_m[disc] - dx * dx - dy * dy
             for k in range(beams):
@@ -186,7 +187,7 @@ class LidarSensors:
         self._errors = ERRORS[settings.noise]
         self._dropout = settings.dropout
         angles_rad = self._lidar.mount.yaw + self._lidar.angles_rad
-        self._cosines, self._sines = np.cos(angles_rad), np.sin(angles_rad)
+        self._cosines, self._sines = np.ascontiguousarray(directions(angles_rad).T)
         # Named by side, so that an intruder's sensor does not change with the size of the team.
         owners = [("robot", i) for i in range(robots)] + [("intruder", i) for i in range(intruders)]
         self._scales = np.array(
@@ -272,4 +273,4 @@ class LidarSensors:
 
 def draw_scale(rng: np.random.Generator) -> float:
     """One sensor's factor of systematic error: the maker's accuracy of 5 % as three standard deviations."""
-    return float(np.clip(rng.normal(1.0, 0.05 / 3.0), 0.95, 1.05))
+    return float(np.clip(1.0 + 0.05 / 3.0 * standard_normals(rng, (1,)).item(), 0.95, 1.05))

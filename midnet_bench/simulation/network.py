@@ -6,6 +6,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from midnet_bench.rng import standard_exponential
 from midnet_bench.simulation.settings import NetworkSettings
 
 Payload = TypeVar("Payload")
@@ -39,7 +40,7 @@ class LossyNetwork(Generic[Payload]):
         """Put a message of sender number ``sender`` on its way, stamped ``time_s``."""
         rng, settings = self._rngs[sender], self._settings
         is_lost = rng.random() < settings.loss
-        arrives_s = time_s + settings.delay_s + settings.jitter_s * rng.standard_exponential()
+        arrives_s = time_s + settings.delay_s + settings.jitter_s * standard_exponential(rng)
         if not is_lost:
             self._under_way[sender].append((arrives_s, Message(time_s, payload)))
 

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.rng import standard_normals
+
 BLOCK = 64
 """readings that are drawn at once, unless told otherwise"""
 
@@ -27,5 +29,5 @@ class NoiseBlocks:
     def refill(self) -> None:
         """Draw another block for every sensor that has used its own up."""
         for sensor in np.flatnonzero(self.used == self.normals.shape[1]).tolist():
-            self._rngs[sensor].standard_normal(out=self.normals[sensor])
+            self.normals[sensor] = standard_normals(self._rngs[sensor], self.normals[sensor].shape)
             self.used[sensor] = 0

@@ -7,6 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import cos_sin
+from midnet_bench.rng import standard_normals
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.noise import NoiseBlocks
@@ -38,10 +40,10 @@ class EncoderOdometers:
         """(n, 3) x, y, yaw by dead reckoning, in each robot's odometry frame"""
         self._ticks = np.floor(wheel_angles_rad / TICK_RAD)
         self._slip = settings.slip_m_per_sqrt_m
-        wheels, tracks = zip(*((rng.standard_normal(2), rng.standard_normal()) for rng in rngs), strict=True)
+        draws = np.array([standard_normals(rng, (3,)) for rng in rngs])  # two wheels, then the track
         self._tick_m = TICK_RAD * robot.wheel_radius_m
-        self._scales = 1.0 + settings.radius_error * np.array(wheels)
-        self._separation_m = robot.wheel_separation_m * (1.0 + settings.separation_error * np.array(tracks))
+        self._scales = 1.0 + settings.radius_error * draws[:, :2]
+        self._separation_m = robot.wheel_separation_m * (1.0 + settings.separation_error * draws[:, 2])
         self._noise = NoiseBlocks(rngs, 2)
         self._velocities = np.zeros((len(starts), 2))
 
@@ -97,8 +99,9 @@ def reckon(
         used_up = used_up or used[row] == normals.shape[1]
         forward, turn = (travel[0] + travel[1]) / 2.0, (travel[1] - travel[0]) / separation_m[row]
         heading = poses[row, 2] + turn / 2.0
-        poses[row, 0] += forward * math.cos(heading)
-        poses[row, 1] += forward * math.sin(heading)
+        c, s = cos_sin(heading)
+        poses[row, 0] += forward * c
+        poses[row, 1] += forward * s
         poses[row, 2] = (poses[row, 2] + turn + math.pi) % (2.0 * math.pi) - math.pi
         velocities[row, 0], velocities[row, 1] = forward / elapsed_s, turn / elapsed_s
     return used_up

@@ -8,6 +8,7 @@ import numpy as np
 from midnet_bench.agents.mobile_robot import MobileRobot, Point
 from midnet_bench.arena.free_space import free_space
 from midnet_bench.campaign.trial import Row, TrialResult
+from midnet_bench.elementary import directions
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
 from midnet_bench.midnet.pipeline import Frame
@@ -129,9 +130,8 @@ class DetectionTrial(GuardedArena):
         near = ranges_m <= range_m
         met = set(bodies[near].tolist())
         beams = self.world.poses()[guards, 2, None] + LDS_01.angles_rad
-        ends = np.array(self.sensor_positions())[:, None] + ranges_m[..., None] * np.stack(
-            [np.cos(beams), np.sin(beams)], axis=-1
-        )
+        ways = directions(beams.reshape(-1)).reshape(*beams.shape, 2)
+        ends = np.array(self.sensor_positions())[:, None] + ranges_m[..., None] * ways
         hits = ends[near & (bodies == SOLID)]
         stationary = [
             bool((solid.distance_to(hits) < ON_SURFACE_M).any()) for solid in self.layout.stationary

@@ -8,6 +8,7 @@ from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
 from midnet_bench.arena.layout import place
 from midnet_bench.campaign.trial import Row
+from midnet_bench.elementary import cos, sin
 from midnet_bench.experiments.guarded.detector_node import DetectorNode, detector_nodes
 from midnet_bench.experiments.guarded.inputs import prior_map_from
 from midnet_bench.experiments.guarded.parameters import GuardParameters
@@ -142,8 +143,8 @@ class GuardedArena(RobotTrial):
         rng = stream(self.seed, "start error", name)
         direction_rad, side = rng.uniform(-math.pi, math.pi), rng.choice((-1.0, 1.0))
         return Pose2D(
-            start.x + off_m * math.cos(direction_rad),
-            start.y + off_m * math.sin(direction_rad),
+            start.x + off_m * cos(direction_rad),
+            start.y + off_m * sin(direction_rad),
             wrap_angle(start.yaw + float(side) * math.radians(off_deg)),
         )
 

@@ -1,5 +1,6 @@
 """What the labyrinth test lets a user set."""
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal, Self
 
@@ -80,7 +81,7 @@ class LabyrinthParameters(GuardParameters):
     @property
     def effort(self) -> float:
         """See :class:`Parameters`: each robot costs time, and more intruders take longer to catch."""
-        return (self.robots + self.intruders) * self.intruders**0.5
+        return (self.robots + self.intruders) * math.sqrt(self.intruders)
 
     def with_files_read(self) -> Self:
         """See :class:`Parameters`; the arena has doors if intruders escape by them."""

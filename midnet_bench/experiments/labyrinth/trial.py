@@ -12,7 +12,7 @@ from midnet_bench.arena.free_space import doors, free_space
 from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
-from midnet_bench.geometry import Box
+from midnet_bench.geometry import Box, lengths
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import BURGER
@@ -172,11 +172,11 @@ class LabyrinthTrial(GuardedArena):
         """Send intruders that a guard comes close to where no guard is near (item 57)."""
         guards = np.array([self._place(guard) for guard in self.guards])
         for robot in self.present:
-            is_close = np.hypot(*(guards - self._place(robot)).T).min() < self._test.flee_radius_m
+            is_close = lengths(guards - self._place(robot)).min() < self._test.flee_radius_m
             escape = self.outcomes[robot.index].escape
             if is_close and robot.goal in (None, escape):
                 refuges = np.array([self._free.draw(self._refuge_rng) for _ in range(REFUGES)])
-                gaps = np.hypot(*(refuges[:, None] - guards[None]).transpose(2, 0, 1)).min(axis=1)
+                gaps = lengths(refuges[:, None] - guards[None]).min(axis=1)
                 robot.drive_to(tuple(refuges[int(gaps.argmax())].tolist()))
             elif not is_close and robot.goal not in (None, escape):
                 robot.drive_to(escape)

@@ -172,7 +172,7 @@ class ExplorationTrial(RobotTrial):
     def _warnings(self, score: MapScore, truth: OccupancyGrid) -> list[str]:
         """What keeps the map from being whole, a line each."""
         closed = closed_spaces(truth, self.layout.robots[0][:2])
-        closed_m2 = float(np.count_nonzero(closed)) * truth.resolution**2
+        closed_m2 = float(np.count_nonzero(closed)) * (truth.resolution * truth.resolution)
         warnings = []
         if not self._is_finished:
             warnings.append(

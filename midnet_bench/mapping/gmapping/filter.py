@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.elementary import directions, exponentials
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.trajectory import Trajectory
@@ -18,6 +19,7 @@ from midnet_bench.mapping.gmapping.settings import GmappingSettings
 from midnet_bench.mapping.gmapping.threads import ParticleThreads
 from midnet_bench.mapping.gmapping.visit_map import VisitMap
 from midnet_bench.messages import LidarGeometry
+from midnet_bench.rng import standard_normals
 
 
 class ScanRays(NamedTuple):
@@ -254,9 +256,9 @@ def move_particles(
         settings: the four noise shares.
         rng: three standard normal draws per particle are taken, also for a standing robot.
     """
-    noise = rng.standard_normal(poses.shape) * noise_deviations(increment, settings)
+    noise = standard_normals(rng, poses.shape) * noise_deviations(increment, settings)
     steps = np.array(increment) + noise
-    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    cos, sin = directions(poses[:, 2]).T
     yaw = poses[:, 2] + steps[:, 2]
     return np.column_stack(
         [
@@ -289,8 +291,7 @@ def scan_rays(geometry: LidarGeometry, ranges_m: npt.NDArray[np.float64], usable
     hit = valid & (ranges_m < usable_m)
     clear = valid & ~hit & ((ranges_m <= largest_m) | np.isposinf(ranges_m))
     lengths = np.concatenate([ranges_m[hit], np.full(np.count_nonzero(clear), usable_m)])
-    directions = np.concatenate([angles[hit], angles[clear]])
-    ends = np.column_stack([lengths * np.cos(directions), lengths * np.sin(directions)])
+    ends = lengths[:, None] * directions(np.concatenate([angles[hit], angles[clear]]))
     return ScanRays(ends, int(np.count_nonzero(hit)))
 
 
@@ -299,13 +300,13 @@ def normalized_weights(log_weights: npt.NDArray[np.float64], gain: float) -> npt
 
     The division by N is GMapping's (``gridslamprocessor.hxx``, normalize).
     """
-    flattened = np.exp((log_weights - log_weights.max()) / (gain * len(log_weights)))
+    flattened = exponentials((log_weights - log_weights.max()) / (gain * len(log_weights)))
     return flattened / flattened.sum()
 
 
 def effective_particles(weights: npt.NDArray[np.float64]) -> float:
     """Neff = 1 / sum of w^2: N for equal weights, 1 when one particle has all."""
-    return 1.0 / float((weights**2).sum())
+    return 1.0 / float((weights * weights).sum())
 
 
 def systematic_resample(weights: npt.NDArray[np.float64], offset: float) -> npt.NDArray[np.int64]:

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import cos_sin
 from midnet_bench.mapping.gmapping.scan_matcher import (
     EMPTY,
     PATCH_CELLS,
@@ -98,7 +99,7 @@ class ParticleMaps:
             ends_m: (B, 2) float64 ends of the rays in the sensor frame.
             hits: how many of them, from the first on, end at an obstacle; the others only clear.
         """
-        reach_m = math.sqrt(float((ends_m**2).sum(axis=1).max(initial=0.0)))
+        reach_m = math.sqrt(float(np.square(ends_m).sum(axis=1).max(initial=0.0)))
         self._grow(poses[:, :2].min(axis=0) - reach_m, poses[:, :2].max(axis=0) + reach_m)
         cells = self.to_cells(poses)
         ends = ends_m / self.resolution_m
@@ -159,10 +160,10 @@ def mark_patches(tables: IndexArray, poses: FloatArray, ends: FloatArray, hits: 
     Those in which a ray ends, and those with hits that a ray passes through.
     """
     touched = np.zeros(tables.shape, dtype=np.bool_)
-    longest = 3 + math.ceil(np.sqrt((ends**2).sum(axis=1).max())) if ends.shape[0] else 0
+    longest = 3 + math.ceil(np.sqrt((ends * ends).sum(axis=1).max())) if ends.shape[0] else 0
     line = np.empty((longest, 2), dtype=np.int64)
     for n in range(tables.shape[0]):
-        cos, sin = math.cos(poses[n, 2]), math.sin(poses[n, 2])
+        cos, sin = cos_sin(poses[n, 2])
         column, row = math.floor(poses[n, 0]), math.floor(poses[n, 1])
         for b in range(ends.shape[0]):
             end_column = math.floor(poses[n, 0] + cos * ends[b, 0] - sin * ends[b, 1])
@@ -187,10 +188,10 @@ def register_rays(
     hits: int,
 ) -> None:
     """Count a scan into patches that ``mark_patches`` found and each particle owns: passes, then hits."""
-    longest = 3 + math.ceil(np.sqrt((ends**2).sum(axis=1).max())) if ends.shape[0] else 0
+    longest = 3 + math.ceil(np.sqrt((ends * ends).sum(axis=1).max())) if ends.shape[0] else 0
     line = np.empty((longest, 2), dtype=np.int64)
     for n in range(tables.shape[0]):
-        cos, sin = math.cos(poses[n, 2]), math.sin(poses[n, 2])
+        cos, sin = cos_sin(poses[n, 2])
         column, row = math.floor(poses[n, 0]), math.floor(poses[n, 1])
         for b in range(ends.shape[0]):
             end_column = math.floor(poses[n, 0] + cos * ends[b, 0] - sin * ends[b, 1])

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import cos_sin, exp
 from midnet_bench.mapping.gmapping.settings import GmappingSettings
 
 PATCH_CELLS = 32
@@ -55,11 +56,11 @@ def matching_in_cells(settings: GmappingSettings) -> Matching:
         linear_step=settings.linear_step_m / cell_m,
         angular_step=settings.angular_step_rad,
         iterations=settings.iterations,
-        sigma=settings.sigma_m2 / cell_m**2,
-        odometry_pull=settings.linear_reliability * cell_m**2,
+        sigma=settings.sigma_m2 / (cell_m * cell_m),
+        odometry_pull=settings.linear_reliability * (cell_m * cell_m),
         heading_pull=settings.angular_reliability,
         minimum_score=settings.minimum_score,
-        likelihood_sigma=settings.likelihood_sigma_m2 / cell_m**2,
+        likelihood_sigma=settings.likelihood_sigma_m2 / (cell_m * cell_m),
         miss_log_likelihood=-settings.miss_m2 / settings.likelihood_sigma_m2,
     )
 
@@ -106,7 +107,7 @@ def nearest_hit_squared(means: MeanArray, table: IndexArray, x: float, y: float)
 @njit
 def rotate_beams(beams: FloatArray, yaw: float, rotated: FloatArray) -> None:
     """Fill ``rotated`` (B, 2) with the beam ends (B, 2) turned by ``yaw``, radians."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
+    cos, sin = cos_sin(yaw)
     for b in range(beams.shape[0]):
         rotated[b, 0] = cos * beams[b, 0] - sin * beams[b, 1]
         rotated[b, 1] = sin * beams[b, 0] + cos * beams[b, 1]
@@ -125,7 +126,7 @@ def match_score(
     for b in range(rotated.shape[0]):
         squared = nearest_hit_squared(means, table, x + rotated[b, 0], y + rotated[b, 1])
         if squared < _NO_CANDIDATE:
-            total += math.exp(-squared / sigma)
+            total += exp(-squared / sigma)
         if total + (rotated.shape[0] - 1 - b) <= enough:
             return 0.0
     return total
@@ -172,9 +173,9 @@ def climb(
             else:
                 try_yaw += angular_step if move == 4 else -angular_step
                 rotate_beams(beams, try_yaw, turned)
-            away = (try_x - start_x) ** 2 + (try_y - start_y) ** 2
-            turn = (try_yaw - start_yaw) ** 2
-            pull = math.exp(-matching.odometry_pull * away - matching.heading_pull * turn)
+            dx, dy, dyaw = try_x - start_x, try_y - start_y, try_yaw - start_yaw
+            away, turn = dx * dx + dy * dy, dyaw * dyaw
+            pull = exp(-matching.odometry_pull * away - matching.heading_pull * turn)
             found = pull * match_score(
                 means, table, rotated if move < 4 else turned, try_x, try_y, matching.sigma, best / pull
             )

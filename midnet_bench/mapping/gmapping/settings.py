@@ -103,7 +103,7 @@ RECORDED_LOG = replace(SLAM_GMAPPING, linear_update_m=0.3, angular_update_rad=0.
 BURGER = replace(
     TURTLEBOT3_MULTI,
     minimum_score=50.0,
-    sigma_m2=0.05**2,
+    sigma_m2=0.05 * 0.05,
     linear_reliability=10.0,
     temporal_update_s=None,
 )

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import cos_sin
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.mapping.gmapping.particle_map import trace_line
 
@@ -64,7 +65,7 @@ class VisitMap:
     ) -> None:
         if len(ends_m) == 0:
             return
-        reach_m = math.sqrt(float((ends_m**2).sum(axis=1).max()))
+        reach_m = math.sqrt(float(np.square(ends_m).sum(axis=1).max()))
         self._grow(pose[:2] - reach_m, pose[:2] + reach_m)
         cells = pose.copy()
         cells[:2] = pose[:2] / self.resolution_m - self._origin_cells
@@ -97,8 +98,8 @@ def trace_rays(
     count: int,
 ) -> None:
     """Add ``count`` (1 or -1) to the visits and hits of the cells on a scan's rays; all lengths in cells."""
-    line = np.empty((3 + math.ceil(np.sqrt((ends**2).sum(axis=1).max())), 2), dtype=np.int64)
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    line = np.empty((3 + math.ceil(np.sqrt((ends * ends).sum(axis=1).max())), 2), dtype=np.int64)
+    cos, sin = cos_sin(pose[2])
     column, row = math.floor(pose[0]), math.floor(pose[1])
     for b in range(ends.shape[0]):
         end_column = math.floor(pose[0] + cos * ends[b, 0] - sin * ends[b, 1])

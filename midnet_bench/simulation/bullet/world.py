@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import atan2, cos, cos_sin, hypot
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.robots.burger import BURGER
@@ -143,7 +144,8 @@ class World:
             (x, y, _), (_, _, turn) = bullet.getBaseVelocity(self._robots[index].body, self._client)
             # the solver made this velocity at the heading that the step began with
             heading = yaws[index] - turn / self.step_hz
-            velocities[index] = x * math.cos(heading) + y * math.sin(heading), turn
+            c, s = cos_sin(heading)
+            velocities[index] = x * c + y * s, turn
         return velocities
 
     def wheel_angles(self) -> Floats:
@@ -241,9 +243,10 @@ def base_poses(places: Floats, mass_x_m: float) -> Floats:
     poses = np.empty((len(places), 3))
     for i in range(len(places)):
         x, y, z, w = places[i, 3], places[i, 4], places[i, 5], places[i, 6]
-        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        poses[i, 0] = places[i, 0] - mass_x_m * math.cos(yaw)
-        poses[i, 1] = places[i, 1] - mass_x_m * math.sin(yaw)
+        yaw = atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        c, s = cos_sin(yaw)
+        poses[i, 0] = places[i, 0] - mass_x_m * c
+        poses[i, 1] = places[i, 1] - mass_x_m * s
         poses[i, 2] = yaw
     return poses
 
@@ -266,7 +269,7 @@ def pieces(
         nearest, farthest = reaches(axes[i, 0], axes[i, 1], sides, near_m, far_m)
         for k in range(beams):
             x, y = directions[i, k, 0], directions[i, k, 1]
-            sector = int((math.atan2(y, x) + math.pi) * (SECTORS / (2.0 * math.pi))) % SECTORS
+            sector = int((atan2(y, x) + math.pi) * (SECTORS / (2.0 * math.pi))) % SECTORS
             start, end = max(near_m, nearest[sector]), min(far_m, farthest[sector])
             if start >= end:
                 continue
@@ -298,12 +301,12 @@ def reaches(x: float, y: float, sides: Floats, near_m: float, far_m: float) -> t
         if ax * by - ay * bx < 0.0:
             ax, ay, bx, by, along_x, along_y = bx, by, ax, ay, -along_x, -along_y
         across = ax * by - ay * bx
-        if across > reach_m * math.hypot(along_x, along_y):
+        if across > reach_m * hypot(along_x, along_y):
             continue
-        first_m, last_m = math.hypot(ax, ay), math.hypot(bx, by)
+        first_m, last_m = hypot(ax, ay), hypot(bx, by)
         # both directions as sectors, fractions of one included, from the right end to the left one
-        first = (math.atan2(ay, ax) + math.pi) / width
-        last = first + math.atan2(across, ax * bx + ay * by) / width
+        first = (atan2(ay, ax) + math.pi) / width
+        last = first + atan2(across, ax * bx + ay * by) / width
         # by so much a beam may pass an end and still meet the mesh, or meet the end and pass the mesh
         slack_first = MARGIN_M / (first_m + MARGIN_M) / width
         slack_last = MARGIN_M / (last_m + MARGIN_M) / width
@@ -314,12 +317,12 @@ def reaches(x: float, y: float, sides: Floats, near_m: float, far_m: float) -> t
             right_m, left_m = left_m, last_m
             if k + 1 < last and last - first >= SLIVER:
                 if k + 1 > first:
-                    angle = (k + 1) * width - math.pi
-                    left_m = across / (math.cos(angle) * along_y - math.sin(angle) * along_x)
+                    c, s = cos_sin((k + 1) * width - math.pi)
+                    left_m = across / (c * along_y - s * along_x)
                 else:
                     left_m = first_m
             sector = k % SECTORS
-            least_m = min(right_m, left_m) * math.cos(width) - MARGIN_M
+            least_m = min(right_m, left_m) * cos(width) - MARGIN_M
             nearest[sector] = min(nearest[sector], least_m)
             if least_m > near_m and k >= first + slack_first and k + 1 <= last - slack_last:
                 farthest[sector] = min(farthest[sector], max(right_m, left_m) + MARGIN_M)

@@ -6,13 +6,14 @@ before bodies, corners of bodies before bodies. A pair counts only where each co
 shape, so that what slides along a wall does not catch on the far ends of its sides.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import cos_sin, hypot
+from midnet_bench.geometry import lengths
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.fast.outlines import (
     AX,
@@ -75,7 +76,7 @@ class Room(NamedTuple):
 
 def body_of(robot: RobotModel) -> Body:
     """A robot as contacts see it."""
-    return Body(hull_of(robot.body), robot.body_reach_m, robot.gyration_radius_m**2)
+    return Body(hull_of(robot.body), robot.body_reach_m, robot.gyration_radius_m * robot.gyration_radius_m)
 
 
 def room_for(count: int, body: Body) -> Room:
@@ -99,9 +100,9 @@ def hull_of(contour: tuple[tuple[float, float], ...]) -> Floats:
                 chain.append(point)
     corners = np.array(chain[:-1])
     sides = np.roll(corners, -1, axis=0) - corners
-    lengths = np.hypot(*sides.T)
-    along = sides / lengths[:, None]
-    return np.column_stack((corners, along, lengths, np.roll(along, 1, axis=0)))
+    lengths_m = lengths(sides)
+    along = sides / lengths_m[:, None]
+    return np.column_stack((corners, along, lengths_m, np.roll(along, 1, axis=0)))
 
 
 def _turns_right(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
@@ -162,7 +163,7 @@ def find_contacts(
 
 @njit
 def _place(hull: Floats, pose: Floats, placed: Floats) -> None:
-    c, s = math.cos(pose[2]), math.sin(pose[2])
+    c, s = cos_sin(pose[2])
     for k in range(len(hull)):
         placed[k, X] = pose[0] + c * hull[k, X] - s * hull[k, Y]
         placed[k, Y] = pose[1] + s * hull[k, X] + c * hull[k, Y]
@@ -297,13 +298,13 @@ def _corner_before_body(
             along = dx * body[k, ALONG_X] + dy * body[k, ALONG_Y]
             if aside <= 0.0 or along > body[k, LENGTH]:
                 continue
-            distance = aside if along >= 0.0 else math.hypot(dx, dy)
+            distance = aside if along >= 0.0 else hypot(dx, dy)
             if distance < nearest:
                 nearest = distance
                 at_side, at_corner = k, -1 if along >= 0.0 else k
         for k in range(sides):  # beyond the end of the one side and before the begin of the next
             dx, dy = px - body[k, X], py - body[k, Y]
-            distance = math.hypot(dx, dy)
+            distance = hypot(dx, dy)
             if distance < nearest:
                 nearest = distance
                 at_corner = k

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import cos_sin, hypot
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.fast.contacts import (
     GAP,
@@ -156,7 +157,8 @@ def _roll(state: Floats, drive: Drive, move: Floats) -> None:
     forward = (state[LEFT] + state[RIGHT]) / 2.0
     turn = (state[RIGHT] - state[LEFT]) / drive.separation_m
     heading = state[2] + turn * drive.step_s / 2.0
-    move[0], move[1], move[2] = forward * math.cos(heading), forward * math.sin(heading), turn
+    c, s = cos_sin(heading)
+    move[0], move[1], move[2] = forward * c, forward * s, turn
 
 
 @njit
@@ -197,7 +199,7 @@ def _hold(
         if is_hindered[label[i]]:
             held[i] = True
             heading = states[i, 2] + moves[i, 2] * step_s / 2.0
-            headings[i, 0], headings[i, 1] = math.cos(heading), math.sin(heading)
+            headings[i, 0], headings[i, 1] = cos_sin(heading)
             moves[i, 0], moves[i, 1], moves[i, 2] = states[i, SPEED_X], states[i, SPEED_Y], states[i, TURN]
     for island in range(n):
         if not is_hindered[island] or label[island] != island:
@@ -232,7 +234,7 @@ def _grip(
         slip = forward - turn * lever - state[LEFT + wheel]
         along = grip[wheel, 0] - slip / (1.0 + lever * lever / gyration2)
         across = grip[wheel, 1] - aside
-        size = math.hypot(along, across)
+        size = hypot(along, across)
         if size > most:
             along, across = along * most / size, across * most / size
         more_along, more_across = along - grip[wheel, 0], across - grip[wheel, 1]
@@ -248,7 +250,7 @@ def _grip(
 @njit
 def _limit(drive: Drive, reach_m: float, move: Floats) -> None:
     """Slows a body that would move farther in a tick than contacts were looked for."""
-    travel_m = (math.hypot(move[0], move[1]) + abs(move[2]) * reach_m) * drive.step_s
+    travel_m = (hypot(move[0], move[1]) + abs(move[2]) * reach_m) * drive.step_s
     if travel_m > drive.most_m:
         share = drive.most_m / travel_m
         move[0], move[1], move[2] = move[0] * share, move[1] * share, move[2] * share
@@ -305,7 +307,8 @@ def _note_velocity(state: Floats, move: Floats, is_held: bool) -> None:
         state[2] += 2.0 * math.pi
     state[SPEED_X], state[SPEED_Y], state[TURN] = move[0], move[1], move[2]
     if is_held:
-        state[FORWARD] = move[0] * math.cos(state[2]) + move[1] * math.sin(state[2])
+        c, s = cos_sin(state[2])
+        state[FORWARD] = move[0] * c + move[1] * s
     else:
         state[FORWARD] = (state[LEFT] + state[RIGHT]) / 2.0
 

@@ -8,6 +8,8 @@ import numpy.typing as npt
 
 from midnet_bench.arena.solids import Solid
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import hypot
+from midnet_bench.geometry import lengths
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -51,9 +53,9 @@ def outlines_of(solids: tuple[Solid, ...]) -> Outlines:
     corners = np.concatenate(outlines)
     after = np.concatenate([part for outline in outlines for part in (outline[1:], outline[:1])])
     centers = [outline.mean(axis=0) for outline in outlines]
-    radii = [np.hypot(*(outline - center).T).max() for outline, center in zip(outlines, centers, strict=True)]
+    radii = [lengths(outline - center).max() for outline, center in zip(outlines, centers, strict=True)]
     return Outlines(
-        np.column_stack((corners, np.hypot(*(after - corners).T))),
+        np.column_stack((corners, lengths(after - corners))),
         np.cumsum([0, *map(len, outlines)]),
         np.column_stack((centers, radii)),
     )
@@ -90,7 +92,7 @@ def exposed_sides(corners: Floats, first: Ints, circles: Floats) -> Floats:
             is_corner = True
             for other in range(solids):
                 dx, dy = circles[other, 0] - ax, circles[other, 1] - ay
-                if other == solid or math.hypot(dx, dy) > length + circles[other, 2] + _HAIR_M:
+                if other == solid or hypot(dx, dy) > length + circles[other, 2] + _HAIR_M:
                     continue
                 outline = corners[first[other] : first[other + 1]]
                 enters, leaves, depth, nearest = _inside(outline, ax, ay, along_x, along_y, length)
@@ -139,7 +141,7 @@ def _inside(
         side_x = (outline[after, 0] - outline[k, 0]) / outline[k, 2]
         side_y = (outline[after, 1] - outline[k, 1]) / outline[k, 2]
         dx, dy = x - outline[k, 0], y - outline[k, 1]
-        nearest = min(nearest, math.hypot(dx, dy))
+        nearest = min(nearest, hypot(dx, dy))
         inward = side_x * dy - side_y * dx
         depth = min(depth, inward)
         slope = side_x * along_y - side_y * along_x
@@ -164,7 +166,7 @@ def sides_by_cell(sides: Floats, frame: Floats, reach_m: float) -> tuple[Ints, I
         place = first.copy()
         for i in range(len(sides)):
             ax, ay, bx, by = sides[i, AX], sides[i, AY], sides[i, BX], sides[i, BY]
-            length = math.hypot(bx - ax, by - ay)
+            length = hypot(bx - ax, by - ay)
             left = max(0, int((min(ax, bx) - reach_m - frame[0]) / frame[2]))
             right = min(columns - 1, int((max(ax, bx) + reach_m - frame[0]) / frame[2]))
             low = max(0, int((min(ay, by) - reach_m - frame[1]) / frame[2]))
@@ -176,7 +178,7 @@ def sides_by_cell(sides: Floats, frame: Floats, reach_m: float) -> tuple[Ints, I
                     along = (dx * (bx - ax) + dy * (by - ay)) / length
                     beyond = max(0.0, -along, along - length)
                     aside = dx * sides[i, NX] + dy * sides[i, NY]
-                    if math.hypot(beyond, aside) > within:
+                    if hypot(beyond, aside) > within:
                         continue
                     cell = row * columns + column
                     if filling:

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
+from midnet_bench.elementary import atan2, sin
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -38,7 +39,7 @@ def cast_on_outlines(
     for i in range(sensors):
         x, y = axes[i, 0], axes[i, 1]
         fan, found = directions[i], ranges[i]
-        start_rad = math.atan2(fan[0, 1], fan[0, 0]) if beams > 0 else 0.0
+        start_rad = atan2(fan[0, 1], fan[0, 0]) if beams > 0 else 0.0
         is_even = beams >= 8 and _is_even(fan, spacing)
         for solid in range(len(circles)):
             dx, dy = circles[solid, 0] - x, circles[solid, 1] - y
@@ -52,7 +53,7 @@ def cast_on_outlines(
             if distance_m < near_m or distance_m <= 0.0 or not is_even:
                 _meet_all(fan, corners[low:high], x, y, near_m, far_m, found)
                 continue
-            turn = (math.atan2(seen[0, 1], seen[0, 0]) - start_rad) / spacing
+            turn = (atan2(seen[0, 1], seen[0, 0]) - start_rad) / spacing
             beam = math.floor(turn) % beams
             _meet_chain(fan, seen, count, beam, near_m, far_m, found)
     return ranges
@@ -61,7 +62,7 @@ def cast_on_outlines(
 @njit
 def _is_even(fan: Floats, spacing_rad: float) -> bool:
     """Whether each beam points ``spacing_rad`` counter-clockwise of the one before, the first of the last."""
-    sine = math.sin(spacing_rad)
+    sine = sin(spacing_rad)
     for k in range(len(fan)):
         before = k - 1 if k > 0 else len(fan) - 1
         if abs(fan[before, 0] * fan[k, 1] - fan[before, 1] * fan[k, 0] - sine) > 1e-9:
