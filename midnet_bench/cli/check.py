@@ -39,12 +39,16 @@ def check(
                     "seam": found.seam,
                     "name": found.name,
                     "faults": found.faults,
-                    "frame_ms": None if found.faults else round(found.frame_ms, 3),
+                    "frame_ms": None if found.frame_ms is None else round(found.frame_ms, 3),
                 }
             )
         )
     elif not found.faults:
-        typer.echo(f"ok, {found.frame_ms:.1f} ms a frame ({found.seam} {found.name}, four robots)")
+        said = f"{found.seam} {found.name}"
+        if found.frame_ms is None:
+            typer.echo(f"ok ({said})")
+        else:
+            typer.echo(f"ok, {found.frame_ms:.1f} ms a frame ({said}, four robots)")
     else:
         for fault in found.faults:
             typer.echo(fault)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -14,85 +15,81 @@ SPEED_MPS = 0.22
 """of a Burger at its fastest"""
 
 
-class CyclicRoute:
+@dataclass
+class _OnGraph:
+    """What these patrols are made of, and the places that they send guards to."""
+
+    points: npt.NDArray[np.float64]
+    guards: int
+    rng: np.random.Generator
+    spacing_m: float = 1.5
+    """least distance between two of the places"""
+
+    def __post_init__(self) -> None:
+        self._graph = PatrolGraph(self.points, self.spacing_m)
+
+
+@dataclass
+class CyclicRoute(_OnGraph):
     """All guards follow one closed route, evenly apart.
 
     Chevaleyre, "Theoretical analysis of the multi-agent patrolling problem", IAT 2004. The route is a tour of
     the nodes: nearest neighbour, then two-opt.
     """
 
-    def __init__(
-        self,
-        points: npt.NDArray[np.float64],
-        guards: int,
-        rng: np.random.Generator,
-        spacing_m: float = 1.5,
-    ) -> None:
-        self._graph = PatrolGraph(points, spacing_m)
+    def __post_init__(self) -> None:
+        super().__post_init__()
         self._route = _tour(self._graph.ways_m)
-        self._guards = guards
         self._next: dict[int, int] = {}
 
     def next_point(self, guard: int, team: Sequence[GuardState], time_s: float) -> Point:
         """The next node of the route; at first, a share of the way round from the first guard's node."""
         if guard not in self._next:
             begin = self._route.index(self._graph.nearest(team[0].place))
-            self._next[guard] = begin + round(guard * len(self._route) / self._guards)
+            self._next[guard] = begin + round(guard * len(self._route) / self.guards)
         place = self._next[guard] % len(self._route)
         self._next[guard] = place + 1
         return _point(self._graph, self._route[place])
 
 
-class ConscientiousReactive:
+@dataclass
+class ConscientiousReactive(_OnGraph):
     """Each guard goes to that neighbour of its node which it has not visited itself for longest.
 
     Machado, Ramalho, Zucker and Drogoul, "Multi-agent patrolling: an empirical analysis", MABS 2002.
     """
 
-    def __init__(
-        self,
-        points: npt.NDArray[np.float64],
-        guards: int,
-        rng: np.random.Generator,
-        spacing_m: float = 1.5,
-    ) -> None:
-        self._graph = PatrolGraph(points, spacing_m)
-        self._visited_s = np.full((guards, len(self._graph.nodes)), -math.inf)
-        self._rng = rng
-        self._reach_m = 2.0 * spacing_m
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._visited_s = np.full((self.guards, len(self._graph.nodes)), -math.inf)
 
     def next_point(self, guard: int, team: Sequence[GuardState], time_s: float) -> Point:
         """The neighbour of longest idleness; of several, one at random."""
         here = self._graph.nearest(team[guard].place)
         visited_s = self._visited_s[guard]
         visited_s[here] = time_s
-        near = np.flatnonzero(self._graph.ways_m[here] <= self._reach_m)
+        near = np.flatnonzero(self._graph.ways_m[here] <= 2.0 * self.spacing_m)
         near = near[near != here]
         if not len(near):
             near = np.delete(np.arange(len(visited_s)), here)
         if not len(near):  # one node is all there is
             return _point(self._graph, here)
         longest = near[visited_s[near] == visited_s[near].min()]
-        return _point(self._graph, int(self._rng.choice(longest)))
+        return _point(self._graph, int(self.rng.choice(longest)))
 
 
-class CoordinatedIdleness:
+@dataclass
+class CoordinatedIdleness(_OnGraph):
     """A guard goes where nobody was for longest, less the time to get there, and to nobody else's goal.
 
     Idleness is shared: a node counts as visited when any guard is sent on from it.
     """
 
-    def __init__(
-        self,
-        points: npt.NDArray[np.float64],
-        guards: int,
-        rng: np.random.Generator,
-        spacing_m: float = 1.5,
-        apart_m: float = 3.0,
-    ) -> None:
-        self._graph = PatrolGraph(points, spacing_m)
+    apart_m: float = 3.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         self._visited_s = np.zeros(len(self._graph.nodes))
-        self._rng, self._apart_m = rng, apart_m
 
     def next_point(self, guard: int, team: Sequence[GuardState], time_s: float) -> Point:
         """The node of greatest idleness less travel that is apart from others' goals, if there is any."""
@@ -103,10 +100,10 @@ class CoordinatedIdleness:
         taken = [one.goal for i, one in enumerate(team) if i != guard and one.goal is not None]
         free = np.ones(len(worth_s), np.bool_)
         for goal in taken:
-            free &= np.hypot(*(self._graph.nodes - goal).T) >= self._apart_m
+            free &= np.hypot(*(self._graph.nodes - goal).T) >= self.apart_m
         worth_s[~free] -= 1e6  # only if nothing else is left
         best = np.flatnonzero(worth_s == worth_s.max())
-        return _point(self._graph, int(self._rng.choice(best)))
+        return _point(self._graph, int(self.rng.choice(best)))
 
 
 def _tour(ways_m: npt.NDArray[np.float64]) -> list[int]:

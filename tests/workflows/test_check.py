@@ -32,7 +32,7 @@ BROKEN = {
     "        return super().detect(team)",
     "global random numbers": "def detect(self, team):\n"
     "        return [boxes + np.random.uniform(0, 0.1) for boxes in super().detect(team)]",
-    "other boxes the second time": "seen = itertools.count()\n"
+    "it answers otherwise the second time": "seen = itertools.count()\n"
     "    def detect(self, team):\n"
     "        return [boxes + 0.001 * next(Mine.seen) for boxes in super().detect(team)]",
     "another process gets other results": "def detect(self, team):\n"
