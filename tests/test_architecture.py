@@ -142,6 +142,7 @@ TRIAL_ROOMS = {
     "mapping",
     "midnet",
     "navigation",
+    "rivals",
     "robots",
     "scoring",
     "simulation",

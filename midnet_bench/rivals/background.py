@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.elementary import exp
 from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid
 from midnet_bench.messages import Scan
 from midnet_bench.midnet.detection import BoxArray
@@ -59,7 +60,7 @@ class RunningMean:
         background = cv2.dilate((mean >= 0.5).astype(np.uint8), self._reach)
         if elapsed_s > 0.0:  # a frame may come before the next scan
             self._stamps_s[robot] = scan.stamp_s
-            weight = np.float32(1.0 - math.exp(-min(elapsed_s, 1.0) / self._memory_s))
+            weight = np.float32(1.0 - exp(-min(elapsed_s, 1.0) / self._memory_s))
             mean[passed] *= 1.0 - weight
             mean[hit] += weight * (1.0 - mean[hit])
         moved = (hit & (background == 0)).astype(np.uint8)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from midnet_bench.assignment import linear_sum_assignment
+from midnet_bench.geometry import lengths
 from midnet_bench.midnet.detection import BoxArray
 
 
@@ -21,7 +22,7 @@ class CentreDistance:
         """One box for each thing, whatever the time is."""
         team, weights = np.empty((0, 4)), np.empty(0)
         for own in found:
-            gaps = np.hypot(*(_centres(team)[:, None] - _centres(own)[None]).transpose(2, 0, 1))
+            gaps = lengths(_centres(team)[:, None] - _centres(own)[None])
             # a pair within reach is worth more than all distances together, so most pairs come first
             worth = np.where(gaps <= self._gap_m, self._gap_m * (1 + min(gaps.shape)) - gaps, 0.0)
             rows, columns = linear_sum_assignment(worth, maximize=True)

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.elementary import sin
+from midnet_bench.geometry import lengths
 from midnet_bench.grid import OccupancyGrid, values_at
 from midnet_bench.messages import Scan
 from midnet_bench.midnet.detection import BoxArray
@@ -18,6 +20,9 @@ from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.rivals.map_subtraction import wall_distances
 
 Points = npt.NDArray[np.float64]
+
+STRAIGHT = 1e-12
+"""A piece is straight where its scatter's determinant is below this share of its trace squared."""
 
 
 class CircleClusters:
@@ -66,8 +71,8 @@ class CircleClusters:
             return []
         ranges_m = scan.ranges_m[beams]
         turn_rad = abs(scan.lidar.angle_increment_rad)
-        widening = math.sin(turn_rad) / math.sin(self._incidence_rad - turn_rad)
-        gaps_m = np.hypot(*(points - np.roll(points, 1, axis=0)).T)
+        widening = sin(turn_rad) / sin(self._incidence_rad - turn_rad)
+        gaps_m = lengths(points - np.roll(points, 1, axis=0))
         apart = gaps_m > np.roll(ranges_m, 1) * widening + 3.0 * self._noise_m
         first = int(np.argmax(apart))  # 0 where nothing is apart
         cuts = np.flatnonzero(np.roll(apart, -first))[1:]
@@ -80,11 +85,13 @@ class CircleClusters:
         """Around the least-squares circle (Kasa), or around the returns where that is no good."""
         middle = piece.mean(axis=0)
         x, y = (piece - middle).T
-        solution, _, rank, _ = np.linalg.lstsq(
-            np.column_stack((2.0 * x, 2.0 * y, np.ones(len(piece)))), x * x + y * y, rcond=None
-        )
-        radius_m = math.sqrt(max(0.0, float(solution[2] + solution[0] ** 2 + solution[1] ** 2)))
-        if rank == 3 and radius_m <= self._max_radius_m:
-            centre = middle + solution[:2]
-            return [*centre - radius_m, *centre + radius_m]
+        square = x * x + y * y
+        xx, xy, yy = float((x * x).sum()), float((x * y).sum()), float((y * y).sum())
+        to_x, to_y = float((x * square).sum()) / 2.0, float((y * square).sum()) / 2.0
+        spread = xx * yy - xy * xy  # 0 of a straight piece
+        if spread > STRAIGHT * (xx + yy) * (xx + yy):
+            off = np.array([(to_x * yy - to_y * xy) / spread, (to_y * xx - to_x * xy) / spread])
+            radius_m = math.sqrt(float(square.mean() + (off * off).sum()))
+            if radius_m <= self._max_radius_m:
+                return [*middle + off - radius_m, *middle + off + radius_m]
         return [*piece.min(axis=0) - self._noise_m, *piece.max(axis=0) + self._noise_m]

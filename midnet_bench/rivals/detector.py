@@ -6,6 +6,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.geometry import lengths
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
 
@@ -37,7 +38,7 @@ def groups_of(points: npt.NDArray[np.float64], gap_m: float) -> list[npt.NDArray
     """
     if not len(points):
         return []
-    apart = np.hypot(*(points - np.roll(points, 1, axis=0)).T) > gap_m
+    apart = lengths(points - np.roll(points, 1, axis=0)) > gap_m
     first = int(np.argmax(apart))  # 0 where nothing is apart
     return np.split(np.roll(points, -first, axis=0), np.flatnonzero(np.roll(apart, -first))[1:])
 

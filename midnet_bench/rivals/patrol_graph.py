@@ -8,6 +8,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from midnet_bench.agents.mobile_robot import Point
+from midnet_bench.geometry import lengths
 
 
 class PatrolGraph:
@@ -22,19 +23,19 @@ class PatrolGraph:
         places = points[first]
         chosen: list[int] = []
         for i, place in enumerate(places):
-            if not chosen or np.hypot(*(places[chosen] - place).T).min() >= spacing_m:
+            if not chosen or lengths(places[chosen] - place).min() >= spacing_m:
                 chosen.append(i)
         self.nodes = places[chosen]
         """(k, 2) metres"""
         self.ways_m = dijkstra(_steps(cells), indices=chosen)[:, chosen] * self.COARSE_M
         """(k, k) from node to node; inf where no way was found"""
-        straight = np.hypot(*(self.nodes[:, None] - self.nodes[None]).transpose(2, 0, 1))
+        straight = lengths(self.nodes[:, None] - self.nodes[None])
         # thin passages may be lost on coarse cells
         self.ways_m = np.where(np.isinf(self.ways_m), 10.0 * straight, np.maximum(self.ways_m, straight))
 
     def nearest(self, place: Point) -> int:
         """The node that is nearest to ``place`` in a straight line."""
-        return int(np.hypot(*(self.nodes - place).T).argmin())
+        return int(lengths(self.nodes - place).argmin())
 
 
 def _steps(cells: npt.NDArray[np.int64]) -> coo_matrix:

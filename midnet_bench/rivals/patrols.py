@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import Point
+from midnet_bench.geometry import lengths
 from midnet_bench.rivals.patrol import GuardState
 from midnet_bench.rivals.patrol_graph import PatrolGraph
 
@@ -100,7 +101,7 @@ class CoordinatedIdleness(_OnGraph):
         taken = [one.goal for i, one in enumerate(team) if i != guard and one.goal is not None]
         free = np.ones(len(worth_s), np.bool_)
         for goal in taken:
-            free &= np.hypot(*(self._graph.nodes - goal).T) >= self.apart_m
+            free &= lengths(self._graph.nodes - goal) >= self.apart_m
         worth_s[~free] -= 1e6  # only if nothing else is left
         best = np.flatnonzero(worth_s == worth_s.max())
         return _point(self._graph, int(self.rng.choice(best)))
