@@ -10,7 +10,7 @@ from midnet_bench.arena.layout import place
 from midnet_bench.arena.solids import Solid
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
-from midnet_bench.rng import stream
+from midnet_bench.rng import standard_normals, stream
 from midnet_bench.robots.burger import LDS_01
 from midnet_bench.simulation import lidar
 from midnet_bench.simulation.bullet.world import MAX_BATCH, World
@@ -180,7 +180,7 @@ def test_noise_drawn_in_blocks_is_that_drawn_scan_by_scan() -> None:
     truth, scans = noisy_scans("gazebo", 20)
     rng = stream(3, "lidar", 0)
     for scan in scans:
-        expected = np.clip(truth + 0.010 * rng.standard_normal(360), *LIMITS_M)
+        expected = np.clip(truth + 0.010 * standard_normals(rng, (360,)), *LIMITS_M)
         expected[np.isinf(truth)] = np.inf
         np.testing.assert_array_equal(scan, expected)
 
