@@ -1,4 +1,4 @@
-"""Whole trials on ``fast``: the same bytes with a C library, a BLAS, a NumPy and an OpenCV for another processor."""
+"""Whole trials on ``fast``: the same bytes with libraries that take the instructions of another processor."""
 
 import hashlib
 import os
