@@ -42,7 +42,8 @@ Engine = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="What simulates: bullet (PyBullet) or fast (our own, several times as fast).",
+        help="What simulates: bullet (PyBullet), fast (our own, several times as fast), another by name, "
+        "package.module:NAME or file.py:NAME.",
         show_default=False,
     ),
 ]

@@ -50,10 +50,15 @@ class RobotModel:
     profiles: Mapping[str, Disc]
     """what its own kind's beams meet of it, by the names of the option ``robot_profile``"""
 
-    def rim_speeds(self, command: Command) -> tuple[float, float]:
-        """How fast the rims of the left and the right wheel turn at a command, which is clamped, m/s."""
+    def clamped(self, command: Command) -> Command:
+        """What a command comes to within the robot's limits."""
         linear = min(max(command.linear_mps, -self.max_linear_mps), self.max_linear_mps)
         angular = min(max(command.angular_radps, -self.max_angular_radps), self.max_angular_radps)
+        return Command(linear, angular)
+
+    def rim_speeds(self, command: Command) -> tuple[float, float]:
+        """How fast the rims of the left and the right wheel turn at a command, which is clamped, m/s."""
+        linear, angular = self.clamped(command)
         half = angular * self.wheel_separation_m / 2.0
         return linear - half, linear + half
 

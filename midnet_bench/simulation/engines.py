@@ -1,6 +1,8 @@
-"""The engines that make a :class:`~midnet_bench.simulation.simulator.Simulator`, by the option ``engine``."""
+"""What makes a :class:`~midnet_bench.simulation.simulator.Simulator`, by the option ``engine``."""
 
 from midnet_bench.arena.layout import Layout
+from midnet_bench.robots.burger import BURGER
+from midnet_bench.simulation.own_engine import OwnEngine
 from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.simulator import Simulator
 
@@ -10,11 +12,14 @@ def make_world(layout: Layout, settings: WorldSettings) -> Simulator:
 
     Raises:
         PyBulletMissingError: the engine is ``bullet`` and PyBullet is not installed.
+        PluginError: the engine is another's, and cannot be made.
     """
     if settings.engine == "fast":
         from midnet_bench.simulation.fast.world import World as FastWorld
 
         return FastWorld(layout, settings)
-    from midnet_bench.simulation.bullet.world import World as BulletWorld
+    if settings.engine == "bullet":
+        from midnet_bench.simulation.bullet.world import World as BulletWorld
 
-    return BulletWorld(layout, settings)
+        return BulletWorld(layout, settings)
+    return OwnEngine(layout, settings, BURGER)

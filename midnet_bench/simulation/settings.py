@@ -1,11 +1,11 @@
 """What can be set of the simulated world and its sensors; nothing here needs the simulator."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 from midnet_bench.settings import Settings, group, option
+from midnet_bench.simulation.seams import SIMULATORS
 
-Engine = Literal["bullet", "fast"]
 LidarNoise = Literal["gazebo", "datasheet", "none"]
 RobotProfile = Literal["urdf", "disc"]
 OdometrySource = Literal["world", "encoder"]
@@ -18,10 +18,11 @@ class WorldSettings(Settings):
 
     concern: ClassVar[str] = "world"
 
-    engine: Engine = option(
+    engine: str = option(
         "bullet",
-        "What moves the robots and casts their beams: PyBullet, with wheels on a floor (bullet), or compiled "
-        "loops of our own, planar and several times as fast (fast).",
+        "What moves the robots and casts their beams: PyBullet, with wheels on a floor (bullet), compiled "
+        "loops of our own, planar and several times as fast (fast), or yours as package.module:NAME or "
+        "file.py:NAME.",
     )
     step_hz: int = option(30, "Physics steps per second.", ge=30, le=1000, multiple_of=10)
     solver_iterations: int = option(50, "Iterations of the contact solver per physics step.", ge=1, le=1000)
@@ -164,3 +165,7 @@ class SimulationSettings(Settings):
     lidar: LidarSettings = group(LidarSettings(), "LiDAR")
     odometry: OdometrySettings = group(OdometrySettings(), "odometry")
     imu: ImuSettings = group(ImuSettings(), "IMU")
+
+    def with_files_read(self) -> "SimulationSettings":
+        """The same, an engine from outside with its digest or version. Raises InputError."""
+        return replace(self, world=replace(self.world, engine=SIMULATORS.pinned(self.world.engine)))

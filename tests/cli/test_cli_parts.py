@@ -1,4 +1,4 @@
-"""Detectors and fusions of one's own on the command line, from a file outside the package."""
+"""Detectors, fusions and engines of one's own on the command line, from a file outside the package."""
 
 import os
 import signal
@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows
+from tests.simulation.scenes import OWN_ENGINE
 
 MINE = '''
 import numpy as np
@@ -47,6 +48,7 @@ SHORT = ("--engine", "fast", "--frames", "4", "--jobs", "1")
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "mine.py").write_text(MINE)
+    (tmp_path / "stub.py").write_text(OWN_ENGINE)
     return tmp_path
 
 
@@ -63,6 +65,32 @@ def test_a_detector_of_ones_own_runs_and_its_trial_says_which_it_was(folder: Pat
     complaint = one_line_of_complaint(midnet_bench(*arguments, "-o", "out", folder=folder))
     assert "detector mine.py:Returns(away_m=0.4)#" in complaint
     assert (folder / "out" / "scores.csv").read_bytes() == before
+
+
+def test_a_trial_runs_on_an_engine_of_ones_own(folder: Path) -> None:
+    arguments = ("--engine", "stub.py:World", "--frames", "12", "--robots", "2", "--jobs", "1")
+    done = midnet_bench("detection", *arguments, "-o", "out", folder=folder)
+    assert done.returncode == 0, done.stderr
+    (score,) = rows(folder / "out" / "scores.csv")
+    assert float(score["recall"]) > 0.2
+    assert float(score["precision"]) > 0.5
+    assert sum(float(row["distance_m"]) for row in rows(folder / "out" / "robots.csv")) > 0.5
+    assert '"stub.py:World#' in (folder / "out" / "configuration.json").read_text()
+
+
+def test_an_engine_that_fails_costs_its_own_trials_and_is_named(folder: Path) -> None:
+    stub = (folder / "stub.py").read_text()
+    (folder / "lost.py").write_text(stub.replace("return self.states", "return self.states / 0.0"))
+    (folder / "two.yaml").write_text(
+        "experiment: detection\ntrials: 1\nparameters: {frames: 2, robots: 1}\n"
+        "grid: {engine: [stub.py:World, 'lost.py:World(slip=0.1)']}\n"
+    )
+    done = midnet_bench("run", "two.yaml", "-o", "out", "--jobs", "1", folder=folder)
+    assert done.returncode == 1
+    assert len(rows(folder / "out" / "scores.csv")) == 1
+    (failure,) = rows(folder / "out" / "failures.csv")
+    assert "engine lost.py:World(slip=0.1)#" in str(failure)
+    assert "poses: a number of a robot that is there is not finite" in str(failure)
 
 
 def test_parts_stand_in_a_campaign_s_grid(folder: Path) -> None:
@@ -97,6 +125,8 @@ def test_one_that_fails_costs_its_own_trials_and_is_named(folder: Path) -> None:
     [
         ("--detector", "mine.py:Retruns", "no 'Retruns' in mine.py; did you mean 'Returns'?"),
         ("--detector", "mine.py:Largest", "expected a class with a method 'detect'"),
+        ("--engine", "stub.py:Wrold", "no 'Wrold' in stub.py; did you mean 'World'?"),
+        ("--engine", "fast(slip=1)", "'fast' goes by keys"),
         ("--fusion", "compnents", "unknown name 'compnents'; did you mean 'components'?"),
     ],
 )
@@ -107,9 +137,16 @@ def test_a_part_that_is_not_there_is_one_line(folder: Path, option: str, value: 
 
 
 @pytest.mark.slow
-def test_a_campaign_with_parts_of_ones_own_goes_on_after_kill_9(folder: Path) -> None:
-    arguments = ["detection", "--engine", "fast", "--frames", "25", "--robots", "1", "--seeds", "6", "-q"]
-    arguments += ["--detector", "mine.py:Returns", "--fusion", "mine.py:Largest", "--jobs", "1"]
+@pytest.mark.parametrize(
+    "parts",
+    [
+        ["--engine", "fast", "--detector", "mine.py:Returns", "--fusion", "mine.py:Largest", "--jobs", "1"],
+        ["--engine", "stub.py:World", "--jobs", "2"],
+    ],
+    ids=["detector", "engine"],
+)
+def test_a_campaign_with_parts_of_ones_own_goes_on_after_kill_9(folder: Path, parts: list[str]) -> None:
+    arguments = ["detection", "--frames", "25", "--robots", "1", "--seeds", "6", "-q", *parts]
     command = [sys.executable, "-m", "midnet_bench", *arguments, "-o", "killed"]
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
     process = subprocess.Popen(command, cwd=folder, env=environment, start_new_session=True)

@@ -1,6 +1,7 @@
 """Layouts for the tests of the simulation, and a caster of beams that shares nothing with it."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +15,10 @@ from midnet_bench.simulation.fast.world import World as FastWorld
 from midnet_bench.simulation.lidar import LidarSensors
 from midnet_bench.simulation.settings import LidarSettings
 from midnet_bench.simulation.simulator import Simulator
+
+HOWTO = Path(__file__).parents[2] / "docs" / "howto"
+OWN_ENGINE = (HOWTO / "engine.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+"""the file that the page shows: an engine of somebody else's, in pure numpy"""
 
 WORLDS = {"bullet": BulletWorld, "fast": FastWorld}
 """the engines by name"""

@@ -233,4 +233,5 @@ class GuardParameters(Parameters):
             detector=DETECTORS.pinned(self.detector),
             fusion=FUSIONS.pinned(self.fusion),
             patrol=replace(self.patrol, rule=PATROLS.pinned(self.patrol.rule)),
+            simulation=self.simulation.with_files_read(),
         )

@@ -81,4 +81,4 @@ class MappingParameters(Parameters):
 
     def with_files_read(self) -> Self:
         """See :class:`Parameters`: the arena by its contents."""
-        return replace(self, arena=inline_arena(self.arena))
+        return replace(self, arena=inline_arena(self.arena), simulation=self.simulation.with_files_read())
