@@ -1,6 +1,6 @@
 """``make bench``: every benchmark in turn."""
 
-from benchmarks import gmapping, growth, midnet, navigation, physics, store, trial
+from benchmarks import gmapping, growth, midnet, navigation, physics, scale, store, trial
 
 BENCHMARKS = {
     "trial": trial.main,
@@ -9,6 +9,7 @@ BENCHMARKS = {
     "growth": lambda: growth.table("bullet", [2, 20], [1.0, 4.0], 5.0, 2),
     "gmapping": gmapping.main,
     "navigation": navigation.main,
+    "scale": scale.main,
     "store": lambda: store.main(1000),
 }
 

@@ -94,6 +94,17 @@ MAPPING: Tables = {
     ),
     "robots": EXPLORERS,
 }
+SCALE: Tables = {
+    "scenes": Columns(
+        {
+            "frames": FRAMES,
+            **COUNTS,
+            **dict.fromkeys(("found", "overlapping", "orders"), COUNT),
+            "reordered": Column(int, at_most="orders"),
+        },
+        one_row=True,
+    )
+}
 READINGS: Tables = {
     "readings": Columns({"reading": Column(str), "has_intruders": Column(bool), "frames": FRAMES, **COUNTS})
 }

@@ -27,15 +27,20 @@ class Fusion(Protocol):
 
 def ious(some: BoxArray, others: BoxArray) -> npt.NDArray[np.float64]:
     """(n, m) Eq. 7 of each of ``some`` with each of ``others``."""
-    low = np.maximum(some[:, None, :2], others[None, :, :2])
-    high = np.minimum(some[:, None, 2:], others[None, :, 2:])
-    both = np.clip(high - low, 0.0, None).prod(axis=2)
-    return both / (areas(some)[:, None] + areas(others)[None, :] - both)
+    return pair_ious(some[:, None], others[None])
+
+
+def pair_ious(some: BoxArray, others: BoxArray) -> npt.NDArray[np.float64]:
+    """(...) Eq. 7 of (..., 4) boxes with as many others."""
+    low = np.maximum(some[..., :2], others[..., :2])
+    high = np.minimum(some[..., 2:], others[..., 2:])
+    both = np.clip(high - low, 0.0, None).prod(axis=-1)
+    return np.asarray(both / (areas(some) + areas(others) - both))
 
 
 def areas(boxes: BoxArray) -> npt.NDArray[np.float64]:
-    """(n,) square metres."""
-    return (boxes[:, 2:] - boxes[:, :2]).prod(axis=1)
+    """(...) square metres of (..., 4) boxes."""
+    return np.asarray((boxes[..., 2:] - boxes[..., :2]).prod(axis=-1))
 
 
 def all_of(found: Sequence[BoxArray]) -> BoxArray:

@@ -1,18 +1,58 @@
-"""``TeamDetector``: a detector, Algorithm 2 and a fusion, one after the other."""
+"""``TeamDetector``: a detector, Algorithm 2 and a fusion, in this order; ``TeamFusion``: the last two."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.spatial import KDTree
 
-from midnet_bench.geometry import Box
+from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Frame, MIDNet, Observation
 from midnet_bench.rivals.detector import Detector
-from midnet_bench.rivals.fusion import Fusion, ious
+from midnet_bench.rivals.fusion import Fusion
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS
 from midnet_bench.seams import PluginError, Seam
+
+
+class TeamFusion:
+    """Algorithm 2, and then the fusion that was asked for."""
+
+    def __init__(self, midnet: MIDNet, fusion: str) -> None:
+        """For one trial; ``fusion``: a pinned value of ``FUSIONS``. Raises PluginError: it cannot be made."""
+        self._midnet, self._name = midnet, fusion
+        self._fusion: Any = None if FUSIONS.is_made_here(fusion) else FUSIONS.make(fusion)
+
+    @property
+    def is_the_papers(self) -> bool:
+        """Whether Algorithms 3 and 4 do it, which remember nothing."""
+        return self._fusion is None
+
+    def fuse(
+        self, found: Sequence[BoxArray], poses: Sequence[Pose2D], time_s: float
+    ) -> tuple[BoxArray, list[int]]:
+        """The team's boxes, and for each the robot with the box that is nearest to it; frames come in order.
+
+        Args:
+            found: for each robot, at least one, (n, 4) boxes, map frame, metres, its allies among them.
+            poses: each robot's latest.
+            time_s: of the frame.
+
+        Raises:
+            PluginError: the fusion failed, or gave what are no boxes.
+        """
+        team = self._midnet.team_of(found, poses)
+        if self._fusion is None:
+            return team.detections, team.found_by.tolist()
+        every = np.concatenate(found)[team.kept]
+        lists = [every[team.starts[i] : team.starts[i + 1]] for i in range(len(found))]
+        boxes = fused(self._fusion, self._name, lists, time_s)
+        robots = np.repeat(np.arange(len(lists)), [len(own) for own in lists])
+        if not len(every):
+            return boxes, [0] * len(boxes)
+        _, nearest = KDTree(_centres(every)).query(_centres(boxes))
+        return boxes, robots[nearest].tolist()
 
 
 class TeamDetector:
@@ -37,16 +77,16 @@ class TeamDetector:
             PluginError: one of the two cannot be made.
         """
         self.midnet = midnet
-        self._detector_name, self._fusion_name = detector, fusion
+        self._detector_name = detector
         self._detector: Any = None
         if not DETECTORS.is_made_here(detector):
             self._detector = DETECTORS.make(detector, prior_map, range_m)
-        self._fusion: Any = None if FUSIONS.is_made_here(fusion) else FUSIONS.make(fusion)
+        self._fusion = TeamFusion(midnet, fusion)
 
     @property
     def is_the_papers(self) -> bool:
         """Whether section IV is done as it is written, and no frame depends on an earlier one."""
-        return self._detector is None and self._fusion is None
+        return self._detector is None and self._fusion.is_the_papers
 
     def update(self, observations: Sequence[Observation], time_s: float, explain: bool = False) -> Frame:
         """The team's detections at this instant; frames must come in order, each once.
@@ -66,16 +106,8 @@ class TeamDetector:
                 explanation = self.midnet.update(observations, explain).explanation
         else:
             found = detected(self._detector, self._detector_name, observations)
-        team = self.midnet.team_of(found, poses)
-        if self._fusion is None:
-            return Frame(_boxes(team.detections), team.found_by.tolist(), explanation)
-        every = np.concatenate(found)[team.kept]
-        lists = [every[team.starts[i] : team.starts[i + 1]] for i in range(len(found))]
-        boxes = fused(self._fusion, self._fusion_name, lists, time_s)
-        robots = np.repeat(np.arange(len(lists)), [len(own) for own in lists])
-        alike = ious(boxes, every)
-        found_by = robots[alike.argmax(axis=1)].tolist() if len(every) else [0] * len(boxes)
-        return Frame(_boxes(boxes), found_by, explanation)
+        boxes, found_by = self._fusion.fuse(found, poses, time_s)
+        return Frame([Box._make(row) for row in boxes.tolist()], found_by, explanation)
 
 
 def detected(detector: Detector, name: str, observations: Sequence[Observation]) -> list[BoxArray]:
@@ -105,6 +137,10 @@ def fused(fusion: Fusion, name: str, lists: Sequence[BoxArray], time_s: float) -
     return checked_boxes(boxes, FUSIONS, name)
 
 
+def _centres(boxes: BoxArray) -> BoxArray:
+    return (boxes[:, :2] + boxes[:, 2:]) / 2.0
+
+
 def checked_boxes(given: object, seam: Seam, name: str) -> BoxArray:
     """``given`` by code of ``seam`` as (n, 4) float64. Raises PluginError if they are no boxes."""
     said = f"{seam.option} {name}: {seam.method}"
@@ -126,7 +162,3 @@ def checked_boxes(given: object, seam: Seam, name: str) -> BoxArray:
             f"{said} gave a box without area: {boxes[empty][0]}; x_min < x_max and y_min < y_max are needed"
         )
     return boxes
-
-
-def _boxes(rows: BoxArray) -> list[Box]:
-    return [Box._make(row) for row in rows.tolist()]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import benchmarks
-from benchmarks import compare, gmapping, growth, midnet, physics, trial
+from benchmarks import compare, gmapping, growth, midnet, physics, scale, trial
 
 NAMES = sorted(path.stem for path in Path(benchmarks.__file__).parent.glob("*.py") if path.stem[0] != "_")
 CHECKOUT = str(Path(benchmarks.__file__).parents[1])
@@ -61,3 +61,10 @@ def test_two_checkouts_are_compared(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_folder_that_is_no_checkout_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match=r"is no checkout of midnet-bench|its process ended"):
         compare.main([str(tmp_path), CHECKOUT])
+
+
+def test_fusions_of_growing_teams(capsys: pytest.CaptureFixture[str]) -> None:
+    scale.main(teams=(2, 20, 40), scenes=1)
+    said = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in said] == ["fusion", *scale.FUSIONS, "IoUs"]
+    assert float(said[-1].split()[-1]) > 1.5, "pairs as written grow with the square of the team"

@@ -1,0 +1,17 @@
+"""Section IV.C alone for teams of up to 200 robots, whose boxes are made up."""
+
+from midnet_bench.experiments import columns
+from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.plugins import later
+
+SCALE = Experiment(
+    name="scale",
+    summary="Ally removal and fusion alone, for 1 to 200 robots in scenes made up of boxes.",
+    parameters="midnet_bench.experiments.scale.parameters:ScaleParameters",
+    run=later("midnet_bench.experiments.scale.trial:run_scale"),
+    columns=columns.SCALE,
+    tables=later("midnet_bench.experiments.scale.tables:tables"),
+    measures=later("midnet_bench.experiments.scale.tables:measures"),
+    printed=("scale",),
+)
+"""What becomes of the paper's claim that any number of robots can join (section VI)."""

@@ -1,0 +1,176 @@
+"""Scenes of upright rectangles, what each robot would box of them, and the team's boxes.
+
+A scene is a square as dense as Map 1 with its five guards. Intruders keep Map 1's distance from each other,
+and robots lie anywhere between them; nothing hides anything. A robot sees what has its centre in the window,
+and of it the sides that face the robot. Its box is around those, grown by the costmap's inflation to whole
+cells, and shifted by the robot's error of its own place.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.arena.arena import load_arena
+from midnet_bench.arena.layout import TEAM
+from midnet_bench.campaign.trial import Row, TrialResult
+from midnet_bench.experiments.scale.parameters import ScaleParameters
+from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.midnet.binary_map import FREE
+from midnet_bench.midnet.detection import BoxArray
+from midnet_bench.midnet.pipeline import MIDNet
+from midnet_bench.rivals.team import TeamFusion
+from midnet_bench.rng import standard_normals, stream
+from midnet_bench.robots.burger import BURGER
+from midnet_bench.scoring.frame_counts import TruthObject, count_frame, total
+
+CELL_M = 0.05
+GROWN_M = 0.105
+"""from a return to the edge of its cells above the default ``thresh_local``"""
+
+Places = npt.NDArray[np.float64]
+
+
+class Scene(NamedTuple):
+    """One frame."""
+
+    robots: Places
+    """(n, 2) where the robots are, metres"""
+    believed: Places
+    """(n, 2) where they believe themselves to be"""
+    intruders: BoxArray
+    """(k, 4)"""
+
+
+class Seen(NamedTuple):
+    """What the team tells of a scene."""
+
+    boxes: list[BoxArray]
+    """of each robot, (n, 4), map frame, metres"""
+    poses: list[Pose2D]
+    """which it believes in"""
+    in_range: npt.NDArray[np.bool_]
+    """(k,) whether some robot sees the intruder"""
+
+
+def draw_scene(robots: int, pose_error_m: float, rng: np.random.Generator) -> Scene:
+    """A square with as many robots and intruders on a square metre as Map 1 with five guards."""
+    arena = load_arena("map1")
+    share = robots / TEAM
+    side_m = math.sqrt(arena.enclosure_m[0] * arena.enclosure_m[1] * share)
+    standing = round(arena.stationary_intruders.count * share)
+    moving = round(arena.mobile_intruders.count * share)
+    width_m = 2.0 * BURGER.profiles["urdf"].radius_m
+    sides = np.concatenate(
+        (rng.uniform(*arena.stationary_intruders.size_m, (standing, 2)), np.full((moving, 2), width_m))
+    )
+    robot_sides = np.full((robots, 2), 2.0 * BURGER.radius_m)
+    gaps_m = np.repeat((arena.mobile_intruders.clearance_m, 0.0), (len(sides), robots))
+    boxes = _apart(np.concatenate((sides, robot_sides)), gaps_m, side_m, rng)
+    intruders, bodies = boxes[: len(sides)], boxes[len(sides) :]
+    places = (bodies[:, :2] + bodies[:, 2:]) / 2.0
+    return Scene(places, places + pose_error_m * standard_normals(rng, (robots, 2)), intruders)
+
+
+def _apart(sides: Places, gaps_m: Places, side_m: float, rng: np.random.Generator) -> BoxArray:
+    """(n, 4) boxes of these sides, each at least its gap off all before it, in a square."""
+    boxes = np.empty((len(sides), 4))
+    for i, (size, gap_m) in enumerate(zip(sides, gaps_m, strict=True)):
+        while True:
+            centre = rng.uniform(0.0, side_m, 2)
+            low, high = centre - size / 2.0, centre + size / 2.0
+            others = boxes[:i]
+            if not ((low - gap_m < others[:, 2:]) & (high + gap_m > others[:, :2])).all(axis=1).any():
+                break
+        boxes[i, :2], boxes[i, 2:] = low, high
+    return boxes
+
+
+def seen_by_all(scene: Scene, window_m: float) -> Seen:
+    """Each robot's boxes of the intruders and of its allies."""
+    half_m = BURGER.profiles["urdf"].radius_m
+    allies = np.hstack((scene.robots - half_m, scene.robots + half_m))
+    boxes, in_range = [], np.zeros(len(scene.intruders), np.bool_)
+    for robot, (place, believed) in enumerate(zip(scene.robots, scene.believed, strict=True)):
+        near = _within(scene.intruders, place, window_m)
+        in_range |= near
+        others = _within(allies, place, window_m)
+        others[robot] = False
+        things = np.concatenate((scene.intruders[near], allies[others]))
+        boxes.append(_cells(_facing(things, place) + np.tile(believed - place, 2)))
+    return Seen(boxes, [Pose2D(x, y, 0.0) for x, y in scene.believed.tolist()], in_range)
+
+
+def _within(boxes: BoxArray, place: Places, window_m: float) -> npt.NDArray[np.bool_]:
+    centres = (boxes[:, :2] + boxes[:, 2:]) / 2.0
+    return np.asarray((np.abs(centres - place) <= window_m / 2.0).all(axis=1))
+
+
+def _facing(boxes: BoxArray, place: Places) -> BoxArray:
+    """Around the sides of each that face ``place``; all of one that holds it."""
+    low, high = boxes[:, :2], boxes[:, 2:]
+    before, behind = place < low, place > high
+    beside = (before | behind)[:, ::-1]  # a side along x is seen from beyond in y
+    return np.hstack((np.where(behind & ~beside, high, low), np.where(before & ~beside, low, high)))
+
+
+def _cells(boxes: BoxArray) -> BoxArray:
+    """Grown by the inflation, to whole cells."""
+    low, high = boxes[:, :2] - GROWN_M, boxes[:, 2:] + GROWN_M
+    return np.hstack((np.floor(low / CELL_M), np.ceil(high / CELL_M))) * CELL_M
+
+
+def make_fusion(parameters: ScaleParameters) -> TeamFusion:
+    """Algorithm 2 and the fusion, which have seen nothing yet."""
+    # ally removal and fusion look at no map
+    nowhere = OccupancyGrid(np.full((1, 1), FREE, np.uint8), CELL_M, (0.0, 0.0))
+    return TeamFusion(MIDNet(nowhere, parameters.midnet), parameters.fusion)
+
+
+def run_scale(parameters: ScaleParameters, seed: int) -> TrialResult:
+    """One trial: ``scenes``, one row."""
+    counts, found, reordered, overlapping = [], 0, 0, 0
+    for frame in range(parameters.frames):
+        rng = stream(seed, "scene", frame)
+        scene = draw_scene(parameters.robots, parameters.pose_error_m, rng)
+        seen = seen_by_all(scene, parameters.window_m)
+        found += sum(map(len, seen.boxes))
+        team = _fused(parameters, seen, range(parameters.robots))
+        truths = [
+            TruthObject(f"intruder {i}", (box := Box(*row)), box.center)
+            for i, row in enumerate(scene.intruders.tolist())
+        ]
+        counts.append(count_frame([Box(*row) for row in team.tolist()], truths, seen.in_range.tolist()))
+        overlapping += _overlapping(team)
+        for _ in range(parameters.orders):
+            other = _fused(parameters, seen, rng.permutation(parameters.robots).tolist())
+            reordered += not np.array_equal(_sorted(team), _sorted(other))
+    row: Row = {
+        "frames": parameters.frames,
+        **total(counts)._asdict(),
+        "found": found,
+        "overlapping": overlapping,
+        "orders": parameters.frames * parameters.orders,
+        "reordered": reordered,
+    }
+    return TrialResult({"scenes": [row]}, simulated_s=0.0)
+
+
+def _fused(parameters: ScaleParameters, seen: Seen, order: Sequence[int]) -> BoxArray:
+    """(n, 4) the team's boxes if the robots come in that order."""
+    boxes, poses = [seen.boxes[i] for i in order], [seen.poses[i] for i in order]
+    return make_fusion(parameters).fuse(boxes, poses, 0.0)[0]
+
+
+def _sorted(boxes: BoxArray) -> BoxArray:
+    return boxes[np.lexsort(boxes.T)]
+
+
+def _overlapping(boxes: BoxArray) -> int:
+    """How many boxes have some area in common with another one."""
+    low = np.maximum(boxes[:, None, :2], boxes[None, :, :2])
+    high = np.minimum(boxes[:, None, 2:], boxes[None, :, 2:])
+    return int(((high > low).all(axis=2).sum(axis=1) > 1).sum())
