@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 
 from midnet_bench.arena.solids import Solid, gap_m
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.io.checked_yaml import Spec, parse, parsed_yaml, read_text
 
 FOLDER = Path(__file__).parent / "arenas"
@@ -21,6 +21,9 @@ Height = Annotated[float, Field(ge=0.25, le=10.0)]
 """At least 0.25 m: the beams pass 0.182 m above the floor, and what they do not meet is no obstacle."""
 Count = Annotated[int, Field(ge=0, le=100)]
 Point = tuple[Coordinate, Coordinate]
+Corners = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
+MOST_BLOCKS = 5000
+"""Engines look for walls one by one; a plan with more rectangles is none that somebody drew."""
 Size = tuple[Length, Length]
 Shape = Literal["box", "cylinder"]
 
@@ -86,8 +89,15 @@ class Arena(Spec):
     """The walled region about the origin, wall centre to wall centre. Its diagonal is p of Eq. 12."""
     wall_thickness_m: Annotated[float, Field(ge=0.02, le=5.0)]
     wall_height_m: Height
-    walls: Annotated[tuple[Annotated[tuple[Point, ...], Field(min_length=2)], ...], Field(min_length=1)]
+    walls: tuple[Annotated[tuple[Point, ...], Field(min_length=2)], ...] = ()
     """lines that walls follow, corner by corner"""
+    blocks: Annotated[
+        tuple[Corners, ...], Field(max_length=MOST_BLOCKS, exclude_if=lambda blocks: not blocks)
+    ] = ()
+    """rectangles that are wall throughout: x_min, y_min, x_max, y_max of each, as high as the walls
+
+    Left out where there is none, so that arenas without them are written, and their trials named, as ever.
+    """
     robots: RobotStarts = RobotStarts()
     stationary_intruders: StationaryIntruders = StationaryIntruders()
     mobile_intruders: MobileIntruders = MobileIntruders()
@@ -97,8 +107,8 @@ class Arena(Spec):
         return tuple((a, b) for line in self.walls for a, b in pairwise(line))
 
     def wall_solids(self) -> tuple[Solid, ...]:
-        """Every straight piece of wall as a box."""
-        return _boxes(self.wall_segments(), self.wall_thickness_m, self.wall_height_m)
+        """Every straight piece of wall as a box, then the blocks."""
+        return _boxes(self.wall_segments(), self.blocks, self.wall_thickness_m, self.wall_height_m)
 
     def placed_solids(self) -> tuple[Solid, ...]:
         """The stationary intruders whose place the file fixes."""
@@ -117,15 +127,36 @@ class Arena(Spec):
 
 @lru_cache(maxsize=16)
 def _boxes(
-    segments: tuple[tuple[Point, Point], ...], thickness_m: float, height_m: float
+    segments: tuple[tuple[Point, Point], ...],
+    blocks: tuple[Corners, ...],
+    thickness_m: float,
+    height_m: float,
 ) -> tuple[Solid, ...]:
     """Made once in a process: the same in every trial in one arena, and each remembers its outline."""
-    return tuple(Solid.segment(a, b, thickness_m, height_m) for a, b in segments)
+    return (
+        *(Solid.segment(a, b, thickness_m, height_m) for a, b in segments),
+        *(Solid.upright(Box(*block), height_m) for block in blocks),
+    )
 
 
 def arena_names() -> list[str]:
     """The names of the arenas that come with the package."""
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))
+
+
+def arena_path(name_or_path: str | Path) -> Path:
+    """The YAML file of an arena: the package's of that name, or the one at that path.
+
+    Raises:
+        InputError: no arena has that name.
+    """
+    text = str(name_or_path)
+    if isinstance(name_or_path, Path) or "/" in text or text.endswith((".yaml", ".yml")):
+        return Path(name_or_path)
+    if text not in arena_names():
+        hint = nearest_name(text, arena_names())
+        raise InputError(f"no arena is called {text!r}{hint} (or give the path of a .yaml file)")
+    return FOLDER / f"{text}.yaml"
 
 
 def load_arena(name_or_path: str | Path) -> Arena:
@@ -134,13 +165,8 @@ def load_arena(name_or_path: str | Path) -> Arena:
     Raises:
         InputError: no such arena or file, or the file is wrong; one line that names file and key.
     """
-    text = str(name_or_path)
-    is_path = isinstance(name_or_path, Path) or "/" in text or text.endswith((".yaml", ".yml"))
-    if not is_path and text not in arena_names():
-        hint = nearest_name(text, arena_names())
-        raise InputError(f"no arena is called {text!r}{hint} (or give the path of a .yaml file)")
-    path = Path(name_or_path) if is_path else FOLDER / f"{text}.yaml"
-    return _written_arena(read_text(path), str(path), text)
+    path = arena_path(name_or_path)
+    return _written_arena(read_text(path), str(path), str(name_or_path))
 
 
 @lru_cache(maxsize=16)
@@ -159,6 +185,8 @@ def checked_arena(values: Any, source: str) -> Arena:
 def _check_places(arena: Arena, source: str) -> None:
     """Raise InputError unless everything lies where it can."""
     half = (arena.plane_m[0] / 2.0, arena.plane_m[1] / 2.0)
+    if not arena.walls and not arena.blocks:
+        raise InputError(f"{source}: walls: there is none; give lines that walls follow, or blocks")
     for axis in (0, 1):
         if arena.enclosure_m[axis] > arena.plane_m[axis]:
             raise InputError(
@@ -173,6 +201,14 @@ def _check_places(arena: Arena, source: str) -> None:
                 )
             if corner and line[corner - 1] == (x, y):
                 raise InputError(f"{source}: walls.{number}.{corner}: the same point as the one before")
+    for number, (x_min, y_min, x_max, y_max) in enumerate(arena.blocks):
+        if x_min >= x_max or y_min >= y_max:
+            raise InputError(f"{source}: blocks.{number}: give x_min, y_min, x_max, y_max")
+        # a hair: corners of a plan are sums of cells
+        if max(-x_min, x_max) > half[0] + 1e-6 or max(-y_min, y_max) > half[1] + 1e-6:
+            raise InputError(
+                f"{source}: blocks.{number}: it leaves the plane, which ends at ({half[0]:g}, {half[1]:g})"
+            )
     x, y = arena.robots.center_m
     if abs(x) >= arena.enclosure_m[0] / 2.0 or abs(y) >= arena.enclosure_m[1] / 2.0:
         raise InputError(f"{source}: robots.center_m: ({x:g}, {y:g}) is not inside the enclosure")

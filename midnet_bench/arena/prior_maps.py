@@ -5,10 +5,15 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from midnet_bench.arena.arena import Arena
-from midnet_bench.grid import FREE, OCCUPIED, OccupancyGrid
-from midnet_bench.io.map_server import load_map
+from midnet_bench.errors import InputError
+from midnet_bench.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
+from midnet_bench.io.map_server import MOST_PIXELS, load_map
+
+_HAIR = 1e-6
+"""of a cell: less is no area"""
 
 
 def render_exact(arena: Arena, resolution_m: float = 0.05) -> OccupancyGrid:
@@ -38,6 +43,53 @@ def render_exact(arena: Arena, resolution_m: float = 0.05) -> OccupancyGrid:
         )
         grid.data[low:high, left:right][overlap] = OCCUPIED
     return grid
+
+
+def resampled(grid: OccupancyGrid, resolution_m: float) -> OccupancyGrid:
+    """A map (int8) in cells of another size, from the same lower left corner on; no wall gets lost.
+
+    A cell becomes occupied when it shares area with an occupied cell; else unknown when it shares area with
+    an unknown cell, or with what lies beyond the map; else what the costliest of its cells is. Walls grow by
+    less than a cell on each side. A map of that resolution stays as it is.
+
+    Args:
+        grid: the map, -1 unknown, 0 to 100; occupied from 65 on.
+        resolution_m: side of a cell, above 0.
+
+    Raises:
+        InputError: it would have more cells than a map may.
+    """
+    ratio = resolution_m / grid.resolution
+    if abs(ratio - 1.0) < _HAIR:
+        return grid
+    sizes = [math.ceil(cells / ratio - _HAIR) for cells in grid.data.shape]
+    if sizes[0] * sizes[1] > MOST_PIXELS:
+        raise InputError(
+            f"resolution_m: {resolution_m:g} m makes {sizes[1]} x {sizes[0]} cells of the map; at most"
+            f" {MOST_PIXELS} are made: take a larger one"
+        )
+    is_occupied, is_unknown = grid.data >= OCCUPIED_FROM, grid.data < FREE
+    # what wins is larger: free and its costs, unknown, occupied
+    ranks = np.where(is_occupied, 101, np.where(is_unknown, 100, grid.data)).astype(np.int8)
+    # half a new cell beyond the map is unknown
+    ranks = np.pad(ranks, ((0, 1), (0, 1)), constant_values=100)
+    for axis, size in enumerate(sizes):
+        ranks = _greatest(ranks, axis, size, ratio)
+    values = np.where(ranks == 101, OCCUPIED, np.where(ranks == 100, UNKNOWN, ranks)).astype(np.int8)
+    return OccupancyGrid(values, resolution_m, grid.origin)
+
+
+def _greatest(values: npt.NDArray[np.int8], axis: int, size: int, ratio: float) -> npt.NDArray[np.int8]:
+    """The greatest of the values that share length with each of ``size`` cells, each ``ratio`` cells long."""
+    last = values.shape[axis] - 1
+    edges = np.arange(size + 1) * ratio
+    first = np.floor(edges[:-1] + _HAIR).astype(np.int64)
+    end = np.ceil(edges[1:] - _HAIR).astype(np.int64)
+    found = values.take(np.minimum(first, last), axis)
+    for step in range(1, int((end - first).max())):
+        within = np.minimum(np.minimum(first + step, end - 1), last)
+        np.maximum(found, values.take(within, axis), out=found)
+    return found
 
 
 FOLDER = Path(__file__).parent / "maps"

@@ -41,6 +41,12 @@ class Solid:
         pose = Pose2D((start[0] + end[0]) / 2.0, (start[1] + end[1]) / 2.0, atan2(dy, dx))
         return cls("box", pose, math.hypot(dx, dy) + thickness_m, thickness_m, height_m)
 
+    @classmethod
+    def upright(cls, box: Box, height_m: float) -> "Solid":
+        """The box whose sides go along the map's axes."""
+        x, y = box.center
+        return cls("box", Pose2D(x, y, 0.0), box.x_max - box.x_min, box.y_max - box.y_min, height_m)
+
     def distance_to(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """(n,) from each of (n, 2) points to the surface in the plane, metres; negative inside."""
         dx, dy = points[:, 0] - self.pose.x, points[:, 1] - self.pose.y

@@ -16,7 +16,7 @@ from typer.core import TyperGroup
 
 from midnet_bench import __version__
 from midnet_bench.cli import messages, options
-from midnet_bench.errors import MidnetBenchError
+from midnet_bench.errors import InputError, MidnetBenchError
 
 READER_GONE = 141
 """exit code of a program whose reader has closed the pipe, as a shell reports it"""
@@ -56,8 +56,22 @@ app = typer.Typer(
 )
 
 
+def add_group(panel: str, name: str, help: str) -> typer.Typer:
+    """A command that has commands of its own, under a heading of the help."""
+    group = typer.Typer(cls=Commands, invoke_without_command=True, rich_markup_mode=None)
+    group.callback()(_help_without_command)
+    app.add_typer(group, name=name, help=help, short_help=help, rich_help_panel=panel)
+    return group
+
+
+def _help_without_command(context: typer.Context) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help(), err=True)
+        raise typer.Exit(InputError.exit_code)
+
+
 def command(
-    panel: str, name: str | None = None, *, example: str
+    panel: str, name: str | None = None, *, example: str, group: typer.Typer = app
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Register a command under a heading of the help; it also takes the options of :class:`options.Messages`.
 
@@ -67,13 +81,14 @@ def command(
         panel: the heading.
         name: of the command; the function's unless given.
         example: a command line that the command's help opens with.
+        group: whose command it is, if not the application's own.
     """
 
     def register(function: Callable[..., None]) -> Callable[..., None]:
         paragraphs = [
             " ".join(part.split()) for part in inspect.cleandoc(function.__doc__ or "").split("\n\n")
         ]
-        app.command(
+        group.command(
             name,
             rich_help_panel=panel,
             help="\n\n".join((f"$ {example}", *paragraphs)),

@@ -38,6 +38,13 @@ def make_map(
             metavar="FILE", help="Run GMapping over a recorded log: a CARMEN log or a table of scans."
         ),
     ] = None,
+    from_map: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Resample a map_server map to resolution_m (default 0.05 m): no wall gets lost.",
+        ),
+    ] = None,
     particles: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Number of GMapping particles (default 30).")
     ] = None,
@@ -58,15 +65,15 @@ def make_map(
     ] = None,
     as_json: options.Json = False,
 ) -> None:
-    """Make a map: explore an arena, run GMapping over a recorded log, or draw an arena exactly.
+    """Make a map: explore an arena, run GMapping over a log, draw an arena exactly, or resample a map.
 
     Writes a map for ROS map_server and the binary grid that MIDNet subtracts. An exploration and a log also
     give pictures and a film of the growing map; an exploration gives scores.
     """
     from midnet_bench.errors import InputError
 
-    if (arena is None) == (from_log is None):
-        raise InputError("map: give either an arena, such as map1, or --from-log FILE")
+    if [arena, from_log, from_map].count(None) != 2:
+        raise InputError("map: give either an arena, such as map1, or --from-log FILE, or --from-map FILE")
     given = {
         "--robots": robots,
         "--particles": particles,
@@ -82,6 +89,11 @@ def make_map(
         )
         place = output or _folder(from_log.name)
         _map_log(from_log, particles or PARTICLES, chosen_seed, with_clip, place, as_json)
+        return
+    if from_map is not None:
+        others = {"--exact": exact or None, **given}
+        _refuse("--from-map", others, ("--exact", "--robots", "--particles", "--seed", CLIP, "--engine"))
+        _resample(from_map, settings or [], output or _folder(from_map.name, "-resampled"), as_json)
         return
     assert arena is not None
     if exact:
@@ -110,6 +122,13 @@ def _draw_exactly(arena: str, settings: list[str], output: Path, as_json: bool) 
     from midnet_bench.workflows.map_files import write_exact_map
 
     grid, files = write_exact_map(_joined({"arena": arena}, settings), output)
+    _tell(grid, files, [], as_json)
+
+
+def _resample(path: Path, settings: list[str], output: Path, as_json: bool) -> None:
+    from midnet_bench.workflows.map_files import write_resampled_map
+
+    grid, files = write_resampled_map(path, _joined({}, settings), output)
     _tell(grid, files, [], as_json)
 
 

@@ -1,7 +1,7 @@
 """Pictures for print, by matplotlib: an arena, the grids of MIDNet, its detections, a map."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -36,7 +36,7 @@ from midnet_bench.drawing.plots import (
     show_grid,
     show_metres,
 )
-from midnet_bench.drawing.scene import Floats, FloorPlan, Robot, Scene, Setup
+from midnet_bench.drawing.scene import Floats, FloorPlan, Point, Robot, Scene, Setup
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Explanation, RemovedAlly, RobotView
@@ -64,10 +64,18 @@ SIDE_IN, TOP_IN, BOTTOM_IN = 0.75, 0.4, 0.8
 
 
 @own_style()
-def draw_arena(setup: Setup, scene: Scene) -> Figure:
-    """Walls, stationary and mobile intruders, guards with the range of their LiDARs, paths and goals."""
+def draw_arena(setup: Setup, scene: Scene, faults: Mapping[int, Point] | None = None) -> Figure:
+    """Walls, stationary and mobile intruders, guards with the range of their LiDARs, paths and goals.
+
+    ``faults``: what is wrong with the arena by its number, where it is, metres, map frame.
+    """
     plan = setup.plan
-    figure, axes = _plan_with_legend(plan, f"{plan.title}, t = {scene.time_s:.1f} s", _arena_legend(setup))
+    legend = _arena_legend(setup)
+    if faults:
+        cross = Line2D([], [], color=hexadecimal(FALSE_DETECTION), marker="X", markersize=9)
+        cross.set(linestyle="none", label="fault, by its number")
+        legend.append(cross)
+    figure, axes = _plan_with_legend(plan, f"{plan.title}, t = {scene.time_s:.1f} s", legend)
     axes.set_facecolor(hexadecimal(GROUND))
     add_box(axes, plan.enclosure, FLOOR, fill=True, facecolor=hexadecimal(FLOOR), zorder=0)
     faint = hexadecimal(GUARD_FAINT)
@@ -80,6 +88,9 @@ def draw_arena(setup: Setup, scene: Scene) -> Figure:
         _add_path(axes, robot)
     for robot in scene.robots:
         _add_robot(axes, robot, scene)
+    for number, at in (faults or {}).items():
+        axes.plot(*at, marker="X", markersize=9, color=hexadecimal(FALSE_DETECTION), zorder=7)
+        add_label(axes, at, str(number), FALSE_DETECTION, fontweight="bold", xytext=(6, 6))
     return figure
 
 

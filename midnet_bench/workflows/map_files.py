@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from midnet_bench.arena.prior_maps import resampled
 from midnet_bench.campaign.provenance import Provenance, now_utc
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
@@ -14,7 +15,7 @@ from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.inputs import EXACT, arena_from, prior_map_from
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import cannot_be_written, write_atomically
-from midnet_bench.io.map_server import save_binary_map, save_map
+from midnet_bench.io.map_server import load_map, save_binary_map, save_map
 from midnet_bench.workflows.prior_map import PRIOR_MAP_PARAMETERS, prior_map
 
 YAML_ENDINGS = (".yaml", ".yml")
@@ -104,10 +105,7 @@ def write_exact_map(settings: Mapping[str, Scalar], output: str | Path) -> tuple
         InputError: a setting is wrong or changes nothing, or nothing can be written.
         MidnetBenchError: there is no room.
     """
-    for name in settings.keys() & DetectionParameters.defaults().keys() - {"arena", *SET_BY_EXACT}:
-        raise InputError(
-            f"--set {name}: changes nothing of an exact map; --set takes {', '.join(SET_BY_EXACT)}"
-        )
+    _refuse_others(settings, "an exact map", ("arena", *SET_BY_EXACT))
     chosen = DetectionParameters.parse({"prior_map": EXACT, **settings}, "command line")
     values = {key: value for key, value in chosen.flat().items() if key in ("arena", *SET_BY_EXACT)}
     files = MapFiles.at(Path(output))
@@ -118,6 +116,44 @@ def write_exact_map(settings: Mapping[str, Scalar], output: str | Path) -> tuple
     configured = write_configuration(files, configuration)
     binary = {name: values[name] for name in PRIOR_MAP_PARAMETERS}
     return grid, [*write_map(files, grid, f"{place.name}, drawn exactly", **binary), configured]
+
+
+def write_resampled_map(
+    path: Path, settings: Mapping[str, Scalar], output: str | Path
+) -> tuple[OccupancyGrid, list[Path]]:
+    """Write a map_server map in cells of another size, with its binary grid and what it was made from.
+
+    Args:
+        path: the map's YAML file.
+        settings: any of ``SET_BY_EXACT``; ``resolution_m`` is the size.
+        output: where to, as ``MapFiles`` takes it; no other run's map may be there.
+
+    Returns:
+        The map, as :func:`~midnet_bench.arena.prior_maps.resampled` gives it; and the files, the map first.
+
+    Raises:
+        InputError: the map or a setting is wrong or changes nothing, or nothing can be written.
+        MidnetBenchError: there is no room.
+    """
+    _refuse_others(settings, "a resampled map", SET_BY_EXACT)
+    chosen = DetectionParameters.parse({"prior_map": EXACT, **settings}, "command line")
+    values = {key: value for key, value in chosen.flat().items() if key in SET_BY_EXACT}
+    found = load_map(path)
+    grid = resampled(found, chosen.resolution_m)
+    files = MapFiles.at(Path(output))
+    configuration = {"map": str(path), **values}
+    files.refuse_another(configuration)
+    configured = write_configuration(files, configuration)
+    binary = {name: values[name] for name in PRIOR_MAP_PARAMETERS}
+    comment = f"{path.name}, resampled from {found.resolution:g} m to {grid.resolution:g} m"
+    return grid, [*write_map(files, grid, comment, **binary), configured]
+
+
+def _refuse_others(settings: Mapping[str, Scalar], what: str, allowed: tuple[str, ...]) -> None:
+    """Raises InputError if a setting is known, but changes nothing."""
+    for name in settings.keys() & DetectionParameters.defaults().keys() - {*allowed}:
+        taken = ", ".join(key for key in allowed if key != "arena")
+        raise InputError(f"--set {name}: changes nothing of {what}; --set takes {taken}")
 
 
 def write_configuration(files: MapFiles, configuration: Mapping[str, Any]) -> Path:

@@ -98,7 +98,8 @@ def prior_map_from(value: str, arena: str, resolution_m: float) -> OccupancyGrid
     if abs(grid.resolution - resolution_m) > 1e-9:
         raise InputError(
             f"prior_map: resolution {grid.resolution:g} m differs from the local costmaps' "
-            f"{resolution_m:g} m; resample the map, set resolution_m, or take prior_map=exact"
+            f"{resolution_m:g} m; resample it by 'midnet-bench map --from-map FILE', set resolution_m, or "
+            "take prior_map=exact"
         )
     _check_covers(grid, arena_from(arena))
     return grid

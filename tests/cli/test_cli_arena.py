@@ -1,0 +1,181 @@
+"""`midnet-bench arena`: plans and maps become arenas, and what is wrong with one is told."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from midnet_bench.arena.arena import FOLDER, arena_names, load_arena
+from midnet_bench.io.map_server import load_map
+from tests.cli.command import midnet_bench, one_line_of_complaint
+
+ROOMS = {
+    "name": "two rooms",
+    "plane_m": [8.0, 8.0],
+    "enclosure_m": [6.0, 6.0],
+    "wall_thickness_m": 0.15,
+    "wall_height_m": 1.0,
+    "walls": [[[-3, -3], [3, -3], [3, 3], [-3, 3], [-3, -3]], [[1, 3], [1, 1], [3, 1]]],
+    "robots": {"center_m": [-1.0, -1.0], "spacing_m": 0.6},
+}
+SMALL = {"shape": "cylinder", "size_m": [0.5, 0.5]}
+
+
+def write(folder: Path, **changes: object) -> Path:
+    path = folder / "rooms.yaml"
+    path.write_text(yaml.safe_dump({**ROOMS, **changes}))
+    return path
+
+
+def plan(folder: Path) -> Path:
+    pixels = np.full((120, 160), 255, np.uint8)
+    pixels[:4] = pixels[-4:] = pixels[:, :4] = pixels[:, -4:] = 0
+    pixels[:70, 100:104] = 0
+    cv2.imwrite(str(folder / "plan.png"), pixels)
+    return folder / "plan.png"
+
+
+@pytest.mark.parametrize("name", arena_names())
+def test_a_packaged_arena_is_shown_with_its_comments_and_is_input_again(name: str, tmp_path: Path) -> None:
+    shown = midnet_bench("arena", "show", name, folder=tmp_path)
+    assert shown.returncode == 0
+    assert shown.stdout == (FOLDER / f"{name}.yaml").read_text()
+    (tmp_path / "mine.yaml").write_text(shown.stdout)
+    assert load_arena(tmp_path / "mine.yaml") == load_arena(name)
+    assert midnet_bench("arena", "show", folder=tmp_path).stdout.split() == arena_names()
+
+
+def test_an_arena_of_a_plan_is_guarded(tmp_path: Path) -> None:
+    plan(tmp_path)
+    made = midnet_bench("arena", "from-image", "plan.png", "--resolution", 0.04, folder=tmp_path)
+    assert made.returncode == 0, made.stderr
+    (tmp_path / "mine.yaml").write_text(made.stdout)
+    arena = load_arena(tmp_path / "mine.yaml")
+    assert arena.enclosure_m == (6.4, 4.8)
+    assert len(arena.blocks) == 5
+    done = midnet_bench("arena", "check", "mine.yaml", "-o", "mine.png", folder=tmp_path)
+    assert (done.returncode, done.stdout) == (0, "ok (plan: 6.4 x 4.8 m, 5 pieces of wall)\n"), done.stderr
+    assert cv2.imread(str(tmp_path / "mine.png")) is not None
+    kept = midnet_bench("map", "--exact", "mine.yaml", "-o", "exact.yaml", folder=tmp_path)
+    assert kept.returncode == 0, kept.stderr
+
+
+def test_an_arena_of_a_map_lies_where_its_heading_says(tmp_path: Path) -> None:
+    plan(tmp_path)
+    keys = {"resolution": 0.05, "origin": [7.0, -2.0, 0.0], "negate": 0, "occupied_thresh": 0.65}
+    keys |= {"free_thresh": 0.196, "image": "grey.png"}
+    pixels = cv2.copyMakeBorder(
+        cv2.imread(str(tmp_path / "plan.png"), cv2.IMREAD_GRAYSCALE),
+        8,
+        30,
+        12,
+        0,
+        cv2.BORDER_CONSTANT,
+        value=205,
+    )
+    pixels[50:60, 30:40] = 205  # nobody has been there
+    cv2.imwrite(str(tmp_path / "grey.png"), pixels)
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(keys))
+    grid = load_map(tmp_path / "map.yaml")
+    for unknown, is_wall in (("wall", True), ("free", False)):
+        arguments = ("arena", "from-map", "map.yaml", "--unknown", unknown, "-o", "mine.yaml")
+        assert midnet_bench(*arguments, folder=tmp_path).returncode == 0
+        arena = load_arena(tmp_path / "mine.yaml")
+        assert arena.enclosure_m == (8.0, 6.0)
+        heading = (tmp_path / "mine.yaml").read_text().splitlines()[1]
+        x, y = yaml.safe_load(heading.split("origin is ")[1].split(": write")[0])[:2]
+        centres = np.stack(np.meshgrid(grid.x_centers, grid.y_centers), axis=-1)
+        centres = centres + np.array([x - 7.0, y + 2.0])
+        inside = (np.abs(centres[..., 0]) < 4.0) & (np.abs(centres[..., 1]) < 3.0)
+        gaps = [solid.distance_to(centres[inside]) for solid in arena.wall_solids()]
+        known = grid.data[inside]
+        assert np.array_equal(np.min(gaps, axis=0) < 0, (known == 100) | (is_wall & (known < 0)))
+
+
+def test_each_fault_is_a_line_with_its_place(tmp_path: Path) -> None:
+    write(
+        tmp_path,
+        robots={"center_m": [-2.5, 0.0], "spacing_m": 0.6},
+        stationary_intruders={"placed": [{**SMALL, "x_m": 2, "y_m": 2}, {**SMALL, "x_m": 0, "y_m": 2}]},
+    )
+    done = midnet_bench("arena", "check", "rooms.yaml", "-o", "rooms.png", folder=tmp_path)
+    assert done.returncode == 1
+    *starts, room, hidden = done.stdout.splitlines()
+    assert all("robots: guard" in line for line in starts)
+    assert "guard 2 of 2 starts at (-2.80, 0.00)" in starts[0]
+    assert "a room at (1.47, 1.48) cannot be reached" in room or "a room at (1.48, 1.48)" in room
+    assert "stationary_intruders.placed.0 at (2.00, 2.00): no guard can ever see it within 2.5 m" in hidden
+    assert cv2.imread(str(tmp_path / "rooms.png")) is not None
+    told = json.loads(midnet_bench("arena", "check", "rooms.yaml", "--json", folder=tmp_path).stdout)
+    assert [one["fault"] for one in told["faults"]] == [
+        line.split(": ", 1)[1] for line in done.stdout.splitlines()
+    ]
+    assert told["faults"][-1]["at_m"] == [2.0, 2.0]
+
+
+def test_an_intruder_behind_a_barred_door_is_seen_and_one_beside_it_is_not(tmp_path: Path) -> None:
+    walls = [ROOMS["walls"][0], [[1, 3], [1, 1], [1.9, 1]], [[2.1, 1], [3, 1]]]  # a gap no Burger passes
+    for place, faults in (((2.0, 1.7), 1), ((1.4, 1.4), 2)):
+        placed = [{**SMALL, "size_m": [0.3, 0.3], "x_m": place[0], "y_m": place[1]}]
+        write(tmp_path, walls=walls, stationary_intruders={"placed": placed})
+        done = midnet_bench("arena", "check", "rooms.yaml", folder=tmp_path)
+        assert len(done.stdout.splitlines()) == faults, done.stdout
+
+
+def test_no_room_for_a_layout_and_no_place_to_patrol_are_faults(tmp_path: Path) -> None:
+    write(tmp_path, stationary_intruders={"count": 60})
+    done = midnet_bench("arena", "check", "rooms.yaml", folder=tmp_path)
+    assert done.returncode == 1
+    assert "stationary_intruders.count: no room for 60 with seed 1" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("show", "map3"), "no arena is called 'map3'"),
+        (("show", "none.yaml"), "none.yaml: cannot be read"),
+        (("check", "wrong.yaml"), "wrong.yaml: plane_m: Field required"),
+        (("from-image", "none.png", "--resolution", 0.02), "none.png: cannot be read"),
+        (("from-image", "wrong.yaml", "--resolution", 0.02), "not a PGM (P2, P5) or PNG image"),
+        (("from-image", "plan.png", "--resolution", 0), "--resolution: 0 is out of range"),
+        (("from-image", "plan.png", "--resolution", "nan"), "--resolution: nan is out of range"),
+        (
+            ("from-image", "plan.png", "--resolution", 1),
+            "plan.png: plane_m.0: Input should be less than or equal to 200",
+        ),
+        (("from-image", "white.png", "--resolution", 0.02), "white.png: there is no wall in it"),
+        (("from-map", "wrong.yaml"), "wrong.yaml: image: missing key"),
+        (("from-map", "plan.png"), "plan.png: "),
+    ],
+)
+def test_what_no_arena_can_be_made_of_is_one_line(arguments, said: str, tmp_path: Path) -> None:
+    pixels = cv2.imread(str(plan(tmp_path)), cv2.IMREAD_GRAYSCALE)
+    cv2.imwrite(str(tmp_path / "plan.png"), np.repeat(np.repeat(pixels, 2, 0), 2, 1))
+    cv2.imwrite(str(tmp_path / "white.png"), np.full_like(pixels, 255))
+    (tmp_path / "wrong.yaml").write_text("name: wrong\n")
+    assert said in one_line_of_complaint(midnet_bench("arena", *arguments, folder=tmp_path))
+
+
+def test_a_map_of_another_resolution_is_resampled_on_request(tmp_path: Path) -> None:
+    write(tmp_path)
+    fine = ("map", "--exact", "rooms.yaml", "--set", "resolution_m=0.03", "-o", "fine.yaml")
+    assert midnet_bench(*fine, folder=tmp_path).returncode == 0
+    trial = ("detection", "--engine", "fast", "--arena", "rooms.yaml", "--dry-run", "--map")
+    assert "map --from-map FILE" in one_line_of_complaint(midnet_bench(*trial, "fine.yaml", folder=tmp_path))
+    done = midnet_bench("map", "--from-map", "fine.yaml", "-o", "coarse.yaml", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0] == "161 x 161 cells of 0.05 m"
+    assert midnet_bench(*trial, "coarse.yaml", folder=tmp_path).returncode == 0
+    for wrong, said in (
+        (("--from-map", "fine.yaml", "--exact"), "--exact has no meaning with --from-map"),
+        (("--from-map", "fine.yaml", "map1"), "give either an arena"),
+        (
+            ("--from-map", "fine.yaml", "--set", "robots=2"),
+            "--set robots: changes nothing of a resampled map",
+        ),
+        (("--from-map", "none.yaml"), "none.yaml: cannot be read"),
+    ):
+        assert said in one_line_of_complaint(midnet_bench("map", *wrong, folder=tmp_path))
