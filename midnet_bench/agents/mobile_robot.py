@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,14 @@ from midnet_bench.navigation.navigator import Navigator, Status
 Point = tuple[float, float]
 GoalSource = Callable[["MobileRobot"], Point | None]
 """Where to next? Asked whenever a robot has no goal; None leaves it standing."""
+
+
+class GuardState(NamedTuple):
+    """What MIDNet knows of a guard that patrols or pursues."""
+
+    place: Point
+    """where it takes itself to be, map frame, metres"""
+    goal: Point | None
 
 
 class MobileRobot:
@@ -122,6 +131,11 @@ class Guard(MobileRobot):
         self.detection_costmaps = detection_costmaps
         self.scan: Scan | None = None
         """the last one"""
+
+    @property
+    def state(self) -> GuardState:
+        """What patrol and pursuit rules are told of it."""
+        return GuardState((self.pose.x, self.pose.y), self.goal)
 
     def observe(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:
         """Take one scan into pose filter, navigator and detection costmaps."""

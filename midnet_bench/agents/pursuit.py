@@ -1,14 +1,15 @@
-"""Which guard pursues which target (items 53, 54).
+"""What guards may pursue, and the guards that a rule sends after it (items 53, 54).
 
 A target is a track of MIDNet's boxes. Nobody tells the guards whether there is an intruder behind it, whether
 it was caught, or whether two tracks are one intruder.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
 
-from midnet_bench.agents.mobile_robot import Guard, Point
+from midnet_bench.agents.mobile_robot import Guard, GuardState, Point
 from midnet_bench.agents.settings import PursuitSettings
 from midnet_bench.agents.tracking import Tracker
 
@@ -23,6 +24,39 @@ class Target:
     pursuers: list[Guard] = field(default_factory=list)
 
 
+class TargetState(NamedTuple):
+    """What a pursuit rule is told of a target."""
+
+    place: Point
+    """centre of its latest box, map frame, metres"""
+    seen_s: float
+    """when that box was"""
+    pursuers: tuple[int, ...]
+    """the guards that pursue it, by their places in the team"""
+
+
+class PursuitRule(Protocol):
+    """Who pursues what. A class of these is made anew for each trial, and may remember whom it sent.
+
+    It is made of ``(prior_map, rng)`` and its own options, which have defaults: the map, int8, 100 occupied,
+    0 free, -1 unknown; the trial's own generator of random numbers.
+    """
+
+    def pursue(
+        self, team: Sequence[GuardState], targets: Mapping[int, TargetState], time_s: float
+    ) -> Mapping[int, int]:
+        """For each guard that is to pursue now, its target; the others patrol.
+
+        It is asked at each frame at which there is a target. Targets that were not seen for a while, or not
+        found where they should be, are gone before.
+
+        Args:
+            team: every guard; a guard is known by its place in it.
+            targets: tracks of boxes by their numbers, which count up and do not come again.
+            time_s: of the frame, more at each call.
+        """
+
+
 NEAR_M = 0.5
 EMPTY_AFTER_S = 1.0
 """A target is not there if a pursuer is this near to its place and no box was on it for this long."""
@@ -31,11 +65,12 @@ EMPTY_AFTER_S = 1.0
 class Pursuit:
     """Keeps the targets and the guards that pursue each."""
 
-    def __init__(self, guards: Sequence[Guard], settings: PursuitSettings) -> None:
-        """No targets yet; ``guards`` are those that may be sent."""
+    def __init__(self, guards: Sequence[Guard], settings: PursuitSettings, rule: PursuitRule) -> None:
+        """No targets yet; ``guards`` are those that may be sent, by ``rule``."""
         self.targets: dict[int, Target] = {}
         self._guards = guards
         self._settings = settings
+        self._rule = rule
         self._tracker = Tracker()
 
     def see(self, places: Sequence[Point], time_s: float) -> list[int]:
@@ -61,18 +96,37 @@ class Pursuit:
             guard.cancel_goal()
 
     def update(self, time_s: float) -> None:
-        """Give up targets that are lost or not where they should be; send free guards and new goals out."""
+        """Give up targets that are lost or not where they should be; send guards out as the rule says."""
         for name in [name for name, known in self.targets.items() if self._is_gone(known, time_s)]:
             self.drop(name)
-        if self._settings.rule == "none" or not self.targets:
+        if not self.targets:
             return
-        for guard, known in self._assignments():
-            known.pursuers.append(guard)
-            guard.drive_to(known.place)
+        self._send(self._rule.pursue([guard.state for guard in self._guards], self._known(), time_s))
         for known in self.targets.values():
             for guard in known.pursuers:
                 if guard.goal is None or math.dist(guard.goal, known.place) >= self._settings.retarget_m:
                     guard.drive_to(known.place)
+
+    def _known(self) -> dict[int, TargetState]:
+        return {
+            name: TargetState(known.place, known.seen_s, tuple(map(self._guards.index, known.pursuers)))
+            for name, known in self.targets.items()
+        }
+
+    def _send(self, sent: Mapping[int, int]) -> None:
+        """Make the guards' targets those of ``sent``, by their places in the team."""
+        for i, guard in enumerate(self._guards):
+            target = self.targets[sent[i]] if i in sent else None
+            before = next((known for known in self.targets.values() if guard in known.pursuers), None)
+            if target is before:
+                continue
+            if before is not None:
+                before.pursuers.remove(guard)
+            if target is not None:
+                target.pursuers.append(guard)
+                guard.drive_to(target.place)
+            else:
+                guard.cancel_goal()
 
     def _is_gone(self, known: Target, time_s: float) -> bool:
         unseen_s = time_s - known.seen_s
@@ -80,27 +134,4 @@ class Pursuit:
             return True
         # an oracle would have told
         looks = self._settings.rule != "oracle" and unseen_s > EMPTY_AFTER_S
-        return looks and any(_gap(guard, known) < NEAR_M for guard in known.pursuers)
-
-    def _assignments(self) -> list[tuple[Guard, Target]]:
-        """Pairs of a guard that patrols and the target it is to pursue, nearest pairs first."""
-        busy = {guard.index for known in self.targets.values() for guard in known.pursuers}
-        free = [guard for guard in self._guards if guard.index not in busy]
-        if self._settings.rule == "all":
-            return [
-                (guard, min(self.targets.values(), key=lambda known: _gap(guard, known))) for guard in free
-            ]
-        waiting = [known for known in self.targets.values() if not known.pursuers]
-        pairs = []
-        while free and waiting:
-            guard, known = min(
-                ((guard, known) for guard in free for known in waiting), key=lambda pair: _gap(*pair)
-            )
-            pairs.append((guard, known))
-            free.remove(guard)
-            waiting.remove(known)
-        return pairs
-
-
-def _gap(guard: Guard, known: Target) -> float:
-    return math.dist((guard.pose.x, guard.pose.y), known.place)
+        return looks and any(math.dist(guard.state.place, known.place) < NEAR_M for guard in known.pursuers)

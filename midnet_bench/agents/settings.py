@@ -1,11 +1,9 @@
 """What can be set of patrol, pursuit and of how a robot keeps at a goal."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 from midnet_bench.settings import Settings, option
-
-PursuitRule = Literal["nearest", "all", "none", "oracle"]
 
 
 @dataclass(frozen=True)
@@ -58,10 +56,11 @@ class PursuitSettings(Settings):
 
     concern: ClassVar[str] = "pursuit"
 
-    rule: PursuitRule = option(
+    rule: str = option(
         "nearest",
         "Which guards go after a detected intruder: the nearest one while the others patrol (nearest), "
-        "every guard after the intruder nearest to it (all), or none. Targets are tracks of MIDNet's boxes; "
+        "every guard after the intruder nearest to it (all), pairs of least total distance (assignment), "
+        "none, or your own as package.module:NAME or file.py:NAME. Targets are tracks of MIDNet's boxes; "
         "under oracle the referee names the intruder of each box instead, and tells who is caught or gone.",
         key="pursuit",
     )

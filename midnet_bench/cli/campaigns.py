@@ -100,6 +100,7 @@ def labyrinth(
             help="Numbers of intruders, separated by commas (default 1,2,3,4,5).",
         ),
     ] = None,
+    pursuit: options.Pursuit = None,
     seed: FirstSeed = None,
     arena: options.Arena = None,
 ) -> None:
@@ -114,6 +115,7 @@ def labyrinth(
             "intruders": _integers(intruders, "--intruders"),
             "robots": _integers(robots, "--robots"),
             "arena": arena,
+            "pursuit": pursuit,
             **campaign.parts,
         },
         trials,
@@ -141,6 +143,7 @@ def run(
             help="Trials per cell (default the campaign's).",
         ),
     ] = None,
+    pursuit: options.Pursuit = None,
     seed: Annotated[
         int | None,
         typer.Option(
@@ -154,7 +157,8 @@ def run(
     from midnet_bench.campaign.definition import load_campaign, override
     from midnet_bench.workflows.campaigns import campaign_file
 
-    named = {option: value for option, value in campaign.parts.items() if value is not None}
+    parts = {**campaign.parts, "pursuit": pursuit}
+    named = {option: value for option, value in parts.items() if value is not None}
     settings = {**named, **options.settings_with(named, campaign.settings, campaign.map_file)}
     written = load_campaign(campaign_file(file))
     _run(override(written, settings, trials=trials, base_seed=seed), campaign)

@@ -18,13 +18,13 @@ def check(
         str,
         typer.Argument(
             metavar="THING",
-            help="A detector, fusion or patrol: a name, package.module:NAME or file.py:NAME.",
+            help="A detector, fusion, patrol or pursuit: a name, package.module:NAME or file.py:NAME.",
             show_default=False,
         ),
     ],
     as_json: options.Json = False,
 ) -> None:
-    """Say what is wrong with a detector, fusion or patrol of your own, a line for each fault, or 'ok'.
+    """Say what is wrong with a part of your own, a line for each fault, or 'ok'.
 
     It is run in this process and in another, with nobody, with one robot and with twenty. Units, shapes,
     untouched inputs and the same answer each time are looked at. The exit code is 1 if anything is wrong.

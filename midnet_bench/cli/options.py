@@ -66,6 +66,9 @@ def _part(help: str) -> Any:
     return typer.Option(metavar="NAME", help=f"{help}, {more}", show_default=False)
 
 
+Pursuit = Annotated[str | None, _part("Which guards pursue whom: nearest")]
+
+
 @dataclass(frozen=True)
 class Campaign:
     """What every command that runs a campaign takes, besides what that campaign is."""

@@ -2,22 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.agents.mobile_robot import Point
+from midnet_bench.agents.mobile_robot import GuardState, Point
 from midnet_bench.rivals.seams import PATROLS
 from midnet_bench.seams import PluginError
-
-
-class GuardState(NamedTuple):
-    """What MIDNet knows of a guard that patrols or pursues."""
-
-    place: Point
-    """where it takes itself to be, map frame, metres"""
-    goal: Point | None
 
 
 class PatrolRule(Protocol):

@@ -1,4 +1,4 @@
-"""Who detects, who fuses and who sends guards around, by name; nothing is imported before it is asked for."""
+"""Who detects, who fuses, who patrols where and who pursues whom, by name; imported when it is asked for."""
 
 from midnet_bench.seams import Seam
 
@@ -43,3 +43,17 @@ PATROLS = Seam(
     },
 )
 """see ``rivals/patrol.py``"""
+
+PURSUITS = Seam(
+    option="pursuit",
+    entry_points="midnet_bench.pursuits",
+    method="pursue",
+    own={
+        "nearest": "midnet_bench.rivals.pursuits:Nearest",
+        "all": "midnet_bench.rivals.pursuits:All",
+        "assignment": "midnet_bench.rivals.pursuits:Assignment",
+        "none": "midnet_bench.rivals.pursuits:Nobody",
+        "oracle": None,
+    },
+)
+"""see ``agents/pursuit.py``"""

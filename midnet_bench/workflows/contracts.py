@@ -7,20 +7,24 @@ import statistics
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.agents.mobile_robot import GuardState
+from midnet_bench.agents.pursuit import TargetState
+from midnet_bench.agents.tracking import Tracker
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
-from midnet_bench.rivals.patrol import GuardState, TeamPatrol
-from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS
+from midnet_bench.rivals.patrol import TeamPatrol
+from midnet_bench.rivals.pursuit import TeamPursuit
+from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS, PURSUITS
 from midnet_bench.rivals.team import detected, fused
 from midnet_bench.seams import PluginError, Seam
 from midnet_bench.settings import Scalar
@@ -60,6 +64,8 @@ class Instant:
     found: list[BoxArray]
     """by robot, without its allies"""
     time_s: float
+    targets: Mapping[int, TargetState] = field(default_factory=dict)
+    """tracks of the team's boxes"""
     asking: int = 0
     """the guard that wants to know where to go"""
 
@@ -280,7 +286,57 @@ class PatrolContract(FrameContract):
         return {words: one for words, one in super().extremes(instant).items() if one.observations}
 
 
-CONTRACTS: tuple[Contract, ...] = (DetectorContract(), FusionContract(), PatrolContract())
+class PursuitContract(FrameContract):
+    """Targets of guards, checked as they are given."""
+
+    seam = PURSUITS
+    experiment = "labyrinth"
+    short_trial: ClassVar = {
+        "engine": "fast",
+        "arena": "map1",  # everybody is near everybody
+        "escape_distance_m": 2.0,
+        "robots": 3,
+        "intruders": 3,
+        "time_limit_s": 15.0,
+    }
+
+    def make(self, name: str, recording: Recording) -> Answering:
+        """See :class:`FrameContract`; it is asked where there are targets."""
+        rule = TeamPursuit(name, recording.prior_map, np.random.default_rng(SEED))
+
+        def answer(instant: Instant) -> Answers:
+            if not instant.targets:
+                return []
+            sent = rule.pursue(instant.team, instant.targets, instant.time_s)
+            return [np.array(sorted(sent.items()), np.float64)]
+
+        return answer
+
+    def extremes(self, instant: Instant) -> dict[str, Instant]:
+        """See :class:`FrameContract`; more guards than targets, and fewer."""
+        places = [one.place for one in instant.team]
+        one, many = (
+            {
+                number: TargetState(places[number % ROBOTS], instant.time_s, ())
+                for number in range(5, 5 + count)
+            }
+            for count in (1, FULL_TEAM)
+        )
+        full = instant.observations * (FULL_TEAM // ROBOTS)
+        return {
+            f"{FULL_TEAM} robots and one target": replace(instant, observations=full, targets=one),
+            f"one robot and {FULL_TEAM} targets": replace(
+                instant, observations=instant.observations[:1], targets=many
+            ),
+        }
+
+
+CONTRACTS: tuple[Contract, ...] = (
+    DetectorContract(),
+    FusionContract(),
+    PatrolContract(),
+    PursuitContract(),
+)
 """of all seams; code that fits several is taken for the first of them"""
 
 
@@ -288,10 +344,15 @@ CONTRACTS: tuple[Contract, ...] = (DetectorContract(), FusionContract(), PatrolC
 def recorded() -> Recording:
     """Frames of four robots, after they have come near intruders."""
     parameters = DetectionParameters.of(engine="fast", robots=ROBOTS)
-    instants = []
+    instants, tracker = [], Tracker()
     with DetectionTrial(parameters, SEED) as trial:
         for number in range(WARM_UP + FRAMES):
-            trial.next_frame()
+            places = [box.center for box in trial.next_frame().detections]
+            time_s = trial.fleet.time_s
+            tracks = tracker.update(places, time_s)
+            targets = {
+                track: TargetState(place, time_s, ()) for track, place in zip(tracks, places, strict=True)
+            }
             if number < WARM_UP:  # robots stand where they start, and intruders are far
                 continue
             observations = trial.observations(trial.detector)
@@ -299,7 +360,7 @@ def recorded() -> Recording:
             team = trial.detector.midnet.team_of(boxes, [one.pose for one in observations])
             kept = np.concatenate(boxes)[team.kept]
             found = [kept[team.starts[i] : team.starts[i + 1]] for i in range(ROBOTS)]
-            instants.append(Instant(observations, found, trial.fleet.time_s, number % ROBOTS))
+            instants.append(Instant(observations, found, time_s, targets, number % ROBOTS))
         return Recording(instants, trial.prior_map, parameters.costmap.obstacle_range_m, trial.patrol.points)
 
 

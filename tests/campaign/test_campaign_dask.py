@@ -35,7 +35,14 @@ class Mine:
         return [self.boxes(robot.scan) for robot in team]
     def boxes(self, scan):
         return [] if scan is None else [(x, y, x + 0.1, y + 0.1) for x, y in scan.returns(self.range_m)[1]]
+
+class First:
+    def __init__(self, prior_map, rng):
+        pass
+    def pursue(self, team, targets, time_s):
+        return dict.fromkeys(range(len(team)), min(targets))
 """
+CHASE = {"arena": "map1", "escape_distance_m": 2.0, "time_limit_s": 5.0, "pursuit": "mine.py:First"}
 
 
 def serve(*arguments: str, folder: Path, path: Path | None = None) -> subprocess.Popen[bytes]:
@@ -120,13 +127,21 @@ def test_an_experiment_in_a_file_runs_in_a_cluster(tmp_path: Path, scheduler: st
     assert run_campaign(campaign, tmp_path / "cluster", jobs=2).ran == 0
 
 
-def test_a_detector_in_a_file_travels_to_the_cluster_s_workers(
-    tmp_path: Path, scheduler: str, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("experiment", "parameters"),
+    [("detection", {"frames": 3, "detector": "mine.py:Mine"}), ("labyrinth", CHASE)],
+)
+def test_parts_in_a_file_travel_to_the_cluster_s_workers(
+    tmp_path: Path,
+    scheduler: str,
+    monkeypatch: pytest.MonkeyPatch,
+    experiment: str,
+    parameters: dict[str, object],
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(MINE)
-    parameters = {"engine": "fast", "frames": 3, "detector": "mine.py:Mine"}
-    campaign = parse_campaign({"experiment": "detection", "parameters": parameters, "trials": 1}, "test")
+    written = {"experiment": experiment, "parameters": {"engine": "fast", **parameters}, "trials": 1}
+    campaign = parse_campaign(written, "test")
     resolved = resolve(campaign, registry)
     (tmp_path / "mine.py").unlink()  # nobody can read it there
     run_campaign(resolved, tmp_path / "cluster", backend="dask", scheduler=scheduler)

@@ -1,4 +1,4 @@
-"""Detectors, fusions and engines of one's own on the command line, from a file outside the package."""
+"""Parts of one's own on the command line, from a file outside the package."""
 
 import os
 import signal
@@ -41,7 +41,19 @@ class Failing:
         pass
     def detect(self, team):
         raise RuntimeError("the lens is dirty")
+
+class First:
+    """Every guard goes after the target that was there first."""
+    def __init__(self, prior_map, rng, guards=9):
+        self.guards = guards
+    def pursue(self, team, targets, time_s):
+        return dict.fromkeys(range(min(self.guards, len(team))), min(targets))
+
+class Lost(First):
+    def pursue(self, team, targets, time_s):
+        return {len(team): min(targets)}
 '''
+CHASE = ("--engine", "fast", "--arena", "map1", "--set", "escape_distance_m=2", "--set", "time_limit_s=15")
 SHORT = ("--engine", "fast", "--frames", "4", "--jobs", "1")
 
 
@@ -107,6 +119,27 @@ def test_parts_stand_in_a_campaign_s_grid(folder: Path) -> None:
     assert fusions == {"paper", "components(iou=0.2)", "mine.py:Largest"}
 
 
+@pytest.mark.slow
+def test_a_pursuit_of_ones_own_stands_in_a_grid_and_one_that_fails_costs_its_own_trials(folder: Path) -> None:
+    (folder / "chase.yaml").write_text(
+        "experiment: labyrinth\ntrials: 1\nbase_seed: 3001\n"
+        "parameters: {engine: fast, arena: map1, escape_distance_m: 2, time_limit_s: 15,\n"
+        "             robots: 3, intruders: 3}\n"
+        "grid: {pursuit: [nearest, assignment, mine.py:First(guards=2), mine.py:Lost]}\n"
+    )
+    done = midnet_bench("run", "chase.yaml", "-o", "out", "--jobs", "2", folder=folder)
+    assert done.returncode == 1
+    table = rows(folder / "out" / "trial.csv")
+    assert [row["pursuit"].partition("#")[0] for row in table] == [
+        "nearest",
+        "assignment",
+        "mine.py:First(guards=2)",
+    ]
+    (failure,) = rows(folder / "out" / "failures.csv")
+    assert "pursuit mine.py:Lost#" in str(failure)
+    assert "pursue gave a guard 3; there are 0 to 2" in str(failure)
+
+
 def test_one_that_fails_costs_its_own_trials_and_is_named(folder: Path) -> None:
     (folder / "two.yaml").write_text(
         "experiment: detection\ntrials: 1\nparameters: {engine: fast, frames: 4, robots: 1}\n"
@@ -121,33 +154,52 @@ def test_one_that_fails_costs_its_own_trials_and_is_named(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("option", "value", "says"),
+    ("command", "option", "value", "says"),
     [
-        ("--detector", "mine.py:Retruns", "no 'Retruns' in mine.py; did you mean 'Returns'?"),
-        ("--detector", "mine.py:Largest", "expected a class with a method 'detect'"),
-        ("--engine", "stub.py:Wrold", "no 'Wrold' in stub.py; did you mean 'World'?"),
-        ("--engine", "fast(slip=1)", "'fast' goes by keys"),
-        ("--fusion", "compnents", "unknown name 'compnents'; did you mean 'components'?"),
+        ("labyrinth", "--pursuit", "nearst", "unknown name 'nearst'; did you mean 'nearest'?"),
+        ("labyrinth", "--pursuit", "oracle(x=1)", "'oracle' goes by keys"),
+        ("labyrinth", "--pursuit", "mine.py:First(guard=1)", "no option 'guard'; did you mean 'guards'?"),
+        ("detection", "--detector", "mine.py:Retruns", "no 'Retruns' in mine.py; did you mean 'Returns'?"),
+        ("detection", "--detector", "mine.py:Largest", "expected a class with a method 'detect'"),
+        ("detection", "--fusion", "compnents", "unknown name 'compnents'; did you mean 'components'?"),
+        ("detection", "--engine", "stub.py:Wrold", "no 'Wrold' in stub.py; did you mean 'World'?"),
+        ("detection", "--engine", "fast(slip=1)", "'fast' goes by keys"),
     ],
 )
-def test_a_part_that_is_not_there_is_one_line(folder: Path, option: str, value: str, says: str) -> None:
-    complaint = one_line_of_complaint(midnet_bench("detection", *SHORT, option, value, folder=folder))
+def test_a_part_that_is_not_there_is_one_line(
+    folder: Path, command: str, option: str, value: str, says: str
+) -> None:
+    complaint = one_line_of_complaint(midnet_bench(command, option, value, folder=folder))
     assert f"{option.removeprefix('--')}: " in complaint
     assert says in complaint
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "parts",
+    ("arguments", "tables"),
     [
-        ["--engine", "fast", "--detector", "mine.py:Returns", "--fusion", "mine.py:Largest", "--jobs", "1"],
-        ["--engine", "stub.py:World", "--jobs", "2"],
+        (
+            "detection --engine fast --frames 25 --robots 1 --seeds 6 --detector mine.py:Returns "
+            "--fusion mine.py:Largest --jobs 1",
+            ("scores.csv", "frames.csv"),
+        ),
+        (
+            "detection --engine stub.py:World --frames 25 --robots 1 --seeds 6 --jobs 2",
+            ("scores.csv", "frames.csv"),
+        ),
+        (
+            f"labyrinth {' '.join(CHASE)} --robots 3 --intruders 3 --trials 8 --jobs 1 "
+            "--pursuit mine.py:First",
+            ("trial.csv", "intruders.csv"),
+        ),
     ],
-    ids=["detector", "engine"],
+    ids=["detector", "engine", "pursuit"],
 )
-def test_a_campaign_with_parts_of_ones_own_goes_on_after_kill_9(folder: Path, parts: list[str]) -> None:
-    arguments = ["detection", "--frames", "25", "--robots", "1", "--seeds", "6", "-q", *parts]
-    command = [sys.executable, "-m", "midnet_bench", *arguments, "-o", "killed"]
+def test_a_campaign_with_parts_of_ones_own_goes_on_after_kill_9(
+    folder: Path, arguments: str, tables: tuple[str, ...]
+) -> None:
+    given = [*arguments.split(), "-q"]
+    command = [sys.executable, "-m", "midnet_bench", *given, "-o", "killed"]
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
     process = subprocess.Popen(command, cwd=folder, env=environment, start_new_session=True)
     deadline_s = time.monotonic() + 120
@@ -158,7 +210,7 @@ def test_a_campaign_with_parts_of_ones_own_goes_on_after_kill_9(folder: Path, pa
     process.wait()
 
     for name in ("killed", "whole"):
-        done = midnet_bench(*arguments, "-o", name, folder=folder)
+        done = midnet_bench(*given, "-o", name, folder=folder)
         assert done.returncode == 0, done.stderr
-    for table in ("scores.csv", "frames.csv"):
+    for table in tables:
         assert (folder / "killed" / table).read_bytes() == (folder / "whole" / table).read_bytes()

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.errors import InputError
-from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS
+from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS, PURSUITS
 from midnet_bench.workflows.check import check
 from tests.cli.command import midnet_bench, one_line_of_complaint
 
@@ -58,6 +58,17 @@ BROKEN = {
     "takes its process along": "def detect(self, team):\n        os._exit(3)",
 }
 
+CHASES = {
+    "pursue gave list; give a dict": "[0]",
+    "a target 99; there are": "{0: 99}",
+    "a guard 1; there are 0 to 0": "{1: min(targets)}",
+    "it answers otherwise the second time": "{0: sorted(targets)[next(Mine.seen) % 5 % len(targets)]}",
+    "global random numbers": "{0: random.choice(sorted(targets))}",
+    "another process gets other results": "{0: min(targets)} if process().name == 'MainProcess' else {}",
+    "TypeError": "{0: min(targets, key=lambda target: self.gap)}",
+}
+"""what ``pursue`` of a broken pursuit gives"""
+
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
@@ -70,6 +81,21 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_broken_detector_is_told_what_is_wrong_with_it(fault: str, folder: Path) -> None:
     (folder / "mine.py").write_text(HEAD + f"\nclass Mine(Base):\n    {BROKEN[fault]}\n")
     found = check("mine.py:Mine")
+    assert any(fault in one for one in found.faults), found.faults
+    assert all("\n" not in one for one in found.faults)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", CHASES)
+def test_a_broken_pursuit_is_told_what_is_wrong_with_it(fault: str, folder: Path) -> None:
+    (folder / "mine.py").write_text(
+        "import itertools, random\nfrom multiprocessing import current_process as process\n"
+        "class Mine:\n    seen = itertools.count()\n    gap = {}\n"
+        "    def __init__(self, prior_map, rng): pass\n"
+        f"    def pursue(self, team, targets, time_s): return {CHASES[fault]}\n"
+    )
+    found = check("mine.py:Mine")
+    assert found.seam == "pursuit"
     assert any(fault in one for one in found.faults), found.faults
     assert all("\n" not in one for one in found.faults)
 
@@ -92,7 +118,7 @@ def test_a_broken_one_has_exit_code_one(folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", dict.fromkeys([*DETECTORS.own, *FUSIONS.own, *PATROLS.own]))
+@pytest.mark.parametrize("name", dict.fromkeys([*DETECTORS.own, *FUSIONS.own, *PATROLS.own, *PURSUITS.own]))
 def test_what_comes_with_the_package_is_ok(name: str) -> None:
     assert check(name).faults == []
 

@@ -20,7 +20,7 @@ from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.midnet.pipeline import Frame, Observation
 from midnet_bench.navigation.navigator import Navigator
-from midnet_bench.rivals.patrol import GuardState, TeamPatrol
+from midnet_bench.rivals.patrol import TeamPatrol
 from midnet_bench.rivals.seams import PATROLS
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
@@ -125,7 +125,7 @@ class GuardedArena(RobotTrial):
     def next_patrol_point(self, robot: MobileRobot) -> Point:
         """Where MIDNet sends a guard that has nothing to do (section V.B)."""
         if isinstance(self.patrol, TeamPatrol):
-            team = [GuardState((guard.pose.x, guard.pose.y), guard.goal) for guard in self.guards]
+            team = [guard.state for guard in self.guards]
             return self.patrol.next_point(robot.index, team, self.fleet.time_s)
         others = [guard.goal for guard in self.guards if guard is not robot and guard.goal is not None]
         return self.patrol.next_point((robot.pose.x, robot.pose.y), others)

@@ -1,13 +1,14 @@
 """What the labyrinth test lets a user set."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Self
 
 from midnet_bench.agents.settings import PursuitSettings
 from midnet_bench.arena.free_space import doors
 from midnet_bench.experiments.guarded.inputs import arena_from
 from midnet_bench.experiments.guarded.parameters import GuardParameters
+from midnet_bench.rivals.seams import PURSUITS
 from midnet_bench.settings import group, like, option
 
 
@@ -88,4 +89,4 @@ class LabyrinthParameters(GuardParameters):
         read = super().with_files_read()
         if read.escape_at == "doors":
             doors(arena_from(read.arena))
-        return read
+        return replace(read, pursuit=replace(read.pursuit, rule=PURSUITS.pinned(read.pursuit.rule)))

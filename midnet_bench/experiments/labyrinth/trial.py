@@ -14,6 +14,7 @@ from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.geometry import Box, lengths
 from midnet_bench.midnet.pipeline import Frame
+from midnet_bench.rivals.pursuit import TeamPursuit
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.integrity import crossed_wall, surfaces
@@ -57,7 +58,8 @@ class LabyrinthTrial(GuardedArena):
         self._doors = doors(self.arena) if parameters.escape_at == "doors" else []
         self._surfaces = surfaces(self.layout)
         self._refuge_rng = stream(seed, "refuge")
-        self.pursuit = Pursuit(self.guards, parameters.pursuit)
+        rule = TeamPursuit(parameters.pursuit.rule, self.prior_map, stream(seed, "pursuit"))
+        self.pursuit = Pursuit(self.guards, parameters.pursuit, rule)
         self.targets, self.ghosts = 0, 0
         """targets of the pursuit so far, and those of them whose first box was on no intruder"""
         self.outcomes: dict[int, Outcome] = {}
