@@ -7,11 +7,33 @@ import warnings
 
 import typer
 
-from midnet_bench.cli import arenas, campaigns, check, inputs, maps, messages, pictures, reports, smoke
+from midnet_bench.cli import (
+    arenas,
+    campaigns,
+    check,
+    inputs,
+    leaderboard,
+    maps,
+    messages,
+    pictures,
+    reports,
+    smoke,
+)
 from midnet_bench.cli.app import app, printing
 from midnet_bench.errors import InputError, MidnetBenchError
 
-__all__ = ["arenas", "campaigns", "check", "inputs", "main", "maps", "pictures", "reports", "smoke"]
+__all__ = [
+    "arenas",
+    "campaigns",
+    "check",
+    "inputs",
+    "leaderboard",
+    "main",
+    "maps",
+    "pictures",
+    "reports",
+    "smoke",
+]
 
 NO_PATH = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES)
 """error numbers of a path that cannot even be asked for"""

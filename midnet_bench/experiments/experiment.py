@@ -60,6 +60,8 @@ class Experiment:
     """what a paper states, checked against the results, for ``verify``"""
     measures: "Callable[[Results], Measures] | None" = None
     """the main scores, for ``compare``"""
+    ranked_by: tuple[str, ...] = ()
+    """those of them that ``leaderboard`` ranks by"""
     comparison_tables: "Callable[[Mapping[str, Results]], Sequence[Table]]" = _nothing
     """tables of several campaigns side by side, by the campaigns' names"""
     comparison_figures: "Callable[[Mapping[str, Results]], Mapping[str, Figure]]" = _no_figures

@@ -14,6 +14,7 @@ DETECTION = Experiment(
     printed=("detection_summary", "detection_matching"),
     claims=later("midnet_bench.experiments.detection.claims:claims"),
     measures=later("midnet_bench.experiments.detection.tables:measures"),
+    ranked_by=("f1_one_to_one", "gospa_per_frame_m"),
     trial=later("midnet_bench.experiments.detection.trial:DetectionTrial"),
     demo=later("midnet_bench.experiments.detection.demo:demo"),
 )

@@ -12,6 +12,7 @@ SCALE = Experiment(
     columns=columns.SCALE,
     tables=later("midnet_bench.experiments.scale.tables:tables"),
     measures=later("midnet_bench.experiments.scale.tables:measures"),
+    ranked_by=("f1_one_to_one", "gospa_per_intruder_m"),
     printed=("scale",),
 )
 """What becomes of the paper's claim that any number of robots can join (section VI)."""

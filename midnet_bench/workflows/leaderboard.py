@@ -1,0 +1,164 @@
+"""Who is best: the values of some factors of a campaign, ranked, with differences from the first."""
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from midnet_bench.analysis.differences import Difference, differences
+from midnet_bench.analysis.frames import Results, load_results
+from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean
+from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.campaign.provenance import versions_note
+from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.experiments.experiment import Experiment, Measures
+from midnet_bench.experiments.registry import experiment_of, tables_of
+from midnet_bench.io.files import write_atomically
+from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS
+
+NAMING_CODE = tuple(seam.option for seam in (DETECTORS, FUSIONS, PATROLS))
+
+Contestant = tuple[str, ...]
+"""a value of each factor that is compared"""
+
+
+def leaderboard(
+    directory: str | Path, of: Sequence[str] = (), rank_by: str | None = None, page: str | Path | None = None
+) -> list[Table]:
+    """A table for each score that ranks, one row for each contestant in each world, the best first.
+
+    A contestant is a value of each compared factor; what else differs between cells is the world. Beside
+    its mean stands its difference from the first value of each factor, on the same seeds.
+
+    Args:
+        directory: of a campaign.
+        of: the factors that are compared; those that name code, such as ``detector``, unless given.
+        rank_by: a score of the experiment; those that it names itself unless given.
+        page: a Markdown file to write the tables into.
+
+    Raises:
+        InputError: the campaign has no such factor, or its experiment no such score.
+    """
+    results = load_results(directory, tables_of)
+    record = experiment_of(results)
+    if record.measures is None:
+        raise InputError(f"{directory}: the experiment '{record.name}' has no main scores to rank by")
+    factors = _compared(results, of)
+    measured = {who: record.measures(part) for who, part in _parts(results, factors)}
+    measures = list(dict.fromkeys(measure for one in measured.values() for _, measure in one))
+    if rank_by is not None and rank_by not in measures:
+        raise InputError(f"{directory}: no score '{rank_by}'{nearest_name(rank_by, measures)}")
+    ranked = (
+        [measure for measure in record.ranked_by if measure in measures] if rank_by is None else [rank_by]
+    )
+    tables = [
+        _ranking(record, factors, measured, measure, [one for one in measures if one != measure])
+        for measure in ranked
+    ]
+    if page is not None:
+        write_atomically(Path(page), _page(results, tables))
+    return tables
+
+
+def _compared(results: Results, of: Sequence[str]) -> list[str]:
+    """The factors, in the grid's order."""
+    for factor in of:
+        if factor not in results.factors:
+            nearest = nearest_name(factor, results.factors)
+            raise InputError(f"{results.directory}: the grid has no factor '{factor}'{nearest}")
+    factors = [factor for factor in results.factors if factor in (of or NAMING_CODE)]
+    if not factors:
+        raise InputError(
+            f"{results.directory}: its grid compares no {', '.join(NAMING_CODE)}; name a factor by --of: "
+            f"{', '.join(results.factors) or 'it has none'}"
+        )
+    return factors
+
+
+def _parts(results: Results, factors: Sequence[str]) -> Iterator[tuple[Contestant, Results]]:
+    if not factors:
+        yield (), results
+        return
+    for value, part in results.by_value(factors[0]).items():
+        for rest, last in _parts(part, factors[1:]):
+            yield (value, *rest), last
+
+
+def _ranking(
+    record: Experiment,
+    factors: Sequence[str],
+    measured: Mapping[Contestant, Measures],
+    measure: str,
+    beside: Sequence[str],
+) -> Table:
+    """The rows of every world, in the campaign's order of worlds."""
+    first = next(iter(measured))
+    worlds = list(
+        dict.fromkeys(world for one in measured.values() for world, score in one if score == measure)
+    )
+    places = [
+        (world, who)
+        for world, who in itertools.product(worlds, measured)
+        if any(
+            seed in measured[first].get((world, measure), {})
+            for seed in measured[who].get((world, measure), {})
+        )
+    ]
+    pairs = [(measured[first][world, measure], measured[who][world, measure]) for world, who in places]
+    compared = dict(zip(places, differences(pairs), strict=True))
+    sign = 1.0 if measure in record.lower_is_better else -1.0
+    rows: list[Mapping[str, Cell]] = []
+    for world in worlds:
+        means = {who: _mean(measured[who], world, measure) for where, who in places if where == world}
+        order = sorted(means, key=lambda who: (math.isnan(means[who].value), sign * means[who].value, who))
+        for rank, who in enumerate(order, 1):
+            change = compared[world, who]
+            rows.append(
+                {
+                    **({"world": world} if len(worlds) > 1 else {}),
+                    "rank": rank,
+                    **dict(zip(factors, who, strict=True)),
+                    measure: means[who],
+                    "difference": change.change,
+                    "seeds": change.seeds,
+                    "p_holm": change.p_holm,
+                    "verdict": "the first" if who == first else _verdict(change, sign),
+                    **{
+                        score: _mean(measured[who], world, score)
+                        for score in beside
+                        if (world, score) in measured[who]
+                    },
+                }
+            )
+    title = (
+        f"Ranked by {measure}, {'the lowest' if sign > 0 else 'the highest'} first; differences from "
+        f"{' + '.join(first)} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
+    )
+    return Table(f"leaderboard_{measure}", title, rows, {"p_holm": 4})
+
+
+def _mean(measures: Measures, world: str, measure: str) -> Estimate:
+    return mean(list(measures[world, measure].values()))
+
+
+def _verdict(change: Difference, sign: float) -> str:
+    """Better or worse than the first, by the interval and Holm's p."""
+    if change.verdict == "inconclusive":
+        return "inconclusive"
+    return "better" if (change.verdict == "higher") == (sign < 0.0) else "worse"
+
+
+def _page(results: Results, tables: Sequence[Table]) -> str:
+    definition = results.definition
+    last = definition.base_seed + definition.trials - 1
+    lines = [
+        f"# Leaderboard: {results.directory.name}",
+        "",
+        f"Experiment `{definition.experiment}`, seeds {definition.base_seed} to {last}, {results.finished} "
+        "trials finished. Written by `midnet-bench leaderboard`.",
+        *versions_note(results.provenance),
+        "",
+    ]
+    for table in tables:
+        lines += [f"## {table.title}", "", table.to_markdown().strip(), "", *table.notes]
+    return "\n".join(lines).rstrip() + "\n"

@@ -1,0 +1,87 @@
+"""Rankings, from stores made by hand."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from midnet_bench.analysis.frames import Results
+from midnet_bench.campaign.definition import Definition
+from midnet_bench.errors import InputError
+from midnet_bench.workflows import leaderboard as module
+from midnet_bench.workflows.leaderboard import leaderboard
+
+SEEDS = range(1, 7)
+
+
+def results(hits: dict[tuple[str, str], int]) -> Results:
+    """A detection campaign in which each detector and fusion hits so many of 100; seeds differ by one."""
+    scores = [
+        {
+            "detector": detector,
+            "fusion": fusion,
+            "seed": seed,
+            "frames": 10,
+            **{"tp": hit + seed % 2, "fp": 0, "fn": 100 - hit - seed % 2},
+            **{"matched": hit + seed % 2, "duplicates": 0, "missed": 100 - hit - seed % 2},
+            "gospa_m": float(100 - hit - seed % 2),
+            **{"precision": 1.0, "recall": (hit + seed % 2) / 100, "f1": 0.5},
+        }
+        for (detector, fusion), hit in hits.items()
+        for seed in SEEDS
+    ]
+    grid = {name: list(dict.fromkeys(row[name] for row in scores)) for name in ("detector", "fusion")}
+    definition = Definition("detection", len(SEEDS), 1, grid, {"robots": 5})
+    frames = {"scores": pd.DataFrame(scores), "robots": pd.DataFrame()}
+    return Results(Path("somewhere"), definition, [], frames, pd.DataFrame(), pd.DataFrame())
+
+
+@pytest.fixture
+def compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    hits = {("midnet", "paper"): 60, ("midnet", "none"): 40, ("mine", "paper"): 80, ("mine", "none"): 60}
+    monkeypatch.setattr(module, "load_results", lambda *_: results(hits))
+
+
+@pytest.mark.usefixtures("compared")
+def test_the_best_comes_first_and_differences_are_from_the_first_of_the_grid() -> None:
+    by_f1, by_gospa = leaderboard("somewhere")
+    assert [(row["detector"], row["fusion"], row["verdict"]) for row in by_f1.rows] == [
+        ("mine", "paper", "better"),
+        ("midnet", "paper", "the first"),
+        ("mine", "none", "inconclusive"),
+        ("midnet", "none", "worse"),
+    ]
+    assert [row["rank"] for row in by_f1.rows] == [1, 2, 3, 4]
+    # gospa falls with each hit, so the same order comes out of the lowest first
+    assert [row["verdict"] for row in by_gospa.rows] == ["better", "the first", "inconclusive", "worse"]
+    best = by_gospa.rows[0]["difference"]
+    assert best.value == pytest.approx(-2.0)  # type: ignore[union-attr]
+
+
+@pytest.mark.usefixtures("compared")
+def test_one_factor_makes_the_other_a_world() -> None:
+    (ranked,) = leaderboard("somewhere", of=["detector"], rank_by="recall")
+    assert [(row["world"], row["detector"]) for row in ranked.rows] == [
+        ("5-robot, fusion=paper", "mine"),
+        ("5-robot, fusion=paper", "midnet"),
+        ("5-robot, fusion=none", "mine"),
+        ("5-robot, fusion=none", "midnet"),
+    ]
+
+
+@pytest.mark.usefixtures("compared")
+def test_the_page_has_the_tables(tmp_path: Path) -> None:
+    leaderboard("somewhere", page=tmp_path / "page.md")
+    text = (tmp_path / "page.md").read_text(encoding="utf-8")
+    assert text.startswith("# Leaderboard: somewhere\n")
+    assert "seeds 1 to 6" in text
+    assert text.count("\n## Ranked by ") == 2
+    assert "| mine" in text
+
+
+@pytest.mark.usefixtures("compared")
+def test_what_cannot_be_ranked_is_said() -> None:
+    with pytest.raises(InputError, match="no factor 'detectro'.*detector"):
+        leaderboard("somewhere", of=["detectro"])
+    with pytest.raises(InputError, match="no score 'f2'"):
+        leaderboard("somewhere", rank_by="f2")
