@@ -81,7 +81,7 @@ def test_the_page_has_the_tables(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("compared")
 def test_what_cannot_be_ranked_is_said() -> None:
-    with pytest.raises(InputError, match="no factor 'detectro'.*detector"):
+    with pytest.raises(InputError, match=r"no factor 'detectro'.*detector"):
         leaderboard("somewhere", of=["detectro"])
     with pytest.raises(InputError, match="no score 'f2'"):
         leaderboard("somewhere", rank_by="f2")
