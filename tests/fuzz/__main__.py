@@ -75,7 +75,8 @@ def untouched(root: Path) -> Iterator[Tried]:
 def _ended(root: Path, number: int, name: str, folder: Path, case: Case) -> Tried:
     places = [folder / path for path in case.may_write]
     kept = compiled.folder()
-    places += [root / "tmp", *([kept] if kept else [])]
+    # what runs trials tries first whether it can write beside it
+    places += [root / "tmp", *([kept.parent] if kept else [])]
     ended = forked.run(case.call, folder, places, [folder / path for path in case.names])
     return Tried(number, name, case, ended, ended.find(case.good_codes))
 
