@@ -11,9 +11,9 @@ from typing import Any
 
 import joblib
 
-from midnet_bench.campaign.pools import WorkersLost, abandoning_quietly
-from midnet_bench.campaign.trial import RunTrial, TrialSpec
-from midnet_bench.campaign.worker import Outcome, attempt
+from midnet_bench.campaign.pools import Group, WorkersLost, abandoning_quietly
+from midnet_bench.campaign.trial import RunTrials
+from midnet_bench.campaign.worker import Outcome, attempt_together
 from midnet_bench.errors import InputError, MidnetBenchError
 
 try:
@@ -44,16 +44,16 @@ class _Backend(DaskDistributedBackend):  # type: ignore[misc]
         super().__init__(client=client, wait_for_workers_timeout=0)
         self.arrived: list[Outcome] = []
         self.in_flight: dict[str, str] = {}
-        """trials that the cluster has; joblib itself may hold some more that it has drawn in advance"""
+        """the first trial of each group that the cluster has; joblib may hold some more that it has drawn"""
 
     def submit(self, func: Any, callback: Callable[[object], None]) -> object:
-        self.in_flight |= {spec.trial_id: "" for _, (_, spec, *_), _ in func.items}
+        self.in_flight |= {group[0].trial_id: "" for _, (_, group, *_), _ in func.items}
 
         def keep(out: object) -> None:
             if isinstance(out, list):  # the results of a batch
-                for outcome in out:
-                    self.in_flight.pop(outcome.trial_id)
-                    self.arrived.append(outcome)
+                for outcomes in out:
+                    self.in_flight.pop(outcomes[0].trial_id)
+                    self.arrived += outcomes
             callback(out)
 
         future = super().submit(func, keep)
@@ -127,12 +127,12 @@ class DaskPool:
         return sum(cores.values())
 
     def outcomes(
-        self, run_trial: RunTrial, specs: Iterator[TrialSpec], limit_s: float, one_at_a_time: bool
+        self, run_trials: RunTrials, groups: Iterator[Group], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
         """See :meth:`Pool.outcomes`. Dask itself tries a task on several workers before it gives it up."""
         backend = _Backend(self._client)
         handed_out: set[str] = set()
-        tasks = (joblib.delayed(attempt)(run_trial, spec, limit_s, None) for spec in specs)
+        tasks = (joblib.delayed(attempt_together)(run_trials, group, limit_s, None) for group in groups)
         try:
             with self._telling_when_there_are_no_workers():
                 self._wait_for_a_worker()
@@ -142,9 +142,9 @@ class DaskPool:
                         batch_size=1,
                         return_as="generator_unordered",
                     )
-                    for outcome in abandoning_quietly(parallel(tasks)):
-                        handed_out.add(outcome.trial_id)
-                        yield outcome
+                    for outcomes in abandoning_quietly(parallel(tasks)):
+                        handed_out |= {outcome.trial_id for outcome in outcomes}
+                        yield from outcomes
         except distributed.KilledWorker as error:
             for outcome in backend.arrived:
                 if outcome.trial_id not in handed_out:  # finished before the worker died of another one

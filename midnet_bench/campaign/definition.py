@@ -8,15 +8,16 @@ import itertools
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import Annotated, Protocol, TypeVar
 
 from pydantic import Field, PrivateAttr, Strict, TypeAdapter, field_validator
 
-from midnet_bench.campaign.trial import Cell, RunTrial, Scalar, TrialResult, TrialSpec
+from midnet_bench.campaign.trial import Cell, RunTrials, Scalar, Sharing, TrialResult, TrialSpec
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.checked_yaml import Spec, load_yaml, parse, read_yaml
 from midnet_bench.io.parameters import Parameters
@@ -29,18 +30,27 @@ LONGEST_NAME = 255
 """bytes; no file system has longer ones"""
 MAX_CELLS = 10_000
 """of a grid; to check one takes some milliseconds"""
+RUN_ONCE = "they are run once, and their results stand under each"
 MAX_SHOWN_CHARACTERS = 60
 """of a value in a message: an arena that was read from a file is long"""
 
 
+Values = Scalar | list[Scalar]
+"""of an option on the command line: one, or several that make a factor of the grid"""
+Read = TypeVar("Read")
+
+
 class Experiments(Protocol):
-    """What the engine asks of the experiments. A module with these two functions is one."""
+    """What the engine asks of the experiments. A module with these three functions is one."""
 
     def parameters_model(self, experiment: str) -> type[Parameters]:
         """The class of an experiment's parameters. Raises InputError on an unknown name."""
 
-    def run_trial(self, spec: TrialSpec) -> TrialResult:
-        """One trial; a module-level function, so that other processes can import it."""
+    def sharing(self, experiment: str, parameters: Parameters) -> Sharing:
+        """What the trials of these parameters share with trials of others."""
+
+    def run_trials(self, specs: Sequence[TrialSpec]) -> Sequence[TrialResult | Exception]:
+        """See ``RunTrials``; a module-level function, so that other processes can import it."""
 
 
 class Campaign(Spec):
@@ -146,10 +156,14 @@ class ResolvedCampaign:
     """every cell's parameters, defaults filled in, the grid's last factor changing fastest"""
     efforts: list[float]
     """about how long a trial of each cell takes, compared with the others"""
-    run_trial: RunTrial
-    """runs one of :meth:`trials`; other processes can import it"""
+    sharing: list[Sharing]
+    """what the trials of each cell share with those of other cells"""
+    run_trials: RunTrials
+    """runs some of :meth:`trials`; other processes can import it"""
     experiment_file: Path | None
     """where the experiment is, if it is in a file that the campaign refers to"""
+    notes: list[str]
+    """which values of the grid are there twice, or give the same trials as others; a line each"""
 
     @cached_property
     def numbered_cells(self) -> list[Cell]:
@@ -212,20 +226,23 @@ def parse_campaign(values: Mapping[str, object], source: str) -> Campaign:
 
 def override(
     campaign: Campaign,
-    settings: Mapping[str, Scalar],
+    settings: Mapping[str, Values],
     *,
     trials: int | None = None,
     base_seed: int | None = None,
 ) -> Campaign:
-    """``campaign`` with settings of the command line on top; a factor of the grid narrows to one value.
+    """``campaign`` with settings of the command line on top.
+
+    Several values make a factor of the grid, behind those that it has; one value narrows a factor to it.
 
     Raises:
         InputError: ``trials`` or ``base_seed`` is out of range. The settings are :func:`resolve`'s to check.
     """
     values = campaign.model_dump()
     for key, value in settings.items():
-        if key in values["grid"]:
-            values["grid"][key] = [value]
+        if isinstance(value, list) or key in values["grid"]:
+            values["grid"][key] = value if isinstance(value, list) else [value]
+            values["parameters"].pop(key, None)
         else:
             values["parameters"][key] = value
     values["trials"] = campaign.trials if trials is None else trials
@@ -245,7 +262,65 @@ def parse_settings(settings: Iterable[str], map_file: Path | None = None) -> dic
     Raises:
         InputError: no ``=``, no key, a key given twice or known as another option, or no scalar.
     """
-    parsed: dict[str, Scalar] = {}
+    return _parsed(settings, map_file, _scalar)
+
+
+def parse_sweep(settings: Iterable[str], map_file: Path | None = None) -> dict[str, Values]:
+    """The same, where commas part several values: ``["thresh_local=60,80", "frames=200"]``.
+
+    Raises:
+        InputError: as :func:`parse_settings`, or a value between commas is missing.
+    """
+    return _parsed(settings, map_file, values_of)
+
+
+def values_of(text: str, option: str) -> Values:
+    """The value of an option, or all of them if commas part several; none parts inside brackets or quotes.
+
+    Args:
+        text: such as ``60,80``, or ``midnet,clusters(noise_m=0.02, min_returns=3)``.
+        option: what a message begins with.
+
+    Raises:
+        InputError: one is missing or no scalar.
+    """
+    parts = _between_commas(text)
+    if len(parts) == 1:
+        return _scalar(text, option)
+    if not all(part.strip() for part in parts):
+        raise InputError(f"{option}: a value is missing beside a comma; commas part the values of a sweep")
+    return [_scalar(part.strip(), option) for part in parts]
+
+
+def _between_commas(text: str) -> list[str]:
+    parts, depth, quote = [""], 0, ""
+    for letter in text:
+        if quote:
+            quote = "" if letter == quote else quote
+        elif letter in "'\"" and (depth or not parts[-1].strip()):  # else an apostrophe
+            quote = letter
+        elif letter in "([{":
+            depth += 1
+        elif letter in ")]}":
+            depth -= 1
+        if letter == "," and not depth and not quote:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return parts
+
+
+def _scalar(text: str, option: str) -> Scalar:
+    value = load_yaml(text, option)
+    if not isinstance(value, str | int | float | bool | None):
+        raise InputError(f"{option}: the value must be one number, word or true/false")
+    return value
+
+
+def _parsed(
+    settings: Iterable[str], map_file: Path | None, read: Callable[[str, str], Read]
+) -> dict[str, Read | str]:
+    parsed: dict[str, Read | str] = {}
     for setting in settings:
         key, equals, text = setting.partition("=")
         key = key.strip()
@@ -256,10 +331,7 @@ def parse_settings(settings: Iterable[str], map_file: Path | None = None) -> dic
             raise InputError(f"{option}: '{key}' is set twice")
         if key == "seed":
             raise InputError(f"{option}: the seed is no parameter; give it by --seed")
-        value = load_yaml(text, option)
-        if not isinstance(value, str | int | float | bool | None):
-            raise InputError(f"{option}: the value must be one number, word or true/false")
-        parsed[key] = value
+        parsed[key] = read(text, option)
     if map_file is not None:
         if "prior_map" in parsed:
             raise InputError(
@@ -274,7 +346,7 @@ def resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
 
     Raises:
         InputError: in one line, naming where the campaign comes from and the key: the experiment or one of
-            its parameters is unknown, a cell is not valid, or two cells are the same.
+            its parameters is unknown, or a cell is not valid.
     """
     try:
         return _resolve(campaign, experiments)
@@ -308,13 +380,17 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
         # no fault of a cell if the parameters that all cells share are wrong by themselves
         parameters.resolve(campaign.parameters, f"{source}: parameters")
         raise
-    cells = [cell for cell, _ in checked]
-    seen: set[str] = set()
-    for product, cell in zip(products, cells, strict=True):
-        trial_id = TrialSpec(identity, cell, 0).trial_id
-        if trial_id in seen:
-            raise InputError(f"{source}: grid: the cell {shown_cell(product)} is there twice")
-        seen.add(trial_id)
+    notes = [
+        f"{factor}={_shown(value)} is there {times} times; it is run once"
+        for factor, values in campaign.grid.items()
+        for value, times in Counter(values).items()
+        if times > 1
+    ]
+    once: dict[str, tuple[dict[str, Scalar], Parameters]] = {}
+    for cell, found in checked:
+        once.setdefault(TrialSpec(identity, cell, 0).trial_id, (cell, found))
+    cells = [cell for cell, _ in once.values()]
+    sharing = [experiments.sharing(campaign.experiment, found) for _, found in once.values()]
     grid = {factor: list(dict.fromkeys(cell[factor] for cell in cells)) for factor in campaign.grid}
     return ResolvedCampaign(
         campaign=campaign,
@@ -326,9 +402,11 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
             parameters={name: _in_all_cells(name, cells) for name in cells[0] if name not in grid},
         ),
         cells=cells,
-        efforts=[effort for _, effort in checked],
-        run_trial=_with_files(experiments.run_trial, None if file is None else campaign.experiment, cells),
+        efforts=[found.effort for _, found in once.values()],
+        sharing=sharing,
+        run_trials=_with_files(experiments.run_trials, None if file is None else campaign.experiment, cells),
         experiment_file=file,
+        notes=[*notes, *same_trials(grid, cells, [one.same for one in sharing])],
     )
 
 
@@ -351,33 +429,80 @@ def _check_keys(campaign: Campaign, parameters: type[Parameters]) -> None:
 
 def _cell(
     campaign: Campaign, parameters: type[Parameters], product: dict[str, Scalar]
-) -> tuple[dict[str, Scalar], float]:
-    """The parameters of a cell, defaults filled in, and their effort."""
+) -> tuple[dict[str, Scalar], Parameters]:
+    """The parameters of a cell, defaults filled in, as a trial has them and checked."""
     source = f"{campaign._source}: cell {shown_cell(product)}"
     checked = parameters.parse({**campaign.parameters, **product}, source)
     flat, values = checked.flat(), checked.flat_values()
     # a newer option is left out at its default, but what the grid varies tells the cells apart
-    return flat | {key: values[key] for key in product if key not in flat}, checked.effort
+    return flat | {key: values[key] for key in product if key not in flat}, checked
+
+
+def same_trials(
+    grid: Mapping[str, Sequence[Scalar]], cells: Sequence[Mapping[str, Scalar]], same: Sequence[Hashable]
+) -> list[str]:
+    """Which values of a grid give the trials of others, in a line each.
+
+    Args:
+        grid: factor -> values.
+        cells: every cell's parameters.
+        same: what a cell's trials have in common with those of other cells that give the same numbers.
+    """
+    alike: dict[Hashable, list[Mapping[str, Scalar]]] = {}
+    for cell, key in zip(cells, same, strict=True):
+        alike.setdefault(key, []).append(cell)
+    if len(alike) == len(cells):
+        return []
+    notes, told = [], set()
+    for factor in grid:
+        # value -> what it gives together with each choice of the other factors
+        given: dict[Scalar, list[Hashable]] = {}
+        for cell, key in zip(cells, same, strict=True):
+            given.setdefault(cell[factor], []).append(key)
+        classes: dict[tuple[Hashable, ...], list[Scalar]] = {}
+        for value, keys in given.items():
+            classes.setdefault(tuple(keys), []).append(value)
+        for equal in classes.values():
+            if len(equal) > 1:
+                *some, last = map(_shown, equal)
+                notes.append(f"{factor}: {', '.join(some)} and {last} give the same trials; {RUN_ONCE}")
+                told |= {(factor, value) for value in equal[1:]}
+    rest = [
+        (own, first)
+        for first, *others in alike.values()
+        for own in others
+        if not any((factor, own[factor]) in told for factor in grid)
+    ]
+    if rest:
+        own, first = ({factor: cell[factor] for factor in grid} for cell in rest[0])
+        like = "1 more cell is" if len(rest) == 2 else f"{len(rest) - 1} more cells are"
+        more = f", and {like} like this" if len(rest) > 1 else ""
+        notes.append(f"{shown_cell(own)} gives the same trials as {shown_cell(first)}{more}; {RUN_ONCE}")
+    return notes
 
 
 def _with_files(
-    run_trial: RunTrial, reference: str | None, cells: Sequence[Mapping[str, Scalar]]
-) -> RunTrial:
-    """``run_trial`` with what other processes need of the user's files: an experiment, parts of a trial."""
+    run_trials: RunTrials, reference: str | None, cells: Sequence[Mapping[str, Scalar]]
+) -> RunTrials:
+    """``run_trials`` with what other processes need of the user's files: an experiment, parts of a trial."""
     if reference is not None:
-        run_trial = partial(_run_from_file, run_trial, reference)
+        run_trials = partial(_run_from_file, run_trials, reference)
     code = code_in(value for cell in cells for value in cell.values())
-    return partial(_run_with_code, run_trial, code) if code else run_trial
+    return partial(_run_with_code, run_trials, code) if code else run_trials
 
 
-def _run_with_code(run_trial: RunTrial, code: Mapping[str, Source], spec: TrialSpec) -> TrialResult:
+def _run_with_code(
+    run_trials: RunTrials, code: Mapping[str, Source], specs: Sequence[TrialSpec]
+) -> Sequence[TrialResult | Exception]:
     take_sources(code)
-    return run_trial(spec)
+    return run_trials(specs)
 
 
-def _run_from_file(run_trial: RunTrial, reference: str, spec: TrialSpec) -> TrialResult:
-    """A trial whose experiment is in a file: its spec has the file's name alone, the same on any machine."""
-    return run_trial(replace(spec, experiment=reference))
+def _run_from_file(
+    run_trials: RunTrials, reference: str, specs: Sequence[TrialSpec]
+) -> Sequence[TrialResult | Exception]:
+    """Trials whose experiment is in a file: specs have the file's name alone, the same on any machine."""
+    return run_trials([replace(spec, experiment=reference) for spec in specs])
 
 
 def _file_and_name(experiment: str) -> tuple[Path | None, str]:

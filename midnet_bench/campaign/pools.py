@@ -8,7 +8,7 @@ import shutil
 import signal
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 from typing import Protocol
@@ -19,11 +19,11 @@ from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from midnet_bench.campaign.signals import held_back
-from midnet_bench.campaign.trial import RunTrial, TrialSpec
+from midnet_bench.campaign.trial import RunTrials, TrialSpec
 from midnet_bench.campaign.worker import (
     HARD_LIMIT_S,
     Outcome,
-    attempt,
+    attempt_together,
     marked,
     prepare_worker,
 )
@@ -41,11 +41,16 @@ IDLE_S = 300.0
 """after so long without a trial a worker ends; the next campaign of this process finds it before that"""
 
 
+Group = Sequence[TrialSpec]
+"""trials of one seed that run together; a trial alone is one too"""
+
+
 class WorkersLost(Exception):
     """Workers died. What they were running is known; outcomes handed out before stay as they are.
 
     Attributes:
-        in_flight: trial id -> the stack at the hard time limit, empty if the worker died otherwise.
+        in_flight: trial id, one of a group's -> the stack at the hard time limit, empty if the worker died
+            otherwise.
     """
 
     def __init__(self, reason: str, in_flight: dict[str, str]) -> None:
@@ -61,11 +66,11 @@ class Pool(Protocol):
         """How many trials it runs at a time, as far as it knows."""
 
     def outcomes(
-        self, run_trial: RunTrial, specs: Iterator[TrialSpec], limit_s: float, one_at_a_time: bool
+        self, run_trials: RunTrials, groups: Iterator[Group], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
-        """The outcomes of ``specs`` as they finish, in any order. Raises WorkersLost.
+        """The outcomes of all trials in ``groups`` as they finish, in any order. Raises WorkersLost.
 
-        No more of ``specs`` are read than the workers need; there is one at least.
+        No more of ``groups`` are read than the workers need; there is one at least.
         Closing the iterator abandons what is running.
         """
 
@@ -101,20 +106,20 @@ class LokyPool:
         return self._jobs
 
     def outcomes(
-        self, run_trial: RunTrial, specs: Iterator[TrialSpec], limit_s: float, one_at_a_time: bool
+        self, run_trials: RunTrials, groups: Iterator[Group], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
         """See :meth:`Pool.outcomes`."""
         with _safe_path():
-            yield from self._outcomes(run_trial, specs, limit_s, one_at_a_time)
+            yield from self._outcomes(run_trials, groups, limit_s, one_at_a_time)
 
     def _outcomes(
-        self, run_trial: RunTrial, specs: Iterator[TrialSpec], limit_s: float, one_at_a_time: bool
+        self, run_trials: RunTrials, groups: Iterator[Group], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
         prepare_folder()  # before the workers start, so that they share it
         shutil.rmtree(self._marks, ignore_errors=True)  # of a process that was killed
         self._marks.mkdir(parents=True)
-        first = list(itertools.islice(specs, 1 if one_at_a_time else self._jobs))
-        workers, remaining = len(first), itertools.chain(first, specs)
+        first = list(itertools.islice(groups, 1 if one_at_a_time else self._jobs))
+        workers, remaining = len(first), itertools.chain(first, groups)
         # not joblib.Parallel: for one job it would run the trials inside this process, where a crash ends
         # the campaign
         try:
@@ -133,19 +138,22 @@ class LokyPool:
                 f"no worker process can be started, since /dev/shm cannot be used ({error.strerror}):"
                 " trials run in this process, one at a time"
             )
-            yield from (attempt(run_trial, spec, limit_s, None) for spec in remaining)
+            for group in remaining:
+                yield from attempt_together(run_trials, group, limit_s, None)
             return
         # A worker that has grown by 300 MB leaves after its trial, and loky starts another one. It warns of
         # that in the thread that looks after the workers: noise for users, and where warnings are errors it
         # ends that thread, and every trial waits for ever.
         warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
-        running: set[Future[Outcome]] = set()
+        running: set[Future[list[Outcome]]] = set()
 
         def submit(count: int) -> None:
-            for spec in itertools.islice(remaining, count):
+            for group in itertools.islice(remaining, count):
                 try:
                     with held_back():  # what is submitted is known, and it may start a worker
-                        running.add(executor.submit(attempt, run_trial, spec, limit_s, self._marks))
+                        running.add(
+                            executor.submit(attempt_together, run_trials, group, limit_s, self._marks)
+                        )
                 except (
                     OSError,
                     UnboundLocalError,
@@ -159,9 +167,9 @@ class LokyPool:
                 done, _ = wait(running, LOOK_S, FIRST_COMPLETED)
                 watch.look()
                 for future in done:
-                    outcome = future.result()
+                    outcomes = future.result()
                     running.remove(future)
-                    yield outcome
+                    yield from outcomes
                 submit(len(done))
         except BrokenProcessPool as error:
             raise WorkersLost(str(error).splitlines()[0], marked(self._marks)) from error
@@ -223,7 +231,9 @@ def _safe_path() -> Iterator[None]:
             os.environ["PYTHONSAFEPATH"] = before
 
 
-def abandoning_quietly(outcomes: Generator[Outcome, None, None]) -> Generator[Outcome, None, None]:
+def abandoning_quietly(
+    outcomes: Generator[list[Outcome], None, None],
+) -> Generator[list[Outcome], None, None]:
     """``outcomes``; when closed early, its workers are stopped without joblib's warning about lost work."""
     try:
         for outcome in outcomes:  # noqa: UP028 - yield from would close them before the finally

@@ -18,7 +18,7 @@ from midnet_bench.campaign.pools import LokyPool, Pool, WorkersLost, check_optio
 from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.provenance import Provenance, collect, versions_note
 from midnet_bench.campaign.signals import interruptible
-from midnet_bench.campaign.trial import RunTrial, TrialSpec
+from midnet_bench.campaign.trial import RunTrials, TrialSpec
 from midnet_bench.campaign.unfinished import Unfinished, unfinished
 from midnet_bench.campaign.worker import HARD_LIMIT_S, Outcome
 from midnet_bench.errors import InputError, MidnetBenchError
@@ -187,7 +187,7 @@ def _add_trials(
     try:
         with interruptible():
             limit_s = campaign.campaign.trial_timeout_s
-            _run(pool, campaign.run_trial, missing, limit_s, keep, progress.note)
+            _run(pool, campaign.run_trials, missing, limit_s, keep, progress.note)
     except KeyboardInterrupt as interrupt:
         store.refuse_if_gone()
         raise Interrupted(
@@ -227,7 +227,7 @@ def _pool(
 
 def _run(
     pool: Pool,
-    run_trial: RunTrial,
+    run_trials: RunTrials,
     missing: Unfinished,
     limit_s: float,
     keep: Callable[[TrialSpec, Outcome], None],
@@ -235,8 +235,8 @@ def _run(
 ) -> None:
     """Hands every trial's outcome to ``keep``, whatever happens to the workers.
 
-    A worker that dies does not tell which trial did it. So those that were running are repeated one at
-    a time, and the one with which a worker dies again has failed.
+    A worker that dies does not tell which trial did it. So those that were running, and those that shared
+    a simulation with them, are repeated one at a time, and the one with which a worker dies again has failed.
     """
     suspects = Unfinished()
     losses_in_vain = 0
@@ -244,7 +244,7 @@ def _run(
         alone = bool(suspects)
         batch = suspects if alone else missing
         try:
-            outcomes = pool.outcomes(run_trial, iter(batch), limit_s, one_at_a_time=alone)
+            outcomes = pool.outcomes(run_trials, iter(batch), limit_s, one_at_a_time=alone)
             with contextlib.closing(outcomes):
                 for outcome in outcomes:
                     keep(batch.take(outcome.trial_id), outcome)
@@ -257,6 +257,11 @@ def _run(
             if losses_in_vain == MAX_LOSSES_IN_VAIN:
                 raise MidnetBenchError(f"workers die before they begin a trial: {lost}") from lost
             for trial_id, stack in in_flight.items():
+                together = batch.group_of(trial_id)
+                if len(together) > 1:
+                    for spec in together:
+                        suspects.add(batch.take(spec.trial_id))
+                    continue
                 spec = batch.take(trial_id)
                 if stack.startswith("Timeout"):
                     failure = (

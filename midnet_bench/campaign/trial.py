@@ -2,9 +2,10 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 from midnet_bench.settings import Scalar as Scalar
 
@@ -68,5 +69,25 @@ class TrialResult:
     simulated_s: float
 
 
-RunTrial = Callable[[TrialSpec], TrialResult]
-"""What runs one trial: a pure function of the spec."""
+RunTrials = Callable[[Sequence[TrialSpec]], Sequence[TrialResult | Exception]]
+"""What runs trials of one seed that may share a simulation: each gives what it gives alone, or why it failed.
+
+A pure function of the specs; what it raises has nothing to do with one trial more than with another.
+"""
+
+
+def run_alone(run_trials: RunTrials, spec: TrialSpec) -> TrialResult:
+    """One trial by itself. Raises what it failed by."""
+    (result,) = run_trials([spec])
+    if isinstance(result, Exception):
+        raise result
+    return result
+
+
+class Sharing(NamedTuple):
+    """What tells which trials of one seed have work in common."""
+
+    together: Hashable
+    """trials that agree in it share one simulation"""
+    same: Hashable
+    """trials that agree in it give the same numbers; they agree in ``together`` too"""

@@ -9,14 +9,14 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
 from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.signals import SIGNALS_TO_END
-from midnet_bench.campaign.trial import RunTrial, TrialSpec
+from midnet_bench.campaign.trial import RunTrials, TrialResult, TrialSpec, run_alone
 
 HARD_LIMIT_S = 2.0
 """native code that goes on this long after the time limit is ended together with its process"""
@@ -50,7 +50,49 @@ def prepare_worker(parent_pid: int) -> None:
     threading.Thread(target=leave_with_parent, daemon=True).start()
 
 
-def attempt(run_trial: RunTrial, spec: TrialSpec, limit_s: float, marks: Path | None) -> Outcome:
+def attempt_together(
+    run_trials: RunTrials, specs: Sequence[TrialSpec], limit_s: float, marks: Path | None
+) -> list[Outcome]:
+    """The outcomes of trials that share a simulation, each as :func:`attempt` would have it.
+
+    Each gets an equal part of the wall time. Where they cannot be run together, or not within the time limit
+    of one trial, each is run alone.
+    """
+    if len(specs) == 1:
+        return [attempt(run_trials, specs[0], limit_s, marks)]
+    start_s = time.perf_counter()
+    results = []
+    with _mark(marks, specs[0].trial_id) as stack_file:
+        try:
+            with _time_limit(limit_s, stack_file):
+                _use_one_thread()
+                results = [_packed(result) for result in run_trials(specs)]
+        except KeyboardInterrupt:
+            raise
+        except BaseException:  # whoever it is about, meets it again alone
+            faulthandler.cancel_dump_traceback_later()
+    if not results:
+        return [attempt(run_trials, spec, limit_s, marks) for spec in specs]
+    wall_s = (time.perf_counter() - start_s) / len(specs)
+    return [
+        Outcome(spec.trial_id, wall_s, failure=packed)
+        if isinstance(packed, str)
+        else Outcome(spec.trial_id, wall_s, *packed)
+        for spec, packed in zip(specs, results, strict=True)
+    ]
+
+
+def _packed(result: TrialResult | Exception) -> tuple[float, bytes] | str:
+    """A trial's simulated time and its tables ready to store; or why it failed."""
+    try:
+        if isinstance(result, Exception):
+            raise result
+        return float(result.simulated_s), encode_tables(result)
+    except Exception:
+        return traceback.format_exc().strip()
+
+
+def attempt(run_trials: RunTrials, spec: TrialSpec, limit_s: float, marks: Path | None) -> Outcome:
     """The outcome of one trial; no exception leaves it but Ctrl-C's.
 
     While the trial runs, a file named by it and by the process stands in ``marks``, so that the parent knows
@@ -62,7 +104,7 @@ def attempt(run_trial: RunTrial, spec: TrialSpec, limit_s: float, marks: Path | 
         try:
             with _time_limit(limit_s, stack_file):
                 _use_one_thread()
-                result = run_trial(spec)
+                result = run_alone(run_trials, spec)
                 payload = encode_tables(result)
         except KeyboardInterrupt:  # workers never hear it: this is the campaign's own process
             raise

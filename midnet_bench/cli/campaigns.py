@@ -13,7 +13,7 @@ from midnet_bench.cli import completion, messages, options
 from midnet_bench.cli.app import command
 
 if TYPE_CHECKING:
-    from midnet_bench.campaign.definition import Campaign
+    from midnet_bench.campaign.definition import Campaign, Values
     from midnet_bench.campaign.runner import CampaignOutcome, Plan
 
 MAX_REASONS = 5
@@ -67,7 +67,6 @@ def detection(
             "robots": _integers(robots, "--robots"),
             "frames": frames,
             "arena": arena,
-            **campaign.parts,
         },
         seeds,
         seed,
@@ -116,7 +115,6 @@ def labyrinth(
             "robots": _integers(robots, "--robots"),
             "arena": arena,
             "pursuit": pursuit,
-            **campaign.parts,
         },
         trials,
         seed,
@@ -157,11 +155,8 @@ def run(
     from midnet_bench.campaign.definition import load_campaign, override
     from midnet_bench.workflows.campaigns import campaign_file
 
-    parts = {**campaign.parts, "pursuit": pursuit}
-    named = {option: value for option, value in parts.items() if value is not None}
-    settings = {**named, **options.settings_with(named, campaign.settings, campaign.map_file)}
     written = load_campaign(campaign_file(file))
-    _run(override(written, settings, trials=trials, base_seed=seed), campaign)
+    _run(override(written, campaign.sweep({"pursuit": pursuit}), trials=trials, base_seed=seed), campaign)
 
 
 @command("Campaigns", example="midnet-bench campaigns")
@@ -180,30 +175,17 @@ def campaigns(as_json: options.Json = False) -> None:
 
 def _run_packaged(
     name: str,
-    named: "Mapping[str, int | str | list[int] | None]",
+    named: "Mapping[str, Values]",
     trials: int | None,
     seed: int | None,
     chosen: options.Campaign,
 ) -> None:
-    """Run a packaged campaign with what the command line changes: lists are values of the grid."""
-    from midnet_bench.campaign.definition import load_campaign, parse_campaign
+    """Run a packaged campaign with what the command line changes."""
+    from midnet_bench.campaign.definition import load_campaign, override
     from midnet_bench.workflows.campaigns import packaged_campaigns
 
-    settings = options.settings_with(named, chosen.settings, chosen.map_file)
-    values = load_campaign(packaged_campaigns()[name]).model_dump()
-    given = {key: value for key, value in named.items() if value is not None}
-    for key, value in {**given, **settings}.items():
-        if isinstance(value, list):
-            values["grid"][key] = value
-        elif key in values["grid"]:
-            values["grid"][key] = [value]
-        else:
-            values["parameters"][key] = value
-    if trials is not None:
-        values["trials"] = trials
-    if seed is not None:
-        values["base_seed"] = seed
-    _run(parse_campaign(values, "command line"), chosen)
+    written = load_campaign(packaged_campaigns()[name])
+    _run(override(written, chosen.sweep(named), trials=trials, base_seed=seed), chosen)
 
 
 def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
@@ -215,6 +197,8 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
 
     directory = chosen.output or options.RESULTS / campaign.name
     resolved = resolve(campaign, registry)
+    for note in resolved.notes:
+        messages.log.info("note: %s", note)
     if chosen.dry_run:
         ahead = plan(
             resolved,
@@ -282,7 +266,7 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def _integers(text: str | None, option: str) -> list[int] | None:
+def _integers(text: str | None, option: str) -> "Values":
     from midnet_bench.errors import InputError
 
     if text is None:

@@ -3,13 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
 from midnet_bench.cli import completion
 
 if TYPE_CHECKING:
+    from midnet_bench.campaign.definition import Values
     from midnet_bench.campaign.trial import Scalar
 
 RESULTS = Path("results")
@@ -22,6 +23,16 @@ Settings = Annotated[
         "--set",
         metavar="KEY=VALUE",
         help="Set any parameter; 'midnet-bench parameters' lists them. May be repeated.",
+        autocompletion=completion.settings,
+    ),
+]
+Sweep = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Set any parameter; 'midnet-bench parameters' lists them. KEY=VALUE,VALUE runs each value. "
+        "May be repeated.",
         autocompletion=completion.settings,
     ),
 ]
@@ -58,6 +69,7 @@ Jobs = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
 
 _MESSAGES = "Messages"
+Given = TypeVar("Given")
 
 
 def _part(help: str) -> Any:
@@ -78,7 +90,7 @@ class Campaign:
     fusion: Annotated[str | None, _part("Who fuses the robots' boxes: paper")] = None
     patrol: Annotated[str | None, _part("Where idle guards go: paper")] = None
     map_file: Map = None
-    settings: Settings = None
+    settings: Sweep = None
     output: Annotated[
         Path | None,
         typer.Option(
@@ -105,8 +117,27 @@ class Campaign:
     ] = False
     as_json: Json = False
 
+    def sweep(self, named: "Mapping[str, Values]") -> "dict[str, Values]":
+        """What the command line asks for by key; several values make a factor of the grid.
+
+        Args:
+            named: what the command's own options gave; None if not given.
+
+        Raises:
+            InputError: a setting is no ``key=value``, or is given in two ways.
+        """
+        from midnet_bench.campaign.definition import parse_sweep, values_of
+
+        given: dict[str, Values] = {}
+        for key, value in {**named, **self._parts}.items():
+            if isinstance(value, str) and "," in value:
+                given[key] = values_of(value, f"--{key}")
+            elif value is not None:
+                given[key] = value
+        return given | _given_once(given, parse_sweep(self.settings or [], self.map_file))
+
     @property
-    def parts(self) -> dict[str, str | None]:
+    def _parts(self) -> dict[str, str | None]:
         """What stands behind the seams, by option; None if not given."""
         return {
             "engine": self.engine,
@@ -150,9 +181,14 @@ def settings_with(
         InputError: a setting is no ``key=value``, or an option of its own names the same parameter.
     """
     from midnet_bench.campaign.definition import parse_settings
+
+    return _given_once(named, parse_settings(settings or [], map_file))
+
+
+def _given_once(named: "Mapping[str, object]", parsed: "dict[str, Given]") -> "dict[str, Given]":
+    """``parsed``. Raises InputError if an option of its own names one of its keys."""
     from midnet_bench.errors import InputError
 
-    parsed = parse_settings(settings or [], map_file)
     for name, value in named.items():
         if name in parsed and value is not None:
             raise InputError(f"--set {name}: the command line gives '{name}' without --set too; give it once")

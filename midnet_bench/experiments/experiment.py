@@ -5,7 +5,7 @@ An experiment of your own is a Python file with such a record in it. A campaign 
 by an entry point of the group ``midnet_bench.experiments``.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -48,6 +48,13 @@ class Experiment:
     """the class of its parameters, a subclass of ``io.parameters.Parameters``; or a reference to it"""
     run: "Callable[[Any, int], TrialResult]"
     """(parameters, seed) -> the tables of one trial: a pure function, no file, no clock, no global state"""
+    effective: Callable[[Any], Hashable] | None = None
+    """parameters -> what of them a trial's numbers depend on: trials of one seed that agree in it are run
+    once; all of them unless given"""
+    motion: Callable[[Any], Hashable] | None = None
+    """parameters -> what trials of one seed have to agree in for ``run_together``"""
+    run_together: "Callable[[Sequence[Any], int], Sequence[TrialResult | Exception]] | None" = None
+    """([parameters], seed) -> of each what ``run`` gives, or raises, in one simulation"""
     columns: "Tables" = field(default_factory=dict)
     """the tables that ``run`` gives and what their columns hold; nothing is checked unless given"""
     tables: "Callable[[Results], Sequence[Table]]" = _nothing

@@ -1,7 +1,7 @@
 """The experiments by name: those of this package, of installed packages, and of a user's own files."""
 
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from midnet_bench.campaign.columns import check_tables, shown
 from midnet_bench.campaign.payload import VERSION
@@ -17,12 +17,13 @@ from midnet_bench.plugins import load_reference
 from midnet_bench.settings import leaves
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from midnet_bench.analysis.frames import Results
     from midnet_bench.campaign.columns import Tables
     from midnet_bench.campaign.definition import Definition
-    from midnet_bench.campaign.trial import TrialResult, TrialSpec
+    from midnet_bench.campaign.trial import Sharing, TrialResult, TrialSpec
     from midnet_bench.io.parameters import Parameters
 
 ENTRY_POINTS = "midnet_bench.experiments"
@@ -98,15 +99,61 @@ def parameters_model(name: str) -> "type[Parameters]":
     return experiment(name).model
 
 
-def run_trial(spec: "TrialSpec") -> "TrialResult":
-    """The tables of one trial, a pure function of ``spec``. Imports the simulator on first use.
+def sharing(name: str, parameters: "Parameters") -> "Sharing":
+    """What trials share with others of their seed. Raises InputError as :func:`experiment`."""
+    from midnet_bench.campaign.trial import Sharing
 
-    Raises:
-        ValueError: they are others than its experiment says; ``report`` would refuse them.
+    found = experiment(name)
+    same = parameters if found.effective is None else found.effective(parameters)
+    together = same if found.motion is None or found.run_together is None else found.motion(parameters)
+    return Sharing(together, same)
+
+
+def run_trials(specs: "Sequence[TrialSpec]") -> "list[TrialResult | Exception]":
+    """The tables of each trial, or why it failed: a pure function of ``specs``, which are of one seed.
+
+    Imports the simulator on first use. Those that give the same numbers are run once, those that share a
+    simulation run together. One whose tables are others than its experiment says has failed by ValueError;
+    ``report`` would refuse them.
     """
-    found = experiment(spec.experiment)
-    result = found.run(found.model.from_flat(spec.parameters), spec.seed)
-    check_tables(found.columns, VERSION, result.tables, spec.parameters)
+    found, seed = experiment(specs[0].experiment), specs[0].seed
+    parameters = [found.model.from_flat(spec.parameters) for spec in specs]
+    keys = [sharing(specs[0].experiment, one).same for one in parameters]
+    different = dict(zip(reversed(keys), reversed(parameters), strict=True))
+    results: Sequence[TrialResult | Exception]
+    if len(different) == 1 or found.run_together is None:
+        results = [_caught(found.run, one, seed) for one in different.values()]
+    else:
+        results = found.run_together(list(different.values()), seed)
+    by_key = dict(zip(different, results, strict=True))
+    return [_as_its_experiment_says(found, spec, by_key[key]) for spec, key in zip(specs, keys, strict=True)]
+
+
+def run_trial(spec: "TrialSpec") -> "TrialResult":
+    """One trial of :func:`run_trials`. Raises what it failed by."""
+    from midnet_bench.campaign.trial import run_alone
+
+    return run_alone(run_trials, spec)
+
+
+def _caught(
+    run: "Callable[[Any, int], TrialResult]", parameters: Any, seed: int
+) -> "TrialResult | Exception":
+    try:
+        return run(parameters, seed)
+    except Exception as error:
+        return error
+
+
+def _as_its_experiment_says(
+    found: Experiment, spec: "TrialSpec", result: "TrialResult | Exception"
+) -> "TrialResult | Exception":
+    if isinstance(result, Exception):
+        return result
+    try:
+        check_tables(found.columns, VERSION, result.tables, spec.parameters)
+    except ValueError as error:
+        return error
     return result
 
 

@@ -89,16 +89,16 @@ def _trial(contract: Contract, name: str) -> tuple[Any, Any]:
     )
     resolved = resolve(campaign, registry)
     (spec,) = resolved.trials()
-    return resolved.run_trial, spec
+    return resolved.run_trials, spec
 
 
 def _in_another_process(contract: Contract, name: str) -> tuple[bytes | None, list[str]]:
     """The tables of a short trial there, and what went wrong."""
-    run_trial, spec = _trial(contract, name)
+    run_trials, spec = _trial(contract, name)
     with tempfile.TemporaryDirectory() as folder:
         pool = LokyPool(1, Path(folder) / "marks")
         try:
-            with contextlib.closing(pool.outcomes(run_trial, iter([spec]), LIMIT_S, True)) as outcomes:
+            with contextlib.closing(pool.outcomes(run_trials, iter([[spec]]), LIMIT_S, True)) as outcomes:
                 (outcome,) = outcomes
         except WorkersLost as lost:
             return None, [f"it takes its process along: {lost}"]

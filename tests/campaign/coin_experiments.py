@@ -1,11 +1,13 @@
 """A tiny experiment that goes through the real engine: tossing coins, with ways to go wrong on demand."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from midnet_bench.campaign.trial import Sharing
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.parameters import Parameters
 from midnet_bench.settings import option
 from tests.campaign.coin_trial import run_trial as run_trial
+from tests.campaign.coin_trial import run_trials as run_trials
 
 
 @dataclass(frozen=True)
@@ -24,3 +26,8 @@ def parameters_model(experiment: str) -> type[CoinParameters]:
     if experiment != "coins":
         raise InputError(f"experiment: unknown name '{experiment}'{nearest_name(experiment, ['coins'])}")
     return CoinParameters
+
+
+def sharing(experiment: str, parameters: CoinParameters) -> Sharing:
+    """Coins of any bias are tossed once; none is below 0 or above 1."""
+    return Sharing(replace(parameters, bias=0.0, trouble=""), parameters)

@@ -3,20 +3,37 @@
 import ctypes
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from random import Random
 from typing import Any
 
-from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec
+from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec, run_alone
 from midnet_bench.errors import InputError
 
 HOARD: list[bytes] = []
 """what a worker never gives back"""
 
 
+def run_trials(specs: Sequence[TrialSpec]) -> list[TrialResult | Exception]:
+    """Whoever has the same coins shares their tosses, which take the time."""
+    time.sleep(max(float(spec.parameters["work_s"] or 0.0) for spec in specs))
+    return [_counted(spec) for spec in specs]
+
+
 def run_trial(spec: TrialSpec) -> TrialResult:
+    return run_alone(run_trials, spec)
+
+
+def _counted(spec: TrialSpec) -> TrialResult | Exception:
+    try:
+        return _tossed(spec)
+    except Exception as error:
+        return error
+
+
+def _tossed(spec: TrialSpec) -> TrialResult:
     parameters: dict[str, Any] = dict(spec.parameters)
-    time.sleep(parameters["work_s"])
     chance = Random(spec.seed)
     tosses = [chance.random() for _ in range(parameters["coins"])]
     heads = sum(toss < parameters["bias"] for toss in tosses)

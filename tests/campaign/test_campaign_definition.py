@@ -12,6 +12,7 @@ from midnet_bench.campaign.definition import (
     load_campaign,
     override,
     parse_settings,
+    parse_sweep,
     resolve,
 )
 from midnet_bench.errors import InputError
@@ -84,7 +85,6 @@ def test_every_cell_meets_the_same_seeds() -> None:
             f"  coins: {[*range(1, 1001)]}\n  work_s: {[*range(1000)]}\n  trouble_seed: {[*range(1000)]}",
             "grid: 3000000000 cells, and each is checked before the first trial; give at most 10000",
         ),
-        ("  coins: [1, 2]", "  coins: [1, 1.0]", "grid: the cell coins=1.0, bias=0 is there twice"),
         ("  coins: [1, 2]", "  table: [oak]", "parameters.table: also a factor of the grid"),
         ("  table: glass", "  tabel: glass", "parameters.tabel: unknown key; did you mean 'table'?"),
         ("  table: glass", "  work_s: -1", "parameters: work_s: Input should be greater"),
@@ -143,6 +143,61 @@ def test_a_setting_that_cannot_be_read_is_quoted(setting: str) -> None:
     with pytest.raises(InputError, match="--set") as caught:
         parse_settings([setting])
     assert setting in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("60,80, 99", [60, 80, 99]),
+        ("60", 60),
+        ("midnet,clusters(noise_m=0.02, min_returns=3)", ["midnet", "clusters(noise_m=0.02, min_returns=3)"]),
+        ("a(b=[1,2], c='x,y'),d", ["a(b=[1,2], c='x,y')", "d"]),
+        ("'one, two'", "one, two"),
+        ("'one, two',three", ["one, two", "three"]),
+        ("Peter's,Mary's", ["Peter's", "Mary's"]),
+        ('\'{"a": 1, "b": [2, 3]}\'', '{"a": 1, "b": [2, 3]}'),
+        ("a(b,c", "a(b,c"),
+        ("true,null", [True, None]),
+    ],
+)
+def test_commas_part_values_but_not_inside_brackets_and_quotes(text: str, values: object) -> None:
+    assert parse_sweep([f"key={text}"]) == {"key": values}
+
+
+@pytest.mark.parametrize("text", ["60,", ",60", "60,,80", "[1, 2],3"])
+def test_a_value_that_is_missing_between_commas_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="--set key="):
+        parse_sweep([f"key={text}"])
+
+
+def test_several_values_make_a_factor_behind_those_that_are_there() -> None:
+    campaign = Campaign(experiment="coins", grid={"coins": [1, 2]}, parameters={"bias": 0.1})
+
+    changed = override(campaign, {"bias": [0.2, 0.3], "coins": [4, 5, 6]})
+
+    assert changed.grid == {"coins": [4, 5, 6], "bias": [0.2, 0.3]}
+    assert changed.parameters == {}
+
+
+def test_a_value_given_twice_is_run_once_and_told() -> None:
+    campaign = Campaign(experiment="coins", grid={"coins": [1, 2, 1.0], "bias": [0.5]})
+
+    resolved = resolve(campaign, coins)
+
+    assert [cell["coins"] for cell in resolved.cells] == [1, 2]
+    assert resolved.definition.grid == {"coins": [1, 2], "bias": [0.5]}
+    assert resolved.notes == ["coins=1 is there 2 times; it is run once"]
+
+
+def test_values_that_give_the_same_trials_are_told() -> None:
+    grid: dict[str, list[Scalar]] = {"a": [1, 2, 3], "b": [1, 2]}
+    cells: list[dict[str, Scalar]] = [{"a": a, "b": b} for a in (1, 2, 3) for b in (1, 2)]
+
+    assert same_trials(grid, cells, list(range(6))) == []
+    (note,) = same_trials(grid, cells, [1, 2, 1, 2, 3, 4])
+    assert note.startswith("a: 1 and 2 give the same trials; they are run once")
+    (note,) = same_trials(grid, cells, [1, 1, 2, 3, 4, 4])
+    assert note.startswith("a=1, b=2 gives the same trials as a=1, b=1, and 1 more cell is like this; ")
 
 
 def test_a_setting_given_twice_is_refused() -> None:

@@ -32,7 +32,7 @@ def new(tmp_path: Path) -> Path:
     with open_or_create(path, CAMPAIGN.definition) as store:
         run_id = store.begin_run(collect(1))
         for spec in CAMPAIGN.trials():
-            store.record(run_id, spec, attempt(coins.run_trial, spec, 60.0, None))
+            store.record(run_id, spec, attempt(coins.run_trials, spec, 60.0, None))
         store.end_run(run_id)
     return path
 

@@ -131,7 +131,7 @@ def begun(campaign: ResolvedCampaign, workers: int) -> list[tuple[int, int]]:
     """(effort, seed) in the order in which the trials of a new campaign are begun."""
     nothing = Inventory({}, {}, {})
     efforts = dict(zip(map(id, campaign.cells), campaign.efforts, strict=True))
-    missing = list(unfinished(campaign, nothing, False, workers))
+    missing = [spec for group in unfinished(campaign, nothing, False, workers) for spec in group]
     assert {spec.trial_id for spec in missing} == {spec.trial_id for spec in campaign.trials()}
     return [(round(efforts[id(spec.parameters)]), spec.seed) for spec in missing]
 

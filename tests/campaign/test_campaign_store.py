@@ -26,7 +26,7 @@ def definition(campaign: Campaign = CAMPAIGN) -> Definition:
 def fill(store: Store, campaign: Campaign = CAMPAIGN) -> None:
     run_id = store.begin_run(collect(campaign.base_seed))
     for spec in reversed(list(resolve(campaign, coins).trials())):
-        store.record(run_id, spec, attempt(coins.run_trial, spec, 60.0, None))
+        store.record(run_id, spec, attempt(coins.run_trials, spec, 60.0, None))
     store.end_run(run_id)
 
 
@@ -72,7 +72,7 @@ def test_a_failure_is_kept_and_a_later_success_takes_its_place(filled: Path) -> 
         with pytest.raises(ValueError, match="has failed"):
             _ = failed.tables
 
-        store.record(1, spec, attempt(coins.run_trial, spec, 60.0, None))
+        store.record(1, spec, attempt(coins.run_trials, spec, 60.0, None))
         assert set(store.statuses().values()) == {"finished"}
         assert len(store.statuses()) == 12
 

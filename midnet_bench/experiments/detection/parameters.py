@@ -1,8 +1,9 @@
 """What the detection test lets a user set."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
+from midnet_bench.experiments.guarded import sharing
 from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.scoring.frame_counts import InRange, TruePositives
 from midnet_bench.settings import option
@@ -39,3 +40,21 @@ class DetectionParameters(GuardParameters):
         "An intruder's true box: the extent of its shape (extent), or that grown by the local costmap's "
         "inflation (inflated).",
     )
+
+
+def motion(parameters: DetectionParameters) -> DetectionParameters:
+    """What a world moves by: the parameters without those of detector, fusion and scoring."""
+    plain = DetectionParameters()
+    return replace(
+        sharing.motion(parameters),
+        in_range=plain.in_range,
+        require_line_of_sight=plain.require_line_of_sight,
+        tp_boxes=plain.tp_boxes,
+        truth_box=plain.truth_box,
+    )
+
+
+def effective(parameters: DetectionParameters) -> DetectionParameters:
+    """What a trial's numbers depend on; see :func:`sharing.effective`."""
+    # an inflated true box reaches as far as the threshold says, whatever cells there are
+    return sharing.effective(parameters, keep_thresh_local=parameters.truth_box == "inflated")

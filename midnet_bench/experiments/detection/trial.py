@@ -1,7 +1,8 @@
 """The detection test of section V.A: who is seen, frame by frame."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.elementary import directions
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
+from midnet_bench.experiments.guarded.detector_node import DetectorNode
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
@@ -26,6 +28,7 @@ from midnet_bench.scoring.frame_counts import (
     truths_in_range,
 )
 from midnet_bench.simulation.lidar import SOLID
+from midnet_bench.simulation.noise import NoiseBlocks
 
 ON_SURFACE_M = 0.05
 """A noisy return this near to a stationary intruder is one of its own; walls are farther off."""
@@ -48,6 +51,17 @@ class ScoredFrame:
     counts: FrameCounts
 
 
+class Judge:
+    """One detector of a trial, how its frames are scored, and what that remembers from frame to frame."""
+
+    def __init__(self, test: DetectionParameters, node: DetectorNode, sight: NoiseBlocks) -> None:
+        """For a trial that has not begun; ``sight``: the noise of the beams that ask who is in sight."""
+        self.test = test
+        self.node = node
+        self.sight = sight
+        self.causes = CauseCounter()
+
+
 class DetectionTrial(GuardedArena):
     """Map 1 in motion: guards patrol, mobile intruders wander, MIDNet looks on."""
 
@@ -63,33 +77,38 @@ class DetectionTrial(GuardedArena):
             for number, solid in enumerate(self.layout.stationary, 1)
         }
         self._goal_rngs = {robot.index: stream(seed, "goals", robot.name) for robot in self.intruders}
-        self._sight_noise = self.lidars.noise([stream(seed, "sight", guard.name) for guard in self.guards])
-        self._causes = CauseCounter()
+        self._own = self._judge(parameters, self.detector)
+        self.judges = list(map(self._judge, variants, self.variant_detectors))
+        """of each of the ``variants``"""
         for robot in self.intruders:
             robot.next_goal = self._random_goal
 
     def frames(self, explain: bool = False) -> Iterator[ScoredFrame]:
         """The trial's frames, each scored against where things are at its own instant."""
-        test = self._test
-        for number in range(1, test.frames + 1):
-            midnet = self.next_frame(explain)
-            truths = self.truths()
-            in_range = self.in_range(test)
-            match = match_frame(midnet.detections, truths)
-            counts = count_frame(midnet.detections, truths, in_range, test.tp_boxes, match)
-            yield ScoredFrame(number, midnet, truths, in_range, match, counts)
+        for number in range(1, self._test.frames + 1):
+            self.advance()
+            yield self.scored(number, self._own, explain)
 
-    def causes(self, frame: ScoredFrame) -> Causes:
+    def scored(self, number: int, judge: Judge, explain: bool = False) -> ScoredFrame:
+        """What a detector finds at this instant, the frame of that number; take each frame once, in order."""
+        test, midnet = judge.test, self.detected(judge.node, explain)
+        truths = self.truths(test)
+        in_range = self.in_range(test, judge.sight)
+        match = match_frame(midnet.detections, truths)
+        counts = count_frame(midnet.detections, truths, in_range, test.tp_boxes, match)
+        return ScoredFrame(number, midnet, truths, in_range, match, counts)
+
+    def causes(self, frame: ScoredFrame, judge: Judge) -> Causes:
         """Which of the paper's causes the errors of the newest frame had; take each frame once, in order."""
         opposite = None
         if frame.number % OPPOSITE_EVERY == 0 and len(self.guards) > 1:
-            opposite = self.detector.detect_in_opposite_order(self.observations(self.detector))
-        return self._causes.count(
+            opposite = judge.node.detect_in_opposite_order(self.observations(judge.node))
+        return judge.causes.count(
             frame.midnet.detections,
             frame.truths,
             frame.match.touched,
             frame.in_range,
-            self._all_in_sight,
+            partial(self._all_in_sight, judge),
             opposite,
         )
 
@@ -101,7 +120,7 @@ class DetectionTrial(GuardedArena):
         )
         return [truth._replace(box=truth.box.shrunk(-margin_m)) for truth in self._bodies()]
 
-    def in_range(self, test: DetectionParameters) -> list[bool]:
+    def in_range(self, test: DetectionParameters, sight: NoiseBlocks | None = None) -> list[bool]:
         """For each truth, whether not finding it now counts as a false negative (item 46).
 
         "Laser scan range" of section V.A is how far from the sensor a return is marked (item 7). It goes to
@@ -110,23 +129,42 @@ class DetectionTrial(GuardedArena):
         range_m = test.costmap.obstacle_range_m
         in_range = truths_in_range(self._bodies(), self.sensor_positions(), range_m, test.in_range)
         if test.require_line_of_sight:
-            in_range = [near and seen for near, seen in zip(in_range, self._in_sight(range_m), strict=True)]
+            seen = self._in_sight(range_m, sight or self._own.sight)
+            in_range = [near and is_seen for near, is_seen in zip(in_range, seen, strict=True)]
         return in_range
 
     def _bodies(self) -> list[TruthObject]:
         mobile = {robot.name: self.lidars.outline(robot.index) for robot in self.intruders}
         return [TruthObject(name, box, box.center) for name, box in (self._stationary | mobile).items()]
 
-    def _all_in_sight(self) -> list[bool]:
-        """For each truth, whether a beam meets it within range; True if others do not count."""
-        if self._test.require_line_of_sight:
-            return [True] * (len(self._stationary) + len(self.intruders))
-        return self._in_sight(self._test.costmap.obstacle_range_m)
+    def result(self, frames: Sequence[FrameCounts], causes: Sequence[Causes]) -> TrialResult:
+        """The tables of a trial that is over, from the counts of all its frames by one detector."""
+        rows: list[Row] = [{"frame": i + 1, **counts._asdict()} for i, counts in enumerate(frames)]
+        summed = total(frames)
+        scores: Row = {
+            "frames": len(frames),
+            **summed._asdict(),
+            **ratios(summed.tp, summed.fp, summed.fn)._asdict(),
+            **total_causes(causes)._asdict(),
+            "patrol_relaxations": self.patrol.relaxations,
+        }
+        tables = {"scores": [scores], "frames": rows, "robots": self.rows_of_robots()}
+        return TrialResult(tables, simulated_s=len(frames) / FRAME_HZ)
 
-    def _in_sight(self, range_m: float) -> list[bool]:
+    def _judge(self, test: DetectionParameters, node: DetectorNode) -> Judge:
+        rngs = [stream(self.seed, "sight", guard.name) for guard in self.guards]
+        return Judge(test, node, self.lidars.noise(rngs))
+
+    def _all_in_sight(self, judge: Judge) -> list[bool]:
+        """For each truth, whether a beam meets it within range; True if others do not count."""
+        if judge.test.require_line_of_sight:
+            return [True] * (len(self._stationary) + len(self.intruders))
+        return self._in_sight(judge.test.costmap.obstacle_range_m, judge.sight)
+
+    def _in_sight(self, range_m: float, sight: NoiseBlocks) -> list[bool]:
         """For each truth, whether a beam of some guard would meet it within range at this instant."""
         guards = [guard.index for guard in self.guards]
-        ranges_m, bodies = self.lidars.scan_and_bodies(guards, self._sight_noise)
+        ranges_m, bodies = self.lidars.scan_and_bodies(guards, sight)
         near = ranges_m <= range_m
         met = set(bodies[near].tolist())
         beams = self.world.poses()[guards, 2, None] + LDS_01.angles_rad
@@ -144,19 +182,33 @@ class DetectionTrial(GuardedArena):
 
 def run_detection(parameters: DetectionParameters, seed: int) -> TrialResult:
     """One trial: ``scores`` (one row, counts summed), ``frames`` and ``robots``."""
-    with DetectionTrial(parameters, seed) as trial:
-        frames, causes = [], []
-        for frame in trial.frames():
-            frames.append(frame.counts)
-            causes.append(trial.causes(frame))
-        rows: list[Row] = [{"frame": i + 1, **counts._asdict()} for i, counts in enumerate(frames)]
-        summed = total(frames)
-        scores: Row = {
-            "frames": len(frames),
-            **summed._asdict(),
-            **ratios(summed.tp, summed.fp, summed.fn)._asdict(),
-            **total_causes(causes)._asdict(),
-            "patrol_relaxations": trial.patrol.relaxations,
-        }
-        tables = {"scores": [scores], "frames": rows, "robots": trial.rows_of_robots()}
-        return TrialResult(tables, simulated_s=len(frames) / FRAME_HZ)
+    (result,) = run_together([parameters], seed)
+    if isinstance(result, Exception):
+        raise result
+    return result
+
+
+def run_together(tests: Sequence[DetectionParameters], seed: int) -> list[TrialResult | Exception]:
+    """Trials of equal ``motion`` in one simulation: the tables of each, or what its detector failed by."""
+    # the motion is anybody's; with the first one's costmap there is one less to keep
+    moving = replace(tests[0], detector="midnet", fusion="paper")
+    with DetectionTrial(moving, seed, tests) as trial:
+        frames: list[list[FrameCounts]] = [[] for _ in tests]
+        causes: list[list[Causes]] = [[] for _ in tests]
+        failures: dict[int, Exception] = {}
+        for number in range(1, moving.frames + 1):
+            trial.advance()
+            for place, judge in enumerate(trial.judges):
+                if place in failures:
+                    continue
+                try:
+                    frame = trial.scored(number, judge)
+                    causes[place].append(trial.causes(frame, judge))
+                    frames[place].append(frame.counts)
+                except Exception as error:  # other detectors' trials go on
+                    failures[place] = error
+            if len(failures) == len(tests):
+                break
+        return [
+            failures.get(place) or trial.result(frames[place], causes[place]) for place in range(len(tests))
+        ]

@@ -87,13 +87,21 @@ class GuardedArena(RobotTrial):
 
     def next_frame(self, explain: bool = False) -> Frame:
         """MIDNet's detections 0.2 s later."""
+        self.advance()
+        return self.detected(self.detector, explain)
+
+    def detected(self, node: DetectorNode, explain: bool = False) -> Frame:
+        """What one of this trial's detectors says now; take each instant once, in order."""
+        return node.detect(self.observations(node), self.fleet.time_s, explain)
+
+    def advance(self) -> None:
+        """Let 0.2 s pass, a frame."""
         for _ in range(self._frame_ticks):
             due = self.fleet.step()
             if self._uplink is not None:
                 self._uplink.send(due, self.fleet.time_s)
             if self._dying and self.fleet.time_s >= self.parameters.dying_after_s - 1e-9:
                 self._let_die()
-        return self.detector.detect(self.observations(self.detector), self.fleet.time_s, explain)
 
     def observations(self, node: DetectorNode) -> list[Observation]:
         """What one of this trial's detectors goes by now, of each guard."""

@@ -1,7 +1,8 @@
 """``DetectorNode``: from a map, poses and scans to MIDNet's boxes; it needs no simulator, arena or agent."""
 
 from collections.abc import Sequence
-from typing import Protocol
+from functools import cached_property
+from typing import Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,8 @@ from midnet_bench.midnet.pipeline import Frame, MIDNet, MIDNetSettings, Observat
 from midnet_bench.navigation.costmap import RollingCostmap, static_costs
 from midnet_bench.navigation.settings import CostmapSettings
 from midnet_bench.rivals.team import TeamDetector
+
+Number = TypeVar("Number", bound=np.generic)
 
 
 class DetectorSettings(Protocol):
@@ -60,16 +63,22 @@ class DetectorNode:
         """
         self.prior = binary_prior(prior_map, settings)
         self.midnet = MIDNet(self.prior, settings.midnet_settings)
+        self._settings, self._prior_map = settings, prior_map
         local_costmap = settings.local_costmap
-        self.team = TeamDetector(
-            self.midnet, prior_map, local_costmap.obstacle_range_m, settings.detector, settings.fusion
-        )
         self.costmaps = list(costmaps) or [
             RollingCostmap(local_costmap, prior_map.origin) for _ in range(robots)
         ]
         """by robot, map frame"""
         self.scans: list[Scan | None] = [None] * robots
         """by robot, the last one that :meth:`observe` took"""
+
+    @cached_property
+    def team(self) -> TeamDetector:
+        """The detector and the fusion. Made when they are first asked: what fails costs no other node."""
+        settings = self._settings
+        range_m = settings.local_costmap.obstacle_range_m
+        prior_map = self._prior_map.with_data(_fixed(self._prior_map.data))
+        return TeamDetector(self.midnet, prior_map, range_m, settings.detector, settings.fusion)
 
     def observe(
         self,
@@ -87,7 +96,12 @@ class DetectorNode:
         self.costmaps[robot].update(pose, pose.compose(lidar.mount), ranges_m, lidar, time_s)
 
     def detect(self, observations: Sequence[Observation], time_s: float, explain: bool = False) -> Frame:
-        """What the team detects now, of what each robot told; frames must come in order."""
+        """What the team detects now, of what each robot told; frames must come in order.
+
+        Another detector than MIDNet cannot write into what it is told: others may be told it too.
+        """
+        if self._settings.detector != "midnet":
+            observations = [_read_only(observation) for observation in observations]
         return self.team.update(observations, time_s, explain)
 
     def detect_in_opposite_order(self, observations: Sequence[Observation]) -> list[Box] | None:
@@ -115,6 +129,18 @@ def detector_nodes(
         nodes.append(DetectorNode(each, prior_map, robots, shared.get(each.local_costmap, ())))
         shared[each.local_costmap] = nodes[-1].costmaps
     return nodes
+
+
+def _read_only(told: Observation) -> Observation:
+    costmap = told.costmap.with_data(_fixed(told.costmap.data))
+    scan = told.scan and told.scan._replace(ranges_m=_fixed(told.scan.ranges_m))
+    return Observation(told.pose, costmap, scan)
+
+
+def _fixed(array: npt.NDArray[Number]) -> npt.NDArray[Number]:
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 def binary_prior(prior_map: OccupancyGrid, settings: DetectorSettings) -> OccupancyGrid:

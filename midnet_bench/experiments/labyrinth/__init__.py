@@ -9,6 +9,7 @@ LABYRINTH = Experiment(
     summary="Map 2, section V.B: which intruders are caught before they escape.",
     parameters="midnet_bench.experiments.labyrinth.parameters:LabyrinthParameters",
     run=later("midnet_bench.experiments.labyrinth.trial:run_labyrinth"),
+    effective=later("midnet_bench.experiments.guarded.sharing:effective"),
     columns=columns.LABYRINTH,
     tables=later("midnet_bench.experiments.labyrinth.tables:tables"),
     printed=("success_rate", "labyrinth_health", "labyrinth_speed"),
