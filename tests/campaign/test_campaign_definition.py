@@ -14,7 +14,9 @@ from midnet_bench.campaign.definition import (
     parse_settings,
     parse_sweep,
     resolve,
+    same_trials,
 )
+from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.grid import OccupancyGrid

@@ -1,0 +1,151 @@
+"""Detection trials in one simulation: the bytes that each has alone; and options that change nothing."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from midnet_bench.campaign.payload import encode_tables
+from midnet_bench.campaign.trial import TrialResult, TrialSpec, run_alone
+from midnet_bench.experiments.detection.parameters import DetectionParameters, effective, motion
+from midnet_bench.experiments.guarded import sharing
+from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
+from midnet_bench.experiments.registry import run_trials
+from midnet_bench.seams import PluginError
+
+VARIANTS: list[dict[str, Any]] = [
+    {},
+    {"thresh_local": 60},
+    {"thresh_global": 60, "require_line_of_sight": True},
+    {"obstacle_range_m": 1.5, "raytrace_range_m": 2.0, "in_range": "edge"},
+    {"local_map": "single_scan", "deflate_boxes": True},
+    {"detector": "clusters", "fusion": "tracks"},
+    {"detector": "background", "truth_box": "inflated"},
+    {"fusion": "components", "tp_boxes": "one_per_intruder"},
+]
+"""all of them move alike"""
+MINE = """
+class Scribbling:
+    def __init__(self, prior_map, range_m):
+        pass
+    def detect(self, team):
+        for robot in team:
+            if robot.scan is not None:
+                robot.scan.ranges_m[:] = 0.2
+        return [[] for _ in team]
+
+class Leaving:
+    def __init__(self, prior_map, range_m):
+        self.frames = 0
+    def detect(self, team):
+        self.frames += 1
+        if self.frames == 5:
+            raise RuntimeError("enough")
+        return [[] for _ in team]
+
+class Unmade:
+    def __init__(self, prior_map, range_m):
+        raise OSError("no lens")
+    def detect(self, team):
+        return []
+"""
+
+
+def specs(variants: list[dict[str, Any]], **common: Any) -> list[TrialSpec]:
+    base = {"engine": "fast", "robots": 3, "frames": 12, **common}
+    return [
+        TrialSpec("detection", DetectionParameters.of(**{**base, **one}).flat(), seed=5) for one in variants
+    ]
+
+
+def payload(result: TrialResult | Exception) -> bytes:
+    assert isinstance(result, TrialResult), result
+    return encode_tables(result)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("network", [{}, {"delay_s": 0.3, "loss": 0.2}])
+def test_trials_of_one_simulation_have_the_bytes_that_they_have_alone(network: dict[str, float]) -> None:
+    wanted = specs(VARIANTS, **network)
+    shared = [payload(result) for result in run_trials(wanted)]
+    assert len(set(shared)) > len(shared) // 2  # the variants differ
+    assert shared == [payload(run_alone(run_trials, spec)) for spec in wanted]
+    some = [5, 0, 2]
+    assert [payload(result) for result in run_trials([wanted[k] for k in some])] == [shared[k] for k in some]
+
+
+def test_a_detector_that_fails_costs_no_other_trial(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(MINE)
+    names = ("Scribbling", "Leaving", "Unmade")
+    wanted = specs([*({"detector": f"{tmp_path}/mine.py:{name}"} for name in names), {}])
+    *failed, sound = run_trials(wanted)
+    assert payload(sound) == payload(run_alone(run_trials, wanted[-1]))
+    for result, said in zip(failed, ("read-only", "enough", "no lens"), strict=True):
+        assert isinstance(result, PluginError)
+        assert said in str(result)
+    with pytest.raises(PluginError, match="enough"):
+        run_alone(run_trials, wanted[1])
+
+
+def test_what_moves_robots_is_not_shared() -> None:
+    base = DetectionParameters.of()
+    for changes in VARIANTS:
+        assert motion(DetectionParameters.of(**changes)) == motion(base), changes
+    for key, value in {
+        "robots": 2,
+        "patrol": "cyclic",
+        "frames": 5,
+        "resolution_m": 0.1,
+        "loss": 0.1,
+    }.items():
+        assert motion(DetectionParameters.of(**{key: value})) != motion(base), key
+
+
+@pytest.mark.parametrize(
+    ("same", "common"),
+    [
+        ([{"thresh_local": 97}, {"thresh_local": 98}], {}),
+        ([{"thresh_global": 30}, {"thresh_global": 31}], {}),
+        ([{"thresh_local": 20}, {"thresh_local": 90, "align": "origin"}], {"detector": "clusters"}),
+        ([{"iou_fuse": 0.1}, {"iou_fuse": 0.9}], {"fusion": "none", "robots": 3}),
+        ([{"iou_ally": 0.1}, {"ally_remove": "all", "ally_diameter_m": 0.2}], {}),
+        ([{"decay_s": 1.0}, {"decay_s": 2.0}], {"local_map": "persistent"}),
+    ],
+)
+def test_options_that_change_nothing_give_the_same_trial(
+    same: list[dict[str, Any]], common: dict[str, Any]
+) -> None:
+    one, other = (DetectionParameters.of(**common, **changes) for changes in same)
+    assert one != other
+    assert effective(one) == effective(other)
+    wanted = specs(same, **{"robots": 1, **common})
+    first, second = (payload(run_alone(run_trials, spec)) for spec in wanted)
+    assert first == second
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "common"),
+    [
+        ({"thresh_local": 99}, {"thresh_local": 60}, {}),
+        ({"thresh_local": 97}, {"thresh_local": 98}, {"truth_box": "inflated"}),
+        ({"thresh_local": 97}, {"thresh_local": 98}, {"deflate_boxes": True}),
+        ({"iou_fuse": 0.1}, {"iou_fuse": 0.9}, {"robots": 2}),
+        ({"iou_ally": 0.1}, {"iou_ally": 0.9}, {"robots": 2, "fusion": "none"}),
+        ({"decay_s": 1.0}, {"decay_s": 2.0}, {"local_map": "decay"}),
+        ({"obstacle_range_m": 1.0}, {"obstacle_range_m": 2.0}, {"detector": "clusters"}),
+    ],
+)
+def test_options_that_may_change_something_do_not(
+    first: dict[str, Any], second: dict[str, Any], common: dict[str, Any]
+) -> None:
+    one, other = (DetectionParameters.of(**common, **changes) for changes in (first, second))
+    assert effective(one) != effective(other)
+
+
+def test_a_threshold_stands_for_the_least_cost_from_there_on() -> None:
+    """Cells 5 cm apart cost 100, 99 up to 0.105 m from an obstacle, then 91 at 0.112 m, then 82 at 0.12 m."""
+    found = [
+        sharing.effective(LabyrinthParameters.of(thresh_local=thresh)).midnet.thresh_local
+        for thresh in (100, 99, 98, 92, 91, 90, 83)
+    ]
+    assert found == [100, 99, 99, 99, 91, 91, 91]
