@@ -66,11 +66,23 @@ def plot(
             "-o", "--output", metavar="DIR", help="Folder for the figures [default: the campaign's]."
         ),
     ] = None,
+    x: Annotated[
+        str | None,
+        typer.Option("--x", metavar="FACTOR", help="Draw scores over this numeric factor of the grid."),
+    ] = None,
+    y: Annotated[
+        str | None,
+        typer.Option(
+            "--y",
+            metavar="COLUMN",
+            help="Which score, such as f1, or another column (default the main scores).",
+        ),
+    ] = None,
 ) -> None:
     """Draw a campaign's figures as PNG and SVG from the stored trials, without simulating."""
     from midnet_bench.workflows.report import plot as draw
 
-    for file in draw(directory, output):
+    for file in draw(directory, output, x, y):
         typer.echo(file)
 
 
@@ -127,6 +139,22 @@ def compare(
             show_default=False,
         ),
     ] = None,
+    baseline: Annotated[
+        str | None,
+        typer.Option(
+            metavar="VALUE",
+            help="The factor's value that the others are compared with (default the first).",
+            show_default=False,
+        ),
+    ] = None,
+    fail_if_worse: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MEASURE",
+            help="Exit code 1 if this score, such as f1, is significantly worse than the first's.",
+            show_default=False,
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option("-o", "--output", metavar="DIR", help="Also write tables and figures into this folder."),
@@ -135,10 +163,17 @@ def compare(
 ) -> None:
     """Compare campaigns on the seeds they share: each score's difference, and the settings that differ."""
     from midnet_bench.workflows.compare import compare as compare_campaigns
+    from midnet_bench.workflows.compare import worse
 
-    show(*compare_campaigns(directories, output, by), as_json)
+    experiment, tables = compare_campaigns(directories, output, by, baseline)
+    found = [] if fail_if_worse is None else worse(experiment, tables, fail_if_worse)
+    show(experiment.name, tables, as_json)
     if output is not None and not as_json:
         messages.tell_where(output)
+    for line in found:
+        messages.log.error("%s", line)
+    if found:
+        raise typer.Exit(1)
 
 
 def present(directory: Path, as_json: bool, drawn_from: int = 1) -> bool:

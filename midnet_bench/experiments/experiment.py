@@ -66,7 +66,9 @@ class Experiment:
     claims: "Callable[[Results], Sequence[Finding]]" = _nothing
     """what a paper states, checked against the results, for ``verify``"""
     measures: "Callable[[Results], Measures] | None" = None
-    """the main scores, for ``compare``"""
+    """the main scores, for ``compare`` and ``plot --x``"""
+    lower_is_better: tuple[str, ...] = ()
+    """those of the main scores that are the better the lower they are"""
     ranked_by: tuple[str, ...] = ()
     """those of them that ``leaderboard`` ranks by"""
     comparison_tables: "Callable[[Mapping[str, Results]], Sequence[Table]]" = _nothing
@@ -80,6 +82,11 @@ class Experiment:
     demo: Callable[..., Any] | None = None
     """(parameters, seed) -> a context manager that gives a ``drawing.scene.Demo``, a trial for
     ``midnet-bench render``; None if there is nothing to draw"""
+
+    @property
+    def has_figures(self) -> bool:
+        """Whether it draws a campaign's results in a way of its own."""
+        return self.figures is not _no_figures
 
     @property
     def model(self) -> "type[Parameters]":

@@ -44,8 +44,8 @@ def check(thing: str) -> Checked:
     option, name = contract.seam.option, contract.seam.pinned(thing)
     if contract.seam.is_made_here(name):  # it is what all else is measured with
         return Checked(option, name, [], contract.frame_ms(name))
-    run_trial, spec = _trial(contract, next(iter(contract.seam.own)))
-    run_trial(spec)  # compiles what it needs: the limit of another process is for the code alone
+    run_trials, spec = _trial(contract, next(iter(contract.seam.own)))
+    run_trials([spec])  # compiles what it needs: the limit of another process is for the code alone
     elsewhere, faults = _in_another_process(contract, name)
     if faults:  # it hangs, fails or takes its process along
         return Checked(option, name, faults, None)

@@ -1,16 +1,17 @@
 """Campaigns of one experiment side by side: what differs, seed by seed."""
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from midnet_bench.analysis.differences import differences
 from midnet_bench.analysis.frames import Results, load_results
-from midnet_bench.analysis.statistics import MEAN_METHOD
+from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.definition import Definition
-from midnet_bench.errors import InputError
-from midnet_bench.experiments.experiment import Measures
+from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.experiments.experiment import Experiment, Measures
 from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.workflows.report import write_figures_of
 
@@ -21,24 +22,32 @@ MAX_SHOWN = 60
 
 
 def compare(
-    directories: Sequence[str | Path], output: str | Path | None = None, by: str | None = None
-) -> tuple[str, list[Table]]:
+    directories: Sequence[str | Path],
+    output: str | Path | None = None,
+    by: str | None = None,
+    baseline: str | None = None,
+) -> tuple[Experiment, list[Table]]:
     """Two or more campaigns of one experiment, on the seeds that they share with the first.
 
     Args:
         directories: of the campaigns.
         output: a folder for the tables and figures; nothing is written unless it is given.
-        by: a factor of the grid of the only campaign; then the parts with each of its values are compared.
+        by: a factor of the grid of the only campaign; then the parts with each of its values are compared,
+            by seed and by the other factors.
+        baseline: the value with which the others are compared; the first unless given.
 
     Returns:
-        The experiment's name, and its tables: those that the experiment adds, ``differences`` (of the main
+        The experiment, and its tables: those that the experiment adds, ``differences`` (of the main
         scores) and ``settings`` (which ones differ).
 
     Raises:
         InputError: they are not of one experiment, it has no main scores, one folder is given twice, a
-            campaign has no seed in common with the first, or ``by`` does not part the only campaign.
+            campaign has no seed in common with the first, ``by`` does not part the only campaign, or the
+            factor has no value ``baseline``.
     """
-    campaigns = _load(directories) if by is None else _parts(directories, by)
+    if by is None and baseline is not None:
+        raise InputError(f"compare: --baseline {baseline}: say by --by of which factor")
+    campaigns = _load(directories) if by is None else _parts(directories, by, baseline)
     names = list(campaigns)
     kinds = sorted({results.definition.experiment for results in campaigns.values()})
     record = experiment_of(campaigns[names[0]])
@@ -59,7 +68,31 @@ def compare(
         for table in tables:
             table.write(Path(output))
         write_figures_of(campaigns, Path(output))
-    return kinds[0], tables
+    return record, tables
+
+
+def worse(experiment: Experiment, tables: Sequence[Table], measure: str) -> list[str]:
+    """What is worse than the first campaign in a score, a line each; by the verdicts of ``differences``.
+
+    Raises:
+        InputError: the experiment has no such main score.
+    """
+    (rows,) = [table.rows for table in tables if table.name == "differences"]
+    known = list(dict.fromkeys(str(row["measure"]) for row in rows))
+    if measure not in known:
+        raise InputError(f"compare: --fail-if-worse {measure}: no such score{nearest_name(measure, known)}")
+    bad = "higher" if measure in experiment.lower_is_better else "lower"
+    found = []
+    for row in rows:
+        if row["measure"] == measure and row["verdict"] == bad:
+            (name,) = [key for key in list(row)[3:] if key not in COLUMNS]
+            change = row["difference"]
+            assert isinstance(change, Estimate)
+            found.append(
+                f"{measure} is worse: {name}, {row['trial']}: {change.value:+.3f}"
+                f" [{change.low:+.3f}, {change.high:+.3f}], p {row['p_holm']:.2g}"
+            )
+    return found
 
 
 def _load(directories: Sequence[str | Path]) -> dict[str, Results]:
@@ -67,14 +100,22 @@ def _load(directories: Sequence[str | Path]) -> dict[str, Results]:
     return {name: load_results(path, tables_of) for name, path in zip(names, directories, strict=True)}
 
 
-def _parts(directories: Sequence[str | Path], by: str) -> dict[str, Results]:
-    """The only campaign by the values of a factor, called ``factor=value``."""
+def _parts(directories: Sequence[str | Path], by: str, baseline: str | None) -> dict[str, Results]:
+    """The only campaign by the values of a factor, called ``factor=value``, the baseline first."""
     if len(directories) != 1:
         raise InputError(f"compare: --by {by} parts one campaign; give one folder")
     parts = load_results(directories[0], tables_of).by_value(by)
     if len(parts) == 1:
         raise InputError(f"{directories[0]}: '{by}' has one value only; there is nothing to compare")
-    return {f"{by}={value}": results for value, results in parts.items()}
+    names = list(parts)
+    if baseline is not None:
+        # code of one's own has a digest or a version behind it, which nobody wants to type
+        alike = [name for name in names if baseline in (name, re.split("[#@]", name)[0])]
+        if len(alike) != 1:
+            what = "several values are called so" if alike else "no such value"
+            raise InputError(f"compare: --baseline {baseline}: {what} of {by}{nearest_name(baseline, names)}")
+        names = [*alike, *(name for name in names if name not in alike)]
+    return {f"{by}={name}": parts[name] for name in names}
 
 
 def names_of(directories: Sequence[Path]) -> list[str]:

@@ -1,7 +1,7 @@
 """What is made of a campaign's results: CSV files, tables, figures."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,8 @@ from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.store import FILE_NAME, open_store
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.registry import experiment_of, tables_of
-from midnet_bench.io.files import write_atomically
+from midnet_bench.io.files import plain_name, write_atomically
+from midnet_bench.workflows.sweeps import sweep, sweeps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,6 +48,7 @@ def write_report(directory: str | Path, drawn_from: int = 1) -> tuple[Results, l
         table.write(directory)
     if results.finished >= drawn_from:
         _write_figures(record.figures(results), directory)
+        _write_sweeps(sweeps(results), directory)
     return results, tables
 
 
@@ -56,24 +58,44 @@ def printed(results: Results, tables: list[Table]) -> list[Table]:
     return [table for table in tables if not record.printed or table.name in record.printed]
 
 
-def plot(directory: str | Path, output: str | Path | None = None) -> list[Path]:
+def plot(
+    directory: str | Path, output: str | Path | None = None, x: str | None = None, y: str | None = None
+) -> list[Path]:
     """Draw a campaign's figures anew, from its results alone; the files written.
 
     Args:
         directory: of the campaign.
         output: a folder for the figures; the campaign's own unless given.
+        x: a numeric factor of the grid, for a figure of scores over it; see :func:`sweeps.sweep`.
+        y: the score.
 
     Raises:
-        InputError: there is no campaign, it is damaged, or its experiment has no figures.
+        InputError: there is no campaign, it is damaged, its experiment has no figures, or ``x`` and ``y``
+            are none.
     """
+    if y is not None and x is None:
+        raise InputError(f"plot: --y {y}: say by --x over which factor of the grid")
     results = load_results(directory, tables_of)
-    figures = experiment_of(results).figures(results)
-    if not figures:
+    folder = Path(output or directory)
+    if x is not None:
+        return _write_sweeps([sweep(results, x, y)], folder)
+    written = _write_figures(experiment_of(results).figures(results), folder)
+    written += _write_sweeps(sweeps(results), folder)
+    if not written:
         raise InputError(
             f"{directory}: no figures: a campaign of '{results.definition.experiment}'"
-            f" with {results.finished} finished trials"
+            f" with {results.finished} finished trials; --x draws scores over a factor of its grid"
         )
-    return _write_figures(figures, Path(output or directory))
+    return written
+
+
+def _write_sweeps(drawn: "Sequence[tuple[Table, Figure]]", directory: Path) -> list[Path]:
+    """Figures with their numbers beside them; the files written."""
+    written = []
+    for table, figure in drawn:
+        written += _write_figures({plain_name(table.name): figure}, directory)
+        written += table.write(directory, plain_name(table.name))
+    return written
 
 
 def write_figures_of(results: Mapping[str, Results], output: Path) -> list[Path]:
