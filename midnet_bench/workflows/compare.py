@@ -14,6 +14,7 @@ from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.experiment import Experiment, Measures
 from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.workflows.report import write_figures_of
+from midnet_bench.workflows.sweeps import scores_without
 
 COLUMNS = ("trial", "measure", "difference", "low", "high", "n", "seeds", "p_holm", "verdict", "setting")
 """of the tables, beside one for each campaign"""
@@ -56,7 +57,9 @@ def compare(
             "compare: give campaigns of one experiment that has main scores, such as detection or labyrinth, "
             f"not {' and '.join(kinds)}"
         )
-    measured = {name: record.measures(results) for name, results in campaigns.items()}
+    measured = {
+        name: scores_without(by or "", record.measures(results)) for name, results in campaigns.items()
+    }
     changes = differences_table(measured)
     for name in names[1:]:
         if not any(name in row for row in changes.rows):
@@ -88,9 +91,10 @@ def worse(experiment: Experiment, tables: Sequence[Table], measure: str) -> list
             (name,) = [key for key in list(row)[3:] if key not in COLUMNS]
             change = row["difference"]
             assert isinstance(change, Estimate)
+            place = ", ".join(filter(None, (name, str(row["trial"]))))
             found.append(
-                f"{measure} is worse: {name}, {row['trial']}: {change.value:+.3f}"
-                f" [{change.low:+.3f}, {change.high:+.3f}], p {row['p_holm']:.2g}"
+                f"{measure} is worse: {place}: {change.value:+.3f} [{change.low:+.3f}, {change.high:+.3f}],"
+                f" p {row['p_holm']:.2g}"
             )
     return found
 

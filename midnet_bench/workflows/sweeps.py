@@ -9,7 +9,7 @@ from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.experiments.experiment import Experiment
+from midnet_bench.experiments.experiment import Experiment, Measures
 from midnet_bench.experiments.registry import experiment_of
 
 if TYPE_CHECKING:
@@ -98,11 +98,19 @@ def _main_scores(record: Experiment, results: Results, x: str) -> Mapping[str, C
         return found
     for value in sorted(map(float, results.definition.grid[x])):  # type: ignore[arg-type]
         part = next(one for name, one in results.by_value(x).items() if float(name) == value)
-        for (cell, measure), by_seed in record.measures(part).items():
-            # cells are called by the size of their team first, which is on the axis here
-            label = re.sub(r"^\d+-robot(, )?", "", cell) if x == "robots" else cell
+        for (label, measure), by_seed in scores_without(x, record.measures(part)).items():
             found.setdefault(measure, {}).setdefault(label, {})[value] = by_seed
     return found
+
+
+def scores_without(factor: str, scores: Measures) -> Measures:
+    """The scores of a part of a campaign that has one value of ``factor``, whose cells are called by others.
+
+    The size of the team stands first in a cell's name, whether or not it is a factor.
+    """
+    if factor != "robots":
+        return scores
+    return {(re.sub(r"^\d+-robot(, )?", "", cell), measure): one for (cell, measure), one in scores.items()}
 
 
 def _columns(results: Results, x: str) -> Mapping[str, Curves]:

@@ -64,7 +64,7 @@ def payload(result: TrialResult | Exception) -> bytes:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("network", [{}, {"delay_s": 0.3, "loss": 0.2}])
+@pytest.mark.parametrize("network", [{}, {"message_delay_s": 0.3, "message_loss": 0.2}])
 def test_trials_of_one_simulation_have_the_bytes_that_they_have_alone(network: dict[str, float]) -> None:
     wanted = specs(VARIANTS, **network)
     shared = [payload(result) for result in run_trials(wanted)]
@@ -88,17 +88,18 @@ def test_a_detector_that_fails_costs_no_other_trial(tmp_path: Path) -> None:
 
 
 def test_what_moves_robots_is_not_shared() -> None:
-    base = DetectionParameters.of()
+    exact = {"prior_map": "exact"}
+    base = DetectionParameters.of(**exact)
     for changes in VARIANTS:
-        assert motion(DetectionParameters.of(**changes)) == motion(base), changes
+        assert motion(DetectionParameters.of(**exact, **changes)) == motion(base), changes
     for key, value in {
         "robots": 2,
         "patrol": "cyclic",
         "frames": 5,
         "resolution_m": 0.1,
-        "loss": 0.1,
+        "message_loss": 0.1,
     }.items():
-        assert motion(DetectionParameters.of(**{key: value})) != motion(base), key
+        assert motion(DetectionParameters.of(**exact, **{key: value})) != motion(base), key
 
 
 @pytest.mark.parametrize(

@@ -4,9 +4,9 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.analysis.tables import Table
-from midnet_bench.campaign.trial import Scalar
+from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.errors import InputError
-from midnet_bench.workflows.compare import compare, names_of
+from midnet_bench.workflows.compare import compare, names_of, worse
 from tests.stores import detection_store, labyrinth_store
 
 SMALL = {"intruders": [1, 2], "robots": [1, 2]}
@@ -62,6 +62,49 @@ def test_the_values_of_a_factor_are_paired_by_seed(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=told):
             compare(folders, by=by)
+
+
+SIZES = {
+    robots: {
+        seed: (0.9, 0.5, f1 + 0.01 * (seed % 3) + 0.002 * (robots == 2) * (seed % 4)) for seed in range(1, 11)
+    }
+    for robots, f1 in ((1, 0.7), (2, 0.6), (3, 0.7))
+}
+"""f1 by team size"""
+
+
+def test_the_values_of_a_factor_are_compared_with_the_baseline(tmp_path: Path) -> None:
+    folder = detection_store(tmp_path / "sizes", SIZES)
+    experiment, tables = compare([folder], by="robots", baseline="3")
+    (table,) = [one for one in tables if one.name == "differences"]
+    rows = [row for row in table.rows if row["measure"] == "f1"]
+    assert [list(row)[3] for row in rows] == ["robots=1", "robots=2"]
+    assert all(list(row)[2] == "robots=3" for row in rows)
+    (line,) = worse(experiment, tables, "f1")
+    assert line.startswith("f1 is worse: robots=2: -0.097 [")
+    assert worse(experiment, tables, "precision") == []
+    for measure, told in (("f2", "no such score; .* f1"), ("frames", "no such score")):
+        with pytest.raises(InputError, match=f"--fail-if-worse {measure}: {told}"):
+            worse(experiment, tables, measure)
+
+
+def test_gospa_is_worse_when_it_is_higher(tmp_path: Path) -> None:
+    def counted(robots: int, seed: int) -> Row:
+        return {"gospa_m": 5.0 * robots + 0.1 * (seed % 3) * robots}
+
+    folder = detection_store(tmp_path / "sizes", SIZES, counted=counted)
+    for baseline, expected in (("1", ["robots=2", "robots=3"]), ("3", [])):
+        experiment, tables = compare([folder], by="robots", baseline=baseline)
+        lines = worse(experiment, tables, "gospa_per_frame_m")
+        assert [line.split(": ")[1] for line in lines] == expected
+
+
+def test_a_baseline_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    folder = detection_store(tmp_path / "sizes", SIZES)
+    with pytest.raises(InputError, match="--baseline 4: no such value of robots"):
+        compare([folder], by="robots", baseline="4")
+    with pytest.raises(InputError, match="--baseline 4: say by --by of which factor"):
+        compare([folder, folder], baseline="4")
 
 
 def test_a_verdict_says_which_campaign_is_higher(tmp_path: Path) -> None:

@@ -1,0 +1,106 @@
+"""Scores over a numeric factor: numbers, what is drawn by itself, and what cannot be drawn."""
+
+import csv
+import math
+from pathlib import Path
+
+import pytest
+
+from midnet_bench.analysis.frames import load_results
+from midnet_bench.analysis.statistics import Estimate
+from midnet_bench.campaign.trial import Scalar
+from midnet_bench.errors import InputError
+from midnet_bench.workflows.report import plot, write_report
+from midnet_bench.workflows.sweeps import sweep
+from tests.stores import detection_store, labyrinth_store
+
+SCORES = {
+    robots: {seed: (0.9, 0.5, 0.1 * robots + 0.01 * seed) for seed in (1, 2, 3, 4)} for robots in (4, 1, 2)
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return detection_store(tmp_path / "sizes", SCORES)
+
+
+def test_a_curve_has_the_means_over_seeds_in_the_factor_s_order(folder: Path) -> None:
+    table, figure = sweep(load_results(folder), "robots", "f1")
+    assert table.name == "f1_by_robots"
+    assert [row["robots"] for row in table.rows] == [1.0, 2.0, 4.0]
+    for row in table.rows:
+        found, robots = row["mean"], row["robots"]
+        assert isinstance(found, Estimate)
+        assert isinstance(robots, float)
+        assert found.value == pytest.approx(0.1 * robots + 0.025)
+        assert found.low < found.value < found.high
+        assert found.n == 4
+    (axes,) = figure.axes
+    (line,) = axes.lines
+    assert line.get_xydata()[:, 0].tolist() == [1.0, 2.0, 4.0]
+    dots = axes.collections[-1].get_offsets()
+    assert len(dots) == 12
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("robots", "f1")
+
+
+def test_a_column_of_a_table_can_be_drawn_and_stays_in_its_range(folder: Path) -> None:
+    table, _ = sweep(load_results(folder), "robots", "fp")
+    assert {row["mean"] for row in table.rows if isinstance(row["mean"], Estimate)} != set()
+    assert all(row["mean"].value == 2.0 for row in table.rows if isinstance(row["mean"], Estimate))
+
+
+def test_the_other_factors_have_a_line_each(tmp_path: Path) -> None:
+    grid: dict[str, list[Scalar]] = {"intruders": [1, 2, 3], "robots": [1, 2]}
+    labyrinth_store(
+        tmp_path / "campaign.sqlite", lambda i, r, s: (s + r) % (i + 1), seeds=4, grid=grid
+    ).close()
+    table, figure = sweep(load_results(tmp_path), "intruders", "success_rate")
+    assert [row["cell"] for row in table.rows] == ["robots=1"] * 3 + ["robots=2"] * 3
+    assert len(figure.axes[0].lines) == 2
+    for row in table.rows:
+        assert isinstance(row["mean"], Estimate)
+        assert math.isnan(row["mean"].high) or row["mean"].high <= 100.0
+
+
+def test_a_factor_of_three_values_is_drawn_by_itself_with_its_numbers(folder: Path, tmp_path: Path) -> None:
+    write_report(folder)
+    assert (folder / "scores_by_robots.png").exists()
+    with (folder / "scores_by_robots.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["measure", "cell", "robots", "mean", "low", "high", "seeds"]
+    assert {row["measure"] for row in rows} >= {"precision", "recall", "f1", "gospa_per_frame_m"}
+    few = detection_store(tmp_path / "few", {size: SCORES[size] for size in (1, 2)})
+    write_report(few)
+    assert not list(few.glob("scores_by_robots*"))
+    with pytest.raises(InputError, match=r"no figures: .* --x draws scores over a factor"):
+        plot(few)
+    names = [path.name for path in plot(few, tmp_path / "figures", "robots", "recall")]
+    assert names[:3] == ["recall_by_robots.png", "recall_by_robots.svg", "recall_by_robots.csv"]
+
+
+def test_the_same_trials_give_the_same_picture(folder: Path, tmp_path: Path) -> None:
+    first, again = (plot(folder, tmp_path / name, "robots", "f1") for name in ("a", "b"))
+    assert [path.read_bytes() for path in first] == [path.read_bytes() for path in again]
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "told"),
+    [
+        ("robot", "f1", "--x robot: the grid has no such factor; did you mean 'robots'"),
+        ("robots", "f2", "--y f2: no such column; the nearest of "),
+        ("robots", "dispatched", "--y dispatched: no such column"),
+        (None, "f1", "--y f1: say by --x"),
+    ],
+)
+def test_what_is_not_there_is_told(folder: Path, x: str | None, y: str, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        plot(folder, x=x, y=y)
+
+
+def test_words_have_no_place_on_an_axis(tmp_path: Path) -> None:
+    grid: dict[str, list[Scalar]] = {"engine": ["bullet", "fast"], "intruders": [1], "robots": [1]}
+    caught = {"bullet": 1, "fast": 0}
+    store = tmp_path / "campaign.sqlite"
+    labyrinth_store(store, lambda i, r, s: 0, seeds=2, grid=grid, by_engine=caught).close()
+    with pytest.raises(InputError, match=r"--x engine: its values are no numbers \(bullet, fast\)"):
+        plot(tmp_path, x="engine", y="duration_s")
