@@ -14,9 +14,9 @@ from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.experiment import Experiment, Measures
 from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.io.files import write_atomically
-from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS
+from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS, PURSUITS
 
-NAMING_CODE = tuple(seam.option for seam in (DETECTORS, FUSIONS, PATROLS))
+NAMING_CODE = tuple(seam.option for seam in (DETECTORS, FUSIONS, PATROLS, PURSUITS))
 
 Contestant = tuple[str, ...]
 """a value of each factor that is compared"""

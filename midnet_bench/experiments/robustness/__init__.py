@@ -12,6 +12,7 @@ ROBUSTNESS = Experiment(
     columns=columns.ROBUSTNESS,
     tables=later("midnet_bench.experiments.robustness.tables:tables"),
     measures=later("midnet_bench.experiments.detection.tables:measures"),
+    lower_is_better=("gospa_per_frame_m",),
     ranked_by=("f1_one_to_one", "gospa_per_frame_m"),
     printed=("robustness_scores",),
     figures=later("midnet_bench.experiments.robustness.figures:figures"),

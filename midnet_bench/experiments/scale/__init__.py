@@ -12,6 +12,12 @@ SCALE = Experiment(
     columns=columns.SCALE,
     tables=later("midnet_bench.experiments.scale.tables:tables"),
     measures=later("midnet_bench.experiments.scale.tables:measures"),
+    lower_is_better=(
+        "gospa_per_intruder_m",
+        "duplicates_per_intruder",
+        "overlapping_share",
+        "reordered_share",
+    ),
     ranked_by=("f1_one_to_one", "gospa_per_intruder_m"),
     printed=("scale",),
 )
