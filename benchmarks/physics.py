@@ -12,22 +12,23 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.messages import Command
 from midnet_bench.rng import stream
+from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.engines import make_world
 from midnet_bench.simulation.lidar import LidarSensors
-from midnet_bench.simulation.settings import Engine, WorldSettings
+from midnet_bench.simulation.settings import WorldSettings
 
 SIMULATED_S = 30
 SCAN_HZ, CONTROL_HZ = 5, 10
 
 
 def measure(
-    engine: Engine, arena: str, robots: int, intruders: int, simulated_s: int
+    engine: str, arena: str, robots: int, intruders: int, simulated_s: int
 ) -> tuple[float, float, float]:
     """Start-up in milliseconds, then steps and scans in milliseconds per simulated second."""
     count = robots + intruders
     steering = stream(1, "steering")
     begin = time.perf_counter()
-    world = make_world(place(load_arena(arena), 1, robots, intruders), WorldSettings(engine=engine))
+    world = make_world(place(load_arena(arena), 1, robots, intruders), WorldSettings(engine=engine), BURGER)
     start_s = time.perf_counter() - begin
     lidars = LidarSensors(world)
     noise = lidars.noise([stream(1, "lidar", number) for number in range(count)])
@@ -50,7 +51,7 @@ def measure(
 
 
 def main(arena: str = "map2", simulated_s: int = SIMULATED_S) -> None:
-    engines: tuple[Engine, Engine] = ("bullet", "fast")
+    engines = ("bullet", "fast")
     for engine in engines:  # compiles and loads what is used for the first time
         measure(engine, arena, 1, 1, 1)
     print(f"arena {arena}, ms per simulated second; 5 scans of 360 beams a second and robot")

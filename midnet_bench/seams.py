@@ -170,14 +170,16 @@ class Seam:
             return point.value
         raise InputError(f"unknown name '{choice.place}'{nearest_name(choice.place, self.names())}")
 
-    def _class(self, choice: Choice) -> Any:
+    def _found(self, choice: Choice) -> Any:
         try:
             if choice.is_file:
-                found = from_source(choice.pin, choice.place.rpartition(":")[2], str(choice))
-            else:
-                found = load_reference(self._reference(choice))
+                return from_source(choice.pin, choice.place.rpartition(":")[2], str(choice))
+            return load_reference(self._reference(choice))
         except InputError as error:
             raise InputError(f"{self.option}: {error}") from error
+
+    def _class(self, choice: Choice) -> Any:
+        found = self._found(choice)
         if not callable(found) or not callable(getattr(found, self.method, None)):
             raise InputError(f"{self.option}: {choice}: expected a class with a method '{self.method}'")
         for key in choice.options:

@@ -141,7 +141,12 @@ class Settings:
             for step in path:
                 branch = branch.setdefault(step, {})
             branch[name] = value
-        return cast(Self, _changed(cls(), tree))
+        return cast(Self, _changed(cls.defaults_with(values), tree))
+
+    @classmethod
+    def defaults_with(cls, values: Mapping[str, Scalar]) -> Self:
+        """The settings with all defaults; a subclass may let some of these go by ``values``, by flat keys."""
+        return cls()
 
     def flat_values(self) -> dict[str, Scalar]:
         """The value of each flat key, in the order of the fields."""

@@ -14,7 +14,8 @@ from midnet_bench.geometry import lengths
 from midnet_bench.grid import OCCUPIED, OccupancyGrid, connected_to
 
 DRIVABLE_M = 0.15
-"""Where a Burger's centre may pass: the reach of its footprint, 0.1485 m, in whole cells of 5 cm."""
+"""How near to an occupied cell a robot's centre may come: the reach of a Burger's footprint, 0.1485 m, in
+whole cells of 5 cm. One that reaches farther keeps its own reach."""
 
 DRAWS_PER_RELAXATION = 200
 RELAXATION = 0.9
@@ -33,17 +34,19 @@ def patrol_points(
     start: Point,
     enclosure_m: tuple[float, float],
     clearance_m: float = PatrolSettings().clearance_m,
+    reach_m: float = 0.0,
 ) -> npt.NDArray[np.float64]:
     """(n, 2) cell centres, metres, map frame, that a patrol may be sent to.
 
     They lie inside the enclosure (its sides in x and y, centred on the map frame's origin), at least
-    ``clearance_m`` from the centre of every occupied cell, and where a Burger can drive from ``start``.
+    ``clearance_m`` from the centre of every occupied cell, and where a robot can drive from ``start``.
 
     Args:
         prior_map: int8 published occupancy, 100 occupied.
         start: (x, y) of a guard.
         enclosure_m: sides of the enclosed area.
         clearance_m: the third condition's distance.
+        reach_m: of a guard's footprint from its axle.
 
     Raises:
         InputError: there is no such cell.
@@ -56,6 +59,7 @@ def patrol_points(
         start,
         enclosure_m,
         clearance_m,
+        reach_m,
     )
     if not len(points):
         raise InputError(
@@ -74,6 +78,7 @@ def _patrol_points(
     start: Point,
     enclosure_m: tuple[float, float],
     clearance_m: float,
+    reach_m: float,
 ) -> npt.NDArray[np.float64]:
     """(n, 2), read-only, for an int8 map by its contents: the same for all trials of a cell of a campaign."""
     prior_map = OccupancyGrid(np.frombuffer(cells, dtype=np.int8).reshape(shape), resolution, origin)
@@ -81,7 +86,7 @@ def _patrol_points(
     distance_m = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * prior_map.resolution
     x, y = prior_map.x_centers, prior_map.y_centers
     inside = (np.abs(x) < enclosure_m[0] / 2.0) & (np.abs(y) < enclosure_m[1] / 2.0)[:, None]
-    drivable = (distance_m >= DRIVABLE_M) & inside & (prior_map.data >= 0)
+    drivable = (distance_m >= max(DRIVABLE_M, reach_m)) & inside & (prior_map.data >= 0)
     reachable = connected_to(*prior_map.cell_at(*start), drivable)
     rows, columns = np.nonzero(reachable & (distance_m >= clearance_m))
     points = np.column_stack([x[columns], y[rows]])

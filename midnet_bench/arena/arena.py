@@ -11,14 +11,15 @@ from midnet_bench.arena.solids import Solid, gap_m
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.io.checked_yaml import Spec, parse, parsed_yaml, read_text
+from midnet_bench.robots.model import LOWEST_SOLID_M
 
 FOLDER = Path(__file__).parent / "arenas"
 
 Coordinate = Annotated[float, Field(allow_inf_nan=False)]
 Length = Annotated[float, Field(gt=0.0, le=200.0)]
 Clearance = Annotated[float, Field(ge=0.0, le=200.0)]
-Height = Annotated[float, Field(ge=0.25, le=10.0)]
-"""At least 0.25 m: the beams pass 0.182 m above the floor, and what they do not meet is no obstacle."""
+Height = Annotated[float, Field(ge=LOWEST_SOLID_M, le=10.0)]
+"""At least 0.25 m: a Burger's beams pass at 0.182 m, and what they do not meet is no obstacle."""
 Count = Annotated[int, Field(ge=0, le=100)]
 Point = tuple[Coordinate, Coordinate]
 Corners = tuple[Coordinate, Coordinate, Coordinate, Coordinate]

@@ -16,7 +16,8 @@ from midnet_bench.rng import stream
 TEAM = 5
 """Intruders keep clear of the starts of all teams up to this size, so one seed's intruders suit them all."""
 ROBOT_CLEARANCE_M = 0.2
-"""From a security robot's start to anything that stands (a Burger's body reaches 0.124 m from its axle)."""
+"""From a security robot's start to anything that stands (a Burger's body reaches 0.124 m from its axle); one
+that reaches farther keeps its own reach."""
 _TRIES, _RESTARTS = 200, 20
 
 
@@ -41,7 +42,9 @@ class Layout:
         return self.arena.wall_solids() + self.stationary
 
 
-def place(arena: Arena, seed: int, robots: int, mobile_intruders: int | None = None) -> Layout:
+def place(
+    arena: Arena, seed: int, robots: int, mobile_intruders: int | None = None, reach_m: float = 0.0
+) -> Layout:
     """The arena as ``seed`` draws it for a team of ``robots``.
 
     Stationary and mobile intruders do not depend on the team's size (up to five), and the first k
@@ -53,6 +56,7 @@ def place(arena: Arena, seed: int, robots: int, mobile_intruders: int | None = N
         seed: the trial's seed.
         robots: how many security robots, at least 1.
         mobile_intruders: how many; the arena's own number when None.
+        reach_m: how far the robots' bodies reach from their axles.
 
     Raises:
         InputError: a count is out of range, or there is no room.
@@ -62,12 +66,13 @@ def place(arena: Arena, seed: int, robots: int, mobile_intruders: int | None = N
         raise InputError(f"robots: at least 1 is needed (got {robots})")
     if wanted < 0:
         raise InputError(f"intruders: must not be negative (got {wanted})")
+    _check_reach(arena, robots, wanted, reach_m)
     starts = robot_starts(arena, robots)
     all_starts = np.array(
         [(p.x, p.y) for size in {*range(1, TEAM + 1), robots} for p in robot_starts(arena, size)]
     )
     stationary = arena.placed_solids() + _draw_stationary(arena, seed, all_starts)
-    _check_robot_starts(arena, starts, arena.wall_solids() + stationary)
+    _check_robot_starts(arena, starts, arena.wall_solids() + stationary, max(ROBOT_CLEARANCE_M, reach_m))
     return Layout(arena, seed, stationary, starts, _draw_mobile(arena, seed, wanted, stationary, all_starts))
 
 
@@ -84,9 +89,26 @@ def robot_starts(arena: Arena, robots: int) -> tuple[Pose2D, ...]:
     return tuple(center.compose(turn.compose(Pose2D(radius, 0.0, 0.0))) for turn in turns)
 
 
-def _check_robot_starts(arena: Arena, starts: tuple[Pose2D, ...], solids: tuple[Solid, ...]) -> None:
+def _check_reach(arena: Arena, robots: int, intruders: int, reach_m: float) -> None:
+    """Raise InputError where robots that reach so far would start in each other or in a wall."""
+    spaces = [("robots.spacing_m", arena.robots.spacing_m, 2.0 * reach_m)] if robots > 1 else []
+    if intruders:
+        mobile = arena.mobile_intruders
+        spaces.append(("mobile_intruders.clearance_m", mobile.clearance_m, reach_m))
+        spaces.append(("mobile_intruders.spacing_m", mobile.spacing_m, 2.0 * reach_m))
+    for key, given_m, needed_m in spaces:
+        if given_m < needed_m:
+            raise InputError(
+                f"arena '{arena.name}': {key}: {given_m:g} m is too little for robots that reach "
+                f"{reach_m:.2f} m from their axles; {needed_m:.2f} m is needed"
+            )
+
+
+def _check_robot_starts(
+    arena: Arena, starts: tuple[Pose2D, ...], solids: tuple[Solid, ...], clearance_m: float
+) -> None:
     points = np.array([(pose.x, pose.y) for pose in starts])
-    if min(float(solid.distance_to(points).min()) for solid in solids) < ROBOT_CLEARANCE_M:
+    if min(float(solid.distance_to(points).min()) for solid in solids) < clearance_m:
         raise InputError(
             f"arena '{arena.name}': robots: {len(starts)} starts {arena.robots.spacing_m:g} m apart "
             f"do not fit about {arena.robots.center_m}; move center_m, lower spacing_m or take fewer robots"

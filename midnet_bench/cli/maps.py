@@ -53,6 +53,7 @@ def make_map(
         bool | None, typer.Option(CLIP, help="Make a film (MP4) of the growing map (default clip).")
     ] = None,
     engine: options.Engine = None,
+    robot: options.Robot = None,
     settings: options.Settings = None,
     output: Annotated[
         Path | None,
@@ -80,13 +81,13 @@ def make_map(
         "--seed": seed,
         CLIP: clip,
         "--engine": engine,
+        "--robot": robot,
         "--set": settings,
     }
     chosen_seed, with_clip = SEED if seed is None else seed, clip is not False
     if from_log is not None:
-        _refuse(
-            "--from-log", {"--exact": exact or None, **given}, ("--exact", "--robots", "--engine", "--set")
-        )
+        unused = ("--exact", "--robots", "--engine", "--robot", "--set")
+        _refuse("--from-log", {"--exact": exact or None, **given}, unused)
         place = output or _folder(from_log.name)
         _map_log(from_log, particles or PARTICLES, chosen_seed, with_clip, place, as_json)
         return
@@ -97,10 +98,11 @@ def make_map(
         return
     assert arena is not None
     if exact:
-        _refuse("--exact", given, ("--robots", "--particles", "--seed", CLIP, "--engine"))
+        _refuse("--exact", given, ("--robots", "--particles", "--seed", CLIP, "--engine", "--robot"))
         _draw_exactly(arena, settings or [], output or _folder(arena, "-exact"), as_json)
         return
-    wishes = {"arena": arena, "robots": robots, "particles": particles, "engine": engine}
+    wishes = {"arena": arena, "robots": robots, "particles": particles}
+    wishes |= {"engine": engine, "robot": robot}
     values: dict[str, Scalar] = {name: value for name, value in wishes.items() if value is not None}
     _explore(_joined(values, settings or []), chosen_seed, with_clip, output or _folder(arena), as_json)
 

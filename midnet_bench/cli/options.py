@@ -58,6 +58,14 @@ Engine = Annotated[
         show_default=False,
     ),
 ]
+Robot = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="What the robots are: burger, waffle, another by name, package.module:NAME or file.py:NAME.",
+        show_default=False,
+    ),
+]
 Jobs = Annotated[
     int | None,
     typer.Option(
@@ -86,6 +94,7 @@ class Campaign:
     """What every command that runs a campaign takes, besides what that campaign is."""
 
     engine: Engine = None
+    robot: Robot = None
     detector: Annotated[str | None, _part("Who detects: midnet")] = None
     fusion: Annotated[str | None, _part("Who fuses the robots' boxes: paper")] = None
     patrol: Annotated[str | None, _part("Where idle guards go: paper")] = None
@@ -141,6 +150,7 @@ class Campaign:
         """What stands behind the seams, by option; None if not given."""
         return {
             "engine": self.engine,
+            "robot": self.robot,
             "detector": self.detector,
             "fusion": self.fusion,
             "patrol": self.patrol,

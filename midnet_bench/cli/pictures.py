@@ -38,6 +38,7 @@ def render(
     ] = 4.0,
     arena: options.Arena = None,
     engine: options.Engine = None,
+    robot: options.Robot = None,
     map_file: options.Map = None,
     settings: options.Settings = None,
     output: Annotated[
@@ -56,7 +57,8 @@ def render(
     from midnet_bench.experiments import registry
     from midnet_bench.workflows.render import render_trial
 
-    chosen = {"robots": robots, "intruders": intruders, "frames": frames, "arena": arena, "engine": engine}
+    chosen = {"robots": robots, "intruders": intruders, "frames": frames, "arena": arena}
+    chosen |= {"engine": engine, "robot": robot}
     given = options.settings_with(chosen, settings, map_file)
     parameters = {key: value for key, value in chosen.items() if value is not None}
     found = registry.experiment(experiment)

@@ -22,9 +22,11 @@ from midnet_bench.drawing.palette import (
     WOOD,
     WOOD_EDGE,
 )
-from midnet_bench.drawing.scene import BURGER_LENGTH_M, Floats, FloorPlan, Point, burger_at
+from midnet_bench.drawing.scene import BURGER_LENGTH_M, Floats, FloorPlan, Point, body_at
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.model import RobotModel
 
 Picture = npt.NDArray[np.uint8]
 """(height, width, 3) red, green, blue"""
@@ -141,9 +143,11 @@ def paint_floor_plan(canvas: Canvas, plan: FloorPlan) -> None:
         canvas.label((x, y), f"S{number}", INTRUDER)
 
 
-def paint_burger(canvas: Canvas, pose: Pose2D, enlarged: float, color: RGB) -> None:
-    """A Burger from above, ``enlarged`` times as large as it is; a white line points ahead."""
-    canvas.polygon(burger_at(pose, enlarged), color, WHITE)
+def paint_robot(
+    canvas: Canvas, pose: Pose2D, enlarged: float, color: RGB, model: RobotModel = BURGER
+) -> None:
+    """A robot from above, ``enlarged`` times as large as it is; a white line points ahead."""
+    canvas.polygon(body_at(pose, enlarged, model), color, WHITE)
     ahead = pose.compose(Pose2D(0.045 * enlarged, 0.0, 0.0))
     canvas.line([pose[:2], ahead[:2]], WHITE, 2)
 

@@ -13,8 +13,8 @@ from midnet_bench.drawing.canvas import (
     Canvas,
     Picture,
     blank_page,
-    paint_burger,
     paint_floor_plan,
+    paint_robot,
     text_mask,
     write,
     write_right,
@@ -24,6 +24,8 @@ from midnet_bench.drawing.scene import BURGER_LENGTH_M, Floats, FloorPlan, Point
 from midnet_bench.drawing.video import mp4_file
 from midnet_bench.geometry import Box, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.model import RobotModel
 
 SHADES = np.array([WHITE, (205, 205, 205), (40, 40, 40)], dtype=np.uint8)
 FREE, UNKNOWN, WALL = range(len(SHADES))
@@ -71,6 +73,8 @@ class MapSnapshot:
     paths: list[Floats]
     """of each robot, (k, 2): the positions that it believes to have driven through; empty: those of all
     snapshots so far"""
+    model: RobotModel = BURGER
+    """what the robots are"""
 
 
 class MapHistory:
@@ -162,7 +166,7 @@ class MapPanel:
         for robot, goal in enumerate(snapshot.goals):
             if goal is not None:
                 canvas.cross(goal, color_of(robot))
-        _paint_robots(canvas, snapshot.believed)
+        _paint_robots(canvas, snapshot.believed, snapshot.model)
 
 
 def growth_page(
@@ -218,7 +222,7 @@ def write_exploration_video(plan: FloorPlan, team: str, history: MapHistory, pat
 
     def paint(picture: Picture, snapshot: MapSnapshot) -> None:
         panel.paint(picture[:, :HEIGHT], snapshot)
-        _paint_robots(Canvas(_truth_of(picture), panel.view), snapshot.poses)
+        _paint_robots(Canvas(_truth_of(picture), panel.view), snapshot.poses, snapshot.model)
         write_right(picture, COLUMN_RIGHT, 8, f"{snapshot.clock:.0f} s", 24, INK)
         write(picture, COLUMN_LEFT, 62, f"{percent(snapshot.known)} explored", 18, INK, bold=True)
 
@@ -292,7 +296,7 @@ def _exploration_video_page(plan: FloorPlan, team: str, speed: int) -> Picture:
         _paint_shade(page, COLUMN_LEFT + 20, LEGEND_TOP + 24 * row - 9, code, text)
     left = COLUMN_LEFT + 180.0
     y = -float(LEGEND_TOP)
-    paint_burger(canvas, Pose2D(left, y, 0.0), 18.0 / BURGER_LENGTH_M, color_of(0))
+    paint_robot(canvas, Pose2D(left, y, 0.0), 18.0 / BURGER_LENGTH_M, color_of(0))
     canvas.line([(left - 14.0, y - 24.0), (left + 12.0, y - 24.0)], color_of(0), 2)
     canvas.cross((left, y - 48.0), color_of(0))
     texts = ("robot; on the map, its believed pose", "its path", "the frontier it is driving to")
@@ -316,17 +320,17 @@ def _log_video_page(heading: str) -> Picture:
         left += 60 + text_mask(text, 13).shape[1]
     canvas = Canvas(page, Box(0.0, -HEIGHT, WIDTH, 0.0))
     y = -(SECOND_LINE + 9.0)
-    paint_burger(canvas, Pose2D(left + 8.0, y, 0.0), 18.0 / BURGER_LENGTH_M, color_of(0))
+    paint_robot(canvas, Pose2D(left + 8.0, y, 0.0), 18.0 / BURGER_LENGTH_M, color_of(0))
     write(page, left + 28, SECOND_LINE, "robot", 13, INK)
     canvas.line([(left + 100.0, y), (left + 126.0, y)], color_of(0), 2)
     write(page, left + 134, SECOND_LINE, "its path", 13, INK)
     return page
 
 
-def _paint_robots(canvas: Canvas, poses: Floats) -> None:
-    """Burgers at (n, 3) poses, large enough to be seen; numbered if there are several."""
+def _paint_robots(canvas: Canvas, poses: Floats, model: RobotModel) -> None:
+    """Robots at (n, 3) poses, large enough to be seen; numbered if there are several."""
     for robot, pose in enumerate(poses.tolist()):
-        paint_burger(canvas, Pose2D(*pose), canvas.enlarged, color_of(robot))
+        paint_robot(canvas, Pose2D(*pose), canvas.enlarged, color_of(robot), model)
     for robot, (x, y, _) in enumerate(poses.tolist()):
         if len(poses) > 1:
             canvas.label((x, y), str(robot + 1), color_of(robot), 14, -14)

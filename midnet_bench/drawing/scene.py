@@ -12,20 +12,18 @@ from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Explanation
 from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.model import RobotModel
 
 Floats = npt.NDArray[np.float64]
 Point = tuple[float, float]
 """x, y: metres, map frame"""
 
-BURGER_OUTLINE: Floats = np.array(BURGER.body)
-"""(n, 2) a Burger's body from above in its base frame, x ahead, metres"""
-BURGER_LENGTH_M = float(np.ptp(BURGER_OUTLINE[:, 0]))
-_FRONT = Pose2D(float(BURGER_OUTLINE[:, 0].max()), 0.0, 0.0)
+BURGER_LENGTH_M = float(np.ptp([x for x, _ in BURGER.body]))
 
 
-def burger_at(pose: Pose2D, enlarged: float = 1.0) -> Floats:
-    """(n, 2) the outline of a Burger at ``pose``, ``enlarged`` times its true size; metres, map frame."""
-    return pose.transform(BURGER_OUTLINE * enlarged)
+def body_at(pose: Pose2D, enlarged: float = 1.0, model: RobotModel = BURGER) -> Floats:
+    """(n, 2) the outline of a robot at ``pose``, ``enlarged`` times its true size; metres, map frame."""
+    return pose.transform(np.array(model.body) * enlarged)
 
 
 @dataclass(frozen=True)
@@ -90,21 +88,22 @@ class Robot:
     goal: Point | None
     plan: Floats | None
     """(n, 2) its path to the goal, metres, map frame"""
+    model: RobotModel = BURGER
 
     @property
     def outline(self) -> Floats:
         """(n, 2) its body from above, map frame, metres."""
-        return burger_at(self.pose)
+        return body_at(self.pose, model=self.model)
 
     @property
     def front(self) -> Point:
         """(x, y) of the middle of its front edge."""
-        return self.pose.compose(_FRONT)[:2]
+        return self.pose.compose(Pose2D(max(x for x, _ in self.model.body), 0.0, 0.0))[:2]
 
     @property
     def sensor(self) -> Point:
         """(x, y) of its LiDAR."""
-        return self.pose.compose(BURGER.lidar.mount)[:2]
+        return self.pose.compose(self.model.lidar.mount)[:2]
 
 
 @dataclass(frozen=True)

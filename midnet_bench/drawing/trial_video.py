@@ -11,10 +11,10 @@ from midnet_bench.drawing.canvas import (
     Canvas,
     Picture,
     blank_page,
-    paint_burger,
     paint_detection,
     paint_floor_plan,
     paint_path,
+    paint_robot,
     png_of,
     text_mask,
     write,
@@ -100,7 +100,8 @@ class WorldPanel:
                 paint_path(canvas, robot.goal, robot.plan, color, robot.is_guard)
                 canvas.label(robot.goal, str(robot.number), color, 11, 9)
         for robot in scene.robots:
-            paint_burger(canvas, robot.pose, self.enlarged, GUARD if robot.is_guard else INTRUDER)
+            color = GUARD if robot.is_guard else INTRUDER
+            paint_robot(canvas, robot.pose, self.enlarged, color, robot.model)
         for found in scene.detections:
             paint_detection(canvas, found.box, found.is_false)
         for robot in scene.robots:
@@ -180,7 +181,7 @@ def _draw_legend(page: Picture) -> None:
     rows = [-(LEGEND_TOP + 23 * row) for row in range(5)]
 
     for y, color in ((rows[0], GUARD), (rows[1], INTRUDER)):
-        paint_burger(canvas, Pose2D(of_world + 4.0, y, 0.0), 18.0 / BURGER_LENGTH_M, color)
+        paint_robot(canvas, Pose2D(of_world + 4.0, y, 0.0), 18.0 / BURGER_LENGTH_M, color)
     canvas.polygon(_swatch(of_world, rows[2]), INTRUDER_FAINT, INTRUDER, 2)
     for y, is_guard in ((rows[3], True), (rows[4], False)):
         path = np.array([(of_world - 14.0, y), (of_world + 10.0, y)])

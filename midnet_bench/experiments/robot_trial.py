@@ -26,7 +26,7 @@ class RobotTrial:
         seed: int,
     ) -> None:
         """Let ``robots`` stand where ``layout`` has them; time is 0."""
-        self.world: Simulator = make_world(layout, settings.world)
+        self.world: Simulator = make_world(layout, settings.world, settings.robot_model)
         self.lidars = LidarSensors(self.world, settings.lidar)
         self.fleet = Fleet(self.world, self.lidars, robots, settings, seed)
         self.step_hz = self.world.step_hz

@@ -38,7 +38,7 @@ class Parameters(Settings):
         """The same as an instance."""
         checked = parse(flat_model(cls), values, source)
         try:
-            return cls.from_flat(checked.model_dump()).with_files_read()
+            return cls.from_flat(checked.model_dump(exclude_unset=True)).with_files_read()
         except InputError as error:
             raise InputError(f"{source}: {error}") from error
 
@@ -66,8 +66,8 @@ class Parameters(Settings):
         if type(self).from_flat(values) != self:
             raise InputError(f"{self.concern}: a setting that has no flat key was changed")
         always = tuple(values) if self.recorded is None else self.recorded
-        defaults = self.defaults()
-        added = {key: value for key, value in values.items() if value != defaults[key]}
+        usual, decided = self.defaults(), self.defaults_with(values).flat_values()
+        added = {key: value for key, value in values.items() if not usual[key] == value == decided[key]}
         return {key: values[key] for key in always} | added
 
     @classmethod

@@ -9,7 +9,7 @@ import numpy as np
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import lengths
 from midnet_bench.robots.burger import BURGER
-from midnet_bench.robots.model import Outline
+from midnet_bench.robots.model import Outline, RobotModel
 from midnet_bench.settings import Settings, group, option
 
 Footprint = Outline
@@ -25,8 +25,9 @@ def padded(footprint: Footprint, padding_m: float) -> Footprint:
     return tuple((grown(x), grown(y)) for x, y in footprint)
 
 
-BURGER_PADDED = padded(BURGER.footprint, 0.01)
-"""with costmap_2d's own padding"""
+COSTMAP_PADDING_M = 0.01
+"""of a footprint, costmap_2d's own"""
+BURGER_PADDED = padded(BURGER.footprint, COSTMAP_PADDING_M)
 
 
 def radii(footprint: Footprint) -> tuple[float, float]:
@@ -108,6 +109,10 @@ class CostmapSettings(Settings):
                 f"{MAX_INFLATION_CELLS} cells of {self.resolution} m; use a coarser "
                 f"resolution or a smaller radius"
             )
+
+    def of_robot(self, robot: RobotModel, padding_m: float = COSTMAP_PADDING_M) -> "CostmapSettings":
+        """The same of another robot: its footprint padded, its radius as it stands."""
+        return replace(self, footprint=padded(robot.footprint, padding_m), inscribed_radius_m=robot.radius_m)
 
     @property
     def memory_s(self) -> float:
@@ -198,6 +203,24 @@ class LocalPlannerLimits(Settings):
                 f"local planner: min_vel_x_mps {self.min_vel_x_mps} must not exceed "
                 f"max_vel_x_mps {self.max_vel_x_mps}"
             )
+
+    def of_robot(self, robot: RobotModel) -> "LocalPlannerLimits":
+        """Up to all that ``robot`` can do; too slow is less than half of it, as in TurtleBot3's files."""
+        turn_radps = robot.max_angular_radps
+        return replace(
+            self.at_speed(robot.max_linear_mps),
+            max_vel_theta_radps=turn_radps,
+            min_vel_theta_radps=turn_radps / 2.0,
+        )
+
+    def within(self, robot: RobotModel) -> "LocalPlannerLimits":
+        """The same where ``robot`` can do it, else less."""
+        turn_radps = robot.max_angular_radps
+        return replace(
+            self.at_speed(min(self.max_vel_x_mps, robot.max_linear_mps)),
+            max_vel_theta_radps=min(self.max_vel_theta_radps, turn_radps),
+            min_vel_theta_radps=min(self.min_vel_theta_radps, turn_radps),
+        )
 
     def at_speed(self, top_mps: float) -> "LocalPlannerLimits":
         """The limits of a robot whose top speed is ``top_mps``; its other speeds change in proportion."""
@@ -380,6 +403,23 @@ class NavigatorSettings(Settings):
         le=5,
         key="nav_change_radius_m",
     )
+
+    def of_robot(self, robot: RobotModel) -> "NavigatorSettings":
+        """The same for another robot than a Burger: its outlines, and limits within what it can do."""
+
+        def wide(costmap: CostmapSettings) -> CostmapSettings:
+            footprint = padded(robot.footprint, _MARGIN_M)
+            return replace(costmap, footprint=footprint, inscribed_radius_m=radii(footprint)[0])
+
+        rollout = self.trajectory_rollout
+        return replace(
+            self,
+            bare_footprint=robot.footprint,
+            local_costmap=wide(self.local_costmap),
+            global_costmap=wide(self.global_costmap),
+            dwa=replace(self.dwa, limits=self.dwa.limits.of_robot(robot)),
+            trajectory_rollout=replace(rollout, limits=rollout.limits.within(robot)),
+        )
 
     @property
     def local_planner(self) -> DwaSettings | TrajectoryRolloutSettings:

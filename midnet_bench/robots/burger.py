@@ -31,8 +31,6 @@ _HALF_BODY = (
 
 BURGER = RobotModel(
     name="TurtleBot3 Burger",
-    urdf=Path(__file__).parent / "burger.urdf",
-    base_link_height_m=0.010,
     # the base, and beside it what the wheels' width would touch
     body=_HALF_BODY + tuple((x, -y) for x, y in reversed(_HALF_BODY)),
     # footprint of turtlebot3_navigation's costmap_common_params_burger.yaml
@@ -42,12 +40,12 @@ BURGER = RobotModel(
     wheel_separation_m=0.160,
     max_linear_mps=0.22,
     max_angular_radps=2.84,
-    # wheelAcceleration of the Gazebo plugin
-    rim_acceleration_mps2=1.0,
-    wheel_torque_nm=10.0,
+    mass_kg=1.002,
     gyration_radius_m=0.0512,
     lidar=LDS_01,
     lidar_height_m=0.182,
-    # the LDS-01's housing, all that is in its plane (item 28); or a disc of the robot's radius
-    profiles={"urdf": Disc(0.055, -0.017), "disc": Disc(0.105, 0.0)},
+    # the LDS-01's housing (item 28)
+    seen=Disc(0.055, -0.017),
+    urdf=Path(__file__).parent / "burger.urdf",
+    base_link_height_m=0.010,
 )

@@ -1,15 +1,17 @@
 """``RobotModel``: what a robot is, said once for its navigation, its simulation and its pictures."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from midnet_bench.errors import InputError
 from midnet_bench.messages import Command, LidarGeometry
 
 Outline = tuple[tuple[float, float], ...]
 """(x, y) of the corners in the robot's base frame, metres"""
+LOWEST_SOLID_M = 0.25
+"""An arena may hold walls and stationary intruders as low as this; a LiDAR's beams must meet them."""
 
 
 class Disc(NamedTuple):
@@ -20,35 +22,85 @@ class Disc(NamedTuple):
     """its centre ahead of the axle"""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RobotModel:
     """A robot with two driven wheels and a planar LiDAR. Its base frame lies under the middle of the axle."""
 
     name: str
-    urdf: Path
-    """its body for the simulator"""
-    base_link_height_m: float
-    """of the description's root above the floor"""
     body: Outline
-    """the description's collision shapes seen from above, counter-clockwise"""
+    """all that can touch a wall or a robot, seen from above, counter-clockwise; its convex hull counts"""
     footprint: Outline
-    """what move_base plans with: a rectangle that its maker took somewhat larger than the body"""
+    """what move_base plans with: a convex polygon in order, somewhat larger than the body"""
     radius_m: float
     """robot_radius of its maker's costmaps: a disc about the base frame that leaves out the corners"""
     wheel_radius_m: float
     wheel_separation_m: float
     max_linear_mps: float
     max_angular_radps: float
-    rim_acceleration_mps2: float
-    """how fast the speed of a wheel's rim changes"""
-    wheel_torque_nm: float
+    rim_acceleration_mps2: float = 1.0
+    """how fast the speed of a wheel's rim changes; wheelAcceleration of a TurtleBot3's Gazebo plugin"""
+    wheel_torque_nm: float = 10.0
+    """wheelTorque of the same"""
+    mass_kg: float
     gyration_radius_m: float
     """square root of its inertia about the vertical axis over its mass"""
     lidar: LidarGeometry
     lidar_height_m: float
     """of the scan plane above the floor"""
-    profiles: Mapping[str, Disc]
-    """what its own kind's beams meet of it, by the names of the option ``robot_profile``"""
+    seen: Disc
+    """all of it that is in the scan plane"""
+    urdf: Path | None = None
+    """its description, with the root's height below; without one the engine ``bullet`` makes a body of the
+    measures above"""
+    base_link_height_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Raises InputError: a line that names the robot and the measure that cannot be."""
+        positive = (
+            "radius_m",
+            "wheel_radius_m",
+            "wheel_separation_m",
+            "max_linear_mps",
+            "max_angular_radps",
+            "rim_acceleration_mps2",
+            "wheel_torque_nm",
+            "mass_kg",
+            "gyration_radius_m",
+            "lidar_height_m",
+        )
+        for measure in positive:
+            value = getattr(self, measure)
+            if not 0.0 < value < math.inf:
+                raise self._wrong(measure, f"{value!r} is no finite number above 0")
+        for outline in ("body", "footprint"):
+            turns = _turns(getattr(self, outline))
+            if len(turns) < 3 or not all(map(math.isfinite, turns)):
+                raise self._wrong(outline, "three corners (x, y) or more are needed, in metres")
+        if not (all(turn > 0.0 for turn in turns) or all(turn < 0.0 for turn in turns)):
+            raise self._wrong("footprint", "its corners must go once around the base frame's origin")
+        if not all(_is_inside(corner, self.footprint) for corner in self.body):
+            raise self._wrong("footprint", "the body reaches out of it")
+        if not 0.0 < self.seen.radius_m <= 2.0 * self.footprint_reach_m:
+            raise self._wrong("seen", f"a disc of {self.seen.radius_m!r} m is not of this robot")
+        self._check_lidar()
+
+    def _check_lidar(self) -> None:
+        lidar = self.lidar
+        if not (lidar.beams >= 1 and 0.0 < abs(lidar.angle_increment_rad) * lidar.beams < 6.2832):
+            raise self._wrong("lidar", "its beams must spread over a full turn or less")
+        if not 0.0 <= lidar.range_min_m < lidar.range_max_m < math.inf:
+            raise self._wrong("lidar", "range_min_m must be below range_max_m, neither below 0")
+        if self.lidar_height_m >= LOWEST_SOLID_M:
+            raise self._wrong("lidar_height_m", f"what stands in an arena may end at {LOWEST_SOLID_M} m")
+        if lidar.mount.y or not _is_inside(lidar.mount[:2], self.footprint):
+            raise self._wrong("lidar", "it must be mounted above the footprint, on the middle line (y = 0)")
+
+    def _wrong(self, measure: str, what: str) -> InputError:
+        return InputError(f"robot '{self.name}': {measure}: {what}")
+
+    def disc(self, profile: str) -> Disc:
+        """What its own kind's beams meet of it, by the option ``robot_profile``."""
+        return Disc(self.radius_m, 0.0) if profile == "disc" else self.seen
 
     def clamped(self, command: Command) -> Command:
         """What a command comes to within the robot's limits."""
@@ -71,3 +123,18 @@ class RobotModel:
     def footprint_reach_m(self) -> float:
         """The footprint's circumscribed radius: to its farthest corner from the axle's middle, metres."""
         return max(math.hypot(*corner) for corner in self.footprint)
+
+
+def _turns(outline: Outline) -> list[float]:
+    """Twice the area of the triangle of each side with the base frame's origin; positive to the left."""
+    return [
+        x * following_y - y * following_x
+        for (x, y), (following_x, following_y) in zip(outline, outline[1:] + outline[:1], strict=True)
+    ]
+
+
+def _is_inside(point: tuple[float, float], convex: Outline) -> bool:
+    """Whether a point is in a convex polygon or on its edge."""
+    moved = tuple((x - point[0], y - point[1]) for x, y in convex)
+    turns = _turns(moved)
+    return min(turns) >= -1e-12 or max(turns) <= 1e-12

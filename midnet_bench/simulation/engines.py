@@ -1,13 +1,13 @@
 """What makes a :class:`~midnet_bench.simulation.simulator.Simulator`, by the option ``engine``."""
 
 from midnet_bench.arena.layout import Layout
-from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.own_engine import OwnEngine
 from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.simulator import Simulator
 
 
-def make_world(layout: Layout, settings: WorldSettings) -> Simulator:
+def make_world(layout: Layout, settings: WorldSettings, robot: RobotModel) -> Simulator:
     """The world of one trial; only the engine that is asked for is imported.
 
     Raises:
@@ -17,9 +17,9 @@ def make_world(layout: Layout, settings: WorldSettings) -> Simulator:
     if settings.engine == "fast":
         from midnet_bench.simulation.fast.world import World as FastWorld
 
-        return FastWorld(layout, settings)
+        return FastWorld(layout, settings, robot)
     if settings.engine == "bullet":
         from midnet_bench.simulation.bullet.world import World as BulletWorld
 
-        return BulletWorld(layout, settings)
-    return OwnEngine(layout, settings, BURGER)
+        return BulletWorld(layout, settings, robot)
+    return OwnEngine(layout, settings, robot)

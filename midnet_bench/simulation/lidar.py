@@ -166,8 +166,8 @@ def hide_behind_discs(
     return met
 
 
-_BLIND_M = 0.20
-"""No solid this far from the middle of the axle's cell can be within the sensor's least range."""
+_CELL_M = 0.04
+"""No point of a cell is this far from its middle."""
 
 
 class LidarSensors:
@@ -181,7 +181,7 @@ class LidarSensors:
         robot, layout = simulator.robot, simulator.layout
         self._simulator = simulator
         self._lidar = robot.lidar
-        self._disc = robot.profiles[settings.robot_profile]
+        self._disc = robot.disc(settings.robot_profile)
         robots, intruders = len(layout.robots), len(layout.intruders)
         self._radii_m = self._disc.radius_m * np.repeat([1.0, layout.mobile_scale], [robots, intruders])
         self._errors = ERRORS[settings.noise]
@@ -201,7 +201,9 @@ class LidarSensors:
             if self._dropout > 0.0
             else []
         )
-        self._blind_cells = cells_near(layout.arena, layout.solids, _BLIND_M)
+        # farther from the axle's cell no solid can be within the sensor's least range
+        blind_m = abs(self._lidar.mount.x) + self._lidar.range_min_m + _CELL_M
+        self._blind_cells = cells_near(layout.arena, layout.solids, blind_m)
 
     def noise(self, rngs: Sequence[np.random.Generator]) -> NoiseBlocks:
         """The noise of all robots' scans, from a generator of each."""

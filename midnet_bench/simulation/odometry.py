@@ -1,4 +1,4 @@
-"""What Burgers believe of their own motion by their wheel encoders."""
+"""What robots believe of their own motion by their wheel encoders."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,6 @@ import numpy.typing as npt
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin
 from midnet_bench.rng import standard_normals
-from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.noise import NoiseBlocks
 from midnet_bench.simulation.settings import OdometrySettings
@@ -30,7 +29,7 @@ class EncoderOdometers:
         wheel_angles_rad: Floats,
         settings: OdometrySettings,
         rngs: Sequence[np.random.Generator],
-        robot: RobotModel = BURGER,
+        robot: RobotModel,
     ) -> None:
         """Start at known (n, 3) poses, so that the odometry frames are the map frame; draw the errors.
 

@@ -1,9 +1,12 @@
 """What can be set of the simulated world and its sensors; nothing here needs the simulator."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
-from midnet_bench.settings import Settings, group, option
+from midnet_bench.robots.model import RobotModel
+from midnet_bench.robots.seams import ROBOTS
+from midnet_bench.settings import Scalar, Settings, group, option
 from midnet_bench.simulation.seams import SIMULATORS
 
 LidarNoise = Literal["gazebo", "datasheet", "none"]
@@ -36,8 +39,8 @@ class LidarSettings(Settings):
 
     robot_profile: RobotProfile = option(
         "urdf",
-        "What LiDAR beams meet of another Burger: its LiDAR housing, 11 cm wide, because the body is lower "
-        "than the beams (urdf), or a disc of the whole robot's radius, 0.105 m (disc).",
+        "What LiDAR beams meet of another robot: what is in their plane, of a Burger its LiDAR housing, "
+        "11 cm wide (urdf), or a disc of the whole robot's radius, of a Burger 0.105 m (disc).",
     )
     noise: LidarNoise = option(
         "gazebo",
@@ -161,11 +164,26 @@ class SimulationSettings(Settings):
 
     concern: ClassVar[str] = "simulation"
 
+    robot: str = option(
+        "burger",
+        "What guards, explorers and mobile intruders are: burger or waffle (TurtleBot3), or your own "
+        "RobotModel as package.module:NAME or file.py:NAME.",
+    )
     world: WorldSettings = group(WorldSettings(), "world")
     lidar: LidarSettings = group(LidarSettings(), "LiDAR")
     odometry: OdometrySettings = group(OdometrySettings(), "odometry")
     imu: ImuSettings = group(ImuSettings(), "IMU")
 
     def with_files_read(self) -> "SimulationSettings":
-        """The same, an engine from outside with its digest or version. Raises InputError."""
-        return replace(self, world=replace(self.world, engine=SIMULATORS.pinned(self.world.engine)))
+        """The same, robot and engine from outside with their digests or versions. Raises InputError."""
+        world = replace(self.world, engine=SIMULATORS.pinned(self.world.engine))
+        return replace(self, robot=ROBOTS.pinned(self.robot), world=world)
+
+    def with_robot_of(self, values: Mapping[str, Scalar]) -> "SimulationSettings":
+        """The same with the robot of some flat keys, or as it is if they name none."""
+        return replace(self, robot=str(values.get("robot", self.robot)))
+
+    @property
+    def robot_model(self) -> RobotModel:
+        """What all robots are."""
+        return ROBOTS.make(ROBOTS.pinned(self.robot))

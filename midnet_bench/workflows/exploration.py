@@ -27,6 +27,8 @@ from midnet_bench.experiments.mapping.trial import Exploration, ExplorationTrial
 from midnet_bench.io.files import write_atomically
 from midnet_bench.mapping.gmapping.threads import cores
 from midnet_bench.mapping.map_score import reachable_free
+from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.model import RobotModel
 from midnet_bench.workflows.map_files import MapFiles, write_configuration, write_map, write_provenance
 
 DIGITS = {"coverage": 4, "wall_error_m": 4, "time_s": 1, "distance_m": 1}
@@ -75,13 +77,14 @@ def write_exploration(
         files = MapFiles.at(output)
         files.refuse_another(configuration)
         history, start = MapHistory(), trial.layout.robots[0]
-        within_reach = reachable_free(trial.truth(), (start.x, start.y))
+        within_reach = reachable_free(trial.truth(), (start.x, start.y), trial.robot.radius_m)
         for snapshot in trial.snapshots():
-            history.take(map_snapshot(snapshot, within_reach))
+            history.take(map_snapshot(snapshot, within_reach, trial.robot))
             progress(snapshot.time_s, history.known)
         exploration = trial.result()
         plan = FloorPlan.of(trial.arena, trial.layout, seed)
-        team = f"explored by {parameters.robots} Burger{'s' if parameters.robots > 1 else ''}"
+        kind = trial.robot.name.removeprefix("TurtleBot3 ")
+        team = f"explored by {parameters.robots} {kind}{'s' if parameters.robots > 1 else ''}"
         comment = f"{plan.title}: {team}; midnet-bench {midnet_bench.__version__}"
         configured = write_configuration(files, configuration)
         written = write_map(files, exploration.grid, comment)
@@ -95,17 +98,19 @@ def write_exploration(
     return ExplorationFiles(exploration, scores, written)
 
 
-def map_snapshot(snapshot: Snapshot, within_reach: npt.NDArray[np.bool_]) -> MapSnapshot:
+def map_snapshot(
+    snapshot: Snapshot, within_reach: npt.NDArray[np.bool_], model: RobotModel = BURGER
+) -> MapSnapshot:
     """A snapshot of a trial as plain data to be drawn.
 
     Args:
         snapshot: of the trial.
         within_reach: (rows, columns) which cells of its map a robot can reach and are truly free.
+        model: what the robots are.
     """
     known = float(np.mean(snapshot.grid.data[within_reach] >= 0))
-    return MapSnapshot(
-        snapshot.time_s, known, snapshot.grid, snapshot.poses, snapshot.believed, snapshot.goals, paths=[]
-    )
+    at = snapshot
+    return MapSnapshot(at.time_s, known, at.grid, at.poses, at.believed, at.goals, paths=[], model=model)
 
 
 def _write_pictures(

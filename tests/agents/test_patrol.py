@@ -7,6 +7,8 @@ from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.rng import stream
+from midnet_bench.robots.burger import BURGER
+from midnet_bench.robots.waffle import WAFFLE
 
 
 def room(side_m: float) -> OccupancyGrid:
@@ -40,6 +42,17 @@ def test_walled_off_cells_are_no_patrol_points() -> None:
     grid.data[:, 60] = 100
     assert patrol_points(grid, (-1.0, 0.0), (6.0, 6.0))[:, 0].max() < 0.0
     assert patrol_points(grid, (1.0, 0.0), (6.0, 6.0))[:, 0].min() > 0.0
+
+
+def test_guards_too_wide_for_a_door_patrol_on_their_side_of_it() -> None:
+    grid = room(6.0)
+    grid.data[:, 60] = 100
+    grid.data[56:64, 60] = 0  # 0.45 m from jamb to jamb, cell by cell
+    ends = {
+        reach_m: patrol_points(grid, (-1.0, 0.0), (6.0, 6.0), 0.4, reach_m)[:, 0].max()
+        for reach_m in (BURGER.footprint_reach_m, WAFFLE.footprint_reach_m)
+    }
+    assert [end > 1.0 for end in ends.values()] == [True, False]
 
 
 def test_a_door_does_not_lead_the_patrol_outside() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows
-from tests.simulation.scenes import OWN_ENGINE
+from tests.simulation.scenes import OWN_ENGINE, OWN_ROBOT
 
 MINE = '''
 import numpy as np
@@ -61,6 +61,7 @@ SHORT = ("--engine", "fast", "--frames", "4", "--jobs", "1")
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "mine.py").write_text(MINE)
     (tmp_path / "stub.py").write_text(OWN_ENGINE)
+    (tmp_path / "robot.py").write_text(OWN_ROBOT)
     return tmp_path
 
 
@@ -188,12 +189,16 @@ def test_a_part_that_is_not_there_is_one_line(
             ("scores.csv", "frames.csv"),
         ),
         (
+            "detection --engine fast --robot robot.py:ROBOT --frames 25 --robots 1 --seeds 6 --jobs 2",
+            ("scores.csv", "frames.csv"),
+        ),
+        (
             f"labyrinth {' '.join(CHASE)} --robots 3 --intruders 3 --trials 8 --jobs 1 "
             "--pursuit mine.py:First",
             ("trial.csv", "intruders.csv"),
         ),
     ],
-    ids=["detector", "engine", "pursuit"],
+    ids=["detector", "engine", "robot", "pursuit"],
 )
 def test_a_campaign_with_parts_of_ones_own_goes_on_after_kill_9(
     folder: Path, arguments: str, tables: tuple[str, ...]

@@ -21,7 +21,7 @@ from midnet_bench.drawing.palette import (
     WOOD,
 )
 from midnet_bench.drawing.plots import png_of_figure
-from midnet_bench.drawing.scene import Scene, burger_at
+from midnet_bench.drawing.scene import Scene, body_at
 from midnet_bench.drawing.stills import coarsened, draw_arena, draw_detections, draw_grids, known_corners
 from midnet_bench.drawing.trial_video import (
     FOREGROUND,
@@ -211,7 +211,7 @@ def test_text_is_cut_off_at_the_edges_and_has_one_height() -> None:
 
 def test_an_enlarged_burger_keeps_its_place_and_heading() -> None:
     pose = Pose2D(1.0, -2.0, 0.7)
-    true, larger = burger_at(pose), burger_at(pose, 3.0)
+    true, larger = body_at(pose), body_at(pose, 3.0)
     assert larger - pose[:2] == pytest.approx(3.0 * (true - pose[:2]))
 
 

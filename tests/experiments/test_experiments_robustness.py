@@ -65,7 +65,7 @@ def test_a_disturbance_is_written_in_one_form_and_tells_trials_apart() -> None:
         ("lidar_dropout", "disturbance: lidar_dropout: expected key=value"),
         ("lidar_dropout=2", "disturbance: lidar_dropout: "),
         ("lidar_hz=5 lidar_hz=1", "'lidar_hz' is set twice"),
-        ("robots=3", "disturbance: robots: the team's size is no disturbance"),
+        ("robots=3", "disturbance: robots: the team is no disturbance"),
         ("disturbance=none", "disturbance: disturbance: unknown key"),
         ("dying_guards=2", "disturbance: dying_guards: 2 of 1 guards"),
         ("prior_map=nowhere.yaml", "disturbance: prior_map: "),

@@ -19,6 +19,7 @@ def numbers(text: str | None) -> list[float]:
 
 
 def test_the_body_is_that_of_the_description() -> None:
+    assert BURGER.urdf is not None
     root = ET.parse(BURGER.urdf).getroot()
     base = root.find("link[@name='base_link']")
     assert base is not None
@@ -61,4 +62,4 @@ def test_defaults_that_are_said_in_other_rooms_are_this_robots() -> None:
     midnet = MIDNetSettings()
     grown_m = BURGER.radius_m + CostmapSettings().reach_m(midnet.thresh_local)
     assert midnet.ally_diameter_m == pytest.approx(2.0 * grown_m, abs=1e-9)
-    assert BURGER.profiles["disc"].radius_m == BURGER.radius_m
+    assert BURGER.disc("disc").radius_m == BURGER.radius_m

@@ -17,8 +17,16 @@ from midnet_bench.simulation.settings import LidarSettings
 from midnet_bench.simulation.simulator import Simulator
 
 HOWTO = Path(__file__).parents[2] / "docs" / "howto"
-OWN_ENGINE = (HOWTO / "engine.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
-"""the file that the page shows: an engine of somebody else's, in pure numpy"""
+
+
+def shown_on(page: str) -> str:
+    """The file that a page under docs/howto shows."""
+    return (HOWTO / page).read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+
+
+OWN_ENGINE = shown_on("engine.md")
+"""an engine of somebody else's, in pure numpy"""
+OWN_ROBOT = shown_on("robot.md")
 
 WORLDS = {"bullet": BulletWorld, "fast": FastWorld}
 """the engines by name"""

@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from midnet_bench.experiments.detection.parameters import DetectionParameters
+from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.engines import make_world
 from midnet_bench.simulation.settings import WorldSettings
 from tests.simulation.scenes import scene
@@ -14,7 +15,7 @@ from tests.simulation.scenes import scene
 
 @pytest.mark.parametrize("engine", ["bullet", "fast"])
 def test_the_setting_picks_the_engine(engine: str) -> None:
-    world = make_world(scene([(0.0, 0.0, 0.0)]), WorldSettings(engine=engine))
+    world = make_world(scene([(0.0, 0.0, 0.0)]), WorldSettings(engine=engine), BURGER)
     assert f".{engine}." in type(world).__module__
     world.close()
 

@@ -23,7 +23,7 @@ def around_a_square(settings: OdometrySettings, seed: int) -> tuple[float, float
     """Distance driven, and how far encoder odometry ends from the truth, metres."""
     with World(scene([(-1.0, -1.0, 0.0)])) as world:
         odometer = EncoderOdometers(
-            world.poses(), world.wheel_angles(), settings, [stream(seed, "odometry", 0)]
+            world.poses(), world.wheel_angles(), settings, [stream(seed, "odometry", 0)], BURGER
         )
         driven, last = 0.0, Pose2D(*world.poses()[0])
         for _ in range(4):
@@ -51,7 +51,7 @@ def test_encoders_drift_each_in_its_own_way() -> None:
 
 
 def test_midpoint_rule_on_a_circle_by_hand() -> None:
-    odometer = EncoderOdometers(np.zeros((1, 3)), np.zeros((1, 2)), PERFECT, [stream(1, "a")])
+    odometer = EncoderOdometers(np.zeros((1, 3)), np.zeros((1, 2)), PERFECT, [stream(1, "a")], BURGER)
     radius, steps = 0.5, 90
     for step in range(1, steps + 1):
         turned = math.pi / 2 * step / steps
@@ -63,7 +63,7 @@ def test_midpoint_rule_on_a_circle_by_hand() -> None:
 
 
 def test_less_than_a_tick_is_not_seen_and_never_lost() -> None:
-    odometer = EncoderOdometers(np.zeros((1, 3)), np.zeros((1, 2)), PERFECT, [stream(1, "a")])
+    odometer = EncoderOdometers(np.zeros((1, 3)), np.zeros((1, 2)), PERFECT, [stream(1, "a")], BURGER)
     odometer.update(ONE, np.full((1, 2), 0.9 * TICK_RAD), 0.1)
     assert odometer.poses[0, 0] == 0.0
     odometer.update(ONE, np.full((1, 2), 1.8 * TICK_RAD), 0.1)
@@ -77,7 +77,7 @@ def test_slip_grows_with_the_root_of_the_travel_whatever_the_rate() -> None:
     settings = OdometrySettings(radius_error=0.0, separation_error=0.0, slip_m_per_sqrt_m=0.01)
     for step_m in (0.01, 0.05):
         noise = [stream(number, "slip") for number in range(200)]
-        odometers = EncoderOdometers(np.zeros((200, 3)), np.zeros((200, 2)), settings, noise)
+        odometers = EncoderOdometers(np.zeros((200, 3)), np.zeros((200, 2)), settings, noise, BURGER)
         turn = step_m / RADIUS_M
         for step in range(1, round(1.0 / step_m) + 1):
             odometers.update(np.arange(200), np.full((200, 2), step * turn), 0.1)
@@ -123,7 +123,9 @@ def test_what_a_sensor_says_does_not_depend_on_who_is_read_with_it() -> None:
     def imu_and_odometry(team: list[str], order: list[int]) -> dict[str, list[np.ndarray]]:
         imus = ImuSensors(ImuSettings(), [stream(1, "imu", name) for name in team])
         rngs = [stream(1, "odometry", name) for name in team]
-        odometers = EncoderOdometers(poses[: len(team)], np.zeros((len(team), 2)), OdometrySettings(), rngs)
+        odometers = EncoderOdometers(
+            poses[: len(team)], np.zeros((len(team), 2)), OdometrySettings(), rngs, BURGER
+        )
         said: dict[str, list[np.ndarray]] = {name: [] for name in team}
         for cycle in range(1, 150):
             for rows in ([order[0]], order[1:]):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from midnet_bench.messages import Command
+from midnet_bench.robots.burger import BURGER
 from midnet_bench.seams import PluginError
 from midnet_bench.simulation.engines import make_world
 from midnet_bench.simulation.fast.world import World
@@ -21,7 +22,7 @@ STARTS = [(-1.0, 0.5, 0.3), (1.0, -0.5, 3.0)]
 def own(folder: Path, text: str = OWN_ENGINE) -> Simulator:
     (folder / "stub.py").write_text(text)
     engine = SIMULATORS.pinned(f"{folder}/stub.py:World")
-    return make_world(scene(STARTS), WorldSettings(engine=engine))
+    return make_world(scene(STARTS), WorldSettings(engine=engine), BURGER)
 
 
 def test_it_agrees_with_fast_in_the_open(tmp_path: Path) -> None:

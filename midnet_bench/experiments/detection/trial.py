@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 
 from midnet_bench.agents.mobile_robot import MobileRobot, Point
-from midnet_bench.arena.free_space import free_space
 from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.elementary import directions
 from midnet_bench.experiments.detection.parameters import DetectionParameters
@@ -15,7 +14,6 @@ from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
 from midnet_bench.experiments.guarded.detector_node import DetectorNode
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import LDS_01
 from midnet_bench.scoring.causes import CauseCounter, Causes, total_causes
 from midnet_bench.scoring.frame_counts import (
     FrameCounts,
@@ -34,8 +32,6 @@ ON_SURFACE_M = 0.05
 """A noisy return this near to a stationary intruder is one of its own; walls are farther off."""
 OPPOSITE_EVERY = 10
 """MIDNet is asked anew in opposite order of the robots in each tenth frame: it costs as much as a frame."""
-GOAL_CLEARANCE_M = 0.4
-"""From a mobile intruder's goal to walls and stationary intruders (item 49)."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +67,7 @@ class DetectionTrial(GuardedArena):
         """Place everybody and give the intruders random goals, again and again."""
         super().__init__(parameters, seed, variants=variants)
         self._test = parameters
-        self._free = free_space(self.arena, GOAL_CLEARANCE_M, self.layout.stationary)
+        self._free = self.goal_space()
         self._stationary = {
             f"stationary {number}": solid.bounding_box()
             for number, solid in enumerate(self.layout.stationary, 1)
@@ -167,7 +163,7 @@ class DetectionTrial(GuardedArena):
         ranges_m, bodies = self.lidars.scan_and_bodies(guards, sight)
         near = ranges_m <= range_m
         met = set(bodies[near].tolist())
-        beams = self.world.poses()[guards, 2, None] + LDS_01.angles_rad
+        beams = self.world.poses()[guards, 2, None] + self.robot.lidar.angles_rad
         ways = directions(beams.reshape(-1)).reshape(*beams.shape, 2)
         ends = np.array(self.sensor_positions())[:, None] + ranges_m[..., None] * ways
         hits = ends[near & (bodies == SOLID)]

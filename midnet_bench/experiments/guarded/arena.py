@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
+from midnet_bench.arena.free_space import FreeSpace, free_space
 from midnet_bench.arena.layout import place
 from midnet_bench.campaign.trial import Row
 from midnet_bench.elementary import cos, sin
@@ -23,10 +24,11 @@ from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rivals.patrol import TeamPatrol
 from midnet_bench.rivals.seams import PATROLS
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import LDS_01
 
 FRAME_HZ = 5
 """One MIDNet frame per LiDAR period (items 9, 42)."""
+GOAL_CLEARANCE_M = 0.4
+"""From a mobile intruder's goal to walls and stationary intruders (item 49), or the robot's own reach."""
 
 
 class GuardedArena(RobotTrial):
@@ -46,8 +48,9 @@ class GuardedArena(RobotTrial):
         self.parameters = parameters
         self.seed = seed
         self.arena = parameters.guarded_place
+        self.robot = parameters.simulation.robot_model
         self.layout = replace(
-            place(self.arena, seed, parameters.robots, mobile_intruders),
+            place(self.arena, seed, parameters.robots, mobile_intruders, self.robot.body_reach_m),
             mobile_scale=parameters.mobile_scale,
         )
         self.prior_map = prior_map_from(parameters.prior_map, parameters.arena, parameters.resolution_m)
@@ -113,6 +116,11 @@ class GuardedArena(RobotTrial):
         """Where the guards take themselves to be, map frame."""
         return [guard.pose for guard in self.guards]
 
+    def goal_space(self) -> FreeSpace:
+        """Where mobile intruders may be sent."""
+        clearance_m = max(GOAL_CLEARANCE_M, self.robot.footprint_reach_m)
+        return free_space(self.arena, clearance_m, self.layout.stationary)
+
     @property
     def guards_alive(self) -> list[Guard]:
         """Those that have not died."""
@@ -128,7 +136,8 @@ class GuardedArena(RobotTrial):
     def sensor_positions(self) -> list[Point]:
         """(x, y) of each guard's LiDAR as it truly is, map frame, metres."""
         poses = self.world.poses()
-        return [Pose2D(*poses[guard.index].tolist()).compose(LDS_01.mount)[:2] for guard in self.guards]
+        mount = self.robot.lidar.mount
+        return [Pose2D(*poses[guard.index].tolist()).compose(mount)[:2] for guard in self.guards]
 
     def next_patrol_point(self, robot: MobileRobot) -> Point:
         """Where MIDNet sends a guard that has nothing to do (section V.B)."""
@@ -160,7 +169,13 @@ class GuardedArena(RobotTrial):
         width_m, height_m = self.arena.enclosure_m
         start = self.layout.robots[0]
         patrol = self.parameters.patrol
-        points = patrol_points(self.prior_map, (start.x, start.y), (width_m, height_m), patrol.clearance_m)
+        points = patrol_points(
+            self.prior_map,
+            (start.x, start.y),
+            (width_m, height_m),
+            patrol.clearance_m,
+            self.robot.footprint_reach_m,
+        )
         if not PATROLS.is_made_here(patrol.rule):
             return TeamPatrol(patrol.rule, points, self.parameters.robots, stream(self.seed, "patrol"))
         z_m = safe_distance(math.hypot(width_m, height_m), self.parameters.robots, patrol.z_factor)

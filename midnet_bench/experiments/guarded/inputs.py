@@ -105,13 +105,18 @@ def prior_map_from(value: str, arena: str, resolution_m: float) -> OccupancyGrid
     return grid
 
 
-def check_prior_map(value: str, arena: str, resolution_m: float, robots: int, clearance_m: float) -> None:
-    """Raises InputError unless ``robots`` guards can patrol the arena on a map, as far as no seed decides."""
+def check_prior_map(
+    value: str, arena: str, resolution_m: float, robots: int, clearance_m: float, reach_m: float
+) -> None:
+    """Raises InputError unless guards can patrol the arena on a map, as far as no seed decides.
+
+    ``reach_m``: of a guard's footprint from its axle.
+    """
     grid = prior_map_from(value, arena, resolution_m)
     if value.startswith("{"):
         place = arena_from(arena)
         start = robot_starts(place, robots)[0]
-        patrol_points(grid, (start.x, start.y), place.enclosure_m, clearance_m)
+        patrol_points(grid, (start.x, start.y), place.enclosure_m, clearance_m, reach_m)
 
 
 def _check_covers(grid: OccupancyGrid, arena: Arena) -> None:

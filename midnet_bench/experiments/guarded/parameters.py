@@ -1,5 +1,6 @@
 """What the detection and the labyrinth test let a user set: arena, robots, MIDNet and its inputs."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Self
 
@@ -19,7 +20,7 @@ from midnet_bench.midnet.binary_map import PriorMapSettings
 from midnet_bench.midnet.settings import MIDNetSettings
 from midnet_bench.navigation.settings import CostmapSettings, NavigatorSettings
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS
-from midnet_bench.settings import group, option
+from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.settings import NetworkSettings, SimulationSettings
 
 
@@ -93,10 +94,12 @@ class GuardParameters(Parameters):
     stationary_scale: float = option(
         1.0, "Size of the stationary intruders that are drawn, as a multiple of the arena's.", gt=0, le=3
     )
-    intruder_speed_mps: float = option(0.22, "Top speed of the mobile intruders.", gt=0, le=0.22)
+    intruder_speed_mps: float = option(
+        0.22, "Top speed of the mobile intruders, at most that of the robot.", gt=0, le=1
+    )
     mobile_scale: float = option(
         1.0,
-        "Factor on the diameter of what LiDAR beams meet of a mobile intruder; its body stays a Burger's.",
+        "Factor on the diameter of what LiDAR beams meet of a mobile intruder; its body stays as it is.",
         ge=0.1,
         le=3,
     )
@@ -145,8 +148,33 @@ class GuardParameters(Parameters):
             raise InputError(
                 "start_error_m, start_error_deg: no start is wrong under localization: truth; take ukf"
             )
+        fastest_mps = self.simulation.robot_model.max_linear_mps
+        if self.intruder_speed_mps > fastest_mps:
+            raise InputError(
+                f"intruder_speed_mps: {self.intruder_speed_mps} is out of range; "
+                f"a {self.simulation.robot_model.name} reaches {fastest_mps:g}"
+            )
         # what several parts share may not suit each of them: tell that here, not in a trial
         _ = self.prior_costmap, self.guard_navigator, self.intruder_navigator
+
+    @classmethod
+    def defaults_with(cls, values: Mapping[str, Scalar]) -> Self:
+        """All defaults; for another robot than a Burger those that its measures decide."""
+        settings = cls()
+        simulation = settings.simulation.with_robot_of(values)
+        if simulation == settings.simulation:
+            return settings
+        robot, patrol = simulation.robot_model, settings.patrol
+        return replace(
+            settings,
+            simulation=simulation,
+            intruder_speed_mps=robot.max_linear_mps,
+            costmap=settings.costmap.of_robot(robot),
+            # the circle about it, grown by what a costmap's cells about a return reach (item 27)
+            midnet=replace(settings.midnet, ally_diameter_m=4.0 * robot.radius_m),
+            navigator=settings.navigator.of_robot(robot),
+            patrol=replace(patrol, clearance_m=max(patrol.clearance_m, robot.footprint_reach_m)),
+        )
 
     @property
     def effort(self) -> float:
@@ -218,7 +246,14 @@ class GuardParameters(Parameters):
         arena = inline_arena(self.arena)
         prior_map = inline_prior_map(self.prior_map, arena)
         try:
-            check_prior_map(prior_map, arena, self.resolution_m, self.robots, self.patrol.clearance_m)
+            check_prior_map(
+                prior_map,
+                arena,
+                self.resolution_m,
+                self.robots,
+                self.patrol.clearance_m,
+                self.simulation.robot_model.footprint_reach_m,
+            )
         except InputError as error:
             # what was read holds the map itself; only what was given names its file
             if self.prior_map == prior_map:

@@ -27,7 +27,7 @@ def scene_of(trial: GuardedArena, frame: Frame) -> Scene:
     """The trial as it is now, with the detections of ``frame``, its newest."""
     active, poses = trial.world.active, trial.world.poses()
     robots = [
-        _robot(robot, Pose2D(*poses[robot.index].tolist()), len(trial.guards))
+        _robot(robot, Pose2D(*poses[robot.index].tolist()), trial)
         for robot in trial.fleet.robots
         if active[robot.index]
     ]
@@ -56,7 +56,7 @@ def _touches(box: Box, others: Sequence[Box]) -> bool:
     return any(box.intersection_area(other) > 0.0 for other in others)
 
 
-def _robot(robot: MobileRobot, pose: Pose2D, guards: int) -> Robot:
+def _robot(robot: MobileRobot, pose: Pose2D, trial: GuardedArena) -> Robot:
     is_guard = isinstance(robot, Guard)
-    number = robot.index + 1 if is_guard else robot.index - guards + 1
-    return Robot(number, is_guard, pose, robot.pose, robot.goal, robot.navigator.plan())
+    number = robot.index + 1 if is_guard else robot.index - len(trial.guards) + 1
+    return Robot(number, is_guard, pose, robot.pose, robot.goal, robot.navigator.plan(), trial.robot)

@@ -8,7 +8,7 @@ import numpy as np
 
 from midnet_bench.agents.mobile_robot import MobileRobot, Point
 from midnet_bench.agents.pursuit import Pursuit
-from midnet_bench.arena.free_space import doors, free_space
+from midnet_bench.arena.free_space import doors
 from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
@@ -16,13 +16,8 @@ from midnet_bench.geometry import Box, lengths
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rivals.pursuit import TeamPursuit
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.integrity import crossed_wall, surfaces
 
-GOAL_CLEARANCE_M = 0.4
-"""From an escape point to any wall, as for every other goal."""
-CONTACT_M = 2.0 * BURGER.radius_m
-"""Two Burgers whose centres are this near touch."""
 REFUGES = 64
 """How many random points a fleeing intruder weighs against each other."""
 
@@ -54,7 +49,7 @@ class LabyrinthTrial(GuardedArena):
         """Place everybody and give each intruder an escape far enough from its start (item 56)."""
         super().__init__(parameters, seed, parameters.intruders)
         self._test = parameters
-        self._free = free_space(self.arena, GOAL_CLEARANCE_M, self.layout.stationary)
+        self._free = self.goal_space()
         self._doors = doors(self.arena) if parameters.escape_at == "doors" else []
         self._surfaces = surfaces(self.layout)
         self._refuge_rng = stream(seed, "refuge")
@@ -144,7 +139,8 @@ class LabyrinthTrial(GuardedArena):
         """Whether an intruder that is being detected is caught (item 53); walls keep guards off."""
         if self._test.capture == "detected":
             return True
-        reach_m = self._test.capture_distance_m if self._test.capture == "within" else CONTACT_M
+        contact_m = 2.0 * self.robot.radius_m  # robots whose centres are this near touch
+        reach_m = self._test.capture_distance_m if self._test.capture == "within" else contact_m
         place = np.array([self._place(robot)])
         return any(
             math.dist(self._place(guard), self._place(robot)) <= reach_m

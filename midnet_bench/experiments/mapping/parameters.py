@@ -1,5 +1,6 @@
 """What map construction (section II.A) lets a user set."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Self
 
@@ -10,13 +11,13 @@ from midnet_bench.localization.settings import UkfSettings
 from midnet_bench.mapping.gmapping.settings import BURGER_UKF, GmappingSettings
 from midnet_bench.mapping.settings import FrontierSettings, MergeSettings
 from midnet_bench.navigation.settings import NavigatorSettings, burger_global
-from midnet_bench.settings import group, option
+from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.settings import OdometrySettings, SimulationSettings
 
 
 @dataclass(frozen=True)
 class MappingParameters(Parameters):
-    """How a team of Burgers explores an arena and merges what its robots see."""
+    """How a team of robots explores an arena and merges what its robots see."""
 
     recorded: ClassVar[tuple[str, ...] | None] = (
         "arena",
@@ -60,6 +61,16 @@ class MappingParameters(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         _ = self.slam, self.explorer_navigator  # told here, not in a trial, if the resolution does not suit
+
+    @classmethod
+    def defaults_with(cls, values: Mapping[str, Scalar]) -> Self:
+        """All defaults; for another robot than a Burger those that its measures decide."""
+        settings = cls()
+        simulation = settings.simulation.with_robot_of(values)
+        if simulation == settings.simulation:
+            return settings
+        navigator = settings.navigator.of_robot(simulation.robot_model)
+        return replace(settings, simulation=simulation, navigator=navigator)
 
     @property
     def pose_filter(self) -> UkfSettings:

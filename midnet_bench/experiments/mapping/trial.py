@@ -1,4 +1,4 @@
-"""Map construction of section II.A: Burgers explore an arena that they do not know."""
+"""Map construction of section II.A: robots explore an arena that they do not know."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,7 +24,6 @@ from midnet_bench.mapping.map_score import MapScore, closed_spaces, score_map
 from midnet_bench.mapping.merge import by_features, by_known_starts, largest
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import LDS_01
 from midnet_bench.simulation.fleet import SCAN_HZ
 
 MAP_PERIOD_S = 2
@@ -82,7 +81,7 @@ class Exploration:
 
 
 class ExplorationTrial(RobotTrial):
-    """An arena without intruders and the Burgers that map it."""
+    """An arena without intruders and the robots that map it."""
 
     def __init__(self, parameters: MappingParameters, seed: int, threads: int = 1) -> None:
         """Place the robots at their known starts; time is 0 and nobody knows anything.
@@ -93,7 +92,8 @@ class ExplorationTrial(RobotTrial):
         self._threads = threads
         self.seed = seed
         self.arena = _empty(arena_from(parameters.arena))
-        self.layout = place(self.arena, seed, parameters.robots)
+        self.robot = parameters.simulation.robot_model
+        self.layout = place(self.arena, seed, parameters.robots, reach_m=self.robot.body_reach_m)
         resolution_m, thickness_m = parameters.resolution_m, self.arena.wall_thickness_m
         width_m, height_m = (side + thickness_m for side in self.arena.enclosure_m)
         self._plane = MapWindow.around_origin(*self.arena.plane_m, resolution_m)
@@ -140,7 +140,7 @@ class ExplorationTrial(RobotTrial):
             else by_features(parts, starts, self.parameters.merging)
         )
         grid = self._plane.cut(team.grid)
-        score = score_map(grid, truth, starts[0][:2])
+        score = score_map(grid, truth, starts[0][:2], robot_radius_m=self.robot.radius_m)
         return Exploration(
             grid=grid,
             parts=parts,
@@ -171,7 +171,7 @@ class ExplorationTrial(RobotTrial):
 
     def _warnings(self, score: MapScore, truth: OccupancyGrid) -> list[str]:
         """What keeps the map from being whole, a line each."""
-        closed = closed_spaces(truth, self.layout.robots[0][:2])
+        closed = closed_spaces(truth, self.layout.robots[0][:2], self.robot.radius_m)
         closed_m2 = float(np.count_nonzero(closed)) * (truth.resolution * truth.resolution)
         warnings = []
         if not self._is_finished:
@@ -179,9 +179,9 @@ class ExplorationTrial(RobotTrial):
                 f"stopped at the time limit of {self.parameters.time_limit_s:g} s, frontiers left"
             )
         if score.free_covered < ENOUGH:
-            warnings.append(f"only {score.free_covered:.1%} of what a Burger can reach is mapped")
+            warnings.append(f"only {score.free_covered:.1%} of what a robot can reach is mapped")
         if closed_m2 > 0.0:
-            warnings.append(f"no Burger can enter {closed_m2:.1f} m2 of free space inside the enclosure")
+            warnings.append(f"no robot can enter {closed_m2:.1f} m2 of free space inside the enclosure")
         return warnings
 
     def _snapshot(self) -> Snapshot:
@@ -202,7 +202,9 @@ class ExplorationTrial(RobotTrial):
             start,
             Navigator(self._area.empty(), parameters.explorer_navigator),
             PlanarUkf(start, parameters.pose_filter),
-            GMapping(LDS_01, parameters.slam, start, stream(self.seed, "gmapping", name), self._threads),
+            GMapping(
+                self.robot.lidar, parameters.slam, start, stream(self.seed, "gmapping", name), self._threads
+            ),
             FrontierExplorer(parameters.frontier),
             self._area,
             parameters.goals.timeout_s,

@@ -37,8 +37,8 @@ class RobustnessParameters(DetectionParameters):
         del base["disturbance"]
         changes = changes_of(self.disturbance)
         for key in changes:
-            if key == "robots":
-                raise InputError("disturbance: robots: the team's size is no disturbance; set robots itself")
+            if key in ("robot", "robots"):
+                raise InputError(f"disturbance: {key}: the team is no disturbance; set {key} itself")
             if key not in base:
                 raise InputError(f"disturbance: {key}: unknown key{nearest_name(key, base)}")
         checked = parse(flat_model(DetectionParameters), {**base, **changes}, "disturbance")

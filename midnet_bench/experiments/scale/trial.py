@@ -63,7 +63,7 @@ def draw_scene(robots: int, pose_error_m: float, rng: np.random.Generator) -> Sc
     side_m = math.sqrt(arena.enclosure_m[0] * arena.enclosure_m[1] * share)
     standing = round(arena.stationary_intruders.count * share)
     moving = round(arena.mobile_intruders.count * share)
-    width_m = 2.0 * BURGER.profiles["urdf"].radius_m
+    width_m = 2.0 * BURGER.seen.radius_m
     sides = np.concatenate(
         (rng.uniform(*arena.stationary_intruders.size_m, (standing, 2)), np.full((moving, 2), width_m))
     )
@@ -91,7 +91,7 @@ def _apart(sides: Places, gaps_m: Places, side_m: float, rng: np.random.Generato
 
 def seen_by_all(scene: Scene, window_m: float) -> Seen:
     """Each robot's boxes of the intruders and of its allies."""
-    half_m = BURGER.profiles["urdf"].radius_m
+    half_m = BURGER.seen.radius_m
     allies = np.hstack((scene.robots - half_m, scene.robots + half_m))
     boxes, in_range = [], np.zeros(len(scene.intruders), np.bool_)
     for robot, (place, believed) in enumerate(zip(scene.robots, scene.believed, strict=True)):
