@@ -189,9 +189,14 @@ class Seam:
         return found
 
 
+def several(value: str) -> list[str]:
+    """The values in a list of them, which semicolons part."""
+    return [one for one in map(str.strip, value.split(";")) if one]
+
+
 def code_in(values: Iterable[Scalar]) -> dict[str, Source]:
     """The files that pinned values name, which ``plugins.take_sources`` takes in another process."""
-    texts = [_VALUE.fullmatch(value) for value in values if isinstance(value, str)]
+    texts = [_VALUE.fullmatch(one) for value in values if isinstance(value, str) for one in several(value)]
     return sources({found["pin"] for found in texts if found is not None and found["mark"] == "#"})
 
 

@@ -73,6 +73,8 @@ class Columns:
     columns: Mapping[str, Column]
     one_row: bool = False
     """whether each trial has one row; else it has at least one"""
+    optional: bool = False
+    """whether a trial may lack it"""
 
 
 Tables = Mapping[str, Columns]
@@ -93,8 +95,8 @@ def check_tables(
     Raises:
         ValueError: which table and column are missing, odd or of another kind, in one line.
     """
-    for name in expected:
-        if name not in tables:
+    for name, known in expected.items():
+        if name not in tables and not known.optional:
             raise ValueError(f"the table '{name}' is missing")
     for name, rows in tables.items():
         if expected and name not in expected:

@@ -98,6 +98,10 @@ class Campaign:
     detector: Annotated[str | None, _part("Who detects: midnet")] = None
     fusion: Annotated[str | None, _part("Who fuses the robots' boxes: paper")] = None
     patrol: Annotated[str | None, _part("Where idle guards go: paper")] = None
+    metric: Annotated[
+        list[str] | None,
+        _part("What else is measured: ospa, first_detection, idleness, mot; may be repeated"),
+    ] = None
     map_file: Map = None
     settings: Sweep = None
     output: Annotated[
@@ -154,6 +158,7 @@ class Campaign:
             "detector": self.detector,
             "fusion": self.fusion,
             "patrol": self.patrol,
+            "metrics": "; ".join(self.metric) if self.metric else None,
         }
 
 

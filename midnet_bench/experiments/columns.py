@@ -3,7 +3,7 @@
 ``docs/results.md`` says what they mean. A column of ``since=2`` is not in every result of version 0.1.0.
 """
 
-from midnet_bench.campaign.columns import Column, Columns, Tables
+from midnet_bench.campaign.columns import LARGEST, Column, Columns, Tables
 
 COUNT = Column(int)
 AMOUNT = Column(float)
@@ -44,12 +44,15 @@ EXPLORERS = Columns(
 )
 ROBOTS = Columns({**EXPLORERS.columns, "role": Column(str, choices=("guard", "intruder"))})
 
+METRICS = Columns({"metric": Column(str), "value": Column(float, least=-LARGEST)}, optional=True)
+
 DETECTION: Tables = {
     "scores": SCORES,
     "frames": Columns({"frame": FRAMES, **COUNTS}),
     "robots": ROBOTS,
+    "metrics": METRICS,
 }
-ROBUSTNESS: Tables = {"scores": SCORES, "robots": ROBOTS}
+ROBUSTNESS: Tables = {"scores": SCORES, "robots": ROBOTS, "metrics": METRICS}
 LABYRINTH: Tables = {
     "trial": Columns(
         {
@@ -77,6 +80,7 @@ LABYRINTH: Tables = {
         }
     ),
     "robots": ROBOTS,
+    "metrics": METRICS,
 }
 MAPPING: Tables = {
     "maps": Columns(

@@ -35,7 +35,7 @@ def check(thing: str) -> Checked:
     """What is wrong with the code that ``thing`` names, found with robots in the fast engine's Map 1.
 
     Args:
-        thing: what ``--detector``, ``--fusion``, ``--patrol`` or ``--pursuit`` takes.
+        thing: what ``--detector``, ``--fusion``, ``--patrol``, ``--pursuit`` or ``--metric`` takes.
 
     Raises:
         InputError: there is no such code, or it is for no seam.

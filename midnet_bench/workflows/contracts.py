@@ -26,6 +26,8 @@ from midnet_bench.rivals.patrol import TeamPatrol
 from midnet_bench.rivals.pursuit import TeamPursuit
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS, PURSUITS
 from midnet_bench.rivals.team import detected, fused
+from midnet_bench.scoring.metric import MetricFrame, TrialMetrics
+from midnet_bench.scoring.seams import METRICS
 from midnet_bench.seams import PluginError, Seam
 from midnet_bench.settings import Scalar
 
@@ -68,6 +70,8 @@ class Instant:
     """tracks of the team's boxes"""
     asking: int = 0
     """the guard that wants to know where to go"""
+    seen: MetricFrame | None = None
+    """what metrics go by"""
 
     @property
     def team(self) -> list[GuardState]:
@@ -331,11 +335,41 @@ class PursuitContract(FrameContract):
         }
 
 
+class MetricContract(FrameContract):
+    """Numbers by name, checked as they are given."""
+
+    seam = METRICS
+
+    def make(self, name: str, recording: Recording) -> Answering:
+        """See :class:`FrameContract`; metrics see the truth, too."""
+        metrics = TrialMetrics(name)
+
+        def answer(instant: Instant) -> Answers:
+            assert instant.seen is not None
+            return [np.array(list(metrics.update(instant.seen).values()))]
+
+        return answer
+
+    def extremes(self, instant: Instant) -> dict[str, Instant]:
+        """See :class:`FrameContract`; frames in which boxes, intruders or both are missing."""
+        assert instant.seen is not None
+        seen, nothing = instant.seen, np.empty((0, 4))
+        nobody = seen._replace(truths=(), in_range=())
+        frames = {
+            "no boxes": seen._replace(boxes=nothing),
+            "no intruders": nobody,
+            "no boxes and no intruders": nobody._replace(boxes=nothing),
+            "guards that have all died": seen._replace(guards=np.empty((0, 2))),
+        }
+        return {words: replace(instant, seen=one) for words, one in frames.items()}
+
+
 CONTRACTS: tuple[Contract, ...] = (
     DetectorContract(),
     FusionContract(),
     PatrolContract(),
     PursuitContract(),
+    MetricContract(),
 )
 """of all seams; code that fits several is taken for the first of them"""
 
@@ -347,7 +381,8 @@ def recorded() -> Recording:
     instants, tracker = [], Tracker()
     with DetectionTrial(parameters, SEED) as trial:
         for number in range(WARM_UP + FRAMES):
-            places = [box.center for box in trial.next_frame().detections]
+            frame = trial.next_frame()
+            places = [box.center for box in frame.detections]
             time_s = trial.fleet.time_s
             tracks = tracker.update(places, time_s)
             targets = {
@@ -360,7 +395,8 @@ def recorded() -> Recording:
             team = trial.detector.midnet.team_of(boxes, [one.pose for one in observations])
             kept = np.concatenate(boxes)[team.kept]
             found = [kept[team.starts[i] : team.starts[i + 1]] for i in range(ROBOTS)]
-            instants.append(Instant(observations, found, time_s, targets, number % ROBOTS))
+            seen = trial.seen_by_metrics(frame, trial.truths(), trial.in_range(parameters))
+            instants.append(Instant(observations, found, time_s, targets, number % ROBOTS, seen))
         return Recording(instants, trial.prior_map, parameters.costmap.obstacle_range_m, trial.patrol.points)
 
 

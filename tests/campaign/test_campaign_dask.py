@@ -36,6 +36,10 @@ class Mine:
     def boxes(self, scan):
         return [] if scan is None else [(x, y, x + 0.1, y + 0.1) for x, y in scan.returns(self.range_m)[1]]
 
+class Boxes:
+    def frame(self, seen):
+        return {"boxes": len(seen.boxes)}
+
 class First:
     def __init__(self, prior_map, rng):
         pass
@@ -129,7 +133,10 @@ def test_an_experiment_in_a_file_runs_in_a_cluster(tmp_path: Path, scheduler: st
 
 @pytest.mark.parametrize(
     ("experiment", "parameters"),
-    [("detection", {"frames": 3, "detector": "mine.py:Mine"}), ("labyrinth", CHASE)],
+    [
+        ("detection", {"frames": 3, "detector": "mine.py:Mine", "metrics": "mine.py:Boxes; ospa"}),
+        ("labyrinth", CHASE),
+    ],
 )
 def test_parts_in_a_file_travel_to_the_cluster_s_workers(
     tmp_path: Path,

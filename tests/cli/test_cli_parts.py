@@ -54,12 +54,20 @@ class Lost(First):
         return {len(team): min(targets)}
 '''
 CHASE = ("--engine", "fast", "--arena", "map1", "--set", "escape_distance_m=2", "--set", "time_limit_s=15")
+METRIC = """
+class Boxes:
+    def __init__(self, factor=1.0):
+        self.factor = factor
+    def frame(self, seen):
+        return {"boxes": self.factor * len(seen.boxes)}
+"""
 SHORT = ("--engine", "fast", "--frames", "4", "--jobs", "1")
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "mine.py").write_text(MINE)
+    (tmp_path / "counts.py").write_text(METRIC)
     (tmp_path / "stub.py").write_text(OWN_ENGINE)
     (tmp_path / "robot.py").write_text(OWN_ROBOT)
     return tmp_path
@@ -120,6 +128,31 @@ def test_parts_stand_in_a_campaign_s_grid(folder: Path) -> None:
     assert fusions == {"paper", "components(iou=0.2)", "mine.py:Largest"}
 
 
+def test_metrics_of_ones_own_stand_in_a_grid_and_are_reported(folder: Path) -> None:
+    (folder / "measured.yaml").write_text(
+        "experiment: detection\ntrials: 2\nparameters: {engine: fast, frames: 4, robots: 2}\n"
+        "grid:\n  metrics: [none, counts.py:Boxes; ospa, counts.py:Boxes(factor=2)]\n"
+    )
+    done = midnet_bench("run", "measured.yaml", "-o", "out", "--jobs", "1", folder=folder)
+    assert done.returncode == 0, done.stderr
+    boxes: dict[tuple[str, str], float] = {
+        (row["metrics"], row["seed"]): float(row["value"])
+        for row in rows(folder / "out" / "metrics.csv")
+        if row["metric"] == "boxes"
+    }
+    found = {
+        row["seed"]: (int(row["tp"]) + int(row["fp"])) / 4
+        for row in rows(folder / "out" / "scores.csv")
+        if row["metrics"] == "none"
+    }
+    assert len(boxes) == 4
+    for (metrics, seed), value in boxes.items():
+        assert value == found[seed] * (2.0 if "factor=2" in metrics else 1.0)
+    summary = rows(folder / "out" / "metrics_summary.csv")
+    assert {row["metric"] for row in summary} == {"boxes", "ospa_m"}
+    assert all(row["value_n"] == "2" for row in summary)
+
+
 @pytest.mark.slow
 def test_a_pursuit_of_ones_own_stands_in_a_grid_and_one_that_fails_costs_its_own_trials(folder: Path) -> None:
     (folder / "chase.yaml").write_text(
@@ -157,6 +190,8 @@ def test_one_that_fails_costs_its_own_trials_and_is_named(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "option", "value", "says"),
     [
+        ("detection", "--set", "metrics=opsa", "unknown name 'opsa'; did you mean 'ospa'?"),
+        ("detection", "--metric", "mine.py:Largest", "expected a class with a method 'frame'"),
         ("labyrinth", "--pursuit", "nearst", "unknown name 'nearst'; did you mean 'nearest'?"),
         ("labyrinth", "--pursuit", "oracle(x=1)", "'oracle' goes by keys"),
         ("labyrinth", "--pursuit", "mine.py:First(guard=1)", "no option 'guard'; did you mean 'guards'?"),
@@ -171,7 +206,7 @@ def test_a_part_that_is_not_there_is_one_line(
     folder: Path, command: str, option: str, value: str, says: str
 ) -> None:
     complaint = one_line_of_complaint(midnet_bench(command, option, value, folder=folder))
-    assert f"{option.removeprefix('--')}: " in complaint
+    assert f"{option.removeprefix('--')}: " in complaint or option in ("--metric", "--set")
     assert says in complaint
 
 
@@ -181,8 +216,8 @@ def test_a_part_that_is_not_there_is_one_line(
     [
         (
             "detection --engine fast --frames 25 --robots 1 --seeds 6 --detector mine.py:Returns "
-            "--fusion mine.py:Largest --jobs 1",
-            ("scores.csv", "frames.csv"),
+            "--fusion mine.py:Largest --metric counts.py:Boxes --metric ospa --jobs 1",
+            ("scores.csv", "frames.csv", "metrics.csv"),
         ),
         (
             "detection --engine stub.py:World --frames 25 --robots 1 --seeds 6 --jobs 2",

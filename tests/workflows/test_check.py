@@ -6,6 +6,7 @@ import pytest
 
 from midnet_bench.errors import InputError
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS, PURSUITS
+from midnet_bench.scoring.seams import METRICS
 from midnet_bench.workflows.check import check
 from tests.cli.command import midnet_bench, one_line_of_complaint
 
@@ -68,6 +69,16 @@ CHASES = {
     "TypeError": "{0: min(targets, key=lambda target: self.gap)}",
 }
 """what ``pursue`` of a broken pursuit gives"""
+MEASURES = {
+    "frame gave NoneType; give a dict": "None",
+    "the name 'Boxes per frame'; small letters": "{'Boxes per frame': len(seen.boxes)}",
+    "a finite number is needed": "{'iou': 0.0 / len(seen.boxes) if len(seen.boxes) else float('nan')}",
+    "assignment destination is read-only": "seen.boxes.__setitem__(0, 0.0)",
+    "it answers otherwise the second time": "{'calls': next(Mine.seen)}",
+    "global random numbers": "{'luck': random.random()}",
+    "with no intruders: ": "{'first': float(seen.truths[0].name != '')}",
+}
+"""what ``frame`` of a broken metric gives"""
 
 
 @pytest.fixture
@@ -100,6 +111,19 @@ def test_a_broken_pursuit_is_told_what_is_wrong_with_it(fault: str, folder: Path
     assert all("\n" not in one for one in found.faults)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", MEASURES)
+def test_a_broken_metric_is_told_what_is_wrong_with_it(fault: str, folder: Path) -> None:
+    (folder / "mine.py").write_text(
+        "import itertools, random\nclass Mine:\n    seen = itertools.count()\n"
+        f"    def frame(self, seen): return {MEASURES[fault]}\n"
+    )
+    found = check("mine.py:Mine")
+    assert found.seam == "metrics"
+    assert any(fault in one for one in found.faults), found.faults
+    assert all("\n" not in one for one in found.faults)
+
+
 def test_a_good_detector_of_ones_own_is_ok(folder: Path) -> None:
     (folder / "mine.py").write_text(GOOD)
     done = midnet_bench("check", "mine.py:Mine", folder=folder)
@@ -118,7 +142,9 @@ def test_a_broken_one_has_exit_code_one(folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", dict.fromkeys([*DETECTORS.own, *FUSIONS.own, *PATROLS.own, *PURSUITS.own]))
+@pytest.mark.parametrize(
+    "name", dict.fromkeys([*DETECTORS.own, *FUSIONS.own, *PATROLS.own, *PURSUITS.own, *METRICS.own])
+)
 def test_what_comes_with_the_package_is_ok(name: str) -> None:
     assert check(name).faults == []
 

@@ -51,6 +51,7 @@ def motion(parameters: DetectionParameters) -> DetectionParameters:
         require_line_of_sight=plain.require_line_of_sight,
         tp_boxes=plain.tp_boxes,
         truth_box=plain.truth_box,
+        metrics=plain.metrics,
     )
 
 

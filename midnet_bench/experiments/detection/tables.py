@@ -10,6 +10,7 @@ from midnet_bench.analysis.frames import Results, records
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.trial import Row
 from midnet_bench.experiments.experiment import Measures
+from midnet_bench.experiments.guarded.metric_tables import metric_measures, metric_tables
 from midnet_bench.scoring.frame_counts import Ratios, ratios
 
 PAPER: Mapping[str, Row] = {
@@ -38,6 +39,7 @@ def tables(results: Results) -> list[Table]:
         matching_table(cells),
         comparison_table(cells),
         by_seed_table(cells),
+        *metric_tables(results),
     ]
 
 
@@ -171,13 +173,14 @@ def score_over_seeds(cell: pd.DataFrame, score: str, confidence: float = 0.95) -
 
 
 def measures(results: Results) -> Measures:
-    """Precision, recall and F1, one-to-one F1 and GOSPA of each cell by seed."""
-    return {
+    """Precision, recall and F1, one-to-one F1, GOSPA and further metrics of each cell by seed."""
+    scores = {
         (name, score): by_seed(cell, score)
         for name, cell in cells_of(results).items()
         for score in (*SCORES, *BESIDE)
         if score in cell
     }
+    return {**scores, **metric_measures(results)}
 
 
 def by_seed(cell: pd.DataFrame, score: str) -> dict[int, float]:

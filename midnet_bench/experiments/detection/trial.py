@@ -25,6 +25,8 @@ from midnet_bench.scoring.frame_counts import (
     total,
     truths_in_range,
 )
+from midnet_bench.scoring.metric import TrialMetrics
+from midnet_bench.seams import PluginError
 from midnet_bench.simulation.lidar import SOLID
 from midnet_bench.simulation.noise import NoiseBlocks
 
@@ -56,6 +58,7 @@ class Judge:
         self.node = node
         self.sight = sight
         self.causes = CauseCounter()
+        self.metrics = TrialMetrics(test.metrics)
 
 
 class DetectionTrial(GuardedArena):
@@ -92,6 +95,8 @@ class DetectionTrial(GuardedArena):
         in_range = self.in_range(test, judge.sight)
         match = match_frame(midnet.detections, truths)
         counts = count_frame(midnet.detections, truths, in_range, test.tp_boxes, match)
+        if judge.metrics:
+            judge.metrics.update(self.seen_by_metrics(midnet, truths, in_range))
         return ScoredFrame(number, midnet, truths, in_range, match, counts)
 
     def causes(self, frame: ScoredFrame, judge: Judge) -> Causes:
@@ -133,7 +138,9 @@ class DetectionTrial(GuardedArena):
         mobile = {robot.name: self.lidars.outline(robot.index) for robot in self.intruders}
         return [TruthObject(name, box, box.center) for name, box in (self._stationary | mobile).items()]
 
-    def result(self, frames: Sequence[FrameCounts], causes: Sequence[Causes]) -> TrialResult:
+    def result(
+        self, frames: Sequence[FrameCounts], causes: Sequence[Causes], metrics: TrialMetrics
+    ) -> TrialResult:
         """The tables of a trial that is over, from the counts of all its frames by one detector."""
         rows: list[Row] = [{"frame": i + 1, **counts._asdict()} for i, counts in enumerate(frames)]
         summed = total(frames)
@@ -144,7 +151,12 @@ class DetectionTrial(GuardedArena):
             **total_causes(causes)._asdict(),
             "patrol_relaxations": self.patrol.relaxations,
         }
-        tables = {"scores": [scores], "frames": rows, "robots": self.rows_of_robots()}
+        tables = {
+            "scores": [scores],
+            "frames": rows,
+            "robots": self.rows_of_robots(),
+            **metrics.tables(),
+        }
         return TrialResult(tables, simulated_s=len(frames) / FRAME_HZ)
 
     def _judge(self, test: DetectionParameters, node: DetectorNode) -> Judge:
@@ -177,7 +189,7 @@ class DetectionTrial(GuardedArena):
 
 
 def run_detection(parameters: DetectionParameters, seed: int) -> TrialResult:
-    """One trial: ``scores`` (one row, counts summed), ``frames`` and ``robots``."""
+    """One trial: ``scores`` (one row, counts summed), ``frames``, ``robots``; ``metrics`` if asked for."""
     (result,) = run_together([parameters], seed)
     if isinstance(result, Exception):
         raise result
@@ -205,6 +217,12 @@ def run_together(tests: Sequence[DetectionParameters], seed: int) -> list[TrialR
                     failures[place] = error
             if len(failures) == len(tests):
                 break
-        return [
-            failures.get(place) or trial.result(frames[place], causes[place]) for place in range(len(tests))
-        ]
+        results: list[TrialResult | Exception] = []
+        for place, judge in enumerate(trial.judges):
+            try:
+                results.append(
+                    failures.get(place) or trial.result(frames[place], causes[place], judge.metrics)
+                )
+            except PluginError as error:  # of a metric, at the end
+                results.append(error)
+        return results

@@ -4,6 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
 from midnet_bench.arena.free_space import FreeSpace, free_space
@@ -24,6 +26,8 @@ from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rivals.patrol import TeamPatrol
 from midnet_bench.rivals.seams import PATROLS
 from midnet_bench.rng import stream
+from midnet_bench.scoring.frame_counts import TruthObject
+from midnet_bench.scoring.metric import MetricFrame
 
 FRAME_HZ = 5
 """One MIDNet frame per LiDAR period (items 9, 42)."""
@@ -105,6 +109,20 @@ class GuardedArena(RobotTrial):
                 self._uplink.send(due, self.fleet.time_s)
             if self._dying and self.fleet.time_s >= self.parameters.dying_after_s - 1e-9:
                 self._let_die()
+
+    def seen_by_metrics(
+        self, frame: Frame, truths: Sequence[TruthObject], in_range: Sequence[bool]
+    ) -> MetricFrame:
+        """The newest frame and the truth of it."""
+        guards = [guard.index for guard in self.guards_alive]
+        return MetricFrame(
+            self.fleet.time_s,
+            np.array(frame.detections, dtype=np.float64).reshape(-1, 4),
+            tuple(truths),
+            tuple(in_range),
+            self.world.poses()[guards, :2],
+            self.patrol.points,
+        )
 
     def observations(self, node: DetectorNode) -> list[Observation]:
         """What one of this trial's detectors goes by now, of each guard."""

@@ -20,6 +20,7 @@ from midnet_bench.midnet.binary_map import PriorMapSettings
 from midnet_bench.midnet.settings import MIDNetSettings
 from midnet_bench.navigation.settings import CostmapSettings, NavigatorSettings
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS
+from midnet_bench.scoring.seams import NONE, pinned_metrics
 from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.settings import NetworkSettings, SimulationSettings
 
@@ -86,6 +87,11 @@ class GuardParameters(Parameters):
         "paper",
         "Who makes one list of the guards' boxes: paper (Algorithms 3 and 4), none, suppression, components, "
         "weighted, centres, tracks, or your own, given as a detector is.",
+    )
+    metrics: str = option(
+        NONE,
+        "Further metrics, taken frame by frame: none, or ospa, first_detection, idleness, mot or your own as "
+        "package.module:NAME or file.py:NAME; several with semicolons between them.",
     )
     resolution_m: float = option(
         0.05, "Side of a cell of the prior map and of the local costmaps.", ge=0.02, le=0.2
@@ -267,6 +273,7 @@ class GuardParameters(Parameters):
             prior_map=prior_map,
             detector=DETECTORS.pinned(self.detector),
             fusion=FUSIONS.pinned(self.fusion),
+            metrics=pinned_metrics(self.metrics),
             patrol=replace(self.patrol, rule=PATROLS.pinned(self.patrol.rule)),
             simulation=self.simulation.with_files_read(),
         )

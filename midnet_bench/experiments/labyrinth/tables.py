@@ -13,6 +13,7 @@ from midnet_bench.analysis.statistics import SHARE_METHOD, mean, ratio_of_sums
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.experiment import Measures
+from midnet_bench.experiments.guarded.metric_tables import metric_measures, metric_tables
 from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, variants_of
 
 PAPER_REAL_TIME_FACTOR = 0.18
@@ -36,6 +37,7 @@ def tables(results: Results) -> list[Table]:
         cells_table(variants),
         health_table(variants),
         speed_table(variants),
+        *metric_tables(results),
     ]
 
 
@@ -199,7 +201,10 @@ def _change(one: Variant, intruders: int | None, smaller: int, larger: int, *, r
 
 
 def measures(results: Results) -> Measures:
-    """Percent caught by variant and team size, over all numbers of intruders; both and durations over all."""
+    """Percent caught by variant and team size, over all numbers of intruders; both and durations over all.
+
+    With them stand further metrics by cell.
+    """
     found: dict[tuple[str, str], Mapping[int, float]] = {}
     for name, one in variants_of(results).items():
         for robots in one.team_sizes:
@@ -209,7 +214,7 @@ def measures(results: Results) -> Measures:
         found[everything, "caught_percent"] = one.all_cells_by_seed("success_rate")
         found[everything, "duration_s"] = one.all_cells_by_seed("duration_s")
         found[everything, "time_to_capture_s"] = one.capture_time_by_seed()
-    return found
+    return {**found, **metric_measures(results)}
 
 
 def power_table(results: Results, difference: float, robots: tuple[int, int], power: float = POWER) -> Table:

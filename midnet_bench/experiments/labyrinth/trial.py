@@ -16,6 +16,8 @@ from midnet_bench.geometry import Box, lengths
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rivals.pursuit import TeamPursuit
 from midnet_bench.rng import stream
+from midnet_bench.scoring.frame_counts import TruthObject, truths_in_range
+from midnet_bench.scoring.metric import TrialMetrics
 from midnet_bench.simulation.integrity import crossed_wall, surfaces
 
 REFUGES = 64
@@ -55,6 +57,7 @@ class LabyrinthTrial(GuardedArena):
         self._refuge_rng = stream(seed, "refuge")
         rule = TeamPursuit(parameters.pursuit.rule, self.prior_map, stream(seed, "pursuit"))
         self.pursuit = Pursuit(self.guards, parameters.pursuit, rule)
+        self.metrics = TrialMetrics(parameters.metrics)
         self.targets, self.ghosts = 0, 0
         """targets of the pursuit so far, and those of them whose first box was on no intruder"""
         self.outcomes: dict[int, Outcome] = {}
@@ -74,8 +77,18 @@ class LabyrinthTrial(GuardedArena):
         to_the_end = self._test.ends == "time_limit"
         while (to_the_end or self.present) and self.fleet.time_s < self._test.time_limit_s - 1e-9:
             midnet = self.next_frame(explain)
+            if self.metrics:
+                self._measure(midnet)
             self._judge(midnet)
             yield midnet
+
+    def _measure(self, midnet: Frame) -> None:
+        """Let the metrics see a frame, before anybody is taken out."""
+        outlines = {robot.name: self.lidars.outline(robot.index) for robot in self.present}
+        truths = [TruthObject(name, box, box.center) for name, box in outlines.items()]
+        range_m = self._test.costmap.obstacle_range_m
+        in_range = truths_in_range(truths, self.sensor_positions(), range_m, "centre")
+        self.metrics.update(self.seen_by_metrics(midnet, truths, in_range))
 
     def _judge(self, midnet: Frame) -> None:
         """Who was detected, caught or got away at this instant; where the guards go next.
@@ -181,7 +194,7 @@ class LabyrinthTrial(GuardedArena):
 
 
 def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
-    """One trial: ``trial`` (one row), ``intruders`` and ``robots``."""
+    """One trial: ``trial`` (one row), ``intruders``, ``robots``, and ``metrics`` if asked for."""
     with LabyrinthTrial(parameters, seed) as trial:
         for _ in trial.frames():
             pass
@@ -211,5 +224,10 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
             "targets": trial.targets,
             "ghost_targets": trial.ghosts,
         }
-        tables = {"trial": [row], "intruders": intruders, "robots": trial.rows_of_robots()}
+        tables = {
+            "trial": [row],
+            "intruders": intruders,
+            "robots": trial.rows_of_robots(),
+            **trial.metrics.tables(),
+        }
         return TrialResult(tables, simulated_s=duration_s)

@@ -26,9 +26,11 @@ class ReadingsParameters(DetectionParameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, own in (("detector", "midnet"), ("fusion", "paper")):
+        for name, own in (("detector", "midnet"), ("fusion", "paper"), ("metrics", "none")):
             if getattr(self, name) != own:
-                raise InputError(f"{name}: readings are MIDNet's; leave {name} at {own}")
+                raise InputError(
+                    f"{name}: readings are MIDNet's, by the paper's counts; leave {name} at {own}"
+                )
 
     def with_files_read(self) -> Self:
         """See :class:`Parameters`; behind ``calibration`` a digest of its candidates and rules."""

@@ -14,7 +14,7 @@ ROBUSTNESS = Experiment(
     measures=later("midnet_bench.experiments.detection.tables:measures"),
     lower_is_better=("gospa_per_frame_m",),
     ranked_by=("f1_one_to_one", "gospa_per_frame_m"),
-    printed=("robustness_scores",),
+    printed=("robustness_scores", "metrics_summary"),
     figures=later("midnet_bench.experiments.robustness.figures:figures"),
     demo=later("midnet_bench.experiments.robustness.trial:demo"),
 )

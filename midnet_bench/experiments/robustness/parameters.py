@@ -46,7 +46,7 @@ class RobustnessParameters(DetectionParameters):
             disturbed = DetectionParameters.from_flat(checked.model_dump()).with_files_read()
         except InputError as error:
             raise InputError(f"disturbance: {error}") from error
-        for key in ("arena", "prior_map", "detector", "fusion", "patrol", "engine"):
+        for key in ("arena", "prior_map", "detector", "fusion", "patrol", "metrics", "engine"):
             value = str(disturbed.flat_values()[key])
             if key in changes and (value.startswith("{") or "#" in value):
                 raise InputError(f"disturbance: {key}: a file is no disturbance; give it by {key} itself")

@@ -8,6 +8,7 @@ from midnet_bench.analysis import statistics
 from midnet_bench.analysis.differences import BySeed, differences
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.experiments.guarded.metric_tables import metric_tables
 from midnet_bench.experiments.robustness.parameters import NONE
 from midnet_bench.scoring.frame_counts import ratios
 
@@ -20,7 +21,7 @@ Scores = Mapping[tuple[str, str, str], BySeed]
 def tables(results: Results) -> list[Table]:
     """The tables of a campaign with disturbances."""
     scores = results.once(scores_of)
-    return [scores_table(scores), differences_table(scores)]
+    return [scores_table(scores), differences_table(scores), *metric_tables(results)]
 
 
 def scores_of(results: Results) -> Scores:

@@ -1,0 +1,135 @@
+"""``Metric``: numbers of a trial that the referee, who knows the truth, takes frame by frame."""
+
+import math
+import re
+from collections.abc import Mapping
+from numbers import Real
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.geometry import Box
+from midnet_bench.scoring.frame_counts import TruthObject
+from midnet_bench.scoring.seams import METRICS, NONE
+from midnet_bench.seams import PluginError, several
+from midnet_bench.settings import Scalar
+
+MOST = 1e12
+"""no value is farther from 0"""
+LONGEST_NAME = 40
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+
+
+class MetricFrame(NamedTuple):
+    """What a metric goes by. Map frame, metres; the arrays cannot be written to."""
+
+    time_s: float
+    """since the trial's start"""
+    boxes: npt.NDArray[np.float64]
+    """(n, 4) of the team: x_min, y_min, x_max, y_max"""
+    truths: tuple[TruthObject, ...]
+    """the intruders that are there"""
+    in_range: tuple[bool, ...]
+    """for each of them, whether missing it counts (item 46)"""
+    guards: npt.NDArray[np.float64]
+    """(k, 2) where the guards that have not died truly are"""
+    points: npt.NDArray[np.float64]
+    """(m, 2) where a guard may be sent; the same at each frame"""
+
+    @property
+    def touched(self) -> list[list[int]]:
+        """For each box the intruders that it covers some area of."""
+        return [
+            [i for i, truth in enumerate(self.truths) if box.intersection_area(truth.box) > 0.0]
+            for box in map(Box._make, self.boxes.tolist())
+        ]
+
+    @property
+    def counted_boxes(self) -> list[Box]:
+        """The boxes without those on intruders that are all out of range, which cost nothing (item 47)."""
+        return [
+            Box._make(box)
+            for box, on in zip(self.boxes.tolist(), self.touched, strict=True)
+            if not on or any(self.in_range[i] for i in on)
+        ]
+
+
+class Metric(Protocol):
+    """A class of these is made anew for each trial, of its own options, and may remember what it saw.
+
+    With a method ``trial() -> Mapping[str, float]`` it also gives values of the whole trial, after the last
+    frame.
+    """
+
+    def frame(self, seen: MetricFrame) -> Mapping[str, float]:
+        """Values of this frame by name, ``ospa_m`` say; a trial's value is their mean over frames.
+
+        A value that is not defined is left out.
+        """
+
+
+class TrialMetrics:
+    """The metrics that were asked for, watched: what is wrong with one is said by its name."""
+
+    def __init__(self, value: str) -> None:
+        """``value`` is pinned. Raises PluginError if one cannot be made."""
+        names = [] if value == NONE else several(value)
+        self._metrics = {name: METRICS.make(name) for name in names}
+        self._values: dict[str, list[float]] = {}
+        self._owner: dict[str, str] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._metrics)
+
+    def update(self, seen: MetricFrame) -> dict[str, float]:
+        """The values of a frame by name; frames come in order, each once.
+
+        Raises:
+            PluginError: a metric failed, or gave what are no values.
+        """
+        for array in (seen.boxes, seen.guards, seen.points):
+            array.setflags(write=False)
+        found: dict[str, float] = {}
+        for name, metric in self._metrics.items():
+            with METRICS.calling(name):
+                found |= self._checked(name, "frame", metric.frame(seen))
+        for key, value in found.items():
+            self._values.setdefault(key, []).append(value)
+        return found
+
+    def values(self) -> dict[str, float]:
+        """The trial's values: means over the frames that had one, and those of the whole trial.
+
+        Raises:
+            PluginError: as :meth:`update`.
+        """
+        found = {key: math.fsum(values) / len(values) for key, values in self._values.items()}
+        for name, metric in self._metrics.items():
+            if hasattr(metric, "trial"):
+                with METRICS.calling(name):
+                    whole = self._checked(name, "trial", metric.trial())
+                if twice := found.keys() & whole.keys():
+                    raise PluginError(f"metrics {name}: trial gave '{min(twice)}', which frame gives already")
+                found |= whole
+        return dict(sorted(found.items()))
+
+    def tables(self) -> dict[str, list[dict[str, Scalar]]]:
+        """The table ``metrics`` of a trial, a row for each of :meth:`values`; nothing if there are none."""
+        rows: list[dict[str, Scalar]] = [
+            {"metric": name, "value": value} for name, value in self.values().items()
+        ]
+        return {"metrics": rows} if rows else {}
+
+    def _checked(self, name: str, method: str, given: Any) -> dict[str, float]:
+        said = f"metrics {name}: {method} gave"
+        if not isinstance(given, Mapping):
+            raise PluginError(f"{said} {type(given).__name__}; give a dict, names to numbers")
+        for key, value in given.items():
+            if not (isinstance(key, str) and _NAME.fullmatch(key) and len(key) <= LONGEST_NAME):
+                raise PluginError(f"{said} the name {key!r:.60}; small letters, digits and _ are needed")
+            if self._owner.setdefault(key, name) != name:
+                raise PluginError(f"{said} '{key}', as {self._owner[key]} does; give it another name")
+            if not isinstance(value, Real) or not abs(float(value)) <= MOST:
+                raise PluginError(f"{said} {value!r:.60} for '{key}'; a finite number is needed")
+        return {key: float(value) for key, value in given.items()}

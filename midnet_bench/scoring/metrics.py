@@ -1,0 +1,101 @@
+"""Metrics beside the paper's: OSPA, when intruders are found, idleness of patrolled places."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.assignment import linear_sum_assignment
+from midnet_bench.geometry import lengths
+from midnet_bench.scoring.metric import MetricFrame
+
+
+@dataclass
+class Ospa:
+    """Optimal sub-pattern assignment: mean distance of boxes from intruders, 0 to ``cutoff_m``.
+
+    Schuhmacher, Vo and Vo, "A consistent metric for performance evaluation of multi-object filters", IEEE
+    Transactions on Signal Processing 56 (2008), of order 1. What has no partner is ``cutoff_m`` off.
+    Intruders out of range and boxes on them are left out.
+    """
+
+    cutoff_m: float = 1.0
+
+    def frame(self, seen: MetricFrame) -> dict[str, float]:
+        """``ospa_m``, metres; 0 where neither a box nor an intruder is."""
+        boxes = [box.center for box in seen.counted_boxes]
+        intruders = [truth.center for truth, near in zip(seen.truths, seen.in_range, strict=True) if near]
+        most, least = max(len(boxes), len(intruders)), min(len(boxes), len(intruders))
+        if not least:
+            return {"ospa_m": self.cutoff_m if most else 0.0}
+        gaps_m = np.array(
+            [[min(math.dist(box, intruder), self.cutoff_m) for intruder in intruders] for box in boxes]
+        )
+        paired_m = math.fsum(gaps_m[linear_sum_assignment(gaps_m)].tolist())
+        return {"ospa_m": (paired_m + self.cutoff_m * (most - least)) / most}
+
+
+class FirstDetection:
+    """When intruders get their first box."""
+
+    def __init__(self) -> None:
+        self._near_s: dict[str, float] = {}
+        self._found_s: dict[str, float] = {}
+
+    def frame(self, seen: MetricFrame) -> dict[str, float]:
+        """No value of its own."""
+        found = {i for on in seen.touched for i in on}
+        for i, truth in enumerate(seen.truths):
+            if seen.in_range[i] or i in found:
+                self._near_s.setdefault(truth.name, seen.time_s)
+            if i in found:
+                self._found_s.setdefault(truth.name, seen.time_s)
+        return {}
+
+    def trial(self) -> dict[str, float]:
+        """Means over the intruders that were found, seconds: since the start, and since each was in range.
+
+        ``never_detected`` is how many others were in range at some time.
+        """
+        values = {"never_detected": float(len(self._near_s) - len(self._found_s))}
+        if self._found_s:
+            count = len(self._found_s)
+            values["first_detection_s"] = math.fsum(self._found_s.values()) / count
+            waits_s = (time_s - self._near_s[name] for name, time_s in self._found_s.items())
+            values["detection_delay_s"] = math.fsum(waits_s) / count
+        return values
+
+
+@dataclass
+class Idleness:
+    """For how long places have not been visited.
+
+    Machado, Ramalho, Zucker and Drogoul, "Multi-agent patrolling: an empirical analysis of alternative
+    architectures", MABS 2002; used to compare patrols by Portugal and Rocha, "Multi-robot patrolling
+    algorithms: examining performance and scalability", Advanced Robotics 27 (2013). The places are those
+    where a guard may be sent, one in each square of ``spacing_m``. One is visited while a guard is within
+    ``reach_m`` of it, walls or not. At the start all have just been visited.
+    """
+
+    reach_m: float = 1.0
+    spacing_m: float = 0.5
+    _visited_s: npt.NDArray[np.float64] | None = field(default=None, init=False)
+    _longest_s: float = field(default=0.0, init=False)
+
+    def frame(self, seen: MetricFrame) -> dict[str, float]:
+        """``idleness_s``: the mean over the places now, seconds."""
+        squares = np.floor(seen.points / self.spacing_m).astype(np.int64)
+        _, first = np.unique(squares, axis=0, return_index=True)
+        if self._visited_s is None:
+            self._visited_s = np.zeros(len(first))
+        if len(seen.guards):
+            gaps = seen.points[first][:, None] - seen.guards[None]
+            self._visited_s[lengths(gaps).min(axis=1) <= self.reach_m] = seen.time_s
+        idle_s = (seen.time_s - self._visited_s).tolist()
+        self._longest_s = max(self._longest_s, *idle_s)
+        return {"idleness_s": math.fsum(idle_s) / len(idle_s)}
+
+    def trial(self) -> dict[str, float]:
+        """``longest_idleness_s``: of any place at any time, seconds."""
+        return {"longest_idleness_s": self._longest_s}
