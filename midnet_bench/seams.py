@@ -66,6 +66,11 @@ class Seam:
     own: Mapping[str, str | None]
     """this package's by name: a reference, or None for one that whoever asks makes himself"""
 
+    @property
+    def wanted(self) -> str:
+        """What values must name, in words."""
+        return f"a class with a method '{self.method}'"
+
     def names(self) -> list[str]:
         """The names that can be given, this package's first; beside them it takes references."""
         return list(dict.fromkeys([*self.own, *(one.name for one in entry_points(group=self.entry_points))]))
@@ -181,7 +186,7 @@ class Seam:
     def _class(self, choice: Choice) -> Any:
         found = self._found(choice)
         if not callable(found) or not callable(getattr(found, self.method, None)):
-            raise InputError(f"{self.option}: {choice}: expected a class with a method '{self.method}'")
+            raise InputError(f"{self.option}: {choice}: expected {self.wanted}")
         for key in choice.options:
             known = _options_of(found)
             if key not in known:

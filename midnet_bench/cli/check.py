@@ -18,7 +18,8 @@ def check(
         str,
         typer.Argument(
             metavar="THING",
-            help="A detector, fusion, patrol, pursuit or metric: NAME, package.module:NAME or file.py:NAME.",
+            help="A detector, fusion, patrol, pursuit, metric, engine or robot: NAME, package.module:NAME or "
+            "file.py:NAME.",
             show_default=False,
         ),
     ],

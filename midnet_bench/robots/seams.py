@@ -11,10 +11,15 @@ from midnet_bench.seams import Choice, Seam
 class RobotSeam(Seam):
     """Values name a :class:`RobotModel` itself. What stands in brackets replaces its numbers."""
 
+    @property
+    def wanted(self) -> str:
+        """See :class:`Seam`."""
+        return "a RobotModel"
+
     def _class(self, choice: Choice) -> RobotModel:
         found = self._found(choice)
         if not isinstance(found, RobotModel):
-            raise InputError(f"{self.option}: {choice}: expected a RobotModel")
+            raise InputError(f"{self.option}: {choice}: expected {self.wanted}")
         numbers = [one.name for one in fields(found) if isinstance(getattr(found, one.name), float)]
         for key, value in choice.options.items():
             if key not in numbers:

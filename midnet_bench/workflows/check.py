@@ -70,9 +70,9 @@ def _contract_of(thing: str) -> Contract:
         except InputError as error:
             complaints.append(str(error))
     seams = [contract.seam for contract in CONTRACTS]
-    if all(f"with a method '{seam.method}'" in said for seam, said in zip(seams, complaints, strict=True)):
-        methods = " or ".join(f"'{seam.method}' ({seam.option})" for seam in seams)
-        raise InputError(f"{thing}: expected a class with a method {methods}")
+    if all(f"expected {seam.wanted}" in said for seam, said in zip(seams, complaints, strict=True)):
+        wanted = " or ".join(f"{seam.wanted} ({seam.option})" for seam in seams)
+        raise InputError(f"{thing}: expected {wanted.replace(' or a class with a method', ',')}")
     raise InputError(complaints[0].removeprefix(f"{seams[0].option}: "))
 
 

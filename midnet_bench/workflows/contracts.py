@@ -17,19 +17,34 @@ import numpy.typing as npt
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.agents.pursuit import TargetState
 from midnet_bench.agents.tracking import Tracker
+from midnet_bench.arena.arena import load_arena
+from midnet_bench.arena.layout import place
+from midnet_bench.elementary import directions
+from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
+from midnet_bench.experiments.guarded.arena import FRAME_HZ
+from midnet_bench.geometry import lengths
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.messages import STOP, Command
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.rivals.patrol import TeamPatrol
 from midnet_bench.rivals.pursuit import TeamPursuit
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS, PURSUITS
 from midnet_bench.rivals.team import detected, fused
+from midnet_bench.robots.burger import BURGER, LDS_01
+from midnet_bench.robots.model import RobotModel
+from midnet_bench.robots.seams import ROBOTS as ROBOT_MODELS
 from midnet_bench.scoring.metric import MetricFrame, TrialMetrics
 from midnet_bench.scoring.seams import METRICS
 from midnet_bench.seams import PluginError, Seam
 from midnet_bench.settings import Scalar
+from midnet_bench.simulation.engines import make_world
+from midnet_bench.simulation.lidar import beam_directions
+from midnet_bench.simulation.seams import SIMULATORS
+from midnet_bench.simulation.settings import WorldSettings
+from midnet_bench.simulation.simulator import Beams, Simulator
 
 ROBOTS, FRAMES, SEED = 4, 12, 3001
 WARM_UP = 25
@@ -364,12 +379,131 @@ class MetricContract(FrameContract):
         return {words: replace(instant, seen=one) for words, one in frames.items()}
 
 
+class WorldContract(Contract):
+    """Of what makes a world in which robots move as they are told."""
+
+    @abstractmethod
+    def worlds(self, name: str) -> Iterator[tuple[str, Simulator]]:
+        """What stands before its faults, and a world with robots that stand in the open."""
+
+    def faults(self, name: str) -> Iterator[str]:
+        """See :class:`Contract`."""
+        try:
+            for said, world in self.worlds(name):
+                yield from (said + fault for fault in _wrong_moves(world))
+                world.close()
+        except (PluginError, InputError) as error:
+            yield str(error).removeprefix(f"{self.seam.option} {name}: ")
+
+
+class EngineContract(WorldContract):
+    """``simulation/own_engine.py``."""
+
+    seam = SIMULATORS
+    short_trial: ClassVar[Mapping[str, Scalar]] = {"robots": 3, "frames": 10}
+
+    def worlds(self, name: str) -> Iterator[tuple[str, Simulator]]:
+        """See :class:`WorldContract`."""
+        yield "", _world(name, BURGER)
+
+    def faults(self, name: str) -> Iterator[str]:
+        """See :class:`Contract`: also that two agree, and that beams end where walls are."""
+        yield from super().faults(name)
+        with contextlib.suppress(PluginError):  # it has been told
+            one, other, fast = (_world(engine, BURGER) for engine in (name, name, "fast"))
+            for world in (one, other):
+                _drive(world, Command(0.15, 0.6), 1.0)
+            if not np.array_equal(one.poses(), other.poses()):
+                yield "two worlds that were made and driven alike differ: hidden randomness, or shared state?"
+            cosines, sines = np.ascontiguousarray(directions(LDS_01.angles_rad).T)
+            beams = Beams(*beam_directions(np.array(one.layout.robots), 0.0, cosines, sines))
+            far_m = 3.0 * LDS_01.range_max_m
+            found, true = (world.cast(beams, LDS_01.range_min_m, far_m) for world in (one, fast))
+            with np.errstate(invalid="ignore"):  # inf where neither meets anything
+                is_off = (found != true) & ~(np.abs(found - true) < MAX_OFF_M)
+            if is_off.mean() > MAX_SHARE_OFF:
+                yield f"cast: {is_off.mean():.0%} of beams end more than 1 mm from where walls begin"
+
+    def frame_ms(self, name: str) -> float:
+        """See :class:`Contract`."""
+        world = _world(name, BURGER)
+        ticks, times_s = world.step_hz // FRAME_HZ, []
+        for _ in range(FRAMES):
+            begin = time.perf_counter()
+            _drive(world, Command(0.1, 0.5), ticks / world.step_hz)
+            times_s.append(time.perf_counter() - begin)
+        world.close()
+        return 1e3 * statistics.median(times_s)
+
+
+class RobotContract(WorldContract):
+    """``robots/model.py``, which refuses by itself what no robot can be."""
+
+    seam = ROBOT_MODELS
+
+    def worlds(self, name: str) -> Iterator[tuple[str, Simulator]]:
+        """See :class:`WorldContract`."""
+        robot = ROBOT_MODELS.make(name)
+        for engine in ("fast", "bullet"):
+            try:
+                yield f"on {engine}: ", _world(engine, robot)
+            except ImportError:  # without PyBullet
+                continue
+
+
+MAX_OFF_M, MAX_SHARE_OFF = 1e-3, 0.01
+"""Beams may graze a corner here and pass it there."""
+SLOW_MPS, SLOW_RADPS = 0.02, 0.05
+"""how far from what it was told a robot may move, beside a tenth of it"""
+
+
+def _world(engine: str, robot: RobotModel) -> Simulator:
+    """Robots in the middle of an empty Map 1."""
+    layout = place(load_arena("empty"), SEED, ROBOTS, 0, robot.body_reach_m)
+    return make_world(layout, WorldSettings(engine=engine), robot)
+
+
+def _drive(world: Simulator, command: Command, seconds: float) -> None:
+    for index in range(len(world.active)):
+        world.drive(index, command)
+    for _ in range(round(seconds * world.step_hz)):
+        world.step()
+
+
+def _wrong_moves(world: Simulator) -> Iterator[str]:
+    """What is wrong with how robots stand, drive, turn, stop, and with what their wheels say of it."""
+    robot, starts = world.robot, np.array(world.layout.robots)
+    off = world.poses() - starts
+    off[:, 2] = (off[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
+    if np.abs(off).max() > 0.01:
+        yield "poses: robots do not stand where they start"
+    ahead_mps, turn_radps = 0.8 * robot.max_linear_mps, 0.5 * robot.max_angular_radps
+    before = world.wheel_angles()
+    for command in (Command(ahead_mps, 0.0), Command(0.0, turn_radps), STOP):
+        _drive(world, command, 1.5)
+        moves = world.velocities()
+        off = np.abs(moves - command) - 0.1 * np.abs(command)
+        if (off > (SLOW_MPS, SLOW_RADPS)).any():
+            speed, turn = moves[off.max(axis=1).argmax()]
+            yield (
+                f"drive: told {command.linear_mps:.2f} m/s and {command.angular_radps:.2f} rad/s, "
+                f"a robot moves at {speed:.2f} m/s and {turn:.2f} rad/s after 1.5 s"
+            )
+        if command.linear_mps:
+            rolled = (world.wheel_angles() - before).mean(axis=1) * robot.wheel_radius_m
+            driven = lengths(world.poses()[:, :2] - starts[:, :2])
+            if (np.abs(rolled - driven) > 0.1 * driven + 0.01).any():
+                yield f"wheel_angles: wheels rolled {rolled[0]:.2f} m where a robot drove {driven[0]:.2f} m"
+
+
 CONTRACTS: tuple[Contract, ...] = (
     DetectorContract(),
     FusionContract(),
     PatrolContract(),
     PursuitContract(),
     MetricContract(),
+    EngineContract(),
+    RobotContract(),
 )
 """of all seams; code that fits several is taken for the first of them"""
 

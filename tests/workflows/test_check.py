@@ -5,10 +5,12 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.errors import InputError
-from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS, PURSUITS
-from midnet_bench.scoring.seams import METRICS
+from midnet_bench.robots.seams import ROBOTS
+from midnet_bench.simulation.seams import SIMULATORS
 from midnet_bench.workflows.check import check
+from midnet_bench.workflows.contracts import CONTRACTS, EngineContract, RobotContract
 from tests.cli.command import midnet_bench, one_line_of_complaint
+from tests.simulation.scenes import OWN_ENGINE, OWN_ROBOT
 
 HEAD = """
 import itertools, os, random, time
@@ -124,6 +126,39 @@ def test_a_broken_metric_is_told_what_is_wrong_with_it(fault: str, folder: Path)
     assert all("\n" not in one for one in found.faults)
 
 
+@pytest.mark.parametrize(
+    ("right", "wrong", "fault"),
+    [
+        ("", "", None),
+        ("rims * self.step_s", "0.5 * rims * self.step_s", "wheel_angles: wheels rolled"),
+        ("self.commands[index] = command", "pass", "drive: told 0.18 m/s"),
+        ("np.where(meets, along, ", "np.where(meets, 0.9 * along + 0.1 * far_m, ", "cast: "),
+        (
+            "layout.robots + layout.intruders)",
+            "layout.robots + layout.intruders) + 0.1",
+            "poses: robots do not",
+        ),
+        ("way = ", "way = np.random.rand() * ", "two worlds that were made and driven alike differ"),
+    ],
+)
+def test_an_engine_is_told_what_is_wrong_with_it(
+    right: str, wrong: str, fault: str | None, folder: Path
+) -> None:
+    (folder / "stub.py").write_text(OWN_ENGINE.replace(right, wrong))
+    name = SIMULATORS.pinned("stub.py:World")
+    faults = list(EngineContract().faults(name))
+    assert faults == [] if fault is None else any(fault in one for one in faults), faults
+
+
+@pytest.mark.slow
+def test_a_robot_is_driven_on_both_engines(folder: Path) -> None:
+    (folder / "mine.py").write_text(OWN_ROBOT)
+    contract = RobotContract()
+    assert list(contract.faults(ROBOTS.pinned("mine.py:ROBOT"))) == []
+    weak = list(contract.faults(ROBOTS.pinned("mine.py:ROBOT(rim_acceleration_mps2=0.01)")))
+    assert any(one.startswith("on fast: drive: told 0.24 m/s") for one in weak), weak
+
+
 def test_a_good_detector_of_ones_own_is_ok(folder: Path) -> None:
     (folder / "mine.py").write_text(GOOD)
     done = midnet_bench("check", "mine.py:Mine", folder=folder)
@@ -142,9 +177,7 @@ def test_a_broken_one_has_exit_code_one(folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", dict.fromkeys([*DETECTORS.own, *FUSIONS.own, *PATROLS.own, *PURSUITS.own, *METRICS.own])
-)
+@pytest.mark.parametrize("name", dict.fromkeys(name for contract in CONTRACTS for name in contract.seam.own))
 def test_what_comes_with_the_package_is_ok(name: str) -> None:
     if name == "mot":
         pytest.importorskip("motmetrics", reason="the extra midnet-bench[mot] is not installed")
