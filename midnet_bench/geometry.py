@@ -1,8 +1,8 @@
 """Poses and axis-aligned boxes in the plane: metres and radians, x to the right, y up."""
 
 import math
+from collections.abc import Callable
 from functools import cache
-from types import ModuleType
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 
 @cache
-def _elementary() -> ModuleType:
-    """:mod:`midnet_bench.elementary`, once it is needed: numba takes long to import."""
-    from midnet_bench import elementary
+def _cos_sin() -> Callable[[float], tuple[float, float]]:
+    """``elementary.cos_sin``, once it is needed: numba takes long to import."""
+    from midnet_bench.elementary import cos_sin
 
-    return elementary
+    return cos_sin
 
 
 def lengths(vectors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -41,8 +41,7 @@ class Pose2D(NamedTuple):
     @property
     def direction(self) -> tuple[float, float]:
         """Cosine and sine of the yaw: the way of this frame's x axis in the parent frame."""
-        found: tuple[float, float] = _elementary().cos_sin(self.yaw)
-        return found
+        return _cos_sin()(self.yaw)
 
     def compose(self, local: "Pose2D") -> "Pose2D":
         """``local``, given in this pose's frame, in the parent frame; its yaw is not wrapped."""

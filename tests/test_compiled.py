@@ -170,3 +170,9 @@ def test_numba_takes_nothing_from_the_working_folder(package: Path, tmp_path: Pa
     assert told.split() == ["6.0", "0", "CPUDispatcher"]
     assert not trap.exists()
     assert compiled_files(kept)
+
+
+def test_loops_depend_on_no_room_above_those_of_the_robots() -> None:
+    """Whoever edits a command or a campaign must not wait for a compiler."""
+    above = {"analysis", "campaign", "cli", "drawing", "experiments", "workflows"}
+    assert not {name for name in compiled._sources() if name.split(".")[1:2] and name.split(".")[1] in above}

@@ -1,11 +1,13 @@
 """``TeamDetector``: a detector, Algorithm 2 and a fusion, in this order; ``TeamFusion``: the last two."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from scipy.spatial import KDTree
 
+from midnet_bench.errors import MidnetBenchError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import BoxArray
@@ -61,26 +63,19 @@ class TeamDetector:
     Whatever comes from outside is checked here, so that what is wrong with it is said by its name.
     """
 
-    def __init__(
-        self, midnet: MIDNet, prior_map: OccupancyGrid, range_m: float, detector: str, fusion: str
-    ) -> None:
+    def __init__(self, midnet: MIDNet, detector: "AskedOnce | None", fusion: str) -> None:
         """For one trial.
 
         Args:
             midnet: which takes out allies, and detects or fuses unless others do.
-            prior_map: int8, 100 occupied, map frame.
-            range_m: up to which an intruder has to be found.
-            detector: a pinned value of ``DETECTORS``.
+            detector: another one than MIDNet's own.
             fusion: a pinned value of ``FUSIONS``.
 
         Raises:
-            PluginError: one of the two cannot be made.
+            PluginError: the fusion cannot be made.
         """
         self.midnet = midnet
-        self._detector_name = detector
-        self._detector: Any = None
-        if not DETECTORS.is_made_here(detector):
-            self._detector = DETECTORS.make(detector, prior_map, range_m)
+        self._detector = detector
         self._fusion = TeamFusion(midnet, fusion)
 
     @property
@@ -105,9 +100,44 @@ class TeamDetector:
             if explain:
                 explanation = self.midnet.update(observations, explain).explanation
         else:
-            found = detected(self._detector, self._detector_name, observations)
+            found = self._detector.found(observations, time_s)
         boxes, found_by = self._fusion.fuse(found, poses, time_s)
         return Frame([Box._make(row) for row in boxes.tolist()], found_by, explanation)
+
+
+class AskedOnce:
+    """A detector for one trial, or for several that see the same: it is asked once for each frame."""
+
+    def __init__(self, name: str, prior_map: OccupancyGrid, range_m: float) -> None:
+        """Nothing is made before the first frame, so that what fails then costs only trials that ask.
+
+        Args:
+            name: a pinned value of ``DETECTORS`` that names another one than MIDNet's own.
+            prior_map: int8, 100 occupied, map frame.
+            range_m: up to which an intruder has to be found.
+        """
+        self._name, self._arguments = name, (prior_map, range_m)
+        self._detector: Any = None
+        self._time_s = math.nan
+        self._found: list[BoxArray] | MidnetBenchError = []
+
+    def found(self, observations: Sequence[Observation], time_s: float) -> list[BoxArray]:
+        """For each robot (n, 4) boxes, map frame, metres; frames must come in order.
+
+        Raises:
+            PluginError: it cannot be made, it failed, or it gave what are no boxes; whoever asks is told.
+        """
+        if time_s != self._time_s:
+            self._time_s = time_s
+            try:
+                if self._detector is None:
+                    self._detector = DETECTORS.make(self._name, *self._arguments)
+                self._found = detected(self._detector, self._name, observations)
+            except MidnetBenchError as error:
+                self._found = error
+        if isinstance(self._found, MidnetBenchError):
+            raise self._found
+        return self._found
 
 
 def detected(detector: Detector, name: str, observations: Sequence[Observation]) -> list[BoxArray]:

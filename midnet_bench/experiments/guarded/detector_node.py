@@ -14,7 +14,8 @@ from midnet_bench.midnet.binary_map import PriorMapSettings, binary_map
 from midnet_bench.midnet.pipeline import Frame, MIDNet, MIDNetSettings, Observation
 from midnet_bench.navigation.costmap import RollingCostmap, static_costs
 from midnet_bench.navigation.settings import CostmapSettings
-from midnet_bench.rivals.team import TeamDetector
+from midnet_bench.rivals.seams import DETECTORS
+from midnet_bench.rivals.team import AskedOnce, TeamDetector
 
 Number = TypeVar("Number", bound=np.generic)
 
@@ -55,30 +56,35 @@ class DetectorNode:
         settings: DetectorSettings,
         prior_map: OccupancyGrid,
         robots: int,
-        costmaps: Sequence[RollingCostmap] = (),
+        like: "DetectorNode | None" = None,
     ) -> None:
         """For a team of ``robots``; ``prior_map``: int8, 100 occupied, map frame.
 
-        ``costmaps``: those of a node whose local costmaps are the same, to share them.
+        ``like``: a node whose local costmaps are the same, to share them, and its detector if that is, too.
         """
         self.prior = binary_prior(prior_map, settings)
         self.midnet = MIDNet(self.prior, settings.midnet_settings)
-        self._settings, self._prior_map = settings, prior_map
+        self._settings = settings
         local_costmap = settings.local_costmap
-        self.costmaps = list(costmaps) or [
-            RollingCostmap(local_costmap, prior_map.origin) for _ in range(robots)
-        ]
+        self.costmaps: list[RollingCostmap] = (
+            [RollingCostmap(local_costmap, prior_map.origin) for _ in range(robots)]
+            if like is None
+            else like.costmaps
+        )
         """by robot, map frame"""
+        self._detector: AskedOnce | None = None
+        if like is not None and like._settings.detector == settings.detector:
+            self._detector = like._detector
+        elif not DETECTORS.is_made_here(settings.detector):
+            fixed = prior_map.with_data(_fixed(prior_map.data))
+            self._detector = AskedOnce(settings.detector, fixed, local_costmap.obstacle_range_m)
         self.scans: list[Scan | None] = [None] * robots
         """by robot, the last one that :meth:`observe` took"""
 
     @cached_property
     def team(self) -> TeamDetector:
         """The detector and the fusion. Made when they are first asked: what fails costs no other node."""
-        settings = self._settings
-        range_m = settings.local_costmap.obstacle_range_m
-        prior_map = self._prior_map.with_data(_fixed(self._prior_map.data))
-        return TeamDetector(self.midnet, prior_map, range_m, settings.detector, settings.fusion)
+        return TeamDetector(self.midnet, self._detector, self._settings.fusion)
 
     def observe(
         self,
@@ -122,12 +128,16 @@ class DetectorNode:
 def detector_nodes(
     settings: Sequence[DetectorSettings], prior_map: OccupancyGrid, robots: int
 ) -> list[DetectorNode]:
-    """A node for each of ``settings`` over one team; those with the same local costmaps share them."""
-    shared: dict[CostmapSettings, list[RollingCostmap]] = {}
-    nodes = []
+    """A node for each of ``settings`` over one team; what is the same in two of them is there once."""
+    nodes: list[DetectorNode] = []
+    alike: dict[CostmapSettings, DetectorNode] = {}
+    seeing: dict[tuple[CostmapSettings, str], DetectorNode] = {}
     for each in settings:
-        nodes.append(DetectorNode(each, prior_map, robots, shared.get(each.local_costmap, ())))
-        shared[each.local_costmap] = nodes[-1].costmaps
+        costmap = each.local_costmap
+        like = seeing.get((costmap, each.detector), alike.get(costmap))
+        nodes.append(DetectorNode(each, prior_map, robots, like))
+        alike.setdefault(costmap, nodes[-1])
+        seeing.setdefault((costmap, each.detector), nodes[-1])
     return nodes
 
 
