@@ -1,11 +1,12 @@
 """``Arena``: what a YAML file says about a place to guard, checked."""
 
+import math
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from midnet_bench.arena.solids import Solid, gap_m
 from midnet_bench.errors import InputError, nearest_name
@@ -27,6 +28,11 @@ MOST_BLOCKS = 5000
 """Engines look for walls one by one; a plan with more rectangles is none that somebody drew."""
 Size = tuple[Length, Length]
 Shape = Literal["box", "cylinder"]
+Kind = Literal["person", "box", "cylinder"]
+Deeds = Literal["stand", "wander", "hide", "follow"]
+Seconds = Annotated[float, Field(ge=0.0, le=36_000.0)]
+PERSON_RADIUS_M = 0.25
+"""about the middle between the feet: what a person needs to pass"""
 
 
 class RobotStarts(Spec):
@@ -70,7 +76,28 @@ class StationaryIntruders(Spec):
         return size_m
 
 
-class MobileIntruders(Spec):
+class Behaviour(Spec):
+    """What an intruder does. Keys at their default are not written: older arenas stay the same text."""
+
+    behaviour: Annotated[Deeds, Field(exclude_if=lambda deed: deed == "wander")] = "wander"
+    """``stand``; ``wander`` to random places; ``hide`` out of sight of all guards; ``follow`` ``path_m``"""
+    path_m: Annotated[tuple[Point, ...], Field(exclude_if=lambda points: not points)] = ()
+    """goes from each point to the next, and from the last to the first"""
+    walk_s: Annotated[Seconds, Field(exclude_if=lambda time_s: time_s == 0.0)] = 0.0
+    """how long it is under way until it pauses"""
+    pause_s: Annotated[Seconds, Field(exclude_if=lambda time_s: time_s == 0.0)] = 0.0
+    """how long it stands then; 0: it never pauses"""
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if (self.behaviour == "follow") != bool(self.path_m):
+            raise ValueError("behaviour: follow goes with path_m, a list of points, and with nothing else")
+        if (self.pause_s > 0.0) != (self.walk_s > 0.0):
+            raise ValueError("walk_s and pause_s go together: give both, above 0, or none")
+        return self
+
+
+class MobileIntruders(Behaviour):
     """Burgers that do not belong here."""
 
     count: Count = 0
@@ -79,6 +106,44 @@ class MobileIntruders(Spec):
     spacing_m: Annotated[float, Field(ge=0.3, le=100.0)] = 0.6
     """from one start to the next"""
     clear_of_robots_m: Clearance = 1.0
+
+
+class OtherIntruders(Behaviour):
+    """People and things that move by themselves, of one kind and with one behaviour."""
+
+    kind: Kind
+    count: Annotated[int, Field(ge=1, le=100)] = 1
+    starts_m: tuple[Point, ...] = ()
+    """where the first of them start; the others' places are drawn"""
+    size_m: Size | None = None
+    """length and width of a box, a cylinder's diameter first; 0.4 m each unless given; of no person"""
+    height_m: Height = 0.5
+    speed_mps: Annotated[float, Field(gt=0.0, le=2.0)] = 1.2
+    """when nothing is in the way; people walk at 1.0 to 1.6 m/s"""
+    clear_of_robots_m: Clearance = 1.0
+    """from a start that is drawn to the guards'"""
+
+    @model_validator(mode="after")
+    def _fitting(self) -> Self:
+        if self.kind == "person" and self.size_m is not None:
+            raise ValueError("size_m: people have none here; leave it out")
+        if len(self.starts_m) > self.count:
+            raise ValueError(f"starts_m: more places than intruders (count: {self.count})")
+        return self
+
+    @property
+    def sides_m(self) -> Size:
+        """Length and width of what is no person."""
+        length_m, width_m = self.size_m or (0.4, 0.4)
+        return (length_m, length_m) if self.kind == "cylinder" else (length_m, width_m)
+
+    @property
+    def radius_m(self) -> float:
+        """From its middle to what it must not touch, at least."""
+        if self.kind == "person":
+            return PERSON_RADIUS_M
+        length_m, width_m = self.sides_m
+        return length_m / 2.0 if self.kind == "cylinder" else math.hypot(length_m, width_m) / 2.0
 
 
 class Arena(Spec):
@@ -102,6 +167,16 @@ class Arena(Spec):
     robots: RobotStarts = RobotStarts()
     stationary_intruders: StationaryIntruders = StationaryIntruders()
     mobile_intruders: MobileIntruders = MobileIntruders()
+
+    other_intruders: Annotated[
+        tuple[OtherIntruders, ...], Field(max_length=20, exclude_if=lambda groups: not groups)
+    ] = ()
+
+    @property
+    def has_deeds(self) -> bool:
+        """Whether somebody does anything else than drive from one random place to the next."""
+        burgers = self.mobile_intruders
+        return bool(self.other_intruders) or burgers.behaviour != "wander" or burgers.pause_s > 0.0
 
     def wall_segments(self) -> tuple[tuple[Point, Point], ...]:
         """The two ends of every straight piece of wall, along its middle."""
@@ -213,9 +288,23 @@ def _check_places(arena: Arena, source: str) -> None:
     x, y = arena.robots.center_m
     if abs(x) >= arena.enclosure_m[0] / 2.0 or abs(y) >= arena.enclosure_m[1] / 2.0:
         raise InputError(f"{source}: robots.center_m: ({x:g}, {y:g}) is not inside the enclosure")
+    _check_points(arena, source)
     walls = arena.wall_solids()
     for number, solid in enumerate(arena.placed_solids()):
         if abs(solid.pose.x) > half[0] or abs(solid.pose.y) > half[1] or gap_m(solid, walls) <= 0.0:
             raise InputError(
                 f"{source}: stationary_intruders.placed.{number}: in a wall or off the plane; move it"
             )
+
+
+def _check_points(arena: Arena, source: str) -> None:
+    """Raise InputError if intruders are to go or to start where the enclosure ends."""
+    named = {"mobile_intruders.path_m": arena.mobile_intruders.path_m}
+    for number, group in enumerate(arena.other_intruders):
+        named[f"other_intruders.{number}.path_m"] = group.path_m
+        named[f"other_intruders.{number}.starts_m"] = group.starts_m
+    half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
+    for key, points in named.items():
+        for number, (x, y) in enumerate(points):
+            if abs(x) >= half_x or abs(y) >= half_y:
+                raise InputError(f"{source}: {key}.{number}: ({x:g}, {y:g}) is not inside the enclosure")

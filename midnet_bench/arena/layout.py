@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.arena.arena import Arena, StationaryIntruders
+from midnet_bench.arena.arena import Arena, OtherIntruders, StationaryIntruders
 from midnet_bench.arena.free_space import free_space
 from midnet_bench.arena.solids import Solid, gap_m
 from midnet_bench.errors import InputError
@@ -18,7 +18,18 @@ TEAM = 5
 ROBOT_CLEARANCE_M = 0.2
 """From a security robot's start to anything that stands (a Burger's body reaches 0.124 m from its axle); one
 that reaches farther keeps its own reach."""
+OTHERS_MARGIN_M = 0.05
+"""between what a person or thing needs to pass and what stands"""
 _TRIES, _RESTARTS = 200, 20
+
+
+@dataclass(frozen=True)
+class Other:
+    """One of an arena's other intruders at its start."""
+
+    group: OtherIntruders
+    pose: Pose2D
+    """the middle of its floor, map frame"""
 
 
 @dataclass(frozen=True)
@@ -33,6 +44,8 @@ class Layout:
     """security robots' starts: base_footprint, the point under the middle of the axle"""
     intruders: tuple[Pose2D, ...]
     """mobile intruders' starts, likewise"""
+    others: tuple["Other", ...] = ()
+    """people and things that move by themselves"""
     mobile_scale: float = 1.0
     """what beams meet of a mobile intruder, as a multiple of what they meet of a security robot"""
 
@@ -73,7 +86,9 @@ def place(
     )
     stationary = arena.placed_solids() + _draw_stationary(arena, seed, all_starts)
     _check_robot_starts(arena, starts, arena.wall_solids() + stationary, max(ROBOT_CLEARANCE_M, reach_m))
-    return Layout(arena, seed, stationary, starts, _draw_mobile(arena, seed, wanted, stationary, all_starts))
+    mobile = _draw_mobile(arena, seed, wanted, stationary, all_starts)
+    others = _place_others(arena, seed, stationary, all_starts)
+    return Layout(arena, seed, stationary, starts, mobile, others)
 
 
 def robot_starts(arena: Arena, robots: int) -> tuple[Pose2D, ...]:
@@ -169,3 +184,46 @@ def _draw_mobile(
                 f"take fewer of them, at most {TEAM} robots, or lower spacing_m or clear_of_robots_m"
             )
     return tuple(poses)
+
+
+def _place_others(
+    arena: Arena, seed: int, stationary: tuple[Solid, ...], starts: npt.NDArray[np.float64]
+) -> tuple[Other, ...]:
+    """People and things: those with a start of their own, then those whose place is drawn, group by group.
+
+    Mobile robots are no matter to them, so that their number changes nobody's place.
+    """
+    others: list[Other] = []
+    for group_number, group in enumerate(arena.other_intruders):
+        key = f"arena '{arena.name}': other_intruders.{group_number}"
+        free = free_space(arena, group.radius_m + OTHERS_MARGIN_M, stationary)
+        for number in range(group.count):
+            rng = stream(seed, "others", group_number, number)
+            taken = np.array([(other.pose.x, other.pose.y) for other in others]).reshape(-1, 2)
+            gaps_m = np.array([other.group.radius_m + group.radius_m for other in others])
+            if number < len(group.starts_m):
+                tries = [group.starts_m[number]]
+                least_m = group.radius_m + ROBOT_CLEARANCE_M
+            else:
+                tries = [free.draw(rng) for _ in range(_TRIES)]
+                least_m = group.clear_of_robots_m
+            for x, y in tries:
+                if (
+                    free.contains(x, y)
+                    and lengths(starts - (x, y)).min() >= least_m
+                    and np.all(lengths(taken - (x, y)) > gaps_m)
+                ):
+                    others.append(Other(group, Pose2D(x, y, float(rng.uniform(-math.pi, math.pi)))))
+                    break
+            else:
+                if number < len(group.starts_m):
+                    x, y = group.starts_m[number]
+                    raise InputError(
+                        f"{key}.starts_m.{number}: ({x:g}, {y:g}) is too near to a wall, a guard's start "
+                        f"or another intruder with seed {seed}, or out of reach; move it"
+                    )
+                raise InputError(
+                    f"{key}: no room for {group.count} with seed {seed}; take fewer, or lower "
+                    "clear_of_robots_m"
+                )
+    return tuple(others)

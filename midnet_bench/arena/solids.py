@@ -95,10 +95,13 @@ def gap_m(solid: Solid, others: tuple[Solid, ...]) -> float:
     Taken at its centre and at points no more than 5 cm apart along its outline, so an overlap never
     goes unseen and the distance is right to a millimetre from 0.3 m up.
     """
-    corners = solid.outline()
-    sides = np.roll(corners, -1, axis=0) - corners
-    pieces = math.ceil(float(lengths(sides).max()) / 0.05)
-    steps = np.arange(pieces) / pieces
-    points = (corners[:, None, :] + steps[None, :, None] * sides[:, None, :]).reshape(-1, 2)
-    points = np.vstack((points, (solid.pose.x, solid.pose.y)))
+    points = np.vstack((dense_outline(solid.outline(), 0.05), (solid.pose.x, solid.pose.y)))
     return min((float(other.distance_to(points).min()) for other in others), default=math.inf)
+
+
+def dense_outline(corners: npt.NDArray[np.float64], step_m: float = 0.02) -> npt.NDArray[np.float64]:
+    """(n, 2) points along a closed outline of (k, 2) corners, ``step_m`` apart at most, corners included."""
+    sides = np.roll(corners, -1, axis=0) - corners
+    pieces = math.ceil(float(lengths(sides).max()) / step_m)
+    steps = np.arange(pieces) / pieces
+    return np.asarray((corners[:, None, :] + steps[None, :, None] * sides[:, None, :]).reshape(-1, 2))

@@ -55,6 +55,10 @@ def detection(
             help="Trials per team size, one seed each (default 1).",
         ),
     ] = None,
+    intruders: Annotated[
+        int | None,
+        typer.Option(min=0, metavar="N", help="Burgers that intrude (default as in the arena)."),
+    ] = None,
     arena: options.Arena = None,
 ) -> None:
     """Run the paper's detection test and print its table: precision, recall and F1, ours and the paper's.
@@ -66,6 +70,7 @@ def detection(
         {
             "robots": _integers(robots, "--robots"),
             "frames": frames,
+            "intruders": intruders,
             "arena": arena,
         },
         seeds,

@@ -1,6 +1,6 @@
 """What the pictures of a guarded trial show, as plain data: drawing needs no trial and no simulator."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,9 +138,11 @@ class Scene:
     """guards first"""
     detections: list[Detection]
     truths: list[Truth]
-    """all intruders, the stationary ones first"""
+    """all intruders, the stationary ones first; of a person each leg"""
     explanation: Explanation | None = None
     """each guard's grids and boxes; without them, pictures show the detections alone"""
+    others: Sequence[Sequence[Floats]] = ()
+    """for each person or thing that intrudes, the outlines, (n, 2), of its legs or of itself"""
 
     @property
     def guards(self) -> list[Robot]:

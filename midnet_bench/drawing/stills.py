@@ -43,6 +43,8 @@ from midnet_bench.midnet.pipeline import Explanation, RemovedAlly, RobotView
 
 MARGIN_M = 0.4
 """around an arena"""
+OTHER_RING_M = 0.25
+"""about a person or a thing, to be found by"""
 HATCH = "////"
 DASHED, LONG_DASHED, ALLY_DASH = (0, (2, 1.5)), (0, (4, 1.5)), (0, (3, 2))
 
@@ -71,6 +73,10 @@ def draw_arena(setup: Setup, scene: Scene, faults: Mapping[int, Point] | None = 
     """
     plan = setup.plan
     legend = _arena_legend(setup)
+    if scene.others:
+        legend.append(
+            Patch(facecolor=hexadecimal(INTRUDER), label="legs of a person, or a thing\nthat moves (P)")
+        )
     if faults:
         cross = Line2D([], [], color=hexadecimal(FALSE_DETECTION), marker="X", markersize=9)
         cross.set(linestyle="none", label="fault, by its number")
@@ -88,6 +94,12 @@ def draw_arena(setup: Setup, scene: Scene, faults: Mapping[int, Point] | None = 
         _add_path(axes, robot)
     for robot in scene.robots:
         _add_robot(axes, robot, scene)
+    for number, outlines in enumerate(scene.others, 1):
+        for outline in outlines:
+            add_polygon(axes, outline, facecolor=hexadecimal(INTRUDER), edgecolor="none", zorder=5)
+        middle = np.concatenate(outlines).mean(axis=0).tolist()
+        axes.add_patch(Circle(middle, OTHER_RING_M, color=hexadecimal(INTRUDER), alpha=0.15, zorder=4))
+        add_label(axes, (middle[0], middle[1]), f"P{number}", INTRUDER, fontweight="bold", xytext=(9, 9))
     for number, at in (faults or {}).items():
         axes.plot(*at, marker="X", markersize=9, color=hexadecimal(FALSE_DETECTION), zorder=7)
         add_label(axes, at, str(number), FALSE_DETECTION, fontweight="bold", xytext=(6, 6))

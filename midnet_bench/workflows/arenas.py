@@ -15,7 +15,7 @@ from midnet_bench.arena.floor_plan import arena_yaml, centred, dark_cells
 from midnet_bench.arena.free_space import cells_near
 from midnet_bench.arena.layout import ROBOT_CLEARANCE_M, TEAM, Layout, place, robot_starts
 from midnet_bench.arena.prior_maps import render_exact
-from midnet_bench.arena.solids import Solid
+from midnet_bench.arena.solids import Solid, dense_outline
 from midnet_bench.drawing.plots import png_of_figure
 from midnet_bench.drawing.scene import FloorPlan, Robot, Scene, Setup
 from midnet_bench.drawing.stills import draw_arena
@@ -221,11 +221,7 @@ def is_seen(solid: Solid, solids: tuple[Solid, ...], reachable: OccupancyGrid, r
 
     ``solids``: all that hides, ``solid`` among them. The surface is taken every 5 cm or less.
     """
-    corners = solid.outline()
-    sides = np.roll(corners, -1, axis=0) - corners
-    pieces = math.ceil(float(lengths(sides).max()) / _STEP_M)
-    steps = np.arange(pieces) / pieces
-    points = (corners[:, None] + steps[None, :, None] * sides[:, None]).reshape(-1, 2)
+    points = dense_outline(solid.outline(), _STEP_M)
     away = points - (solid.pose.x, solid.pose.y)
     # off the surface, so that lines into the solid itself end at once
     points = points + 0.005 * away / lengths(away)[:, None]

@@ -11,7 +11,7 @@ MAP1 = (FOLDER / "map1.yaml").read_text(encoding="utf-8")
 
 
 def test_the_arenas_of_the_package_load_by_name() -> None:
-    assert arena_names() == ["empty", "map1", "map2", "office"]
+    assert arena_names() == ["empty", "map1", "map2", "office", "people", "people-pausing"]
     arenas = {name: load_arena(name) for name in arena_names()}
     assert arenas["map1"].plane_m == (8.0, 8.0)
     assert math.hypot(*arenas["map1"].enclosure_m) == pytest.approx(8.49, abs=0.01)

@@ -22,6 +22,9 @@ class DetectionParameters(GuardParameters):
     )
 
     frames: int = option(1999, "Number of MIDNet frames that are scored, at 5 Hz.", ge=1, le=1_000_000)
+    intruders: int | None = option(
+        None, "Number of Burgers that intrude; null: as many as the arena says.", ge=0, le=100
+    )
     in_range: InRange = option(
         "centre",
         "When an intruder counts as within a guard's usable range: when its nearest point is (edge), or "

@@ -68,7 +68,7 @@ class DetectionTrial(GuardedArena):
         self, parameters: DetectionParameters, seed: int, variants: Sequence[DetectionParameters] = ()
     ) -> None:
         """Place everybody and give the intruders random goals, again and again."""
-        super().__init__(parameters, seed, variants=variants)
+        super().__init__(parameters, seed, parameters.intruders, variants)
         self._test = parameters
         self._free = self.goal_space()
         self._stationary = {
@@ -79,8 +79,9 @@ class DetectionTrial(GuardedArena):
         self._own = self._judge(parameters, self.detector)
         self.judges = list(map(self._judge, variants, self.variant_detectors))
         """of each of the ``variants``"""
-        for robot in self.intruders:
-            robot.next_goal = self._random_goal
+        if self.arena.mobile_intruders.behaviour == "wander" and not self.arena.mobile_intruders.pause_s:
+            for robot in self.intruders:
+                robot.next_goal = self._random_goal
 
     def frames(self, explain: bool = False) -> Iterator[ScoredFrame]:
         """The trial's frames, each scored against where things are at its own instant."""
@@ -114,7 +115,10 @@ class DetectionTrial(GuardedArena):
         )
 
     def truths(self, test: DetectionParameters | None = None) -> list[TruthObject]:
-        """The intruders as they are now: the stationary ones, then the mobile ones (item 45)."""
+        """The intruders as they are now (item 45): the stationary ones, the Burgers, people and things.
+
+        A person is one truth, whose box is the extent of both legs at the height of the beams.
+        """
         test = test or self._test
         margin_m = (
             test.local_costmap.reach_m(test.midnet.thresh_local) if test.truth_box == "inflated" else 0.0
@@ -136,7 +140,10 @@ class DetectionTrial(GuardedArena):
 
     def _bodies(self) -> list[TruthObject]:
         mobile = {robot.name: self.lidars.outline(robot.index) for robot in self.intruders}
-        return [TruthObject(name, box, box.center) for name, box in (self._stationary | mobile).items()]
+        others = {member.name: member.extent() for member in self.crowd.members}
+        return [
+            TruthObject(name, box, box.center) for name, box in (self._stationary | mobile | others).items()
+        ]
 
     def result(
         self, frames: Sequence[FrameCounts], causes: Sequence[Causes], metrics: TrialMetrics
@@ -166,7 +173,7 @@ class DetectionTrial(GuardedArena):
     def _all_in_sight(self, judge: Judge) -> list[bool]:
         """For each truth, whether a beam meets it within range; True if others do not count."""
         if judge.test.require_line_of_sight:
-            return [True] * (len(self._stationary) + len(self.intruders))
+            return [True] * (len(self._stationary) + len(self.intruders) + len(self.crowd.members))
         return self._in_sight(judge.test.costmap.obstacle_range_m, judge.sight)
 
     def _in_sight(self, range_m: float, sight: NoiseBlocks) -> list[bool]:
@@ -182,7 +189,11 @@ class DetectionTrial(GuardedArena):
         stationary = [
             bool((solid.distance_to(hits) < ON_SURFACE_M).any()) for solid in self.layout.stationary
         ]
-        return stationary + [robot.index in met for robot in self.intruders]
+        others = [
+            any(bool((solid.distance_to(hits) < ON_SURFACE_M).any()) for solid in member.solids())
+            for member in self.crowd.members
+        ]
+        return stationary + [robot.index in met for robot in self.intruders] + others
 
     def _random_goal(self, robot: MobileRobot) -> Point:
         return self._free.draw(self._goal_rngs[robot.index])

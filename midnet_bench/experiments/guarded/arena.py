@@ -14,6 +14,7 @@ from midnet_bench.campaign.trial import Row
 from midnet_bench.elementary import cos, sin
 from midnet_bench.experiments.guarded.detector_node import DetectorNode, detector_nodes
 from midnet_bench.experiments.guarded.inputs import prior_map_from
+from midnet_bench.experiments.guarded.opponents import Opponents
 from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.experiments.guarded.uplink import Uplink
 from midnet_bench.experiments.robot_trial import RobotTrial
@@ -83,6 +84,11 @@ class GuardedArena(RobotTrial):
             parameters.robot_simulation,
             seed,
         )
+        self._opponents = (
+            Opponents(self.layout, self.intruders, self.goal_space(), self.crowd, seed, len(self.guards))
+            if self.arena.has_deeds
+            else None
+        )
         self._frame_ticks = self.step_hz // FRAME_HZ
         self._dying, self._dead = self.guards[: parameters.dying_guards], list[Guard]()
         self._uplink = Uplink(parameters.network, self.guards, seed) if parameters.network.is_used else None
@@ -104,6 +110,8 @@ class GuardedArena(RobotTrial):
     def advance(self) -> None:
         """Let 0.2 s pass, a frame."""
         for _ in range(self._frame_ticks):
+            if self._opponents is not None:
+                self._opponents.update(self.world)
             due = self.fleet.step()
             if self._uplink is not None:
                 self._uplink.send(due, self.fleet.time_s)

@@ -34,8 +34,15 @@ def scene_of(trial: GuardedArena, frame: Frame) -> Scene:
     stationary = trial.layout.stationary
     outlines = [solid.outline() for solid in stationary]
     outlines += [robot.outline for robot in robots if not robot.is_guard]
+    others = [[solid.outline() for solid in member.solids()] for member in trial.crowd.members]
     targets = [solid.bounding_box() for solid in stationary]
     targets += [trial.lidars.outline(robot.index) for robot in trial.intruders if active[robot.index]]
+    found = [not _touches(target, frame.detections) for target in targets]
+    truths = [Truth(outline, missed) for outline, missed in zip(outlines, found, strict=True)]
+    for member, legs in zip(trial.crowd.members, others, strict=True):
+        is_missed = not _touches(member.extent(), frame.detections)
+        truths += [Truth(leg, is_missed) for leg in legs]
+        targets.append(member.extent())
     return Scene(
         time_s=trial.fleet.time_s,
         frame=round(trial.fleet.time_s * FRAME_HZ),
@@ -44,11 +51,9 @@ def scene_of(trial: GuardedArena, frame: Frame) -> Scene:
             Detection(box, guard + 1, not _touches(box, targets))
             for box, guard in zip(frame.detections, frame.robots, strict=True)
         ],
-        truths=[
-            Truth(outline, not _touches(target, frame.detections))
-            for outline, target in zip(outlines, targets, strict=True)
-        ],
+        truths=truths,
         explanation=frame.explanation,
+        others=others,
     )
 
 

@@ -6,6 +6,7 @@ from typing import ClassVar, Literal, Self
 
 from midnet_bench.agents.settings import PursuitSettings
 from midnet_bench.arena.free_space import doors
+from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.inputs import arena_from
 from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.rivals.seams import PURSUITS
@@ -87,6 +88,11 @@ class LabyrinthParameters(GuardParameters):
     def with_files_read(self) -> Self:
         """See :class:`Parameters`; the arena has doors if intruders escape by them."""
         read = super().with_files_read()
+        if arena_from(read.arena).has_deeds:
+            raise InputError(
+                "arena: the labyrinth's intruders are Burgers on their way out: leave out other_intruders, "
+                "and behaviour and pause_s of mobile_intruders; 'detection' knows them"
+            )
         if read.escape_at == "doors":
             doors(arena_from(read.arena))
         return replace(read, pursuit=replace(read.pursuit, rule=PURSUITS.pinned(read.pursuit.rule)))

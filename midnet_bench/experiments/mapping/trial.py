@@ -224,5 +224,9 @@ def run_mapping(parameters: MappingParameters, seed: int) -> TrialResult:
 def _empty(arena: Arena) -> Arena:
     """The building before anybody gets in: the prior map has to be free of intruders."""
     return arena.model_copy(
-        update={"stationary_intruders": StationaryIntruders(), "mobile_intruders": MobileIntruders()}
+        update={
+            "stationary_intruders": StationaryIntruders(),
+            "mobile_intruders": MobileIntruders(),
+            "other_intruders": (),
+        }
     )

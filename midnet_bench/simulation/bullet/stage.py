@@ -40,6 +40,30 @@ def add_solids(client: int, solids: tuple[Solid, ...]) -> int:
     return _add_static(client, shape, STATIC, RAY | ROBOT)
 
 
+def add_obstacle(client: int, solid: Solid) -> int:
+    """The body id of something that robots run into and beams do not see; :func:`move_obstacle` moves it."""
+    if solid.kind == "cylinder":
+        shape = bullet.createCollisionShape(
+            bullet.GEOM_CYLINDER,
+            radius=solid.length_m / 2.0,
+            height=solid.height_m,
+            physicsClientId=client,
+        )
+    else:
+        half = [solid.length_m / 2.0, solid.width_m / 2.0, solid.height_m / 2.0]
+        shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    body = _add_static(client, shape, ROBOT, ROBOT)
+    move_obstacle(client, body, solid)
+    return body
+
+
+def move_obstacle(client: int, body: int, solid: Solid) -> None:
+    """Put an obstacle where ``solid`` is now."""
+    turn = bullet.getQuaternionFromEuler([0.0, 0.0, solid.pose.yaw])
+    at = [solid.pose.x, solid.pose.y, solid.height_m / 2.0]
+    bullet.resetBasePositionAndOrientation(body, at, turn, physicsClientId=client)
+
+
 def _add_static(client: int, shape: int, group: int, mask: int) -> int:
     body = bullet.createMultiBody(0.0, shape, physicsClientId=client)
     bullet.setCollisionFilterGroupMask(body, -1, group, mask, physicsClientId=client)

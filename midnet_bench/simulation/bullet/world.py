@@ -6,6 +6,7 @@ and a beam that can meet nothing is not cast. The bounds err to the safe side by
 """
 
 import math
+from collections.abc import Sequence
 from operator import itemgetter
 from types import TracebackType
 from typing import Self
@@ -14,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
+from midnet_bench.arena.solids import Solid
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import atan2, cos, cos_sin, hypot
 from midnet_bench.geometry import Pose2D
@@ -22,7 +24,7 @@ from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.bullet.body import Drive, load_robot
 from midnet_bench.simulation.bullet.engine import bullet, give_back, take_client
-from midnet_bench.simulation.bullet.stage import add_floor, add_solids
+from midnet_bench.simulation.bullet.stage import add_floor, add_obstacle, add_solids, move_obstacle
 from midnet_bench.simulation.integrity import surfaces
 from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.simulator import Beams, require_active
@@ -81,6 +83,7 @@ class World:
         """the robots that are still in the arena"""
         self._collisions = np.zeros(len(starts), dtype=np.int64)
         self._last_contact = np.full(len(starts), -(10**9), dtype=np.int64)
+        self._obstacles: list[int] = []
         self._poses: Floats | None = None
         """what ``poses`` gives at this tick, once it was asked for"""
         for _ in range(round(_SETTLE_S * self.step_hz)):
@@ -119,6 +122,13 @@ class World:
         self._poses = None
         if self.tick % (self.step_hz // _CONTACT_HZ) == 0:
             self._count_collisions()
+
+    def obstruct(self, solids: Sequence[Solid]) -> None:
+        """Let ``solids`` stand in the robots' way, the same number at each call; beams pass them."""
+        if not self._obstacles:
+            self._obstacles = [add_obstacle(self._client, solid) for solid in solids]
+        for body, solid in zip(self._obstacles, solids, strict=True):
+            move_obstacle(self._client, body, solid)
 
     def pose(self, index: int) -> Pose2D:
         """A robot's true base_footprint (under the axle), map frame; NaN once it is removed."""
