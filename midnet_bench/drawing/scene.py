@@ -72,6 +72,8 @@ class Setup:
     """side of a guard's local costmap"""
     frame_hz: float
     """MIDNet frames per simulated second"""
+    other_intruders: int = 0
+    """people and things that move"""
 
 
 @dataclass(frozen=True)

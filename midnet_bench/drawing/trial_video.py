@@ -102,10 +102,16 @@ class WorldPanel:
         for robot in scene.robots:
             color = GUARD if robot.is_guard else INTRUDER
             paint_robot(canvas, robot.pose, self.enlarged, color, robot.model)
+        for outlines in scene.others:
+            for outline in outlines:
+                canvas.polygon(outline, INTRUDER, WHITE)
         for found in scene.detections:
             paint_detection(canvas, found.box, found.is_false)
         for robot in scene.robots:
             canvas.label(robot.pose[:2], str(robot.number), GUARD if robot.is_guard else INTRUDER, 13, -13)
+        for number, outlines in enumerate(scene.others, 1):
+            x, y = np.concatenate(outlines).mean(axis=0).tolist()
+            canvas.label((x, y), f"P{number}", INTRUDER, 13, -13)
 
 
 class DetectionPanel:
@@ -162,7 +168,7 @@ class ScenePainter:
 
 def _write_title(page: Picture, setup: Setup, speed: float, enlarged: float) -> None:
     write(page, COLUMN_LEFT, 10, setup.plan.title, 20, INK, bold=True)
-    intruders = setup.mobile_intruders + len(setup.plan.stationary)
+    intruders = setup.mobile_intruders + setup.other_intruders + len(setup.plan.stationary)
     size = f"; robots drawn {enlarged:.1f} times their size" if enlarged > 1.0 else ""
     team = f"{setup.guards} guard{_s(setup.guards)}, {intruders} intruder{_s(intruders)}"
     heading = f"{team}; {speed:g} x real time{size}"
