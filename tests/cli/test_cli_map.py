@@ -163,7 +163,7 @@ def test_a_room_without_a_door_is_left_out_with_a_warning(tmp_path: Path) -> Non
     write_arena(tmp_path, walls=closed)
     done = midnet_bench("map", "rooms.yaml", "--no-clip", "-o", "out", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert any(line.startswith("warning: no Burger can enter") for line in done.stderr.splitlines())
+    assert any(line.startswith("warning: no robot can enter") for line in done.stderr.splitlines())
     grid = load_map(tmp_path / "out" / "map.yaml")
     column, row = grid.cell_at(1.4, 0.0)
     assert grid.data[row, column] == -1

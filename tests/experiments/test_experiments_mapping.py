@@ -121,7 +121,7 @@ def test_a_room_without_a_door_is_left_out_with_a_warning() -> None:
     assert exploration.score.free_covered > 0.98
     (warning,) = exploration.warnings
     # 1.8 x 2.8 m in whole cells
-    assert warning == "no Burger can enter 5.0 m2 of free space inside the enclosure"
+    assert warning == "no robot can enter 5.0 m2 of free space inside the enclosure"
 
 
 def test_the_time_limit_leaves_half_a_map_and_says_so() -> None:

@@ -10,6 +10,7 @@ from midnet_bench.arena.arena import Arena, OtherIntruders, checked_arena, load_
 from midnet_bench.arena.layout import Layout, Other, place
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
+from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.crowd import (
     FEET_APART_M,
     LEG_DIAMETER_M,
@@ -153,7 +154,7 @@ def test_beams_meet_legs_and_boxes_where_they_are() -> None:
 def test_a_robot_runs_into_them_and_not_through_them(engine: str, kind: str) -> None:
     layout = layout_of(({"kind": kind}, Pose2D(0.8, 0.125, 0.0)), robots=1)
     crowd = Crowd(layout, STEP_S)
-    world = CrowdedWorld(make_world(layout, WorldSettings(engine=engine)), crowd)
+    world = CrowdedWorld(make_world(layout, WorldSettings(engine=engine), BURGER), crowd)
     (member,) = crowd.members
     for _ in range(240):
         world.drive(0, Command(0.22, 0.0))

@@ -76,7 +76,8 @@ class DetectionTrial(GuardedArena):
             for number, solid in enumerate(self.layout.stationary, 1)
         }
         self._goal_rngs = {robot.index: stream(seed, "goals", robot.name) for robot in self.intruders}
-        self._own = self._judge(parameters, self.detector)
+        self.own = self._judge(parameters, self.detector)
+        """of these ``parameters``"""
         self.judges = list(map(self._judge, variants, self.variant_detectors))
         """of each of the ``variants``"""
         if self.arena.mobile_intruders.behaviour == "wander" and not self.arena.mobile_intruders.pause_s:
@@ -87,7 +88,7 @@ class DetectionTrial(GuardedArena):
         """The trial's frames, each scored against where things are at its own instant."""
         for number in range(1, self._test.frames + 1):
             self.advance()
-            yield self.scored(number, self._own, explain)
+            yield self.scored(number, self.own, explain)
 
     def scored(self, number: int, judge: Judge, explain: bool = False) -> ScoredFrame:
         """What a detector finds at this instant, the frame of that number; take each frame once, in order."""
@@ -134,7 +135,7 @@ class DetectionTrial(GuardedArena):
         range_m = test.costmap.obstacle_range_m
         in_range = truths_in_range(self._bodies(), self.sensor_positions(), range_m, test.in_range)
         if test.require_line_of_sight:
-            seen = self._in_sight(range_m, sight or self._own.sight)
+            seen = self._in_sight(range_m, sight or self.own.sight)
             in_range = [near and is_seen for near, is_seen in zip(in_range, seen, strict=True)]
         return in_range
 
