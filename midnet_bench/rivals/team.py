@@ -146,8 +146,13 @@ def detected(detector: Detector, name: str, observations: Sequence[Observation])
     Raises:
         PluginError: it failed, or gave what are no boxes of each robot.
     """
-    with DETECTORS.calling(name):
-        found = list(detector.detect(observations))
+    try:
+        with DETECTORS.calling(name):
+            found = list(detector.detect(observations))
+    except PluginError as error:
+        if "read-only" in str(error):  # so NumPy says it; several trials may be told the same
+            raise PluginError(f"{error}; it changes what it is given: work on a copy") from error
+        raise
     if len(found) != len(observations):
         raise PluginError(
             f"detector {name}: detect gave {len(found)} lists of boxes for {len(observations)} robots; "
