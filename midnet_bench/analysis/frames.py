@@ -120,6 +120,11 @@ class Results:
         columns = [[f"{factor}={value}" for value in frame[factor]] for factor in factors]
         return [separator.join(parts) for parts in zip(*columns, strict=True)] or [""] * len(frame)
 
+    def teams(self, frame: pd.DataFrame, *known: str) -> list[str]:
+        """The paper's name of each row's team, ``5-robot``, with what :meth:`others` says."""
+        each = zip(self.column(frame, "robots"), self.others(frame, "robots", *known), strict=True)
+        return [f"{size}-robot{', ' if others else ''}{others}" for size, others in each]
+
     def by_value(self, factor: str) -> "dict[str, Results]":
         """The campaign in parts, one for each value of a factor of the grid, which is a parameter there.
 

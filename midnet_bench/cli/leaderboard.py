@@ -49,4 +49,4 @@ def leaderboard(
     page = output or directory / "leaderboard.md"
     show(None, ranked(directory, of or (), rank_by, page), as_json)
     if not as_json:
-        messages.tell_where(page)
+        messages.tell_file(page)

@@ -106,3 +106,8 @@ def tell_where(directory: Path) -> None:
     """The line that a command with results ends with."""
     files = sum(path.is_file() for path in directory.rglob("*"))
     log.info("results in %s (%d file%s)", directory, files, "" if files == 1 else "s")
+
+
+def tell_file(file: Path) -> None:
+    """The same where it wrote one file."""
+    log.info("written to %s", file)

@@ -52,13 +52,9 @@ def cells_of(results: Results) -> Cells:
     scores = results.table("scores")
     if scores.empty:
         return {}
-    robots = results.column(scores, "robots")
-    names = [
-        f"{size}-robot{', ' if others else ''}{others}"
-        for size, others in zip(robots, results.others(scores, "robots"), strict=True)
-    ]
+    names = results.teams(scores)
     place = [*results.factors, "seed"]
-    scores = scores.assign(f1_one_to_one=_one_to_one(scores))
+    scores = scores.assign(f1_one_to_one=one_to_one(scores))
     if not (fleet := results.table("robots")).empty:
         scores = scores.join(fleet.groupby(place, sort=False)["collisions"].sum(), on=place)
     if "gospa_m" in scores:  # not in results of versions up to 0.1.0
@@ -67,7 +63,7 @@ def cells_of(results: Results) -> Cells:
     return {str(name): cell for name, cell in cells}
 
 
-def _one_to_one(scores: pd.DataFrame) -> list[float]:
+def one_to_one(scores: pd.DataFrame) -> list[float]:
     """F1 of each trial by one-to-one matching."""
     columns = (scores[name].tolist() for name in ("matched", "fp", "duplicates", "missed"))
     return [

@@ -15,11 +15,9 @@ def metric_measures(results: Results) -> Measures:
     frame = results.tables.get("metrics")
     if frame is None or frame.empty:
         return {}
-    sizes, others = results.column(frame, "robots"), results.others(frame, "robots")
     found: dict[tuple[str, str], dict[int, float]] = {}
     columns = (frame[name].tolist() for name in ("metric", "value", "seed"))
-    for size, other, metric, value, seed in zip(sizes, others, *columns, strict=True):
-        cell = f"{size}-robot{', ' if other else ''}{other}"
+    for cell, metric, value, seed in zip(results.teams(frame), *columns, strict=True):
         found.setdefault((cell, metric), {})[seed] = value
     return found
 

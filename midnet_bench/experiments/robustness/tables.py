@@ -2,15 +2,13 @@
 
 from collections.abc import Mapping
 
-import pandas as pd
-
 from midnet_bench.analysis import statistics
 from midnet_bench.analysis.differences import BySeed, differences
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.experiments.detection.tables import by_seed, one_to_one
 from midnet_bench.experiments.guarded.metric_tables import metric_tables
 from midnet_bench.experiments.robustness.parameters import NONE
-from midnet_bench.scoring.frame_counts import ratios
 
 MEASURES = ("recall", "precision", "f1_one_to_one")
 
@@ -29,31 +27,21 @@ def scores_of(results: Results) -> Scores:
     frame = results.table("scores")
     if frame.empty:
         return {}
-    counts = (frame[name].tolist() for name in ("matched", "fp", "duplicates", "missed"))
-    one_to_one = [
-        ratios(hit, fp + further, missed).f1 for hit, fp, further, missed in zip(*counts, strict=True)
-    ]
-    others = results.others(frame, "robots", "disturbance")
-    sizes = results.column(frame, "robots")
     frame = frame.assign(
-        f1_one_to_one=one_to_one,
+        f1_one_to_one=one_to_one(frame),
         disturbance=results.column(frame, "disturbance"),
-        team=[f"{size}-robot{', ' if more else ''}{more}" for size, more in zip(sizes, others, strict=True)],
+        team=results.teams(frame, "disturbance"),
     )
     asked = results.definition.grid.get("disturbance", [results.definition.parameters.get("disturbance")])
     cells = {key: cell for key, cell in frame.groupby(["team", "disturbance"], sort=False)}
     teams = list(dict.fromkeys(frame["team"]))
     return {
-        (team, str(name), measure): _by_seed(cells[team, name], measure)
+        (team, str(name), measure): by_seed(cells[team, name], measure)
         for name in asked
         for team in teams
         if (team, name) in cells
         for measure in MEASURES
     }
-
-
-def _by_seed(cell: pd.DataFrame, measure: str) -> BySeed:
-    return dict(zip(cell["seed"].tolist(), cell[measure].tolist(), strict=True))
 
 
 def score(scores: Scores, team: str, disturbance: str, measure: str) -> statistics.Estimate:

@@ -8,8 +8,8 @@ import pandas as pd
 from midnet_bench.analysis import statistics
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.experiments.detection.tables import by_seed, one_to_one
 from midnet_bench.experiments.experiment import Measures
-from midnet_bench.scoring.frame_counts import ratios
 
 MOST = {
     "f1_one_to_one": 1.0,
@@ -36,11 +36,7 @@ def tables(results: Results) -> list[Table]:
 
 def measures(results: Results) -> Measures:
     """Each score of each cell by seed."""
-    return {
-        (name, score): dict(zip(cell["seed"].tolist(), cell[score].tolist(), strict=True))
-        for name, cell in _cells(results).items()
-        for score in MOST
-    }
+    return {(name, score): by_seed(cell, score) for name, cell in _cells(results).items() for score in MOST}
 
 
 def _cells(results: Results) -> Mapping[str, pd.DataFrame]:
@@ -48,21 +44,14 @@ def _cells(results: Results) -> Mapping[str, pd.DataFrame]:
     frame = results.table("scenes")
     if frame.empty:
         return {}
-    robots = results.column(frame, "robots")
-    names = [
-        f"{size}-robot{', ' if others else ''}{others}"
-        for size, others in zip(robots, results.others(frame, "robots"), strict=True)
-    ]
-    counts = (frame[name].tolist() for name in ("matched", "fp", "duplicates", "missed"))
     boxes = frame["matched"] + frame["fp"] + frame["duplicates"]
     frame = frame.assign(
-        f1_one_to_one=[
-            ratios(hit, fp + more, missed).f1 for hit, fp, more, missed in zip(*counts, strict=True)
-        ],
+        f1_one_to_one=one_to_one(frame),
         duplicates_per_intruder=frame["duplicates"] / frame["in_range"],
         overlapping_share=frame["overlapping"] / boxes,
         reordered_share=frame["reordered"] / frame["orders"],
         gospa_per_intruder_m=frame["gospa_m"] / frame["in_range"],
     )
-    cells = frame.drop(columns=results.factors).groupby(pd.Series(names, frame.index), sort=False)
+    names = pd.Series(results.teams(frame), frame.index)
+    cells = frame.drop(columns=results.factors).groupby(names, sort=False)
     return {str(name): cell for name, cell in cells}

@@ -22,6 +22,7 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.binary_map import FREE
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import MIDNet
+from midnet_bench.rivals.fusion import ious
 from midnet_bench.rivals.team import TeamFusion
 from midnet_bench.rng import standard_normals, stream
 from midnet_bench.robots.burger import BURGER
@@ -171,6 +172,4 @@ def _sorted(boxes: BoxArray) -> BoxArray:
 
 def _overlapping(boxes: BoxArray) -> int:
     """How many boxes have some area in common with another one."""
-    low = np.maximum(boxes[:, None, :2], boxes[None, :, :2])
-    high = np.minimum(boxes[:, None, 2:], boxes[None, :, 2:])
-    return int(((high > low).all(axis=2).sum(axis=1) > 1).sum())
+    return int(((ious(boxes, boxes) > 0.0).sum(axis=1) > 1).sum())
