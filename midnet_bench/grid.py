@@ -135,6 +135,12 @@ def cell_centers(grid: OccupancyGrid, cells: npt.NDArray[np.bool_]) -> npt.NDArr
     return np.stack((grid.x_centers[columns], grid.y_centers[rows]), axis=1)
 
 
+def cell_middles(grid: OccupancyGrid, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """(N, 2) the centre of the cell that each of (N, 2) points lies in, on the grid or off it, metres."""
+    cells = np.floor((points - grid.origin) / grid.resolution + _SLACK)
+    return np.asarray(grid.origin + (cells + 0.5) * grid.resolution)
+
+
 def values_at(
     values: npt.NDArray[ScalarT], grid: OccupancyGrid, points: npt.NDArray[np.float64], outside: float
 ) -> npt.NDArray[ScalarT]:

@@ -28,6 +28,8 @@ class Column:
     """whether it may be undefined: NaN or None, an empty cell in CSV"""
     at_most: str | None = None
     """a column of the same row, or a parameter of the trial, that no cell is above"""
+    longest: int = LONGEST_TEXT
+    """characters of a text"""
     since: int = 1
     """the first version of payloads in which it stands; tables of earlier ones may lack it"""
 
@@ -50,7 +52,7 @@ class Column:
             return (
                 self.kind is str
                 and (not self.choices or value in self.choices)
-                and len(value) <= LONGEST_TEXT
+                and len(value) <= self.longest
                 and value.isprintable()
             )
         numbers = int if self.kind is int else int | float

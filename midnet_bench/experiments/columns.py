@@ -4,7 +4,10 @@
 """
 
 from midnet_bench.campaign.columns import LARGEST, Column, Columns, Tables
+from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
 
+LONGEST_RECORD = 20_000
+"""characters of what is kept of one frame in one column"""
 COUNT = Column(int)
 AMOUNT = Column(float)
 TIME_OR_NONE = Column(float, may_be_empty=True)
@@ -46,11 +49,41 @@ ROBOTS = Columns({**EXPLORERS.columns, "role": Column(str, choices=("guard", "in
 
 METRICS = Columns({"metric": Column(str), "value": Column(float, least=-LARGEST)}, optional=True)
 
+RECORDED = Columns(
+    {
+        "frame": FRAMES,
+        **dict.fromkeys(
+            ("robots", "truths", "found", "detections", "scans"), Column(str, longest=LONGEST_RECORD)
+        ),
+    },
+    optional=True,
+)
+"""as ``guarded.record.RecordedFrame`` has them"""
+PLACE = Column(float, least=-LARGEST)
+ERRORS = Columns(
+    {
+        "frame": FRAMES,
+        "kind": Column(str, choices=("miss", "false", "fragment")),
+        "cause": Column(str, choices=(*MISS_CAUSES, *(set(FALSE_CAUSES) - set(MISS_CAUSES)))),
+        "guard": COUNT,
+        "intruder": Column(str),
+        "by": Column(str),
+        "age_s": AMOUNT,
+        "offset_m": AMOUNT,
+        **dict.fromkeys(("x_min_m", "y_min_m", "x_max_m", "y_max_m"), PLACE),
+        "paper": Column(bool),
+    },
+    optional=True,
+)
+"""as ``guarded.recorder.Recorder`` has them"""
+
 DETECTION: Tables = {
     "scores": SCORES,
     "frames": Columns({"frame": FRAMES, **COUNTS}),
     "robots": ROBOTS,
     "metrics": METRICS,
+    "recorded": RECORDED,
+    "errors": ERRORS,
 }
 ROBUSTNESS: Tables = {"scores": SCORES, "robots": ROBOTS, "metrics": METRICS}
 LABYRINTH: Tables = {

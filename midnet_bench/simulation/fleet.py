@@ -1,6 +1,6 @@
 """``Fleet``: every robot of one world, stepped in lockstep on integer ticks."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +20,10 @@ CONTROL_HZ = 10
 """Pose filter and navigator; move_base's controller_frequency in turtlebot3_navigation."""
 SCAN_HZ = 5
 """The LDS-01, and the costmaps it feeds (item 9), unless ``lidar_hz`` says otherwise."""
+
+
+Onlooker = Callable[[Sequence[MobileRobot], npt.NDArray[np.float64]], None]
+"""Robots that have just taken a scan, and (m, beams) the ranges that they were given, metres."""
 
 
 class _Due(NamedTuple):
@@ -72,6 +76,8 @@ class Fleet:
             else None
         )
         self._localizer = Localizer(robots)
+        self.onlookers: list[Onlooker] = []
+        """told of each scan once the robots have it"""
         starts = [*world.layout.robots, *world.layout.intruders]
         self._yaw_errors = np.array(
             [robot.pose.yaw - at.yaw for robot, at in zip(robots, starts, strict=True)]
@@ -143,8 +149,11 @@ class Fleet:
         if not robots:
             return
         lidar, time_s = self.world.robot.lidar, self.time_s
-        for robot, ranges in zip(robots, self._lidars.scan(rows, self._lidar_noise), strict=True):
+        scans = self._lidars.scan(rows, self._lidar_noise)
+        for robot, ranges in zip(robots, scans, strict=True):
             robot.observe(ranges, lidar, time_s)
+        for look in self.onlookers:
+            look(robots, scans)
 
     def _control(self, due: _Due) -> None:
         time_s = self.time_s

@@ -166,6 +166,16 @@ def hide_behind_discs(
     return met
 
 
+class TrueScan(NamedTuple):
+    """What the beams of m LiDARs met at one instant, before any error of the sensors."""
+
+    beams: Beams
+    ranges_m: Floats
+    """(m, beams); inf where nothing reflects within range"""
+    bodies: Ints
+    """(m, beams) which robot each beam met, ``SOLID`` or ``NOTHING``"""
+
+
 _CELL_M = 0.04
 """No point of a cell is this far from its middle."""
 
@@ -204,6 +214,9 @@ class LidarSensors:
         # farther from the axle's cell no solid can be within the sensor's least range
         blind_m = abs(self._lidar.mount.x) + self._lidar.range_min_m + _CELL_M
         self._blind_cells = cells_near(layout.arena, layout.solids, blind_m)
+        self._to_disc = Pose2D(self._disc.offset_x_m, 0.0, 0.0)
+        self.newest: TrueScan | None = None
+        """what the last scan met; for the referee"""
 
     def noise(self, rngs: Sequence[np.random.Generator]) -> NoiseBlocks:
         """The noise of all robots' scans, from a generator of each."""
@@ -232,26 +245,9 @@ class LidarSensors:
             ValueError: one of these robots was removed.
         """
         rows = np.asarray(indices, dtype=np.int64)
-        is_there = self._simulator.active[rows]
-        if not is_there.all():
-            raise ValueError(f"robot {rows[~is_there][0]} is not in this world: it was removed")
-        low, high = self._lidar.range_min_m, self._lidar.range_max_m
-        poses = self._simulator.poses()
-        own = poses[rows]
-        beams = Beams(*beam_directions(own, self._lidar.mount.x, self._cosines, self._sines))
-        true_ranges = self._simulator.cast(beams, low, high)
-        blind = self._blind_cells
-        near = in_marked_cells(own, blind.data, blind.origin, blind.resolution)
-        for i in np.flatnonzero(near).tolist():
-            # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
-            one = Beams(beams.axes[i : i + 1], beams.directions[i : i + 1])
-            true_ranges[i] = np.minimum(true_ranges[i], self._simulator.cast(one, 0.0, low)[0])
-        bodies = hide_behind_discs(
-            true_ranges, *beams, poses, self._disc.offset_x_m, self._radii_m, rows, high
-        )
+        _, true_ranges, bodies = self.newest = self.true_scan(rows)
         ranges = np.empty_like(true_ranges)
         sigma_m, sigma_share, near_m, _ = self._errors
-        limits_m = (low, high)
         if reported(
             true_ranges,
             rows,
@@ -261,15 +257,38 @@ class LidarSensors:
             sigma_m,
             sigma_share,
             near_m,
-            limits_m,
+            (self._lidar.range_min_m, self._lidar.range_max_m),
             ranges,
         ):
             noise.refill()
         return ranges, bodies
 
+    def true_scan(self, rows: Ints) -> TrueScan:
+        """What the beams of those robots meet at this tick. Raises ValueError if one was removed."""
+        is_there = self._simulator.active[rows]
+        if not is_there.all():
+            raise ValueError(f"robot {rows[~is_there][0]} is not in this world: it was removed")
+        low, high = self._lidar.range_min_m, self._lidar.range_max_m
+        poses = self._simulator.poses()
+        own = poses[rows]
+        beams = Beams(*beam_directions(own, self._lidar.mount.x, self._cosines, self._sines))
+        ranges = self._simulator.cast(beams, low, high)
+        blind = self._blind_cells
+        near = in_marked_cells(own, blind.data, blind.origin, blind.resolution)
+        for i in np.flatnonzero(near).tolist():
+            # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
+            one = Beams(beams.axes[i : i + 1], beams.directions[i : i + 1])
+            ranges[i] = np.minimum(ranges[i], self._simulator.cast(one, 0.0, low)[0])
+        bodies = hide_behind_discs(ranges, *beams, poses, self._disc.offset_x_m, self._radii_m, rows, high)
+        return TrueScan(beams, ranges, bodies)
+
+    def centers(self, poses: Floats) -> Floats:
+        """(n, 2) the middles of what beams see of robots at (n, 3) poses, map frame, metres."""
+        return np.array([Pose2D(*pose).compose(self._to_disc)[:2] for pose in poses.tolist()]).reshape(-1, 2)
+
     def outline(self, index: int) -> Box:
         """The true box, map frame, of what beams see of a robot (item 45); NaN once it is removed."""
-        center = self._simulator.pose(index).compose(Pose2D(self._disc.offset_x_m, 0.0, 0.0))
+        center = self._simulator.pose(index).compose(self._to_disc)
         return Box.square(center.x, center.y, 2.0 * float(self._radii_m[index]))
 
 

@@ -12,6 +12,7 @@ from midnet_bench.elementary import directions
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
 from midnet_bench.experiments.guarded.detector_node import DetectorNode
+from midnet_bench.experiments.guarded.recorder import Recorder
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
 from midnet_bench.scoring.causes import CauseCounter, Causes, total_causes
@@ -59,6 +60,7 @@ class Judge:
         self.sight = sight
         self.causes = CauseCounter()
         self.metrics = TrialMetrics(test.metrics)
+        self.recorder: Recorder | None = None
 
 
 class DetectionTrial(GuardedArena):
@@ -92,13 +94,15 @@ class DetectionTrial(GuardedArena):
 
     def scored(self, number: int, judge: Judge, explain: bool = False) -> ScoredFrame:
         """What a detector finds at this instant, the frame of that number; take each frame once, in order."""
-        test, midnet = judge.test, self.detected(judge.node, explain)
+        test, midnet = judge.test, self.detected(judge.node, explain or judge.recorder is not None)
         truths = self.truths(test)
         in_range = self.in_range(test, judge.sight)
         match = match_frame(midnet.detections, truths)
         counts = count_frame(midnet.detections, truths, in_range, test.tp_boxes, match)
         if judge.metrics:
             judge.metrics.update(self.seen_by_metrics(midnet, truths, in_range))
+        if judge.recorder is not None:
+            judge.recorder.take(number, midnet, truths, in_range, match)
         return ScoredFrame(number, midnet, truths, in_range, match, counts)
 
     def causes(self, frame: ScoredFrame, judge: Judge) -> Causes:
@@ -146,9 +150,7 @@ class DetectionTrial(GuardedArena):
             TruthObject(name, box, box.center) for name, box in (self._stationary | mobile | others).items()
         ]
 
-    def result(
-        self, frames: Sequence[FrameCounts], causes: Sequence[Causes], metrics: TrialMetrics
-    ) -> TrialResult:
+    def result(self, frames: Sequence[FrameCounts], causes: Sequence[Causes], judge: Judge) -> TrialResult:
         """The tables of a trial that is over, from the counts of all its frames by one detector."""
         rows: list[Row] = [{"frame": i + 1, **counts._asdict()} for i, counts in enumerate(frames)]
         summed = total(frames)
@@ -163,13 +165,17 @@ class DetectionTrial(GuardedArena):
             "scores": [scores],
             "frames": rows,
             "robots": self.rows_of_robots(),
-            **metrics.tables(),
+            **judge.metrics.tables(),
+            **(judge.recorder.tables() if judge.recorder else {}),
         }
         return TrialResult(tables, simulated_s=len(frames) / FRAME_HZ)
 
     def _judge(self, test: DetectionParameters, node: DetectorNode) -> Judge:
         rngs = [stream(self.seed, "sight", guard.name) for guard in self.guards]
-        return Judge(test, node, self.lidars.noise(rngs))
+        judge = Judge(test, node, self.lidars.noise(rngs))
+        if test.record:
+            judge.recorder = Recorder(self, node, test.costmap.obstacle_range_m)
+        return judge
 
     def _all_in_sight(self, judge: Judge) -> list[bool]:
         """For each truth, whether a beam meets it within range; True if others do not count."""
@@ -211,7 +217,7 @@ def run_detection(parameters: DetectionParameters, seed: int) -> TrialResult:
 def run_together(tests: Sequence[DetectionParameters], seed: int) -> list[TrialResult | Exception]:
     """Trials of equal ``motion`` in one simulation: the tables of each, or what its detector failed by."""
     # the motion is anybody's; with the first one's costmap there is one less to keep
-    moving = replace(tests[0], detector="midnet", fusion="paper")
+    moving = replace(tests[0], detector="midnet", fusion="paper", record=False)
     with DetectionTrial(moving, seed, tests) as trial:
         frames: list[list[FrameCounts]] = [[] for _ in tests]
         causes: list[list[Causes]] = [[] for _ in tests]
@@ -232,9 +238,7 @@ def run_together(tests: Sequence[DetectionParameters], seed: int) -> list[TrialR
         results: list[TrialResult | Exception] = []
         for place, judge in enumerate(trial.judges):
             try:
-                results.append(
-                    failures.get(place) or trial.result(frames[place], causes[place], judge.metrics)
-                )
+                results.append(failures.get(place) or trial.result(frames[place], causes[place], judge))
             except PluginError as error:  # of a metric, at the end
                 results.append(error)
         return results

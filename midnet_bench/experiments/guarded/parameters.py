@@ -93,6 +93,11 @@ class GuardParameters(Parameters):
         "Further metrics, taken frame by frame: none, or ospa, first_detection, idleness, mot or your own as "
         "package.module:NAME or file.py:NAME; several with semicolons between them.",
     )
+    record: bool = option(
+        False,
+        "Keep every frame's boxes, poses and scans, and the cause of each error; 'errors', 'explain' and the "
+        "player of 'report' read them.",
+    )
     resolution_m: float = option(
         0.05, "Side of a cell of the prior map and of the local costmaps.", ge=0.02, le=0.2
     )
@@ -154,6 +159,8 @@ class GuardParameters(Parameters):
             raise InputError(
                 "start_error_m, start_error_deg: no start is wrong under localization: truth; take ukf"
             )
+        if self.record and self.network.is_used:
+            raise InputError("record: errors are not explained where a network lies between; leave it out")
         fastest_mps = self.simulation.robot_model.max_linear_mps
         if self.intruder_speed_mps > fastest_mps:
             raise InputError(

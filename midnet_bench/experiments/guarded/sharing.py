@@ -25,6 +25,7 @@ def motion(parameters: Guarded) -> Guarded:
         prior=plain.prior,
         costmap=plain.costmap,
         midnet=plain.midnet,
+        record=plain.record,
     )
 
 

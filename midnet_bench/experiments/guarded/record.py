@@ -1,0 +1,140 @@
+"""A recorded trial: what happened in it, frame by frame, in numbers small enough to keep and to send."""
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from midnet_bench.campaign.trial import Row
+from midnet_bench.geometry import Box, Pose2D
+
+FRAMES, ERRORS = "recorded", "errors"
+"""the tables of a recorded trial"""
+BEAM_STEP = 4
+"""each fourth beam of a scan is kept"""
+NO_RETURN = 255
+"""in a recorded scan; other values are centimetres"""
+
+
+class RecordedRobot(NamedTuple):
+    """One robot at one frame, map frame."""
+
+    pose: Pose2D
+    """where it truly is, to the millimetre and milliradian"""
+    believed: Pose2D
+    """where it takes itself to be"""
+    goal: tuple[float, float] | None
+    """where it drives to, metres"""
+
+
+class RecordedTruth(NamedTuple):
+    """One intruder at one frame."""
+
+    name: str
+    box: Box
+    in_range: bool
+    """whether missing it counts"""
+    detection: int | None
+    """the index of the detection that is paired with it"""
+
+
+class RecordedBox(NamedTuple):
+    """One guard's box before fusion."""
+
+    guard: int
+    """index in the team"""
+    box: Box
+    ally: int | None
+    """index of the ally that it was removed for"""
+
+
+class RecordedDetection(NamedTuple):
+    """One box of the team."""
+
+    guard: int
+    """index of the guard that it is said to come from"""
+    box: Box
+    truth: int | None
+    """the index of the truth that is paired with it"""
+
+
+class RecordedFrame(NamedTuple):
+    """One frame of a trial; metres and radians, map frame."""
+
+    number: int
+    """counted from 1, five a second"""
+    robots: list[RecordedRobot | None]
+    """in the order of the table ``robots``; None for one that is gone"""
+    truths: list[RecordedTruth]
+    found: list[RecordedBox]
+    """empty where a detector explains nothing"""
+    detections: list[RecordedDetection]
+    scans_m: list[list[float | None]]
+    """of each guard the last scan, each fourth beam; None where nothing came back within 2.54 m"""
+
+    def to_row(self) -> Row:
+        """A row of the table ``recorded``: lists as JSON in millimetres and milliradians, scans in base64."""
+        return {
+            "frame": self.number,
+            "robots": _text(
+                [robot and _mm((*robot.pose, *robot.believed, *(robot.goal or ()))) for robot in self.robots]
+            ),
+            "truths": _text(
+                [[name, *_mm(box), int(near), detection] for name, box, near, detection in self.truths]
+            ),
+            "found": _text([[guard, *_mm(box), ally] for guard, box, ally in self.found]),
+            "detections": _text([[guard, *_mm(box), truth] for guard, box, truth in self.detections]),
+            "scans": " ".join(
+                base64.b64encode(
+                    bytes(NO_RETURN if range_m is None else round(100.0 * range_m) for range_m in scan)
+                ).decode()
+                for scan in self.scans_m
+            ),
+        }
+
+    @classmethod
+    def from_row(cls, row: Mapping[str, object]) -> "RecordedFrame":
+        """What :meth:`to_row` packed. Raises ValueError if it is damaged."""
+        try:
+            robots, truths, found, detections = (
+                json.loads(str(row[name])) for name in ("robots", "truths", "found", "detections")
+            )
+            return cls(
+                int(str(row["frame"])),
+                [None if robot is None else _robot(robot) for robot in robots],
+                [RecordedTruth(name, _box(rest[:4]), bool(rest[4]), rest[5]) for name, *rest in truths],
+                [RecordedBox(guard, _box(rest[:4]), rest[4]) for guard, *rest in found],
+                [RecordedDetection(guard, _box(rest[:4]), rest[4]) for guard, *rest in detections],
+                [
+                    [None if cm == NO_RETURN else cm / 100.0 for cm in base64.b64decode(scan)]
+                    for scan in str(row["scans"]).split()
+                ],
+            )
+        except (KeyError, IndexError, TypeError, ValueError) as error:
+            raise ValueError(f"frame {row.get('frame')}: is no recorded frame") from error
+
+
+def recorded_scan(ranges_m: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> list[float | None]:
+    """Each fourth beam of a scan as it is recorded: metres, None where nothing came back within 2.54 m."""
+    far_m = NO_RETURN / 100.0 - 0.005
+    return [range_m if 0.0 < range_m < far_m else None for range_m in ranges_m[::BEAM_STEP].tolist()]
+
+
+def _mm(numbers: Sequence[float]) -> list[int]:
+    return [round(1000.0 * number) for number in numbers]
+
+
+def _text(values: object) -> str:
+    return json.dumps(values, separators=(",", ":"))
+
+
+def _box(numbers: Sequence[int]) -> Box:
+    return Box(*(number / 1000.0 for number in numbers))
+
+
+def _robot(numbers: Sequence[int]) -> RecordedRobot:
+    x, y, yaw, *rest = (number / 1000.0 for number in numbers)
+    goal = (rest[3], rest[4]) if len(rest) > 3 else None
+    return RecordedRobot(Pose2D(x, y, yaw), Pose2D(*rest[:3]), goal)

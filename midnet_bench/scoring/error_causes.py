@@ -1,0 +1,38 @@
+"""The causes of errors by name, and what each means."""
+
+UNEXPLAINED = "unexplained"
+
+MISS_CAUSES = {
+    "occluded": "something stands before it",
+    "between_beams": "no beam goes where it is",
+    "beyond_range": "its returns lie beyond the obstacle range",
+    "delay": "it is in sight now, and was not at the last scan, or has moved on since",
+    "outside_window": "its returns lie outside the local costmap",
+    "below_threshold": "no cell at its returns has the cost that counts",
+    "outside_prior": "its returns lie outside the prior map",
+    "under_prior": "the inflated prior map lies over it",
+    "too_small": "its contour has too few cells",
+    "pose_error": "its box lies beside it by the guard's pose error",
+    "not_detected": "the detector made no box of its returns",
+    "taken_for_ally": "its box was removed as an ally's",
+    "dropped_by_fusion": "its box gave way to one that does not touch it",
+    "merged": "the one box on it belongs to another intruder",
+    UNEXPLAINED: "none of these",
+}
+"""Why an intruder in range has no box of its own: the stages of the loss funnel in their order."""
+
+FALSE_CAUSES = {
+    "intruder_trail": "where an intruder was",
+    "stale": "where an intruder was at the last scan",
+    "misplaced": "an intruder, off by the guard's pose error",
+    "rim": "the rim of an intruder that the inflated prior map covers",
+    "ally_trail": "where another guard was",
+    "ally_left": "another guard, not removed",
+    "wall_by_pose": "a wall, off by the guard's pose error",
+    "wall_by_crop": "a wall, off by the cells that the window is shifted by",
+    "wall_by_noise": "a wall, off by the range's noise",
+    "wall_by_map": "a wall that the prior map does not have",
+    "fragment": "a further box on an intruder that has one",
+    UNEXPLAINED: "none of these",
+}
+"""What a box is made of that is no intruder's, or not its first."""

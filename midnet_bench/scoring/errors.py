@@ -1,0 +1,147 @@
+"""What the referee knows of where errors come from: the evidence, and what is read from it.
+
+Nothing here needs a simulator or a detector: whoever has scans, true places and boxes can ask.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.geometry import Box
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.scoring.frame_counts import TruthObject
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Booleans = npt.NDArray[np.bool_]
+Kind = Literal["miss", "false", "fragment"]
+
+WALL, NOTHING = -1, -2
+"""what a return came from that is no truth: a wall, or nothing that is known"""
+_FIRST_ALLY = -10
+
+
+def ally(guard: int) -> int:
+    """The source of returns from a guard, by its index in the team."""
+    return _FIRST_ALLY - guard
+
+
+def guard_of(source: int) -> int | None:
+    """The index of the guard that returns came from; None if from none."""
+    return _FIRST_ALLY - source if source <= _FIRST_ALLY else None
+
+
+def source_name(source: int, truths: Sequence[TruthObject]) -> str:
+    """In words: ``guard 2``, an intruder's name, ``a wall``; empty for nothing that is known."""
+    guard = guard_of(source)
+    if guard is not None:
+        return f"guard {guard + 1}"
+    return truths[source].name if source >= 0 else "a wall" if source == WALL else ""
+
+
+class Marks(NamedTuple):
+    """m returns of one guard, each in four places: which part of its error came from pose and range."""
+
+    source: Ints
+    """(m,) the index of a truth, :func:`ally`, ``WALL`` or ``NOTHING``"""
+    age_s: Floats
+    """(m,)"""
+    is_newest: Booleans
+    """(m,) whether it is of the guard's last scan"""
+    believed: Floats
+    """(m, 2) where the guard put it, map frame, metres"""
+    at_true_pose: Floats
+    """(m, 2) where it had put it, had it known its pose"""
+    at_true_range: Floats
+    """(m, 2) where it had put it without the noise of its range"""
+    true: Floats
+    """(m, 2) what was met"""
+
+    def where(self, chosen: npt.NDArray[np.bool_]) -> "Marks":
+        """Those of an (m,) mask."""
+        return Marks(
+            self.source[chosen],
+            self.age_s[chosen],
+            self.is_newest[chosen],
+            self.believed[chosen],
+            self.at_true_pose[chosen],
+            self.at_true_range[chosen],
+            self.true[chosen],
+        )
+
+
+class SightLines(NamedTuple):
+    """What the n beams of one LiDAR would meet at the frame's instant."""
+
+    directions: Floats
+    """(n, 2) unit vectors, map frame"""
+    ranges_m: Floats
+    """(n,) inf for nothing"""
+    sources: Ints
+    """(n,) as of :class:`Marks`"""
+
+
+class GuardView(NamedTuple):
+    """One guard at the frame's instant: where it truly is, what it marked, and what became of that."""
+
+    guard: int
+    """index in the team"""
+    sensor: tuple[float, float]
+    """(x, y) of its LiDAR as it truly is, map frame, metres"""
+    lines: Callable[[], SightLines]
+    returns: Callable[[int], tuple[Marks, Booleans]]
+    """source -> the returns of its last scan that came from there, and which are within the obstacle range"""
+    marks: Marks
+    """the marked cells of its costmap"""
+    shift_m: tuple[float, float]
+    """by which the crop moves its cells on the prior map"""
+    window: Box
+    """its costmap, map frame, metres"""
+    reach_m: float
+    """how far from a mark a cell has the cost that counts"""
+    a: OccupancyGrid | None
+    """A of Eq. 1, cropped, 0 where occupied; None if the detector has no such grid"""
+    d: OccupancyGrid | None
+    """D of Eq. 6, 255 where an intruder is"""
+    covered: OccupancyGrid | None
+    """nonzero where the prior map takes away all cells about a mark"""
+    found: Sequence[Box]
+    """the boxes that it found"""
+    taken: Sequence[int | None]
+    """for each of them the index of the ally that it was removed for"""
+    centers_at_scan: Floats
+    """(truths, 2) where the truths were at its last scan; (0, 2) before the first"""
+
+
+class Cause(NamedTuple):
+    """Why one error came about."""
+
+    name: str
+    """of ``error_causes``"""
+    guard: int | None = None
+    """index of the guard that it came about at; None if at none"""
+    by: str = ""
+    """who else had a part: who stands before it, whose trail it is"""
+    age_s: float = 0.0
+    """of the newest return that has a part"""
+    offset_m: float = 0.0
+    """by which error of place: of the pose, the crop, the range, or how far an intruder moved"""
+
+
+def moved(box: Box, by: Sequence[float] | Floats) -> Box:
+    """The box elsewhere."""
+    x, y = float(by[0]), float(by[1])
+    return Box(box.x_min + x, box.y_min + y, box.x_max + x, box.y_max + y)
+
+
+def box_at_scan(truth: int, truths: Sequence[TruthObject], view: GuardView) -> Box:
+    """A truth's box where it was at the guard's last scan."""
+    now = np.array(truths[truth].center)
+    return moved(truths[truth].box, view.centers_at_scan[truth] - now)
+
+
+def touches(box: Box, other: Box) -> bool:
+    """Whether they have some area in common, as section V.A asks."""
+    return box.intersection_area(other) > 0.0

@@ -1,0 +1,140 @@
+"""The loss funnel: the stage between an intruder and the team's boxes at which it was lost."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from midnet_bench.geometry import Box, lengths
+from midnet_bench.grid import OccupancyGrid, cell_centers, cell_middles, values_at
+from midnet_bench.midnet.binary_map import OCCUPIED
+from midnet_bench.scoring.error_causes import MISS_CAUSES, UNEXPLAINED
+from midnet_bench.scoring.errors import (
+    Booleans,
+    Cause,
+    Floats,
+    GuardView,
+    box_at_scan,
+    moved,
+    source_name,
+    touches,
+)
+from midnet_bench.scoring.frame_counts import TruthObject
+
+_STAGE = {name: stage for stage, name in enumerate(MISS_CAUSES)}
+_OFF_GRID = 1
+"""a value that no binary grid has"""
+
+
+def lost_at(
+    truth: int, truths: Sequence[TruthObject], detections: Sequence[Box], views: Sequence[GuardView]
+) -> Cause:
+    """Why an intruder has no box of its own: the stage that it reached with the guard that got it farthest.
+
+    Args:
+        truth: the index of the intruder, which is in range of some guard.
+        truths: all intruders as they are now.
+        detections: the team's boxes, map frame, metres.
+        views: of each guard that has the intruder in range.
+    """
+    if any(touches(box, truths[truth].box) for box in detections):
+        return Cause("merged")
+    causes = [_lost_by(truth, truths, view) for view in views]
+    return max(causes, key=lambda cause: _STAGE[cause.name], default=Cause(UNEXPLAINED))
+
+
+def _lost_by(truth: int, truths: Sequence[TruthObject], view: GuardView) -> Cause:
+    """The stage at which one guard lost it, if the team has no box on it."""
+    returns, in_reach = view.returns(truth)
+    if not len(in_reach):
+        return _unseen(truth, truths, view)
+    if not in_reach.any():
+        return Cause("beyond_range", view.guard)
+    returns = returns.where(in_reach)
+    age_s = float(returns.age_s.min())
+    places = returns.believed + view.shift_m
+    places = places[_inside(view.window, places)]
+    if not len(places):
+        return Cause("outside_window", view.guard, age_s=age_s)
+    if view.a is None or view.d is None:
+        boxes = [k for k, box in enumerate(view.found) if _inside(box.shrunk(-view.reach_m), places).any()]
+        if not boxes:
+            return Cause("not_detected", view.guard, age_s=age_s)
+    else:
+        on_grid = values_at(view.a.data, view.a, places, _OFF_GRID)
+        if (on_grid == _OFF_GRID).all():
+            return Cause("outside_prior", view.guard, age_s=age_s)
+        if not (on_grid == OCCUPIED).any():
+            return Cause("below_threshold", view.guard, age_s=age_s)
+        left = cells_about(view.d, places, view.reach_m)
+        if not len(left):
+            return Cause("under_prior", view.guard, age_s=age_s)
+        boxes = [k for k, box in enumerate(view.found) if _inside(box, left).any()]
+        if not boxes:
+            return Cause("too_small", view.guard, age_s=age_s)
+    on_it = [k for k in boxes if touches(view.found[k], truths[truth].box)]
+    if not on_it:
+        offset = (returns.true - returns.believed - view.shift_m).mean(axis=0)
+        found = [view.found[k] for k in boxes]
+        name = beside(found, box_at_scan(truth, truths, view), offset)
+        gone_m = float(lengths(view.centers_at_scan[truth] - np.array(truths[truth].center)))
+        offset_m = gone_m if name == "delay" else float(lengths(offset))
+        return Cause(name, view.guard, age_s=age_s, offset_m=offset_m)
+    allies = [view.taken[k] for k in on_it]
+    if all(taken is not None for taken in allies):
+        return Cause("taken_for_ally", view.guard, f"guard {(allies[0] or 0) + 1}", age_s)
+    return Cause("dropped_by_fusion", view.guard, age_s=age_s)
+
+
+def beside(boxes: Sequence[Box], at_scan: Box, offset: Floats) -> str:
+    """Why boxes made of an intruder's returns do not touch it.
+
+    Args:
+        boxes: map frame, metres.
+        at_scan: the intruder's box when it was scanned.
+        offset: (2,) from where its returns were put to where they came from, metres.
+    """
+    if any(touches(box, at_scan) for box in boxes):
+        return "delay"
+    if any(touches(moved(box, offset), at_scan) for box in boxes):
+        return "pose_error"
+    return "under_prior"
+
+
+def cells_about(d: OccupancyGrid, places: Floats, reach_m: float) -> Floats:
+    """(n, 2) the centres of the cells of D that some of the places reach, map frame, metres."""
+    cells = cell_centers(d, d.data > 0)
+    if not len(cells):
+        return cells
+    # a mark is the middle of its cell, wherever in it the beam ended
+    middles = cell_middles(d, places)
+    near = lengths(cells[:, None] - middles[None]) <= reach_m + 1e-6
+    return cells[near.any(axis=1)]
+
+
+def _inside(box: Box, points: Floats) -> Booleans:
+    x, y = points[:, 0], points[:, 1]
+    return np.asarray((x >= box.x_min) & (x < box.x_max) & (y >= box.y_min) & (y < box.y_max))
+
+
+def _unseen(truth: int, truths: Sequence[TruthObject], view: GuardView) -> Cause:
+    """Why no beam of the last scan came back from it, by what the beams would meet now."""
+    directions, ranges_m, sources = view.lines()
+    if (sources == truth).any():
+        return Cause("delay", view.guard)
+    entry_m = _entry_m(view.sensor, directions, truths[truth].box)
+    before = ranges_m < entry_m
+    crossing = np.isfinite(entry_m)
+    if not (crossing & before).any():
+        return Cause("between_beams", view.guard)
+    who, counts = np.unique(sources[crossing & before], return_counts=True)
+    return Cause("occluded", view.guard, source_name(int(who[counts.argmax()]), truths))
+
+
+def _entry_m(sensor: tuple[float, float], directions: Floats, box: Box) -> Floats:
+    """(n,) metres along each beam to the box; inf for beams that pass it."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low = (np.array(box[:2]) - sensor) / directions
+        high = (np.array(box[2:]) - sensor) / directions
+    enter = np.minimum(low, high).max(axis=1)
+    leave = np.maximum(low, high).min(axis=1)
+    return np.asarray(np.where((leave >= enter) & (leave > 0.0), np.maximum(enter, 0.0), np.inf))
