@@ -59,6 +59,23 @@ def detection_campaign(_detection_campaign: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
+def _recorded_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return campaign_folder(
+        tmp_path_factory.mktemp("shared") / "recorded",
+        experiment="detection",
+        grid={"robots": [1, 3]},
+        trials=2,
+        parameters={"frames": 10, "engine": "fast", "record": True},
+    )
+
+
+@pytest.fixture
+def recorded_campaign(_recorded_campaign: Path, tmp_path: Path) -> Path:
+    """A real detection campaign, for you to change: 1 and 3 robots, seeds 1 and 2, 10 recorded frames."""
+    return Path(shutil.copytree(_recorded_campaign, tmp_path / "recorded"))
+
+
+@pytest.fixture(scope="session")
 def _labyrinth_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return campaign_folder(
         tmp_path_factory.mktemp("shared") / "labyrinth",

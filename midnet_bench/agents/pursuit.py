@@ -73,6 +73,11 @@ class Pursuit:
         self._rule = rule
         self._tracker = Tracker()
 
+    @property
+    def pursuers(self) -> list[Guard]:
+        """The guards that are after a target now."""
+        return [guard for known in self.targets.values() for guard in known.pursuers]
+
     def see(self, places: Sequence[Point], time_s: float) -> list[int]:
         """Take the centres of a frame's fused boxes, map frame, metres; for each, its target.
 

@@ -53,7 +53,7 @@ RECORDED = Columns(
     {
         "frame": FRAMES,
         **dict.fromkeys(
-            ("robots", "truths", "found", "detections", "scans"), Column(str, longest=LONGEST_RECORD)
+            ("poses", "truths", "found", "detections", "scans"), Column(str, longest=LONGEST_RECORD)
         ),
     },
     optional=True,
@@ -114,6 +114,7 @@ LABYRINTH: Tables = {
     ),
     "robots": ROBOTS,
     "metrics": METRICS,
+    "recorded": RECORDED,
 }
 MAPPING: Tables = {
     "maps": Columns(

@@ -13,6 +13,7 @@ from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
 from midnet_bench.experiments.guarded.detector_node import DetectorNode
 from midnet_bench.experiments.guarded.recorder import Recorder
+from midnet_bench.experiments.guarded.witness import Witness
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
 from midnet_bench.scoring.causes import CauseCounter, Causes, total_causes
@@ -174,7 +175,7 @@ class DetectionTrial(GuardedArena):
         rngs = [stream(self.seed, "sight", guard.name) for guard in self.guards]
         judge = Judge(test, node, self.lidars.noise(rngs))
         if test.record:
-            judge.recorder = Recorder(self, node, test.costmap.obstacle_range_m)
+            judge.recorder = Recorder(self, test.costmap.obstacle_range_m, Witness(self, node))
         return judge
 
     def _all_in_sight(self, judge: Judge) -> list[bool]:

@@ -3,7 +3,7 @@
 import base64
 import json
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,8 @@ class RecordedRobot(NamedTuple):
     """where it takes itself to be"""
     goal: tuple[float, float] | None
     """where it drives to, metres"""
+    pursues: bool = False
+    """whether the goal is what it pursues"""
 
 
 class RecordedTruth(NamedTuple):
@@ -73,13 +75,18 @@ class RecordedFrame(NamedTuple):
     detections: list[RecordedDetection]
     scans_m: list[list[float | None]]
     """of each guard the last scan, each fourth beam; None where nothing came back within 2.54 m"""
+    sensors: list[Pose2D | None]
+    """where each guard took its LiDAR to be at that scan"""
 
     def to_row(self) -> Row:
         """A row of the table ``recorded``: lists as JSON in millimetres and milliradians, scans in base64."""
         return {
             "frame": self.number,
-            "robots": _text(
-                [robot and _mm((*robot.pose, *robot.believed, *(robot.goal or ()))) for robot in self.robots]
+            "poses": _text(
+                [
+                    robot and _mm((*robot.pose, *robot.believed, *(robot.goal or ()))) + [1] * robot.pursues
+                    for robot in self.robots
+                ]
             ),
             "truths": _text(
                 [[name, *_mm(box), int(near), detection] for name, box, near, detection in self.truths]
@@ -90,36 +97,79 @@ class RecordedFrame(NamedTuple):
                 base64.b64encode(
                     bytes(NO_RETURN if range_m is None else round(100.0 * range_m) for range_m in scan)
                 ).decode()
-                for scan in self.scans_m
+                + f"@{','.join(map(str, _mm(sensor or ())))}"
+                for scan, sensor in zip(self.scans_m, self.sensors, strict=True)
             ),
         }
 
     @classmethod
     def from_row(cls, row: Mapping[str, object]) -> "RecordedFrame":
         """What :meth:`to_row` packed. Raises ValueError if it is damaged."""
+        numbers = FrameNumbers.of(row)
         try:
-            robots, truths, found, detections = (
-                json.loads(str(row[name])) for name in ("robots", "truths", "found", "detections")
+            return cls(
+                numbers.frame,
+                [None if robot is None else _robot(robot) for robot in numbers.robots],
+                [
+                    RecordedTruth(name, _box(rest[:4]), bool(rest[4]), rest[5])
+                    for name, *rest in numbers.truths
+                ],
+                [RecordedBox(guard, _box(rest[:4]), rest[4]) for guard, *rest in numbers.found],
+                [RecordedDetection(guard, _box(rest[:4]), rest[4]) for guard, *rest in numbers.detections],
+                [[None if cm == NO_RETURN else cm / 100.0 for cm in scan] for scan in numbers.scans_cm],
+                [Pose2D(*(mm / 1000.0 for mm in sensor)) if sensor else None for sensor in numbers.sensors],
             )
+        except (IndexError, TypeError, ValueError) as error:
+            raise _damaged(row) from error
+
+
+class FrameNumbers(NamedTuple):
+    """A row of the table ``recorded`` as the whole numbers that stand in it: mm, mrad, map frame.
+
+    That is all that a player needs, and much quicker to have than a :class:`RecordedFrame`.
+    """
+
+    frame: int
+    robots: list[list[int] | None]
+    """true x, y, yaw, believed x, y, yaw; of one with a goal x, y; and 1 if it pursues that"""
+    truths: list[list[Any]]
+    """name, box, in_range, detection or None"""
+    found: list[list[Any]]
+    """guard, box, ally or None"""
+    detections: list[list[Any]]
+    """guard, box, truth or None"""
+    scans_cm: list[bytes]
+    sensors: list[list[int] | None]
+
+    @classmethod
+    def of(cls, row: Mapping[str, object]) -> "FrameNumbers":
+        """Those of a row. Raises ValueError if it is damaged."""
+        try:
+            poses, truths, found, detections = (
+                json.loads(str(row[name])) for name in ("poses", "truths", "found", "detections")
+            )
+            scans = [scan.partition("@") for scan in str(row["scans"]).split()]
             return cls(
                 int(str(row["frame"])),
-                [None if robot is None else _robot(robot) for robot in robots],
-                [RecordedTruth(name, _box(rest[:4]), bool(rest[4]), rest[5]) for name, *rest in truths],
-                [RecordedBox(guard, _box(rest[:4]), rest[4]) for guard, *rest in found],
-                [RecordedDetection(guard, _box(rest[:4]), rest[4]) for guard, *rest in detections],
-                [
-                    [None if cm == NO_RETURN else cm / 100.0 for cm in base64.b64decode(scan)]
-                    for scan in str(row["scans"]).split()
-                ],
+                poses,
+                truths,
+                found,
+                detections,
+                [base64.b64decode(scan) for scan, _, _ in scans],
+                [list(map(int, sensor.split(","))) if sensor else None for _, _, sensor in scans],
             )
-        except (KeyError, IndexError, TypeError, ValueError) as error:
-            raise ValueError(f"frame {row.get('frame')}: is no recorded frame") from error
+        except (KeyError, ValueError, RecursionError) as error:
+            raise _damaged(row) from error
 
 
 def recorded_scan(ranges_m: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> list[float | None]:
     """Each fourth beam of a scan as it is recorded: metres, None where nothing came back within 2.54 m."""
     far_m = NO_RETURN / 100.0 - 0.005
     return [range_m if 0.0 < range_m < far_m else None for range_m in ranges_m[::BEAM_STEP].tolist()]
+
+
+def _damaged(row: Mapping[str, object]) -> ValueError:
+    return ValueError(f"frame {row.get('frame')}: is no recorded frame")
 
 
 def _mm(numbers: Sequence[float]) -> list[int]:
@@ -135,6 +185,6 @@ def _box(numbers: Sequence[int]) -> Box:
 
 
 def _robot(numbers: Sequence[int]) -> RecordedRobot:
-    x, y, yaw, *rest = (number / 1000.0 for number in numbers)
+    x, y, yaw, *rest = (number / 1000.0 for number in numbers[:8])
     goal = (rest[3], rest[4]) if len(rest) > 3 else None
-    return RecordedRobot(Pose2D(x, y, yaw), Pose2D(*rest[:3]), goal)
+    return RecordedRobot(Pose2D(x, y, yaw), Pose2D(*rest[:3]), goal, len(numbers) > 8)

@@ -1,12 +1,11 @@
 """``Recorder``: what is kept of a trial to explain its errors and to play it again."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import partial
 
 from midnet_bench.agents.mobile_robot import Guard
 from midnet_bench.campaign.trial import Row
 from midnet_bench.experiments.guarded.arena import GuardedArena
-from midnet_bench.experiments.guarded.detector_node import DetectorNode
 from midnet_bench.experiments.guarded.record import (
     ERRORS,
     FRAMES,
@@ -25,12 +24,12 @@ from midnet_bench.scoring.frame_counts import FrameMatch, TruthObject, truths_in
 
 
 class Recorder:
-    """Of one detector of a trial: every frame, and each error with its cause."""
+    """Of one detector of a trial: every frame, and with a witness each error and its cause."""
 
-    def __init__(self, trial: GuardedArena, node: DetectorNode, range_m: float) -> None:
+    def __init__(self, trial: GuardedArena, range_m: float, witness: Witness | None = None) -> None:
         """From now on; ``range_m``: up to which an intruder has to be found."""
         self._trial, self._range_m = trial, range_m
-        self._witness = Witness(trial, node)
+        self._witness = witness
         self._frames: list[Row] = []
         self._errors: list[Row] = []
 
@@ -41,9 +40,13 @@ class Recorder:
         truths: Sequence[TruthObject],
         in_range: Sequence[bool],
         match: FrameMatch,
+        pursuers: Collection[Guard] = (),
     ) -> None:
-        """The newest frame, of that number, with its explanation."""
-        self._frames.append(self._recorded(number, frame, truths, in_range, match).to_row())
+        """The newest frame, of that number, with its explanation; ``pursuers``: who drives to a target."""
+        recorded = self._recorded(number, frame, truths, in_range, match, pursuers)
+        self._frames.append(recorded.to_row())
+        if self._witness is None:
+            return
         missed, left_over = self._witness.causes(
             frame, truths, match, in_range, partial(self._guards_near, truths)
         )
@@ -72,6 +75,7 @@ class Recorder:
         truths: Sequence[TruthObject],
         in_range: Sequence[bool],
         match: FrameMatch,
+        pursuers: Collection[Guard],
     ) -> RecordedFrame:
         world, explanation = self._trial.world, frame.explanation
         poses, active = world.poses(), world.active
@@ -82,7 +86,12 @@ class Recorder:
         return RecordedFrame(
             number,
             [
-                RecordedRobot(Pose2D(*poses[robot.index].tolist()), robot.pose, robot.goal)
+                RecordedRobot(
+                    Pose2D(*poses[robot.index].tolist()),
+                    robot.pose,
+                    robot.goal,
+                    robot.goal is not None and robot in pursuers,
+                )
                 if active[robot.index]
                 else None
                 for robot in self._trial.fleet.robots
@@ -101,6 +110,7 @@ class Recorder:
                 for guard, box, truth in zip(frame.robots, frame.detections, match.truth_of, strict=True)
             ],
             [[] if guard.scan is None else recorded_scan(guard.scan.ranges_m) for guard in guards],
+            [guard.scan and guard.scan.pose.compose(guard.scan.lidar.mount) for guard in guards],
         )
 
 

@@ -10,13 +10,14 @@ from midnet_bench.agents.mobile_robot import MobileRobot, Point
 from midnet_bench.agents.pursuit import Pursuit
 from midnet_bench.arena.free_space import doors
 from midnet_bench.campaign.trial import Row, TrialResult
-from midnet_bench.experiments.guarded.arena import GuardedArena
+from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
+from midnet_bench.experiments.guarded.recorder import Recorder
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.geometry import Box, lengths
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rivals.pursuit import TeamPursuit
 from midnet_bench.rng import stream
-from midnet_bench.scoring.frame_counts import TruthObject, truths_in_range
+from midnet_bench.scoring.frame_counts import TruthObject, match_frame, truths_in_range
 from midnet_bench.scoring.metric import TrialMetrics
 from midnet_bench.simulation.integrity import crossed_wall, surfaces
 
@@ -58,6 +59,7 @@ class LabyrinthTrial(GuardedArena):
         rule = TeamPursuit(parameters.pursuit.rule, self.prior_map, stream(seed, "pursuit"))
         self.pursuit = Pursuit(self.guards, parameters.pursuit, rule)
         self.metrics = TrialMetrics(parameters.metrics)
+        self.recorder = Recorder(self, parameters.costmap.obstacle_range_m) if parameters.record else None
         self.targets, self.ghosts = 0, 0
         """targets of the pursuit so far, and those of them whose first box was on no intruder"""
         self.outcomes: dict[int, Outcome] = {}
@@ -76,19 +78,24 @@ class LabyrinthTrial(GuardedArena):
         """MIDNet's frames until everybody is caught or gone, or the time is up (item 58)."""
         to_the_end = self._test.ends == "time_limit"
         while (to_the_end or self.present) and self.fleet.time_s < self._test.time_limit_s - 1e-9:
-            midnet = self.next_frame(explain)
-            if self.metrics:
-                self._measure(midnet)
+            midnet = self.next_frame(explain or self.recorder is not None)
+            if self.metrics or self.recorder is not None:
+                self._observe(midnet)
             self._judge(midnet)
             yield midnet
 
-    def _measure(self, midnet: Frame) -> None:
-        """Let the metrics see a frame, before anybody is taken out."""
+    def _observe(self, midnet: Frame) -> None:
+        """Let the metrics and the recorder see a frame, before anybody is taken out."""
         outlines = {robot.name: self.lidars.outline(robot.index) for robot in self.present}
         truths = [TruthObject(name, box, box.center) for name, box in outlines.items()]
         range_m = self._test.costmap.obstacle_range_m
         in_range = truths_in_range(truths, self.sensor_positions(), range_m, "centre")
-        self.metrics.update(self.seen_by_metrics(midnet, truths, in_range))
+        if self.metrics:
+            self.metrics.update(self.seen_by_metrics(midnet, truths, in_range))
+        if self.recorder is not None:
+            number = round(self.fleet.time_s * FRAME_HZ)
+            match = match_frame(midnet.detections, truths)
+            self.recorder.take(number, midnet, truths, in_range, match, self.pursuit.pursuers)
 
     def _judge(self, midnet: Frame) -> None:
         """Who was detected, caught or got away at this instant; where the guards go next.
@@ -194,7 +201,7 @@ class LabyrinthTrial(GuardedArena):
 
 
 def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
-    """One trial: ``trial`` (one row), ``intruders``, ``robots``, and ``metrics`` if asked for."""
+    """One trial: ``trial`` (one row), ``intruders``, ``robots``; if asked for, ``metrics``, ``recorded``."""
     with LabyrinthTrial(parameters, seed) as trial:
         for _ in trial.frames():
             pass
@@ -229,5 +236,6 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
             "intruders": intruders,
             "robots": trial.rows_of_robots(),
             **trial.metrics.tables(),
+            **(trial.recorder.tables() if trial.recorder else {}),
         }
         return TrialResult(tables, simulated_s=duration_s)

@@ -1,0 +1,56 @@
+"""Recorded trials: what is kept of a frame, and that it comes back out of a campaign's folder."""
+
+from pathlib import Path
+
+import pytest
+
+from midnet_bench.analysis.frames import load_results, records
+from midnet_bench.experiments.guarded.record import FrameNumbers, RecordedFrame
+from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
+from midnet_bench.experiments.labyrinth.trial import run_labyrinth
+from midnet_bench.experiments.registry import tables_of
+
+pytestmark = pytest.mark.slow
+
+
+def test_a_campaign_over_team_sizes_gives_its_recorded_frames_back(recorded_campaign: Path) -> None:
+    results = load_results(recorded_campaign, tables_of)
+    rows = records(results.table("recorded"))
+    assert [row["frame"] for row in rows[:10]] == list(range(1, 11))
+    for row in rows:
+        frame = RecordedFrame.from_row(row)
+        assert frame.to_row() == {name: row[name] for name in frame.to_row()}
+        assert len(frame.scans_m) == len(frame.sensors) == row["robots"]
+        for robot, sensor, scan in zip(frame.robots, frame.sensors, frame.scans_m, strict=False):
+            assert robot is not None
+            assert sensor is not None
+            assert sensor.distance_to(robot.believed) < 0.1
+            assert len(scan) == 90
+
+
+def test_a_damaged_row_is_refused_in_a_line() -> None:
+    row = {"frame": 3, "poses": "[[1,2,3]]", "truths": "[]", "found": "[]", "detections": "[]", "scans": ""}
+    with pytest.raises(ValueError, match="frame 3: is no recorded frame"):
+        RecordedFrame.from_row(row)
+    with pytest.raises(ValueError, match="frame 3: is no recorded frame"):
+        FrameNumbers.of({**row, "truths": "["})
+
+
+def test_a_labyrinth_trial_records_who_pursues_and_who_is_left() -> None:
+    values = {"engine": "fast", "robots": 2, "intruders": 2, "time_limit_s": 30, "record": True}
+    parameters = LabyrinthParameters.from_flat(values).with_files_read()
+    tables = run_labyrinth(parameters, 1).tables
+    frames = [RecordedFrame.from_row(row) for row in tables["recorded"]]
+    assert [frame.number for frame in frames] == list(range(1, len(frames) + 1))
+    assert any(robot is not None and robot.pursues for frame in frames for robot in frame.robots)
+    for outcome in tables["intruders"]:
+        name = f"intruder {outcome['intruder']}"
+        there = [frame.number for frame in frames if name in [truth.name for truth in frame.truths]]
+        left_s = float(str(outcome["left_at_s"]))
+        # who has left at a frame is on that frame's record, and on none after it
+        assert there == list(range(1, 1 + (len(frames) if left_s != left_s else round(5.0 * left_s))))
+    without = run_labyrinth(LabyrinthParameters.from_flat({**values, "record": False}).with_files_read(), 1)
+    # as texts: NaN is not equal to itself
+    assert {name: str(rows) for name, rows in tables.items() if name != "recorded"} == {
+        name: str(rows) for name, rows in without.tables.items()
+    }
