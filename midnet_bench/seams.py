@@ -11,8 +11,9 @@ import importlib.metadata
 import inspect
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,9 @@ class Seam:
     """what every class here has"""
     own: Mapping[str, str | None]
     """this package's by name: a reference, or None for one that whoever asks makes himself"""
+    needs: Mapping[str, str] = field(default_factory=dict)
+    """by name in ``own``: the module of another library without which it does not run, and which the extra of
+    that name installs"""
 
     @property
     def wanted(self) -> str:
@@ -79,8 +83,8 @@ class Seam:
         """``value`` in its one spelling, with a digest or version of code that is not this package's.
 
         Raises:
-            InputError: there is no such code, it cannot be imported, it has no such option, or it is not what
-                a pin that was given says.
+            InputError: there is no such code, it cannot be imported, a library that it needs is missing, it has
+                no such option, or it is not what a pin that was given says.
         """
         choice = self._parsed(value)
         if choice.place in self.own:
@@ -114,6 +118,10 @@ class Seam:
         if choice.pin:
             raise InputError(
                 f"{said}: '{choice.place}' comes with midnet-bench; leave out what follows {choice.mark}"
+            )
+        if (library := self.needs.get(choice.place)) and find_spec(library) is None:
+            raise InputError(
+                f"{self.option}: {choice.place} needs {library}: pip install 'midnet-bench[{choice.place}]'"
             )
         if self.own[choice.place] is not None:
             if choice.options:  # importing it takes a while

@@ -127,6 +127,8 @@ def test_libraries_stay_where_they_belong() -> None:
         libraries = {module.split(".")[0] for module in modules}
         if not name.startswith("midnet_bench.simulation.bullet"):
             assert not libraries & {"pybullet", "pybullet_data"}, name
+        if name != "midnet_bench.simulation.mujoco_world":
+            assert "mujoco" not in libraries, name
         if name != "midnet_bench.compiled":  # it keeps stale machine code away
             assert not libraries & {"numba", "llvmlite"}, name
         if name.startswith("midnet_bench.midnet"):
@@ -268,25 +270,25 @@ def test_what_is_rounded_alike_is_none() -> None:
     assert not strays("a", "math.sqrt(2.0) + math.hypot(1.0, 2.0) + np.sqrt(a) * 2 ** 3")
 
 
-WITHOUT_PYBULLET = """
+WITHOUT_PHYSICS = """
 import importlib, sys
-sys.modules["pybullet"] = None
+sys.modules["pybullet"] = sys.modules["mujoco"] = None
 for name in sys.argv[1:]:
     try:
         importlib.import_module(name)
     except ImportError as error:
-        print(name, "" if "pybullet" in str(error).lower() else error)
+        print(name, "" if any(word in str(error).lower() for word in ("pybullet", "mujoco")) else error)
 """
 
 
 @pytest.mark.slow
-def test_what_needs_no_physics_is_imported_without_pybullet() -> None:
+def test_what_needs_no_physics_is_imported_without_pybullet_and_mujoco() -> None:
     names = [name for name in SOURCES if not name.endswith("__main__")]
-    command = [sys.executable, "-c", WITHOUT_PYBULLET, *names]
+    command = [sys.executable, "-c", WITHOUT_PHYSICS, *names]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
     failed = {line.strip().removeprefix("midnet_bench.") for line in done.stdout.splitlines()}
     physics = {name for name in failed if name.startswith("simulation.bullet.")}
-    assert failed == physics
+    assert failed == physics | {"simulation.mujoco_world"}
 
 
 @pytest.mark.parametrize("arguments", [["-c", "import midnet_bench"], ["-m", "midnet_bench", "--help"]])

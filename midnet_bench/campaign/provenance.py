@@ -18,6 +18,7 @@ LIBRARIES = (
     "numpy",
     "opencv-python-headless",
     "pybullet",
+    "mujoco-core",
     "numba",
     "scipy",
     "pydantic",

@@ -6,6 +6,7 @@ SIMULATORS = Seam(
     option="engine",
     entry_points="midnet_bench.simulators",
     method="step",
-    own={"bullet": None, "fast": None},
+    own={"bullet": None, "fast": None, "mujoco": "midnet_bench.simulation.mujoco_world:World"},
+    needs={"mujoco": "mujoco"},
 )
 """see ``simulation/own_engine.py``"""

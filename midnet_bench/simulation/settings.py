@@ -24,8 +24,8 @@ class WorldSettings(Settings):
     engine: str = option(
         "bullet",
         "What moves the robots and casts their beams: PyBullet, with wheels on a floor (bullet), compiled "
-        "loops of our own, planar and several times as fast (fast), or yours as package.module:NAME or "
-        "file.py:NAME.",
+        "loops of our own, planar and several times as fast (fast), MuJoCo, planar, with the extra "
+        "midnet-bench[mujoco] (mujoco), or yours as package.module:NAME or file.py:NAME.",
     )
     step_hz: int = option(30, "Physics steps per second.", ge=30, le=1000, multiple_of=10)
     solver_iterations: int = option(50, "Iterations of the contact solver per physics step.", ge=1, le=1000)

@@ -12,7 +12,7 @@ from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.geometry import Pose2D
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.simulation.settings import SimulationSettings, WorldSettings
-from tests.simulation.scenes import WORLDS, scene
+from tests.simulation.scenes import ENGINES, scene
 
 BLOCK = Solid("box", Pose2D(1.5, 1.2, 0.3), 1.0, 0.8, 0.3)
 """as large as the largest stationary intruder; a LiDAR sees the near part of its skin"""
@@ -37,7 +37,7 @@ def drive(
     return robot, near_s
 
 
-@pytest.mark.parametrize("engine", WORLDS)
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("goal", [(1.5, 1.2), (1.75, 1.4), (1.2, 1.0)], ids=["middle", "far", "near"])
 def test_a_goal_inside_a_large_unknown_obstacle_is_given_up_soon(
     engine: str, goal: tuple[float, float]
@@ -47,7 +47,7 @@ def test_a_goal_inside_a_large_unknown_obstacle_is_given_up_soon(
     assert near_s <= 15.2  # two control periods of slack
 
 
-@pytest.mark.parametrize("engine", WORLDS)
+@pytest.mark.parametrize("engine", ENGINES)
 def test_a_goal_just_behind_a_large_unknown_obstacle_is_reached(engine: str) -> None:
     behind = BLOCK.pose.compose(Pose2D(0.0, 0.75, 0.0))
     robot, _ = drive(engine, (behind.x, behind.y), seed=2001)

@@ -19,7 +19,7 @@ from midnet_bench.robots.burger import BURGER, LDS_01
 from midnet_bench.robots.model import Disc, RobotModel
 from midnet_bench.robots.seams import ROBOTS
 from midnet_bench.robots.waffle import WAFFLE
-from tests.simulation.scenes import OWN_ROBOT, WORLDS, run, scene
+from tests.simulation.scenes import ENGINES, OWN_ROBOT, WORLDS, run, scene
 
 
 def test_the_waffle_s_measures_agree_with_each_other() -> None:
@@ -120,7 +120,7 @@ def test_an_arena_too_narrow_for_the_robots_says_so() -> None:
         place(arena, 1, 1, reach_m=0.5)
 
 
-@pytest.mark.parametrize("engine", WORLDS)
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("robot", [WAFFLE, replace(BURGER, urdf=None)], ids=["waffle", "burger without urdf"])
 def test_a_robot_that_is_only_measures_drives_as_it_is_told(engine: str, robot: RobotModel) -> None:
     with WORLDS[engine](scene([(-1.0, -1.0, 0.3)]), robot=robot) as world:
@@ -140,7 +140,7 @@ def test_a_robot_that_is_only_measures_drives_as_it_is_told(engine: str, robot: 
         assert right - left == pytest.approx(expected, rel=0.03)
 
 
-@pytest.mark.parametrize("engine", WORLDS)
+@pytest.mark.parametrize("engine", ENGINES)
 def test_a_waffle_stops_at_a_wall_where_its_body_ends(engine: str) -> None:
     wall_x = load_arena("empty").enclosure_m[0] / 2.0 - load_arena("empty").wall_thickness_m / 2.0
     with WORLDS[engine](scene([(wall_x - 0.5, 0.0, 0.0)]), robot=WAFFLE) as world:

@@ -1,20 +1,27 @@
 """Layouts for the tests of the simulation, and a caster of beams that shares nothing with it."""
 
 import math
+from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 import numpy as np
+import pytest
 
 from midnet_bench.arena.arena import Arena, load_arena
 from midnet_bench.arena.layout import Layout
 from midnet_bench.arena.solids import Solid
 from midnet_bench.geometry import Pose2D
-from midnet_bench.robots.burger import LDS_01
+from midnet_bench.robots.burger import BURGER, LDS_01
+from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.bullet.world import World as BulletWorld
 from midnet_bench.simulation.fast.world import World as FastWorld
 from midnet_bench.simulation.lidar import LidarSensors
-from midnet_bench.simulation.settings import LidarSettings
-from midnet_bench.simulation.simulator import Simulator
+from midnet_bench.simulation.own_engine import OwnEngine
+from midnet_bench.simulation.settings import LidarSettings, WorldSettings
+from midnet_bench.simulation.simulator import Beams, Simulator
 
 HOWTO = Path(__file__).parents[2] / "docs" / "howto"
 
@@ -28,8 +35,31 @@ OWN_ENGINE = shown_on("engine.md")
 """an engine of somebody else's, in pure numpy"""
 OWN_ROBOT = shown_on("robot.md")
 
-WORLDS = {"bullet": BulletWorld, "fast": FastWorld}
+
+class MujocoWorld(OwnEngine):
+    """The engine ``mujoco`` behind the seam, made and left as the other two are."""
+
+    def __init__(
+        self, layout: Layout, settings: WorldSettings | None = None, robot: RobotModel = BURGER
+    ) -> None:
+        super().__init__(layout, replace(settings or WorldSettings(), engine="mujoco"), robot)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+WORLDS = {"bullet": BulletWorld, "fast": FastWorld, "mujoco": MujocoWorld}
 """the engines by name"""
+NEEDS_MUJOCO = pytest.mark.skipif(
+    find_spec("mujoco") is None, reason="the extra midnet-bench[mujoco] is not installed"
+)
+ENGINES = ("bullet", "fast", pytest.param("mujoco", marks=NEEDS_MUJOCO))
+"""their names, for tests of each"""
 
 
 def scene(robots, intruders=(), stationary=(), arena: Arena | None = None, seed: int = 1) -> Layout:
@@ -43,6 +73,13 @@ def scene(robots, intruders=(), stationary=(), arena: Arena | None = None, seed:
     )
 
 
+def small_arena(side_m: float) -> Arena:
+    """A square room within the empty Map 1."""
+    half = side_m / 2.0
+    walls = (((-half, -half), (half, -half), (half, half), (-half, half), (-half, -half)),)
+    return load_arena("empty").model_copy(update={"walls": walls})
+
+
 def sensors(world: Simulator, profile: str = "urdf", noise: str = "none") -> LidarSensors:
     """The robots' LiDARs, without noise by default."""
     return LidarSensors(world, LidarSettings(robot_profile=profile, noise=noise))
@@ -51,6 +88,20 @@ def sensors(world: Simulator, profile: str = "urdf", noise: str = "none") -> Lid
 def run(world: Simulator, seconds: float) -> None:
     for _ in range(round(seconds * world.step_hz)):
         world.step()
+
+
+def fans(rng: np.random.Generator, layout: Layout, sensors: int) -> Beams:
+    """Full turns of 360 beams, anywhere in the arena, also in walls and right before them."""
+    half_x, half_y = (side / 2.0 for side in layout.arena.enclosure_m)
+    axes = rng.uniform((-half_x, -half_y), (half_x, half_y), size=(sensors, 2))
+    angles = rng.uniform(-math.pi, math.pi, (sensors, 1)) + np.radians(np.arange(360))
+    return Beams(axes, np.stack((np.cos(angles), np.sin(angles)), axis=2))
+
+
+def differing(one: np.ndarray, other: np.ndarray, by_m: float) -> np.ndarray:
+    """(k, 2) sensor and beam of those ranges that differ."""
+    with np.errstate(invalid="ignore"):
+        return np.argwhere(~((np.abs(one - other) <= by_m) | (one == other)))
 
 
 def beam_lengths(pose, solids: tuple[Solid, ...], discs) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What either engine owes its users: the choice, and that ``fast`` needs nothing of PyBullet."""
+"""What an engine owes its users: the choice, the same bytes, and that ``fast`` needs nothing of PyBullet."""
 
 import os
 import subprocess
@@ -10,7 +10,7 @@ from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.engines import make_world
 from midnet_bench.simulation.settings import WorldSettings
-from tests.simulation.scenes import scene
+from tests.simulation.scenes import ENGINES, scene
 
 
 @pytest.mark.parametrize("engine", ["bullet", "fast"])
@@ -42,20 +42,23 @@ def test_a_trial_on_fast_runs_where_pybullet_cannot_be_imported() -> None:
 
 
 DIGEST = """
-import hashlib
+import hashlib, sys
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import run_labyrinth
-parameters = LabyrinthParameters.of(engine="fast", robots=3, intruders=3, odometry="encoder", time_limit_s=8)
+parameters = LabyrinthParameters.of(
+    engine=sys.argv[1], robots=3, intruders=3, odometry="encoder", time_limit_s=8
+)
 print(hashlib.sha256(repr(run_labyrinth(parameters, 4).tables).encode()).hexdigest())
 """
 
 
 @pytest.mark.slow
-def test_a_trial_on_fast_gives_the_same_bytes_in_any_process_with_any_threads() -> None:
+@pytest.mark.parametrize("engine", ENGINES[1:])
+def test_a_trial_gives_the_same_bytes_in_any_process_with_any_threads(engine: str) -> None:
     digests = set()
     for threads in ("1", "2"):
         environment = {**os.environ, "NUMBA_NUM_THREADS": threads, "PYTHONHASHSEED": threads}
-        command = [sys.executable, "-c", DIGEST]
+        command = [sys.executable, "-c", DIGEST, engine]
         done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
         digests.add(done.stdout)
     assert len(digests) == 1

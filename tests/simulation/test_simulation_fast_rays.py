@@ -7,27 +7,19 @@ import numpy as np
 import pytest
 
 from midnet_bench.arena.arena import load_arena
-from midnet_bench.arena.layout import Layout, place
+from midnet_bench.arena.layout import place
 from midnet_bench.arena.solids import Solid
 from midnet_bench.geometry import Pose2D
 from midnet_bench.simulation.bullet.world import World as BulletWorld
 from midnet_bench.simulation.fast.world import World as FastWorld
 from midnet_bench.simulation.integrity import surfaces
 from midnet_bench.simulation.simulator import Beams
-from tests.simulation.scenes import scene
+from tests.simulation.scenes import differing, fans, scene
 
 SAME_M = 1e-9
 """What counts as a difference, and how far ``fast`` may be from the exact distance: it rounds."""
 WRONG_M = 1e-6
 """PyBullet computes in single precision near a side's ends; from here on it is wrong."""
-
-
-def fans(rng: np.random.Generator, layout: Layout, sensors: int) -> Beams:
-    """Full turns of 360 beams, anywhere in the arena, also in walls and right before them."""
-    half_x, half_y = (side / 2.0 for side in layout.arena.enclosure_m)
-    axes = rng.uniform((-half_x, -half_y), (half_x, half_y), size=(sensors, 2))
-    angles = rng.uniform(-math.pi, math.pi, (sensors, 1)) + np.radians(np.arange(360))
-    return Beams(axes, np.stack((np.cos(angles), np.sin(angles)), axis=2))
 
 
 def exact_m(sides: np.ndarray, axis, direction, near_m: float, far_m: float) -> float:
@@ -49,12 +41,6 @@ def exact_m(sides: np.ndarray, axis, direction, near_m: float, far_m: float) -> 
         if 0 <= share <= 1 and Fraction(near_m) <= distance < Fraction(far_m):
             nearest = min(nearest, distance)
     return float(nearest)
-
-
-def differing(one: np.ndarray, other: np.ndarray, by_m: float) -> np.ndarray:
-    """(k, 2) sensor and beam of those ranges that differ."""
-    with np.errstate(invalid="ignore"):
-        return np.argwhere(~((np.abs(one - other) <= by_m) | (one == other)))
 
 
 def test_where_the_engines_differ_fast_is_right() -> None:

@@ -1,4 +1,4 @@
-"""Burgers in either engine: how they drive, stop, bump and leave."""
+"""Burgers in each engine: how they drive, stop, bump and leave."""
 
 import hashlib
 import math
@@ -13,13 +13,13 @@ from midnet_bench.arena.layout import place
 from midnet_bench.messages import STOP, Command
 from midnet_bench.rng import stream
 from midnet_bench.simulation.simulator import Simulator
-from tests.simulation.scenes import WORLDS, run, scene, sensors
+from tests.simulation.scenes import ENGINES, WORLDS, run, scene, sensors
 
 BASE_FRONT_M = 0.038
 WALL_FACE_M = 2.925
 
 
-@pytest.fixture(params=WORLDS)
+@pytest.fixture(params=ENGINES)
 def engine(request) -> str:
     return request.param
 

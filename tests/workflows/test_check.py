@@ -179,8 +179,9 @@ def test_a_broken_one_has_exit_code_one(folder: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", dict.fromkeys(name for contract in CONTRACTS for name in contract.seam.own))
 def test_what_comes_with_the_package_is_ok(name: str) -> None:
-    if name == "mot":
-        pytest.importorskip("motmetrics", reason="the extra midnet-bench[mot] is not installed")
+    for contract in CONTRACTS:
+        if library := contract.seam.needs.get(name):
+            pytest.importorskip(library, reason=f"the extra midnet-bench[{name}] is not installed")
     assert check(name).faults == []
 
 

@@ -1,0 +1,206 @@
+"""``World``: the engine ``mujoco``, planar bodies with two wheels; the extra ``midnet-bench[mujoco]``.
+
+Wheels that stand on a floor as contacts were tried. MuJoCo's convex contact lifts what slides: a robot that
+pushes a wall hopped by 5 mm and stood up to 19 mm off it. So a wheel is what it does to the body: a motor at
+the point where it touches the floor, whose force stays within what the tyre can transmit.
+"""
+
+import math
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.arena.layout import Layout
+from midnet_bench.arena.solids import Solid
+from midnet_bench.elementary import cos_sin
+from midnet_bench.messages import Command
+from midnet_bench.robots.model import RobotModel
+from midnet_bench.simulation.simulator import Beams
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+LEAST_HZ = 120
+"""a longer tick is stepped in pieces: a body gets into another by what it drives in a step"""
+STIFFNESS = 2.0
+"""speed that a tyre lacks falls by 1 + this in a step, or as fast as its grip allows"""
+GRAVITY_MPS2, GRIP = 9.81, 1.0
+WALL_FRICTION, BODY_FRICTION = 0.5, 0.25
+"""MuJoCo takes the larger of both sides: 0.5 on walls, 0.25 between robots, as on the other engines"""
+IMPEDANCE = 0.99
+"""of contacts, for MuJoCo's ``solimp``: the nearer to 1, the less a steady push gets into a wall"""
+CONTACT_HZ, EPISODE_GAP_S = 10, 1.0
+STILL, ROBOTS = 0, 1
+"""groups of shapes; beams look for the first"""
+ALONG_LEFT, ALONG_RIGHT, ASIDE = range(3)
+"""the motors of a robot: both wheels roll, the axle does not slide"""
+
+
+class World:
+    """The :class:`~midnet_bench.simulation.own_engine.Engine` that MuJoCo makes."""
+
+    def __init__(self, layout: Layout, robot: RobotModel, step_hz: int) -> None:
+        self._robot, self._step_hz = robot, step_hz
+        starts = np.array(layout.robots + layout.intruders).reshape(-1, 3)
+        self._pieces = math.ceil(LEAST_HZ / step_hz)
+        self._model = described(layout, robot, len(starts), 1.0 / step_hz / self._pieces).compile()
+        self._data = mujoco.MjData(self._model)
+        self._places = self._data.qpos.reshape(-1, 3)
+        self._places[:] = starts
+        mujoco.mj_forward(self._model, self._data)
+        self._motors = self._data.ctrl.reshape(-1, 3)
+        self._asked, self._rims = np.zeros((2, len(starts), 2))
+        self._wheels = np.zeros((len(starts), 2))
+        self._owners = self._model.geom_bodyid.astype(np.int64) - 1
+        """(shapes,) whose each is; -1 for what stands still"""
+        self._ticks = 0
+        self._collisions = np.zeros(len(starts), dtype=np.int64)
+        self._last_touch = np.full(len(starts), -(10**9), dtype=np.int64)
+
+    def step(self) -> None:
+        """Let 1 / ``step_hz`` seconds pass."""
+        most = self._robot.rim_acceleration_mps2 / self._step_hz
+        self._rims += np.clip(self._asked - self._rims, -most, most)
+        self._wheels += self._rims / self._robot.wheel_radius_m / self._step_hz
+        self._motors[:, [ALONG_LEFT, ALONG_RIGHT]] = self._rims
+        mujoco.mj_step(self._model, self._data, self._pieces)
+        self._ticks += 1
+        if self._ticks % (self._step_hz // CONTACT_HZ) == 0:
+            self._count_collisions()
+
+    def drive(self, index: int, command: Command) -> None:
+        """Give a robot its new velocity, within its limits; held until the next one."""
+        self._asked[index] = self._robot.rim_speeds(command)
+
+    def remove(self, index: int) -> None:
+        """Let a robot stand where it is, and everything pass through it."""
+        self._asked[index] = 0.0
+        shapes = self._owners == index
+        self._model.geom_contype[shapes] = self._model.geom_conaffinity[shapes] = 0
+
+    def poses(self) -> Floats:
+        """(n, 3) x, y, yaw of each robot's base frame."""
+        poses = self._places.copy()
+        poses[:, 2] = (poses[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
+        return poses
+
+    def wheel_angles(self) -> Floats:
+        """(n, 2) how far the left and right wheel have turned; they turn on while they slip."""
+        return self._wheels
+
+    def collisions(self) -> Ints:
+        """(n,) how often each robot has run into something so far, looked at ten times a second.
+
+        Touching counts once until a second has passed without it.
+        """
+        return self._collisions
+
+    def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
+        """(m, beams) metres from the axis to the first solid between near and far; inf if there is none."""
+        count = beams.directions.shape[1]
+        ranges = np.empty(beams.directions.shape[:2])
+        axis, ways = np.full(3, self._robot.lidar_height_m), np.zeros((count, 3))
+        groups = np.zeros(6, dtype=np.uint8)
+        groups[STILL] = 1
+        met = np.empty(count, dtype=np.int32)
+        for place, directions, found in zip(beams.axes, beams.directions, ranges, strict=True):
+            axis[:2], ways[:, :2] = place, directions
+            mujoco.mj_multiRay(
+                self._model,
+                self._data,
+                axis,
+                ways.reshape(-1),
+                groups,
+                True,
+                -1,
+                met,
+                found,
+                None,
+                count,
+                far_m,
+            )
+            # what begins too near may end, or hide something, farther on
+            for k in np.flatnonzero((met >= 0) & (found < near_m)).tolist():
+                start = axis + near_m * ways[k]
+                beyond_m = mujoco.mj_ray(
+                    self._model, self._data, start, ways[k], groups, True, -1, met[k : k + 1]
+                )
+                found[k] = near_m + beyond_m
+            found[(met < 0) | (found > far_m)] = np.inf
+        return ranges
+
+    def _count_collisions(self) -> None:
+        contacts = self._data.contact
+        touching = np.unique(self._owners[contacts.geom[contacts.dist <= 0.0]])
+        touching = touching[touching >= 0]
+        is_new = self._ticks - self._last_touch[touching] > EPISODE_GAP_S * self._step_hz
+        self._collisions[touching[is_new]] += 1
+        self._last_touch[touching] = self._ticks
+
+
+def described(layout: Layout, robot: RobotModel, robots: int, step_s: float) -> mujoco.MjSpec:
+    """All that stands still, and ``robots`` bodies at the origin, whose three joints are x, y and yaw."""
+    spec = mujoco.MjSpec()
+    spec.option.timestep = step_s
+    spec.option.gravity = np.zeros(3)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    shape = spec.default.geom
+    shape.type = mujoco.mjtGeom.mjGEOM_MESH
+    shape.solref = [2.0 * step_s, 1.0]  # as hard as a contact may be, and without bouncing
+    shape.solimp[:2] = IMPEDANCE
+    for number, solid in enumerate(layout.solids):
+        add_solid(spec, solid, f"solid {number}")
+    add_prism(spec, "body", np.array(robot.body), robot.lidar_height_m)
+    for number in range(robots):
+        add_robot(spec, robot, f"robot {number}")
+    return spec
+
+
+def add_solid(spec: mujoco.MjSpec, solid: Solid, name: str) -> None:
+    """Something that stands still: a box as such, since beams find it in half the time, or its outline."""
+    shape = spec.worldbody.add_geom(group=STILL, friction=[WALL_FRICTION, 0.0, 0.0])
+    if solid.kind == "cylinder":
+        add_prism(spec, name, solid.outline(), solid.height_m)
+        shape.meshname = name
+        return
+    half_m = np.array([solid.length_m, solid.width_m, solid.height_m]) / 2.0
+    c, s = cos_sin(solid.pose.yaw / 2.0)
+    shape.type, shape.size = mujoco.mjtGeom.mjGEOM_BOX, half_m
+    shape.pos, shape.quat = [solid.pose.x, solid.pose.y, half_m[2]], [c, 0.0, 0.0, s]
+
+
+def add_prism(spec: mujoco.MjSpec, name: str, outline: Floats, height_m: float) -> None:
+    """An upright mesh on the floor: the convex hull of (k, 2) corners."""
+    rings = [np.column_stack((outline, np.full(len(outline), z_m))) for z_m in (0.0, height_m)]
+    spec.add_mesh(name=name, uservert=np.concatenate(rings).ravel())
+
+
+def add_robot(spec: mujoco.MjSpec, robot: RobotModel, name: str) -> None:
+    """A body with its motors: speeds of the rims, forces within the grip of the weight on the wheels."""
+    inertia = robot.mass_kg * robot.gyration_radius_m * robot.gyration_radius_m
+    body = spec.worldbody.add_body(
+        name=name, mass=robot.mass_kg, inertia=np.full(3, inertia), explicitinertial=True
+    )
+    body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[1, 0, 0])
+    body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 1, 0])
+    body.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
+    body.add_geom(meshname="body", group=ROBOTS, friction=[BODY_FRICTION, 0.0, 0.0])
+    half_m = robot.wheel_separation_m / 2.0
+    # of both wheels, of one, of one, and along which axis of the body
+    for motor, (share, side_m, axis) in {
+        ALONG_LEFT: (0.5, half_m, 0),
+        ALONG_RIGHT: (0.5, -half_m, 0),
+        ASIDE: (1.0, 0.0, 1),
+    }.items():
+        point = f"{name} {motor}"
+        body.add_site(name=point, pos=[0.0, side_m, 0.0])
+        most_n = share * GRIP * GRAVITY_MPS2 * robot.mass_kg
+        added = spec.add_actuator(
+            trntype=mujoco.mjtTrn.mjTRN_SITE,
+            target=point,
+            gear=np.eye(6)[axis],
+            forcelimited=True,
+            forcerange=[-most_n, most_n],
+        )
+        added.set_to_velocity(kv=share * STIFFNESS * robot.mass_kg / spec.option.timestep)
