@@ -83,8 +83,8 @@ class Seam:
         """``value`` in its one spelling, with a digest or version of code that is not this package's.
 
         Raises:
-            InputError: there is no such code, it cannot be imported, a library that it needs is missing, it has
-                no such option, or it is not what a pin that was given says.
+            InputError: there is no such code, it cannot be imported, a library that it needs is missing, it
+                has no such option, or it is not what a pin that was given says.
         """
         choice = self._parsed(value)
         if choice.place in self.own:

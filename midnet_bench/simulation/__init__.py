@@ -1,1 +1,1 @@
-"""Arenas, TurtleBot3 Burgers and their sensors in one of two engines."""
+"""Arenas, TurtleBot3 Burgers and their sensors in one of several engines."""

@@ -1,11 +1,13 @@
 """``World``: the engine ``mujoco``, planar bodies with two wheels; the extra ``midnet-bench[mujoco]``.
 
 Wheels that stand on a floor as contacts were tried. MuJoCo's convex contact lifts what slides: a robot that
-pushes a wall hopped by 5 mm and stood up to 19 mm off it. So a wheel is what it does to the body: a motor at
+pushes a wall hopped by 5 mm and stood up to 20 mm off it. So a wheel is what it does to the body: a motor at
 the point where it touches the floor, whose force stays within what the tyre can transmit.
 """
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -14,6 +16,7 @@ import numpy.typing as npt
 from midnet_bench.arena.layout import Layout
 from midnet_bench.arena.solids import Solid
 from midnet_bench.elementary import cos_sin
+from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.simulator import Beams
@@ -44,19 +47,24 @@ class World:
         self._robot, self._step_hz = robot, step_hz
         starts = np.array(layout.robots + layout.intruders).reshape(-1, 3)
         self._pieces = math.ceil(LEAST_HZ / step_hz)
-        self._model = described(layout, robot, len(starts), 1.0 / step_hz / self._pieces).compile()
+        self._spec = described(layout, robot, len(starts), 1.0 / step_hz / self._pieces)
+        self._model = self._spec.compile()
         self._data = mujoco.MjData(self._model)
-        self._places = self._data.qpos.reshape(-1, 3)
+        self._look()
         self._places[:] = starts
         mujoco.mj_forward(self._model, self._data)
-        self._motors = self._data.ctrl.reshape(-1, 3)
         self._asked, self._rims = np.zeros((2, len(starts), 2))
         self._wheels = np.zeros((len(starts), 2))
-        self._owners = self._model.geom_bodyid.astype(np.int64) - 1
-        """(shapes,) whose each is; -1 for what stands still"""
         self._ticks = 0
         self._collisions = np.zeros(len(starts), dtype=np.int64)
         self._last_touch = np.full(len(starts), -(10**9), dtype=np.int64)
+
+    def _look(self) -> None:
+        """Take hold of MuJoCo's arrays."""
+        self._places = self._data.qpos.reshape(-1, 3)
+        self._motors = self._data.ctrl.reshape(-1, 3)
+        self._owners = self._model.geom_bodyid.astype(np.int64) - 1
+        """(shapes,) whose each is; robots come first, and what is no robot's is below 0 or beyond them"""
 
     def step(self) -> None:
         """Let 1 / ``step_hz`` seconds pass."""
@@ -78,6 +86,20 @@ class World:
         self._asked[index] = 0.0
         shapes = self._owners == index
         self._model.geom_contype[shapes] = self._model.geom_conaffinity[shapes] = 0
+
+    def obstruct(self, solids: Sequence[Solid]) -> None:
+        """Let ``solids`` stand in the robots' way, the same number at each call; beams pass them."""
+        if not self._model.nmocap:
+            for number, solid in enumerate(solids):
+                body = self._spec.worldbody.add_body(name=f"obstacle {number}", mocap=True)
+                upright = replace(solid, pose=Pose2D(0.0, 0.0, 0.0))
+                add_solid(self._spec, body, upright, f"obstacle {number}", ROBOTS)
+            self._model, self._data = self._spec.recompile(self._model, self._data)
+            self._look()
+            mujoco.mj_forward(self._model, self._data)
+        for number, (x, y, yaw) in enumerate(solid.pose for solid in solids):
+            self._data.mocap_pos[number, :2] = x, y
+            self._data.mocap_quat[number] = about_z(yaw)
 
     def poses(self) -> Floats:
         """(n, 3) x, y, yaw of each robot's base frame."""
@@ -133,7 +155,7 @@ class World:
     def _count_collisions(self) -> None:
         contacts = self._data.contact
         touching = np.unique(self._owners[contacts.geom[contacts.dist <= 0.0]])
-        touching = touching[touching >= 0]
+        touching = touching[(touching >= 0) & (touching < len(self._collisions))]
         is_new = self._ticks - self._last_touch[touching] > EPISODE_GAP_S * self._step_hz
         self._collisions[touching[is_new]] += 1
         self._last_touch[touching] = self._ticks
@@ -150,24 +172,29 @@ def described(layout: Layout, robot: RobotModel, robots: int, step_s: float) -> 
     shape.solref = [2.0 * step_s, 1.0]  # as hard as a contact may be, and without bouncing
     shape.solimp[:2] = IMPEDANCE
     for number, solid in enumerate(layout.solids):
-        add_solid(spec, solid, f"solid {number}")
+        add_solid(spec, spec.worldbody, solid, f"solid {number}", STILL)
     add_prism(spec, "body", np.array(robot.body), robot.lidar_height_m)
     for number in range(robots):
         add_robot(spec, robot, f"robot {number}")
     return spec
 
 
-def add_solid(spec: mujoco.MjSpec, solid: Solid, name: str) -> None:
-    """Something that stands still: a box as such, since beams find it in half the time, or its outline."""
-    shape = spec.worldbody.add_geom(group=STILL, friction=[WALL_FRICTION, 0.0, 0.0])
+def about_z(yaw_rad: float) -> tuple[float, float, float, float]:
+    """The quaternion w, x, y, z of a turn."""
+    c, s = cos_sin(yaw_rad / 2.0)
+    return c, 0.0, 0.0, s
+
+
+def add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, solid: Solid, name: str, group: int) -> None:
+    """Shape a body: a box as such, since beams find it in half the time, or an outline."""
+    shape = body.add_geom(group=group, friction=[WALL_FRICTION, 0.0, 0.0])
     if solid.kind == "cylinder":
         add_prism(spec, name, solid.outline(), solid.height_m)
         shape.meshname = name
         return
     half_m = np.array([solid.length_m, solid.width_m, solid.height_m]) / 2.0
-    c, s = cos_sin(solid.pose.yaw / 2.0)
     shape.type, shape.size = mujoco.mjtGeom.mjGEOM_BOX, half_m
-    shape.pos, shape.quat = [solid.pose.x, solid.pose.y, half_m[2]], [c, 0.0, 0.0, s]
+    shape.pos, shape.quat = [solid.pose.x, solid.pose.y, half_m[2]], about_z(solid.pose.yaw)
 
 
 def add_prism(spec: mujoco.MjSpec, name: str, outline: Floats, height_m: float) -> None:

@@ -1,11 +1,14 @@
 """``Engine``: what stands behind the seam ``engine``; and ``OwnEngine``, the world that it makes, checked."""
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
+from midnet_bench.arena.solids import Solid
 from midnet_bench.elementary import directions
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
@@ -51,6 +54,9 @@ class Engine(Protocol):
 
         The robots' own discs are met by the caller, for all engines alike.
         """
+
+    # An engine may also have ``obstruct(solids)``, called before each step of an arena with people or things
+    # that move: robots run into these solids from now on, in place of those before. Beams pass them.
 
 
 class OwnEngine:
@@ -101,6 +107,11 @@ class OwnEngine:
         self._poses = self._poses.copy()
         self._poses[index] = self._velocities[index] = np.nan
         self._poses.flags.writeable = False
+
+    @property
+    def obstruct(self) -> Callable[[Sequence[Solid]], None] | None:
+        """Lets ``solids`` stand in the robots' way from now on; None where the engine cannot."""
+        return partial(self._asked, "obstruct") if hasattr(self._engine, "obstruct") else None
 
     def pose(self, index: int) -> Pose2D:
         """A robot's true pose; NaN once it is removed."""

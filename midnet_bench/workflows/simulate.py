@@ -59,7 +59,7 @@ def simulate(
 
     Raises:
         InputError: an unknown experiment or parameter, a value out of range, or an experiment without frames.
-        MidnetBenchError: PyBullet is not installed and ``engine`` is not ``"fast"``.
+        MidnetBenchError: PyBullet is not installed and ``engine`` is ``"bullet"``.
     """
     found = registry.experiment(experiment)
     if found.trial is None:

@@ -21,6 +21,7 @@ from midnet_bench.simulation.crowd import (
 from midnet_bench.simulation.engines import make_world
 from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.simulator import Beams
+from tests.simulation.scenes import ENGINES
 
 STEP_S = 1.0 / 30.0
 NOBODY = np.empty((0, 3))
@@ -149,7 +150,7 @@ def test_beams_meet_legs_and_boxes_where_they_are() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ["fast", "bullet"])
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("kind", ["person", "box", "cylinder"])
 def test_a_robot_runs_into_them_and_not_through_them(engine: str, kind: str) -> None:
     layout = layout_of(({"kind": kind}, Pose2D(0.8, 0.125, 0.0)), robots=1)

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from midnet_bench.arena.solids import Solid
+from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.seams import PluginError
@@ -65,6 +67,15 @@ def test_one_that_is_removed_is_not_asked_for_again(tmp_path: Path) -> None:
     assert world.active.tolist() == [True, False]
     with pytest.raises(ValueError, match="robot 1"):
         world.drive(1, Command(0.1, 0.0))
+
+
+def test_one_that_can_is_told_of_what_stands_in_the_robots_way(tmp_path: Path) -> None:
+    assert own(tmp_path).obstruct is None
+    walled = OWN_ENGINE + "\n    def obstruct(self, solids):\n        self.states[0, 0] = solids[0].pose.x\n"
+    world = own(tmp_path, walled)
+    world.obstruct([Solid("box", Pose2D(0.7, 0.0, 0.0), 0.1, 0.1, 0.5)])
+    world.step()
+    assert world.pose(0).x == 0.7
 
 
 @pytest.mark.parametrize(
