@@ -138,6 +138,16 @@ class Results:
             )
         return {str(value): self._part(factor, value) for value in self.definition.grid[factor]}
 
+    def of_seed(self, seed: int) -> "Results":
+        """The campaign's trials of one seed."""
+        return replace(
+            self,
+            definition=replace(self.definition, base_seed=seed, trials=1),
+            tables=_Part(self.tables, "seed", seed, keeps=True),
+            timing=_rows_of(self.timing, "seed", seed, keeps=True),
+            failures=_rows_of(self.failures, "seed", seed, keeps=True),
+        )
+
     def _part(self, factor: str, value: Scalar) -> "Results":
         grid = {name: values for name, values in self.definition.grid.items() if name != factor}
         parameters = {**self.definition.parameters, factor: value}
@@ -150,11 +160,12 @@ class Results:
         )
 
 
-def _rows_of(frame: pd.DataFrame, factor: str, value: Scalar) -> pd.DataFrame:
-    """The rows with that value, without its column; the frame itself if it has no such column."""
-    if factor not in frame:
+def _rows_of(frame: pd.DataFrame, column: str, value: Scalar, keeps: bool = False) -> pd.DataFrame:
+    """The rows with that value, without its column unless it ``keeps`` it; all if there is no such column."""
+    if column not in frame:
         return frame
-    return frame[frame[factor] == value].drop(columns=factor).reset_index(drop=True)
+    rows = frame[frame[column] == value]
+    return (rows if keeps else rows.drop(columns=column)).reset_index(drop=True)
 
 
 def records(frame: pd.DataFrame) -> list[Row]:
@@ -387,15 +398,18 @@ class _Lazily(Mapping[str, pd.DataFrame]):
 
 
 class _Part(Mapping[str, pd.DataFrame]):
-    """The rows of a campaign's tables that have one value of a factor, cut out when they are asked for."""
+    """The rows of a campaign's tables that have one value in a column, cut out when they are asked for."""
 
-    def __init__(self, tables: Mapping[str, pd.DataFrame], factor: str, value: Scalar) -> None:
-        self._tables, self._factor, self._value = tables, factor, value
+    def __init__(
+        self, tables: Mapping[str, pd.DataFrame], column: str, value: Scalar, keeps: bool = False
+    ) -> None:
+        """``keeps``: whether the rows keep that column."""
+        self._tables, self._column, self._value, self._keeps = tables, column, value, keeps
         self._cut: dict[str, pd.DataFrame] = {}
 
     def __getitem__(self, name: str) -> pd.DataFrame:
         if name not in self._cut:
-            self._cut[name] = _rows_of(self._tables[name], self._factor, self._value)
+            self._cut[name] = _rows_of(self._tables[name], self._column, self._value, self._keeps)
         return self._cut[name]
 
     def __iter__(self) -> Iterator[str]:

@@ -13,6 +13,8 @@ MISS_CAUSES = {
     "under_prior": "the inflated prior map lies over it",
     "too_small": "its contour has too few cells",
     "pose_error": "its box lies beside it by the guard's pose error",
+    "crop_shift": "its box lies beside it by the cells that the window is shifted by",
+    "range_noise": "its box lies beside it by the noise of the ranges",
     "not_detected": "the detector made no box of its returns",
     "taken_for_ally": "its box was removed as an ally's",
     "dropped_by_fusion": "its box gave way to one that does not touch it",
@@ -24,7 +26,9 @@ MISS_CAUSES = {
 FALSE_CAUSES = {
     "intruder_trail": "where an intruder was",
     "stale": "where an intruder was at the last scan",
-    "misplaced": "an intruder, off by the guard's pose error",
+    "misplaced_by_pose": "an intruder, off by the guard's pose error",
+    "misplaced_by_crop": "an intruder, off by the cells that the window is shifted by",
+    "misplaced_by_noise": "an intruder, off by the noise of the ranges",
     "rim": "the rim of an intruder that the inflated prior map covers",
     "ally_trail": "where another guard was",
     "ally_left": "another guard, not removed",
@@ -36,3 +40,17 @@ FALSE_CAUSES = {
     UNEXPLAINED: "none of these",
 }
 """What a box is made of that is no intruder's, or not its first."""
+
+REMOVED_BY = {
+    "pose": ("pose_error", "misplaced_by_pose", "wall_by_pose"),
+    "crop": ("crop_shift", "misplaced_by_crop", "wall_by_crop"),
+    "noise": ("range_noise", "misplaced_by_noise", "wall_by_noise", "beyond_range"),
+    "map": ("wall_by_map",),
+    "delay": ("delay", "stale"),
+    "window": ("outside_window",),
+    "marks": ("intruder_trail", "ally_trail"),
+    "allies": ("taken_for_ally", "ally_left", "ally_trail"),
+    "occlusion": ("occluded",),
+    "fusion": ("merged", "dropped_by_fusion", "fragment"),
+}
+"""oracle -> the causes that it takes away"""

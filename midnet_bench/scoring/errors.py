@@ -11,11 +11,14 @@ import numpy.typing as npt
 
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.midnet.binary_map import OCCUPIED
 from midnet_bench.scoring.frame_counts import TruthObject
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Booleans = npt.NDArray[np.bool_]
+SLACK = 1e-6
+"""of a cell: keeps a point that rounding moves off its cell's lower edge on that cell"""
 Kind = Literal["miss", "false", "fragment"]
 
 WALL, NOTHING = -1, -2
@@ -105,8 +108,10 @@ class GuardView(NamedTuple):
     """A of Eq. 1, cropped, 0 where occupied; None if the detector has no such grid"""
     d: OccupancyGrid | None
     """D of Eq. 6, 255 where an intruder is"""
-    covered: OccupancyGrid | None
-    """nonzero where the prior map takes away all cells about a mark"""
+    prior: OccupancyGrid | None
+    """B in full, the prior map's binary grid, 0 where occupied"""
+    disc: Ints
+    """(k, 2) columns and rows from a mark's cell to the cells that have the cost that counts"""
     found: Sequence[Box]
     """the boxes that it found"""
     taken: Sequence[int | None]
@@ -136,12 +141,31 @@ def moved(box: Box, by: Sequence[float] | Floats) -> Box:
     return Box(box.x_min + x, box.y_min + y, box.x_max + x, box.y_max + y)
 
 
-def box_at_scan(truth: int, truths: Sequence[TruthObject], view: GuardView) -> Box:
-    """A truth's box where it was at the guard's last scan."""
-    now = np.array(truths[truth].center)
-    return moved(truths[truth].box, view.centers_at_scan[truth] - now)
-
-
 def touches(box: Box, other: Box) -> bool:
     """Whether they have some area in common, as section V.A asks."""
     return box.intersection_area(other) > 0.0
+
+
+def cells_left(places: Floats, view: GuardView) -> Floats:
+    """(n, 2) centres of the cells that marks at (m, 2) places give once the prior map is subtracted, metres.
+
+    Cells beyond the prior map are not there, as in section IV.B.1. Nothing where there is no prior map.
+    """
+    prior = view.prior
+    if prior is None or not len(places):
+        return np.empty((0, 2))
+    marks = np.floor((places - prior.origin) / prior.resolution + SLACK).astype(np.int64)
+    cells = np.unique((marks[:, None] + view.disc[None]).reshape(-1, 2), axis=0)
+    columns, rows = cells.T
+    on = (columns >= 0) & (rows >= 0) & (columns < prior.width) & (rows < prior.height)
+    cells = cells[on]
+    cells = cells[prior.data[cells[:, 1], cells[:, 0]] != OCCUPIED]
+    return np.asarray(prior.origin + (cells + 0.5) * prior.resolution)
+
+
+def touch(cells: Floats, resolution: float, box: Box) -> bool:
+    """Whether one of the square cells about (n, 2) centres has some area in common with the box."""
+    half = resolution / 2.0
+    x, y = cells[:, 0], cells[:, 1]
+    across = (x + half > box.x_min) & (x - half < box.x_max)
+    return bool((across & (y + half > box.y_min) & (y - half < box.y_max)).any())

@@ -6,23 +6,21 @@ from typing import Protocol
 import numpy as np
 
 from midnet_bench.geometry import Box, lengths
-from midnet_bench.grid import OccupancyGrid, cell_centers, cell_middles, values_at
+from midnet_bench.grid import cell_centers, cell_middles
 from midnet_bench.scoring.error_causes import UNEXPLAINED
 from midnet_bench.scoring.errors import (
     WALL,
-    Booleans,
     Cause,
-    Floats,
     GuardView,
     Ints,
     Marks,
-    box_at_scan,
+    cells_left,
     guard_of,
     source_name,
     touches,
 )
 from midnet_bench.scoring.frame_counts import TruthObject
-from midnet_bench.scoring.loss_funnel import beside
+from midnet_bench.scoring.loss_funnel import beside, sizes_of_errors, without_each_error
 
 
 class Views(Protocol):
@@ -35,8 +33,14 @@ class Views(Protocol):
         """All, in the team's order."""
 
 
-_NAMES = {"delay": "stale", "pose_error": "misplaced", "under_prior": "rim"}
-"""what a box is of which :func:`beside` tells why it misses its intruder"""
+_BESIDE = {
+    "delay": "stale",
+    "crop": "misplaced_by_crop",
+    "pose": "misplaced_by_pose",
+    "noise": "misplaced_by_noise",
+    "cut": "rim",
+}
+"""a box of an intruder that does not touch it, by what :func:`beside` says"""
 
 
 def made_of(detection: Box, finder: int, truths: Sequence[TruthObject], views: Views) -> Cause:
@@ -60,7 +64,7 @@ def made_of(detection: Box, finder: int, truths: Sequence[TruthObject], views: V
     view, marks, votes = max(made, key=lambda part: int(part[2].sum()))
     source = max(np.unique(marks.source).tolist(), key=lambda each: int(votes[marks.source == each].sum()))
     own = marks.where((marks.source == source) & (votes > 0))
-    name, offset_m = _what(detection, source, own, truths, view)
+    name, offset_m = _what(source, own, truths, view)
     return Cause(name, view.guard, source_name(source, truths), float(own.age_s.min()), offset_m)
 
 
@@ -89,12 +93,10 @@ def _marks_of(box: Box, view: GuardView) -> tuple[Marks, Ints]:
     return marks, votes
 
 
-def _what(
-    detection: Box, source: int, own: Marks, truths: Sequence[TruthObject], view: GuardView
-) -> tuple[str, float]:
+def _what(source: int, own: Marks, truths: Sequence[TruthObject], view: GuardView) -> tuple[str, float]:
     """The cause of a box that is mostly of one source, by its marks ``own``; and the error, metres."""
     if source == WALL:
-        return _wall(own, view)
+        return _of_wall(own, view)
     if guard_of(source) is not None:
         return ("ally_left" if own.is_newest.any() else "ally_trail"), 0.0
     if source < 0:
@@ -103,36 +105,18 @@ def _what(
     has_left = all(truth.box.distance_to_point(*point) > view.reach_m for point in own.true.tolist())
     if has_left and not own.is_newest.any():
         return "intruder_trail", float(lengths(own.true - truth.center).min())
-    offset = (own.true - own.believed - view.shift_m).mean(axis=0)
-    at_scan = box_at_scan(source, truths, view)
-    name = _NAMES[beside([detection], at_scan, offset)]
-    gone_m = float(lengths(np.array(at_scan.center) - truth.center))
-    return name, gone_m if name == "stale" else float(lengths(offset))
+    name, offset_m = beside(source, truths, own, view)
+    return _BESIDE[name], offset_m
 
 
-def _wall(own: Marks, view: GuardView) -> tuple[str, float]:
+def _of_wall(own: Marks, view: GuardView) -> tuple[str, float]:
     """Which error put a wall's returns where the prior map does not cover them; and how far, metres."""
-    if view.covered is None:
-        return UNEXPLAINED, 0.0
-    offsets_m = {
-        "wall_by_crop": float(lengths(np.array(view.shift_m))),
-        "wall_by_pose": float(lengths(own.believed - own.at_true_pose).mean()),
-        "wall_by_noise": float(lengths(own.believed - own.at_true_range).mean()),
-    }
-    without = {
-        "wall_by_crop": own.believed,
-        "wall_by_pose": own.at_true_pose + view.shift_m,
-        "wall_by_noise": own.at_true_range + view.shift_m,
-    }
-    enough = [name for name, places in without.items() if _covered(view.covered, places).all()]
-    if not enough and _covered(view.covered, own.true).mean() > 0.5:
-        enough = list(without)  # no error alone, but all of them
-    if not enough:
-        return "wall_by_map", 0.0
-    name = max(enough, key=offsets_m.__getitem__)
-    return name, offsets_m[name]
-
-
-def _covered(covered: OccupancyGrid, places: Floats) -> Booleans:
-    """For each place whether the prior map takes away all that a mark there gives; beyond the map all is."""
-    return values_at(covered.data, covered, places, 1) > 0
+    places = without_each_error(own, view)
+    enough = [name for name, at in places.items() if not len(cells_left(at, view))]
+    if not enough and not len(cells_left(own.true, view)):
+        enough = list(places)  # no error alone, but all of them
+    if view.prior is None or not enough:
+        return ("wall_by_map" if view.prior is not None else UNEXPLAINED), 0.0
+    lengths_m = sizes_of_errors(own, view)
+    name = max(enough, key=lengths_m.__getitem__)
+    return f"wall_by_{name}", lengths_m[name]

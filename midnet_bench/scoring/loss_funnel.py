@@ -13,14 +13,23 @@ from midnet_bench.scoring.errors import (
     Cause,
     Floats,
     GuardView,
-    box_at_scan,
-    moved,
+    Marks,
+    cells_left,
     source_name,
+    touch,
     touches,
 )
 from midnet_bench.scoring.frame_counts import TruthObject
 
 _STAGE = {name: stage for stage, name in enumerate(MISS_CAUSES)}
+_BESIDE = {
+    "delay": "delay",
+    "crop": "crop_shift",
+    "pose": "pose_error",
+    "noise": "range_noise",
+    "cut": "under_prior",
+}
+"""a miss, by what :func:`beside` says of its boxes"""
 _OFF_GRID = 1
 """a value that no binary grid has"""
 
@@ -73,31 +82,61 @@ def _lost_by(truth: int, truths: Sequence[TruthObject], view: GuardView) -> Caus
             return Cause("too_small", view.guard, age_s=age_s)
     on_it = [k for k in boxes if touches(view.found[k], truths[truth].box)]
     if not on_it:
-        offset = (returns.true - returns.believed - view.shift_m).mean(axis=0)
-        found = [view.found[k] for k in boxes]
-        name = beside(found, box_at_scan(truth, truths, view), offset)
-        gone_m = float(lengths(view.centers_at_scan[truth] - np.array(truths[truth].center)))
-        offset_m = gone_m if name == "delay" else float(lengths(offset))
-        return Cause(name, view.guard, age_s=age_s, offset_m=offset_m)
+        name, offset_m = beside(truth, truths, returns, view)
+        return Cause(_BESIDE[name], view.guard, age_s=age_s, offset_m=offset_m)
     allies = [view.taken[k] for k in on_it]
     if all(taken is not None for taken in allies):
         return Cause("taken_for_ally", view.guard, f"guard {(allies[0] or 0) + 1}", age_s)
     return Cause("dropped_by_fusion", view.guard, age_s=age_s)
 
 
-def beside(boxes: Sequence[Box], at_scan: Box, offset: Floats) -> str:
-    """Why boxes made of an intruder's returns do not touch it.
+def beside(truth: int, truths: Sequence[TruthObject], returns: Marks, view: GuardView) -> tuple[str, float]:
+    """Which error of place put what is made of an intruder's returns beside it, and how large it is, metres.
+
+    The cells of the returns are made anew without each error: ``delay`` (the intruder has moved since the
+    scan), ``crop``, ``pose`` and ``noise``. It is the largest of those without which a cell lies on the
+    intruder. If none is enough alone, it is the largest of them, if a cell does without any. If even then
+    none does, it is ``cut``: the prior map covers what else there is of it.
 
     Args:
-        boxes: map frame, metres.
-        at_scan: the intruder's box when it was scanned.
-        offset: (2,) from where its returns were put to where they came from, metres.
+        truth: the index of the intruder.
+        truths: as they are now.
+        returns: of it, of whose cells none lies on it.
+        view: of the guard.
     """
-    if any(touches(box, at_scan) for box in boxes):
-        return "delay"
-    if any(touches(moved(box, offset), at_scan) for box in boxes):
-        return "pose_error"
-    return "under_prior"
+    gone = np.array(truths[truth].center) - view.centers_at_scan[truth]
+    places = {
+        "delay": returns.believed + view.shift_m + gone,
+        **without_each_error(returns, view),
+        "all": returns.true + gone,
+    }
+    resolution = 0.0 if view.prior is None else view.prior.resolution
+    touching = [
+        name for name, at in places.items() if touch(cells_left(at, view), resolution, truths[truth].box)
+    ]
+    if not touching:
+        return "cut", 0.0
+    lengths_m = {"delay": float(lengths(gone)), **sizes_of_errors(returns, view)}
+    name = max([name for name in touching if name != "all"] or lengths_m, key=lengths_m.__getitem__)
+    return name, lengths_m[name]
+
+
+def without_each_error(marks: Marks, view: GuardView) -> dict[str, Floats]:
+    """(m, 2) where marks lay on the prior map without one error of place: ``crop``, ``pose``, ``noise``."""
+    return {
+        "crop": marks.believed,
+        "pose": marks.at_true_pose + view.shift_m,
+        "noise": marks.at_true_range + view.shift_m,
+    }
+
+
+def sizes_of_errors(marks: Marks, view: GuardView) -> dict[str, float]:
+    """By how much the same errors put marks off, metres; means over the marks."""
+    return {
+        "crop": float(lengths(np.array(view.shift_m))),
+        "pose": float(lengths(marks.believed - marks.at_true_pose).mean()),
+        "noise": float(lengths(marks.believed - marks.at_true_range).mean()),
+    }
 
 
 def cells_about(d: OccupancyGrid, places: Floats, reach_m: float) -> Floats:

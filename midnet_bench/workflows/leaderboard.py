@@ -96,6 +96,7 @@ def _ranking(
     worlds = list(
         dict.fromkeys(world for one in measured.values() for world, score in one if score == measure)
     )
+    worlds = _without_repeats(worlds, measured, measure)
     places = [
         (world, who)
         for world, who in itertools.product(worlds, measured)
@@ -135,6 +136,20 @@ def _ranking(
         f"{' + '.join(first)} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
     )
     return Table(f"leaderboard_{measure}", title, rows, {"p_holm": 4})
+
+
+def _without_repeats(
+    worlds: Sequence[str], measured: Mapping[Contestant, Measures], measure: str
+) -> list[str]:
+    """The worlds without those that are another one again: all cells together, where there is one."""
+    kept: list[list[Mapping[int, float] | None]] = []
+    found = []
+    for world in worlds:
+        values = [one.get((world, measure)) for one in measured.values()]
+        if values not in kept:
+            kept.append(values)
+            found.append(world)
+    return found
 
 
 def _mean(measures: Measures, world: str, measure: str) -> Estimate:

@@ -9,6 +9,7 @@ from midnet_bench.analysis import statistics
 from midnet_bench.analysis.frames import Results, records
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.trial import Row
+from midnet_bench.experiments.detection.error_tables import error_tables
 from midnet_bench.experiments.experiment import Measures
 from midnet_bench.experiments.guarded.metric_tables import metric_measures, metric_tables
 from midnet_bench.scoring.frame_counts import Ratios, ratios
@@ -40,6 +41,7 @@ def tables(results: Results) -> list[Table]:
         comparison_table(cells),
         by_seed_table(cells),
         *metric_tables(results),
+        *error_tables(results),
     ]
 
 

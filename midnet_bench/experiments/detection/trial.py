@@ -189,6 +189,7 @@ class DetectionTrial(GuardedArena):
         guards = [guard.index for guard in self.guards]
         ranges_m, bodies = self.lidars.scan_and_bodies(guards, sight)
         near = ranges_m <= range_m
+        ranges_m = np.where(near, ranges_m, 0.0)  # infinity has no place on a beam along an axis
         met = set(bodies[near].tolist())
         beams = self.world.poses()[guards, 2, None] + self.robot.lidar.angles_rad
         ways = directions(beams.reshape(-1)).reshape(*beams.shape, 2)

@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
 
-import cv2
 import numpy as np
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
@@ -18,7 +17,6 @@ from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.detector_node import DetectorNode
 from midnet_bench.geometry import Box, lengths
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.binary_map import OCCUPIED
 from midnet_bench.midnet.detection import Crop
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.navigation.costmap import LETHAL, inflate, inflation_costs, published, reach_cells
@@ -282,8 +280,8 @@ class Witness:
         return SightLines(directions, ranges_m, sources_of(trial, true.bodies[0], ends, solids_of(trial)))
 
     @cached_property
-    def disc(self) -> Floats:
-        """(k, k) of bytes: 1 where a cell has the cost that counts, about a mark in the middle."""
+    def disc(self) -> Ints:
+        """(k, 2) columns and rows from a mark's cell to the cells that have the cost that counts."""
         settings = self._settings
         reach = reach_cells(settings.inflation_radius_m, settings.resolution)
         one = np.zeros((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)
@@ -291,21 +289,18 @@ class Witness:
         by_distance = inflation_costs(
             reach, settings.resolution, settings.inscribed_radius_m, settings.cost_scaling_factor
         )
-        costs = inflate(one, by_distance, reach)
-        return (published(costs) >= self._node.midnet.settings.thresh_local).astype(np.uint8)
+        costs = published(inflate(one, by_distance, reach))
+        return np.argwhere(costs >= self._node.midnet.settings.thresh_local)[:, ::-1] - reach
 
     @cached_property
     def reach_m(self) -> float:
         """How far from a mark's cell a cell has the cost that counts, metres."""
-        cells = np.argwhere(self.disc).astype(np.float64) - len(self.disc) // 2
-        return float(lengths(cells).max()) * self._settings.resolution
+        return float(lengths(self.disc.astype(np.float64)).max()) * self._settings.resolution
 
-    @cached_property
-    def covered(self) -> OccupancyGrid:
-        """uint8: 1 where all cells about a mark lie on the prior map's occupied ones, or beyond its edge."""
-        prior = self._node.prior
-        occupied = (prior.data == OCCUPIED).astype(np.uint8)
-        return prior.with_data(cv2.erode(occupied, self.disc, borderType=cv2.BORDER_CONSTANT, borderValue=1))
+    @property
+    def prior(self) -> OccupancyGrid:
+        """The binary grid that is subtracted."""
+        return self._node.prior
 
     @property
     def now_s(self) -> float:
@@ -382,12 +377,12 @@ class _Views:
     def _make(self, guard: int) -> GuardView:
         witness, explanation = self._witness, self._frame.explanation
         window, shift_m = witness.costmap_window(guard), (0.0, 0.0)
-        a = d = covered = None
+        a = d = prior = None
         found: list[Box] = []
         taken: dict[Box, int] = {}
         if explanation is not None:
             view = explanation.views[guard]
-            a, d, covered, found = view.a, view.d, witness.covered, view.found
+            a, d, prior, found = view.a, view.d, witness.prior, view.found
             shift_m = witness.shift_m(guard, view.crop)
             taken = {
                 removed.detection.box: removed.ally
@@ -405,7 +400,8 @@ class _Views:
             reach_m=witness.reach_m,
             a=a,
             d=d,
-            covered=covered,
+            prior=prior,
+            disc=witness.disc,
             found=found,
             taken=[taken.get(box) for box in found],
             centers_at_scan=witness.centers_at_scan(guard),

@@ -1,0 +1,212 @@
+"""``errors`` and ``explain``: why a recorded campaign's trials missed intruders and found what is none."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from midnet_bench.analysis.frames import Results, load_results, records
+from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.campaign.trial import Row
+from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.experiments.detection.error_tables import by_frame, error_tables, without
+from midnet_bench.experiments.guarded.record import RecordedFrame
+from midnet_bench.experiments.registry import tables_of
+from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
+
+WORST = 10
+"""frames that ``errors`` names"""
+FRAME_S = 0.2
+_BY_POSE = {"pose_error", "misplaced_by_pose", "wall_by_pose"}
+
+
+def errors(directory: str | Path, where: Sequence[str] = (), seed: int | None = None) -> list[Table]:
+    """The causes of a recorded campaign's errors with their shares, counterfactuals, and the worst frames.
+
+    Args:
+        directory: of the campaign.
+        where: ``FACTOR=VALUE`` of the grid, to look at these trials only.
+        seed: to look at this seed's only.
+
+    Raises:
+        InputError: the trials were not recorded, or there are no such trials.
+    """
+    results = _recorded(directory, where)
+    if seed is not None:
+        results = _of_seed(results, seed)
+    return [*error_tables(results), _worst_frames(results)]
+
+
+def explain(directory: str | Path, seed: int, frame: int, where: Sequence[str] = ()) -> Table:
+    """What went wrong in one frame of one trial: a row for each error, which says it in a ``line``.
+
+    Args:
+        directory: of the campaign.
+        seed: of the trial.
+        frame: counted from 1.
+        where: ``FACTOR=VALUE`` of the grid, as many as it takes to name one trial.
+
+    Raises:
+        InputError: the trials were not recorded, several match, or there is no such trial or frame.
+    """
+    results = _of_seed(_recorded(directory, where), seed)
+    frames = results.tables["recorded"]
+    chosen = frames[frames["frame"] == frame]
+    if len(chosen) > 1:
+        several = " or ".join(dict.fromkeys(results.others(chosen)))[:200]
+        raise InputError(f"{directory}: several trials have seed {seed}; name one by --where: {several}")
+    if chosen.empty:
+        most = int(frames["frame"].max())
+        raise InputError(f"frame: {frame} is out of range; the trial has frames 1 to {most}")
+    recorded = RecordedFrame.from_row(records(chosen)[0])
+    table = _errors_of(results)
+    found = records(table[table["frame"] == frame])
+    names = ("kind", "cause", "guard", "intruder")
+    rows = [{"line": _sentence(row, recorded), **{name: row[name] for name in names}} for row in found]
+    return Table("explanation", _summary(recorded, seed, found), rows)
+
+
+def versus(
+    directory: str | Path, other: str | Path, where: Sequence[str] = (), other_where: Sequence[str] = ()
+) -> Table:
+    """Errors that two recorded campaigns both have, and those of one alone, by cause; in the frames of both.
+
+    An intruder is missed by both in a frame if neither has a box of its own on it; two boxes are the same
+    error if they have some area in common.
+
+    Raises:
+        InputError: one was not recorded, or they have no recorded frame in common.
+    """
+    both = [_recorded(directory, where), _recorded(other, other_where)]
+    names = [str(directory), str(other)]
+    for name, results in zip(names, both, strict=True):
+        if results.factors:
+            raise InputError(f"{name}: name one value of {', '.join(results.factors)} by --where")
+    frames = [_places(results) for results in both]
+    shared = frames[0] & frames[1]
+    if not shared:
+        raise InputError(f"{names[0]} and {names[1]} have no seed and frame in common")
+    one, two = (
+        {place: found for place, found in by_frame(_errors_of(each)).items() if place in shared}
+        for each in both
+    )
+    only_one = [error for place, found in one.items() for error in without(found, two.get(place, ()))]
+    only_two = [error for place, found in two.items() for error in without(found, one.get(place, ()))]
+    in_both = sum(map(len, one.values())) - len(only_one)
+    rows: list[Mapping[str, Cell]] = []
+    every = [error for found in one.values() for error in found]
+    kinds = dict.fromkeys((error.kind, error.cause) for error in [*every, *only_two])
+    for kind, cause in kinds:
+        alone = sum((error.kind, error.cause) == (kind, cause) for error in only_one)
+        rows.append(
+            {
+                "kind": kind,
+                "cause": cause,
+                "both": sum((error.kind, error.cause) == (kind, cause) for error in every) - alone,
+                "only_first": alone,
+                "only_second": sum((error.kind, error.cause) == (kind, cause) for error in only_two),
+            }
+        )
+    rows.sort(key=lambda row: -max(int(str(row[name])) for name in ("both", "only_first", "only_second")))
+    rows.append(
+        {
+            "kind": "all",
+            "cause": "",
+            "both": in_both,
+            "only_first": len(only_one),
+            "only_second": len(only_two),
+        }
+    )
+    title = f"Errors of {names[0]} (first) and {names[1]} (second) in {len(shared)} frames"
+    return Table("errors_versus", title, rows)
+
+
+def _recorded(directory: str | Path, where: Sequence[str]) -> Results:
+    results = load_results(Path(directory), tables_of)
+    for each in where:
+        factor, is_there, value = each.partition("=")
+        if not is_there:
+            raise InputError(f"--where {each}: FACTOR=VALUE is needed, such as robots=5")
+        parts = results.by_value(factor)
+        if value not in parts:
+            raise InputError(f"--where {each}: the grid has no such value{nearest_name(value, list(parts))}")
+        results = parts[value]
+    if "recorded" not in results.tables or results.tables["recorded"].empty:
+        raise InputError(f"{directory}: its trials were not recorded; run them with --set record=true")
+    return results
+
+
+def _of_seed(results: Results, seed: int) -> Results:
+    known = sorted(set(results.tables["recorded"]["seed"].tolist()))
+    if seed not in known:
+        raise InputError(f"seed: {seed} was not recorded; {results.directory} has {known[0]} to {known[-1]}")
+    return results.of_seed(seed)
+
+
+def _errors_of(results: Results) -> pd.DataFrame:
+    found = results.tables.get("errors")
+    return pd.DataFrame(columns=["seed", "frame"]) if found is None else found
+
+
+def _places(results: Results) -> set[tuple[int, int]]:
+    rows = results.tables["recorded"]
+    return set(zip(rows["seed"].tolist(), rows["frame"].tolist(), strict=True))
+
+
+def _worst_frames(results: Results) -> Table:
+    """The frames with most errors, the worst first."""
+    found = results.tables.get("errors")
+    rows: list[Mapping[str, Cell]] = []
+    if found is not None and len(found):
+        found = found.assign(trial=results.teams(found))
+        counts = found.groupby(["trial", "seed", "frame"], sort=False).size()
+        worst = counts.sort_values(ascending=False, kind="stable").head(WORST).reset_index(name="errors")
+        for row in records(worst):
+            same = (found[["trial", "seed", "frame"]] == [row["trial"], row["seed"], row["frame"]]).all(
+                axis=1
+            )
+            causes = found[same]["cause"].value_counts()
+            rows.append({**row, "causes": ", ".join(f"{count} {cause}" for cause, count in causes.items())})
+    return Table("worst_frames", "Frames with most errors", rows)
+
+
+def _summary(recorded: RecordedFrame, seed: int, found: Sequence[Row]) -> str:
+    kinds = [row["kind"] for row in found]
+    in_range = sum(truth.in_range for truth in recorded.truths)
+    return (
+        f"seed {seed}, frame {recorded.number} ({recorded.number * FRAME_S:.1f} s): "
+        f"{len(recorded.detections)} boxes, {in_range} intruders in range; {kinds.count('miss')} missed, "
+        f"{kinds.count('false')} false, {kinds.count('fragment')} further boxes"
+    )
+
+
+def _sentence(row: Row, recorded: RecordedFrame) -> str:
+    """One error in a line."""
+    cause, guard = str(row["cause"]), int(str(row["guard"]))
+    x_min, y_min, x_max, y_max = (
+        float(str(row[name])) for name in ("x_min_m", "y_min_m", "x_max_m", "y_max_m")
+    )
+    if row["kind"] == "miss":
+        what, meaning = f"missed {row['intruder']}", MISS_CAUSES[cause]
+    else:
+        what = f"{row['kind']} box, {100 * (x_max - x_min):.0f} x {100 * (y_max - y_min):.0f} cm"
+        meaning = FALSE_CAUSES[cause]
+    what += f" at ({(x_min + x_max) / 2:.2f}, {(y_min + y_max) / 2:.2f}) m"
+    details = [f"guard {guard}"] if guard else []
+    by = row["by"]
+    if isinstance(by, str) and by:
+        details.append(by)
+    age_s, offset_m = float(str(row["age_s"])), float(str(row["offset_m"]))
+    if age_s > 0.0:
+        details.append(f"returns {age_s:.2f} s old")
+    if offset_m > 0.0:
+        details.append(f"off by {100 * offset_m:.1f} cm")
+    robot = recorded.robots[guard - 1] if guard else None
+    if cause in _BY_POSE and robot is not None:
+        error = robot.believed.relative_to(robot.pose)
+        degrees = abs(error.yaw) * 57.29577951308232
+        details.append(
+            f"guard {guard} believes itself {100 * robot.pose.distance_to(robot.believed):.1f} cm "
+            f"and {degrees:.1f} degrees off"
+        )
+    return f"{what}: {cause}, {meaning} ({'; '.join(details)})" if details else f"{what}: {cause}, {meaning}"

@@ -1,0 +1,117 @@
+"""``errors`` and ``explain`` on a small recorded campaign, by the real command."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from midnet_bench.analysis.frames import load_results
+from midnet_bench.cli import app
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.guarded.record import RecordedFrame
+from midnet_bench.experiments.registry import tables_of
+from midnet_bench.workflows.errors import errors, explain, versus
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two seeds with one and with five guards, 25 frames each."""
+    directory = tmp_path_factory.mktemp("errors") / "recorded"
+    run = ["detection", "--robots", "1,5", "--frames", "25", "--seeds", "2", "--engine", "fast"]
+    done = CliRunner().invoke(app, [*run, "--set", "record=true", "-o", str(directory)])
+    assert done.exit_code == 0, done.output
+    return directory
+
+
+def test_each_error_of_a_campaign_has_one_row_and_a_known_cause(folder: Path) -> None:
+    results = load_results(folder, tables_of)
+    found, frames = results.tables["errors"], results.tables["frames"]
+    counts = found["kind"].value_counts()
+    assert counts["miss"] == frames["missed"].sum()
+    assert counts.get("false", 0) == frames["fp"].sum()
+    assert counts.get("fragment", 0) == frames["duplicates"].sum()
+    paper = found[found["paper"]]["kind"].value_counts()
+    assert paper["miss"] == frames["fn"].sum()
+    causes = errors(folder)[0]
+    assert sum(int(str(row["errors"])) for row in causes.rows) == len(found)
+    assert (found["cause"] == "unexplained").mean() <= 0.02
+
+
+def test_causes_of_one_team_and_seed_are_those_of_its_rows(folder: Path) -> None:
+    found = load_results(folder, tables_of).tables["errors"]
+    own = found[(found["robots"] == 5) & (found["seed"] == 2)]
+    causes, worst = errors(folder, ["robots=5"], seed=2)
+    assert sum(int(str(row["errors"])) for row in causes.rows) == len(own)
+    assert worst.rows[0]["errors"] == own.groupby("frame").size().max()
+    assert {row["seed"] for row in worst.rows} == {2}
+
+
+def test_a_frame_is_explained_in_a_line_for_each_error(folder: Path) -> None:
+    found = load_results(folder, tables_of).tables["errors"]
+    row = found[found["robots"] == 5].iloc[0]
+    table = explain(folder, int(row["seed"]), int(row["frame"]), ["robots=5"])
+    same = found[(found["robots"] == 5) & (found["seed"] == row["seed"]) & (found["frame"] == row["frame"])]
+    assert [line["cause"] for line in table.rows] == same["cause"].tolist()
+    assert table.title.startswith(f"seed {row['seed']}, frame {row['frame']} (")
+    assert all(str(line["cause"]) in str(line["line"]) for line in table.rows)
+
+
+def test_a_campaign_has_all_its_errors_in_common_with_itself(folder: Path) -> None:
+    found = load_results(folder, tables_of).tables["errors"]
+    last = versus(folder, folder, ["robots=5"], ["robots=5"]).rows[-1]
+    assert (last["both"], last["only_first"], last["only_second"]) == ((found["robots"] == 5).sum(), 0, 0)
+    rows = versus(folder, folder, ["robots=1"], ["robots=5"]).rows
+    one, five = ((found["robots"] == size).sum() for size in (1, 5))
+    total = rows[-1]
+    assert int(str(total["both"])) + int(str(total["only_first"])) == one
+    assert int(str(total["both"])) + int(str(total["only_second"])) == five
+    for name in ("both", "only_first", "only_second"):
+        assert sum(int(str(row[name])) for row in rows[:-1]) == total[name]
+
+
+def test_recorded_frames_read_back_to_the_same_row(folder: Path) -> None:
+    rows = load_results(folder, tables_of).tables["recorded"].to_dict("records")
+    for row in rows[:20]:
+        again = RecordedFrame.from_row(row).to_row()
+        assert again == {name: row[name] for name in again}
+    with pytest.raises(ValueError, match="frame 1: is no recorded frame"):
+        RecordedFrame.from_row({**rows[0], "frame": 1, "truths": "[[1]]"})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["errors", "--where", "robot=5"], "has no factor 'robot'; did you mean 'robots'?"),
+        (["errors", "--where", "robots=3"], "--where robots=3: the grid has no such value"),
+        (["errors", "--where", "robots"], "--where robots: FACTOR=VALUE is needed, such as robots=5"),
+        (["errors", "--seed", "9"], "seed: 9 was not recorded"),
+        (["explain", "--seed", "1"], "--seed and --frame are needed"),
+        (
+            ["explain", "--seed", "1", "--frame", "3"],
+            "several trials have seed 1; name one by --where: robots=1 or",
+        ),
+        (["explain", "--seed", "1", "--frame", "26", "--where", "robots=1"], "the trial has frames 1 to 25"),
+    ],
+)
+def test_wrong_questions_are_answered_in_one_line(folder: Path, arguments: list[str], said: str) -> None:
+    command, *options = arguments
+    with pytest.raises(InputError) as error:
+        CliRunner().invoke(app, [command, str(folder), *options], catch_exceptions=False)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_campaign_that_was_not_recorded_says_how_to(tmp_path: Path) -> None:
+    run = ["detection", "--frames", "2", "--seeds", "1", "--engine", "fast", "-o", str(tmp_path / "plain")]
+    assert CliRunner().invoke(app, run).exit_code == 0
+    with pytest.raises(InputError, match="its trials were not recorded; run them with --set record=true"):
+        errors(tmp_path / "plain")
+
+
+def test_both_commands_print_json(folder: Path) -> None:
+    for options in (["errors"], ["explain", "--where", "robots=5", "--seed", "1", "--frame", "1"]):
+        command, *rest = options
+        done = CliRunner().invoke(app, [command, str(folder), *rest, "--json"])
+        assert done.exit_code == 0, done.output
+        json.loads(done.stdout)
