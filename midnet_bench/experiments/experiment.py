@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from midnet_bench.campaign.trial import TrialResult
     from midnet_bench.io.parameters import Parameters
 
+WANTED_LOW = ("_s", "_m", "_switches", "never_detected")
+"""how names of metrics end of which less is better"""
 Measures = Mapping[tuple[str, str], Mapping[int, float]]
 """(cell, measure) -> its value at each seed"""
 
@@ -82,6 +84,13 @@ class Experiment:
     demo: Callable[..., Any] | None = None
     """(parameters, seed) -> a context manager that gives a ``drawing.scene.Demo``, a trial for
     ``midnet-bench render``; None if there is nothing to draw"""
+
+    def wants_less(self, measure: str) -> bool:
+        """Whether less of a score is better: of a main one by ``lower_is_better``, of a metric by its name.
+
+        A metric whose name ends in ``_s`` or ``_m`` is a time or an error; it may count what went wrong.
+        """
+        return measure in self.lower_is_better or measure.endswith(WANTED_LOW)
 
     @property
     def has_figures(self) -> bool:

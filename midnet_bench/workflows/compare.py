@@ -84,7 +84,7 @@ def worse(experiment: Experiment, tables: Sequence[Table], measure: str) -> list
     known = list(dict.fromkeys(str(row["measure"]) for row in rows))
     if measure not in known:
         raise InputError(f"compare: --fail-if-worse {measure}: no such score{nearest_name(measure, known)}")
-    bad = "higher" if measure in experiment.lower_is_better else "lower"
+    bad = "higher" if experiment.wants_less(measure) else "lower"
     found = []
     for row in rows:
         if row["measure"] == measure and row["verdict"] == bad:

@@ -107,7 +107,7 @@ def _ranking(
     ]
     pairs = [(measured[first][world, measure], measured[who][world, measure]) for world, who in places]
     compared = dict(zip(places, differences(pairs), strict=True))
-    sign = 1.0 if measure in record.lower_is_better else -1.0
+    sign = 1.0 if record.wants_less(measure) else -1.0
     rows: list[Mapping[str, Cell]] = []
     for world in worlds:
         means = {who: _mean(measured[who], world, measure) for where, who in places if where == world}

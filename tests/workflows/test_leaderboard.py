@@ -1,5 +1,7 @@
 """Rankings, from stores made by hand."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -8,6 +10,7 @@ import pytest
 from midnet_bench.analysis.frames import Results
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.errors import InputError
+from midnet_bench.experiments.registry import experiment_of
 from midnet_bench.workflows import leaderboard as module
 from midnet_bench.workflows.leaderboard import leaderboard
 
@@ -86,3 +89,27 @@ def test_what_cannot_be_ranked_is_said() -> None:
         leaderboard("somewhere", of=["detectro"])
     with pytest.raises(InputError, match="no score 'f2'"):
         leaderboard("somewhere", rank_by="f2")
+
+
+@pytest.mark.usefixtures("compared")
+def test_all_cells_together_are_no_world_of_their_own_where_there_is_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    measured = module.experiment_of(results({("midnet", "paper"): 60})).measures
+    assert measured is not None
+
+    def twice(of: Results) -> dict[tuple[str, str], Mapping[int, float]]:
+        found = dict(measured(of))
+        return found | {("all cells", score): values for (_, score), values in found.items()}
+
+    monkeypatch.setattr(module, "experiment_of", lambda of: replace(experiment_of(of), measures=twice))
+    by_f1, _ = leaderboard("somewhere")
+    assert len(by_f1.rows) == 4
+    assert not any("world" in row for row in by_f1.rows)
+
+
+def test_less_is_better_of_times_errors_and_what_went_wrong() -> None:
+    record = experiment_of(results({("midnet", "paper"): 60}))
+    wanted = ("gospa_per_frame_m", "first_detection_s", "motp_m", "id_switches", "never_detected")
+    assert all(record.wants_less(name) for name in wanted)
+    assert not any(record.wants_less(name) for name in ("f1", "mota", "idf1", "precision"))
