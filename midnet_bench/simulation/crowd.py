@@ -260,11 +260,16 @@ class Crowd:
     def shorten(self, ranges: Floats, beams: Beams, far_m: float) -> None:
         """Shorten (m, beams) ``ranges`` in place where a leg or a thing is nearer than they and ``far_m``."""
         for solid in self._solids:
-            met = _met_disc(beams, solid) if solid.kind == "cylinder" else _met_box(beams, solid)
+            met = ranges_to(solid, beams)
             np.minimum(ranges, np.where(met < far_m, met, np.inf), out=ranges)
 
     def _standing(self) -> tuple[Solid, ...]:
         return tuple(solid for member in self.members for solid in member.solids())
+
+
+def ranges_to(solid: Solid, beams: Beams) -> Floats:
+    """(m, beams) metres from the axis to one solid, whatever stands before it; inf where a beam passes."""
+    return _met_disc(beams, solid) if solid.kind == "cylinder" else _met_box(beams, solid)
 
 
 def _met_disc(beams: Beams, solid: Solid) -> Floats:

@@ -175,6 +175,12 @@ class TrueScan(NamedTuple):
     bodies: Ints
     """(m, beams) which robot each beam met, ``SOLID`` or ``NOTHING``"""
 
+    def of(self, row: int) -> "TrueScan":
+        """That of one LiDAR, m = 1."""
+        one = slice(row, row + 1)
+        beams = Beams(self.beams.axes[one], self.beams.directions[one])
+        return TrueScan(beams, self.ranges_m[one], self.bodies[one])
+
 
 _CELL_M = 0.04
 """No point of a cell is this far from its middle."""
@@ -231,9 +237,13 @@ class LidarSensors:
         """
         ranges = self.scan_and_bodies(indices, noise)[0]
         if self._dropout > 0.0:
-            for row, index in enumerate(indices):
-                ranges[row, self._dropout_rngs[index].random(ranges.shape[1]) < self._dropout] = np.inf
+            self.drop_out(ranges, [self._dropout_rngs[index] for index in indices])
         return ranges
+
+    def drop_out(self, ranges: Floats, rngs: Sequence[np.random.Generator]) -> None:
+        """Let beams of (m, beams) ``ranges`` drop out in place, by a generator of each sensor."""
+        for own, rng in zip(ranges, rngs, strict=True):
+            own[rng.random(len(own)) < self._dropout] = np.inf
 
     def scan_and_bodies(self, indices: Sequence[int] | Ints, noise: NoiseBlocks) -> tuple[Floats, Ints]:
         """What ``scan`` gives, and beside it which robot each beam met, both (len(indices), beams).
@@ -246,6 +256,13 @@ class LidarSensors:
         """
         rows = np.asarray(indices, dtype=np.int64)
         _, true_ranges, bodies = self.newest = self.true_scan(rows)
+        return self.measured(true_ranges, rows, noise), bodies
+
+    def measured(self, true_ranges: Floats, rows: Ints, noise: NoiseBlocks) -> Floats:
+        """(m, beams) what the LiDARs of those robots report of true ranges, inf for nothing; metres.
+
+        It takes one reading of each one's ``noise``. Errors as :class:`Errors` has them.
+        """
         ranges = np.empty_like(true_ranges)
         sigma_m, sigma_share, near_m, _ = self._errors
         if reported(
@@ -261,7 +278,7 @@ class LidarSensors:
             ranges,
         ):
             noise.refill()
-        return ranges, bodies
+        return ranges
 
     def true_scan(self, rows: Ints) -> TrueScan:
         """What the beams of those robots meet at this tick. Raises ValueError if one was removed."""

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
@@ -12,10 +13,11 @@ from midnet_bench.arena.free_space import FreeSpace, free_space
 from midnet_bench.arena.layout import place
 from midnet_bench.campaign.trial import Row
 from midnet_bench.elementary import cos, sin
-from midnet_bench.experiments.guarded.detector_node import DetectorNode, detector_nodes
-from midnet_bench.experiments.guarded.inputs import prior_map_from
+from midnet_bench.experiments.guarded.detector_node import DetectorNode, Sight, detector_nodes
+from midnet_bench.experiments.guarded.inputs import EXACT, prior_map_from
 from midnet_bench.experiments.guarded.opponents import Opponents
-from midnet_bench.experiments.guarded.parameters import GuardParameters
+from midnet_bench.experiments.guarded.oracles import Oracles, ScanOnlooker, Trial
+from midnet_bench.experiments.guarded.parameters import FED, GuardParameters
 from midnet_bench.experiments.guarded.uplink import Uplink
 from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.geometry import Pose2D, wrap_angle
@@ -65,9 +67,11 @@ class GuardedArena(RobotTrial):
             else None
         )
         self.patrol = self._make_patrol()
-        self.detector, *self.variant_detectors = detector_nodes(
-            (parameters, *variants), self.prior_map, parameters.robots
-        )
+        tests = (parameters, *variants)
+        nodes = detector_nodes(self._sights(tests), parameters.robots)
+        self.detector, *self.variant_detectors = nodes
+        fed = {node: test.oracle for node, test in zip(nodes, tests, strict=True) if test.oracle in FED}
+        self._guards_costmaps = [node.costmaps for node in nodes if node not in fed]
         self._pose_filter = parameters.pose_filter
         self._guard_navigator, self._intruder_navigator = (
             parameters.guard_navigator,
@@ -89,6 +93,11 @@ class GuardedArena(RobotTrial):
             if self.arena.has_deeds
             else None
         )
+        self._onlookers: list[ScanOnlooker] = []
+        known = Trial(seed, self.world, self.lidars, self.crowd, self.guards, self.intruders)
+        self._oracles = Oracles(fed, known)
+        for feed in self._oracles.feeds:
+            self._look_on(feed.scanned)
         self._frame_ticks = self.step_hz // FRAME_HZ
         self._dying, self._dead = self.guards[: parameters.dying_guards], list[Guard]()
         self._uplink = Uplink(parameters.network, self.guards, seed) if parameters.network.is_used else None
@@ -115,8 +124,10 @@ class GuardedArena(RobotTrial):
             due = self.fleet.step()
             if self._uplink is not None:
                 self._uplink.send(due, self.fleet.time_s)
+            self._oracles.stepped(due)
             if self._dying and self.fleet.time_s >= self.parameters.dying_after_s - 1e-9:
                 self._let_die()
+        self._oracles.before_frame(self.guards_alive, self.fleet.time_s)
 
     def seen_by_metrics(
         self, frame: Frame, truths: Sequence[TruthObject], in_range: Sequence[bool]
@@ -134,9 +145,20 @@ class GuardedArena(RobotTrial):
 
     def observations(self, node: DetectorNode) -> list[Observation]:
         """What one of this trial's detectors goes by now, of each guard."""
+        feed = self._oracles.of(node)
+        if feed is not None:
+            return node.observations(feed.poses())
         if self._uplink is None:
             return node.observations(self.guards_poses(), [guard.scan for guard in self.guards])
         return self._uplink.received(node, self.fleet.time_s)
+
+    def tell_of_scans(self, node: DetectorNode, look: ScanOnlooker) -> None:
+        """From now on let ``look`` know of each scan that is taken into a node's costmaps."""
+        feed = self._oracles.of(node)
+        if feed is None:
+            self._look_on(look)
+        else:
+            feed.onlookers.append(look)
 
     def guards_poses(self) -> list[Pose2D]:
         """Where the guards take themselves to be, map frame."""
@@ -177,6 +199,35 @@ class GuardedArena(RobotTrial):
         for guard in self._dying:
             self.fleet.stop(guard)
         self._dead, self._dying = self._dying, []
+
+    def _look_on(self, look: ScanOnlooker) -> None:
+        if not self._onlookers:
+            self.fleet.onlookers.append(self._scanned)
+        self._onlookers.append(look)
+
+    def _scanned(self, robots: Sequence[MobileRobot], ranges_m: npt.NDArray[np.float64]) -> None:
+        """An ``Onlooker`` of the fleet."""
+        true = self.lidars.newest
+        assert true is not None
+        for row, robot in enumerate(robots):
+            if isinstance(robot, Guard):
+                assert robot.scan is not None
+                for look in self._onlookers:
+                    look(robot, robot.scan, true.of(row))
+
+    def _sights(self, tests: Sequence[GuardParameters]) -> list[Sight]:
+        """What the detectors of ``tests`` work by; under an oracle the map or the scans may be others."""
+        exact = self.prior_map
+        if any(test.oracle == "map" for test in tests):
+            exact = prior_map_from(EXACT, self.parameters.arena, self.parameters.resolution_m)
+        return [
+            Sight(
+                test,
+                exact if test.oracle == "map" else self.prior_map,
+                test.oracle if test.oracle in FED else None,
+            )
+            for test in tests
+        ]
 
     def _believed_start(self, name: str, start: Pose2D) -> Pose2D:
         """Where a guard takes itself to be at first."""
@@ -220,7 +271,7 @@ class GuardedArena(RobotTrial):
             self.parameters.goals.timeout_s,
             self._scan_to_map,
             # nodes may share a costmap, which takes each scan once
-            list(dict.fromkeys(node.costmaps[index] for node in (self.detector, *self.variant_detectors))),
+            list(dict.fromkeys(costmaps[index] for costmaps in self._guards_costmaps)),
         )
 
     def _make_intruder(self, index: int, start: Pose2D) -> MobileRobot:

@@ -1,8 +1,8 @@
 """``DetectorNode``: from a map, poses and scans to MIDNet's boxes; it needs no simulator, arena or agent."""
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from functools import cached_property
-from typing import Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -60,7 +60,8 @@ class DetectorNode:
     ) -> None:
         """For a team of ``robots``; ``prior_map``: int8, 100 occupied, map frame.
 
-        ``like``: a node whose local costmaps are the same, to share them, and its detector if that is, too.
+        ``like``: a node that sees the same by the same local costmaps, to share them and its scans, and its
+        detector if that is the same, too.
         """
         self.prior = binary_prior(prior_map, settings)
         self.midnet = MIDNet(self.prior, settings.midnet_settings)
@@ -78,7 +79,7 @@ class DetectorNode:
         elif not DETECTORS.is_made_here(settings.detector):
             fixed = prior_map.with_data(_fixed(prior_map.data))
             self._detector = AskedOnce(settings.detector, fixed, local_costmap.obstacle_range_m)
-        self.scans: list[Scan | None] = [None] * robots
+        self.scans: list[Scan | None] = [None] * robots if like is None else like.scans
         """by robot, the last one that :meth:`observe` took"""
 
     @cached_property
@@ -125,19 +126,25 @@ class DetectorNode:
         return [Observation(pose, costmap.published(), scan) for pose, costmap, scan in each]
 
 
-def detector_nodes(
-    settings: Sequence[DetectorSettings], prior_map: OccupancyGrid, robots: int
-) -> list[DetectorNode]:
-    """A node for each of ``settings`` over one team; what is the same in two of them is there once."""
+class Sight(NamedTuple):
+    """What one of several nodes over a team works by."""
+
+    settings: DetectorSettings
+    prior_map: OccupancyGrid
+    fed: Hashable
+    """nodes see the same if this, ``prior_map`` and their local costmaps' settings are the same"""
+
+
+def detector_nodes(sights: Sequence[Sight], robots: int) -> list[DetectorNode]:
+    """A node for each of ``sights`` over one team; what is the same in two of them is there once."""
     nodes: list[DetectorNode] = []
-    alike: dict[CostmapSettings, DetectorNode] = {}
-    seeing: dict[tuple[CostmapSettings, str], DetectorNode] = {}
-    for each in settings:
-        costmap = each.local_costmap
-        like = seeing.get((costmap, each.detector), alike.get(costmap))
-        nodes.append(DetectorNode(each, prior_map, robots, like))
-        alike.setdefault(costmap, nodes[-1])
-        seeing.setdefault((costmap, each.detector), nodes[-1])
+    alike: dict[Hashable, DetectorNode] = {}
+    for settings, prior_map, fed in sights:
+        seen = (settings.local_costmap, id(prior_map), fed)
+        like = alike.get((seen, settings.detector), alike.get(seen))
+        nodes.append(DetectorNode(settings, prior_map, robots, like))
+        alike.setdefault(seen, nodes[-1])
+        alike.setdefault((seen, settings.detector), nodes[-1])
     return nodes
 
 

@@ -24,6 +24,12 @@ from midnet_bench.scoring.seams import NONE, pinned_metrics
 from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.settings import NetworkSettings, SimulationSettings
 
+Oracle = Literal["none", "pose", "map", "delay", "window", "marks", "allies", "occlusion"]
+FED: tuple[Oracle, ...] = ("pose", "delay", "allies", "occlusion")
+"""oracles under which the referee, not the guards, takes scans into the detection costmaps"""
+NO_SQUARE_M = 1e-6
+"""side of an ally's square that no box can be equal to: a box has at least a cell"""
+
 
 @dataclass(frozen=True)
 class GuardParameters(Parameters):
@@ -133,6 +139,13 @@ class GuardParameters(Parameters):
         le=20,
     )
     dying_after_s: float = option(60.0, "Simulated time at which guards die.", ge=0, le=36_000)
+    oracle: Oracle = option(
+        "none",
+        "Which cause of error is taken from the detector alone, with the guards' motion as it is: true poses "
+        "(pose), the prior map drawn from the walls (map), one more scan at the frame's instant (delay), a "
+        "costmap that holds obstacle_range_m all round (window), local_map=single_scan (marks), beams on "
+        "guards void and no box removed (allies), intruders seen through (occlusion).",
+    )
 
     prior: PriorMapSettings = group(PriorMapSettings(), "prior map")
     costmap: CostmapSettings = group(
@@ -166,6 +179,11 @@ class GuardParameters(Parameters):
             raise InputError(
                 f"intruder_speed_mps: {self.intruder_speed_mps} is out of range; "
                 f"a {self.simulation.robot_model.name} reaches {fastest_mps:g}"
+            )
+        if self.oracle in FED and self.network.is_used:
+            raise InputError(
+                f"oracle: {self.oracle} leaves no costmap for a network to carry; take map, window or marks, "
+                "or leave out the options of the network (message_delay_s and its like)"
             )
         # what several parts share may not suit each of them: tell that here, not in a trial
         _ = self.prior_costmap, self.guard_navigator, self.intruder_navigator
@@ -206,11 +224,18 @@ class GuardParameters(Parameters):
     @property
     def local_costmap(self) -> CostmapSettings:
         """The costmap in which each guard looks for intruders."""
-        return replace(
+        costmap = replace(
             self.costmap,
             resolution=self.resolution_m,
             track_unknown=self.midnet.unknown == "occupied",
         )
+        if self.oracle == "marks":
+            return replace(costmap, memory="single_scan")
+        if self.oracle == "window":
+            # the range begins at the sensor, within the footprint, and ends with what is inflated there
+            beyond_m = self.simulation.robot_model.footprint_reach_m + costmap.inflation_radius_m
+            return replace(costmap, size_m=max(costmap.size_m, 2.0 * (costmap.obstacle_range_m + beyond_m)))
+        return costmap
 
     @property
     def prior_costmap(self) -> CostmapSettings:
@@ -225,9 +250,12 @@ class GuardParameters(Parameters):
     @property
     def midnet_settings(self) -> MIDNetSettings:
         """What MIDNet works by, the shrinking of boxes included (item 25)."""
+        midnet = self.midnet
+        if self.oracle == "allies":
+            midnet = replace(midnet, ally_diameter_m=NO_SQUARE_M, iou_ally=1.0)
         if not self.deflate_boxes:
-            return self.midnet
-        return replace(self.midnet, deflate_boxes_m=self.local_costmap.reach_m(self.midnet.thresh_local))
+            return midnet
+        return replace(midnet, deflate_boxes_m=self.local_costmap.reach_m(midnet.thresh_local))
 
     @property
     def guard_navigator(self) -> NavigatorSettings:

@@ -18,7 +18,7 @@ def setup_of(trial: GuardedArena) -> Setup:
         guards=len(trial.guards),
         mobile_intruders=len(trial.intruders),
         usable_range_m=trial.parameters.costmap.obstacle_range_m,
-        local_size_m=trial.parameters.costmap.size_m,
+        local_size_m=trial.parameters.local_costmap.size_m,
         frame_hz=FRAME_HZ,
         other_intruders=len(trial.crowd.members),
     )

@@ -6,6 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from midnet_bench.experiments.guarded.inputs import EXACT
 from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.midnet.binary_map import PriorMapSettings
 from midnet_bench.midnet.settings import MIDNetSettings
@@ -26,6 +27,7 @@ def motion(parameters: Guarded) -> Guarded:
         costmap=plain.costmap,
         midnet=plain.midnet,
         record=plain.record,
+        oracle=plain.oracle,
     )
 
 
@@ -39,6 +41,7 @@ def effective(parameters: Guarded, keep_thresh_local: bool = False) -> Guarded:
         parameters: of a trial.
         keep_thresh_local: whether it has another use than to select cells.
     """
+    parameters = _without_idle_oracle(parameters)
     prior, midnet, costmap = parameters.prior, parameters.midnet, parameters.costmap
     plain, deflate_boxes = MIDNetSettings(), parameters.deflate_boxes
     if parameters.detector != "midnet":  # another one has costmaps, and no binary grids
@@ -64,6 +67,18 @@ def effective(parameters: Guarded, keep_thresh_local: bool = False) -> Guarded:
     if costmap.memory != "decay":
         costmap = replace(costmap, decay_s=CostmapSettings().decay_s)
     return replace(parameters, prior=prior, midnet=midnet, costmap=costmap, deflate_boxes=deflate_boxes)
+
+
+def _without_idle_oracle(parameters: Guarded) -> Guarded:
+    """The same without an oracle where it changes nothing, or where options say what it changes."""
+    if parameters.oracle in ("window", "marks"):
+        local = parameters.local_costmap
+        costmap = replace(parameters.costmap, size_m=local.size_m, memory=local.memory)
+        return replace(parameters, costmap=costmap, oracle="none")
+    is_idle = (parameters.oracle == "allies" and parameters.robots == 1) or (
+        parameters.oracle == "map" and parameters.prior_map == EXACT
+    )
+    return replace(parameters, oracle="none") if is_idle else parameters
 
 
 def _least_cost(settings: CostmapSettings, thresh: int) -> int:

@@ -10,13 +10,14 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from midnet_bench.agents.mobile_robot import Guard, MobileRobot
+from midnet_bench.agents.mobile_robot import Guard
 from midnet_bench.arena.solids import Solid
 from midnet_bench.elementary import cos_sin
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.detector_node import DetectorNode
 from midnet_bench.geometry import Box, lengths
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.messages import Scan
 from midnet_bench.midnet.detection import Crop
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.navigation.costmap import LETHAL, inflate, inflation_costs, published, reach_cells
@@ -47,17 +48,14 @@ ON_SURFACE_M = 0.005
 class NotedScan:
     """One scan of one guard, and the world at that instant."""
 
-    def __init__(
-        self, trial: GuardedArena, guard: Guard, ranges_m: Floats, true: beams_met.TrueScan, row: int
-    ) -> None:
-        """``row``: of the guard in ``true``."""
-        assert guard.scan is not None
-        self.time_s = guard.scan.stamp_s
-        self.ranges_m = ranges_m
-        self.sensor = guard.scan.pose.compose(guard.scan.lidar.mount)
-        self.lidar = guard.scan.lidar
-        self._axis, self._directions = true.beams.axes[row], true.beams.directions[row]
-        self._true_ranges_m, self._bodies = true.ranges_m[row], true.bodies[row]
+    def __init__(self, trial: GuardedArena, scan: Scan, true: beams_met.TrueScan) -> None:
+        """``true``: what its beams met, of this one LiDAR."""
+        self.time_s = scan.stamp_s
+        self.ranges_m = scan.ranges_m
+        self.sensor = scan.pose.compose(scan.lidar.mount)
+        self.lidar = scan.lidar
+        self._axis, self._directions = true.beams.axes[0], true.beams.directions[0]
+        self._true_ranges_m, self._bodies = true.ranges_m[0], true.bodies[0]
         self._trial = trial
         self._solids = solids_of(trial)
         self._poses = trial.world.poses()
@@ -146,7 +144,7 @@ class Witness:
         self._settings = settings
         # farther out no cell was marked while its window reached there
         self._margin = reach_cells(settings.obstacle_range_m, settings.resolution) + 2
-        height, width = trial.prior_map.data.shape
+        height, width = node.prior.data.shape
         shape = (len(trial.guards), height + 2 * self._margin, width + 2 * self._margin)
         self._scan = np.full(shape, -1, dtype=np.int64)
         self._beam = np.zeros(shape, dtype=np.int64)
@@ -154,7 +152,7 @@ class Witness:
         self._counts = [0] * len(trial.guards)
         self._written = [0] * len(trial.guards)
         self.guards = trial.guards
-        trial.fleet.onlookers.append(self._note)
+        trial.tell_of_scans(node, self._note)
 
     def causes(
         self,
@@ -193,17 +191,10 @@ class Witness:
             },
         )
 
-    def _note(self, robots: Sequence[MobileRobot], ranges_m: Floats) -> None:
-        newest = self._trial.lidars.newest
-        assert newest is not None
-        for row, robot in enumerate(robots):
-            if isinstance(robot, Guard):
-                self._note_one(robot, NotedScan(self._trial, robot, ranges_m[row], newest, row))
-
-    def _note_one(self, guard: Guard, scan: NotedScan) -> None:
+    def _note(self, guard: Guard, scan: Scan, true: beams_met.TrueScan) -> None:
         number = self._counts[guard.index]
         self._counts[guard.index] += 1
-        self._scans[guard.index][number] = scan
+        self._scans[guard.index][number] = NotedScan(self._trial, scan, true)
         if number % FORGET_EVERY == 0:
             self._forget(guard.index)
 
@@ -240,7 +231,7 @@ class Witness:
 
     def _cells(self, points: Floats) -> tuple[Ints, Ints]:
         """(columns, rows) in the witness's own arrays."""
-        origin, resolution = self._trial.prior_map.origin, self._settings.resolution
+        origin, resolution = self._node.prior.origin, self._settings.resolution
         cells = np.floor((points - origin) / resolution).astype(np.int64) + self._margin
         return cells[:, 0], cells[:, 1]
 

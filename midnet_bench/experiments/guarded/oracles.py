@@ -1,0 +1,295 @@
+"""``Oracles``: a detector sees what no guard could, so that one cause of its errors is gone.
+
+Guards localise, drive and patrol by their own sensors as before. Under an oracle of ``FED`` the costmaps of a
+detector's node are not theirs: the referee, who knows the truth, takes scans into them. What it asks of the
+simulated world changes nothing there, and its noise comes from streams of its own.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.agents.mobile_robot import Guard, MobileRobot
+from midnet_bench.arena.solids import Solid
+from midnet_bench.experiments.guarded.detector_node import DetectorNode
+from midnet_bench.experiments.guarded.parameters import Oracle
+from midnet_bench.geometry import Pose2D
+from midnet_bench.messages import LidarGeometry, Scan
+from midnet_bench.rng import stream
+from midnet_bench.simulation.crowd import Crowd, ranges_to
+from midnet_bench.simulation.fast.outlines import outlines_of
+from midnet_bench.simulation.fast.rays import cast_on_outlines
+from midnet_bench.simulation.lidar import NOTHING, SOLID, LidarSensors, TrueScan
+from midnet_bench.simulation.simulator import Beams, Simulator
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+ScanOnlooker = Callable[[Guard, Scan, TrueScan], None]
+"""Told of a scan that was taken into a guard's costmap, and of what its beams truly met (m = 1)."""
+
+
+class Trial(NamedTuple):
+    """What the referee knows of a trial."""
+
+    seed: int
+    world: Simulator
+    lidars: LidarSensors
+    crowd: Crowd
+    guards: Sequence[Guard]
+    """guard i is robot i of the world"""
+    intruders: Sequence[MobileRobot]
+
+    def true_pose(self, robot: MobileRobot) -> Pose2D:
+        """Of now, map frame."""
+        return self.world.pose(robot.index)
+
+
+class OracleFeed:
+    """Takes the guards' scans into the costmaps of a node, as the guards themselves would."""
+
+    def __init__(self, node: DetectorNode, trial: Trial) -> None:
+        """For a trial that has not begun."""
+        self.node = node
+        self.trial = trial
+        self.onlookers: list[ScanOnlooker] = []
+        """told of each scan that was taken"""
+        self.localised_at = [trial.true_pose(guard) for guard in trial.guards]
+        """where each guard truly was when it last localised, map frame"""
+
+    def scanned(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
+        """Take what a guard has just scanned; ``true``: what its beams met."""
+        self.take(guard, scan, true)
+
+    def take(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
+        """Let a scan into the guard's costmap."""
+        self.node.observe(guard.index, scan.pose, scan.ranges_m, scan.lidar, scan.stamp_s)
+        for look in self.onlookers:
+            look(guard, scan, true)
+
+    def stepped(self, due: Sequence[MobileRobot]) -> None:
+        """Note that a tick is over, at which the robots ``due`` have localised."""
+        for robot in due:
+            if isinstance(robot, Guard):
+                self.localised_at[robot.index] = self.trial.true_pose(robot)
+
+    def before_frame(self, alive: Sequence[Guard], time_s: float) -> None:
+        """Do what has to be done at a frame's instant; ``alive``: the guards that have not died."""
+
+    def poses(self) -> list[Pose2D]:
+        """Of each guard at a frame's instant, map frame: for Eq. 4 and Algorithm 2."""
+        return [guard.pose for guard in self.trial.guards]
+
+
+class TruePoses(OracleFeed):
+    """``pose``: where a guard takes itself to be, it truly was at that instant, of a scan and of a frame.
+
+    A pose stays as old as it is: a newer one would crop the prior map farther from where the costmap lies.
+    """
+
+    def scanned(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
+        """See :class:`OracleFeed`."""
+        self.take(guard, scan._replace(pose=self.trial.true_pose(guard)), true)
+
+    def poses(self) -> list[Pose2D]:
+        """See :class:`OracleFeed`."""
+        return list(self.localised_at)
+
+
+class WithoutDelay(OracleFeed):
+    """``delay``: one more scan at each frame's instant, and poses of that instant.
+
+    A guard errs about its pose as at its last control cycle: how it has truly moved since is added.
+    """
+
+    def __init__(self, node: DetectorNode, trial: Trial) -> None:
+        """See :class:`OracleFeed`."""
+        super().__init__(node, trial)
+        names = [guard.name for guard in trial.guards]
+        self._noise = trial.lidars.noise([stream(trial.seed, "oracle lidar", name) for name in names])
+        self._dropouts = [stream(trial.seed, "oracle dropout", name) for name in names]
+        self._poses = super().poses()
+
+    def before_frame(self, alive: Sequence[Guard], time_s: float) -> None:
+        """See :class:`OracleFeed`."""
+        self._poses = super().poses()
+        if not alive:
+            return
+        lidars, lidar = self.trial.lidars, self.trial.world.robot.lidar
+        rows = [guard.index for guard in alive]
+        ranges_m, _ = lidars.scan_and_bodies(rows, self._noise)
+        lidars.drop_out(ranges_m, [self._dropouts[row] for row in rows])
+        true = lidars.newest
+        assert true is not None
+        for row, guard in enumerate(alive):
+            moved = self.trial.true_pose(guard).relative_to(self.localised_at[guard.index])
+            pose = self._poses[guard.index] = guard.pose.compose(moved)
+            self.take(guard, Scan(ranges_m[row], lidar, pose, time_s), true.of(row))
+
+    def poses(self) -> list[Pose2D]:
+        """See :class:`OracleFeed`."""
+        return self._poses
+
+
+class WithoutAllies(OracleFeed):
+    """``allies``: a beam that met a guard is void, so that it neither marks nor clears."""
+
+    def scanned(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
+        """See :class:`OracleFeed`."""
+        is_ally = (true.bodies[0] >= 0) & (true.bodies[0] < len(self.trial.guards))
+        self.take(guard, scan._replace(ranges_m=np.where(is_ally, np.nan, scan.ranges_m)), true)
+
+
+@dataclass(frozen=True)
+class MultiEchoLidar(LidarGeometry):
+    """A LiDAR whose every beam is there ``echoes`` times, as in sensor_msgs/MultiEchoLaserScan.
+
+    All first echoes come first, then all second ones, and so on. ``beams`` counts them all.
+    """
+
+    echoes: int
+
+    @property
+    def angles_rad(self) -> Floats:
+        """(beams,) direction of each beam in the sensor frame, radians."""
+        return np.tile(super().angles_rad[: self.beams // self.echoes], self.echoes)
+
+
+class SeenThrough(OracleFeed):
+    """``occlusion``: a beam that meets an intruder also returns what stands behind it.
+
+    That is other intruders, each once, up to the first wall or guard. The first return is the scan's own. All
+    returns are taken at once, as of one scan: first the beams clear their ways, then every return is marked.
+    """
+
+    def __init__(self, node: DetectorNode, trial: Trial) -> None:
+        """See :class:`OracleFeed`."""
+        super().__init__(node, trial)
+        self._noise = trial.lidars.noise(
+            [stream(trial.seed, "oracle echoes", guard.name) for guard in trial.guards]
+        )
+        self._walls = outlines_of(trial.world.layout.arena.wall_solids())
+        self._lidars: dict[int, MultiEchoLidar] = {}
+
+    def scanned(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
+        """See :class:`OracleFeed`."""
+        behind_m, bodies = self._behind(guard, true.beams)
+        if len(behind_m):
+            echoes = 1 + len(behind_m)
+            measured_m = self._measured(guard, behind_m)
+            # a beam that drops out has no echo at all
+            measured_m[:, np.isposinf(scan.ranges_m) & ~np.isnan(behind_m[0])] = np.inf
+            ranges_m = np.concatenate((scan.ranges_m, measured_m.reshape(-1)))
+            scan = scan._replace(ranges_m=ranges_m, lidar=self._multi_echo(scan.lidar, echoes))
+            true = TrueScan(
+                Beams(true.beams.axes, np.tile(true.beams.directions, (1, echoes, 1))),
+                np.concatenate((true.ranges_m, behind_m.reshape(1, -1)), axis=1),
+                np.concatenate((true.bodies, bodies.reshape(1, -1)), axis=1),
+            )
+        self.take(guard, scan, true)
+
+    def _measured(self, guard: Guard, behind_m: Floats) -> Floats:
+        """What the guard's LiDAR reports of (echoes, beams) ranges; NaN stays."""
+        lidars, row = self.trial.lidars, np.array([guard.index])
+        known = np.where(np.isnan(behind_m), np.inf, behind_m)
+        measured = [lidars.measured(echo[None], row, self._noise)[0] for echo in known]
+        return np.where(np.isnan(behind_m), np.nan, np.array(measured))
+
+    def _behind(self, guard: Guard, beams: Beams) -> tuple[Floats, Ints]:
+        """What each beam meets behind the first intruder, a row for each echo.
+
+        (echoes, beams) metres, NaN where there is nothing more; and which robot, as a ``TrueScan`` has it.
+        """
+        intruders = self._intruders()
+        opaque_m, opaque = self._opaque(guard, beams)
+        limit_m = np.minimum(opaque_m, self.trial.world.robot.lidar.range_max_m)
+        met_m = np.full((len(intruders) + 1, len(limit_m)), np.inf)
+        for row, (_, parts) in zip(met_m, intruders, strict=False):
+            nearest_m = np.minimum.reduce([ranges_to(part, beams)[0] for part in parts])
+            np.copyto(row, nearest_m, where=nearest_m < limit_m)
+        hits = np.isfinite(met_m).sum(axis=0)
+        met_m[-1] = opaque_m
+        bodies = np.repeat([[*(body for body, _ in intruders), SOLID]], len(limit_m), axis=0).T
+        bodies[-1] = opaque
+        bodies[np.isinf(met_m)] = NOTHING
+        behind = np.argsort(met_m, axis=0, kind="stable")[1 : 1 + int(hits.max())]
+        ranges_m = np.take_along_axis(met_m, behind, axis=0)
+        ranges_m[np.arange(1, 1 + len(behind))[:, None] > hits] = np.nan
+        return ranges_m, np.take_along_axis(bodies, behind, axis=0)
+
+    def _opaque(self, guard: Guard, beams: Beams) -> tuple[Floats, Ints]:
+        """(beams,) metres to the first wall or other guard, inf for none, and which of both it is."""
+        walls, range_m = self._walls, self.trial.world.robot.lidar.range_max_m
+        met_m = cast_on_outlines(*beams, walls.corners, walls.first, walls.circles, 0.0, range_m)[0]
+        bodies = np.full(len(met_m), SOLID)
+        for ally in self.trial.guards:
+            if ally is not guard:
+                ally_m = ranges_to(self._disc(ally), beams)[0]
+                bodies[ally_m < met_m] = ally.index
+                met_m = np.minimum(met_m, ally_m)
+        met_m[met_m >= range_m] = np.inf
+        return met_m, bodies
+
+    def _intruders(self) -> list[tuple[int, tuple[Solid, ...]]]:
+        """For each intruder as it is now, which robot it is, else ``SOLID``, and what beams meet of it."""
+        trial, is_there = self.trial, self.trial.world.active
+        stationary = [(SOLID, (solid,)) for solid in trial.world.layout.stationary]
+        mobile = [(one.index, (self._disc(one),)) for one in trial.intruders if is_there[one.index]]
+        return [*stationary, *mobile, *((SOLID, member.solids()) for member in trial.crowd.members)]
+
+    def _disc(self, robot: MobileRobot) -> Solid:
+        """What beams meet of a robot now."""
+        outline = self.trial.lidars.outline(robot.index)
+        side_m = outline.x_max - outline.x_min
+        return Solid("cylinder", Pose2D(*outline.center, 0.0), side_m, side_m, 1.0)
+
+    def _multi_echo(self, lidar: LidarGeometry, echoes: int) -> MultiEchoLidar:
+        """Made once for each number of echoes: it keeps its directions."""
+        if echoes not in self._lidars:
+            fields = {name: getattr(lidar, name) for name in LidarGeometry.__dataclass_fields__}
+            self._lidars[echoes] = MultiEchoLidar(**{**fields, "beams": echoes * lidar.beams}, echoes=echoes)
+        return self._lidars[echoes]
+
+
+FEEDS: Mapping[Oracle, type[OracleFeed]] = {
+    "pose": TruePoses,
+    "delay": WithoutDelay,
+    "allies": WithoutAllies,
+    "occlusion": SeenThrough,
+}
+"""of each oracle of ``FED``"""
+
+
+class Oracles:
+    """The feeds of all nodes of a trial that see by an oracle of ``FED``."""
+
+    def __init__(self, nodes: Mapping[DetectorNode, Oracle], trial: Trial) -> None:
+        """For a trial that has not begun; nodes that share their scans are fed once."""
+        self._feeds: list[OracleFeed] = []
+        self._feed_of: dict[DetectorNode, OracleFeed] = {}
+        for node, oracle in nodes.items():
+            same = [feed for feed in self._feeds if feed.node.scans is node.scans]
+            if not same:
+                self._feeds += (same := [FEEDS[oracle](node, trial)])
+            self._feed_of[node] = same[0]
+
+    @property
+    def feeds(self) -> Sequence[OracleFeed]:
+        """All of them."""
+        return self._feeds
+
+    def of(self, node: DetectorNode) -> OracleFeed | None:
+        """The feed of a node; None if it sees by none of these oracles."""
+        return self._feed_of.get(node)
+
+    def stepped(self, due: Sequence[MobileRobot]) -> None:
+        """A tick is over, at which the robots ``due`` have localised."""
+        for feed in self._feeds:
+            feed.stepped(due)
+
+    def before_frame(self, alive: Sequence[Guard], time_s: float) -> None:
+        """It is a frame's instant; ``alive``: the guards that have not died."""
+        for feed in self._feeds:
+            feed.before_frame(alive, time_s)
