@@ -3,7 +3,10 @@
 UNEXPLAINED = "unexplained"
 
 MISS_CAUSES = {
-    "occluded": "something stands before it",
+    "occluded_by_wall": "a wall stands before it",
+    "occluded_by_guard": "a guard stands before it",
+    "occluded_outside_window": "an intruder stands before it, and the local costmap does not reach it either",
+    "occluded": "an intruder stands before it",
     "between_beams": "no beam goes where it is",
     "beyond_range": "its returns lie beyond the obstacle range",
     "delay": "it is in sight now, and was not at the last scan, or has moved on since",
@@ -51,6 +54,7 @@ REMOVED_BY = {
     "marks": ("intruder_trail", "ally_trail"),
     "allies": ("taken_for_ally", "ally_left", "ally_trail"),
     "occlusion": ("occluded",),
+    "sight": ("occluded_outside_window",),
     "fusion": ("merged", "dropped_by_fusion", "fragment"),
 }
 """oracle -> the causes that it takes away"""

@@ -9,12 +9,14 @@ from midnet_bench.grid import OccupancyGrid, cell_centers, cell_middles, values_
 from midnet_bench.midnet.binary_map import OCCUPIED
 from midnet_bench.scoring.error_causes import MISS_CAUSES, UNEXPLAINED
 from midnet_bench.scoring.errors import (
+    WALL,
     Booleans,
     Cause,
     Floats,
     GuardView,
     Marks,
     cells_left,
+    guard_of,
     source_name,
     touch,
     touches,
@@ -158,15 +160,26 @@ def _inside(box: Box, points: Floats) -> Booleans:
 def _unseen(truth: int, truths: Sequence[TruthObject], view: GuardView) -> Cause:
     """Why no beam of the last scan came back from it, by what the beams would meet now."""
     directions, ranges_m, sources = view.lines()
-    if (sources == truth).any():
-        return Cause("delay", view.guard)
+    met = sources == truth
+    if met.any():
+        ends = np.array(view.sensor) + ranges_m[met, None] * directions[met]
+        # a scan of this instant had lost it one stage later
+        return Cause("delay" if _inside(view.window, ends).any() else "outside_window", view.guard)
     entry_m = _entry_m(view.sensor, directions, truths[truth].box)
     before = ranges_m < entry_m
     crossing = np.isfinite(entry_m)
     if not (crossing & before).any():
         return Cause("between_beams", view.guard)
     who, counts = np.unique(sources[crossing & before], return_counts=True)
-    return Cause("occluded", view.guard, source_name(int(who[counts.argmax()]), truths))
+    source = int(who[counts.argmax()])
+    ends = np.array(view.sensor) + entry_m[crossing, None] * directions[crossing]
+    if source == WALL:
+        name = "occluded_by_wall"
+    elif guard_of(source) is not None:
+        name = "occluded_by_guard"
+    else:
+        name = "occluded" if _inside(view.window, ends).any() else "occluded_outside_window"
+    return Cause(name, view.guard, source_name(source, truths))
 
 
 def _entry_m(sensor: tuple[float, float], directions: Floats, box: Box) -> Floats:

@@ -12,6 +12,7 @@ from midnet_bench.elementary import directions
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
 from midnet_bench.experiments.guarded.detector_node import DetectorNode
+from midnet_bench.experiments.guarded.oracles import fused_by_identity
 from midnet_bench.experiments.guarded.recorder import Recorder
 from midnet_bench.experiments.guarded.witness import Witness
 from midnet_bench.midnet.pipeline import Frame
@@ -95,8 +96,11 @@ class DetectionTrial(GuardedArena):
 
     def scored(self, number: int, judge: Judge, explain: bool = False) -> ScoredFrame:
         """What a detector finds at this instant, the frame of that number; take each frame once, in order."""
-        test, midnet = judge.test, self.detected(judge.node, explain or judge.recorder is not None)
-        truths = self.truths(test)
+        test, truths = judge.test, self.truths(judge.test)
+        is_fused_anew = test.oracle == "fusion"
+        midnet = self.detected(judge.node, explain or is_fused_anew or judge.recorder is not None)
+        if is_fused_anew:
+            midnet = fused_by_identity(midnet, truths)
         in_range = self.in_range(test, judge.sight)
         match = match_frame(midnet.detections, truths)
         counts = count_frame(midnet.detections, truths, in_range, test.tp_boxes, match)
@@ -109,7 +113,7 @@ class DetectionTrial(GuardedArena):
     def causes(self, frame: ScoredFrame, judge: Judge) -> Causes:
         """Which of the paper's causes the errors of the newest frame had; take each frame once, in order."""
         opposite = None
-        if frame.number % OPPOSITE_EVERY == 0 and len(self.guards) > 1:
+        if frame.number % OPPOSITE_EVERY == 0 and len(self.guards) > 1 and judge.test.oracle != "fusion":
             opposite = judge.node.detect_in_opposite_order(self.observations(judge.node))
         return judge.causes.count(
             frame.midnet.detections,

@@ -6,7 +6,7 @@ simulated world changes nothing there, and its noise comes from streams of its o
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,9 +16,12 @@ from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.arena.solids import Solid
 from midnet_bench.experiments.guarded.detector_node import DetectorNode
 from midnet_bench.experiments.guarded.parameters import Oracle
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.messages import LidarGeometry, Scan
+from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
+from midnet_bench.scoring.errors import touches
+from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.simulation.crowd import Crowd, ranges_to
 from midnet_bench.simulation.fast.outlines import outlines_of
 from midnet_bench.simulation.fast.rays import cast_on_outlines
@@ -142,6 +145,16 @@ class WithoutAllies(OracleFeed):
         self.take(guard, scan._replace(ranges_m=np.where(is_ally, np.nan, scan.ranges_m)), true)
 
 
+class WithoutNoise(OracleFeed):
+    """``noise``: the true ranges. What drops out, or stands too near to be measured, stays as it was."""
+
+    def scanned(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
+        """See :class:`OracleFeed`."""
+        is_measured = np.isfinite(scan.ranges_m) & (scan.ranges_m >= scan.lidar.range_min_m)
+        ranges_m = np.where(is_measured, true.ranges_m[0], scan.ranges_m)
+        self.take(guard, scan._replace(ranges_m=ranges_m), true)
+
+
 @dataclass(frozen=True)
 class MultiEchoLidar(LidarGeometry):
     """A LiDAR whose every beam is there ``echoes`` times, as in sensor_msgs/MultiEchoLaserScan.
@@ -253,11 +266,34 @@ class SeenThrough(OracleFeed):
         return self._lidars[echoes]
 
 
+def fused_by_identity(frame: Frame, truths: Sequence[TruthObject]) -> Frame:
+    """``fusion``: for each intruder one box about all boxes that touch it; others as fused.
+
+    A box that touches two intruders has a part in both of theirs.
+    """
+    assert frame.explanation is not None
+    kept = [(box, guard) for guard, view in enumerate(frame.explanation.views) for box in view.kept]
+    boxes, guards = [], []
+    for truth in truths:
+        own = [(box, guard) for box, guard in kept if touches(box, truth.box)]
+        if own:
+            corners = np.array([box for box, _ in own])
+            boxes.append(Box(*corners[:, :2].min(axis=0).tolist(), *corners[:, 2:].max(axis=0).tolist()))
+            guards.append(max(own, key=lambda one: one[0].area)[1])
+    for box, guard in zip(frame.detections, frame.robots, strict=True):
+        if not any(touches(box, truth.box) for truth in truths):
+            boxes.append(box)
+            guards.append(guard)
+    return replace(frame, detections=boxes, robots=guards)
+
+
 FEEDS: Mapping[Oracle, type[OracleFeed]] = {
     "pose": TruePoses,
     "delay": WithoutDelay,
     "allies": WithoutAllies,
     "occlusion": SeenThrough,
+    "sight": SeenThrough,
+    "noise": WithoutNoise,
 }
 """of each oracle of ``FED``"""
 

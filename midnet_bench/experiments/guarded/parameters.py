@@ -24,8 +24,21 @@ from midnet_bench.scoring.seams import NONE, pinned_metrics
 from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.settings import NetworkSettings, SimulationSettings
 
-Oracle = Literal["none", "pose", "map", "delay", "window", "marks", "allies", "occlusion"]
-FED: tuple[Oracle, ...] = ("pose", "delay", "allies", "occlusion")
+Oracle = Literal[
+    "none",
+    "pose",
+    "map",
+    "delay",
+    "window",
+    "marks",
+    "allies",
+    "occlusion",
+    "sight",
+    "noise",
+    "crop",
+    "fusion",
+]
+FED: tuple[Oracle, ...] = ("pose", "delay", "allies", "occlusion", "sight", "noise")
 """oracles under which the referee, not the guards, takes scans into the detection costmaps"""
 NO_SQUARE_M = 1e-6
 """side of an ally's square that no box can be equal to: a box has at least a cell"""
@@ -144,7 +157,9 @@ class GuardParameters(Parameters):
         "Which cause of error is taken from the detector alone, with the guards' motion as it is: true poses "
         "(pose), the prior map drawn from the walls (map), one more scan at the frame's instant (delay), a "
         "costmap that holds obstacle_range_m all round (window), local_map=single_scan (marks), beams on "
-        "guards void and no box removed (allies), intruders seen through (occlusion).",
+        "guards void and no box removed (allies), intruders seen through (occlusion), that and window "
+        "(sight), exact ranges (noise), "
+        "align=origin (crop), boxes fused by whose intruder they touch (fusion).",
     )
 
     prior: PriorMapSettings = group(PriorMapSettings(), "prior map")
@@ -185,6 +200,8 @@ class GuardParameters(Parameters):
                 f"oracle: {self.oracle} leaves no costmap for a network to carry; take map, window or marks, "
                 "or leave out the options of the network (message_delay_s and its like)"
             )
+        if self.oracle == "fusion" and self.detector != "midnet":
+            raise InputError("oracle: fusion goes with detector=midnet only: it fuses the guards' own boxes")
         # what several parts share may not suit each of them: tell that here, not in a trial
         _ = self.prior_costmap, self.guard_navigator, self.intruder_navigator
 
@@ -231,7 +248,7 @@ class GuardParameters(Parameters):
         )
         if self.oracle == "marks":
             return replace(costmap, memory="single_scan")
-        if self.oracle == "window":
+        if self.oracle in ("window", "sight"):
             # the range begins at the sensor, within the footprint, and ends with what is inflated there
             beyond_m = self.simulation.robot_model.footprint_reach_m + costmap.inflation_radius_m
             return replace(costmap, size_m=max(costmap.size_m, 2.0 * (costmap.obstacle_range_m + beyond_m)))
@@ -253,6 +270,8 @@ class GuardParameters(Parameters):
         midnet = self.midnet
         if self.oracle == "allies":
             midnet = replace(midnet, ally_diameter_m=NO_SQUARE_M, iou_ally=1.0)
+        if self.oracle == "crop":
+            midnet = replace(midnet, align="origin")
         if not self.deflate_boxes:
             return midnet
         return replace(midnet, deflate_boxes_m=self.local_costmap.reach_m(midnet.thresh_local))

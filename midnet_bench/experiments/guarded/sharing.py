@@ -75,6 +75,8 @@ def _without_idle_oracle(parameters: Guarded) -> Guarded:
         local = parameters.local_costmap
         costmap = replace(parameters.costmap, size_m=local.size_m, memory=local.memory)
         return replace(parameters, costmap=costmap, oracle="none")
+    if parameters.oracle == "crop":
+        return replace(parameters, midnet=replace(parameters.midnet, align="origin"), oracle="none")
     is_idle = (parameters.oracle == "allies" and parameters.robots == 1) or (
         parameters.oracle == "map" and parameters.prior_map == EXACT
     )
