@@ -50,7 +50,13 @@ def lost_at(
     if any(touches(box, truths[truth].box) for box in detections):
         return Cause("merged")
     causes = [_lost_by(truth, truths, view) for view in views]
-    return max(causes, key=lambda cause: _STAGE[cause.name], default=Cause(UNEXPLAINED))
+    return max(causes, key=_stage, default=Cause(UNEXPLAINED))
+
+
+def _stage(cause: Cause) -> int:
+    """How far a guard got it. A late box had passed every stage that a box beside it passes."""
+    is_box = cause.name == "delay" and cause.offset_m > 0.0
+    return _STAGE["pose_error" if is_box else cause.name]
 
 
 def _lost_by(truth: int, truths: Sequence[TruthObject], view: GuardView) -> Cause:
