@@ -43,6 +43,13 @@ SCENES = {
         [guard_view(truths=[HERE, BEHIND], beams={-1.0: (0.45, 1), 0.0: (0.45, 1), 45.0: (2.0, WALL)})],
         [HERE, BEHIND],
     ),
+    "occluded_outside_window": Scene(
+        Cause("occluded_outside_window", 0, "stationary 1"),
+        [guard_view(truths=[HERE, BEHIND], beams={0.0: (0.45, 1)}, window=Box.square(0.0, 0.0, 1.8))],
+        [HERE, BEHIND],
+    ),
+    "occluded_by_wall": one(Cause("occluded_by_wall", 0, "a wall"), beams={0.0: (0.5, WALL)}),
+    "occluded_by_guard": one(Cause("occluded_by_guard", 0, "guard 2"), beams={0.0: (0.5, ally(1))}),
     "between_beams": one(Cause("between_beams", 0), beams={-5.0: (0.5, WALL), 5.0: (0.5, WALL)}),
     "beyond_range": one(Cause("beyond_range", 0), MET, in_reach=False),
     "delay": one(Cause("delay", 0), beams={0.0: (0.95, 0)}),
@@ -91,11 +98,6 @@ def test_each_cause_in_a_scene_that_has_it_alone(name: str) -> None:
     assert_is(explained(scene), scene.expected)
 
 
-@pytest.mark.parametrize(("source", "by"), [(WALL, "a wall"), (ally(1), "guard 2"), (NOTHING, "")])
-def test_who_stands_before_it(source: int, by: str) -> None:
-    assert_is(explained(one(ANY, beams={0.0: (0.5, source)})), Cause("occluded", 0, by))
-
-
 def test_what_most_beams_meet_before_it_hides_it() -> None:
     beams = {-1.0: (0.5, WALL), 0.0: (0.5, ally(1)), 1.0: (0.5, ally(1))}
     assert explained(one(ANY, beams=beams)).by == "guard 2"
@@ -114,6 +116,11 @@ def test_an_intruder_about_the_sensor_is_not_hidden_by_what_is_beyond_it() -> No
     around = intruder(0.0, 0.0, side_m=0.4)
     view = guard_view(truths=[around], beams={0.0: (1.0, WALL), 90.0: (1.0, WALL)})
     assert lost_at(0, [around], [], [view]).name == "between_beams"
+
+
+def test_what_is_in_sight_now_outside_the_window_is_not_late() -> None:
+    scene = one(ANY, beams={0.0: (0.95, 0)}, window=Box.square(0.0, 0.0, 1.8))
+    assert_is(explained(scene), Cause("outside_window", 0))
 
 
 def test_an_intruder_that_has_moved_on_since_the_scan_is_late() -> None:
