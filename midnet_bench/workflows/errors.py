@@ -50,6 +50,8 @@ def explain(directory: str | Path, seed: int, frame: int, where: Sequence[str] =
         InputError: the trials were not recorded, several match, or there is no such trial or frame.
     """
     results = _of_seed(_recorded(directory, where), seed)
+    if "recorded" not in results.tables or results.tables["recorded"].empty:
+        raise InputError(f"{directory}: an oracle's frames are not kept; name oracle=none by --where")
     frames = results.tables["recorded"]
     chosen = frames[frames["frame"] == frame]
     if len(chosen) > 1:
@@ -131,13 +133,13 @@ def _recorded(directory: str | Path, where: Sequence[str]) -> Results:
         if value not in parts:
             raise InputError(f"--where {each}: the grid has no such value{nearest_name(value, list(parts))}")
         results = parts[value]
-    if "recorded" not in results.tables or results.tables["recorded"].empty:
+    if not any(name in results.tables and len(results.tables[name]) for name in ("recorded", "errors")):
         raise InputError(f"{directory}: its trials were not recorded; run them with --set record=true")
     return results
 
 
 def _of_seed(results: Results, seed: int) -> Results:
-    known = sorted(set(results.tables["recorded"]["seed"].tolist()))
+    known = sorted(set(results.table("frames")["seed"].tolist()))
     if seed not in known:
         raise InputError(f"seed: {seed} was not recorded; {results.directory} has {known[0]} to {known[-1]}")
     return results.of_seed(seed)
@@ -149,7 +151,7 @@ def _errors_of(results: Results) -> pd.DataFrame:
 
 
 def _places(results: Results) -> set[tuple[int, int]]:
-    rows = results.tables["recorded"]
+    rows = results.table("frames")
     return set(zip(rows["seed"].tolist(), rows["frame"].tolist(), strict=True))
 
 

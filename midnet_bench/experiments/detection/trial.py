@@ -179,7 +179,10 @@ class DetectionTrial(GuardedArena):
         rngs = [stream(self.seed, "sight", guard.name) for guard in self.guards]
         judge = Judge(test, node, self.lidars.noise(rngs))
         if test.record:
-            judge.recorder = Recorder(self, test.costmap.obstacle_range_m, Witness(self, node))
+            # the scene is that of the trial without an oracle, which has the frames
+            judge.recorder = Recorder(
+                self, test.costmap.obstacle_range_m, Witness(self, node), keeps_frames=test.oracle == "none"
+            )
         return judge
 
     def _all_in_sight(self, judge: Judge) -> list[bool]:

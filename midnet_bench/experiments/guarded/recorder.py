@@ -26,9 +26,19 @@ from midnet_bench.scoring.frame_counts import FrameMatch, TruthObject, truths_in
 class Recorder:
     """Of one detector of a trial: every frame, and with a witness each error and its cause."""
 
-    def __init__(self, trial: GuardedArena, range_m: float, witness: Witness | None = None) -> None:
-        """From now on; ``range_m``: up to which an intruder has to be found."""
+    def __init__(
+        self,
+        trial: GuardedArena,
+        range_m: float,
+        witness: Witness | None = None,
+        keeps_frames: bool = True,
+    ) -> None:
+        """From now on; ``range_m``: up to which an intruder has to be found.
+
+        ``keeps_frames``: whether the frames are wanted, beside the errors.
+        """
         self._trial, self._range_m = trial, range_m
+        self._keeps_frames = keeps_frames
         self._witness = witness
         self._frames: list[Row] = []
         self._errors: list[Row] = []
@@ -43,8 +53,9 @@ class Recorder:
         pursuers: Collection[Guard] = (),
     ) -> None:
         """The newest frame, of that number, with its explanation; ``pursuers``: who drives to a target."""
-        recorded = self._recorded(number, frame, truths, in_range, match, pursuers)
-        self._frames.append(recorded.to_row())
+        if self._keeps_frames:
+            recorded = self._recorded(number, frame, truths, in_range, match, pursuers)
+            self._frames.append(recorded.to_row())
         if self._witness is None:
             return
         missed, left_over = self._witness.causes(
@@ -60,8 +71,8 @@ class Recorder:
             self._errors.append({**row, "paper": kind == "false"})
 
     def tables(self) -> dict[str, list[Row]]:
-        """``recorded`` and, where there are any, ``errors``."""
-        return {FRAMES: self._frames, **({ERRORS: self._errors} if self._errors else {})}
+        """``recorded`` and ``errors``, those that have rows."""
+        return {name: rows for name, rows in ((FRAMES, self._frames), (ERRORS, self._errors)) if rows}
 
     def _guards_near(self, truths: Sequence[TruthObject], index: int) -> list[int]:
         """The guards whose usable range a truth is in, by its nearest point."""
