@@ -8,6 +8,8 @@ RUN := $(BIN)/midnet-bench
 JOBS ?= auto
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# pytest keeps the tests that it has rewritten only where Python may write such files
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: detection labyrinth smoke test test-all lint wheel api bench clean
 

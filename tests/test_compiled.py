@@ -34,17 +34,34 @@ def product(x):
 PRINT = "from midnet_bench.above import product; print(product(2.0)); from midnet_bench import compiled"
 
 
-@pytest.fixture
-def package(tmp_path: Path) -> Path:
-    """A package with our ``njit``: ``above`` calls ``below``, which takes a number of ``numbers``."""
-    folder = tmp_path / "place" / "midnet_bench"
+@pytest.fixture(scope="module")
+def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a package with our ``njit`` and ``kept``, the loops that its first process compiled.
+
+    ``above`` calls ``below``, which takes a number of ``numbers``.
+    """
+    place = tmp_path_factory.mktemp("compiled")
+    folder = place / "place" / "midnet_bench"
     folder.mkdir(parents=True)
     (folder / "__init__.py").write_text("")
     shutil.copy(PACKAGE / "compiled.py", folder)
     (folder / "numbers.py").write_text("FACTOR = 3.0\n")
     (folder / "below.py").write_text(BELOW)
     (folder / "above.py").write_text(ABOVE)
-    return folder
+    assert product(folder, place / "kept") == "6.0"
+    return place
+
+
+@pytest.fixture
+def package(compiled_once: Path, tmp_path: Path) -> Path:
+    """The package, for you to change."""
+    return Path(shutil.copytree(compiled_once / "place", tmp_path / "place")) / "midnet_bench"
+
+
+@pytest.fixture
+def kept(compiled_once: Path, tmp_path: Path) -> Path:
+    """Its compiled loops, for you to change."""
+    return Path(shutil.copytree(compiled_once / "kept", tmp_path / "kept"))
 
 
 def product(package: Path, kept: Path | str, more: str = "", cwd: Path | None = None) -> str:
@@ -56,6 +73,8 @@ def product(package: Path, kept: Path | str, more: str = "", cwd: Path | None = 
             **os.environ,
             "PYTHONPATH": str(package.parent),
             "PYTHONSAFEPATH": "1",
+            # else a source that was changed within a second is taken for the one before
+            "PYTHONDONTWRITEBYTECODE": "1",
             "NUMBA_CACHE_DIR": str(kept),
         },
         capture_output=True,
@@ -69,10 +88,7 @@ def compiled_files(folder: Path) -> set[Path]:
     return set(folder.rglob("*.nbc"))
 
 
-def test_a_change_in_a_callee_or_in_a_number_changes_the_result_and_back(package: Path) -> None:
-    kept = package.parent.parent / "kept"
-    assert product(package, kept) == "6.0"
-
+def test_a_change_in_a_callee_or_in_a_number_changes_the_result_and_back(package: Path, kept: Path) -> None:
     below = package / "below.py"
     below.write_text(BELOW.replace("numbers.FACTOR * x", "numbers.FACTOR + x"))
     assert product(package, kept) == "5.0"
@@ -87,9 +103,7 @@ def test_a_change_in_a_callee_or_in_a_number_changes_the_result_and_back(package
     assert compiled_files(kept) == before  # the first machine code was found again
 
 
-def test_sources_that_no_loop_uses_cost_no_compilation(package: Path, tmp_path: Path) -> None:
-    kept = tmp_path / "kept"
-    product(package, kept)
+def test_sources_that_no_loop_uses_cost_no_compilation(package: Path, kept: Path) -> None:
     before = compiled_files(kept)
     (package / "other.py").write_text("x = 1\n")
     product(package, kept)
@@ -97,24 +111,21 @@ def test_sources_that_no_loop_uses_cost_no_compilation(package: Path, tmp_path: 
     assert compiled_files(kept) == before
 
 
-def test_the_same_sources_elsewhere_share_what_is_compiled(package: Path, tmp_path: Path) -> None:
-    kept = tmp_path / "kept"
+def test_the_same_sources_elsewhere_share_what_is_compiled(package: Path, kept: Path) -> None:
+    before = compiled_files(kept)  # of another folder
     product(package, kept)
-    before = compiled_files(kept)
-    other = tmp_path / "other" / "midnet_bench"
-    shutil.copytree(package, other)
-    product(other, kept)
+    assert before
     assert compiled_files(kept) == before
 
 
-def test_a_damaged_file_is_compiled_anew(package: Path, tmp_path: Path) -> None:
-    kept = tmp_path / "kept"
-    product(package, kept)
+@pytest.mark.slow
+def test_a_damaged_file_is_compiled_anew(package: Path, kept: Path) -> None:
     for number, path in enumerate(sorted(kept.rglob("*.nb?"))):
         path.write_bytes(path.read_bytes()[: 10 * number])
     assert product(package, kept) == "6.0"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
 def test_without_a_folder_that_can_be_written_a_temporary_one_goes_with_the_process(
     package: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -129,6 +140,7 @@ def test_without_a_folder_that_can_be_written_a_temporary_one_goes_with_the_proc
     assert list(temporary.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_nowhere_to_write_is_said_once_and_changes_nothing(package: Path) -> None:
     # a process and one that it starts; tempfile finds no folder because none is left to it
     more = (
@@ -160,6 +172,7 @@ def test_nowhere_to_write_is_said_once_and_changes_nothing(package: Path) -> Non
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_numba_takes_nothing_from_the_working_folder(package: Path, tmp_path: Path) -> None:
     hostile = tmp_path / "hostile"
     hostile.mkdir()

@@ -102,7 +102,12 @@ def test_placed_intruders_come_before_drawn_ones(tmp_path) -> None:
         ({}, 1, -1, "intruders: must not be negative"),
         ({}, 40, None, "robots: 40 starts"),
         ({}, 20, None, "at most 5 robots"),
-        ({"stationary_intruders": {"count": 30}}, 1, None, "stationary_intruders.count: no room for 30"),
+        (
+            {"stationary_intruders": {"count": 30, "size_m": [2.0, 2.0]}},
+            1,
+            None,
+            "stationary_intruders.count: no room for 30",
+        ),
         ({"mobile_intruders": {"clear_of_robots_m": 20.0}}, 1, 1, "mobile_intruders: no room for 1"),
         ({"robots": {"center_m": (2.9, 0.0)}}, 1, 0, "robots: 1 starts"),
     ],

@@ -120,6 +120,7 @@ def test_a_cluster_gives_the_same_bytes_as_this_machine(tmp_path: Path, schedule
     assert exported(tmp_path / "cluster") == exported(tmp_path / "here")
 
 
+@pytest.mark.slow
 def test_an_experiment_in_a_file_runs_in_a_cluster(tmp_path: Path, scheduler: str) -> None:
     (tmp_path / "rolling.yaml").write_text("{experiment: dice.py:DICE, trials: 2}")
     shutil.copy(dice.__file__, tmp_path / "dice.py")
@@ -131,6 +132,7 @@ def test_an_experiment_in_a_file_runs_in_a_cluster(tmp_path: Path, scheduler: st
     assert run_campaign(campaign, tmp_path / "cluster", jobs=2).ran == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("experiment", "parameters"),
     [
@@ -158,6 +160,7 @@ def test_parts_in_a_file_travel_to_the_cluster_s_workers(
     assert not (tmp_path / "cluster" / "failures.csv").exists()
 
 
+@pytest.mark.slow
 def test_a_campaign_begun_here_goes_on_in_a_cluster(tmp_path: Path, scheduler: str) -> None:
     run(tmp_path, None, trials=1)
     run(tmp_path, scheduler, trials=3)
@@ -166,6 +169,7 @@ def test_a_campaign_begun_here_goes_on_in_a_cluster(tmp_path: Path, scheduler: s
     assert exported(tmp_path) == exported(tmp_path / "here")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("trouble", "last_line"),
     [

@@ -153,6 +153,7 @@ class Stopping(Listener):
         raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 def test_a_million_trials_of_each_cell_begin_at_once_and_go_on(tmp_path: Path) -> None:
     for done in (0, 1):
         listener, cpu_s = Stopping(), time.process_time()

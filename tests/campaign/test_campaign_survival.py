@@ -166,7 +166,10 @@ def processor_time(pid: int) -> int:
     return int(fields[11]) + int(fields[12])
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number",
+    [signal.SIGINT, *(pytest.param(one, marks=pytest.mark.slow) for one in (signal.SIGTERM, signal.SIGHUP))],
+)
 def test_one_interrupt_keeps_what_is_finished_and_says_how_to_go_on(
     tmp_path: Path, number: signal.Signals
 ) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.compiled import folder
-from tests.cli.command import REPOSITORY
+from tests.cli.command import REPOSITORY, midnet_bench
 
 MODULES = (
     "signal",
@@ -52,18 +52,25 @@ def ran(folder: Path, *before: str, **environment: str) -> tuple[dict[str, bytes
     )
     assert done.returncode == 0, done.stderr
     results = folder / "results" / "small"
-    found = {
+    return files_in(results), done.stderr
+
+
+def files_in(results: Path) -> dict[str, bytes]:
+    return {
         path.name: path.read_bytes()
         for path in sorted(results.iterdir())
         if path.suffix in (".csv", ".md", ".tex", ".png", ".svg")
         and path.stem not in ("timing", "labyrinth_speed")
     }
-    return found, done.stderr
 
 
 @pytest.fixture(scope="module")
 def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    found, _ = ran(tmp_path_factory.mktemp("elsewhere"))
+    folder = tmp_path_factory.mktemp("elsewhere")
+    (folder / "small.yaml").write_text(CAMPAIGN)
+    done = midnet_bench("run", "small.yaml", "--jobs", 2, folder=folder)
+    assert done.returncode == 0, done.stderr
+    found = files_in(folder / "results" / "small")
     assert any(name.endswith(".svg") for name in found)
     return found
 

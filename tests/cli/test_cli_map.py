@@ -81,11 +81,13 @@ def test_an_exploration_is_drawn(explored: Path) -> None:
 
 
 @pytest.mark.slow
-def test_an_exploration_is_filmed_in_real_time(explored: Path) -> None:
-    run = ("map", "rooms.yaml", "--robots", 2, "-o", "filmed")
-    assert midnet_bench(*run, folder=explored.parent).returncode == 0
-    folder = explored.parent / "filmed"
-    assert (folder / "map.pgm").read_bytes() == (explored / "map.pgm").read_bytes()
+def test_an_exploration_is_filmed_in_real_time(tmp_path: Path) -> None:
+    write_arena(tmp_path)
+    run = ("map", "rooms.yaml", "--robots", 2, "--set", "time_limit_s=4")
+    for options in (("-o", "filmed"), ("-o", "alone", "--no-clip")):
+        assert midnet_bench(*run, *options, folder=tmp_path).returncode == 0
+    folder = tmp_path / "filmed"
+    assert (folder / "map.pgm").read_bytes() == (tmp_path / "alone" / "map.pgm").read_bytes()
     film = cv2.VideoCapture(str(folder / "growth.mp4"))
     assert film.get(cv2.CAP_PROP_FRAME_WIDTH) == 1280
     seconds = film.get(cv2.CAP_PROP_FRAME_COUNT) / film.get(cv2.CAP_PROP_FPS)

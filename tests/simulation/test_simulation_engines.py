@@ -26,6 +26,7 @@ def test_a_trials_parameters_name_the_engine_only_where_it_is_not_bullet() -> No
     assert DetectionParameters.of(engine="fast").flat()["engine"] == "fast"
 
 
+@pytest.mark.slow
 def test_a_trial_on_fast_runs_where_pybullet_cannot_be_imported() -> None:
     program = (
         "import sys; sys.modules['pybullet'] = None\n"

@@ -71,7 +71,7 @@ def check_campaign(directory: Path) -> None:
         "labyrinth",
         "capture",
         "mapping",
-        "calibration",
+        pytest.param("calibration", marks=pytest.mark.slow),
         "calibration-sizes",
         "readings",
         "robustness",
