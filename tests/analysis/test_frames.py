@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from midnet_bench.analysis.frames import load_results
+from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.provenance import collect
@@ -73,22 +73,24 @@ def test_store_and_files_give_the_same_data_frames(tmp_path: Path, kind: str) ->
     else:
         write_report(tmp_path)
     (tmp_path / "campaign.sqlite").unlink()
-    plain = load_results(tmp_path)
+    check_same(load_results(tmp_path), stored, frames)
     for path in tmp_path.glob("*.csv"):
         path.with_name(f"{path.name}.gz").write_bytes(gzip.compress(path.read_bytes()))
         path.unlink()
-    packed = load_results(tmp_path)
+    read = load_results(tmp_path)
+    check_same(read, stored, frames)
+    assert kind == "odd" or read.provenance == stored.provenance
+    assert (len(read.failures) > 0) == (kind != "detection")
 
-    for read in (plain, packed):
-        assert read.definition == stored.definition
-        assert kind == "odd" or read.provenance == stored.provenance
-        assert set(frames) - {"empty"} == set(read.tables)
-        for name in read.tables:
-            pd.testing.assert_frame_equal(read.tables[name], frames[name], check_exact=True)
-        pd.testing.assert_frame_equal(read.timing, stored.timing, check_exact=True)
-        pd.testing.assert_frame_equal(read.failures, stored.failures)
-        assert read.finished == stored.finished > 0
-        assert (len(read.failures) > 0) == (kind != "detection")
+
+def check_same(read: Results, stored: Results, frames: dict[str, pd.DataFrame]) -> None:
+    assert read.definition == stored.definition
+    assert set(frames) - {"empty"} == set(read.tables)
+    for name in read.tables:
+        pd.testing.assert_frame_equal(read.tables[name], frames[name], check_exact=True)
+    pd.testing.assert_frame_equal(read.timing, stored.timing, check_exact=True)
+    pd.testing.assert_frame_equal(read.failures, stored.failures)
+    assert read.finished == stored.finished > 0
 
 
 def test_factors_keep_their_types_and_floats_their_digits(tmp_path: Path) -> None:

@@ -126,7 +126,7 @@ def test_an_intruder_behind_a_barred_door_is_seen_and_one_beside_it_is_not(tmp_p
 
 
 def test_no_room_for_a_layout_and_no_place_to_patrol_are_faults(tmp_path: Path) -> None:
-    write(tmp_path, stationary_intruders={"count": 60, "size_m": [2.0, 2.0]})
+    write(tmp_path, stationary_intruders={"count": 60, "clear_of_robots_m": 5.0})
     done = midnet_bench("arena", "check", "rooms.yaml", folder=tmp_path)
     assert done.returncode == 1
     assert "stationary_intruders.count: no room for 60 with seed 1" in done.stdout

@@ -228,7 +228,7 @@ def test_a_part_that_is_not_there_is_one_line(
             ("scores.csv", "frames.csv"),
         ),
         (
-            f"labyrinth {' '.join(CHASE)} --robots 3 --intruders 3 --trials 4 --jobs 1 "
+            f"labyrinth {' '.join(CHASE)} --robots 3 --intruders 3 --trials 8 --jobs 1 "
             "--pursuit mine.py:First",
             ("trial.csv", "intruders.csv"),
         ),
