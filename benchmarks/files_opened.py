@@ -72,7 +72,7 @@ def midnet_frame() -> set[str]:
     world = ("World.step", "World.drive", "World.velocities", "ImuSensors.read")
     noted = ("HealthTracker.update", "Standstill.update")
     rest = ("DetectionTrial.__init__", "RobotTrial.rows_of_robots", "RobotTrial.__exit__")
-    with traced(lambda code: code.co_name == "frames", (*driving, *world, *noted, *rest)) as opened:
+    with traced(lambda code: code.co_name == "advance", (*driving, *world, *noted, *rest)) as opened:
         run_detection(parameters, seed=1)
     return opened
 

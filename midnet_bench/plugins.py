@@ -116,6 +116,8 @@ def _from_package(place: str, reference: str) -> ModuleType:
 
 def _read(path: Path, reference: str) -> bytes:
     try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise InputError(f"{reference}: {path} is no file; give one with Python code")
         return path.read_bytes()
     except OSError as error:
         raise InputError(f"{reference}: {path} cannot be read: {error.strerror}") from error

@@ -1,5 +1,7 @@
 """References to objects in packages and in files."""
 
+import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -61,3 +63,10 @@ def test_a_wrong_reference_is_one_line_that_begins_with_it(
     assert message.startswith(f"{reference}: ")
     assert says in message
     assert "\n" not in message
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_what_is_no_file_is_refused_at_once(tmp_path: Path, make: Callable[[Path], None]) -> None:
+    make(tmp_path / "mine.py")
+    with pytest.raises(InputError, match=r"mine\.py is no file; give one with Python code"):
+        load_reference(f"{tmp_path / 'mine.py'}:Mine")
