@@ -114,6 +114,8 @@ class GuardView(NamedTuple):
     """(k, 2) columns and rows from a mark's cell to the cells that have the cost that counts"""
     found: Sequence[Box]
     """the boxes that it found"""
+    deflated_m: float
+    """what was taken off each side of them as soon as they were found"""
     taken: Sequence[int | None]
     """for each of them the index of the ally that it was removed for"""
     centers_at_scan: Floats

@@ -58,13 +58,16 @@ def made_of(detection: Box, finder: int, truths: Sequence[TruthObject], views: V
     # as it was found; or, where a fusion made a new one, those that it was made of
     same = [(views[finder], box) for box in views[finder].found if box == detection]
     parts = same or [(view, box) for view in views for box in view.found if touches(box, detection)]
+    if views[finder].d is None:  # of what it was made is not known
+        parts = [(views[finder], detection)]
     made = [(view, *_marks_of(box, view)) for view, box in parts]
     if not any(votes.any() for _, _, votes in made):
         return Cause(UNEXPLAINED, finder)
     view, marks, votes = max(made, key=lambda part: int(part[2].sum()))
     source = max(np.unique(marks.source).tolist(), key=lambda each: int(votes[marks.source == each].sum()))
     own = marks.where((marks.source == source) & (votes > 0))
-    name, offset_m = _what(source, own, truths, view)
+    is_deflated = source >= 0 and touches(detection.shrunk(-view.deflated_m), truths[source].box)
+    name, offset_m = ("deflated", view.deflated_m) if is_deflated else _what(source, own, truths, view)
     return Cause(name, view.guard, source_name(source, truths), float(own.age_s.min()), offset_m)
 
 
@@ -73,6 +76,7 @@ def _marks_of(box: Box, view: GuardView) -> tuple[Marks, Ints]:
     if not len(view.marks.source):
         return view.marks, np.zeros(0, dtype=np.int64)
     places = view.marks.believed + view.shift_m
+    box = box.shrunk(-view.deflated_m)
     wide = box.shrunk(-view.reach_m)
     x, y = places[:, 0], places[:, 1]
     near = (x >= wide.x_min) & (x <= wide.x_max) & (y >= wide.y_min) & (y <= wide.y_max)
@@ -105,6 +109,8 @@ def _what(source: int, own: Marks, truths: Sequence[TruthObject], view: GuardVie
     has_left = all(truth.box.distance_to_point(*point) > view.reach_m for point in own.true.tolist())
     if has_left and not own.is_newest.any():
         return "intruder_trail", float(lengths(own.true - truth.center).min())
+    if view.prior is None:
+        return UNEXPLAINED, 0.0
     name, offset_m = beside(source, truths, own, view)
     return _BESIDE[name], offset_m
 

@@ -85,10 +85,13 @@ def _lost_by(truth: int, truths: Sequence[TruthObject], view: GuardView) -> Caus
         left = cells_about(view.d, places, view.reach_m)
         if not len(left):
             return Cause("under_prior", view.guard, age_s=age_s)
-        boxes = [k for k, box in enumerate(view.found) if _inside(box, left).any()]
+        whole = [box.shrunk(-view.deflated_m) for box in view.found]
+        boxes = [k for k, box in enumerate(whole) if _inside(box, left).any()]
         if not boxes:
             return Cause("too_small", view.guard, age_s=age_s)
     on_it = [k for k in boxes if touches(view.found[k], truths[truth].box)]
+    if not on_it and any(touches(view.found[k].shrunk(-view.deflated_m), truths[truth].box) for k in boxes):
+        return Cause("deflated", view.guard, age_s=age_s, offset_m=view.deflated_m)
     if not on_it:
         name, offset_m = beside(truth, truths, returns, view)
         return Cause(_BESIDE[name], view.guard, age_s=age_s, offset_m=offset_m)

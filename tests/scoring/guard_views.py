@@ -72,6 +72,7 @@ def guard_view(
     cleared: Box | None = None,
     window: Box | None = None,
     min_area_cells: int = 1,
+    deflated_m: float = 0.0,
     beams: Mapping[float, tuple[float, int]] | None = None,
     in_reach: bool = True,
     taken: Mapping[int, int] | None = None,
@@ -89,6 +90,7 @@ def guard_view(
         cleared: where marks were cleared again.
         window: the costmap before that shift; else larger than the prior map.
         min_area_cells: of MIDNet.
+        deflated_m: taken off each side of the boxes.
         beams: as :func:`sight` takes them.
         in_reach: whether the returns of the last scan are within the obstacle range.
         taken: box -> the ally that it was removed for, by index.
@@ -118,7 +120,8 @@ def guard_view(
             if a.contains_cell(column, row):
                 a.data[row, column] = OCCUPIED
     d = foreground(a.data, common_occupancy(a.data, prior.data))
-    found = [Box._make(box) for box in bounding_boxes(d, (0, 0), prior, min_area_cells).tolist()]
+    boxes = bounding_boxes(d, (0, 0), prior, min_area_cells).tolist()
+    found = [Box._make(box).shrunk(deflated_m) for box in boxes]
     newest = marks.where(marks.is_newest)
 
     def of(source: int) -> tuple[Marks, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
@@ -139,6 +142,7 @@ def guard_view(
         d=a.with_data(d) if detects else None,
         prior=prior if detects else None,
         disc=DISC,
+        deflated_m=deflated_m,
         found=found if detects else [],
         taken=[(taken or {}).get(k) for k in range(len(found))] if detects else [],
         centers_at_scan=np.array(centers, dtype=np.float64).reshape(-1, 2),

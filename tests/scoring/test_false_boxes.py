@@ -53,6 +53,9 @@ SCENES = {
     "misplaced_by_noise": scene(
         Cause("misplaced_by_noise", 0, "intruder 1", 0.1, 0.3), returns(0, SEEN, noise=(-0.3, 0.0))
     ),
+    "deflated": scene(
+        Cause("deflated", 0, "intruder 1", 0.1, 0.1), returns(0, SEEN, pose=(0.0, 0.05)), deflated_m=0.1
+    ),
     "rim": scene(Cause("rim", 0, "intruder 1", 0.1), returns(0, SEEN), walls=[Box(0.9, -0.2, 1.2, 0.2)]),
     "ally_trail": scene(
         Cause("ally_trail", 0, "guard 2", 3.0),
@@ -170,10 +173,29 @@ def test_a_box_that_no_guard_found_is_unexplained() -> None:
     assert_is(made_of(box, 0, [], [empty]), Cause(UNEXPLAINED, 0))
 
 
-def test_a_box_of_another_detector_on_an_intruder_is_a_fragment_and_elsewhere_unexplained() -> None:
+@pytest.mark.parametrize(
+    ("source", "is_newest", "expected"),
+    [
+        (ally(1), True, Cause("ally_left", 0, "guard 2", 0.1)),
+        (ally(1), False, Cause("ally_trail", 0, "guard 2", 0.1)),
+        (0, False, Cause("intruder_trail", 0, "intruder 1", 0.1, 2.0)),
+        # which error put it there its returns alone do not say
+        (0, True, Cause(UNEXPLAINED, 0, "intruder 1", 0.1)),
+        (WALL, True, Cause(UNEXPLAINED, 0, "a wall", 0.1)),
+    ],
+)
+def test_of_another_detectors_boxes_allies_and_trails_are_told(
+    source: int, is_newest: bool, expected: Cause
+) -> None:
+    view = guard_view(returns(source, (1.0, 0.0), is_newest=is_newest), truths=[FAR], detects=False)
+    assert_is(made_of(Box.square(1.0, 0.0, 0.2), 0, [FAR], [view]), expected)
+    # a box where it met nothing
+    assert_is(made_of(Box.square(0.0, 1.0, 0.2), 0, [FAR], [view]), Cause(UNEXPLAINED, 0))
+
+
+def test_a_box_of_another_detector_on_an_intruder_is_a_fragment() -> None:
     view = guard_view(returns(0, SEEN), truths=[HERE], detects=False)
-    assert made_of(Box.square(1.0, 0.0, 0.2), 0, [HERE], [view]).name == "fragment"
-    assert made_of(Box.square(0.5, 0.5, 0.2), 0, [HERE], [view]).name == UNEXPLAINED
+    assert_is(made_of(Box.square(1.0, 0.0, 0.2), 0, [HERE], [view]), Cause("fragment", 0, "intruder 1"))
 
 
 def test_a_box_on_two_intruders_is_a_fragment_of_the_first() -> None:

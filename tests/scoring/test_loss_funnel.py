@@ -64,6 +64,11 @@ SCENES = {
     ),
     "under_prior": one(Cause("under_prior", 0, age_s=0.1), MET, walls=[COVERING]),
     "too_small": one(Cause("too_small", 0, age_s=0.1), MET, min_area_cells=100),
+    "deflated": one(
+        Cause("deflated", 0, age_s=0.1, offset_m=0.1),
+        returns(0, SEEN, pose=(0.0, 0.05)),
+        deflated_m=0.1,
+    ),
     "pose_error": one(
         Cause("pose_error", 0, age_s=0.1, offset_m=0.3), returns(0, SEEN, pose=(0.0, 0.3)), beams={}
     ),
@@ -158,6 +163,17 @@ def test_the_largest_error_without_which_it_had_been_found_counts(
 ) -> None:
     scene = one(expected, returns(0, SEEN, pose=(0.0, pose_m)), shift_cells=(0, crop_cells))
     assert_is(explained(scene), expected)
+
+
+def test_a_box_that_lies_beside_it_is_no_matter_of_shrinking() -> None:
+    scene = one(ANY, returns(0, SEEN, pose=(0.0, 0.3)), deflated_m=0.1)
+    assert explained(scene).name == "pose_error"
+
+
+def test_a_box_that_was_shrunk_off_the_cells_of_its_returns_is_not_too_small() -> None:
+    """The prior map leaves two rims of one contour, and what is left of its box lies between them."""
+    scene = one(ANY, MET, walls=[Box(0.9, -0.1, 1.1, 0.1)], deflated_m=0.1)
+    assert explained(scene).name == "deflated"
 
 
 def test_the_guard_that_got_it_farthest_decides() -> None:

@@ -48,8 +48,11 @@ ON_SURFACE_M = 0.005
 class NotedScan:
     """One scan of one guard, and the world at that instant."""
 
-    def __init__(self, trial: GuardedArena, scan: Scan, true: beams_met.TrueScan) -> None:
-        """``true``: what its beams met, of this one LiDAR."""
+    def __init__(
+        self, trial: GuardedArena, scan: Scan, true: beams_met.TrueScan, corner: tuple[int, int]
+    ) -> None:
+        """``true``: what its beams met, of this one LiDAR; ``corner``: column and row of the costmap then."""
+        self.corner = corner
         self.time_s = scan.stamp_s
         self.ranges_m = scan.ranges_m
         self.sensor = scan.pose.compose(scan.lidar.mount)
@@ -69,7 +72,7 @@ class NotedScan:
     @cached_property
     def believed(self) -> Floats:
         """(beams, 2) where the guard put each return, map frame, metres."""
-        return self._ends(self.sensor[:2], self._believed_directions, self.ranges_m)
+        return self._ends(self.sensor[:2], self.believed_directions, self.ranges_m)
 
     @cached_property
     def at_true_pose(self) -> Floats:
@@ -79,7 +82,7 @@ class NotedScan:
     @cached_property
     def at_true_range(self) -> Floats:
         """(beams, 2) where it had put them without noise."""
-        return self._ends(self.sensor[:2], self._believed_directions, self._true_ranges_m)
+        return self._ends(self.sensor[:2], self.believed_directions, self._true_ranges_m)
 
     @cached_property
     def true(self) -> Floats:
@@ -101,7 +104,8 @@ class NotedScan:
         return np.flatnonzero((self.ranges_m >= low) & (self.ranges_m < range_m))
 
     @cached_property
-    def _believed_directions(self) -> Floats:
+    def believed_directions(self) -> Floats:
+        """(beams, 2) unit vectors, map frame, by the guard's own heading."""
         c, s = cos_sin(self.sensor.yaw)
         x, y = self.lidar.directions.T
         return np.stack((c * x - s * y, s * x + c * y), axis=1)
@@ -194,7 +198,8 @@ class Witness:
     def _note(self, guard: Guard, scan: Scan, true: beams_met.TrueScan) -> None:
         number = self._counts[guard.index]
         self._counts[guard.index] += 1
-        self._scans[guard.index][number] = NotedScan(self._trial, scan, true)
+        layer = self._node.costmaps[guard.index].layer
+        self._scans[guard.index][number] = NotedScan(self._trial, scan, true, (layer.column, layer.row))
         if number % FORGET_EVERY == 0:
             self._forget(guard.index)
 
@@ -207,7 +212,7 @@ class Witness:
             if scan is None or scan.time_s < oldest_s:
                 continue
             beams = scan.reached(self._settings.obstacle_range_m)
-            columns, rows = self._cells(scan.believed[beams])
+            columns, rows = self._cells(scan, beams)
             on = self._is_on(columns, rows)
             place = guard, rows[on], columns[on]
             self._scan[place] = number
@@ -229,10 +234,17 @@ class Witness:
             kept = {number: scan for number, scan in scans.items() if scan.time_s >= oldest_s}
         self._scans[guard] = kept
 
-    def _cells(self, points: Floats) -> tuple[Ints, Ints]:
-        """(columns, rows) in the witness's own arrays."""
+    def _cells(self, scan: NotedScan, beams: Ints) -> tuple[Ints, Ints]:
+        """(columns, rows) in the witness's own arrays of the ends of some beams of a scan.
+
+        Rounded step by step as the obstacle layer does it: a return may lie on the edge of a cell.
+        """
         origin, resolution = self._node.prior.origin, self._settings.resolution
-        cells = np.floor((points - origin) / resolution).astype(np.int64) + self._margin
+        corner = np.array(scan.corner)
+        sensor = (np.array(scan.sensor[:2]) - origin) / resolution - corner
+        reaches = scan.ranges_m[beams, None] / resolution
+        ends = sensor + reaches * scan.believed_directions[beams]
+        cells = np.floor(ends).astype(np.int64) + corner + self._margin
         return cells[:, 0], cells[:, 1]
 
     def marks(self, guard: int) -> Marks:
@@ -287,6 +299,11 @@ class Witness:
     def reach_m(self) -> float:
         """How far from a mark's cell a cell has the cost that counts, metres."""
         return float(lengths(self.disc.astype(np.float64)).max()) * self._settings.resolution
+
+    @property
+    def deflated_m(self) -> float:
+        """What is taken off each side of a box as soon as it is found, metres."""
+        return self._node.midnet.settings.deflate_boxes_m
 
     @property
     def prior(self) -> OccupancyGrid:
@@ -369,12 +386,14 @@ class _Views:
         witness, explanation = self._witness, self._frame.explanation
         window, shift_m = witness.costmap_window(guard), (0.0, 0.0)
         a = d = prior = None
+        deflated_m = 0.0
         found: list[Box] = []
         taken: dict[Box, int] = {}
         if explanation is not None:
             view = explanation.views[guard]
             a, d, prior, found = view.a, view.d, witness.prior, view.found
             shift_m = witness.shift_m(guard, view.crop)
+            deflated_m = witness.deflated_m
             taken = {
                 removed.detection.box: removed.ally
                 for removed in explanation.removed
@@ -394,6 +413,7 @@ class _Views:
             prior=prior,
             disc=witness.disc,
             found=found,
+            deflated_m=deflated_m,
             taken=[taken.get(box) for box in found],
             centers_at_scan=witness.centers_at_scan(guard),
         )
