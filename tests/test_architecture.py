@@ -41,6 +41,7 @@ FLOORS = [
     {"campaign"},
     {"analysis"},
     {"drawing"},
+    {"page"},
     {"experiments"},
     {"workflows"},
     {"cli"},

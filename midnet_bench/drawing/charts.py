@@ -10,11 +10,13 @@ from matplotlib import rc_context
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
 
 from midnet_bench.analysis.statistics import Estimate
+from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.drawing.plots import own_style
 
 DPI = 200
@@ -89,6 +91,37 @@ def light_grid(axes: Axes) -> None:
     axes.grid(axis="y", color="#dddddd", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def drawn_data(name: str, figure: Figure) -> Table:
+    """What a figure shows, as a table: a row for each point of each line, with its interval if it has one.
+
+    ``at`` is the label of the nearest tick where points are set apart along x, else the place itself.
+    """
+    rows: list[Mapping[str, Cell]] = []
+    for axes in figure.axes:
+        panel = ", ".join(filter(None, (axes.get_title() or axes.get_title("left"), axes.get_ylabel())))
+        bars = [one for one in axes.containers if isinstance(one, ErrorbarContainer)]
+        drawn = [(one.lines[0], str(one.get_label()), one.lines[2]) for one in bars]
+        labels = {line: str(line.get_label()) for line in axes.lines}
+        drawn += [(line, text, ()) for line, text in labels.items() if not text.startswith("_") and not bars]
+        ticks = dict(zip(axes.get_xticks(), (one.get_text() for one in axes.get_xticklabels()), strict=False))
+        for line, label, intervals in drawn:
+            ends = [np.asarray(segment) for one in intervals for segment in one.get_segments()]
+            for number, (x, y) in enumerate(np.asarray(line.get_xydata()).tolist()):
+                tick = min(ticks, key=lambda place: abs(place - x)) if bars and ticks else None
+                row: dict[str, Cell] = {
+                    "panel": panel,
+                    "series": "" if label.startswith("_") else label,
+                    "at": f"{x:g}" if tick is None else ticks[tick].replace("\n", " ") or f"{tick:g}",
+                    "value": y,
+                }
+                # a point without an interval has an empty bar
+                if number < len(ends) and ends[number].ndim == 2:
+                    low, high = ends[number][:, 1].min(), ends[number][:, 1].max()
+                    row |= {"low": float(low), "high": float(high)}
+                rows.append(row)
+    return Table(f"{name}_data", f"Data of {name}", rows)
 
 
 def labelled(axes: Axes) -> tuple[list[Artist], list[str]]:

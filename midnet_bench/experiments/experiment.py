@@ -5,7 +5,7 @@ An experiment of your own is a Python file with such a record in it. A campaign 
 by an entry point of the group ``midnet_bench.experiments``.
 """
 
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from midnet_bench.campaign.columns import Tables
     from midnet_bench.campaign.trial import TrialResult
     from midnet_bench.io.parameters import Parameters
+    from midnet_bench.page.recording import Recording
 
 WANTED_LOW = ("_s", "_m", "_switches", "never_detected")
 """how names of metrics end of which less is better"""
@@ -69,6 +70,9 @@ class Experiment:
     """what a paper states, checked against the results, for ``verify``"""
     measures: "Callable[[Results], Measures] | None" = None
     """the main scores, for ``compare`` and ``plot --x``"""
+    recordings: "Callable[[Results], Iterable[Recording]]" = _nothing
+    """the recorded trials, for the player of ``report.html``: each is made when it is asked for; nobody asks
+    where trials have no table ``recorded``"""
     lower_is_better: tuple[str, ...] = ()
     """those of the main scores that are the better the lower they are"""
     ranked_by: tuple[str, ...] = ()

@@ -1,10 +1,11 @@
-"""What is made of a campaign's results: CSV files, tables, figures."""
+"""What is made of a campaign's results: CSV files, tables, figures, and a page with all of them."""
 
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from midnet_bench import __version__
 from midnet_bench.analysis.claims import verdict_table
 from midnet_bench.analysis.frames import CONFIGURATION, PROVENANCE, Results, load_results, results_of
 from midnet_bench.analysis.tables import Table
@@ -17,10 +18,19 @@ from midnet_bench.workflows.sweeps import sweep, sweeps
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from midnet_bench.page.page import Picture
+
+PAGE = "report.html"
+RECORDED = "recorded"
+"""the table of trials that were recorded"""
+COUNTERFACTUALS = "counterfactuals"
+"""the table that has a chapter of its own"""
+
 
 def write_report(directory: str | Path, drawn_from: int = 1) -> tuple[Results, list[Table]]:
-    """Write CSV files, tables, figures, verdicts, configuration and provenance into a campaign's folder.
+    """Write CSV files, tables, figures, verdicts, configuration, provenance and ``report.html``.
 
+    All of them go into the campaign's folder.
     Without a store the tables and figures are made of the CSV files that are there.
 
     Args:
@@ -44,15 +54,47 @@ def write_report(directory: str | Path, drawn_from: int = 1) -> tuple[Results, l
     record = experiment_of(results)
     tables = list(record.tables(results))
     found = record.claims(results)
-    for table in [*tables, verdict_table(found)] if found else tables:
+    claims = verdict_table(found) if found else None
+    for table in [*tables, claims] if claims else tables:
         table.write(directory)
+    pictures: list[Picture] = []
+    swept: list[Picture] = []
     if results.finished >= drawn_from:
-        _write_figures(record.figures(results), directory)
-        _write_sweeps(sweeps(results), directory)
+        pictures, swept = _drawn(record.figures(results)), _swept(sweeps(results))
+        _write_pictures(pictures, directory)
+        _write_swept(swept, directory)
+    if results.finished:
+        _write_page(results, tables, claims, [*pictures, *swept])
     return results, tables
 
 
-def printed(results: Results, tables: list[Table]) -> list[Table]:
+def _write_page(
+    results: Results, tables: Sequence[Table], claims: Table | None, pictures: "Sequence[Picture]"
+) -> None:
+    from midnet_bench.page.page import Content, report_page
+
+    definition, record = results.definition, experiment_of(results)
+    headline = printed(results, tables)
+    grid = "".join(f"; {name}: {', '.join(map(str, values))}" for name, values in definition.grid.items())
+    seeds = f"seeds {definition.base_seed} to {definition.base_seed + definition.trials - 1}"
+    content = Content(
+        title=f"{record.name}: {results.directory.resolve().name}",
+        lead=f"{record.summary} {results.finished} finished trials; {seeds}{grid}.",
+        headline=[table for table in headline if table.name != COUNTERFACTUALS],
+        claims=claims,
+        counterfactuals=next((table for table in tables if table.name == COUNTERFACTUALS), None),
+        tables=[table for table in tables if table not in headline and table.name != COUNTERFACTUALS],
+        pictures=pictures,
+        provenance=results.provenance,
+        configuration=json.loads(definition.to_json()),
+        version=__version__,
+    )
+    # what plays trials knows arenas and robots, which take a second to import
+    recordings = record.recordings(results) if RECORDED in results.tables else ()
+    write_atomically(results.directory / PAGE, report_page(content, recordings))
+
+
+def printed(results: Results, tables: Sequence[Table]) -> list[Table]:
     """Those of an experiment's tables that a terminal shows."""
     record = experiment_of(results)
     return [table for table in tables if not record.printed or table.name in record.printed]
@@ -78,9 +120,9 @@ def plot(
     results = load_results(directory, tables_of)
     folder = Path(output or directory)
     if x is not None:
-        return _write_sweeps([sweep(results, x, y)], folder)
-    written = _write_figures(experiment_of(results).figures(results), folder)
-    written += _write_sweeps(sweeps(results), folder)
+        return _write_swept(_swept([sweep(results, x, y)]), folder)
+    written = _write_pictures(_drawn(experiment_of(results).figures(results)), folder)
+    written += _write_swept(_swept(sweeps(results)), folder)
     if not written:
         raise InputError(
             f"{directory}: no figures: a campaign of '{results.definition.experiment}'"
@@ -89,32 +131,43 @@ def plot(
     return written
 
 
-def _write_sweeps(drawn: "Sequence[tuple[Table, Figure]]", directory: Path) -> list[Path]:
+def _swept(drawn: "Sequence[tuple[Table, Figure]]") -> "list[Picture]":
+    return [
+        picture._replace(data=table)
+        for table, figure in drawn
+        for picture in _drawn({plain_name(table.name): figure})
+    ]
+
+
+def _write_swept(pictures: "Sequence[Picture]", directory: Path) -> list[Path]:
     """Figures with their numbers beside them; the files written."""
     written = []
-    for table, figure in drawn:
-        written += _write_figures({plain_name(table.name): figure}, directory)
-        written += table.write(directory, plain_name(table.name))
+    for picture in pictures:
+        written += [*_write_pictures([picture], directory), *picture.data.write(directory, picture.name)]
     return written
 
 
 def write_figures_of(results: Mapping[str, Results], output: Path) -> list[Path]:
     """Draw the figures that several campaigns of one experiment have in common; the files written."""
     record = experiment_of(next(iter(results.values())))
-    return _write_figures(record.comparison_figures(results), output)
+    return _write_pictures(_drawn(record.comparison_figures(results)), output)
 
 
-def _write_figures(figures: "Mapping[str, Figure]", directory: Path) -> list[Path]:
+def _drawn(figures: "Mapping[str, Figure]") -> "list[Picture]":
     if not figures:
         return []
-    from midnet_bench.drawing.charts import chart_files
+    from midnet_bench.drawing.charts import chart_files, drawn_data
+    from midnet_bench.page.page import Picture
 
-    written = []
-    for stem, figure in figures.items():
-        for ending, content in chart_files(figure).items():
-            written.append(directory / f"{stem}{ending}")
-            write_atomically(written[-1], content)
-    return written
+    return [Picture(stem, chart_files(one), drawn_data(stem, one)) for stem, one in figures.items()]
+
+
+def _write_pictures(pictures: "Sequence[Picture]", directory: Path) -> list[Path]:
+    """The files written."""
+    files = {f"{one.name}{ending}": content for one in pictures for ending, content in one.files.items()}
+    for name, content in files.items():
+        write_atomically(directory / name, content)
+    return [directory / name for name in files]
 
 
 def _write_json(path: Path, content: object) -> None:

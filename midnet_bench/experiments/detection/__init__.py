@@ -17,6 +17,7 @@ DETECTION = Experiment(
     printed=("detection_summary", "detection_matching", "metrics_summary"),
     claims=later("midnet_bench.experiments.detection.claims:claims"),
     measures=later("midnet_bench.experiments.detection.tables:measures"),
+    recordings=later("midnet_bench.experiments.guarded.recordings:recordings"),
     lower_is_better=("gospa_per_frame_m",),
     ranked_by=("f1_one_to_one", "gospa_per_frame_m"),
     trial=later("midnet_bench.experiments.detection.trial:DetectionTrial"),

@@ -15,6 +15,7 @@ LABYRINTH = Experiment(
     printed=("success_rate", "labyrinth_health", "labyrinth_speed", "metrics_summary"),
     claims=later("midnet_bench.experiments.labyrinth.tables:claims"),
     measures=later("midnet_bench.experiments.labyrinth.tables:measures"),
+    recordings=later("midnet_bench.experiments.labyrinth.recordings:recordings"),
     lower_is_better=("duration_s", "time_to_capture_s"),
     ranked_by=("caught_percent", "time_to_capture_s"),
     comparison_tables=later("midnet_bench.experiments.labyrinth.tables:comparison_tables"),

@@ -1,0 +1,323 @@
+"""``report.html``: what a campaign came to, on one page that needs no network."""
+
+import base64
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from midnet_bench.analysis.statistics import Estimate
+from midnet_bench.analysis.tables import Table
+from midnet_bench.drawing import palette
+from midnet_bench.page.funnel import MEANINGS, Funnel
+from midnet_bench.page.recording import COLUMNS, SCAN_COLUMNS, Recording, packed
+
+FOLDER = Path(__file__).parent
+MOST_BYTES = 9_900_000
+"""of the page: less than 10 MB"""
+MOST_ROWS = 200
+"""of a table on the page; its file has them all"""
+LONG_TEXT = 40
+"""characters of a cell that may take several lines"""
+MOST_SHOWN = 300
+"""characters of a parameter's value"""
+LIGHT = {
+    "paper": palette.WHITE,
+    "ink": palette.INK,
+    "soft": (85, 85, 85),
+    "line": (221, 221, 221),
+    "edge": palette.FAINT_INK,
+    "raised": (243, 243, 240),
+    "link": palette.GUARD,
+    "on-guard": palette.WHITE,
+    "floor": palette.FLOOR,
+    "ground": palette.GROUND,
+    "wood": palette.WOOD,
+    "faint-ink": palette.FAINT_INK,
+    "guard": palette.GUARD,
+    "guard-faint": palette.GUARD_FAINT,
+    "intruder": palette.INTRUDER,
+    "intruder-faint": palette.INTRUDER_FAINT,
+    "detection": palette.DETECTION,
+    "false-detection": palette.FALSE_DETECTION,
+}
+DARK = {
+    **LIGHT,
+    "paper": (22, 24, 27),
+    "ink": (232, 230, 225),
+    "soft": (170, 168, 162),
+    "line": (54, 57, 62),
+    "edge": (110, 113, 118),
+    "raised": (36, 39, 43),
+    "link": palette.GUARD_FAINT,
+    "on-guard": palette.INK,
+    "floor": (34, 37, 41),
+    "ground": (16, 18, 20),
+    "wood": (124, 100, 72),
+    "faint-ink": (150, 150, 150),
+    "guard": palette.GUARD_FAINT,
+    "guard-faint": (60, 140, 190),
+    "intruder": (240, 130, 50),
+    "intruder-faint": (112, 66, 34),
+    "detection": (30, 190, 145),
+    "false-detection": (226, 120, 196),
+}
+"""the same hues on a dark ground: each colour keeps its meaning"""
+
+
+class Layer(NamedTuple):
+    """Something that the player shows or not."""
+
+    name: str
+    text: str
+    style: str
+    is_on: bool
+
+
+LAYERS = (
+    Layer("boxes", "boxes and errors", "color: var(--detection)", True),
+    Layer("found", "boxes before fusion", "color: var(--faint-ink)", False),
+    Layer("truth", "true boxes", "color: var(--intruder)", True),
+    Layer("scans", "scans", "color: var(--guard-faint); border-style: dotted", True),
+    Layer("believed", "where guards take themselves to be", "color: var(--ink); border-style: dashed", True),
+    Layer("goals", "goals, pursuits", "color: var(--guard); border-width: 2px 0 0", True),
+    Layer("names", "names and causes", "border: 0", True),
+)
+
+
+class Picture(NamedTuple):
+    """A figure of the campaign."""
+
+    name: str
+    files: Mapping[str, bytes]
+    """its content by ending, ``.png`` and ``.svg``"""
+    data: Table
+
+
+@dataclass(frozen=True)
+class Content:
+    """What stands on the page, as plain data."""
+
+    title: str
+    lead: str
+    headline: Sequence[Table]
+    claims: Table | None
+    """a row for each statement of the paper, with a column ``verdict``"""
+    counterfactuals: Table | None
+    tables: Sequence[Table]
+    """all others"""
+    pictures: Sequence[Picture]
+    provenance: Sequence[Mapping[str, Any]]
+    configuration: Mapping[str, Any]
+    version: str
+
+
+def report_page(content: Content, recordings: Iterable[Recording], most_bytes: int = MOST_BYTES) -> str:
+    """The page as HTML.
+
+    Args:
+        content: all but the recorded trials.
+        recordings: the trials that the player plays; each is let go when it is packed.
+        most_bytes: what the page may have. Where the trials do not fit, scans are left out first, those of
+            the trials with the fewest errors before the others', then trials.
+    """
+    funnel = Funnel()
+    trials: list[_Packed] = []
+    for place, recording in enumerate(recordings):
+        funnel.add(recording, place)
+        frames, scans = packed(COLUMNS, recording.frames), packed(SCAN_COLUMNS, recording.scans)
+        trials.append(_Packed(place, recording.head(), frames, scans))
+    empty = [trial._replace(frames="", scans="") for trial in trials]
+    around = len(_rendered(content, funnel, empty, set(range(len(trials))), len(trials) + 1).encode())
+    kept, with_scans = _fitting(trials, most_bytes - around)
+    return _rendered(content, funnel, kept, with_scans, len(trials))
+
+
+class _Packed(NamedTuple):
+    place: int
+    """in the campaign's order"""
+    head: Mapping[str, Any]
+    frames: str
+    scans: str
+
+
+def _fitting(trials: Sequence[_Packed], room: int) -> tuple[list[_Packed], set[int]]:
+    """The trials that fit into so many bytes, in their order, and the places of those whose scans do too."""
+    by_errors = sorted(trials, key=lambda trial: -trial.head["errors"])
+    kept, with_scans = set(), set()
+    for trial in by_errors:
+        if len(trial.frames) <= room:
+            room -= len(trial.frames)
+            kept.add(trial.place)
+    for trial in by_errors:
+        if trial.place in kept and len(trial.scans) <= room:
+            room -= len(trial.scans)
+            with_scans.add(trial.place)
+    return [trial for trial in trials if trial.place in kept], with_scans
+
+
+def _rendered(
+    content: Content, funnel: Funnel, kept: Sequence[_Packed], with_scans: set[int], recorded: int
+) -> str:
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    from markupsafe import Markup
+
+    places = {trial.place: number for number, trial in enumerate(kept)}
+    sides = [_side(funnel, side, places) for side in MEANINGS if funnel.causes(side)]
+    claims = None if content.claims is None else _shown(content.claims)
+    page = {
+        "title": content.title,
+        "lead": content.lead,
+        "headline": [_shown(table) for table in content.headline],
+        "claims": claims,
+        "verdicts": "" if content.claims is None else _verdicts(content.claims),
+        "funnel": sides,
+        "counterfactuals": content.counterfactuals and _shown(content.counterfactuals),
+        "player": _player(kept, with_scans, recorded) if kept else None,
+        "figures": [_figure(picture) for picture in content.pictures],
+        "tables": [_shown(table) for table in content.tables],
+        "provenance": [list(_flat(run)) for run in content.provenance],
+        "configuration": list(_flat(content.configuration)),
+        "version": content.version,
+        "colours": {"light": Markup(_variables(LIGHT)), "dark": Markup(_variables(DARK))},
+        "style": Markup(_source("page.css")),
+        "script": Markup(_source("trial.js") + _source("player.js")),
+    }
+    chapters = {
+        "results": "Results",
+        "verdicts": "Verdicts",
+        "causes": "Causes",
+        "counterfactuals": "Counterfactuals",
+        "player": "Player",
+        "figures": "Figures",
+        "tables": "Tables",
+        "provenance": "Provenance",
+    }
+    asked = {"results": True, "causes": sides, "verdicts": claims, "provenance": True}
+    page["chapters"] = [(id_, name) for id_, name in chapters.items() if asked.get(id_, page.get(id_))]
+    environment = Environment(
+        loader=FileSystemLoader(FOLDER),
+        autoescape=True,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template("report.html.j2").render(page=page)
+
+
+def _source(name: str) -> str:
+    return (FOLDER / name).read_text(encoding="utf-8")
+
+
+def _variables(colours: Mapping[str, palette.RGB]) -> str:
+    return " ".join(f"--{name}: {palette.hexadecimal(colour)};" for name, colour in colours.items())
+
+
+def _player(kept: Sequence[_Packed], with_scans: set[int], recorded: int) -> dict[str, Any]:
+    from jinja2.utils import htmlsafe_json_dumps
+
+    data = {f"trial-{number}": trial.frames for number, trial in enumerate(kept)}
+    data |= {f"scans-{number}": trial.scans for number, trial in enumerate(kept) if trial.place in with_scans}
+    head = {"trials": [trial.head for trial in kept], "columns": COLUMNS, "scanColumns": SCAN_COLUMNS}
+    left_out = [
+        f"{recorded - len(kept)} of {recorded} recorded trials, those with the fewest errors, are left out"
+        if len(kept) < recorded
+        else "",
+        f"{len(with_scans)} of {len(kept)} trials have their scans here, those with the most errors first"
+        if len(with_scans) < len(kept)
+        else "",
+    ]
+    told = "; ".join(filter(None, left_out))
+    return {
+        "head": htmlsafe_json_dumps(head, separators=(",", ":")),
+        "data": list(data.items()),
+        "layers": LAYERS,
+        "left_out": f"To keep the page below 10 MB: {told}." if told else "",
+    }
+
+
+def _side(funnel: Funnel, side: str, places: Mapping[int, int]) -> dict[str, Any]:
+    """One side of the funnel: for each cause its share of each cell's errors, and a link to an example."""
+    totals = {cell: funnel.total(side, cell) for cell in funnel.cells}
+    causes = []
+    for cause in funnel.causes(side):
+        example = funnel.examples[side, cause]
+        place = places.get(example.trial)
+        counts = {cell: funnel.total(side, cell, cause) for cell in funnel.cells}
+        causes.append(
+            {
+                "name": cause.replace("_", " "),
+                "meaning": MEANINGS[side].get(cause, ""),
+                "link": "" if place is None else f"#trial={place}&frame={example.frame}&cause={cause}",
+                "shares": [
+                    {"count": count, "percent": f"{100.0 * count / max(1, totals[cell]):.1f}"}
+                    for cell, count in counts.items()
+                ],
+            }
+        )
+    cells = [{"name": cell, "total": total} for cell, total in totals.items()]
+    return {"name": side, "cells": cells, "causes": causes}
+
+
+def _shown(table: Table) -> dict[str, Any]:
+    """A table as the template takes it."""
+    texts = {name: any(isinstance(row.get(name), str) for row in table.rows) for name in table.columns}
+    rows = [
+        {
+            "is_paper": "paper" in row.values(),
+            "cells": [
+                _cell(name, row.get(name), text) for name, text in zip(table.columns, cells, strict=True)
+            ],
+        }
+        for row, cells in zip(table.rows[:MOST_ROWS], table.cells()[:MOST_ROWS], strict=True)
+    ]
+    return {
+        "name": table.name,
+        "title": table.title,
+        "columns": [{"name": name.replace("_", " "), "is_text": texts[name]} for name in table.columns],
+        "rows": rows,
+        "notes": table.notes,
+        "left_out": len(table.rows) - len(rows),
+        "csv": base64.b64encode(table.to_csv().encode()).decode(),
+    }
+
+
+def _cell(column: str, value: object, text: str) -> dict[str, str]:
+    if isinstance(value, Estimate) and (parts := re.fullmatch(r"(\S+) (\[.*\])", text)):
+        return {"text": parts[1], "interval": parts[2], "kind": ""}
+    kind = "text" if isinstance(value, str) else ""
+    if column == "verdict":
+        kind += f" verdict {text.replace(' ', '-')}"
+    return {"text": text, "interval": "", "kind": f"{kind} long" if len(text) > LONG_TEXT else kind}
+
+
+def _verdicts(claims: Table) -> str:
+    """How many statements have which verdict."""
+    verdicts = [str(row["verdict"]) for row in claims.rows]
+    counts = ", ".join(f"{verdicts.count(one)} {one}" for one in dict.fromkeys(verdicts))
+    return f"Of {len(verdicts)} statements: {counts}."
+
+
+def _figure(picture: Picture) -> dict[str, Any]:
+    ending = min(picture.files, key=lambda one: len(picture.files[one]))
+    kind = {".svg": "image/svg+xml", ".png": "image/png"}[ending]
+    series = list(dict.fromkeys(str(row["series"]) for row in picture.data.rows if row.get("series")))
+    alt = f"Figure {picture.name.replace('_', ' ')}"
+    return {
+        "name": picture.name,
+        "source": f"data:{kind};base64,{base64.b64encode(picture.files[ending]).decode()}",
+        "alt": f"{alt}: {', '.join(series)}; its data are below it"
+        if series
+        else f"{alt}; its data are below",
+        "data": _shown(picture.data),
+    }
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> Iterable[tuple[str, str]]:
+    """Names and values, those of what is nested with both names."""
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{before}{name}.")
+        else:
+            text = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+            yield f"{before}{name}", text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
