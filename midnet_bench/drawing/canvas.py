@@ -2,6 +2,7 @@
 
 import math
 from functools import cache, lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -17,12 +18,15 @@ from midnet_bench.drawing.palette import (
     GROUND,
     INTRUDER,
     INTRUDER_FAINT,
+    MISSED,
+    OUT_OF_RANGE,
     RGB,
     WHITE,
     WOOD,
     WOOD_EDGE,
 )
-from midnet_bench.drawing.scene import BURGER_LENGTH_M, Floats, FloorPlan, Point, body_at
+from midnet_bench.drawing.scene import BURGER_LENGTH_M, Floats, FloorPlan, Point, Truth, body_at
+from midnet_bench.drawing.signs import CORNERS, RING, place_of
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.robots.burger import BURGER
@@ -31,6 +35,11 @@ from midnet_bench.robots.model import RobotModel
 Picture = npt.NDArray[np.uint8]
 """(height, width, 3) red, green, blue"""
 
+LABEL_PX = 13
+SIGN_PX = 10.0
+"""half a side of a sign about an intruder is no shorter"""
+BADGE_PX = 6.5
+"""radius of the disc with the exclamation mark"""
 MIN_BURGER_PX = 14.0
 """Robots in a large arena are drawn larger than they are, so that they stay visible."""
 _SHIFT = 4
@@ -70,6 +79,15 @@ class Canvas:
     def line(self, points: npt.ArrayLike, color: RGB, width: int = 1) -> None:
         """Straight pieces through (n, 2) points."""
         cv2.polylines(self.picture, [self._fixed(points)], False, color, width, cv2.LINE_AA, _SHIFT)
+
+    def dashes(self, points: npt.ArrayLike, color: RGB, dash_px: float = 5.0, gap_px: float = 6.0) -> None:
+        """A line of two pixels through (n, 2) points in dashes; each piece begins with a whole one."""
+        path = np.asarray(points, dtype=np.float64)
+        for start, end in pairwise(path):
+            length_px = float(np.hypot(*(end - start))) * self.scale
+            for at in np.arange(0.0, length_px, dash_px + gap_px).tolist():
+                ends = np.array([at, min(at + dash_px, length_px)]) / length_px
+                self.line(start + ends[:, None] * (end - start), color, 2)
 
     def dots(self, points: npt.ArrayLike, color: RGB, gap_px: float = 6.0) -> None:
         """Dots of two pixels along (n, 2) points, ``gap_px`` apart."""
@@ -119,13 +137,65 @@ class Canvas:
     def label(self, at: Point, text: str, color: RGB, right_px: float = 0, down_px: float = 0) -> None:
         """Bold text with a white halo in the middle of a point that lies so far from (x, y)."""
         x, y = self.pixels(at)
-        mask = text_mask(text, 13, True)
+        mask = text_mask(text, LABEL_PX, True)
         left, top = x + right_px - mask.shape[1] / 2.0, y + down_px - mask.shape[0] / 2.0
-        _blend(self.picture, _halo(text, 13), round(left), round(top), (255, 255, 255))
+        _blend(self.picture, _halo(text, LABEL_PX), round(left), round(top), (255, 255, 255))
         _blend(self.picture, mask, round(left), round(top), color)
 
     def _fixed(self, points: npt.ArrayLike) -> npt.NDArray[np.int32]:
         return np.rint(self.pixels(points) * 2**_SHIFT).astype(np.int32)
+
+
+class Labels:
+    """Labels beside what they name, each where no other one stands and nothing that is to stay in sight."""
+
+    SIDES = np.array([(1, -1), (1, 1), (-1, -1), (-1, 1), (0, -1), (0, 1), (1, 0), (-1, 0)])
+    """right and down of the point, the most liked first"""
+    FARTHER = (1.0, 1.3, 1.6, 2.0)
+
+    def __init__(self, canvas: Canvas) -> None:
+        self._canvas = canvas
+        height, width = canvas.picture.shape[:2]
+        self._size = np.array([width, height])
+        self._taken: list[Floats] = []
+        """columns and rows from and to, y down"""
+
+    def keep_free(self, at: Point, half_px: float) -> None:
+        """Let no label lie so near to (x, y), metres, if there is another place."""
+        middle = self._canvas.pixels(at)
+        self._taken.append(np.concatenate([middle - half_px, middle + half_px]))
+
+    def keep_edges_free(self, box: Box) -> None:
+        """Let no label lie on the outline of a box, if there is another place."""
+        x1, y2, x2, y1 = self._canvas.pixels([box[:2], box[2:]]).reshape(-1).tolist()
+        for side in ((x1, y1, x2, y1), (x1, y2, x2, y2), (x1, y1, x1, y2), (x2, y1, x2, y2)):
+            self._taken.append(np.add(side, (-1.5, -1.5, 1.5, 1.5)))
+
+    def put(self, at: Point, text: str, color: RGB, gap_px: float) -> None:
+        """A label whose middle is ``gap_px`` right or left of (x, y) and above or below; or farther off."""
+        rows, columns = text_mask(text, LABEL_PX, True).shape
+        # a line of figures has no ink in its upper and lower fifth
+        half = np.array([columns / 2.0, 0.3 * rows])
+        aside = np.array([max(0.0, half[0] - 6.0), 0.0])  # of a longer text, its end is near
+        places = np.concatenate([self.SIDES * (gap_px * far + aside) for far in self.FARTHER])
+        low, high = self._canvas.pixels(at) + places - half, self._canvas.pixels(at) + places + half
+        inside = _areas(np.maximum(low, 0.0), np.minimum(high, self._size))
+        hidden = _areas(low, high) - inside
+        if self._taken:
+            taken = np.array(self._taken)
+            hidden += _areas(
+                np.maximum(low[:, None], taken[:, :2]), np.minimum(high[:, None], taken[:, 2:])
+            ).sum(axis=1)
+        best = int(hidden.argmin())
+        self._taken.append(np.concatenate([low[best], high[best]]))
+        right_px, down_px = places[best].tolist()
+        self._canvas.label(at, text, color, right_px, down_px)
+
+
+def _areas(low: Floats, high: Floats) -> Floats:
+    """(...) square pixels of boxes from ``low`` to ``high``, (..., 2) each; 0 for an empty one."""
+    sides = np.maximum(high - low, 0.0)
+    return sides[..., 0] * sides[..., 1]
 
 
 def paint_floor_plan(canvas: Canvas, plan: FloorPlan) -> None:
@@ -137,10 +207,16 @@ def paint_floor_plan(canvas: Canvas, plan: FloorPlan) -> None:
         canvas.polygon(wall, None, WOOD_EDGE, 3)
     for wall in plan.walls:
         canvas.polygon(wall, WOOD)
-    for number, outline in enumerate(plan.stationary, 1):
+    for outline in plan.stationary:
         canvas.polygon(outline, INTRUDER_FAINT, INTRUDER, 2)
+
+
+def label_stationary(canvas: Canvas, plan: FloorPlan, labels: Labels) -> None:
+    """The numbers of the stationary intruders, in their middles."""
+    for number, outline in enumerate(plan.stationary, 1):
         x, y = outline.mean(axis=0).tolist()
         canvas.label((x, y), f"S{number}", INTRUDER)
+        labels.keep_free((x, y), 10.0)
 
 
 def paint_robot(
@@ -164,12 +240,47 @@ def paint_path(canvas: Canvas, goal: Point, plan: Floats | None, color: RGB, is_
     canvas.polygon([(x - arm, y), (x, y - arm), (x + arm, y), (x, y + arm)], WHITE, color, 2)
 
 
-def paint_detection(canvas: Canvas, box: Box, is_false: bool) -> None:
-    """A detection. A false one is crossed out as well: not everybody can go by colour alone."""
+def paint_detection(canvas: Canvas, box: Box, is_false: bool, is_further: bool = False) -> None:
+    """A detection. A false one is crossed out as well: not everybody can go by colour alone.
+
+    A further one on an intruder that has its own is dashed.
+    """
     color = FALSE_DETECTION if is_false else DETECTION
+    if is_further:
+        canvas.dashes(_corners(box)[[0, 1, 2, 3, 0]], color)
+        return
     canvas.box(box, color, 2)
     if is_false:
         canvas.line([box[:2], box[2:]], color)
+        canvas.line([(box.x_min, box.y_max), (box.x_max, box.y_min)], color)
+
+
+def paint_sign(canvas: Canvas, truth: Truth, enlarged: float = 1.0, least_px: float = SIGN_PX) -> Box | None:
+    """What is to be said about an intruder without a detection; nothing about one that is found.
+
+    Returns:
+        The box of the four corners about a missed one, its disc on the upper left of them; else None.
+    """
+    least_m = max(least_px / canvas.scale, 0.7 * enlarged * BURGER_LENGTH_M)
+    middle, half = place_of(truth, 5.0 / canvas.scale, least_m)
+    if truth.is_out_of_range:
+        for stroke in RING:
+            canvas.line(stroke * max(half) + middle, OUT_OF_RANGE, 1)
+    if not truth.is_missed:
+        return None
+    for stroke in CORNERS:
+        canvas.line(stroke * half + middle, WHITE, 4)
+    for stroke in CORNERS:
+        canvas.line(stroke * half + middle, MISSED, 2)
+    (x, y), (half_x, half_y) = middle, half
+    at = (x - half_x, y + half_y)
+    canvas.circle(at, (BADGE_PX + 1.5) / canvas.scale, WHITE, -1)
+    canvas.circle(at, BADGE_PX / canvas.scale, MISSED, -1)
+    column, row = canvas.pixels(at).tolist()
+    mask = text_mask("!", LABEL_PX, True)
+    left, top = column - mask.shape[1] / 2.0, row - mask.shape[0] / 2.0
+    _blend(canvas.picture, mask, round(left), round(top), WHITE)
+    return Box(x - half_x, y - half_y, x + half_x, y + half_y)
 
 
 def blank_page(width: int, height: int) -> Picture:

@@ -1,5 +1,6 @@
 """What the pictures of a guarded trial show, as plain data: drawing needs no trial and no simulator."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Explanation
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
+from midnet_bench.scoring.frame_counts import Ratios
 
 Floats = npt.NDArray[np.float64]
 Point = tuple[float, float]
@@ -117,16 +119,42 @@ class Detection:
     """number of the guard whose box it is, from 1"""
     is_false: bool
     """whether it touches no intruder"""
+    is_further: bool = False
+    """whether each intruder that it touches has another one as its own"""
 
 
 @dataclass(frozen=True)
 class Truth:
     """One intruder that is there, stationary or mobile."""
 
-    outline: Floats
-    """(n, 2) its body from above, map frame, metres"""
-    is_missed: bool
-    """whether no detection touches it; it may be out of every guard's sight"""
+    outlines: Sequence[Floats]
+    """(n, 2) each: its body from above, of a person both legs, map frame, metres"""
+    is_found: bool
+    """whether a detection touches it"""
+    in_range: bool
+    """whether not finding it is an error, by the trial's own rule"""
+
+    @property
+    def is_missed(self) -> bool:
+        """Whether it should have been found and was not: a false negative."""
+        return self.in_range and not self.is_found
+
+    @property
+    def is_out_of_range(self) -> bool:
+        """Whether nobody found it and nobody had to."""
+        return not self.in_range and not self.is_found
+
+
+@dataclass(frozen=True)
+class Chase:
+    """How far the guards are in a trial that is about catching."""
+
+    intruders: int
+    """that there were when it began"""
+    caught: int
+    escaped: int
+    events: Sequence[str] = ()
+    """who was caught or got away so far, a line each, in order of time"""
 
 
 @dataclass(frozen=True)
@@ -140,11 +168,36 @@ class Scene:
     """guards first"""
     detections: list[Detection]
     truths: list[Truth]
-    """all intruders, the stationary ones first; of a person each leg"""
+    """all intruders that the trial looks for, the stationary ones first"""
     explanation: Explanation | None = None
     """each guard's grids and boxes; without them, pictures show the detections alone"""
     others: Sequence[Sequence[Floats]] = ()
     """for each person or thing that intrudes, the outlines, (n, 2), of its legs or of itself"""
+    chase: Chase | None = None
+    """in a trial that is about catching"""
+    so_far: Ratios | None = None
+    """precision and recall of all frames up to this one, in a trial that is about finding"""
+
+    @property
+    def counter(self) -> str:
+        """How it stands, in a few words: who is caught, or who is found at this instant."""
+        if self.chase is not None:
+            escaped = f", {self.chase.escaped} escaped" if self.chase.escaped else ""
+            return f"caught {self.chase.caught} of {self.chase.intruders}{escaped}"
+        near = [truth for truth in self.truths if truth.in_range]
+        found = f"found {sum(truth.is_found for truth in near)} of {len(near)} in range"
+        return f"{found if near else 'nobody in range'}, {sum(one.is_false for one in self.detections)} false"
+
+    @property
+    def remark(self) -> str:
+        """What is said beside the counter: the last catch or escape, or the scores so far; or nothing."""
+        if self.chase is not None:
+            return self.chase.events[-1] if self.chase.events else ""
+        if self.so_far is None:
+            return ""
+        named = {"recall": self.so_far.recall, "precision": self.so_far.precision}
+        told = [f"{name} {value:.2f}" for name, value in named.items() if not math.isnan(value)]
+        return f"so far: {', '.join(told)}" if told else ""
 
     @property
     def guards(self) -> list[Robot]:

@@ -2,13 +2,16 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
+from matplotlib.path import Path
 
 from midnet_bench.drawing.palette import (
     DETECTION,
@@ -21,12 +24,16 @@ from midnet_bench.drawing.palette import (
     INK,
     INTRUDER,
     INTRUDER_FAINT,
+    MISSED,
+    OUT_OF_RANGE,
+    RGB,
     TRUTH,
     WOOD,
     WOOD_EDGE,
     hexadecimal,
 )
 from midnet_bench.drawing.plots import (
+    DPI,
     add_box,
     add_label,
     add_polygon,
@@ -36,7 +43,8 @@ from midnet_bench.drawing.plots import (
     show_grid,
     show_metres,
 )
-from midnet_bench.drawing.scene import Floats, FloorPlan, Point, Robot, Scene, Setup
+from midnet_bench.drawing.scene import Floats, FloorPlan, Point, Robot, Scene, Setup, Truth
+from midnet_bench.drawing.signs import CORNERS, RING, place_of
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Explanation, RemovedAlly, RobotView
@@ -46,7 +54,11 @@ MARGIN_M = 0.4
 OTHER_RING_M = 0.25
 """about a person or a thing, to be found by"""
 HATCH = "////"
-DASHED, LONG_DASHED, ALLY_DASH = (0, (2, 1.5)), (0, (4, 1.5)), (0, (3, 2))
+DASHED, ALLY_DASH = (0, (2, 1.5)), (0, (3, 2))
+SIGN_PT = 7.0
+"""half a side of a sign about an intruder is no shorter"""
+Mark = Artist | tuple[Artist, ...]
+"""an entry of a legend, of one piece or of several over each other"""
 
 COLUMNS = (
     "A: local grid (Eq. 1), boxes from D",
@@ -170,25 +182,29 @@ def draw_grids(setup: Setup, scene: Scene, explanation: Explanation) -> Figure:
 def draw_detections(setup: Setup, scene: Scene) -> Figure:
     """The fused detections on the prior map before inflation, with the true outlines thin underneath.
 
-    Both kinds of error stand out: a detection that touches no intruder, and an intruder that no detection
-    touches, which may be out of every guard's sight.
+    Both kinds of error stand out: a detection that touches no intruder, and an intruder in range that no
+    detection touches. One that is out of range has a quieter sign.
     """
-    legend = _detections_legend(
-        any(found.is_false for found in scene.detections), any(truth.is_missed for truth in scene.truths)
-    )
     title = f"{setup.plan.title}: detections of frame {scene.frame}, t = {scene.time_s:.1f} s"
-    figure, axes = _plan_with_legend(setup.plan, title, legend)
+    title = f"{title}\n{scene.counter}"
+    figure, axes = _plan_with_legend(setup.plan, title, *_detections_legend(scene))
     show_grid(axes, setup.prior_map)
     for truth in scene.truths:
-        style = {"linestyle": DASHED, "linewidth": 1.4} if truth.is_missed else {"linewidth": 0.8}
-        add_polygon(axes, truth.outline, fill=False, edgecolor=hexadecimal(INTRUDER), **style)
+        for outline in truth.outlines:
+            add_polygon(axes, outline, fill=False, edgecolor=hexadecimal(INTRUDER), linewidth=0.8)
+        _add_sign(axes, truth, setup.plan.view(MARGIN_M))
     for robot in scene.guards:
         add_polygon(axes, robot.outline, fill=False, edgecolor=hexadecimal(GUARD), linewidth=0.8)
         add_label(axes, robot.pose[:2], str(robot.number), GUARD, fontsize=7, xytext=(5, -9))
     for found in scene.detections:
         color = FALSE_DETECTION if found.is_false else DETECTION
-        style = {"linestyle": LONG_DASHED, "linewidth": 2.0} if found.is_false else {"linewidth": 1.6}
-        add_box(axes, found.box, color, zorder=5, **style)
+        add_box(
+            axes, found.box, color, zorder=5, linewidth=1.6, linestyle=DASHED if found.is_further else "-"
+        )
+        if found.is_false:
+            x1, y1, x2, y2 = found.box
+            for ends in ((y1, y2), (y2, y1)):
+                axes.plot((x1, x2), ends, color=hexadecimal(color), linewidth=0.8, zorder=5)
         add_label(axes, (found.box.x_min, found.box.y_max), str(found.guard), color, fontweight="bold")
     return figure
 
@@ -254,10 +270,17 @@ def known_corners(grid: OccupancyGrid) -> tuple[tuple[float, float], tuple[float
     )
 
 
-def _plan_with_legend(plan: FloorPlan, title: str, handles: Sequence[Artist]) -> tuple[Figure, Axes]:
-    """A figure as high as the arena needs, its axes in metres, and a legend on their right."""
+def _plan_with_legend(
+    plan: FloorPlan, title: str, handles: Sequence[Any], labels: Sequence[str] = ()
+) -> tuple[Figure, Axes]:
+    """A figure as high as the arena needs, its axes in metres, and a legend on their right.
+
+    ``handles`` are artists; or, with ``labels``, artists or tuples of them that are drawn over each other.
+    """
+    named = {"labels": labels} if labels else {}
     view = plan.view(MARGIN_M)
-    left_in, top_in, bottom_in, legend_in, side_in = 0.72, 0.4, 0.55, 2.45, 6.5
+    top_in = 0.4 + 0.2 * title.count("\n")
+    left_in, bottom_in, legend_in, side_in = 0.72, 0.55, 2.45, 6.5
     aspect = (view.x_max - view.x_min) / (view.y_max - view.y_min)
     wide_in, high_in = (side_in, side_in / aspect) if aspect >= 1.0 else (side_in * aspect, side_in)
     # room for the legend beside a very wide arena
@@ -274,6 +297,8 @@ def _plan_with_legend(plan: FloorPlan, title: str, handles: Sequence[Artist]) ->
     show_metres(axes, view, title)
     figure.legend(
         handles=handles,
+        **named,
+        handler_map={tuple: HandlerTuple(ndivide=1, pad=0.0)},
         loc="upper left",
         bbox_to_anchor=((left_in + wide_in + 0.15) / figure_wide_in, 1.0 - top_in / figure_high_in),
         borderaxespad=0.0,
@@ -385,20 +410,66 @@ def _add_boxes(axes: Axes, view: RobotView, removed: Sequence[RemovedAlly]) -> N
         add_label(axes, (box.x_max, box.y_max), str(item.ally + 1), GUARD, xytext=(1, 0), fontweight="bold")
 
 
-def _detections_legend(has_false: bool, has_missed: bool) -> list[Artist]:
-    handles: list[Artist] = [
-        Patch(facecolor="#404040", label="wall on the prior map"),
-        _empty_patch("detection, with the\nnumber of its guard", DETECTION),
+def _add_sign(axes: Axes, truth: Truth, view: Box) -> None:
+    """What is to be said about an intruder without a detection."""
+    per_point = (view.x_max - view.x_min) / (72.0 / DPI * axes.get_window_extent().width)
+    middle, half = place_of(truth, 3.0 * per_point, SIGN_PT * per_point)
+    if truth.is_out_of_range:
+        for stroke in RING:
+            x, y = (stroke * max(half) + middle).T
+            axes.plot(x, y, color=hexadecimal(OUT_OF_RANGE), linewidth=0.8, zorder=6)
+    if truth.is_missed:
+        for stroke in CORNERS:
+            x, y = (stroke * half + middle).T
+            axes.plot(x, y, color=hexadecimal(MISSED), linewidth=2.0, zorder=6)
+        for one in _badge():
+            one.set_data([middle[0] - half[0]], [middle[1] + half[1]])
+            axes.add_line(one)
+
+
+def _badge() -> tuple[Line2D, Line2D]:
+    """A disc and the exclamation mark on it, at no place yet."""
+    disc = Line2D([], [], linestyle="none", marker="o", markersize=7.5, zorder=7)
+    disc.set(markerfacecolor=hexadecimal(MISSED), markeredgecolor="white", markeredgewidth=0.7)
+    mark = Line2D([], [], linestyle="none", marker="$!$", markersize=4.8, zorder=8)
+    mark.set(markerfacecolor="white", markeredgecolor="white", markeredgewidth=0.3)
+    return disc, mark
+
+
+def _strokes(strokes: Sequence[Floats], color: RGB, size_pt: float, width_pt: float) -> Line2D:
+    """A sign as the marker of a legend."""
+    path = Path.make_compound_path(*map(Path, strokes))
+    handle = Line2D([], [], linestyle="none", marker=path, markersize=size_pt, fillstyle="none")
+    handle.set(markeredgecolor=hexadecimal(color), markeredgewidth=width_pt)
+    return handle
+
+
+def _detections_legend(scene: Scene) -> tuple[list[Mark], list[str]]:
+    """What is in this very picture, and what it means."""
+    boxes, truths = scene.detections, scene.truths
+    crossed = Line2D([], [], color=hexadecimal(FALSE_DETECTION), linestyle="none", marker="x", markersize=8)
+    false = (_empty_patch("", FALSE_DETECTION), crossed)
+    missed = (_strokes(CORNERS, MISSED, 14.0, 1.8), *_badge())
+    entries: list[tuple[Mark, str, bool]] = [
+        (Patch(facecolor="#404040"), "wall on the prior map", True),
+        (_empty_patch("", DETECTION), "detection, with the\nnumber of its guard", bool(boxes)),
+        (
+            _empty_patch("", DETECTION, linestyle=DASHED),
+            "further detection on the\nsame intruder",
+            any(found.is_further for found in boxes),
+        ),
+        (false, "detection that touches\nno intruder", any(found.is_false for found in boxes)),
+        (_empty_patch("", INTRUDER, linewidth=0.8), "intruder, true outline", bool(truths)),
+        (missed, "missed intruder, in range", any(truth.is_missed for truth in truths)),
+        (
+            _strokes(RING, OUT_OF_RANGE, 13.0, 0.8),
+            "intruder out of range:\nno error",
+            any(truth.is_out_of_range for truth in truths),
+        ),
+        (_empty_patch("", GUARD, linewidth=0.8), "guard, true outline", bool(scene.guards)),
     ]
-    if has_false:
-        text = "detection that touches\nno intruder"
-        handles.append(_empty_patch(text, FALSE_DETECTION, linewidth=2.0, linestyle=LONG_DASHED))
-    handles.append(_empty_patch("intruder, true outline", INTRUDER, linewidth=0.8))
-    if has_missed:
-        text = "intruder that no\ndetection touches"
-        handles.append(_empty_patch(text, INTRUDER, linewidth=1.4, linestyle=DASHED))
-    handles.append(_empty_patch("guard, true outline", GUARD, linewidth=0.8))
-    return handles
+    shown = [(mark, text) for mark, text, is_there in entries if is_there]
+    return [mark for mark, _ in shown], [text for _, text in shown]
 
 
 def _empty_patch(

@@ -1,6 +1,7 @@
 """A guarded trial in motion: an MP4 with the true world beside what MIDNet makes of it, and a storyboard."""
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -8,13 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from midnet_bench.drawing.canvas import (
+    BADGE_PX,
     Canvas,
+    Labels,
     Picture,
     blank_page,
+    label_stationary,
     paint_detection,
     paint_floor_plan,
     paint_path,
     paint_robot,
+    paint_sign,
     png_of,
     text_mask,
     write,
@@ -31,7 +36,7 @@ from midnet_bench.drawing.palette import (
     INTRUDER_FAINT,
     WHITE,
 )
-from midnet_bench.drawing.scene import BURGER_LENGTH_M, Floats, Scene, Setup
+from midnet_bench.drawing.scene import BURGER_LENGTH_M, Floats, Scene, Setup, Truth
 from midnet_bench.drawing.video import mp4_file
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.io.files import write_atomically
@@ -39,8 +44,12 @@ from midnet_bench.io.files import write_atomically
 WIDTH, HEIGHT = 1280, 720
 MARGIN_M = 0.25
 COLUMN_LEFT, COLUMN_RIGHT = 744, 1264
-MAP_LEFT, MAP_TOP, MAP_PX = 764, 84, 480
-COUNTS_TOP, LEGEND_TOP = 574, 613
+MAP_LEFT, MAP_TOP, MAP_PX = 786, 84, 436
+COUNTS_TOP, LEGEND_TOP, LEGEND_ROW_PX = 529, 570, 22
+LEG_PX = 8.0
+"""half a side of what is kept free of labels about a leg"""
+AT_GOAL_PX = 24.0
+"""nearer to its goal than this, a robot's number stands for both"""
 
 SHADES = np.array(
     [WHITE, (205, 205, 205), (226, 226, 226), (70, 70, 70), (140, 140, 140), (240, 200, 40)], dtype=np.uint8
@@ -85,6 +94,7 @@ class WorldPanel:
         self._still = blank_page(side_px, side_px)
         canvas = Canvas(self._still, self.view)
         paint_floor_plan(canvas, setup.plan)
+        self._plan = setup.plan
         self.enlarged = canvas.enlarged
         """how many times as large as they are robots are drawn"""
 
@@ -92,26 +102,37 @@ class WorldPanel:
         """Fill ``picture``, (side, side, 3)."""
         picture[:] = self._still
         canvas = Canvas(picture, self.view)
+        labels = Labels(canvas)
         for robot in scene.guards:
             canvas.circle(robot.sensor, self._usable_range_m, GUARD_FAINT)
         for robot in scene.robots:
             color = GUARD if robot.is_guard else INTRUDER
             if robot.goal is not None:
                 paint_path(canvas, robot.goal, robot.plan, color, robot.is_guard)
-                canvas.label(robot.goal, str(robot.number), color, 11, 9)
+                labels.keep_free(robot.goal, 5.0)
         for robot in scene.robots:
             color = GUARD if robot.is_guard else INTRUDER
             paint_robot(canvas, robot.pose, self.enlarged, color, robot.model)
+            labels.keep_free(robot.pose[:2], 0.4 * BURGER_LENGTH_M * self.enlarged * canvas.scale)
         for outlines in scene.others:
             for outline in outlines:
                 canvas.polygon(outline, INTRUDER, WHITE)
+                x, y = outline.mean(axis=0).tolist()
+                labels.keep_free((x, y), LEG_PX)
         for found in scene.detections:
-            paint_detection(canvas, found.box, found.is_false)
+            paint_detection(canvas, found.box, found.is_false, found.is_further)
+            labels.keep_edges_free(found.box)
+        _paint_signs(canvas, scene, labels, self.enlarged)
+        label_stationary(canvas, self._plan, labels)
         for robot in scene.robots:
-            canvas.label(robot.pose[:2], str(robot.number), GUARD if robot.is_guard else INTRUDER, 13, -13)
+            labels.put(robot.pose[:2], str(robot.number), GUARD if robot.is_guard else INTRUDER, 13.0)
         for number, outlines in enumerate(scene.others, 1):
             x, y = np.concatenate(outlines).mean(axis=0).tolist()
-            canvas.label((x, y), f"P{number}", INTRUDER, 13, -13)
+            labels.put((x, y), f"P{number}", INTRUDER, 13.0)
+        for robot in scene.robots:
+            # who is there has its number there already
+            if robot.goal is not None and math.dist(robot.goal, robot.pose[:2]) * canvas.scale > AT_GOAL_PX:
+                labels.put(robot.goal, str(robot.number), GUARD if robot.is_guard else INTRUDER, 10.0)
 
 
 class DetectionPanel:
@@ -135,11 +156,23 @@ class DetectionPanel:
         canvas.cells(self._prior.with_data(codes), SHADES)
         for robot in scene.guards:
             canvas.circle(robot.believed[:2], 4.0 / canvas.scale, GUARD, -1)
+        labels = Labels(canvas)
         for found in scene.detections:
-            paint_detection(canvas, found.box, found.is_false)
+            paint_detection(canvas, found.box, found.is_false, found.is_further)
+            labels.keep_edges_free(found.box)
+        _paint_signs(canvas, scene, labels, 1.0)
         for found in scene.detections:
             color = FALSE_DETECTION if found.is_false else DETECTION
-            canvas.label((found.box.x_min, found.box.y_max), str(found.guard), color, 5, -8)
+            labels.put((found.box.x_min, found.box.y_max), str(found.guard), color, 8.0)
+
+
+def _paint_signs(canvas: Canvas, scene: Scene, labels: Labels, enlarged: float) -> None:
+    """The signs about intruders without a detection, which labels keep off."""
+    for truth in scene.truths:
+        corners = paint_sign(canvas, truth, enlarged)
+        if corners is not None:
+            labels.keep_edges_free(corners)
+            labels.keep_free((corners.x_min, corners.y_max), BADGE_PX)
 
 
 class ScenePainter:
@@ -151,7 +184,7 @@ class ScenePainter:
         self._detections = DetectionPanel(setup)
         self._page = blank_page(WIDTH, HEIGHT)
         _write_title(self._page, setup, speed, self._world.enlarged)
-        _draw_legend(self._page)
+        _draw_legend(self._page, setup)
 
     def paint(self, scene: Scene) -> Picture:
         """(720, 1280, 3) the trial at the scene's instant."""
@@ -160,9 +193,9 @@ class ScenePainter:
         beside = picture[MAP_TOP : MAP_TOP + MAP_PX, MAP_LEFT : MAP_LEFT + MAP_PX]
         self._detections.paint(beside, scene)
         write_right(picture, COLUMN_RIGHT, 8, f"{scene.time_s:.1f} s", 24, INK)
-        boxes, false = len(scene.detections), sum(found.is_false for found in scene.detections)
-        counts = f"detections: {boxes}, of which touch no intruder: {false}"
-        write(picture, COLUMN_LEFT + 8, COUNTS_TOP, counts, 14, INK)
+        write(picture, COLUMN_LEFT + 8, COUNTS_TOP, scene.counter, 14, INK, bold=True)
+        remark_px = text_mask(scene.remark, 14).shape[1]
+        write(picture, COLUMN_RIGHT - remark_px, COUNTS_TOP, scene.remark, 14, INK)
         return picture
 
 
@@ -180,35 +213,91 @@ def _s(count: int) -> str:
     return "" if count == 1 else "s"
 
 
-def _draw_legend(page: Picture) -> None:
-    """Two columns under the map: marks of the world, and marks of the map."""
+def _draw_legend(page: Picture, setup: Setup) -> None:
+    """Two columns under the map: what the trial may show of the world, and of what MIDNet makes of it."""
     canvas = Canvas(page, Box(0.0, -HEIGHT, WIDTH, 0.0))
-    of_world, of_map = COLUMN_LEFT + 16, COLUMN_LEFT + 262
-    rows = [-(LEGEND_TOP + 23 * row) for row in range(5)]
+    of_world: list[tuple[Mark, str]] = [(_guard, "guard")]
+    if setup.mobile_intruders:
+        of_world.append((_intruder, "mobile intruder"))
+    if setup.plan.stationary:
+        of_world.append((_stationary, "stationary intruder"))
+    if setup.other_intruders:
+        of_world.append((_legs, "person (two legs) or thing"))
+    of_world += [
+        (_missed, "missed intruder, in range"),
+        (_out_of_range, "out of range: no error"),
+        (_paths if setup.mobile_intruders else _path, "path and goal"),
+    ]
+    of_map: list[tuple[Mark, str]] = [
+        (_detection, "detection, with its guard's number"),
+        (_further, "further one on the same intruder"),
+        (_false, "detection that touches no intruder"),
+        (_shade(FOREGROUND), "seen, not on the prior map (D)"),
+        (_shade(COMMON), "seen, on the prior map (C)"),
+        (_shade(INFLATED), "margin of the prior map (Eq. 1)"),
+    ]
+    for left, marks in ((COLUMN_LEFT + 16, of_world), (COLUMN_LEFT + 262, of_map)):
+        for row, (mark, text) in enumerate(marks):
+            y = LEGEND_TOP + LEGEND_ROW_PX * row
+            mark(canvas, left, -y)
+            write(page, left + 21, y - 9, text, 13, INK)
 
-    for y, color in ((rows[0], GUARD), (rows[1], INTRUDER)):
-        paint_robot(canvas, Pose2D(of_world + 4.0, y, 0.0), 18.0 / BURGER_LENGTH_M, color)
-    canvas.polygon(_swatch(of_world, rows[2]), INTRUDER_FAINT, INTRUDER, 2)
-    for y, is_guard in ((rows[3], True), (rows[4], False)):
-        path = np.array([(of_world - 14.0, y), (of_world + 10.0, y)])
-        paint_path(canvas, (of_world + 12.0, y), path, GUARD if is_guard else INTRUDER, is_guard)
 
-    for y, is_false in ((rows[0], False), (rows[1], True)):
-        paint_detection(canvas, Box(of_map - 8.0, y - 7.0, of_map + 8.0, y + 7.0), is_false)
-    for y, code in ((rows[2], FOREGROUND), (rows[3], COMMON), (rows[4], INFLATED)):
-        red, green, blue = SHADES[code].tolist()
-        canvas.polygon(_swatch(of_map, y), (red, green, blue))
+Mark = Callable[[Canvas, float, float], None]
+"""Draws what a legend explains on a canvas of one pixel a metre, about (x, y)."""
+MARK_PX = 7.0
+"""half a side"""
 
-    texts = (
-        ("guard", "detection, with its guard's number"),
-        ("mobile intruder", "detection that touches no intruder"),
-        ("stationary intruder", "seen, not on the prior map (D)"),
-        ("path and goal of a guard", "seen, on the prior map (C)"),
-        ("path and goal of an intruder", "margin of the prior map (Eq. 1)"),
-    )
-    for y, (world, seen) in zip(rows, texts, strict=True):
-        write(page, of_world + 24, -y - 9, world, 13, INK)
-        write(page, of_map + 18, -y - 9, seen, 13, INK)
+
+def _guard(canvas: Canvas, x: float, y: float) -> None:
+    paint_robot(canvas, Pose2D(x + 4.0, y, 0.0), 18.0 / BURGER_LENGTH_M, GUARD)
+
+
+def _intruder(canvas: Canvas, x: float, y: float) -> None:
+    paint_robot(canvas, Pose2D(x + 4.0, y, 0.0), 18.0 / BURGER_LENGTH_M, INTRUDER)
+
+
+def _stationary(canvas: Canvas, x: float, y: float) -> None:
+    canvas.polygon(_swatch(x, y), INTRUDER_FAINT, INTRUDER, 2)
+
+
+def _legs(canvas: Canvas, x: float, y: float) -> None:
+    for leg in (-4.0, 4.0):
+        canvas.circle((x + leg, y), 3.0, INTRUDER, -1)
+
+
+def _path(canvas: Canvas, x: float, y: float) -> None:
+    paint_path(canvas, (x + 9.0, y), np.array([(x - 14.0, y), (x + 7.0, y)]), GUARD, True)
+
+
+def _paths(canvas: Canvas, x: float, y: float) -> None:
+    paint_path(canvas, (x - 6.0, y), np.array([(x - 14.0, y), (x - 8.0, y)]), GUARD, True)
+    paint_path(canvas, (x + 9.0, y), np.array([(x + 1.0, y), (x + 7.0, y)]), INTRUDER, False)
+
+
+def _missed(canvas: Canvas, x: float, y: float) -> None:
+    paint_sign(canvas, Truth([np.array([(x, y)])], False, True), 0.0, MARK_PX)
+
+
+def _out_of_range(canvas: Canvas, x: float, y: float) -> None:
+    paint_sign(canvas, Truth([np.array([(x, y)])], False, False), 0.0, MARK_PX)
+
+
+def _detection(canvas: Canvas, x: float, y: float) -> None:
+    paint_detection(canvas, Box.square(x, y, 2.0 * MARK_PX), False)
+
+
+def _further(canvas: Canvas, x: float, y: float) -> None:
+    paint_detection(canvas, Box.square(x, y, 2.0 * MARK_PX), False, is_further=True)
+
+
+def _false(canvas: Canvas, x: float, y: float) -> None:
+    paint_detection(canvas, Box.square(x, y, 2.0 * MARK_PX), True)
+
+
+def _shade(code: int) -> Mark:
+    red, green, blue = SHADES[code].tolist()
+    return lambda canvas, x, y: canvas.polygon(_swatch(x, y), (red, green, blue))
 
 
 def _swatch(x: float, y: float) -> Floats:
@@ -219,16 +308,13 @@ class Storyboard:
     """A page of scenes that are evenly spread over a trial, however long it turns out to be."""
 
     SCENES, COLUMNS = 12, 4
-    TILE_PX, GAP_PX, HEAD_PX, CAPTION_PX = 480, 12, 44, 24
-    LEGEND = (
-        ("guards", GUARD),
-        ("intruders", INTRUDER),
-        ("detections", DETECTION),
-        ("crossed out: detections that touch no intruder", FALSE_DETECTION),
-    )
+    TILE_PX, GAP_PX, HEAD_PX, LINE_PX = 480, 12, 44, 21
+    TIME_PX = 70
+    """room for the time before a scene's counter"""
 
     def __init__(self, setup: Setup) -> None:
         self._title = setup.plan.title
+        self._has_stationary = bool(setup.plan.stationary)
         self._world = WorldPanel(setup, self.TILE_PX)
         self._scenes: list[Scene] = []
         self._every = 1
@@ -253,17 +339,45 @@ class Storyboard:
         """(height, width, 3) the chosen scenes in reading order."""
         chosen = self.chosen()
         step = self.TILE_PX + self.GAP_PX
+        caption_px = self.LINE_PX * (2 if any(scene.remark for scene in chosen) else 1) + 4
         rows = -(-len(chosen) // self.COLUMNS)
-        page = blank_page(self.COLUMNS * step + self.GAP_PX, self.HEAD_PX + rows * (step + self.CAPTION_PX))
+        page = blank_page(self.COLUMNS * step + self.GAP_PX, self.HEAD_PX + rows * (step + caption_px))
         write(page, self.GAP_PX, 8, self._title, 20, INK, bold=True)
-        left = self.GAP_PX + step
-        for text, color in self.LEGEND:
-            write(page, left, 11, text, 16, color, bold=True)
-            left += text_mask(text, 16, True).shape[1] + 3 * self.GAP_PX
+        self._write_legend(page, chosen)
+        told = ""
         for place, scene in enumerate(chosen):
-            top = self.HEAD_PX + place // self.COLUMNS * (step + self.CAPTION_PX)
+            top = self.HEAD_PX + place // self.COLUMNS * (step + caption_px)
             left = self.GAP_PX + place % self.COLUMNS * step
-            write(page, left, top, f"{scene.time_s:.1f} s", 16, INK)
-            top += self.CAPTION_PX
+            write(page, left, top, f"{scene.time_s:.1f} s", 16, INK, bold=True)
+            write(page, left + self.TIME_PX, top, scene.counter, 16, INK)
+            if scene.remark != told:  # a catch is told once
+                told = scene.remark
+                write(page, left + self.TIME_PX, top + self.LINE_PX, told, 14, INK)
+            top += caption_px
             self._world.paint(page[top : top + self.TILE_PX, left : left + self.TILE_PX], scene)
         return page
+
+    def _write_legend(self, page: Picture, scenes: Sequence[Scene]) -> None:
+        """What the marks mean that are in these scenes."""
+        boxes = [found for scene in scenes for found in scene.detections]
+        truths = [truth for scene in scenes for truth in scene.truths]
+        some_intrude = any(scene.intruders for scene in scenes)
+        entries: list[tuple[Mark, str, bool]] = [
+            (_guard, "guard", True),
+            (_intruder, "mobile intruder", some_intrude),
+            (_stationary, "stationary intruder", self._has_stationary),
+            (_legs, "person (two legs) or thing", any(scene.others for scene in scenes)),
+            (_paths if some_intrude else _path, "path and goal", True),
+            (_detection, "detection", any(not (one.is_false or one.is_further) for one in boxes)),
+            (_further, "further one on the same intruder", any(one.is_further for one in boxes)),
+            (_false, "detection that touches no intruder", any(one.is_false for one in boxes)),
+            (_missed, "missed intruder, in range", any(truth.is_missed for truth in truths)),
+            (_out_of_range, "out of range: no error", any(truth.is_out_of_range for truth in truths)),
+        ]
+        canvas = Canvas(page, Box(0.0, -float(page.shape[0]), float(page.shape[1]), 0.0))
+        left = 2 * self.GAP_PX + 40 + text_mask(self._title, 20, True).shape[1]
+        for mark, text, is_there in entries:
+            if is_there:
+                mark(canvas, left, -22.0)
+                write(page, left + 20, 13, text, 14, INK)
+                left += 20 + text_mask(text, 14).shape[1] + 30

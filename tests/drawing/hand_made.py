@@ -12,6 +12,7 @@ from midnet_bench.drawing.scene import Detection, FloorPlan, Robot, Scene, Setup
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import MIDNet, Observation
+from midnet_bench.scoring.frame_counts import TruthObject, match_frame
 
 GUARDS = 3
 LOCAL_SIZE_M = 4.0
@@ -48,14 +49,21 @@ def setup_and_scene(arena_name: str = "map1", seed: int = 7) -> tuple[Setup, Sce
         for k, guard in enumerate(guards)
     ]
     frame = MIDNet(prior).update(observations, explain=True)
+    match = match_frame(frame.detections, [TruthObject("", body, body.center) for body in bodies])
     detections = [
-        Detection(box, robot + 1, not any(box.intersection_area(body) > 0.0 for body in bodies))
-        for box, robot in zip(frame.detections, frame.robots, strict=True)
+        Detection(box, robot + 1, not touched, bool(touched) and truth is None)
+        for box, robot, touched, truth in zip(
+            frame.detections, frame.robots, match.touched, match.truth_of, strict=True
+        )
     ]
     outlines = [*setup.plan.stationary, *(robot.outline for robot in robots if not robot.is_guard)]
     truths = [
-        Truth(outline, not any(body.intersection_area(box) > 0.0 for box in frame.detections))
-        for outline, body in zip(outlines, bodies, strict=True)
+        Truth(
+            [outline],
+            any(number in touched for touched in match.touched),
+            any(body.distance_to_point(*guard[:2]) <= setup.usable_range_m for guard in guards),
+        )
+        for number, (outline, body) in enumerate(zip(outlines, bodies, strict=True))
     ]
     return setup, Scene(5.0, 25, robots, detections, truths, frame.explanation)
 

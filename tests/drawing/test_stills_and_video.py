@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from midnet_bench.drawing.canvas import Canvas, Picture, text_mask, write
+from midnet_bench.drawing.canvas import Canvas, Labels, Picture, paint_detection, text_mask, write
 from midnet_bench.drawing.palette import (
     DETECTION,
     FALSE_DETECTION,
@@ -17,11 +17,14 @@ from midnet_bench.drawing.palette import (
     GUARD,
     INTRUDER,
     INTRUDER_FAINT,
+    MISSED,
+    OUT_OF_RANGE,
     RGB,
     WOOD,
 )
 from midnet_bench.drawing.plots import png_of_figure
-from midnet_bench.drawing.scene import Scene, body_at
+from midnet_bench.drawing.scene import Chase, Scene, Truth, body_at
+from midnet_bench.drawing.signs import CORNERS, RING, place_of
 from midnet_bench.drawing.stills import coarsened, draw_arena, draw_detections, draw_grids, known_corners
 from midnet_bench.drawing.trial_video import (
     FOREGROUND,
@@ -37,6 +40,7 @@ from midnet_bench.drawing.trial_video import (
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Explanation
+from midnet_bench.scoring.frame_counts import Ratios
 from tests.drawing.hand_made import GHOST, layout_of, setup_and_scene, without_explanation
 
 BESIDE = (Pose2D(-0.05, 0.045, 0.0), Pose2D(-0.05, -0.045, 0.0))
@@ -165,13 +169,106 @@ def test_detections_show_their_guards_and_both_kinds_of_error() -> None:
         return " ".join(text.get_text() for text in figure.legends[0].get_texts()).replace("\n", " ")
 
     assert "detection that touches no intruder" in legend(figure)
-    assert "intruder that no detection touches" in legend(figure)
-    dashed = [patch.get_linestyle() != "solid" for patch in axes.patches[: len(SCENE.truths)]]
-    assert dashed == [truth.is_missed for truth in SCENE.truths]
-    assert 0 < sum(dashed) < len(dashed)
-    seen = replace(SCENE, truths=[replace(truth, is_missed=False) for truth in SCENE.truths])
-    right = replace(seen, detections=[found for found in SCENE.detections if not found.is_false])
+    assert "out of range" in legend(figure)
+    assert "missed" not in legend(figure)
+    assert "further" not in legend(figure)
+    assert "missed" in legend(draw_detections(SETUP, with_errors(SCENE)))
+    assert "further" in legend(draw_detections(SETUP, with_errors(SCENE)))
+    found = replace(SCENE, truths=[replace(truth, is_found=True) for truth in SCENE.truths])
+    right = replace(found, detections=[found for found in SCENE.detections if not found.is_false])
     assert "touches" not in legend(draw_detections(SETUP, right))
+    assert "range" not in legend(draw_detections(SETUP, right))
+
+
+def with_errors(scene: Scene) -> Scene:
+    """All intruders missed that were found, the first detection a further one."""
+    truths = [replace(truth, is_found=False) for truth in scene.truths]
+    first, *others = scene.detections
+    return replace(scene, truths=truths, detections=[replace(first, is_further=True), *others])
+
+
+def darkest_about(truth: Truth) -> list[int]:
+    """The darkest grey about a lone intruder, 0 to 255: in a film, and in a still; 255 if there is none."""
+    scene = Scene(1.0, 5, [], [], [truth])
+    film = np.zeros((720, 720, 3), dtype=np.uint8)
+    WorldPanel(SETUP, 720).paint(film, scene)
+    canvas = Canvas(film, SETUP.plan.view(MARGIN_M))
+    figure = draw_detections(SETUP, scene)
+    still, axes = picture_of(figure), figure.axes[0]
+    x, y = truth.outlines[0].mean(axis=0).tolist()
+    darkest = []
+    for picture, (column, row) in (
+        (film, canvas.pixels((x, y)).tolist()),
+        (still, axes.transData.transform((x, y)).tolist()),
+    ):
+        row = row if picture is film else len(picture) - 1 - row
+        near = picture[int(row) - 40 : int(row) + 40, int(column) - 40 : int(column) + 40].reshape(-1, 3)
+        greys = near[np.ptp(near.astype(int), axis=1) < 6]
+        dark = greys.max(axis=1)
+        darkest.append(int(dark.min()) if (dark < 200).sum() > 20 else 255)
+    return darkest
+
+
+def test_an_intruder_without_a_detection_has_a_sign_that_says_whether_it_is_an_error() -> None:
+    body = body_at(Pose2D(-0.5, -0.5, 0.3))
+    assert max(darkest_about(Truth([body], False, in_range=True))) <= max(MISSED) + 5
+    for dark in darkest_about(Truth([body], False, in_range=False)):
+        assert OUT_OF_RANGE[0] - 5 <= dark < 200, "it is as loud as an error, or there is none"
+    for in_range in (True, False):
+        assert darkest_about(Truth([body], True, in_range)) == [255, 255]
+
+
+def test_signs_differ_in_shape_and_a_person_has_one_about_both_legs() -> None:
+    legs = [np.array([(x, 0.0), (x + 0.1, 0.0), (x + 0.1, 0.1), (x, 0.1)]) for x in (0.0, 0.4)]
+    middle, half = place_of(Truth(legs, False, True), 0.02, 0.1)
+    assert (*middle, *half) == pytest.approx((0.25, 0.05, 0.27, 0.1))
+    assert all(len(np.unique(np.round(np.abs(stroke).max(axis=1), 6))) == 1 for stroke in CORNERS)
+    assert np.hypot(*np.concatenate(RING).T) == pytest.approx(1.0)
+
+
+def test_a_further_box_is_dashed_and_a_false_one_crossed() -> None:
+    box = Box(-0.5, -0.5, 0.5, 0.5)
+    inked = {}
+    for name, marks in (("own", (False, False)), ("further", (False, True)), ("false", (True, False))):
+        canvas = Canvas(np.full((200, 200, 3), 255, dtype=np.uint8), Box(-1.0, -1.0, 1.0, 1.0))
+        paint_detection(canvas, box, *marks)
+        inked[name] = (canvas.picture < 128).any(axis=2)
+    assert inked["own"][50, 55:145].all()
+    assert 0.3 < inked["further"][50, 55:145].mean() < 0.9
+    assert not inked["own"][95:105, 95:105].any()
+    assert inked["false"][95:105, 95:105].any()
+
+
+def test_counters_say_how_it_stands() -> None:
+    assert SCENE.counter == "found 6 of 6 in range, 1 false"
+    assert with_errors(SCENE).counter == "found 0 of 6 in range, 1 false"
+    assert replace(SCENE, truths=[], detections=[]).counter == "nobody in range, 0 false"
+    assert SCENE.remark == ""
+    assert replace(SCENE, so_far=Ratios(0.876, 0.5, 0.6)).remark == "so far: recall 0.50, precision 0.88"
+    assert replace(SCENE, so_far=Ratios(math.nan, 0.5, math.nan)).remark == "so far: recall 0.50"
+    at_first = replace(SCENE, chase=Chase(3, 0, 0))
+    assert (at_first.counter, at_first.remark) == ("caught 0 of 3", "")
+    events = ["intruder 1 caught by guard 2, 18.4 s", "intruder 3 escaped, 20.0 s"]
+    later = replace(SCENE, chase=Chase(3, 1, 1, events))
+    assert (later.counter, later.remark) == ("caught 1 of 3, 1 escaped", events[-1])
+
+
+def test_labels_lie_on_no_other_one_and_on_nothing_that_is_to_stay_in_sight() -> None:
+    canvas = Canvas(np.zeros((200, 200, 3), dtype=np.uint8), Box(-1.0, -1.0, 1.0, 1.0))
+    labels = Labels(canvas)
+    labels.keep_free((0.0, 0.0), 8.0)
+    labels.keep_edges_free(Box(-0.25, -0.25, 0.25, 0.25))
+    for color in range(100, 106):
+        labels.put((0.0, 0.0), "8", (color, 0, 0), 13.0)
+    taken = [Box(*one) for one in np.array(labels._taken).tolist()]
+    texts, kept = taken[-6:], taken[:-6]
+    for number, text in enumerate(texts):
+        assert all(text.intersection_area(other) == 0.0 for other in texts[:number] + kept)
+    corner = Labels(canvas)
+    corner.put((0.99, 0.99), "8", GUARD, 13.0)
+    (x1, y1, x2, y2) = corner._taken[0].tolist()
+    assert 0.0 <= x1 < x2 <= 200.0
+    assert 0.0 <= y1 < y2 <= 200.0
 
 
 def test_robots_of_a_large_arena_are_enlarged_and_those_that_are_gone_not_drawn() -> None:
@@ -228,7 +325,7 @@ def test_a_storyboard_spreads_its_scenes_evenly(frames: int) -> None:
         gaps = np.diff(numbers)
         assert 0 < gaps.max() <= 2 * gaps.min()
     if frames in (5, 13):
-        assert board.page().shape[0] == 44 + (2 if frames == 5 else 3) * (480 + 12 + 24)
+        assert board.page().shape[0] == 44 + (2 if frames == 5 else 3) * (480 + 12 + 25)
 
 
 def test_the_known_part_of_a_map_is_what_a_picture_shows() -> None:

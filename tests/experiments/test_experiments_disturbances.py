@@ -160,7 +160,9 @@ def test_a_dead_guard_catches_nobody() -> None:
     with LabyrinthTrial(parameters, SEED) as made:
         made.next_frame()
         assert made.guards_alive == []
-        assert not made._is_caught(made.intruders[0])
+        intruder = made.intruders[0]
+        box = made.lidars.outline(intruder.index)
+        assert made._catchers(intruder, [(box, made.guards[0])]) == []
 
 
 def test_guards_of_the_labyrinth_chase_nobody_of_whom_midnet_never_hears() -> None:

@@ -1,11 +1,16 @@
 """A trial as the plain data that pictures are drawn from."""
 
+import pytest
+
+from midnet_bench.drawing.scene import Scene
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
 from midnet_bench.experiments.guarded.scenes import scene_of, setup_of
+from midnet_bench.experiments.labyrinth.demo import demo
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
+from midnet_bench.settings import Scalar
 
 
 def test_false_and_missed_are_those_that_the_score_counts() -> None:
@@ -15,14 +20,13 @@ def test_false_and_missed_are_those_that_the_score_counts() -> None:
     with DetectionTrial(parameters, 7) as trial:
         for frame in trial.frames(explain=True):
             scored.append(frame)
-            scenes.append(scene_of(trial, frame.midnet))
+            scenes.append(scene_of(trial, frame.midnet, frame.truths, frame.in_range))
     false = [sum(found.is_false for found in scene.detections) for scene in scenes]
     assert false == [frame.counts.fp for frame in scored]
     assert sum(false) > 0, "a trial without any shows nothing here"
-    missed = [
-        sum(truth.is_missed and near for truth, near in zip(scene.truths, frame.in_range, strict=True))
-        for scene, frame in zip(scenes, scored, strict=True)
-    ]
+    further = [sum(found.is_further for found in scene.detections) for scene in scenes]
+    assert further == [frame.counts.duplicates for frame in scored]
+    missed = [sum(truth.is_missed for truth in scene.truths) for scene in scenes]
     assert missed == [frame.counts.fn for frame in scored]
     assert sum(missed) > 0, "a trial without any shows nothing here"
     assert [scene.frame for scene in scenes] == [frame.number for frame in scored]
@@ -32,9 +36,10 @@ def test_robots_that_are_gone_are_not_in_a_scene_and_escapes_are_goals() -> None
     with LabyrinthTrial(LabyrinthParameters.parse({"robots": 2, "intruders": 2}, "test"), 3) as trial:
         setup = setup_of(trial)
         frame = next(iter(trial.frames(explain=True)))
-        before = scene_of(trial, frame)
+        before = scene_of(trial, frame, trial.truths(), trial.in_range(trial.truths()))
         trial.fleet.remove(trial.intruders[0])
-        after = scene_of(trial, frame)
+        trial.outcomes[trial.intruders[0].index].left_at_s = trial.fleet.time_s
+        after = scene_of(trial, frame, trial.truths(), trial.in_range(trial.truths()))
         escapes = [trial.outcomes[robot.index].escape for robot in trial.intruders]
     assert (setup.guards, setup.mobile_intruders, setup.plan.title) == (2, 2, "Map 2, seed 3")
     assert [robot.goal for robot in before.intruders] == escapes
@@ -42,6 +47,37 @@ def test_robots_that_are_gone_are_not_in_a_scene_and_escapes_are_goals() -> None
     assert [robot.number for robot in after.intruders] == [2]
     assert len(after.truths) == len(before.truths) - 1
     assert before.explanation is frame.explanation is not None
+
+
+def labyrinth(seed: int, **values: Scalar) -> list[Scene]:
+    given: dict[str, Scalar] = {"robots": 2, "intruders": 2, "engine": "fast", **values}
+    with demo(LabyrinthParameters.parse(given, "test"), seed) as drawn:
+        return list(drawn.scenes)
+
+
+def test_a_labyrinth_tells_who_caught_whom_and_shows_the_caught_one_for_the_last_time() -> None:
+    *before, last, after = labyrinth(2, capture="detected", time_limit_s=15.2)
+    assert {(scene.counter, scene.remark) for scene in before} == {("caught 0 of 2", "")}
+    caught = ("caught 1 of 2", "intruder 1 caught by guard 2, 15.0 s")
+    assert (last.counter, last.remark) == (after.counter, after.remark) == caught
+    assert last.time_s == pytest.approx(15.0)
+    assert [robot.number for robot in last.intruders] == [1, 2]
+    assert [found.guard for found in last.detections if not found.is_false] == [2]
+    assert last.truths[0].is_found
+    assert [robot.number for robot in after.intruders] == [2]
+
+
+def test_a_labyrinth_tells_who_got_away() -> None:
+    near: dict[str, Scalar] = {
+        "robots": 1,
+        "escape_distance_m": 0.0,
+        "escape_radius_m": 5.0,
+        "time_limit_s": 0.4,
+    }
+    at_once, _ = labyrinth(2, **near)
+    assert (at_once.counter, at_once.remark) == ("caught 0 of 2, 1 escaped", "intruder 1 escaped, 0.2 s")
+    (alone,) = labyrinth(2, **near, intruders=1)
+    assert (alone.counter, alone.remark) == ("caught 0 of 1, 1 escaped", "escaped, 0.2 s")
 
 
 def test_every_experiment_with_guards_gives_a_demo() -> None:

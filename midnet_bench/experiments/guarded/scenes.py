@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.drawing.scene import Detection, FloorPlan, Robot, Scene, Setup, Truth
 from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import Pose2D
 from midnet_bench.midnet.pipeline import Frame
+from midnet_bench.scoring.frame_counts import TruthObject, match_frame
 
 
 def setup_of(trial: GuardedArena) -> Setup:
@@ -24,42 +25,48 @@ def setup_of(trial: GuardedArena) -> Setup:
     )
 
 
-def scene_of(trial: GuardedArena, frame: Frame) -> Scene:
-    """The trial as it is now, with the detections of ``frame``, its newest."""
+def scene_of(
+    trial: GuardedArena, frame: Frame, truths: Sequence[TruthObject], in_range: Sequence[bool]
+) -> Scene:
+    """The trial as it is now, with the detections of ``frame``, its newest.
+
+    Args:
+        trial: at the frame's instant.
+        frame: what the detector says.
+        truths: the intruders that it is to find.
+        in_range: for each of them, whether not finding it is an error.
+    """
     active, poses = trial.world.active, trial.world.poses()
     robots = [
         _robot(robot, Pose2D(*poses[robot.index].tolist()), trial)
         for robot in trial.fleet.robots
         if active[robot.index]
     ]
-    stationary = trial.layout.stationary
-    outlines = [solid.outline() for solid in stationary]
-    outlines += [robot.outline for robot in robots if not robot.is_guard]
-    others = [[solid.outline() for solid in member.solids()] for member in trial.crowd.members]
-    targets = [solid.bounding_box() for solid in stationary]
-    targets += [trial.lidars.outline(robot.index) for robot in trial.intruders if active[robot.index]]
-    found = [not _touches(target, frame.detections) for target in targets]
-    truths = [Truth(outline, missed) for outline, missed in zip(outlines, found, strict=True)]
-    for member, legs in zip(trial.crowd.members, others, strict=True):
-        is_missed = not _touches(member.extent(), frame.detections)
-        truths += [Truth(leg, is_missed) for leg in legs]
-        targets.append(member.extent())
+    others = {member.name: [one.outline() for one in member.solids()] for member in trial.crowd.members}
+    outlines = {
+        f"stationary {number}": [solid.outline()] for number, solid in enumerate(trial.layout.stationary, 1)
+    }
+    outlines |= {f"intruder {robot.number}": [robot.outline] for robot in robots if not robot.is_guard}
+    outlines |= others
+    match = match_frame(frame.detections, truths)
+    found = {truth for each in match.touched for truth in each}
     return Scene(
         time_s=trial.fleet.time_s,
         frame=round(trial.fleet.time_s * FRAME_HZ),
         robots=robots,
         detections=[
-            Detection(box, guard + 1, not _touches(box, targets))
-            for box, guard in zip(frame.detections, frame.robots, strict=True)
+            Detection(box, guard + 1, not touched, is_further=bool(touched) and truth is None)
+            for box, guard, touched, truth in zip(
+                frame.detections, frame.robots, match.touched, match.truth_of, strict=True
+            )
         ],
-        truths=truths,
+        truths=[
+            Truth(outlines[truth.name], index in found, near)
+            for index, (truth, near) in enumerate(zip(truths, in_range, strict=True))
+        ],
         explanation=frame.explanation,
-        others=others,
+        others=list(others.values()),
     )
-
-
-def _touches(box: Box, others: Sequence[Box]) -> bool:
-    return any(box.intersection_area(other) > 0.0 for other in others)
 
 
 def _robot(robot: MobileRobot, pose: Pose2D, trial: GuardedArena) -> Robot:

@@ -3,12 +3,14 @@
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
-from midnet_bench.drawing.scene import Demo
+from midnet_bench.drawing.scene import Chase, Demo, Scene
 from midnet_bench.experiments.guarded.arena import FRAME_HZ
 from midnet_bench.experiments.guarded.scenes import scene_of, setup_of
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
+from midnet_bench.midnet.pipeline import Frame
 
 
 @contextmanager
@@ -17,5 +19,31 @@ def demo(parameters: LabyrinthParameters, seed: int) -> Iterator[Demo]:
     with LabyrinthTrial(parameters, seed) as trial:
         # a last frame that the time limit falls into is made in full
         max_frames = math.ceil(parameters.time_limit_s * FRAME_HZ - 1e-6)
-        scenes = (scene_of(trial, frame) for frame in trial.frames(explain=True))
-        yield Demo(setup_of(trial), max_frames, scenes)
+        yield Demo(setup_of(trial), max_frames, _scenes(trial))
+
+
+def _scenes(trial: LabyrinthTrial) -> Iterator[Scene]:
+    """Each frame with those whom it is the last of, and with what became of them."""
+    seen: list[Scene] = []
+
+    def look(frame: Frame) -> None:
+        truths = trial.truths()
+        seen[:] = [scene_of(trial, frame, truths, trial.in_range(truths))]
+
+    for _ in trial.frames(explain=True, look=look):
+        yield replace(seen[0], chase=_chase(trial))
+
+
+def _chase(trial: LabyrinthTrial) -> Chase:
+    outcomes = [trial.outcomes[robot.index] for robot in trial.intruders]
+    events: list[tuple[float, str]] = []
+    for number, outcome in enumerate(outcomes, 1):
+        who = f"intruder {number} " if len(outcomes) > 1 else ""
+        if outcome.caught_by is not None:
+            by = outcome.caught_by.index + 1
+            events.append((outcome.caught_at_s, f"{who}caught by guard {by}, {outcome.caught_at_s:.1f} s"))
+        elif outcome.result == "escaped":
+            events.append((outcome.escaped_at_s, f"{who}escaped, {outcome.escaped_at_s:.1f} s"))
+    results = [outcome.result for outcome in outcomes]
+    told = tuple(text for _, text in sorted(events))
+    return Chase(len(outcomes), results.count("caught"), results.count("escaped"), told)

@@ -1,12 +1,12 @@
 """The labyrinth test of section V.B: who is caught before he escapes."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from midnet_bench.agents.mobile_robot import MobileRobot, Point
+from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.pursuit import Pursuit
 from midnet_bench.arena.free_space import doors
 from midnet_bench.campaign.trial import Row, TrialResult
@@ -36,6 +36,8 @@ class Outcome:
     escaped_at_s: float = math.nan
     left_at_s: float = math.nan
     """when it was taken out of the arena, caught or escaped"""
+    caught_by: Guard | None = None
+    """who caught it"""
 
     @property
     def result(self) -> str:
@@ -74,22 +76,36 @@ class LabyrinthTrial(GuardedArena):
         """Intruders that are still in the arena; a caught one may be."""
         return [robot for robot in self.intruders if math.isnan(self.outcomes[robot.index].left_at_s)]
 
-    def frames(self, explain: bool = False) -> Iterator[Frame]:
-        """MIDNet's frames until everybody is caught or gone, or the time is up (item 58)."""
+    def frames(
+        self, explain: bool = False, look: Callable[[Frame], None] = lambda frame: None
+    ) -> Iterator[Frame]:
+        """MIDNet's frames until everybody is caught or gone, or the time is up (item 58).
+
+        ``look`` is called with each before anybody is taken out.
+        """
         to_the_end = self._test.ends == "time_limit"
         while (to_the_end or self.present) and self.fleet.time_s < self._test.time_limit_s - 1e-9:
             midnet = self.next_frame(explain or self.recorder is not None)
             if self.metrics or self.recorder is not None:
                 self._observe(midnet)
+            look(midnet)
             self._judge(midnet)
             yield midnet
 
+    def truths(self) -> list[TruthObject]:
+        """The intruders that are still in the arena, where they are now."""
+        outlines = {robot.name: self.lidars.outline(robot.index) for robot in self.present}
+        return [TruthObject(name, box, box.center) for name, box in outlines.items()]
+
+    def in_range(self, truths: Sequence[TruthObject]) -> list[bool]:
+        """For each truth, whether its centre is within some guard's usable range."""
+        range_m = self._test.costmap.obstacle_range_m
+        return truths_in_range(truths, self.sensor_positions(), range_m, "centre")
+
     def _observe(self, midnet: Frame) -> None:
         """Let the metrics and the recorder see a frame, before anybody is taken out."""
-        outlines = {robot.name: self.lidars.outline(robot.index) for robot in self.present}
-        truths = [TruthObject(name, box, box.center) for name, box in outlines.items()]
-        range_m = self._test.costmap.obstacle_range_m
-        in_range = truths_in_range(truths, self.sensor_positions(), range_m, "centre")
+        truths = self.truths()
+        in_range = self.in_range(truths)
         if self.metrics:
             self.metrics.update(self.seen_by_metrics(midnet, truths, in_range))
         if self.recorder is not None:
@@ -112,8 +128,8 @@ class LabyrinthTrial(GuardedArena):
         if self._test.evasion == "flee":
             self._flee()
 
-    def _judge_one(self, robot: MobileRobot, boxes: Sequence[Box], now_s: float) -> None:
-        """What becomes of one intruder now, ``boxes`` being those on it."""
+    def _judge_one(self, robot: MobileRobot, boxes: Sequence[tuple[Box, Guard]], now_s: float) -> None:
+        """What becomes of one intruder now, ``boxes`` being those on it and whose they are."""
         outcome = self.outcomes[robot.index]
         has_arrived = math.dist(self._place(robot), outcome.escape) <= self._test.escape_radius_m
         if outcome.result == "at large":
@@ -124,16 +140,17 @@ class LabyrinthTrial(GuardedArena):
             self.fleet.remove(robot)
 
     def _judge_at_large(
-        self, robot: MobileRobot, boxes: Sequence[Box], has_arrived: bool, now_s: float
+        self, robot: MobileRobot, boxes: Sequence[tuple[Box, Guard]], has_arrived: bool, now_s: float
     ) -> None:
         """Note whether one that nobody has caught yet is detected, caught, or got away; tell an oracle."""
         outcome, is_oracle = self.outcomes[robot.index], self._test.pursuit.rule == "oracle"
         if boxes:
             outcome.detected_at_s = now_s if math.isnan(outcome.detected_at_s) else outcome.detected_at_s
             if is_oracle:
-                self.pursuit.detected(robot.index, boxes[0].center, now_s)
-        if boxes and self._is_caught(robot):
-            outcome.caught_at_s = now_s
+                self.pursuit.detected(robot.index, boxes[0][0].center, now_s)
+        catchers = self._catchers(robot, boxes)
+        if catchers:
+            outcome.caught_at_s, outcome.caught_by = now_s, catchers[0]
         elif has_arrived:
             outcome.escaped_at_s = now_s
         if is_oracle and outcome.result != "at large":
@@ -150,23 +167,32 @@ class LabyrinthTrial(GuardedArena):
                 not any(box.intersection_area(outline) > 0.0 for outline in outlines) for box in new
             )
 
-    def _boxes_on(self, robot: MobileRobot, midnet: Frame) -> list[Box]:
-        """The detections that cover some of an intruder (item 53)."""
+    def _boxes_on(self, robot: MobileRobot, midnet: Frame) -> list[tuple[Box, Guard]]:
+        """The detections that cover some of an intruder (item 53), each with the guard whose box it is."""
         outline = self.lidars.outline(robot.index)
-        return [box for box in midnet.detections if box.intersection_area(outline) > 0.0]
+        return [
+            (box, self.guards[guard])
+            for box, guard in zip(midnet.detections, midnet.robots, strict=True)
+            if box.intersection_area(outline) > 0.0
+        ]
 
-    def _is_caught(self, robot: MobileRobot) -> bool:
-        """Whether an intruder that is being detected is caught (item 53); walls keep guards off."""
-        if self._test.capture == "detected":
-            return True
+    def _catchers(self, robot: MobileRobot, boxes: Sequence[tuple[Box, Guard]]) -> list[Guard]:
+        """Who catches an intruder that has ``boxes`` on it (item 53), the nearest first.
+
+        Walls keep guards off. Nobody catches whom nobody detects.
+        """
+        if not boxes or self._test.capture == "detected":
+            return [guard for _, guard in boxes]
         contact_m = 2.0 * self.robot.radius_m  # robots whose centres are this near touch
         reach_m = self._test.capture_distance_m if self._test.capture == "within" else contact_m
         place = np.array([self._place(robot)])
-        return any(
-            math.dist(self._place(guard), self._place(robot)) <= reach_m
-            and not crossed_wall(self._surfaces, np.array([self._place(guard)]), place)[0]
+        near = [
+            guard
             for guard in self.guards_alive
-        )
+            if math.dist(self._place(guard), self._place(robot)) <= reach_m
+            and not crossed_wall(self._surfaces, np.array([self._place(guard)]), place)[0]
+        ]
+        return sorted(near, key=lambda guard: math.dist(self._place(guard), self._place(robot)))
 
     def _place(self, robot: MobileRobot) -> Point:
         x, y = self.world.poses()[robot.index, :2].tolist()
