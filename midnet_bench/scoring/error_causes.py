@@ -34,7 +34,7 @@ FALSE_CAUSES = {
     "misplaced_by_crop": "an intruder, off by the cells that the window is shifted by",
     "misplaced_by_noise": "an intruder, off by the noise of the ranges",
     "deflated": "an intruder, shrunk until it did not touch it",
-    "rim": "the rim of an intruder that the inflated prior map covers",
+    "rim": "the rim of an intruder that the inflated prior map covers, or that lies beyond that map",
     "ally_trail": "where another guard was",
     "ally_left": "another guard, not removed",
     "wall_by_pose": "a wall, off by the guard's pose error",

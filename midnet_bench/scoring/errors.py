@@ -96,8 +96,8 @@ class GuardView(NamedTuple):
     lines: Callable[[], SightLines]
     returns: Callable[[int], tuple[Marks, Booleans]]
     """source -> the returns of its last scan that came from there, and which are within the obstacle range"""
-    marks: Marks
-    """the marked cells of its costmap"""
+    marks: Callable[[], Marks]
+    """the marked cells of its costmap; misses need none of them"""
     shift_m: tuple[float, float]
     """by which the crop moves its cells on the prior map"""
     window: Box
@@ -118,7 +118,7 @@ class GuardView(NamedTuple):
     """what was taken off each side of them as soon as they were found"""
     taken: Sequence[int | None]
     """for each of them the index of the ally that it was removed for"""
-    centers_at_scan: Floats
+    centers_at_scan: Callable[[], Floats]
     """(truths, 2) where the truths were at its last scan; (0, 2) before the first"""
 
 

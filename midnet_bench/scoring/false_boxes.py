@@ -73,14 +73,15 @@ def made_of(detection: Box, finder: int, truths: Sequence[TruthObject], views: V
 
 def _marks_of(box: Box, view: GuardView) -> tuple[Marks, Ints]:
     """The marks that a guard's box can be of, and how many of its cells are nearest to each."""
-    if not len(view.marks.source):
-        return view.marks, np.zeros(0, dtype=np.int64)
-    places = view.marks.believed + view.shift_m
+    marks = view.marks()
+    if not len(marks.source):
+        return marks, np.zeros(0, dtype=np.int64)
+    places = marks.believed + view.shift_m
     box = box.shrunk(-view.deflated_m)
     wide = box.shrunk(-view.reach_m)
     x, y = places[:, 0], places[:, 1]
     near = (x >= wide.x_min) & (x <= wide.x_max) & (y >= wide.y_min) & (y <= wide.y_max)
-    marks, places = view.marks.where(near), places[near]
+    marks, places = marks.where(near), places[near]
     votes = np.zeros(len(places), dtype=np.int64)
     if not len(places):
         return marks, votes

@@ -66,7 +66,8 @@ def _lost_by(truth: int, truths: Sequence[TruthObject], view: GuardView) -> Caus
         return _unseen(truth, truths, view)
     if not in_reach.any():
         return Cause("beyond_range", view.guard)
-    returns = returns.where(in_reach)
+    if not in_reach.all():
+        returns = returns.where(in_reach)
     age_s = float(returns.age_s.min())
     places = returns.believed + view.shift_m
     places = places[_inside(view.window, places)]
@@ -115,7 +116,7 @@ def beside(truth: int, truths: Sequence[TruthObject], returns: Marks, view: Guar
         returns: of it, of whose cells none lies on it.
         view: of the guard.
     """
-    gone = np.array(truths[truth].center) - view.centers_at_scan[truth]
+    gone = np.array(truths[truth].center) - view.centers_at_scan()[truth]
     places = {
         "delay": returns.believed + view.shift_m + gone,
         **without_each_error(returns, view),

@@ -134,7 +134,7 @@ def guard_view(
         sensor=(0.0, 0.0),
         lines=lambda: sight((0.0, 0.0), beams or {}),
         returns=of,
-        marks=marks.where(is_marked),
+        marks=lambda: marks.where(is_marked),
         shift_m=shift_m,
         window=moved(window, shift_m),
         reach_m=REACH_M,
@@ -145,7 +145,7 @@ def guard_view(
         deflated_m=deflated_m,
         found=found if detects else [],
         taken=[(taken or {}).get(k) for k in range(len(found))] if detects else [],
-        centers_at_scan=np.array(centers, dtype=np.float64).reshape(-1, 2),
+        centers_at_scan=lambda: np.array(centers, dtype=np.float64).reshape(-1, 2),
     )
 
 

@@ -94,10 +94,7 @@ class RecordedFrame(NamedTuple):
             "found": _text([[guard, *_mm(box), ally] for guard, box, ally in self.found]),
             "detections": _text([[guard, *_mm(box), truth] for guard, box, truth in self.detections]),
             "scans": " ".join(
-                base64.b64encode(
-                    bytes(NO_RETURN if range_m is None else round(100.0 * range_m) for range_m in scan)
-                ).decode()
-                + f"@{','.join(map(str, _mm(sensor or ())))}"
+                base64.b64encode(_cm(scan)).decode() + f"@{','.join(map(str, _mm(sensor or ())))}"
                 for scan, sensor in zip(self.scans_m, self.sensors, strict=True)
             ),
         }
@@ -166,6 +163,11 @@ def recorded_scan(ranges_m: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> l
     """Each fourth beam of a scan as it is recorded: metres, None where nothing came back within 2.54 m."""
     far_m = NO_RETURN / 100.0 - 0.005
     return [range_m if 0.0 < range_m < far_m else None for range_m in ranges_m[::BEAM_STEP].tolist()]
+
+
+def _cm(scan_m: Sequence[float | None]) -> bytes:
+    ranges_cm = 100.0 * np.array(scan_m, dtype=np.float64)  # NaN for None
+    return np.where(np.isnan(ranges_cm), NO_RETURN, np.rint(ranges_cm)).astype(np.uint8).tobytes()
 
 
 def _damaged(row: Mapping[str, object]) -> ValueError:

@@ -39,7 +39,7 @@ class Recorder:
         """
         self._trial, self._range_m = trial, range_m
         self._keeps_frames = keeps_frames
-        self._witness = witness
+        self.witness = witness
         self._frames: list[Row] = []
         self._errors: list[Row] = []
 
@@ -56,9 +56,9 @@ class Recorder:
         if self._keeps_frames:
             recorded = self._recorded(number, frame, truths, in_range, match, pursuers)
             self._frames.append(recorded.to_row())
-        if self._witness is None:
+        if self.witness is None:
             return
-        missed, left_over = self._witness.causes(
+        missed, left_over = self.witness.causes(
             frame, truths, match, in_range, partial(self._guards_near, truths)
         )
         touched = {truth for each in match.touched for truth in each}

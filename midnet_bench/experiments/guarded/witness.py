@@ -6,7 +6,7 @@ out only for frames with errors.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 
 import numpy as np
 
@@ -102,6 +102,18 @@ class NotedScan:
         """The beams that a costmap with this obstacle range takes for returns."""
         low = self.lidar.range_min_m
         return np.flatnonzero((self.ranges_m >= low) & (self.ranges_m < range_m))
+
+    def marks(self, beams: Ints, now_s: float, is_newest: bool) -> Marks:
+        """The returns of some beams, as they are at ``now_s``; ``is_newest``: whether no scan is newer."""
+        return Marks(
+            self.sources[beams],
+            np.full(len(beams), now_s - self.time_s),
+            np.full(len(beams), is_newest),
+            self.believed[beams],
+            self.at_true_pose[beams],
+            self.at_true_range[beams],
+            self.true[beams],
+        )
 
     @cached_property
     def believed_directions(self) -> Floats:
@@ -265,7 +277,7 @@ class Witness:
         scan = self._scans[guard][number]
         beams = scan.reached(scan.lidar.range_max_m)
         beams = beams[scan.sources[beams] == source]
-        marks = self._gathered(guard, np.full(len(beams), number), beams)
+        marks = scan.marks(beams, self.now_s, is_newest=True) if len(beams) else NO_MARKS
         return marks, scan.ranges_m[beams] < self._settings.obstacle_range_m
 
     def centers_at_scan(self, guard: int) -> Floats:
@@ -321,7 +333,8 @@ class Witness:
 
     def costmap_window(self, guard: int) -> Box:
         """Where a guard's costmap lies, map frame, metres."""
-        return Box(*self._node.costmaps[guard].published().extent)
+        layer = self._node.costmaps[guard].layer
+        return Box(*OccupancyGrid(layer.cells, self._settings.resolution, layer.origin).extent)
 
     def shift_m(self, guard: int, crop: Crop) -> tuple[float, float]:
         """By how much the crop moves a guard's cells on the prior map, x and y, metres."""
@@ -336,23 +349,11 @@ class Witness:
     def _gathered(self, guard: int, numbers: Ints, beams: Ints) -> Marks:
         newest = self._counts[guard] - 1
         scans = self._scans[guard]
-        parts = []
-        for number in np.unique(numbers).tolist():
-            if number not in scans:
-                continue
-            scan, own = scans[number], beams[numbers == number]
-            age_s = np.full(len(own), self.now_s - scan.time_s)
-            parts.append(
-                (
-                    scan.sources[own],
-                    age_s,
-                    np.full(len(own), number == newest),
-                    scan.believed[own],
-                    scan.at_true_pose[own],
-                    scan.at_true_range[own],
-                    scan.true[own],
-                )
-            )
+        parts = [
+            scans[number].marks(beams[numbers == number], self.now_s, is_newest=number == newest)
+            for number in np.unique(numbers).tolist()
+            if number in scans
+        ]
         if not parts:
             return NO_MARKS
         return Marks(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
@@ -404,7 +405,7 @@ class _Views:
             sensor=witness.sensor(guard),
             lines=partial(witness.lines, guard),
             returns=partial(witness.returns, guard),
-            marks=witness.marks(guard),
+            marks=cache(partial(witness.marks, guard)),
             shift_m=shift_m,
             window=moved(window, shift_m),
             reach_m=witness.reach_m,
@@ -415,5 +416,5 @@ class _Views:
             found=found,
             deflated_m=deflated_m,
             taken=[taken.get(box) for box in found],
-            centers_at_scan=witness.centers_at_scan(guard),
+            centers_at_scan=partial(witness.centers_at_scan, guard),
         )
