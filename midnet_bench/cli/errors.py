@@ -13,31 +13,42 @@ Where = Annotated[
     list[str] | None,
     typer.Option(
         metavar="FACTOR=VALUE",
-        help="Only trials with this value of the grid, such as robots=5; may be given again.",
+        help="Only trials with this value of the grid, such as oracle=none; may be given again.",
         show_default=False,
     ),
 ]
 
 
-@command("Results", example="midnet-bench errors results/detection --where robots=5")
+Robots = Annotated[
+    int | None, typer.Option(metavar="N", help="Only trials with this team size.", show_default=False)
+]
+
+
+def _places(where: list[str] | None, robots: int | None) -> list[str]:
+    return [*(where or ()), *([] if robots is None else [f"robots={robots}"])]
+
+
+@command("Results", example="midnet-bench errors results/detection --robots 5")
 def errors(
     directory: Directory,
+    robots: Robots = None,
     where: Where = None,
     seed: Annotated[int | None, typer.Option(help="Only this seed's trials.", show_default=False)] = None,
     as_json: options.Json = False,
 ) -> None:
     """Say why a recorded campaign missed intruders and found what is none: causes, shares, worst frames.
 
-    Trials are recorded with '--set record=true'. docs/errors.md says what each cause means.
+    Trials are recorded with '--record'. docs/errors.md says what each cause means.
     """
     from midnet_bench.workflows.errors import errors as of_campaign
 
-    show(None, of_campaign(directory, where or (), seed), as_json)
+    show(None, of_campaign(directory, _places(where, robots), seed), as_json)
 
 
-@command("Results", example="midnet-bench explain results/detection --seed 3 --frame 60")
+@command("Results", example="midnet-bench explain results/detection --robots 5 --seed 3 --frame 60")
 def explain(
     directory: Directory,
+    robots: Robots = None,
     seed: Annotated[int | None, typer.Option(help="The trial's seed.", show_default=False)] = None,
     frame: Annotated[
         int | None, typer.Option(help="Which frame, counted from 1.", show_default=False)
@@ -61,14 +72,15 @@ def explain(
     from midnet_bench.errors import InputError
     from midnet_bench.workflows import errors as workflow
 
+    own = _places(where, robots)
     if versus is not None:
         if seed is not None or frame is not None:
             raise InputError("explain: --versus compares whole campaigns; leave out --seed and --frame")
-        show(None, [workflow.versus(directory, versus, where or (), versus_where or where or ())], as_json)
+        show(None, [workflow.versus(directory, versus, own, versus_where or own)], as_json)
         return
     if seed is None or frame is None:
         raise InputError("explain: --seed and --frame are needed, such as --seed 3 --frame 60; or --versus")
-    table = workflow.explain(directory, seed, frame, where or ())
+    table = workflow.explain(directory, seed, frame, own)
     if as_json:
         show(None, [table], as_json)
     else:

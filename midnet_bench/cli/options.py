@@ -102,6 +102,10 @@ class Campaign:
         list[str] | None,
         _part("What else is measured: ospa, first_detection, idleness, mot; may be repeated"),
     ] = None
+    record: Annotated[
+        bool,
+        typer.Option("--record", help="Keep each frame, and the cause of each error of the detection test."),
+    ] = False
     map_file: Map = None
     settings: Sweep = None
     output: Annotated[
@@ -142,7 +146,7 @@ class Campaign:
         from midnet_bench.campaign.definition import parse_sweep, values_of
 
         given: dict[str, Values] = {}
-        for key, value in {**named, **self._parts}.items():
+        for key, value in {**named, **self._parts, "record": self.record or None}.items():
             if isinstance(value, str) and "," in value:
                 given[key] = values_of(value, f"--{key}")
             elif value is not None:

@@ -129,12 +129,17 @@ def _recorded(directory: str | Path, where: Sequence[str]) -> Results:
         factor, is_there, value = each.partition("=")
         if not is_there:
             raise InputError(f"--where {each}: FACTOR=VALUE is needed, such as robots=5")
+        fixed = results.definition.parameters
+        if factor in fixed and factor not in results.factors:
+            if str(fixed[factor]) != value:
+                raise InputError(f"--where {each}: {directory} has {factor}={fixed[factor]} alone")
+            continue
         parts = results.by_value(factor)
         if value not in parts:
             raise InputError(f"--where {each}: the grid has no such value{nearest_name(value, list(parts))}")
         results = parts[value]
     if not any(name in results.tables and len(results.tables[name]) for name in ("recorded", "errors")):
-        raise InputError(f"{directory}: its trials were not recorded; run them with --set record=true")
+        raise InputError(f"{directory}: its trials were not recorded; run them with --record")
     return results
 
 

@@ -4,24 +4,23 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from midnet_bench.analysis.frames import load_results
-from midnet_bench.cli import app
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.record import RecordedFrame
 from midnet_bench.experiments.registry import tables_of
 from midnet_bench.workflows.errors import errors, explain, versus
+from tests.cli.command import midnet_bench, one_line_of_complaint
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two seeds with one and with five guards, 25 frames each."""
-    directory = tmp_path_factory.mktemp("errors") / "recorded"
+    place = tmp_path_factory.mktemp("errors")
     run = ["detection", "--robots", "1,5", "--frames", "25", "--seeds", "2", "--engine", "fast"]
-    done = CliRunner().invoke(app, [*run, "--set", "record=true", "-o", str(directory)])
-    assert done.exit_code == 0, done.output
-    return directory
+    done = midnet_bench(*run, "--record", "-o", "recorded", folder=place)
+    assert done.returncode == 0, done.stderr
+    return place / "recorded"
 
 
 def test_each_error_of_a_campaign_has_one_row_and_a_known_cause(folder: Path) -> None:
@@ -85,6 +84,8 @@ def test_recorded_frames_read_back_to_the_same_row(folder: Path) -> None:
         (["errors", "--where", "robot=5"], "has no factor 'robot'; did you mean 'robots'?"),
         (["errors", "--where", "robots=3"], "--where robots=3: the grid has no such value"),
         (["errors", "--where", "robots"], "--where robots: FACTOR=VALUE is needed, such as robots=5"),
+        (["errors", "--robots", "3"], "--where robots=3: the grid has no such value"),
+        (["errors", "--where", "frames=9"], "has frames=25 alone"),
         (["errors", "--seed", "9"], "seed: 9 was not recorded"),
         (["explain", "--seed", "1"], "--seed and --frame are needed"),
         (
@@ -96,22 +97,24 @@ def test_recorded_frames_read_back_to_the_same_row(folder: Path) -> None:
 )
 def test_wrong_questions_are_answered_in_one_line(folder: Path, arguments: list[str], said: str) -> None:
     command, *options = arguments
-    with pytest.raises(InputError) as error:
-        CliRunner().invoke(app, [command, str(folder), *options], catch_exceptions=False)
-    assert said in str(error.value)
-    assert "\n" not in str(error.value)
+    done = midnet_bench(command, folder, *options, folder=folder)
+    assert done.returncode == 2
+    assert said in one_line_of_complaint(done)
 
 
 def test_a_campaign_that_was_not_recorded_says_how_to(tmp_path: Path) -> None:
-    run = ["detection", "--frames", "2", "--seeds", "1", "--engine", "fast", "-o", str(tmp_path / "plain")]
-    assert CliRunner().invoke(app, run).exit_code == 0
-    with pytest.raises(InputError, match="its trials were not recorded; run them with --set record=true"):
+    run = ["detection", "--frames", "2", "--engine", "fast", "-o", "plain"]
+    assert midnet_bench(*run, folder=tmp_path).returncode == 0
+    with pytest.raises(InputError, match="its trials were not recorded; run them with --record"):
         errors(tmp_path / "plain")
 
 
 def test_both_commands_print_json(folder: Path) -> None:
-    for options in (["errors"], ["explain", "--where", "robots=5", "--seed", "1", "--frame", "1"]):
+    for options in (
+        ["errors"],
+        ["explain", "--robots", "5", "--where", "frames=25", "--seed", "1", "--frame", "1"],
+    ):
         command, *rest = options
-        done = CliRunner().invoke(app, [command, str(folder), *rest, "--json"])
-        assert done.exit_code == 0, done.output
+        done = midnet_bench(command, folder, *rest, "--json", folder=folder)
+        assert done.returncode == 0, done.stderr
         json.loads(done.stdout)
