@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from midnet_bench.cli import options
+from midnet_bench.cli import messages, options
 from midnet_bench.cli.app import command
 from midnet_bench.cli.reports import Directory, show
 
@@ -66,6 +66,14 @@ def explain(
         list[str] | None,
         typer.Option(metavar="FACTOR=VALUE", help="As --where, of the other campaign.", show_default=False),
     ] = None,
+    grids: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Draw each guard's grids A to D at that frame into this folder; the trial runs again.",
+            show_default=False,
+        ),
+    ] = None,
     as_json: options.Json = False,
 ) -> None:
     """Explain each error of one frame in a line; or, with --versus, compare the errors of two campaigns."""
@@ -74,8 +82,8 @@ def explain(
 
     own = _places(where, robots)
     if versus is not None:
-        if seed is not None or frame is not None:
-            raise InputError("explain: --versus compares whole campaigns; leave out --seed and --frame")
+        if seed is not None or frame is not None or grids is not None:
+            raise InputError("explain: --versus compares campaigns; leave out --seed, --frame and --grids")
         show(None, [workflow.versus(directory, versus, own, versus_where or own)], as_json)
         return
     if seed is None or frame is None:
@@ -85,3 +93,7 @@ def explain(
         show(None, [table], as_json)
     else:
         typer.echo("\n".join([table.title, *(str(row["line"]) for row in table.rows)]))
+    if grids is not None:
+        workflow.grids(directory, seed, frame, own, grids)
+        if not as_json:
+            messages.tell_where(grids)

@@ -13,6 +13,7 @@ from midnet_bench.experiments.detection.error_tables import by_frame, error_tabl
 from midnet_bench.experiments.guarded.record import RecordedFrame
 from midnet_bench.experiments.registry import tables_of
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
+from midnet_bench.workflows.render import render_trial
 
 WORST = 10
 """frames that ``errors`` names"""
@@ -66,6 +67,22 @@ def explain(directory: str | Path, seed: int, frame: int, where: Sequence[str] =
     names = ("kind", "cause", "guard", "intruder")
     rows = [{"line": _sentence(row, recorded), **{name: row[name] for name in names}} for row in found]
     return Table("explanation", _summary(recorded, seed, found), rows)
+
+
+def grids(directory: str | Path, seed: int, frame: int, where: Sequence[str], output: Path) -> list[Path]:
+    """The files written to ``output``: pictures of one frame of one trial, each guard's grids A to D among them.
+
+    Grids are not recorded: the trial runs again up to that frame, as :func:`~.render.render_trial` says.
+
+    Raises:
+        InputError: as :func:`explain`.
+    """
+    explain(directory, seed, frame, where)
+    definition = _recorded(directory, where).definition
+    if definition.grid:
+        raise InputError(f"{directory}: name one value of {', '.join(definition.grid)} by --where")
+    parameters = {**definition.parameters, "record": False}
+    return render_trial(definition.experiment, parameters, seed, output, frame, clip=False)
 
 
 def versus(

@@ -109,6 +109,18 @@ def test_a_campaign_that_was_not_recorded_says_how_to(tmp_path: Path) -> None:
         errors(tmp_path / "plain")
 
 
+def test_the_grids_of_a_frame_are_drawn_from_the_same_trial(folder: Path, tmp_path: Path) -> None:
+    frame = ["--robots", "1", "--seed", "2", "--frame", "4"]
+    done = midnet_bench("explain", folder, *frame, "--grids", "drawn", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    names = ["arena.png", "detections.png", "grids.png"]
+    assert sorted(path.name for path in (tmp_path / "drawn").iterdir()) == names
+    again = ["render", "--robots", "1", "--engine", "fast", "--seed", "2", "--frame", "4", "--frames", "25"]
+    assert midnet_bench(*again, "--no-clip", "-o", "again", folder=tmp_path).returncode == 0
+    for name in names:
+        assert (tmp_path / "drawn" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
+
+
 def test_both_commands_print_json(folder: Path) -> None:
     for options in (
         ["errors"],
