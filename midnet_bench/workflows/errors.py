@@ -70,7 +70,7 @@ def explain(directory: str | Path, seed: int, frame: int, where: Sequence[str] =
 
 
 def grids(directory: str | Path, seed: int, frame: int, where: Sequence[str], output: Path) -> list[Path]:
-    """The files written to ``output``: pictures of one frame of a trial, each guard's grids A to D among them.
+    """The files written to ``output``: one frame of a trial in pictures, each guard's grids A to D too.
 
     Grids are not recorded: the trial runs again up to that frame, as :func:`~.render.render_trial` says.
 
