@@ -3,7 +3,7 @@
 from collections.abc import Collection, Sequence
 from functools import partial
 
-from midnet_bench.agents.mobile_robot import Guard
+from midnet_bench.agents.mobile_robot import Guard, Point
 from midnet_bench.campaign.trial import Row
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.record import (
@@ -20,7 +20,7 @@ from midnet_bench.experiments.guarded.witness import Witness
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.scoring.errors import Cause, Kind
-from midnet_bench.scoring.frame_counts import FrameMatch, TruthObject, truths_in_range
+from midnet_bench.scoring.frame_counts import FrameMatch, TruthObject
 
 
 class Recorder:
@@ -59,7 +59,7 @@ class Recorder:
         if self.witness is None:
             return
         missed, left_over = self.witness.causes(
-            frame, truths, match, in_range, partial(self._guards_near, truths)
+            frame, truths, match, in_range, partial(self._guards_near, truths, self._trial.sensor_positions())
         )
         touched = {truth for each in match.touched for truth in each}
         for index, cause in missed.items():
@@ -74,10 +74,10 @@ class Recorder:
         """``recorded`` and ``errors``, those that have rows."""
         return {name: rows for name, rows in ((FRAMES, self._frames), (ERRORS, self._errors)) if rows}
 
-    def _guards_near(self, truths: Sequence[TruthObject], index: int) -> list[int]:
+    def _guards_near(self, truths: Sequence[TruthObject], sensors: Sequence[Point], index: int) -> list[int]:
         """The guards whose usable range a truth is in, by its nearest point."""
-        sensors = enumerate(self._trial.sensor_positions())
-        return [guard for guard, at in sensors if truths_in_range([truths[index]], [at], self._range_m)[0]]
+        box = truths[index].box
+        return [guard for guard, at in enumerate(sensors) if box.distance_to_point(*at) <= self._range_m]
 
     def _recorded(
         self,

@@ -327,9 +327,9 @@ class Witness:
         """The frame's instant."""
         return self._trial.fleet.time_s
 
-    def sensor(self, guard: int) -> tuple[float, float]:
-        """(x, y) of a guard's LiDAR as it truly is."""
-        return self._trial.sensor_positions()[guard]
+    def sensors(self) -> list[tuple[float, float]]:
+        """(x, y) of each guard's LiDAR as it truly is now."""
+        return self._trial.sensor_positions()
 
     def costmap_window(self, guard: int) -> Box:
         """Where a guard's costmap lies, map frame, metres."""
@@ -374,6 +374,7 @@ class _Views:
     def __init__(self, witness: Witness, frame: Frame) -> None:
         self._witness, self._frame = witness, frame
         self._made: dict[int, GuardView] = {}
+        self._sensors = witness.sensors()
 
     def __iter__(self) -> Iterator[GuardView]:
         return (self[guard] for guard in range(len(self._witness.guards)))
@@ -402,7 +403,7 @@ class _Views:
             }
         return GuardView(
             guard=guard,
-            sensor=witness.sensor(guard),
+            sensor=self._sensors[guard],
             lines=partial(witness.lines, guard),
             returns=partial(witness.returns, guard),
             marks=cache(partial(witness.marks, guard)),
