@@ -198,7 +198,8 @@ def test_a_report_repeats_its_bytes_also_without_the_store(results: Results, tmp
         f"{stem}{ending}" for stem in ("success_rate", "labyrinth_details") for ending in (".png", ".svg")
     }
     raw = {"trial.csv", "intruders.csv", "robots.csv", "timing.csv", "configuration.json", "provenance.json"}
-    assert set(first) == figures | raw | {f"{stem}{end}" for stem in stems for end in (".csv", ".md", ".tex")}
+    made_of_them = {f"{stem}{end}" for stem in stems for end in (".csv", ".md", ".tex")}
+    assert set(first) == figures | raw | made_of_them | {"report.html"}
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == first
     names = [table.name for table in printed(results, tables)]
     assert names == ["success_rate", "labyrinth_health", "labyrinth_speed"]
