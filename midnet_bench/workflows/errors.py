@@ -157,6 +157,10 @@ def _recorded(directory: str | Path, where: Sequence[str]) -> Results:
         results = parts[value]
     if not any(name in results.tables and len(results.tables[name]) for name in ("recorded", "errors")):
         raise InputError(f"{directory}: its trials were not recorded; run them with --record")
+    if "frames" not in results.tables:
+        raise InputError(
+            f"{directory}: only the detection test's errors are explained; 'report' plays these trials"
+        )
     return results
 
 

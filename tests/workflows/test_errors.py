@@ -109,6 +109,13 @@ def test_a_campaign_that_was_not_recorded_says_how_to(tmp_path: Path) -> None:
         errors(tmp_path / "plain")
 
 
+def test_a_labyrinth_has_a_player_and_no_causes(tmp_path: Path) -> None:
+    run = ["labyrinth", "--trials", "1", "--robots", "1", "--intruders", "1", "--engine", "fast", "--record"]
+    assert midnet_bench(*run, "--set", "time_limit_s=5", "-o", "lab", folder=tmp_path).returncode == 0
+    done = midnet_bench("errors", "lab", folder=tmp_path)
+    assert "only the detection test's errors are explained" in one_line_of_complaint(done)
+
+
 def test_the_grids_of_a_frame_are_drawn_from_the_same_trial(folder: Path, tmp_path: Path) -> None:
     frame = ["--robots", "1", "--seed", "2", "--frame", "4"]
     done = midnet_bench("explain", folder, *frame, "--grids", "drawn", folder=tmp_path)
