@@ -135,17 +135,21 @@ def cell_centers(grid: OccupancyGrid, cells: npt.NDArray[np.bool_]) -> npt.NDArr
     return np.stack((grid.x_centers[columns], grid.y_centers[rows]), axis=1)
 
 
+def cells_of(grid: OccupancyGrid, points: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
+    """(N, 2) column and row of the cell that each of (N, 2) points lies in, on the grid or off it."""
+    return np.asarray(np.floor((points - grid.origin) / grid.resolution + _SLACK).astype(np.int64))
+
+
 def cell_middles(grid: OccupancyGrid, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """(N, 2) the centre of the cell that each of (N, 2) points lies in, on the grid or off it, metres."""
-    cells = np.floor((points - grid.origin) / grid.resolution + _SLACK)
-    return np.asarray(grid.origin + (cells + 0.5) * grid.resolution)
+    return np.asarray(grid.origin + (cells_of(grid, points) + 0.5) * grid.resolution)
 
 
 def values_at(
     values: npt.NDArray[ScalarT], grid: OccupancyGrid, points: npt.NDArray[np.float64], outside: float
 ) -> npt.NDArray[ScalarT]:
     """(N,) of (H, W) ``values`` on the cells of ``grid`` at (N, 2) points; ``outside`` off the grid."""
-    columns, rows = np.floor((points - grid.origin) / grid.resolution + _SLACK).astype(np.int64).T
+    columns, rows = cells_of(grid, points).T
     on_grid = (columns >= 0) & (columns < grid.width) & (rows >= 0) & (rows < grid.height)
     found = np.full(len(points), outside, dtype=values.dtype)
     found[on_grid] = values[rows[on_grid], columns[on_grid]]

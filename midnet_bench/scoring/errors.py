@@ -10,15 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.geometry import Box
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.grid import OccupancyGrid, cells_of
 from midnet_bench.midnet.binary_map import OCCUPIED
 from midnet_bench.scoring.frame_counts import TruthObject
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Booleans = npt.NDArray[np.bool_]
-SLACK = 1e-6
-"""of a cell: keeps a point that rounding moves off its cell's lower edge on that cell"""
 Kind = Literal["miss", "false", "fragment"]
 
 WALL, NOTHING = -1, -2
@@ -156,8 +154,7 @@ def cells_left(places: Floats, view: GuardView) -> Floats:
     prior = view.prior
     if prior is None or not len(places):
         return np.empty((0, 2))
-    marks = np.floor((places - prior.origin) / prior.resolution + SLACK).astype(np.int64)
-    cells = np.unique((marks[:, None] + view.disc[None]).reshape(-1, 2), axis=0)
+    cells = np.unique((cells_of(prior, places)[:, None] + view.disc[None]).reshape(-1, 2), axis=0)
     columns, rows = cells.T
     on = (columns >= 0) & (rows >= 0) & (columns < prior.width) & (rows < prior.height)
     cells = cells[on]

@@ -1,5 +1,6 @@
 """``errors`` and ``explain``: why a recorded campaign's trials missed intruders and found what is none."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -232,7 +233,7 @@ def _sentence(row: Row, recorded: RecordedFrame) -> str:
     robot = recorded.robots[guard - 1] if guard else None
     if cause in _BY_POSE and robot is not None:
         error = robot.believed.relative_to(robot.pose)
-        degrees = abs(error.yaw) * 57.29577951308232
+        degrees = math.degrees(abs(error.yaw))
         details.append(
             f"guard {guard} believes itself {100 * robot.pose.distance_to(robot.believed):.1f} cm "
             f"and {degrees:.1f} degrees off"
