@@ -38,6 +38,7 @@ FLOORS = [
     {"arena"},
     {"simulation"},
     {"scoring"},
+    {"recording"},
     {"campaign"},
     {"analysis"},
     {"drawing"},
