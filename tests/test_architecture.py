@@ -35,6 +35,7 @@ FLOORS = [
     {"localization", "mapping", "navigation"},
     {"agents"},
     {"rivals"},
+    {"assembly"},
     {"arena"},
     {"simulation"},
     {"scoring"},
@@ -43,6 +44,7 @@ FLOORS = [
     {"analysis"},
     {"drawing"},
     {"page"},
+    {"recording"},
     {"experiments"},
     {"workflows"},
     {"cli"},
@@ -124,6 +126,17 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
         pytest.fail(" <- ".join(error.args[1]))
 
 
+@pytest.mark.parametrize("room", ["assembly", "recording"])
+def test_what_works_on_recordings_needs_no_simulator(room: str) -> None:
+    """Not by way of other rooms either."""
+    needed, new = set(), {name for name in SOURCES if name not in ABOVE_ALL and room_of(name) == room}
+    while new:
+        needed |= new
+        ours = {module for name in new for module in imports()[name] if module in SOURCES}
+        new = ours - needed - ABOVE_ALL
+    assert not {name for name in needed if room_of(name) in {"simulation", "agents", "arena"}}
+
+
 def test_libraries_stay_where_they_belong() -> None:
     for name, modules in imports().items():
         libraries = {module.split(".")[0] for module in modules}
@@ -142,6 +155,7 @@ def test_libraries_stay_where_they_belong() -> None:
 TRIAL_ROOMS = {
     "agents",
     "arena",
+    "assembly",
     "localization",
     "mapping",
     "midnet",

@@ -317,6 +317,17 @@ def root(parent: Indices, run: int) -> int:
     return run
 
 
+def with_returns(boxes: BoxArray, points: npt.NDArray[np.float64], least: int) -> BoxArray:
+    """The boxes that hold at least ``least`` of (m, 2) points, metres, map frame, in their order.
+
+    The paper has no such rule. One return alone may be a phantom, and inflation makes a box of many cells of
+    it, so that ``min_area_cells`` cannot tell it from a person.
+    """
+    x, y = points[:, 0, None], points[:, 1, None]
+    inside = (x >= boxes[:, 0]) & (x <= boxes[:, 2]) & (y >= boxes[:, 1]) & (y <= boxes[:, 3])
+    return boxes[np.count_nonzero(inside, axis=0) >= least]
+
+
 def shrunk(boxes: BoxArray, margin_m: float) -> BoxArray:
     """Boxes with ``margin_m`` taken off every side, never past their own centres (item 25)."""
     low, high = boxes[:, :2], boxes[:, 2:]

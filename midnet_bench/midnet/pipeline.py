@@ -1,5 +1,6 @@
 """Section IV as a whole: what the team sees at one instant becomes one list of boxes."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -22,6 +23,7 @@ from midnet_bench.midnet.detection import (
     foreground,
     foreground_of_costs,
     shrunk,
+    with_returns,
 )
 from midnet_bench.midnet.fusion import REMOVE, TeamBoxes, ally_squares, fuse_team
 from midnet_bench.midnet.settings import MIDNetSettings as MIDNetSettings
@@ -36,7 +38,7 @@ class Observation:
     costmap: OccupancyGrid
     """its local grid map, int8 published costs, axes along those of the map"""
     scan: Scan | None = None
-    """its last one, which MIDNet does not need; None before the first"""
+    """its last one, which MIDNet needs for ``min_returns`` alone; None before the first"""
 
 
 @dataclass(frozen=True)
@@ -137,7 +139,7 @@ class MIDNet:
             if explain:
                 crop = self._crop(observation)
                 grids.append(self._subtract(observation.costmap, crop))
-                found.append(self._boxes(grids[-1].d, crop))
+                found.append(self._boxes(grids[-1].d, crop, observation.scan))
             else:
                 found.append(self._found(observation))
         robots, squares, team = self._fuse(found, [observation.pose for observation in observations])
@@ -193,7 +195,7 @@ class MIDNet:
         d = foreground_of_costs(
             observation.costmap.data, self.prior.data, crop, settings.thresh_local, tracks_unknown
         )
-        return self._boxes(d, crop)
+        return self._boxes(d, crop, observation.scan)
 
     def _crop(self, observation: Observation) -> Crop:
         """Section IV.B.1 for one robot."""
@@ -214,10 +216,13 @@ class MIDNet:
         c = common_occupancy(a, b)
         return _Grids(crop, a, b, c, foreground(a, c))
 
-    def _boxes(self, d: BinaryArray, crop: Crop) -> BoxArray:
-        """Sections IV.B.3 and IV.B.4 for one robot."""
+    def _boxes(self, d: BinaryArray, crop: Crop, scan: Scan | None) -> BoxArray:
+        """Sections IV.B.3 and IV.B.4 for one robot; then, if asked for, only boxes with returns in them."""
         settings = self.settings
         boxes = bounding_boxes(d, (crop.x1_gmap, crop.y1_gmap), self.prior, settings.min_area_cells)
+        if settings.min_returns and len(boxes):
+            points = np.empty((0, 2)) if scan is None else scan.returns(math.inf)[1]
+            boxes = with_returns(boxes, points, settings.min_returns)
         return shrunk(boxes, settings.deflate_boxes_m) if settings.deflate_boxes_m > 0.0 else boxes
 
     def _explain(

@@ -36,6 +36,13 @@ class MIDNetSettings(Settings):
         "cells (floor, Eqs. 2 to 4), or by the costmap's own origin (origin).",
     )
     min_area_cells: int = option(1, "Blobs of fewer cells are dropped.", ge=1, le=1000)
+    min_returns: int = option(
+        0,
+        "A box that holds fewer returns of its robot's last scan is dropped; 0 keeps all, boxes of marks "
+        "without any return too.",
+        ge=0,
+        le=1000,
+    )
     deflate_boxes_m: float = 0.0
     """taken off each side of a box as soon as it is found, >= 0; changes every later IoU (item 25)"""
     ally_diameter_m: float = option(

@@ -64,7 +64,7 @@ class CostmapSettings(Settings):
         5.0,
         "Side of the square window around the robot; a costmap over a map has the map's size.",
         ge=1,
-        le=20,
+        le=200,
     )
     centered: bool = option(
         True, "Keep the robot's cell in the middle (Eqs. 2 to 4); costmap_2d's window may lag by a cell."
@@ -72,7 +72,7 @@ class CostmapSettings(Settings):
     obstacle_range_m: float = option(
         2.5, "Returns nearer than this mark obstacles; for MIDNet that is the usable range.", gt=0, le=10
     )
-    raytrace_range_m: float = option(3.0, "Beams clear obstacles up to this distance.", gt=0, le=10)
+    raytrace_range_m: float = option(3.0, "Beams clear obstacles up to this distance.", gt=0, le=100)
     inflation_radius_m: float = option(
         0.55, "Distance from an obstacle at which its inflated cost ends.", ge=0, le=3
     )

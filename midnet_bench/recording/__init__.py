@@ -1,1 +1,1 @@
-"""Recordings of robots and of trials: what MIDNet makes of them, and whether their parts fit together."""
+"""Recorded data in and out: bags, tables and logs into the detector, trials out as bags."""

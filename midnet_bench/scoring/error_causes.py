@@ -14,7 +14,7 @@ MISS_CAUSES = {
     "below_threshold": "no cell at its returns has the cost that counts",
     "outside_prior": "its returns lie outside the prior map",
     "under_prior": "the inflated prior map lies over it",
-    "too_small": "its contour has too few cells",
+    "too_small": "its contour has too few cells, or too few returns",
     "deflated": "its box was shrunk until it did not touch it",
     "pose_error": "its box lies beside it by the guard's pose error",
     "crop_shift": "its box lies beside it by the cells that the window is shifted by",

@@ -9,6 +9,7 @@ import pytest
 from midnet_bench.arena import prior_maps as explored_map
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
+from midnet_bench.assembly.detector_node import binary_prior
 from midnet_bench.campaign.definition import Campaign, resolve
 from midnet_bench.campaign.trial import TrialSpec
 from midnet_bench.errors import InputError
@@ -16,7 +17,6 @@ from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import run_detection
 from midnet_bench.experiments.guarded.arena import GuardedArena
-from midnet_bench.experiments.guarded.detector_node import binary_prior
 from midnet_bench.experiments.guarded.inputs import prior_map_from
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.grid import OccupancyGrid

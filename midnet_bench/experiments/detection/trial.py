@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 
 from midnet_bench.agents.mobile_robot import MobileRobot, Point
+from midnet_bench.assembly.detector_node import DetectorNode
 from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.elementary import directions
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
-from midnet_bench.experiments.guarded.detector_node import DetectorNode
 from midnet_bench.experiments.guarded.oracles import fused_by_identity
 from midnet_bench.experiments.guarded.recorder import Recorder
 from midnet_bench.experiments.guarded.witness import Witness

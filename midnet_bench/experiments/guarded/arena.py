@@ -11,9 +11,9 @@ from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
 from midnet_bench.arena.free_space import FreeSpace, free_space
 from midnet_bench.arena.layout import place
+from midnet_bench.assembly.detector_node import DetectorNode, Sight, detector_nodes
 from midnet_bench.campaign.trial import Row
 from midnet_bench.elementary import cos, sin
-from midnet_bench.experiments.guarded.detector_node import DetectorNode, Sight, detector_nodes
 from midnet_bench.experiments.guarded.inputs import EXACT, prior_map_from
 from midnet_bench.experiments.guarded.opponents import Opponents
 from midnet_bench.experiments.guarded.oracles import Oracles, ScanOnlooker, Trial

@@ -46,7 +46,12 @@ def effective(parameters: Guarded, keep_thresh_local: bool = False) -> Guarded:
     plain, deflate_boxes = MIDNetSettings(), parameters.deflate_boxes
     if parameters.detector != "midnet":  # another one has costmaps, and no binary grids
         prior, deflate_boxes = PriorMapSettings(), False
-        midnet = replace(midnet, align=plain.align, min_area_cells=plain.min_area_cells)
+        midnet = replace(
+            midnet,
+            align=plain.align,
+            min_area_cells=plain.min_area_cells,
+            min_returns=plain.min_returns,
+        )
         if not keep_thresh_local:
             midnet = replace(midnet, thresh_local=plain.thresh_local)
     else:

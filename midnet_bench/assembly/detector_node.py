@@ -1,5 +1,6 @@
 """``DetectorNode``: from a map, poses and scans to MIDNet's boxes; it needs no simulator, arena or agent."""
 
+import math
 from collections.abc import Hashable, Sequence
 from functools import cached_property
 from typing import NamedTuple, Protocol, TypeVar
@@ -7,6 +8,7 @@ from typing import NamedTuple, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry, Scan
@@ -97,8 +99,16 @@ class DetectorNode:
     ) -> None:
         """Take one scan into a robot's costmap: (beams,) metres, and its pose then, map frame.
 
-        A guard that was given its costmap does this by itself, and has its last scan.
+        A guard that was given its costmap does this by itself, and has its last scan. Geometry may change
+        from scan to scan.
+
+        Raises:
+            InputError: no such robot, a pose or a geometry that is not finite, as many ranges as there are no
+                beams, or a time that is not finite.
         """
+        if not 0 <= robot < len(self.costmaps):
+            raise InputError(f"scan: robot {robot}: there are {len(self.costmaps)}, counted from 0")
+        _check(pose, ranges_m, lidar, time_s)
         self.scans[robot] = Scan(ranges_m, lidar, pose, time_s)
         self.costmaps[robot].update(pose, pose.compose(lidar.mount), ranges_m, lidar, time_s)
 
@@ -146,6 +156,19 @@ def detector_nodes(sights: Sequence[Sight], robots: int) -> list[DetectorNode]:
         alike.setdefault(seen, nodes[-1])
         alike.setdefault((seen, settings.detector), nodes[-1])
     return nodes
+
+
+def _check(pose: Pose2D, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:
+    """What compiled loops would read beyond an array of, or never come back from."""
+    if not all(map(math.isfinite, (*pose, time_s))):
+        raise InputError(f"scan: pose ({pose.x}, {pose.y}, {pose.yaw}) at {time_s} s: must be finite")
+    if ranges_m.ndim != 1 or len(ranges_m) != lidar.beams:
+        shape = " x ".join(map(str, ranges_m.shape))
+        raise InputError(f"scan: {shape} ranges of a LiDAR of {lidar.beams} beams; give one for each beam")
+    angles = (lidar.angle_min_rad, lidar.angle_increment_rad, *lidar.mount)
+    limits = (lidar.range_min_m, lidar.range_max_m)
+    if not all(map(math.isfinite, angles)) or any(map(math.isnan, limits)):
+        raise InputError(f"scan: LiDAR {lidar}: its angles, mount and limits must be numbers")
 
 
 def _read_only(told: Observation) -> Observation:
