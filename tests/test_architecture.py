@@ -39,7 +39,6 @@ FLOORS = [
     {"arena"},
     {"simulation"},
     {"scoring"},
-    {"recording"},
     {"campaign"},
     {"analysis"},
     {"drawing"},
