@@ -9,6 +9,7 @@ import typer
 
 from midnet_bench.cli import (
     arenas,
+    bags,
     campaigns,
     check,
     errors,
@@ -25,6 +26,7 @@ from midnet_bench.errors import InputError, MidnetBenchError
 
 __all__ = [
     "arenas",
+    "bags",
     "campaigns",
     "check",
     "errors",

@@ -45,6 +45,12 @@ def results(incomplete: str) -> list[str]:
     )
 
 
+def exported(incomplete: str) -> list[str]:
+    """What has guards: experiments by name, then folders with results."""
+    named = [name for name in ("detection", "labyrinth") if name.startswith(incomplete)]
+    return named + results(incomplete)
+
+
 def settings(context: typer.Context, incomplete: str) -> list[str]:
     """Parameters of the experiment that the command runs, each with ``=`` behind it."""
     from midnet_bench.experiments.registry import names as experiment_names

@@ -24,7 +24,8 @@ Robots = Annotated[
 ]
 
 
-def _places(where: list[str] | None, robots: int | None) -> list[str]:
+def places(where: list[str] | None, robots: int | None) -> list[str]:
+    """All that names a campaign's cells, as ``FACTOR=VALUE``."""
     return [*(where or ()), *([] if robots is None else [f"robots={robots}"])]
 
 
@@ -42,7 +43,7 @@ def errors(
     """
     from midnet_bench.workflows.errors import errors as of_campaign
 
-    show(None, of_campaign(directory, _places(where, robots), seed), as_json)
+    show(None, of_campaign(directory, places(where, robots), seed), as_json)
 
 
 @command("Results", example="midnet-bench explain results/detection --robots 5 --seed 3 --frame 60")
@@ -80,7 +81,7 @@ def explain(
     from midnet_bench.errors import InputError
     from midnet_bench.workflows import errors as workflow
 
-    own = _places(where, robots)
+    own = places(where, robots)
     if versus is not None:
         if seed is not None or frame is not None or grids is not None:
             raise InputError("explain: --versus compares campaigns; leave out --seed, --frame and --grids")

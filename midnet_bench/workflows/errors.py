@@ -141,8 +141,8 @@ def versus(
     return Table("errors_versus", title, rows)
 
 
-def _recorded(directory: str | Path, where: Sequence[str]) -> Results:
-    results = load_results(Path(directory), tables_of)
+def narrowed(results: Results, where: Sequence[str]) -> Results:
+    """The campaign's trials of some cells: ``where`` has ``FACTOR=VALUE`` of its grid. Raises InputError."""
     for each in where:
         factor, is_there, value = each.partition("=")
         if not is_there:
@@ -150,12 +150,17 @@ def _recorded(directory: str | Path, where: Sequence[str]) -> Results:
         fixed = results.definition.parameters
         if factor in fixed and factor not in results.factors:
             if str(fixed[factor]) != value:
-                raise InputError(f"--where {each}: {directory} has {factor}={fixed[factor]} alone")
+                raise InputError(f"--where {each}: {results.directory} has {factor}={fixed[factor]} alone")
             continue
         parts = results.by_value(factor)
         if value not in parts:
             raise InputError(f"--where {each}: the grid has no such value{nearest_name(value, list(parts))}")
         results = parts[value]
+    return results
+
+
+def _recorded(directory: str | Path, where: Sequence[str]) -> Results:
+    results = narrowed(load_results(Path(directory), tables_of), where)
     if not any(name in results.tables and len(results.tables[name]) for name in ("recorded", "errors")):
         raise InputError(f"{directory}: its trials were not recorded; run them with --record")
     if "frames" not in results.tables:

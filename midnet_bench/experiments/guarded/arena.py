@@ -1,7 +1,7 @@
 """``GuardedArena``: one trial in motion, advanced from MIDNet frame to MIDNet frame."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -98,6 +98,10 @@ class GuardedArena(RobotTrial):
         self._oracles = Oracles(fed, known)
         for feed in self._oracles.feeds:
             self._look_on(feed.scanned)
+        self.tick_onlookers: list[Callable[[Sequence[MobileRobot]], None]] = []
+        """told of the robots that were due once a tick is over"""
+        self.frame_onlookers: list[Callable[[Frame], None]] = []
+        """told of each frame of ``detector``, before anybody goes by it"""
         self._frame_ticks = self.step_hz // FRAME_HZ
         self._dying, self._dead = self.guards[: parameters.dying_guards], list[Guard]()
         self._uplink = Uplink(parameters.network, self.guards, seed) if parameters.network.is_used else None
@@ -114,7 +118,11 @@ class GuardedArena(RobotTrial):
 
     def detected(self, node: DetectorNode, explain: bool = False) -> Frame:
         """What one of this trial's detectors says now; take each instant once, in order."""
-        return node.detect(self.observations(node), self.fleet.time_s, explain)
+        frame = node.detect(self.observations(node), self.fleet.time_s, explain)
+        if node is self.detector:
+            for look in self.frame_onlookers:
+                look(frame)
+        return frame
 
     def advance(self) -> None:
         """Let 0.2 s pass, a frame."""
@@ -122,6 +130,8 @@ class GuardedArena(RobotTrial):
             if self._opponents is not None:
                 self._opponents.update(self.world)
             due = self.fleet.step()
+            for look in self.tick_onlookers:
+                look(due)
             if self._uplink is not None:
                 self._uplink.send(due, self.fleet.time_s)
             self._oracles.stepped(due)

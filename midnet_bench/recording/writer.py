@@ -1,0 +1,222 @@
+"""``BagWriter``: ROS messages into an MCAP file, the folder of a ROS 2 bag or a ROS 1 bag, without ROS."""
+
+import contextlib
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from rosbags.interfaces import (
+    Nodetype,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Ros2Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
+from midnet_bench.io.files import cannot_be_written
+from midnet_bench.recording.ros_messages import NS, Message
+
+ENDINGS = {"mcap": ".mcap", "ros2": "", "ros1": ".bag"}
+"""of each format: a plain MCAP file, a ROS 2 bag's folder with an SQLite file, a ROS 1 bag"""
+QUATERNION = "geometry_msgs/msg/Quaternion"
+TIME = "builtin_interfaces/msg/Time"
+
+_ROS_1_TYPES = {
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
+    "vision_msgs/msg/ObjectHypothesisWithPose": (
+        "int64 id\nfloat64 score\ngeometry_msgs/PoseWithCovariance pose"
+    ),
+    "vision_msgs/msg/BoundingBox2D": "geometry_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
+    "vision_msgs/msg/Detection2D": (
+        "Header header\nObjectHypothesisWithPose[] results\nBoundingBox2D bbox\nsensor_msgs/Image source_img"
+    ),
+    "vision_msgs/msg/Detection2DArray": "Header header\nDetection2D[] detections",
+}
+"""what rosbags does not know: vision_msgs 0.0.1 of Noetic"""
+_ROS_2_TYPES = {
+    "vision_msgs/msg/Point2D": "float64 x\nfloat64 y",
+    "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
+    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
+    "vision_msgs/msg/ObjectHypothesisWithPose": (
+        "ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
+    ),
+    "vision_msgs/msg/BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
+    "vision_msgs/msg/Detection2D": (
+        "std_msgs/Header header\nObjectHypothesisWithPose[] results\nBoundingBox2D bbox\nstring id"
+    ),
+    "vision_msgs/msg/Detection2DArray": "std_msgs/Header header\nDetection2D[] detections",
+}
+"""vision_msgs 4, since Humble"""
+
+
+def ending_of(bag_format: str) -> str:
+    """What the name of such a bag ends in, dot included; empty for a folder. Raises InputError: no format."""
+    if bag_format not in ENDINGS:
+        raise InputError(f"--format: no such choice '{bag_format}'{nearest_name(bag_format, ENDINGS)}")
+    return ENDINGS[bag_format]
+
+
+_FOREVER = QosTime(0, 0)
+
+
+def _qos(is_kept: bool) -> Qos:
+    """Reliable; the last message of a topic that ``is_kept`` reaches those who come later."""
+    return Qos(
+        QosHistory.KEEP_LAST,
+        1 if is_kept else 10,
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL if is_kept else QosDurability.VOLATILE,
+        _FOREVER,
+        _FOREVER,
+        QosLiveliness.AUTOMATIC,
+        _FOREVER,
+        False,
+    )
+
+
+class Types:
+    """Message types of one ROS, and instances of them."""
+
+    def __init__(self, ros: Literal[1, 2]) -> None:
+        self.store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
+        found: dict[str, Any] = {}
+        for name, definition in (_ROS_1_TYPES if ros == 1 else _ROS_2_TYPES).items():
+            found |= get_types_from_msg(definition, name)
+        self.store.register(found)
+        self._fields: dict[str, dict[str, _Maker]] = {}
+        self._empty: dict[str, dict[str, Any]] = {}
+        """of each type, its fields where nothing is given; nobody writes to a message, so all share them"""
+
+    def made(self, kind: str, fields: Any) -> Any:
+        """A message of that type from its :data:`Fields`, a time from its nanoseconds."""
+        if kind == TIME and not isinstance(fields, Mapping):
+            return self.store.types[kind](*divmod(fields, NS))
+        if kind not in self._fields:
+            described = self.store.fielddefs[kind][1]
+            self._fields[kind] = {name: self._maker(said) for name, said in described}
+            self._empty[kind] = {name: self._nothing(said) for name, said in described}
+            if kind == QUATERNION:
+                self._empty[kind]["w"] = 1.0
+        makers = self._fields[kind]
+        given = {name: makers[name](value) for name, value in fields.items()}
+        return self.store.types[kind](**{**self._empty[kind], **given})
+
+    def _maker(self, described: Any) -> "_Maker":
+        """What makes a field of what is given for it; ``described``: as rosbags has it."""
+        node, what = described
+        if node == Nodetype.BASE:
+            return _as_it_is
+        if node == Nodetype.NAME:
+            return partial(self.made, what)
+        each = self._maker(what[0])
+        return _as_it_is if each is _as_it_is else lambda values: [each(value) for value in values]
+
+    def _nothing(self, described: Any) -> Any:
+        node, what = described
+        if node == Nodetype.BASE:
+            return {"string": "", "bool": False}.get(what[0], 0)
+        if node == Nodetype.NAME:
+            return self.made(what, {})
+        (of, name), length = what
+        if of == Nodetype.BASE and name[0] != "string":
+            return np.zeros(length if node == Nodetype.ARRAY else 0, name[0])
+        return []
+
+
+_Maker = Callable[[Any], Any]
+
+
+def _as_it_is(value: Any) -> Any:
+    return value
+
+
+class BagWriter:
+    """A bag that is being written; messages must come in the order of their times."""
+
+    def __init__(self, writer: Ros1Writer | Ros2Writer) -> None:
+        """``writer``: opened."""
+        self._writer = writer
+        self.ros: Literal[1, 2] = 1 if isinstance(writer, Ros1Writer) else 2
+        self._types = Types(self.ros)
+        self._topics: dict[str, Any] = {}
+
+    def write(self, topic: str, stamp_ns: int, message: Message, is_kept: bool = False) -> None:
+        """Append a message, recorded at ``stamp_ns``.
+
+        ``is_kept``: whether players hand the topic's last message to those who come later (latched).
+        """
+        connection = self._topics.get(topic)
+        if connection is None:
+            connection = self._topics[topic] = self._add(topic, message.kind, is_kept)
+        made = self._types.made(*message)
+        store = self._types.store
+        pack = store.serialize_ros1 if self.ros == 1 else store.serialize_cdr
+        self._writer.write(connection, stamp_ns, pack(made, message.kind))
+
+    def _add(self, topic: str, kind: str, is_kept: bool) -> Any:
+        if isinstance(self._writer, Ros1Writer):
+            return self._writer.add_connection(
+                topic, kind, typestore=self._types.store, callerid="/midnet_bench", latching=int(is_kept)
+            )
+        return self._writer.add_connection(
+            topic, kind, typestore=self._types.store, offered_qos_profiles=[_qos(is_kept)]
+        )
+
+
+@contextlib.contextmanager
+def bag_writer(path: Path, bag_format: str) -> Iterator[BagWriter]:
+    """Writes the bag ``path``, which is there in full after the block, and as it was if anything fails.
+
+    An MCAP file is compressed by Zstandard and a ROS 1 bag by BZip2, in chunks, as their own tools do.
+
+    Raises:
+        InputError: no such format, or the place cannot be written; a ROS 2 bag's folder must not be there.
+        MidnetBenchError: the disk is full.
+    """
+    ending = ending_of(bag_format)
+    if bag_format == "ros2" and path.exists():
+        raise InputError(f"{path}: is there already; remove it, or give another -o")
+    if bag_format != "ros2" and path.is_dir():
+        raise InputError(f"{path}: is a folder; give a file, such as {path / ('trial' + ending)}")
+    drafts: Path | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        drafts = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".new", dir=path.parent))
+        draft = drafts / path.name
+        with _opened(draft, bag_format) as writer:
+            yield BagWriter(writer)
+        # rosbags makes a folder about an MCAP file, for the metadata that the file itself has too
+        (draft / f"{draft.name}.mcap" if bag_format == "mcap" else draft).replace(path)
+    except OSError as error:
+        raise cannot_be_written(path, error) from error
+    except sqlite3.OperationalError as error:
+        raise MidnetBenchError(f"{path}: cannot be written: {error}; make room") from error
+    finally:
+        if drafts is not None:
+            shutil.rmtree(drafts, ignore_errors=True)
+
+
+def _opened(path: Path, bag_format: str) -> Ros1Writer | Ros2Writer:
+    if bag_format == "ros1":
+        ros1 = Ros1Writer(path)
+        # ROS cannot read the frames that rosbags makes with LZ4: they have no checksum
+        ros1.set_compression(Ros1Writer.CompressionFormat.BZ2)
+        return ros1
+    # version 8 of its metadata is what ROS 2 from Humble to the newest reads
+    if bag_format == "ros2":
+        return Ros2Writer(path, version=8, storage_plugin=StoragePlugin.SQLITE3)
+    mcap = Ros2Writer(path, version=8, storage_plugin=StoragePlugin.MCAP)
+    mcap.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    return mcap

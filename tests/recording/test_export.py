@@ -1,0 +1,274 @@
+"""``export``: what stands in a bag, and that a detector which is fed with it finds what the trial found."""
+
+import itertools
+import json
+import math
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from midnet_bench.assembly.detector_node import DetectorNode
+from midnet_bench.campaign.trial import Scalar
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.detection.parameters import DetectionParameters
+from midnet_bench.experiments.detection.trial import DetectionTrial
+from midnet_bench.experiments.guarded.parameters import GuardParameters
+from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.messages import LidarGeometry
+from midnet_bench.recording.writer import ENDINGS
+from midnet_bench.workflows.export import export_trial
+
+FRAMES, SEED = 10, 3
+TEAM: dict[str, Scalar] = {"robots": 5, "frames": FRAMES, "engine": "fast"}
+NS = 1_000_000_000
+
+
+class Said(NamedTuple):
+    """One message of a bag."""
+
+    topic: str
+    kind: str
+    stamp_ns: int
+    message: Any
+
+
+def read(path: Path) -> Iterator[Said]:
+    """All messages in their order."""
+    with AnyReader([path]) as bag:
+        for connection, stamp_ns, raw in bag.messages():
+            message = bag.deserialize(raw, connection.msgtype)
+            yield Said(connection.topic, connection.msgtype, stamp_ns, message)
+
+
+def stamp_of(header: Any) -> int:
+    return int(header.stamp.sec * NS + header.stamp.nanosec)
+
+
+def pose_of(message: Any) -> Pose2D:
+    at, turn = message.position, message.orientation
+    return Pose2D(at.x, at.y, 2.0 * math.atan2(turn.z, turn.w))
+
+
+def grid_of(message: Any, resolution_m: float) -> OccupancyGrid:
+    """``resolution_m``: with 64 bits."""
+    cells = np.asarray(message.data).reshape(message.info.height, message.info.width)
+    origin = message.info.origin.position
+    return OccupancyGrid(cells, resolution_m, (origin.x, origin.y))
+
+
+class Replayed:
+    """A ``DetectorNode`` of its own, fed with what robots say in a bag, as docs/export.md describes it."""
+
+    def __init__(self, said: list[Said]) -> None:
+        texts = {one.topic: one.message for one in said if one.topic in ("/midnet/replay", "/map")}
+        told = json.loads(texts["/midnet/replay"].data)
+        settings = GuardParameters.from_flat(told["settings"])
+        prior_map = grid_of(texts["/map"], settings.resolution_m)
+        self.node = DetectorNode(settings, prior_map, len(told["robots"]))
+        self.tick_hz = told["tick_hz"]
+        self.robots = told["robots"]
+        self.frame_ns = NS // told["rate_hz"]
+        self.said = said
+
+    def time_s(self, stamp_ns: int) -> float:
+        """The trial's own time, of which stamps have whole nanoseconds."""
+        return float(round(stamp_ns * self.tick_hz / NS) / self.tick_hz)
+
+    def frames(self) -> list[list[Box]]:
+        poses: list[Pose2D] = [Pose2D(math.nan, math.nan, math.nan)] * len(self.robots)
+        stamps = [0] * len(self.robots)
+        by_topic = {robot[what]: k for k, robot in enumerate(self.robots) for what in ("scan", "pose")}
+        exact: dict[str, np.ndarray[Any, Any]] = {}
+        found, due_ns = [], self.frame_ns
+        for topic, kind, stamp_ns, message in [*self.said, Said("", "", 1 << 62, None)]:
+            while stamp_ns > due_ns <= self.said[-1].stamp_ns:
+                frame = self.node.detect(self.node.observations(poses), self.time_s(due_ns))
+                found.append(frame.detections)
+                due_ns += self.frame_ns
+            if topic.endswith("/scan_exact"):
+                exact[topic.removesuffix("_exact")] = message.data
+            elif topic not in by_topic:
+                continue
+            elif kind.endswith("PoseStamped"):
+                poses[by_topic[topic]], stamps[by_topic[topic]] = pose_of(message.pose), stamp_ns
+            else:
+                robot = by_topic[topic]
+                assert stamps[robot] == stamp_ns == stamp_of(message.header)
+                angle_min, step, near, far, *ranges = exact.pop(topic)
+                mount = Pose2D(*self.robots[robot]["mount"])
+                lidar = LidarGeometry(len(ranges), angle_min, step, near, far, mount)
+                self.node.observe(robot, poses[robot], np.array(ranges), lidar, self.time_s(stamp_ns))
+        return found
+
+
+def trials_own(parameters: dict[str, Scalar], seed: int) -> list[list[Box]]:
+    """What the trial that nobody writes down detects, frame by frame."""
+    with DetectionTrial(DetectionParameters.of(**parameters), seed) as trial:
+        return [frame.midnet.detections for frame in trial.frames()]
+
+
+@pytest.fixture(scope="module")
+def detected() -> list[list[Box]]:
+    found = trials_own(TEAM, SEED)
+    assert len(found) == FRAMES
+    assert sum(map(len, found)) > FRAMES
+    return found
+
+
+@pytest.fixture(scope="module", params=list(ENDINGS))
+def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[Said]:
+    path = tmp_path_factory.mktemp(request.param) / "made" / f"trial{ENDINGS[request.param]}"
+    told: list[tuple[int, int]] = []
+    export_trial("detection", TEAM, SEED, path, request.param, lambda done, most: told.append((done, most)))
+    assert told == [(number, FRAMES) for number in range(1, FRAMES + 1)]
+    assert path.is_dir() == (request.param == "ros2")
+    assert [one.name for one in path.parent.iterdir()] == [path.name]
+    return list(read(path))
+
+
+def test_a_detector_fed_with_the_bag_finds_what_the_trial_found(
+    exported: list[Said], detected: list[list[Box]]
+) -> None:
+    assert Replayed(exported).frames() == detected
+
+
+def test_detections_stand_in_the_bag(exported: list[Said], detected: list[list[Box]]) -> None:
+    markers = [one for one in exported if one.topic == "/midnet/detections"]
+    arrays = [one for one in exported if one.topic == "/midnet/detections_2d"]
+    for number, (marked, listed, boxes) in enumerate(zip(markers, arrays, detected, strict=True), 1):
+        assert marked.stamp_ns == listed.stamp_ns == number * NS // 5
+        first, *cubes = marked.message.markers
+        assert first.action == first.DELETEALL
+        assert {cube.ns for cube in cubes} <= {f"guard_{robot}" for robot in range(1, 6)}
+        for cube, entry, box in zip(cubes, listed.message.detections, boxes, strict=True):
+            size = (cube.scale.x, cube.scale.y)
+            assert size == (entry.bbox.size_x, entry.bbox.size_y)
+            assert size == pytest.approx((box.x_max - box.x_min, box.y_max - box.y_min), abs=1e-12)
+            at = getattr(entry.bbox.center, "position", entry.bbox.center)
+            assert (cube.pose.position.x, cube.pose.position.y) == (at.x, at.y)
+            assert (at.x, at.y) == pytest.approx(box.center, abs=1e-12)
+
+
+def test_every_frame_hangs_on_the_map(exported: list[Said]) -> None:
+    parents: dict[str, str] = {}
+    used: set[str] = set()
+    for one in exported:
+        message = one.message
+        if one.kind.endswith("TFMessage"):
+            for each in message.transforms:
+                parents[each.child_frame_id] = each.header.frame_id
+        headers = [each.header for each in getattr(message, "markers", [])]
+        if hasattr(message, "header"):
+            assert stamp_of(message.header) == one.stamp_ns
+            headers.append(message.header)
+        used |= {header.frame_id for header in headers}
+        used |= {getattr(message, "child_frame_id", "map")}
+    for frame in used:
+        while frame != "map":
+            frame = parents[frame]
+
+
+def test_what_a_scan_says_twice_is_the_same(exported: list[Said]) -> None:
+    scans = 0
+    for exact, scan in itertools.pairwise(exported):
+        if not scan.topic.endswith("/scan"):
+            continue
+        scans += 1
+        assert (exact.topic, exact.stamp_ns) == (f"{scan.topic}_exact", scan.stamp_ns)
+        said = scan.message
+        numbers = [said.angle_min, said.angle_increment, said.range_min, said.range_max, *said.ranges]
+        assert np.array_equal(np.float32(numbers), np.float32(exact.message.data))
+        assert said.angle_max == pytest.approx(said.angle_min + 359 * said.angle_increment, abs=1e-5)
+    assert scans == 5 * FRAMES
+
+
+def test_a_pose_is_told_three_times(exported: list[Said]) -> None:
+    told: dict[tuple[str, int], list[Pose2D]] = defaultdict(list)
+    for topic, _, stamp_ns, message in exported:
+        if topic == "/guard_2/pose":
+            told["guard_2", stamp_ns].append(pose_of(message.pose))
+        elif topic == "/guard_2/odom":
+            told["guard_2", stamp_ns].append(pose_of(message.pose.pose))
+        elif topic == "/tf" and message.transforms[0].child_frame_id == "guard_2/base_footprint":
+            at, turn = message.transforms[0].transform.translation, message.transforms[0].transform.rotation
+            told["guard_2", stamp_ns].append(Pose2D(at.x, at.y, 2.0 * math.atan2(turn.z, turn.w)))
+    assert len(told) == 2 * FRAMES + 1
+    assert all(len(poses) == 3 and len(set(poses)) == 1 for poses in told.values())
+
+
+def test_the_truth_is_told_by_name(exported: list[Said]) -> None:
+    last = {one.topic: one.message for one in exported}
+    cubes = {one.ns: one for one in last["/truth/markers"].markers if one.type == one.CUBE and one.ns}
+    assert {"intruder_1", "stationary_1"} <= cubes.keys()
+    for name, cube in cubes.items():
+        pose = last[f"/truth/{name}/pose"].pose
+        assert (pose.position.x, pose.position.y) == (cube.pose.position.x, cube.pose.position.y)
+        assert 0.1 <= cube.scale.x <= 1.0
+
+
+def test_grids_lie_on_the_lattice_of_the_map(exported: list[Said]) -> None:
+    last = {one.topic: one.message for one in exported}
+    origin = last["/map"].info.origin.position
+    for topic in ("/guard_1/costmap", "/guard_1/foreground"):
+        grid = last[topic]
+        offset = np.array([grid.info.origin.position.x - origin.x, grid.info.origin.position.y - origin.y])
+        assert np.abs(offset / 0.05 - np.round(offset / 0.05)).max() < 1e-6
+    assert set(last["/guard_1/foreground"].data.tolist()) <= {0, 100}
+    assert 100 in last["/guard_1/costmap"].data
+
+
+def test_stamps_tell_times_that_marks_are_forgotten_at(tmp_path: Path) -> None:
+    # at ten scans a second a mark is as old as decay_s to the last bit, or older by it
+    parameters: dict[str, Scalar] = {**TEAM, "robots": 2, "lidar_hz": 10, "decay_s": 0.3}
+    export_trial("detection", parameters, SEED, tmp_path / "trial.mcap")
+    assert Replayed(list(read(tmp_path / "trial.mcap"))).frames() == trials_own(parameters, SEED)
+
+
+def test_a_labyrinth_trial_is_written_to_its_end(tmp_path: Path) -> None:
+    parameters: dict[str, Scalar] = {"robots": 2, "intruders": 1, "engine": "fast", "time_limit_s": 1.0}
+    assert export_trial("labyrinth", parameters, 1, tmp_path / "trial.bag", "ros1") == 5
+    said = list(read(tmp_path / "trial.bag"))
+    assert said[-1].stamp_ns == NS
+    assert sum(one.topic == "/truth/intruder_1/pose" for one in said) == 5
+    assert len(Replayed(said).frames()) == 5
+
+
+@pytest.mark.parametrize(
+    ("experiment", "parameters", "bag_format", "named"),
+    [
+        ("mapping", {}, "mcap", "mapping"),
+        ("detection", {**TEAM, "oracle": "pose"}, "mcap", "oracle: pose"),
+        ("detection", {**TEAM, "message_delay_s": 0.1}, "mcap", "network"),
+        ("detection", TEAM, "ros", "--format"),
+        ("detection", TEAM, "ros2", "is there already"),
+        ("detection", TEAM, "ros1", "is a folder"),
+    ],
+)
+def test_what_cannot_be_written_is_told(
+    experiment: str, parameters: dict[str, Scalar], bag_format: str, named: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "trial"
+    if "is " in named:
+        path.mkdir()
+    before = list(tmp_path.iterdir())
+    with pytest.raises(InputError, match=named):
+        export_trial(experiment, parameters, SEED, path, bag_format)
+    assert list(tmp_path.iterdir()) == before
+
+
+def test_a_bag_stays_as_it_was_if_the_trial_breaks_off(tmp_path: Path) -> None:
+    path = tmp_path / "trial.mcap"
+    path.write_text("older")
+
+    def stop(done: int, most: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        export_trial("detection", {**TEAM, "robots": 1}, SEED, path, "mcap", stop)
+    assert [one.read_text() for one in tmp_path.iterdir()] == ["older"]
