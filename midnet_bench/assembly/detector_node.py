@@ -13,7 +13,7 @@ from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry, Scan
 from midnet_bench.midnet.binary_map import PriorMapSettings, binary_map
-from midnet_bench.midnet.pipeline import Frame, MIDNet, MIDNetSettings, Observation
+from midnet_bench.midnet.pipeline import Ally, Frame, MIDNet, MIDNetSettings, Observation
 from midnet_bench.navigation.costmap import RollingCostmap, static_costs
 from midnet_bench.navigation.settings import CostmapSettings
 from midnet_bench.rivals.seams import DETECTORS
@@ -112,14 +112,22 @@ class DetectorNode:
         self.scans[robot] = Scan(ranges_m, lidar, pose, time_s)
         self.costmaps[robot].update(pose, pose.compose(lidar.mount), ranges_m, lidar, time_s)
 
-    def detect(self, observations: Sequence[Observation], time_s: float, explain: bool = False) -> Frame:
+    def detect(
+        self,
+        observations: Sequence[Observation],
+        time_s: float,
+        explain: bool = False,
+        allies: Sequence[Ally] = (),
+    ) -> Frame:
         """What the team detects now, of what each robot told; frames must come in order.
+
+        ``allies`` are taken out as robots are, by pose and size, and tell nothing.
 
         Another detector than MIDNet cannot write into what it is told: others may be told it too.
         """
         if self._settings.detector != "midnet":
             observations = [_read_only(observation) for observation in observations]
-        return self.team.update(observations, time_s, explain)
+        return self.team.update(observations, time_s, explain, allies)
 
     def detect_in_opposite_order(self, observations: Sequence[Observation]) -> list[Box] | None:
         """The boxes that MIDNet would give of these if the last robot came first (item 35).

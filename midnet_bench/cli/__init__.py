@@ -18,6 +18,7 @@ from midnet_bench.cli import (
     maps,
     messages,
     pictures,
+    replay,
     reports,
     smoke,
 )
@@ -35,6 +36,7 @@ __all__ = [
     "main",
     "maps",
     "pictures",
+    "replay",
     "reports",
     "smoke",
 ]

@@ -90,6 +90,8 @@ class LoggedScan(NamedTuple):
     """where the odometry put the robot's base"""
     ranges_m: Floats
     """(beams,) metres"""
+    corrected: Pose2D | None = None
+    """where the log puts the laser, if it says so: by odometry in a raw log, by SLAM in a corrected one"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +111,14 @@ class ScanLog:
     def __len__(self) -> int:
         """Number of scans."""
         return len(self.scans)
+
+    @property
+    def is_corrected(self) -> bool:
+        """Whether the laser's poses are other ones than odometry's with a mount."""
+        if any(scan.corrected is None for scan in self.scans):
+            return False
+        apart = [scan.corrected.relative_to(scan.odometry) for scan in self.scans if scan.corrected]
+        return bool(np.ptp(np.array(apart), axis=0).max() >= _SAME_PLACE)
 
     @property
     def invalid_ranges(self) -> int:
@@ -275,7 +285,8 @@ def _parse_flaser(path: Path, lines: list[str]) -> ScanLog:
                 f"{len(ranges_m)} ranges; the line holds {len(rest)} more words"
             )
         odometry, laser = _take_poses(rest, where)
-        scans.append(LoggedScan(finite(rest[6:7], where, "stamp")[0], odometry, ranges_m))
+        corrected = odometry.compose(laser)
+        scans.append(LoggedScan(finite(rest[6:7], where, "stamp")[0], odometry, ranges_m, corrected))
         check_newest(scans, where)
         lasers_on_base.append(laser)
     return _mounted(ScanLog(path, half_circle(len(scans[0].ranges_m)), scans), lasers_on_base)
@@ -315,7 +326,8 @@ def _parse_robotlaser(path: Path, lines: list[str]) -> ScanLog:
                 f"the end stamp host stamp must follow the scan; the line holds {len(rest)} more words"
             )
         odometry, laser = _take_poses(rest, where)
-        scans.append(LoggedScan(finite(rest[-3:-2], where, "stamp")[0], odometry, ranges_m))
+        corrected = odometry.compose(laser)
+        scans.append(LoggedScan(finite(rest[-3:-2], where, "stamp")[0], odometry, ranges_m, corrected))
         check_newest(scans, where)
         geometries.append(scanner)
         lasers_on_base.append(laser)

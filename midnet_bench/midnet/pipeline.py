@@ -41,6 +41,15 @@ class Observation:
     """its last one, which MIDNet needs for ``min_returns`` alone; None before the first"""
 
 
+class Ally(NamedTuple):
+    """Somebody else who belongs there: a pose and a size, but no costmap."""
+
+    pose: Pose2D
+    """map frame"""
+    diameter_m: float
+    """side of the square that it is taken to fill, di of Algorithm 2"""
+
+
 @dataclass(frozen=True)
 class RobotView:
     """One robot's way through sections IV.A to IV.C.1."""
@@ -121,12 +130,15 @@ class MIDNet:
         self.prior = prior
         self.settings = settings or MIDNetSettings()
 
-    def update(self, observations: Sequence[Observation], explain: bool = False) -> Frame:
+    def update(
+        self, observations: Sequence[Observation], explain: bool = False, allies: Sequence[Ally] = ()
+    ) -> Frame:
         """The team's detections at this instant, and how they came about if ``explain``.
 
         Args:
             observations: the last of each robot, in index order: the order decides fusions (item 35).
             explain: whether to keep every intermediate.
+            allies: who else is to be taken out; they count as robots behind the others, which find nothing.
 
         Raises:
             InputError: a costmap is not int8, or its resolution differs from the prior map's.
@@ -142,7 +154,7 @@ class MIDNet:
                 found.append(self._boxes(grids[-1].d, crop, observation.scan))
             else:
                 found.append(self._found(observation))
-        robots, squares, team = self._fuse(found, [observation.pose for observation in observations])
+        robots, squares, team = self._fuse(found, [observation.pose for observation in observations], allies)
         return Frame(
             [Box._make(box) for box in team.detections.tolist()],
             team.found_by.tolist(),
@@ -166,18 +178,22 @@ class MIDNet:
             return []
         return [Box._make(box) for box in self.team_of(found, poses).detections.tolist()]
 
-    def team_of(self, found: Sequence[BoxArray], poses: Sequence[Pose2D]) -> TeamBoxes:
+    def team_of(
+        self, found: Sequence[BoxArray], poses: Sequence[Pose2D], allies: Sequence[Ally] = ()
+    ) -> TeamBoxes:
         """As :meth:`fused`, with what Algorithm 2 left and took; at least one robot."""
-        _, _, team = self._fuse(found, poses)
+        _, _, team = self._fuse(found, poses, allies)
         return team
 
     def _fuse(
-        self, found: Sequence[BoxArray], poses: Sequence[Pose2D]
+        self, found: Sequence[BoxArray], poses: Sequence[Pose2D], allies: Sequence[Ally]
     ) -> tuple[Indices, BoxArray, TeamBoxes]:
         """The robot of each box, each robot's square as an ally, and what is left of the boxes."""
         settings = self.settings
         robots = np.repeat(np.arange(len(found)), [len(own) for own in found])
         squares = ally_squares(poses, settings.ally_diameter_m)
+        if allies:
+            squares = np.concatenate((squares, *(ally_squares([pose], side_m) for pose, side_m in allies)))
         team = fuse_team(
             np.concatenate(found),
             robots,

@@ -11,7 +11,7 @@ from midnet_bench.errors import MidnetBenchError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import BoxArray
-from midnet_bench.midnet.pipeline import Frame, MIDNet, Observation
+from midnet_bench.midnet.pipeline import Ally, Frame, MIDNet, Observation
 from midnet_bench.rivals.detector import Detector
 from midnet_bench.rivals.fusion import Fusion
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS
@@ -32,7 +32,11 @@ class TeamFusion:
         return self._fusion is None
 
     def fuse(
-        self, found: Sequence[BoxArray], poses: Sequence[Pose2D], time_s: float
+        self,
+        found: Sequence[BoxArray],
+        poses: Sequence[Pose2D],
+        time_s: float,
+        allies: Sequence[Ally] = (),
     ) -> tuple[BoxArray, list[int]]:
         """The team's boxes, and for each the robot with the box that is nearest to it; frames come in order.
 
@@ -40,11 +44,12 @@ class TeamFusion:
             found: for each robot, at least one, (n, 4) boxes, map frame, metres, its allies among them.
             poses: each robot's latest.
             time_s: of the frame.
+            allies: who else is to be taken out.
 
         Raises:
             PluginError: the fusion failed, or gave what are no boxes.
         """
-        team = self._midnet.team_of(found, poses)
+        team = self._midnet.team_of(found, poses, allies)
         if self._fusion is None:
             return team.detections, team.found_by.tolist()
         every = np.concatenate(found)[team.kept]
@@ -83,25 +88,31 @@ class TeamDetector:
         """Whether section IV is done as it is written, and no frame depends on an earlier one."""
         return self._detector is None and self._fusion.is_the_papers
 
-    def update(self, observations: Sequence[Observation], time_s: float, explain: bool = False) -> Frame:
+    def update(
+        self,
+        observations: Sequence[Observation],
+        time_s: float,
+        explain: bool = False,
+        allies: Sequence[Ally] = (),
+    ) -> Frame:
         """The team's detections at this instant; frames must come in order, each once.
 
-        ``explain`` keeps what MIDNet's own detector did; others explain nothing.
+        ``explain`` keeps what MIDNet's own detector did; others explain nothing. ``allies`` have no costmap.
 
         Raises:
             PluginError: the detector or the fusion failed, or gave what are no boxes.
         """
         if self.is_the_papers or not observations:
-            return self.midnet.update(observations, explain)
+            return self.midnet.update(observations, explain, allies)
         poses = [observation.pose for observation in observations]
         explanation = None
         if self._detector is None:
             found = self.midnet.found_by_each(observations)
             if explain:
-                explanation = self.midnet.update(observations, explain).explanation
+                explanation = self.midnet.update(observations, explain, allies).explanation
         else:
             found = self._detector.found(observations, time_s)
-        boxes, found_by = self._fusion.fuse(found, poses, time_s)
+        boxes, found_by = self._fusion.fuse(found, poses, time_s, allies)
         return Frame([Box._make(row) for row in boxes.tolist()], found_by, explanation)
 
 

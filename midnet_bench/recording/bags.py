@@ -1,0 +1,100 @@
+"""ROS 1 bags, ROS 2 bag folders and MCAP files, read by ``rosbags``; no ROS is needed."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag2 import Reader as Ros2Reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from midnet_bench.errors import InputError
+from midnet_bench.recording.readings import KINDS, TF, Reading, Topic, decoded
+
+TF_TYPE = "tf2_msgs/msg/TFMessage"
+"""which tf's first version calls tf/tfMessage"""
+BAG_ENDINGS = (".bag", ".mcap", ".db3")
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag by its name, or the folder of a ROS 2 bag."""
+    return path.suffix in BAG_ENDINGS or (path.is_dir() and (path / "metadata.yaml").exists())
+
+
+class Bag:
+    """One recorded bag. Messages of types that nobody here needs are never decoded."""
+
+    def __init__(self, path: Path) -> None:
+        """Open it. Raises InputError: it is no bag, or its index is damaged."""
+        self.path = str(path)
+        self._is_ros1 = path.suffix == ".bag"
+        self._reader: Any = Ros1Reader(path) if self._is_ros1 else Ros2Reader(path)
+        try:
+            self._reader.open()
+            self.topics = self._topics()
+            counts = sum(topic.messages for topic in self.topics.values())
+            self.start_ns = int(self._reader.start_time) if counts else 0
+            self.end_ns = int(self._reader.end_time) if counts else 0
+        except Exception as error:  # whatever a library raises of a file that is no bag
+            self.close()
+            raise InputError(f"{path}: no bag that can be read: {in_words(error)}{self._advice()}") from error
+        # the types that are read here are the same in all of ROS 1, and in all of ROS 2
+        self._store = get_typestore(Stores.ROS1_NOETIC if self._is_ros1 else Stores.ROS2_HUMBLE)
+        if TF_TYPE not in self._store.fielddefs:
+            self._store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF_TYPE))
+
+    def _advice(self) -> str:
+        if self._is_ros1:
+            return "; if it is cut off or was never closed, 'rosbag reindex' mends it"
+        return "; if it was never closed, 'ros2 bag reindex' or 'mcap recover' mends it"
+
+    def _topics(self) -> dict[str, Topic]:
+        found: dict[str, Topic] = {}
+        for connection in self._reader.connections:
+            kind = KINDS.get(connection.msgtype, "")
+            known = found.get(connection.topic)
+            count = connection.msgcount + (known.messages if known else 0)
+            kind = kind or (known.kind if known else "")
+            found[connection.topic] = Topic(connection.topic, connection.msgtype, count, kind)
+        return dict(sorted(found.items()))
+
+    def readings(
+        self, topics: set[str], start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[Reading]:
+        """See :class:`Source`."""
+        wanted = [
+            connection
+            for connection in self._reader.connections
+            if connection.topic in topics and connection.msgtype in KINDS
+        ]
+        if not wanted:
+            return
+        decode = self._store.deserialize_ros1 if self._is_ros1 else self._store.deserialize_cdr
+        record_ns = self.start_ns
+        try:
+            for connection, record_ns, raw in self._reader.messages(wanted, start=start_ns, stop=stop_ns):
+                topic = self.topics[connection.topic]
+                if topic.type != connection.msgtype:  # two types on one topic
+                    topic = topic._replace(type=connection.msgtype, kind=KINDS[connection.msgtype])
+                known = TF_TYPE if topic.kind == TF else connection.msgtype
+                yield from decoded(topic, record_ns, decode(raw, known))
+        except GeneratorExit:
+            raise
+        except Exception as error:  # whatever decoders raise of damaged bytes
+            after_s = (record_ns - self.start_ns) / 1e9
+            raise InputError(
+                f"{self.path}: damaged {after_s:.3f} s after its start: {in_words(error)}; what came before "
+                "was read"
+            ) from error
+
+    def close(self) -> None:
+        """See :class:`Source`."""
+        with contextlib.suppress(Exception):  # it may never have been opened
+            self._reader.close()
+
+
+def in_words(error: BaseException) -> str:
+    """An error of another library on one line, not too long."""
+    words = " ".join(str(error).split()) or type(error).__name__
+    return words if len(words) <= 120 else f"{words[:117]}..."

@@ -1,0 +1,389 @@
+"""Why a recording's labels were missed and what its boxes are made of, from scans, map and poses alone.
+
+Nobody knows the truth of a recording as a simulator does. So these causes are what the data itself shows:
+where the returns about a label ended, and what lies in a box.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.assembly.detector_node import DetectorNode
+from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.grid import OccupancyGrid, cells_of
+from midnet_bench.localization.scan_to_map import ScanToMap
+from midnet_bench.messages import Scan
+from midnet_bench.midnet.detection import bounding_boxes
+from midnet_bench.midnet.pipeline import Frame
+from midnet_bench.recording.ray_counts import RayCounts
+from midnet_bench.recording.replay import ReplayFrame
+from midnet_bench.recording.settings import ReplaySettings
+from midnet_bench.recording.truth import Label, Labels
+
+Floats = npt.NDArray[np.float64]
+
+MISSES = {
+    "beyond_range": "its returns lie beyond the obstacle range",
+    "outside_window": "its returns lie outside the local costmap",
+    "outside_map": "its returns lie outside the prior map",
+    "under_prior": "the inflated prior map lies over it",
+    "too_few_returns": "its box held fewer returns than min_returns asks for",
+    "too_small": "its box had fewer cells than min_area_cells asks for",
+    "taken_for_ally": "its box was removed as an ally's",
+    "dropped_by_fusion": "its box gave way to one that does not reach it",
+    "merged": "the one box on it belongs to another label",
+    "displaced": "its box lies farther off than the matching distance",
+    "not_detected": "the detector made no box of its returns",
+}
+"""why a label in range that a return lies near has no box of its own"""
+BOXES = {
+    "label_gap": "somebody whose labels have a gap here",
+    "ally_late": "a declared ally whose pose is too old to be taken out",
+    "ally_left": "a declared ally or another robot, not taken out",
+    "displaced": "a labelled object, farther off than the matching distance",
+    "ghost": "marks without any return of the last scan",
+    "single_return": "one return alone",
+    "unmapped": "what stays put and is not on the map",
+    "unknown_cells": "returns from where the map knows nothing",
+    "pose_error": "a wall, off by the pose's error: a better pose puts it back",
+    "near_wall": "a wall: its returns lie within the tolerance of one",
+    "somebody": "what moves and has no label",
+    "fragment": "a further box on a labelled object",
+}
+"""what a box that is no label's is made of; without labels, what each box is made of"""
+
+NEAR_M = 0.35
+"""how far a declared ally or a displaced box may lie from where it is told"""
+WALL_M = 0.15
+"""beyond the cells that the prior map's walls were grown by, a return this far off a wall may still be its"""
+
+
+class ErrorRow(NamedTuple):
+    """One error of a frame."""
+
+    frame: int
+    time_s: float
+    kind: str
+    """miss, false, fragment; box where nobody labelled"""
+    cause: str
+    name: str
+    """of the label, if it has to do with one"""
+    x: float
+    """map frame, metres: of the label, or the middle of the box"""
+    y: float
+    width_m: float
+    height_m: float
+    returns: int
+    """near the label or in the box, of the last scans"""
+    age_s: float
+    """of the newest return there, of a ghost; of the ally's pose; 0 otherwise"""
+    offset_m: float
+    """to the nearest mapped wall, of a box; to the nearest box, of a miss"""
+
+
+class Explainer:
+    """Gathers, scan by scan, what causes are told from."""
+
+    def __init__(
+        self,
+        look: str,
+        prior_map: OccupancyGrid,
+        node: DetectorNode,
+        settings: ReplaySettings,
+        counts: RayCounts,
+    ) -> None:
+        """Of the detector ``look``, by ray counts that may serve several."""
+        self._look, self._map, self._node, self._settings = look, prior_map, node, settings
+        self.counts = counts
+        shape = (prior_map.height, prior_map.width)
+        solid = (prior_map.data == 100).astype(np.uint8)
+        if solid.any():
+            away = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+            self._wall_m = away.astype(np.float64) * prior_map.resolution
+        else:
+            self._wall_m = np.full(shape, math.inf)
+        self._matcher: ScanToMap | None = None
+        self._suspects: list[tuple[int, Floats]] = []
+        self.rows: list[ErrorRow] = []
+
+    def wall_distances(self, points: Floats) -> Floats:
+        """(n,) metres from (n, 2) points to the nearest mapped wall; inf off the map."""
+        cells = cells_of(self._map, points)
+        found = np.full(len(points), math.inf)
+        on = self._on_map(cells)
+        found[on] = self._wall_m[cells[on, 1], cells[on, 0]]
+        return found
+
+    def _on_map(self, cells: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+        return np.asarray(
+            (cells >= 0).all(axis=1) & (cells[:, 0] < self._map.width) & (cells[:, 1] < self._map.height)
+        )
+
+    def misses(
+        self, frame: ReplayFrame, labels: Sequence[Label], missed: Sequence[int], near_m: float
+    ) -> None:
+        """Add a row for each missed label, by index, that a return lies near."""
+        view = None
+        for index in missed:
+            label = labels[index]
+            if view is None:
+                view = self._node.midnet.update(
+                    frame.looks[self._look].observations, explain=True, allies=frame.told_allies
+                )
+            cause, returns = self._lost(frame, label, near_m, view)
+            nearest_m = min(
+                (box.distance_to_point(label.x, label.y) for box in frame.looks[self._look].frame.detections),
+                default=math.inf,
+            )
+            self.rows.append(
+                ErrorRow(
+                    frame.number,
+                    frame.time_ns / 1e9,
+                    "miss",
+                    cause,
+                    label.name,
+                    label.x,
+                    label.y,
+                    0.0,
+                    0.0,
+                    returns,
+                    0.0,
+                    nearest_m,
+                )
+            )
+
+    def _lost(self, frame: ReplayFrame, label: Label, near_m: float, view: Frame) -> tuple[str, int]:
+        """The stage that the returns about a label reached."""
+        assert view.explanation is not None
+        stages = ["beyond_range"]
+        order = list(MISSES)
+        total = 0
+        if any(
+            box.distance_to_point(label.x, label.y) <= near_m
+            for box in frame.looks[self._look].frame.detections
+        ):
+            return "merged", returns_near(frame, label, near_m)
+        for one, robot in zip(frame.seen, view.explanation.views, strict=True):
+            if one.scan is None:
+                continue
+            all_points = off_walls(self, near(one.scan, label, near_m))
+            total += len(all_points)
+            if not len(all_points):
+                continue
+            sensor = one.scan.pose.compose(one.scan.lidar.mount)
+            apart = np.hypot(all_points[:, 0] - sensor.x, all_points[:, 1] - sensor.y)
+            points = all_points[apart <= self._settings.range_m]
+            if not len(points):
+                continue
+            costmap = self._node.costmaps[one.robot]
+            side_m = costmap.settings.size_m
+            x0, y0 = costmap.origin
+            inside = (points >= (x0, y0)).all(axis=1) & (points < (x0 + side_m, y0 + side_m)).all(axis=1)
+            points = points[inside]
+            if not len(points):
+                stages.append("outside_window")
+                continue
+            prior = self._node.prior
+            cells = cells_of(prior, points)
+            on = (cells >= 0).all(axis=1) & (cells[:, 0] < prior.width) & (cells[:, 1] < prior.height)
+            if not on.any():
+                stages.append("outside_map")
+                continue
+            reach = math.ceil(self._settings.local_reach_m / prior.resolution)
+            if not self._is_left(robot.d, points[on], reach):
+                stages.append("under_prior")
+                continue
+            grown = [
+                box
+                for box in bounding_boxes(
+                    robot.d.data,
+                    (
+                        round((robot.d.origin[0] - prior.origin[0]) / prior.resolution),
+                        round((robot.d.origin[1] - prior.origin[1]) / prior.resolution),
+                    ),
+                    prior,
+                ).tolist()
+                if Box._make(box).distance_to_point(label.x, label.y) <= near_m
+            ]
+            found = [box for box in robot.found if box.distance_to_point(label.x, label.y) <= near_m]
+            kept = [box for box in robot.kept if box.distance_to_point(label.x, label.y) <= near_m]
+            if kept:
+                stages.append("dropped_by_fusion")
+            elif found:
+                stages.append("taken_for_ally")
+            elif grown:
+                few = self._settings.midnet.min_returns > 1
+                stages.append("too_few_returns" if few else "too_small")
+            else:
+                stages.append("displaced")
+        return max(stages, key=order.index), total
+
+    @staticmethod
+    def _is_left(d: OccupancyGrid, points: Floats, reach: int) -> bool:
+        """Whether a cell within ``reach`` cells of a point is left in D."""
+        for column, row in cells_of(d, points).tolist():
+            part = d.data[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
+            if part.any():
+                return True
+        return False
+
+    def boxes(
+        self,
+        frame: ReplayFrame,
+        wrong: Sequence[int],
+        labels: Labels | None,
+        truth_of: Sequence[int | None],
+        touched: Sequence[Sequence[int]],
+        distance_m: float,
+    ) -> None:
+        """Add a row for each box, by index, that is no label's own."""
+        for index in wrong:
+            box = frame.looks[self._look].frame.detections[index]
+            kind = "false" if labels is not None else "box"
+            name = ""
+            returns = points_in(frame, box, self._map.resolution)
+            walls = self.wall_distances(returns)
+            offset_m = float(np.median(walls)) if len(walls) else math.inf
+            age_s = 0.0
+            if labels is not None and touched[index]:
+                kind, cause, name = "fragment", "fragment", labels.there[touched[index][0]].name
+            else:
+                cause, age_s, name = self._made_of(frame, box, returns, walls, labels, distance_m)
+            row = len(self.rows)
+            self.rows.append(
+                ErrorRow(
+                    frame.number,
+                    frame.time_ns / 1e9,
+                    kind,
+                    cause,
+                    name,
+                    *box.center,
+                    box.x_max - box.x_min,
+                    box.y_max - box.y_min,
+                    len(returns),
+                    age_s,
+                    offset_m,
+                )
+            )
+            if cause in ("somebody", "near_wall", "unknown_cells", "pose_error", "single_return") and len(
+                returns
+            ):
+                self._suspects.append((row, returns))
+
+    def _made_of(
+        self,
+        frame: ReplayFrame,
+        box: Box,
+        returns: Floats,
+        walls: Floats,
+        labels: Labels | None,
+        distance_m: float,
+    ) -> tuple[str, float, str]:
+        """Cause, age, and whose it is."""
+        for label in labels.gaps if labels else ():
+            if box.distance_to_point(label.x, label.y) <= distance_m:
+                return "label_gap", 0.0, label.name
+        for plan, told in frame.allies:
+            if told is None:
+                continue
+            late = told.pose not in [ally.pose for ally in frame.told_allies]
+            reach_m = plan.diameter_m / 2.0 + NEAR_M + min(told.age_s, 2.0) * late
+            if box.distance_to_point(told.pose.x, told.pose.y) <= reach_m:
+                return ("ally_late" if late else "ally_left"), told.age_s, plan.name
+        for one in frame.seen:
+            if len(frame.seen) > 1 and box.distance_to_point(one.told.pose.x, one.told.pose.y) <= NEAR_M:
+                return "ally_left", one.told.age_s, f"robot {one.robot + 1}"
+        for label in labels.there if labels else ():
+            if box.distance_to_point(label.x, label.y) <= distance_m + NEAR_M:
+                return "displaced", 0.0, label.name
+        if not len(returns):
+            newest_s = self.counts.newest_hit_s((box.x_min, box.y_min), (box.x_max, box.y_max))
+            return (
+                "ghost",
+                max(frame.time_ns / 1e9 - newest_s, 0.0) if math.isfinite(newest_s) else math.inf,
+                "",
+            )
+        if len(returns) == 1:
+            return "single_return", 0.0, ""
+        cells = cells_of(self._map, returns)
+        on = self._on_map(cells)
+        unknown = ~on
+        unknown[on] = self._map.data[cells[on, 1], cells[on, 0]] < 0
+        if unknown.mean() > 0.5:
+            return "unknown_cells", 0.0, ""
+        near_m = self._settings.prior_reach_m + WALL_M
+        if float(np.median(walls)) <= near_m:
+            return ("pose_error" if self._better_pose_mends(frame, box) else "near_wall"), 0.0, ""
+        return "somebody", 0.0, ""
+
+    def _better_pose_mends(self, frame: ReplayFrame, box: Box) -> bool:
+        """Whether a match of the scan to the map puts the box's returns back onto walls."""
+        if self._matcher is None:
+            self._matcher = ScanToMap(self._map)
+        for one in frame.seen:
+            scan = one.scan
+            if scan is None:
+                continue
+            points = _inside(box, scan.returns(math.inf)[1], self._map.resolution)
+            if not len(points):
+                continue
+            found = self._matcher.match(scan.pose, scan.ranges_m, scan.lidar)
+            if found is None:
+                continue
+            shifted = found[0].transform(_local(scan.pose, points))
+            grown_m = self._settings.prior_reach_m - self._settings.local_reach_m
+            if float(np.median(self.wall_distances(shifted))) <= max(grown_m, self._map.resolution):
+                return True
+        return False
+
+    def settled(self) -> list[ErrorRow]:
+        """All rows, with ``unmapped`` where the whole recording shows that what is there stays put."""
+        rows = list(self.rows)
+        stays = self.counts.what_stays()
+        for row, points in self._suspects:
+            cells = np.floor((points - self.counts.origin) / self.counts.resolution_m).astype(np.int64)
+            height, width = stays.shape
+            on = (cells >= 0).all(axis=1) & (cells[:, 0] < width) & (cells[:, 1] < height)
+            if on.any() and stays[cells[on, 1], cells[on, 0]].mean() > 0.5:
+                rows[row] = rows[row]._replace(cause="unmapped")
+        return rows
+
+
+def _local(pose: Pose2D, points: Floats) -> Floats:
+    """Points of the map frame in a robot's."""
+    return pose.inverse().transform(points)
+
+
+def near(scan: Scan, label: Label, distance_m: float) -> Floats:
+    """(n, 2) the scan's returns no farther than ``distance_m`` from a label, map frame."""
+    points = scan.returns(math.inf)[1]
+    return np.asarray(points[np.hypot(points[:, 0] - label.x, points[:, 1] - label.y) <= distance_m])
+
+
+def off_walls(explainer: Explainer, points: Floats) -> Floats:
+    """Those of (n, 2) points that lie on no mapped wall; all of them if none does."""
+    free = points[explainer.wall_distances(points) > explainer.counts.resolution_m]
+    return free if len(free) else points
+
+
+def returns_near(frame: ReplayFrame, label: Label, distance_m: float) -> int:
+    """How many returns of the last scans lie near a label."""
+    return sum(len(near(one.scan, label, distance_m)) for one in frame.seen if one.scan is not None)
+
+
+def points_in(frame: ReplayFrame, box: Box, margin_m: float) -> Floats:
+    """(n, 2) returns of the last scans in a box, or a cell beside it, map frame."""
+    found = [
+        _inside(box, one.scan.returns(math.inf)[1], margin_m) for one in frame.seen if one.scan is not None
+    ]
+    return np.concatenate(found) if found else np.empty((0, 2))
+
+
+def _inside(box: Box, points: Floats, margin_m: float) -> Floats:
+    x, y = points[:, 0], points[:, 1]
+    across = (x >= box.x_min - margin_m) & (x <= box.x_max + margin_m)
+    return np.asarray(points[across & (y >= box.y_min - margin_m) & (y <= box.y_max + margin_m)])

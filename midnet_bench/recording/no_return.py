@@ -1,0 +1,139 @@
+"""What a driver writes where no beam came back, and what each such number means.
+
+REP 117 says: inf, nothing came back; -inf, too near; nan, a void reading. Many drivers write nan, 0, a number
+below the least range, or the largest range instead. What it means decides whether its beam clears marks.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.recording.readings import Floats, ScanReading
+
+Meaning = Literal["clears", "nothing"]
+MEANINGS: dict[str, Meaning] = {"clears": "clears", "nothing": "nothing", "invalid": "nothing"}
+"""what ``--no-return CODE=...`` may say; an invalid reading says nothing"""
+
+CODES = ("inf", "nan", "zero", "below", "above")
+"""above: at or beyond the largest range; below: from 0 to the least range; zero: 0 or less, -inf too"""
+_WORDS = {
+    "inf": "inf",
+    "nan": "nan",
+    "zero": "0 or less",
+    "below": "below range_min",
+    "above": "range_max or more",
+}
+LEAST_SHARE = 0.002
+"""of all beams: what is rarer is a fault of a reading, and not how the driver says that nothing came back"""
+SAME_VALUE = 0.9
+"""of the readings below the least range: so many of one value are a code, else they are near things"""
+PILED_SHARE = 0.02
+"""of all beams that have one and the same value, the largest: that is the driver's largest range"""
+
+
+class NoReturn(NamedTuple):
+    """How the scans of one topic are to be read."""
+
+    shares: dict[str, float]
+    """code -> of all beams"""
+    meaning: dict[str, Meaning]
+    """code -> what it says"""
+    range_max_m: float
+    """as the scans tell it, or less where readings pile up below it"""
+
+    def cleaned(self, scan: ScanReading) -> Floats:
+        """(beams,) the ranges, metres: inf where nothing came back, nan where the reading says nothing."""
+        ranges = scan.ranges_m
+        kinds = _kinds(ranges, scan.range_min_m, min(self.range_max_m, scan.range_max_m))
+        found = ranges.copy()
+        for number, code in enumerate(CODES):
+            found[kinds == number] = math.inf if self.meaning[code] == "clears" else math.nan
+        return found
+
+    @property
+    def in_words(self) -> str:
+        """``no return: inf 12.3 % (clears), nan 0.1 % (says nothing)``."""
+        said = {"clears": "clears", "nothing": "says nothing"}
+        parts = [
+            f"{_WORDS[code]} {share:.1%} ({said[self.meaning[code]]})"
+            for code, share in self.shares.items()
+            if share > 0.0
+        ]
+        return ", ".join(parts) if parts else "none"
+
+
+def _kinds(ranges: Floats, range_min_m: float, range_max_m: float) -> Floats:
+    """(beams,) the place in ``CODES`` of each reading, -1 for a range."""
+    kinds = np.full(len(ranges), -1.0)
+    kinds[ranges >= range_max_m] = CODES.index("above")
+    kinds[ranges < range_min_m] = CODES.index("below")
+    kinds[ranges <= 0.0] = CODES.index("zero")
+    kinds[np.isnan(ranges)] = CODES.index("nan")
+    kinds[ranges == math.inf] = CODES.index("inf")
+    return kinds
+
+
+def found_in(scans: Sequence[ScanReading], told: Mapping[str, Meaning]) -> NoReturn:
+    """How a driver says that nothing came back, from some of its scans.
+
+    inf and a reading at or beyond the largest range clear. Where there is neither, the most frequent of nan,
+    0 and one number below the least range is the code, if it is not rare. All else says nothing.
+
+    Args:
+        scans: of one topic, at least one with a beam.
+        told: what somebody says of a code; that counts.
+    """
+    beams = max(sum(len(scan.ranges_m) for scan in scans), 1)
+    highest_m = _ceiling(scans)
+    counts = dict.fromkeys(CODES, 0)
+    below: list[Floats] = []
+    for scan in scans:
+        kinds = _kinds(scan.ranges_m, scan.range_min_m, min(highest_m, scan.range_max_m))
+        for number, code in enumerate(CODES):
+            counts[code] += int(np.count_nonzero(kinds == number))
+        below.append(scan.ranges_m[kinds == CODES.index("below")])
+    shares = {code: count / beams for code, count in counts.items()}
+    meaning: dict[str, Meaning] = dict.fromkeys(CODES, "nothing")
+    meaning["inf"] = meaning["above"] = "clears"
+    candidates = {"nan": shares["nan"], "zero": shares["zero"]}
+    near = np.concatenate(below) if below else np.empty(0)
+    if len(near):
+        _, same = np.unique(near, return_counts=True)
+        if same.max() >= SAME_VALUE * len(near):
+            candidates["below"] = shares["below"]
+    if max(shares["inf"], shares["above"]) < LEAST_SHARE:
+        code, share = max(candidates.items(), key=lambda one: one[1])
+        if share >= LEAST_SHARE:
+            meaning[code] = "clears"
+    return NoReturn(shares, {**meaning, **told}, highest_m)
+
+
+def _ceiling(scans: Sequence[ScanReading]) -> float:
+    """The largest range that these scans tell, or the largest reading if many have exactly that one."""
+    told_m = max((scan.range_max_m for scan in scans), default=math.inf)
+    ranges = np.concatenate([scan.ranges_m for scan in scans]) if scans else np.empty(0)
+    finite = ranges[np.isfinite(ranges)]
+    if not len(finite):
+        return told_m
+    largest_m = float(finite.max())
+    piled = np.count_nonzero(finite >= largest_m - 1e-6)
+    is_code = largest_m < told_m and piled >= max(PILED_SHARE * len(ranges), 10)
+    return largest_m if is_code else told_m
+
+
+def parsed(texts: Sequence[str]) -> dict[str, Meaning]:
+    """``CODE=MEANING`` of the command line. Raises InputError: no such code or meaning."""
+    found: dict[str, Meaning] = {}
+    for text in texts:
+        code, _, meaning = text.partition("=")
+        if code not in CODES:
+            raise InputError(f"--no-return {text}: no such code '{code}'{nearest_name(code, CODES)}")
+        if meaning not in MEANINGS:
+            raise InputError(
+                f"--no-return {text}: no such meaning '{meaning}'{nearest_name(meaning, MEANINGS)}"
+            )
+        found[code] = MEANINGS[meaning]
+    return found

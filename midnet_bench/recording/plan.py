@@ -1,0 +1,380 @@
+"""Who scans in a recording and where each is: topics, transforms and mounts, from flags or by themselves."""
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeVar
+
+from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.geometry import Pose2D
+from midnet_bench.recording.no_return import Meaning, NoReturn, found_in
+from midnet_bench.recording.readings import NO_MOTION, POSE, SCAN, Transform
+from midnet_bench.recording.survey import Survey
+
+T = TypeVar("T")
+
+TF_POSE = "tf"
+"""what ``--pose`` says for transforms"""
+MAP_FRAME = "map"
+
+
+class Link(NamedTuple):
+    """One track that a pose goes by: a topic, or a pair of frames of tf."""
+
+    source: int
+    topic: str
+    """empty for a pair of frames"""
+    frame: str = ""
+    child: str = ""
+
+    @property
+    def in_words(self) -> str:
+        """The topic, or ``tf odom -> base_link``."""
+        return self.topic or f"tf {self.frame} -> {self.child}"
+
+
+class PoseChain(NamedTuple):
+    """Where something is: the links from the map down to it; a pose where a link never moves."""
+
+    links: tuple[Link | Pose2D, ...]
+    in_words: str
+
+
+class RobotPlan(NamedTuple):
+    """One robot of a recording."""
+
+    name: str
+    source: int
+    scan_topic: str
+    pose: PoseChain
+    mount: Pose2D
+    """of the laser on the robot"""
+    is_mirrored: bool
+    """whether its beams go the other way round, or it hangs upside down"""
+    delay_ns: int
+    """by which its scans are stamped too late"""
+    no_return: NoReturn
+
+
+class AllyPlan(NamedTuple):
+    """Somebody who belongs there and is not to be told as an intruder."""
+
+    name: str
+    pose: PoseChain
+    diameter_m: float
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the command line says of a recording; empty where it says nothing."""
+
+    scan: Sequence[str] = ()
+    pose: Sequence[str] = ()
+    mount: Sequence[str] = ()
+    mirror: Sequence[str] = ()
+    scan_delay: Sequence[str] = ()
+    ally: Sequence[str] = ()
+    map_frame: str = MAP_FRAME
+    no_return: Mapping[str, Meaning] = field(default_factory=dict)
+
+
+def named(texts: Sequence[str], names: Sequence[str], option: str) -> dict[str, str]:
+    """``NAME=VALUE`` by name; without a name it is the only robot's, or everybody's if given once.
+
+    Raises:
+        InputError: no robot has that name, or one is named twice.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        name, sign, value = text.partition("=")
+        if not sign:
+            for one in names:
+                found.setdefault(one, text)
+            continue
+        if name not in names:
+            raise InputError(f"{option} {text}: no robot is called '{name}'{nearest_name(name, names)}")
+        if name in found and len(texts) > 1 and found[name] != value and text != texts[0]:
+            raise InputError(f"{option} {text}: robot '{name}' is named twice")
+        found[name] = value
+    return found
+
+
+def robots_of(surveys: Sequence[Survey], wishes: Wishes, names_of_files: Sequence[str]) -> list[RobotPlan]:
+    """Each robot of the recordings.
+
+    Args:
+        surveys: of each source.
+        wishes: of the command line.
+        names_of_files: a name for each source, for robots of several files.
+
+    Raises:
+        InputError: a topic or transforms are missing, do not fit, or it is not clear which to take.
+    """
+    scans = _scan_topics(surveys, wishes, names_of_files)
+    names = list(scans)
+    poses = named(wishes.pose, names, "--pose")
+    mounts = {name: mount_of(text, "--mount") for name, text in named(wishes.mount, names, "--mount").items()}
+    delays = named(wishes.scan_delay, names, "--scan-delay")
+    mirrored = _mirrored(wishes.mirror, names)
+    found = []
+    for name, (source, topic) in scans.items():
+        seen = surveys[source].streams[topic].scans
+        frame = seen[0].frame
+        chain, mount, upside_down = _where(surveys, source, frame, poses.get(name), wishes.map_frame, name)
+        own = getattr(surveys[source].source, "mount", None)
+        if own is not None and name not in mounts and mount == Pose2D(0.0, 0.0, 0.0):
+            mount = own
+        found.append(
+            RobotPlan(
+                name,
+                source,
+                topic,
+                chain,
+                mounts.get(name, mount),
+                upside_down != (name in mirrored),
+                round(number_of(delays[name], f"--scan-delay {delays[name]}") * 1e9) if name in delays else 0,
+                found_in(seen, wishes.no_return),
+            )
+        )
+    return found
+
+
+def _mirrored(texts: Sequence[str], names: Sequence[str]) -> set[str]:
+    if "all" in texts:
+        return set(names)
+    for name in texts:
+        if name not in names:
+            raise InputError(
+                f"--mirror {name}: no robot is called '{name}'{nearest_name(name, [*names, 'all'])}"
+            )
+    return set(texts)
+
+
+def _scan_topics(
+    surveys: Sequence[Survey], wishes: Wishes, names_of_files: Sequence[str]
+) -> dict[str, tuple[int, str]]:
+    """Robot's name -> source and topic of its scans."""
+    there = [(number, one) for number, survey in enumerate(surveys) for one in survey.of_kind(SCAN)]
+    if not wishes.scan:
+        good = [(number, one) for number, one in there if any(len(scan.ranges_m) for scan in one.scans)]
+        if not good:
+            raise InputError(f"{_paths(surveys)}: {_no_scans(surveys, bool(there))}")
+        if len(surveys) > 1:
+            by_file: dict[str, tuple[int, str]] = {}
+            for number, one in good:
+                if names_of_files[number] in by_file:
+                    raise InputError(
+                        f"{surveys[number].source.path}: several topics have scans; choose with --scan: "
+                        f"{', '.join(other.topic.name for at, other in good if at == number)}"
+                    )
+                by_file[names_of_files[number]] = (number, one.topic.name)
+            return by_file
+        topics = [one.topic.name for _, one in good]
+        return dict(zip(_names(topics), [(0, topic) for topic in topics], strict=True))
+    found: dict[str, tuple[int, str]] = {}
+    topics = [text.partition("=")[2] or text for text in wishes.scan]
+    for text, topic, name in zip(wishes.scan, topics, _names(topics), strict=True):
+        if "=" in text:
+            name = text.partition("=")[0]
+        at = [number for number, survey in enumerate(surveys) if topic in survey.streams]
+        if len(surveys) > 1 and name in names_of_files and names_of_files.index(name) in at:
+            at = [names_of_files.index(name)]
+        source = at[0] if at else 0
+        check_topic(surveys, source, topic, SCAN, f"--scan {text}")
+        if not any(len(scan.ranges_m) for scan in surveys[source].streams[topic].scans):
+            raise InputError(f"--scan {text}: no scan of it holds a range; give another topic")
+        if name in found:
+            raise InputError(
+                f"--scan {text}: robot '{name}' is named twice; give each a name: --scan NAME=TOPIC"
+            )
+        found[name] = (source, topic)
+    return found
+
+
+def _names(topics: Sequence[str]) -> list[str]:
+    """A name for each robot by its topic: the first part in which they differ; ``robot`` for one alone."""
+    if len(topics) == 1:
+        return ["robot"]
+    first = [topic.strip("/").split("/")[0] for topic in topics]
+    return (
+        first if len(set(first)) == len(first) else [topic.strip("/").replace("/", "_") for topic in topics]
+    )
+
+
+def _no_scans(surveys: Sequence[Survey], has_topic: bool) -> str:
+    if has_topic:
+        return "no scan: each scan of it has no range at all; give a recording with ranges"
+    known = [name for survey in surveys for name in survey.streams]
+    held = f"it holds {', '.join(known)[:120]}" if known else "it is empty"
+    return f"no scan: no message of sensor_msgs/LaserScan; {held}"
+
+
+def _paths(surveys: Sequence[Survey]) -> str:
+    return ", ".join(survey.source.path for survey in surveys)
+
+
+def check_topic(surveys: Sequence[Survey], source: int, topic: str, kind: str, said: str) -> None:
+    """Raises InputError: the source has no such topic, nothing in it, or another kind of message."""
+    streams = surveys[source].streams
+    if topic not in streams:
+        known = [name for survey in surveys for name, one in survey.streams.items() if one.topic.kind == kind]
+        raise InputError(f"{said}: no topic '{topic}'{nearest_name(topic, known or streams)}")
+    if streams[topic].topic.kind != kind:
+        raise InputError(
+            f"{said}: '{topic}' is {streams[topic].topic.type}, which gives no {kind}; 'midnet-bench replay "
+            f"{surveys[source].source.path}' lists what there is"
+        )
+    if not (streams[topic].scans or streams[topic].poses):
+        raise InputError(f"{said}: '{topic}' has no message where the recording was looked at")
+
+
+def _where(
+    surveys: Sequence[Survey], source: int, laser: str, wish: str | None, map_frame: str, name: str
+) -> tuple[PoseChain, Pose2D, bool]:
+    """Where a robot is, its laser's mount, and whether that hangs upside down."""
+    survey = surveys[source]
+    fixed, above = _fixed_part(survey, laser)
+    if wish is None:
+        wish = _proposed_pose(survey, laser, map_frame, name)
+    if wish == TF_POSE:
+        chain = survey.chain(laser)
+        if map_frame not in chain:
+            raise InputError(_missing_link(survey, laser, map_frame, name))
+        base = above[-1]
+        if map_frame in above:  # the whole chain stands still: the laser is at rest
+            whole = _composed(survey, above[: above.index(map_frame) + 1])
+            pose = Pose2D(whole.x, whole.y, whole.yaw)
+            return PoseChain((pose,), "a fixed transform"), Pose2D(0.0, 0.0, 0.0), whole.is_upside_down
+        return (
+            _tf_chain(survey, source, base, map_frame),
+            Pose2D(fixed.x, fixed.y, fixed.yaw),
+            fixed.is_upside_down,
+        )
+    if wish.startswith("at:"):
+        pose = mount_of(wish[3:], "--pose")
+        return PoseChain((pose,), "at rest"), Pose2D(fixed.x, fixed.y, fixed.yaw), fixed.is_upside_down
+    topic_at = source_of(surveys, wish, source)
+    check_topic(surveys, topic_at, wish, POSE, f"--pose {wish}")
+    child = surveys[topic_at].streams[wish].poses[0].child
+    if child and child in above:
+        fixed = _composed(survey, above[: above.index(child) + 1])
+    return (
+        PoseChain((Link(topic_at, wish),), wish),
+        Pose2D(fixed.x, fixed.y, fixed.yaw),
+        fixed.is_upside_down,
+    )
+
+
+def source_of(surveys: Sequence[Survey], topic: str, first: int) -> int:
+    """The source that has a topic, the one of the scans before others."""
+    at = [first, *(number for number in range(len(surveys)) if number != first)]
+    return next((number for number in at if topic in surveys[number].streams), first)
+
+
+def _fixed_part(survey: Survey, laser: str) -> tuple[Transform, list[str]]:
+    """The transform from the topmost frame that the laser is fixed to, and the frames up to it."""
+    above = [laser]
+    for frame in survey.chain(laser)[1:]:
+        if not survey.is_fixed(frame, above[-1]):
+            break
+        above.append(frame)
+    return _composed(survey, above), above
+
+
+def _composed(survey: Survey, frames: Sequence[str]) -> Transform:
+    """The first frame's pose in the last one's."""
+    whole = NO_MOTION
+    for child, frame in itertools.pairwise(frames):
+        whole = survey.fixed(frame, child).then(whole)
+    return whole
+
+
+def _tf_chain(survey: Survey, source: int, base: str, map_frame: str) -> PoseChain:
+    frames = survey.chain(base)
+    frames = frames[: frames.index(map_frame) + 1][::-1]
+    links: list[Link | Pose2D] = []
+    for frame, child in itertools.pairwise(frames):
+        if survey.is_fixed(frame, child):
+            pose = survey.fixed(frame, child)
+            links.append(Pose2D(pose.x, pose.y, pose.yaw))
+        else:
+            links.append(Link(source, "", frame, child))
+    return PoseChain(tuple(links), "tf " + " -> ".join(frames))
+
+
+def _missing_link(survey: Survey, laser: str, map_frame: str, name: str) -> str:
+    path, chain = survey.source.path, survey.chain(laser)
+    if not survey.transforms:
+        return f"{path}: robot '{name}': no transforms: there is no /tf; give --pose TOPIC or FILE.csv"
+    said = f"{path}: robot '{name}': tf does not lead from '{map_frame}' to '{laser}'"
+    if map_frame not in survey.parents().values():
+        return (
+            f"{said}: no transform begins at '{map_frame}', the chain ends at '{chain[-1]}'; give --map-frame"
+        )
+    if len(chain) == 1:
+        return f"{said}: no transform ends at '{laser}'; give --pose TOPIC and --mount X,Y,YAW_DEG"
+    return f"{said}: nothing links '{chain[-1]}' to '{map_frame}'; give --pose TOPIC or FILE.csv"
+
+
+def _proposed_pose(survey: Survey, laser: str, map_frame: str, name: str) -> str:
+    """Transforms if they lead to the map, else the only topic with poses. Raises InputError: unclear."""
+    if map_frame in survey.chain(laser):
+        return TF_POSE
+    topics = [one.topic.name for one in survey.of_kind(POSE)]
+    if "pose" in topics:
+        return "pose"  # of a table or a log
+    own = [topic for topic in topics if topic.strip("/").split("/")[0] == name]
+    if len(own or topics) == 1:
+        return (own or topics)[0]
+    if topics:
+        raise InputError(
+            f"{survey.source.path}: robot '{name}': several topics have poses; choose with --pose TOPIC: "
+            f"{', '.join(topics)[:150]}"
+        )
+    raise InputError(_missing_link(survey, laser, map_frame, name))
+
+
+def allies_of(surveys: Sequence[Survey], texts: Sequence[str], diameter_m: float) -> list[AllyPlan]:
+    """``NAME=TOPIC`` or ``NAME=TOPIC,SIZE_M`` each.
+
+    Raises:
+        InputError: no such topic, or the size is none.
+    """
+    found = []
+    for text in texts:
+        name, sign, value = text.partition("=")
+        topic, _, size = value.partition(",")
+        if not sign or not topic:
+            raise InputError(f"--ally {text}: NAME=TOPIC or NAME=TOPIC,SIZE_M is needed")
+        size_m = number_of(size, f"--ally {text}: size") if size else diameter_m
+        if not 0.0 < size_m <= 20.0:
+            raise InputError(
+                f"--ally {text}: size: {size_m:g} m is out of range; allowed: above 0 and at most 20"
+            )
+        at = source_of(surveys, topic, 0)
+        check_topic(surveys, at, topic, POSE, f"--ally {text}")
+        found.append(AllyPlan(name, PoseChain((Link(at, topic),), topic), size_m))
+    return found
+
+
+def mount_of(text: str, option: str) -> Pose2D:
+    """``X,Y,YAW_DEG``. Raises InputError: these are no three numbers."""
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise InputError(
+            f"{option} {text}: three numbers with commas are needed: X,Y,YAW_DEG (metres, degrees)"
+        )
+    x, y, yaw_deg = (number_of(part, f"{option} {text}") for part in parts)
+    return Pose2D(x, y, math.radians(yaw_deg))
+
+
+def number_of(text: str, said: str) -> float:
+    """A finite number. Raises InputError otherwise."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(f"{said}: {text!r} is not a number") from None
+    if not math.isfinite(value):
+        raise InputError(f"{said}: {text!r} is not a finite number")
+    return value

@@ -1,0 +1,261 @@
+"""What a recording says, one reading after the other, whatever file it is from."""
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+NS = 1_000_000_000
+"""nanoseconds in a second: times are whole nanoseconds, which a float of the epoch could not tell apart"""
+
+
+class ScanReading(NamedTuple):
+    """sensor_msgs/LaserScan as it stands in the file."""
+
+    topic: str
+    record_ns: int
+    """when it was recorded"""
+    stamp_ns: int
+    """what its header says"""
+    frame: str
+    """of the sensor"""
+    ranges_m: Floats
+    """(beams,) whatever the driver wrote"""
+    angle_min_rad: float
+    angle_increment_rad: float
+    range_min_m: float
+    range_max_m: float
+    time_increment_s: float
+    """from one beam to the next; drivers write rubbish here"""
+
+
+class Transform(NamedTuple):
+    """A rigid motion: metres, and a unit quaternion."""
+
+    x: float
+    y: float
+    z: float
+    qx: float
+    qy: float
+    qz: float
+    qw: float
+
+    @property
+    def yaw(self) -> float:
+        """The turn about z of its x axis, radians."""
+        return math.atan2(
+            2.0 * (self.qw * self.qz + self.qx * self.qy), 1.0 - 2.0 * (self.qy * self.qy + self.qz * self.qz)
+        )
+
+    @property
+    def is_upside_down(self) -> bool:
+        """Whether its z axis points down."""
+        return self.qx * self.qx + self.qy * self.qy > 0.5
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all its numbers are, and the quaternion is one."""
+        length = self.qx * self.qx + self.qy * self.qy + self.qz * self.qz + self.qw * self.qw
+        return all(map(math.isfinite, self)) and length > 1e-6
+
+    def normalized(self) -> "Transform":
+        """The same with a quaternion of length 1."""
+        x, y, z, *turn = self
+        length = math.sqrt(sum(part * part for part in turn))
+        return Transform(x, y, z, *(part / length for part in turn))
+
+    def then(self, other: "Transform") -> "Transform":
+        """First ``other``, then this: the frame that ``other`` places in this one's."""
+        ax, ay, az, aw = self.qx, self.qy, self.qz, self.qw
+        bx, by, bz, bw = other.qx, other.qy, other.qz, other.qw
+        x, y, z = self._turned(other.x, other.y, other.z)
+        return Transform(
+            self.x + x,
+            self.y + y,
+            self.z + z,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz,
+        )
+
+    def _turned(self, x: float, y: float, z: float) -> tuple[float, float, float]:
+        qx, qy, qz, qw = self.qx, self.qy, self.qz, self.qw
+        tx, ty, tz = 2.0 * (qy * z - qz * y), 2.0 * (qz * x - qx * z), 2.0 * (qx * y - qy * x)
+        return (
+            x + qw * tx + qy * tz - qz * ty,
+            y + qw * ty + qz * tx - qx * tz,
+            z + qw * tz + qx * ty - qy * tx,
+        )
+
+
+NO_MOTION = Transform(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+class PoseReading(NamedTuple):
+    """Where a frame was: a pose, an odometry, or one transform of tf."""
+
+    topic: str
+    record_ns: int
+    stamp_ns: int
+    frame: str
+    """in which the pose is told"""
+    child: str
+    """whose pose it is; empty where the message does not say"""
+    transform: Transform
+
+
+class GridReading(NamedTuple):
+    """nav_msgs/OccupancyGrid."""
+
+    topic: str
+    record_ns: int
+    stamp_ns: int
+    cells: npt.NDArray[np.int8]
+    """(rows, columns), row 0 at the lowest y"""
+    resolution_m: float
+    origin: Transform
+
+
+class TextReading(NamedTuple):
+    """std_msgs/String."""
+
+    topic: str
+    record_ns: int
+    text: str
+
+
+class ExactReading(NamedTuple):
+    """std_msgs/Float64MultiArray beside a scan that ``export`` wrote: the same with 64 bits."""
+
+    topic: str
+    record_ns: int
+    numbers: Floats
+
+
+Reading = ScanReading | PoseReading | GridReading | TextReading | ExactReading
+
+SCAN, POSE, TF, GRID, TEXT, EXACT = "scan", "pose", "tf", "grid", "text", "exact"
+
+
+class Topic(NamedTuple):
+    """One stream of a recording."""
+
+    name: str
+    type: str
+    """of its messages, as ROS 2 writes it: ``sensor_msgs/msg/LaserScan``"""
+    messages: int
+    kind: str
+    """of the readings that it gives, such as ``scan``; empty if it gives none"""
+
+
+class Source(Protocol):
+    """One recorded file or folder."""
+
+    path: str
+    topics: dict[str, Topic]
+    start_ns: int
+    end_ns: int
+
+    def readings(
+        self, topics: set[str], start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[Reading]:
+        """What these topics say, in the order in which it was recorded.
+
+        Raises:
+            InputError: the file is damaged here; what came before is good.
+        """
+
+    def close(self) -> None:
+        """Let go of the file."""
+
+
+KINDS = {
+    "sensor_msgs/msg/LaserScan": SCAN,
+    "nav_msgs/msg/Odometry": POSE,
+    "geometry_msgs/msg/PoseStamped": POSE,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": POSE,
+    "geometry_msgs/msg/TransformStamped": POSE,
+    "tf2_msgs/msg/TFMessage": TF,
+    "tf/msg/tfMessage": TF,
+    "nav_msgs/msg/OccupancyGrid": GRID,
+    "std_msgs/msg/String": TEXT,
+    "std_msgs/msg/Float64MultiArray": EXACT,
+}
+"""message type -> kind of reading; all other types are passed over"""
+
+
+def decoded(topic: Topic, record_ns: int, message: Any) -> Iterator[Reading]:
+    """The readings in one message of ROS: one, or of tf as many as there are transforms."""
+    if topic.kind == SCAN:
+        yield ScanReading(
+            topic.name,
+            record_ns,
+            stamp_of(message.header),
+            plain_frame(message.header.frame_id),
+            np.asarray(message.ranges, dtype=np.float64),
+            float(message.angle_min),
+            float(message.angle_increment),
+            float(message.range_min),
+            float(message.range_max),
+            float(message.time_increment),
+        )
+    elif topic.kind == TF:
+        for one in message.transforms:
+            yield _transform(topic.name, record_ns, one)
+    elif topic.type == "geometry_msgs/msg/TransformStamped":
+        yield _transform(topic.name, record_ns, message)
+    elif topic.kind == POSE:
+        pose = message.pose if topic.type.endswith("PoseStamped") else message.pose.pose
+        if topic.type.endswith("PoseWithCovarianceStamped"):
+            pose = message.pose.pose
+        at, turn = pose.position, pose.orientation
+        yield PoseReading(
+            topic.name,
+            record_ns,
+            stamp_of(message.header),
+            plain_frame(message.header.frame_id),
+            plain_frame(getattr(message, "child_frame_id", "")),
+            Transform(at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w),
+        )
+    elif topic.kind == GRID:
+        info = message.info
+        at, turn = info.origin.position, info.origin.orientation
+        yield GridReading(
+            topic.name,
+            record_ns,
+            stamp_of(message.header),
+            np.asarray(message.data, dtype=np.int8).reshape(info.height, info.width),
+            float(info.resolution),
+            Transform(at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w),
+        )
+    elif topic.kind == TEXT:
+        yield TextReading(topic.name, record_ns, str(message.data))
+    elif topic.kind == EXACT:
+        yield ExactReading(topic.name, record_ns, np.asarray(message.data, dtype=np.float64))
+
+
+def _transform(topic: str, record_ns: int, one: Any) -> PoseReading:
+    at, turn = one.transform.translation, one.transform.rotation
+    return PoseReading(
+        topic,
+        record_ns,
+        stamp_of(one.header),
+        plain_frame(one.header.frame_id),
+        plain_frame(one.child_frame_id),
+        Transform(at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w),
+    )
+
+
+def stamp_of(header: Any) -> int:
+    """Nanoseconds."""
+    return int(header.stamp.sec) * NS + int(header.stamp.nanosec)
+
+
+def plain_frame(name: str) -> str:
+    """Without the leading stroke of tf's first version."""
+    return name.removeprefix("/")

@@ -1,0 +1,451 @@
+"""A recording played into the detector: scans find their poses, frames follow, one after the other.
+
+Nothing here grows with the length of the recording: readings stream by, and wait only until the poses after
+them have come.
+"""
+
+import heapq
+import itertools
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from midnet_bench.assembly.detector_node import DetectorNode
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.messages import LidarGeometry, Scan
+from midnet_bench.midnet.pipeline import Ally, Frame, Observation
+from midnet_bench.recording.clock import Clock, Told, Track, Whereabouts, time_of
+from midnet_bench.recording.plan import AllyPlan, Link, PoseChain, RobotPlan
+from midnet_bench.recording.readings import (
+    NS,
+    ExactReading,
+    Floats,
+    PoseReading,
+    Reading,
+    ScanReading,
+    Source,
+)
+from midnet_bench.recording.settings import ReplaySettings
+
+PATIENCE_NS = NS
+"""a scan waits so long for the pose after it"""
+HOLD_NS = NS // 3
+"""with several robots a scan waits so long for others that were taken before it and come after it"""
+EXACT_ENDING = "_exact"
+"""of the topic that ``export`` writes beside a scan's: the same numbers with 64 bits"""
+LEAST_BEAM_ANGLE_RAD = 1e-5
+LARGEST_JUMP_NS = 3600 * NS
+"""a stamp that lies farther from the one before is no time"""
+
+
+class Seen(NamedTuple):
+    """One robot at a frame."""
+
+    robot: int
+    told: Told
+    """its pose, and how old that is"""
+    scan: Scan | None
+    """its last one"""
+
+
+class Look(NamedTuple):
+    """What one of several detectors made of a frame."""
+
+    frame: Frame
+    observations: list[Observation]
+    """of ``seen``, in its order"""
+
+
+class Corrector(Protocol):
+    """Corrects poses scan by scan; see ``localize.py``."""
+
+    def corrected(self, scan: Scan) -> Pose2D:
+        """The robot's pose at the scan, map frame; scans come in order of time."""
+
+
+@dataclass
+class ReplayFrame:
+    """One frame of a recording."""
+
+    number: int
+    """counted from 0"""
+    time_ns: int
+    """by the clock that is gone by"""
+    scan_index: int | None
+    """which scan of its topic made it, counted from 0; None for a frame at a rate"""
+    scanned: int | None
+    """the robot that made that scan"""
+    seen: list[Seen]
+    allies: list[tuple[AllyPlan, Told | None]]
+    told_allies: list[Ally]
+    """those whose poses are not too old"""
+    followed: list[tuple[AllyPlan, Told | None]]
+    looks: dict[str, Look]
+    """by preset"""
+
+
+@dataclass
+class Tally:
+    """What happened on the way, for people."""
+
+    scans: Counter[str] = field(default_factory=Counter)
+    """robot -> scans that were taken"""
+    skipped: Counter[str] = field(default_factory=Counter)
+    """why -> scans that were not"""
+    first: dict[str, str] = field(default_factory=dict)
+    """why -> where it happened first"""
+    oldest_pose_s: float = 0.0
+    pose_ages_s: list[float] = field(default_factory=list)
+    beams: dict[str, set[int]] = field(default_factory=dict)
+    frames: int = 0
+
+    def skip(self, why: str, where: str) -> None:
+        """Count a scan that was not taken."""
+        self.skipped[why] += 1
+        self.first.setdefault(why, where)
+
+
+class _Pending(NamedTuple):
+    time_ns: int
+    order: int
+    robot: int | None
+    """None: a frame is due"""
+    scan: ScanReading | None
+    exact: Floats | None
+    number: int
+    """of the scan among those of its topic"""
+
+
+@dataclass(frozen=True)
+class ReplayOptions:
+    """How time is gone by."""
+
+    clock: Clock = "header"
+    rate_hz: float | None = None
+    """of frames; None: one at each scan"""
+    max_pose_age_s: float = 0.5
+    """a scan whose pose lies between readings that are farther off is skipped"""
+    max_ally_age_s: float = 0.5
+    deskew: bool = False
+    offsets_ns: Sequence[int] = ()
+    """added to the times of each source"""
+    start_ns: int | None = None
+    """frames before this one are left out, by record time"""
+
+
+class Replay:
+    """One pass over the recordings."""
+
+    def __init__(
+        self,
+        sources: Sequence[Source],
+        robots: Sequence[RobotPlan],
+        allies: Sequence[AllyPlan],
+        prior_map: OccupancyGrid,
+        settings: Mapping[str, ReplaySettings],
+        options: ReplayOptions,
+        correctors: Sequence[Corrector] = (),
+        followed: Sequence[AllyPlan] = (),
+    ) -> None:
+        """Nothing is read yet.
+
+        Args:
+            sources: the recordings.
+            robots: who scans.
+            allies: whom the detectors are told of.
+            prior_map: int8, 100 occupied, map frame.
+            settings: by preset; each gets a detector of its own.
+            options: how time is gone by.
+            correctors: one for each robot, or none.
+            followed: whose poses frames tell, and no detector knows: labels.
+        """
+        self.nodes = {name: DetectorNode(one, prior_map, len(robots)) for name, one in settings.items()}
+        self._correctors = correctors
+        self._corrections: list[Pose2D | None] = [None] * len(robots)
+        self.robots, self.allies, self.tally = list(robots), list(allies), Tally()
+        self._sources, self._options, self._map = sources, options, prior_map
+        self._tracks: dict[Link, Track] = {}
+        self._where = [self._whereabouts(robot.pose) for robot in robots]
+        self._where_allies = [self._whereabouts(ally.pose) for ally in allies]
+        self._followed = [(plan, self._whereabouts(plan.pose)) for plan in followed]
+        self._others = [*self._where_allies, *(where for _, where in self._followed)]
+        self._by_scan = {(robot.source, robot.scan_topic): k for k, robot in enumerate(robots)}
+        self._by_exact = {
+            (robot.source, robot.scan_topic + EXACT_ENDING): k for k, robot in enumerate(robots)
+        }
+        self._last: list[Scan | None] = [None] * len(robots)
+        self._geometries: dict[tuple[int, tuple[float, ...]], LidarGeometry] = {}
+        self._numbers = itertools.count()
+        self.done = 0.0
+        """share of the recordings that was read"""
+
+    def _whereabouts(self, chain: PoseChain) -> Whereabouts:
+        links: list[Track | Pose2D] = []
+        for link in chain.links:
+            if isinstance(link, Pose2D):
+                links.append(link)
+            else:
+                links.append(self._tracks.setdefault(link, Track()))
+        return Whereabouts(links, slow=sum(isinstance(link, Track) for link in links) > 1)
+
+    def frames(self) -> Iterator[ReplayFrame]:
+        """Each frame in order of time.
+
+        Raises:
+            InputError: a file is damaged; the frames before were given.
+        """
+        options = self._options
+        pending: list[_Pending] = []
+        exact: dict[int, Floats] = {}
+        indices = Counter[int]()
+        order = itertools.count()
+        now_ns: int | None = None
+        passed_ns: int | None = None
+        due_ns: int | None = None
+        period_ns = None if options.rate_hz is None else NS / options.rate_hz
+        hold_ns = HOLD_NS if len(self.robots) > 1 or period_ns is not None else 0
+        for source, reading in self._readings():
+            if isinstance(reading, PoseReading):
+                time_ns = self._take_pose(source, reading)
+            elif isinstance(reading, ExactReading):
+                exact[self._by_exact[source, reading.topic]] = reading.numbers
+                continue
+            elif isinstance(reading, ScanReading):
+                robot = self._by_scan[source, reading.topic]
+                time_ns = time_of(reading, options.clock) + self._offset(source) - self.robots[robot].delay_ns
+                item = _Pending(time_ns, next(order), robot, reading, exact.pop(robot, None), indices[robot])
+                indices[robot] += 1
+                if passed_ns is not None and time_ns < passed_ns:
+                    self.tally.skip("came after later ones were taken", self._told_where(item))
+                    continue
+                heapq.heappush(pending, item)
+                if period_ns is not None and due_ns is None:
+                    due_ns = math.ceil(time_ns / period_ns)
+            else:
+                continue
+            now_ns = time_ns if now_ns is None else max(now_ns, time_ns)
+            while period_ns is not None and due_ns is not None and round(due_ns * period_ns) <= now_ns:
+                heapq.heappush(pending, _Pending(round(due_ns * period_ns), 1 << 62, None, None, None, -1))
+                due_ns += 1
+            while pending and self._is_ready(pending[0], now_ns, hold_ns):
+                item = heapq.heappop(pending)
+                passed_ns = item.time_ns
+                yield from self._passed(item)
+        while pending:
+            yield from self._passed(heapq.heappop(pending))
+
+    def _is_ready(self, item: _Pending, now_ns: int, hold_ns: int) -> bool:
+        if now_ns >= item.time_ns + PATIENCE_NS:
+            return True
+        if now_ns < item.time_ns + hold_ns:
+            return False
+        wanted = self._where if item.robot is None or len(self._where) > 1 else [self._where[item.robot]]
+        return all(where.is_known_at(item.time_ns) for where in (*wanted, *self._others))
+
+    def _offset(self, source: int) -> int:
+        offsets = self._options.offsets_ns
+        return offsets[source] if offsets else 0
+
+    def _take_pose(self, source: int, reading: PoseReading) -> int:
+        link = Link(source, reading.topic)
+        if link not in self._tracks:
+            link = Link(source, "", reading.frame, reading.child)
+        time_ns = time_of(reading, self._options.clock) + self._offset(source)
+        track = self._tracks.get(link)
+        if track is None:
+            return time_ns - PATIENCE_NS  # of no concern here, also not to say what time it is
+        track.take(time_ns, reading)
+        return time_ns
+
+    def _readings(self) -> Iterator[tuple[int, Reading]]:
+        """What is needed of all sources, in the order in which it was recorded, with its source."""
+        streams = []
+        for number, source in enumerate(self._sources):
+            topics = {topic for at, topic in self._by_scan if at == number}
+            topics |= {topic for at, topic in self._by_exact if at == number and topic in source.topics}
+            for link in self._tracks:
+                if link.source != number:
+                    continue
+                if link.topic:
+                    topics.add(link.topic)
+                else:
+                    topics |= {name for name, topic in source.topics.items() if topic.kind == "tf"}
+            if topics:
+                streams.append(self._of(number, source, topics))
+        if len(streams) == 1:
+            yield from streams[0]
+            return
+        yield from heapq.merge(*streams, key=lambda one: one[1].record_ns + self._offset(one[0]))
+
+    def _of(self, number: int, source: Source, topics: set[str]) -> Iterator[tuple[int, Reading]]:
+        length_ns = max(source.end_ns - source.start_ns, 1)
+        for reading in source.readings(topics):
+            self.done = (reading.record_ns - source.start_ns) / length_ns
+            yield number, reading
+
+    def _passed(self, item: _Pending) -> Iterator[ReplayFrame]:
+        if item.robot is None:
+            made = self._frame(item, None)
+            if made is not None:
+                yield made
+        elif self._observe(item) and self._options.rate_hz is None:
+            made = self._frame(item, item.robot)
+            if made is not None:
+                yield made
+        for where in (*self._where, *self._others):
+            where.forget(item.time_ns)
+
+    def _told_where(self, item: _Pending) -> str:
+        name = self.robots[item.robot or 0].name
+        return f"robot '{name}', scan {item.number} at {item.time_ns / NS:.3f} s"
+
+    def _observe(self, item: _Pending) -> bool:
+        """Take a scan into its robot's costmap; whether that was done."""
+        assert item.robot is not None
+        assert item.scan is not None
+        robot, plan, scan = item.robot, self.robots[item.robot], item.scan
+        if not len(scan.ranges_m):
+            self.tally.skip("has no range at all", self._told_where(item))
+            return False
+        told = self._where[robot].at(item.time_ns)
+        if told is None:
+            self.tally.skip("has no pose before it", self._told_where(item))
+            return False
+        if told.age_s > self._options.max_pose_age_s:
+            why = f"lies more than {self._options.max_pose_age_s:g} s from a pose"
+            self.tally.skip(why, self._told_where(item))
+            return False
+        try:
+            lidar = self._geometry(robot, scan, item.exact)
+        except InputError as error:
+            self.tally.skip(str(error), self._told_where(item))
+            return False
+        ranges_m = plan.no_return.cleaned(scan) if item.exact is None else item.exact[4:]
+        if self._options.deskew:
+            ranges_m = self._deskewed(robot, item, ranges_m, lidar)
+        scan_taken = Scan(ranges_m, lidar, told.pose, item.time_ns / NS)
+        if self._correctors:
+            pose = self._correctors[robot].corrected(scan_taken)
+            self._corrections[robot] = pose.compose(told.pose.inverse())
+            scan_taken = scan_taken._replace(pose=pose)
+        for node in self.nodes.values():
+            node.observe(robot, scan_taken.pose, ranges_m, lidar, scan_taken.stamp_s)
+        self._last[robot] = scan_taken
+        self.tally.scans[plan.name] += 1
+        self.tally.beams.setdefault(plan.name, set()).add(len(ranges_m))
+        if told.age_s < math.inf:
+            self.tally.oldest_pose_s = max(self.tally.oldest_pose_s, told.age_s)
+        return True
+
+    def _geometry(self, robot: int, scan: ScanReading, exact: Floats | None) -> LidarGeometry:
+        """The beams of a scan on its robot. Raises InputError: they cannot be."""
+        plan = self.robots[robot]
+        if exact is not None:
+            numbers = tuple(exact[:4].tolist())
+            beams = len(exact) - 4
+        else:
+            range_max_m = min(scan.range_max_m, plan.no_return.range_max_m)
+            numbers = (scan.angle_min_rad, scan.angle_increment_rad, scan.range_min_m, range_max_m)
+            beams = len(scan.ranges_m)
+        known = self._geometries.get((robot, (*numbers, beams)))
+        if known is not None:
+            return known
+        lidar = geometry_of(numbers, beams, plan.mount, plan.is_mirrored)
+        self._geometries[robot, (*numbers, beams)] = lidar
+        return lidar
+
+    def _deskewed(self, robot: int, item: _Pending, ranges_m: Floats, lidar: LidarGeometry) -> Floats:
+        """The ranges that all beams had met at the scan's own instant, each put to the nearest beam."""
+        assert item.scan is not None
+        apart_ns = item.scan.time_increment_s * NS
+        where, plan = self._where[robot], self.robots[robot]
+        last = where.at(item.time_ns + round(apart_ns * lidar.beams))
+        first = where.at(item.time_ns)
+        if first is None or last is None or last.age_s > self._options.max_pose_age_s:
+            return ranges_m
+        share = np.arange(lidar.beams) / lidar.beams
+        step = last.pose.relative_to(first.pose)
+        base = np.stack((step.x * share, step.y * share, step.yaw * share), axis=1)
+        heading = base[:, 2] + plan.mount.yaw + lidar.angles_rad
+        cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])
+        x = base[:, 0] + cos * plan.mount.x - sin * plan.mount.y + ranges_m * np.cos(heading)
+        y = base[:, 1] + sin * plan.mount.x + cos * plan.mount.y + ranges_m * np.sin(heading)
+        dx, dy = x - plan.mount.x, y - plan.mount.y
+        angles = np.arctan2(dy, dx) - plan.mount.yaw - lidar.angle_min_rad
+        period = math.tau / abs(lidar.angle_increment_rad)
+        beams = np.rint(angles / lidar.angle_increment_rad) % round(period)
+        met = np.isfinite(ranges_m) & (beams < lidar.beams)
+        straight = np.where(np.isfinite(ranges_m), np.nan, ranges_m)
+        places, distances = beams[met].astype(int), np.hypot(dx, dy)[met]
+        far_first = np.argsort(-distances)
+        straight[places[far_first]] = distances[far_first]
+        return np.asarray(straight)
+
+    def _frame(self, item: _Pending, scanned: int | None) -> ReplayFrame | None:
+        """What the team makes of what it knows at an instant."""
+        options = self._options
+        seen: list[Seen] = []
+        for robot, where in enumerate(self._where):
+            told = where.at(item.time_ns) if scanned is not None else where.latest(item.time_ns)
+            heard = self._last[robot]
+            if told is None or (scanned is not None and heard is None):
+                continue
+            if scanned is not None and told.age_s > options.max_pose_age_s:
+                continue
+            correction = self._corrections[robot]
+            if correction is not None:
+                told = told._replace(pose=correction.compose(told.pose))
+            seen.append(Seen(robot, told, heard))
+        if not seen:
+            return None
+        allies, told_allies = [], []
+        for plan, where in zip(self.allies, self._where_allies, strict=True):
+            told = where.at(item.time_ns)
+            allies.append((plan, told))
+            if told is not None and told.age_s <= options.max_ally_age_s:
+                told_allies.append(Ally(told.pose, plan.diameter_m))
+        followed = [(plan, where.at(item.time_ns)) for plan, where in self._followed]
+        time_s = item.time_ns / NS
+        looks = {}
+        for name, node in self.nodes.items():
+            observations = [
+                Observation(one.told.pose, node.costmaps[one.robot].published(), one.scan) for one in seen
+            ]
+            looks[name] = Look(node.detect(observations, time_s, allies=told_allies), observations)
+        self.tally.frames += 1
+        index = item.number if scanned is not None else None
+        return ReplayFrame(
+            next(self._numbers), item.time_ns, index, scanned, seen, allies, told_allies, followed, looks
+        )
+
+    def void_poses(self) -> list[str]:
+        """A line for each track with readings that were no pose."""
+        return [
+            f"{link.in_words}: {track.void} poses are not finite or no rotation, "
+            f"the first at {(track.first_void_ns or 0) / NS:.3f} s; they were left out"
+            for link, track in self._tracks.items()
+            if track.void
+        ]
+
+    def pose_times(self) -> list[tuple[str, int]]:
+        """What each track is called, and how many poses it had."""
+        return [(link.in_words, track.taken) for link, track in self._tracks.items()]
+
+
+def geometry_of(numbers: Sequence[float], beams: int, mount: Pose2D, is_mirrored: bool) -> LidarGeometry:
+    """A LiDAR by (first angle, step, least range, largest range). Raises InputError: it cannot be."""
+    first, step, least_m, most_m = numbers
+    if not (math.isfinite(first) and math.isfinite(step) and abs(step) > LEAST_BEAM_ANGLE_RAD):
+        raise InputError(f"has angle_min {first:g} and angle_increment {step:g}, which no LiDAR has")
+    if abs(step) * (beams - 1) > 2.0 * math.tau or abs(first) > 2.0 * math.tau:
+        raise InputError(f"has {beams} beams {step:g} rad apart, which go round more than once; in degrees?")
+    if math.isnan(least_m) or math.isnan(most_m):
+        raise InputError("has a range limit that is not a number")
+    side = -1.0 if is_mirrored else 1.0
+    return LidarGeometry(beams, side * first, side * step, max(least_m, 0.0), most_m, mount)

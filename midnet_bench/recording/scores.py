@@ -1,0 +1,161 @@
+"""Which labels of a frame count, and the counts of a recording."""
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Box, wrap_angle
+from midnet_bench.recording.causes import Explainer, near
+from midnet_bench.recording.replay import ReplayFrame
+from midnet_bench.recording.truth import Label, Labels, matched
+from midnet_bench.scoring.frame_counts import NOTHING, FrameCounts, TruthObject, count_frame, ratios, total
+
+FULL_CIRCLE_RAD = math.tau - 1e-6
+
+
+@dataclass(frozen=True)
+class ScoreOptions:
+    """Which labels count, and how near a box must be."""
+
+    distance_m: float = 0.35
+    """from the label to the nearest point of the box"""
+    sector_rad: tuple[float, float] | None = None
+    """in which labels count, from the robot's x axis, counter-clockwise from the first to the second"""
+    window_m: float | None = None
+    """side of the square about the robot, along the map's axes, in which labels count"""
+
+
+@dataclass
+class Score:
+    """The sums over a recording."""
+
+    counts: FrameCounts = NOTHING
+    frames: int = 0
+    labelled: int = 0
+    """frames with labels, which alone are scored"""
+    boxes: int = 0
+    not_visible: int = 0
+    """labels in range that no return lies near"""
+    unexplained: int = 0
+    by_name: dict[str, list[int]] = field(default_factory=dict)
+    """label -> times in range, times found"""
+
+    def row(self, name: str) -> dict[str, float | int | str]:
+        """A row of the table of scores; the columns are those of a trial's."""
+        counts = self.counts
+        paper = ratios(counts.tp, counts.fp, counts.fn)
+        own = ratios(counts.matched, counts.fp + counts.duplicates, counts.missed)
+        labelled = max(self.labelled, 1)
+        return {
+            "preset": name,
+            "frames": self.frames,
+            "labelled": self.labelled,
+            "in_range": counts.in_range,
+            "not_visible": self.not_visible,
+            "tp": counts.tp,
+            "fp": counts.fp,
+            "fn": counts.fn,
+            **paper._asdict(),
+            "matched": counts.matched,
+            "duplicates": counts.duplicates,
+            "missed": counts.missed,
+            "precision_one_to_one": own.precision,
+            "recall_one_to_one": own.recall,
+            "f1_one_to_one": own.f1,
+            "gospa_per_frame_m": counts.gospa_m / labelled,
+            "boxes_per_frame": self.boxes / max(self.frames, 1),
+        }
+
+
+class Sight(NamedTuple):
+    """Of one label at a frame."""
+
+    counts: bool
+    """within range, sector and window of some robot"""
+    is_visible: bool
+    """a return that lies on no mapped wall lies near it"""
+
+
+class Scorer:
+    """Scores frame after frame of one detector."""
+
+    def __init__(self, look: str, explainer: Explainer, range_m: float, options: ScoreOptions) -> None:
+        self._look, self._explainer, self._range_m, self._options = look, explainer, range_m, options
+        self.score = Score()
+
+    def take(self, frame: ReplayFrame, labels: Labels | None) -> None:
+        """One frame, and what is known of it; None where nobody labelled it."""
+        score, boxes = self.score, frame.looks[self._look].frame.detections
+        score.frames += 1
+        score.boxes += len(boxes)
+        if labels is None:
+            everyone: list[int | None] = [None] * len(boxes)
+            self._explainer.boxes(frame, range(len(boxes)), None, everyone, [[]] * len(boxes), 0.0)
+            return
+        score.labelled += 1
+        there, options = labels.there, self._options
+        match = matched(boxes, there, options.distance_m)
+        sights = [self._sight(frame, label) for label in there]
+        in_range = [one.counts and one.is_visible for one in sights]
+        score.not_visible += sum(one.counts and not one.is_visible for one in sights)
+        truths = [
+            TruthObject(one.name, Box.square(one.x, one.y, 2.0 * options.distance_m), (one.x, one.y))
+            for one in there
+        ]
+        counts = count_frame(boxes, truths, in_range, match=match)
+        score.counts = total([score.counts, counts])
+        for index, label in enumerate(there):
+            if in_range[index]:
+                seen = score.by_name.setdefault(label.name, [0, 0])
+                seen[0] += 1
+                seen[1] += match.detection_of[index] is not None
+        missed = [k for k, found in enumerate(match.detection_of) if found is None and in_range[k]]
+        wrong = [k for k, truth in enumerate(match.truth_of) if truth is None]
+        if missed:
+            self._explainer.misses(frame, there, missed, options.distance_m)
+        if wrong:
+            self._explainer.boxes(frame, wrong, labels, match.truth_of, match.touched, options.distance_m)
+
+    def _sight(self, frame: ReplayFrame, label: Label) -> Sight:
+        options, counts, visible = self._options, False, False
+        for one in frame.seen:
+            scan = one.scan
+            if scan is None:
+                continue
+            sensor = scan.pose.compose(scan.lidar.mount)
+            if math.hypot(label.x - sensor.x, label.y - sensor.y) > self._range_m:
+                continue
+            if options.window_m is not None and (
+                max(abs(label.x - scan.pose.x), abs(label.y - scan.pose.y)) > options.window_m / 2.0
+            ):
+                continue
+            bearing = math.atan2(label.y - sensor.y, label.x - sensor.x)
+            lidar = scan.lidar
+            sweep = abs(lidar.angle_increment_rad) * lidar.beams
+            first = min(
+                lidar.angle_min_rad, lidar.angle_min_rad + lidar.angle_increment_rad * (lidar.beams - 1)
+            )
+            if sweep < FULL_CIRCLE_RAD and (bearing - sensor.yaw - first) % math.tau > sweep:
+                continue
+            if options.sector_rad is not None:
+                begin, end = options.sector_rad
+                if (wrap_angle(bearing - scan.pose.yaw) - begin) % math.tau > (end - begin) % math.tau:
+                    continue
+            counts = True
+            points = near(scan, label, options.distance_m)
+            off = self._explainer.wall_distances(points) > self._explainer.counts.resolution_m * 1.5
+            visible = visible or bool(off.any())
+        return Sight(counts, visible)
+
+
+def sector_of(text: str) -> tuple[float, float]:
+    """``FROM_DEG,TO_DEG`` in radians. Raises InputError: these are no two numbers."""
+    parts = text.split(",")
+    try:
+        begin, end = (math.radians(float(part)) for part in parts)
+    except ValueError:
+        raise InputError(f"--sector {text}: two numbers with a comma are needed: FROM_DEG,TO_DEG") from None
+    if not (math.isfinite(begin) and math.isfinite(end)):
+        raise InputError(f"--sector {text}: finite numbers are needed")
+    return begin, end

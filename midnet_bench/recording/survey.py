@@ -1,0 +1,190 @@
+"""A look into a recording: what it holds, how it is stamped, and a sample of its scans and poses."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+
+from midnet_bench.recording.no_return import found_in
+from midnet_bench.recording.readings import (
+    NS,
+    POSE,
+    SCAN,
+    TEXT,
+    TF,
+    PoseReading,
+    ScanReading,
+    Source,
+    TextReading,
+    Topic,
+    Transform,
+)
+
+T = TypeVar("T")
+
+WHOLE_S = 60.0
+"""a recording that lasts no longer is looked at whole"""
+WINDOWS = 12
+WINDOW_S = 3.0
+"""of a longer one so many stretches of this length"""
+MOST_SCANS = 400
+"""kept of one topic"""
+STILL = 1e-6
+"""metres, and parts of a quaternion, by which a fixed transform may seem to move"""
+
+
+@dataclass
+class Stream:
+    """What was seen of one topic."""
+
+    topic: Topic
+    scans: list[ScanReading] = field(default_factory=list)
+    poses: list[PoseReading] = field(default_factory=list)
+    texts: list[str] = field(default_factory=list)
+
+    @property
+    def lags_s(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        """(n,) record time minus header stamp of what was seen, seconds."""
+        seen: Sequence[ScanReading | PoseReading] = self.scans or self.poses
+        return np.array([(one.record_ns - one.stamp_ns) / NS for one in seen], dtype=np.float64)
+
+    @property
+    def stamps_stand_still(self) -> bool:
+        """Whether several readings all have one stamp."""
+        seen: Sequence[ScanReading | PoseReading] = self.scans or self.poses
+        return len(seen) > 1 and len({one.stamp_ns for one in seen}) == 1
+
+
+@dataclass
+class Survey:
+    """Of one source."""
+
+    source: Source
+    streams: dict[str, Stream]
+    transforms: dict[tuple[str, str], list[PoseReading]]
+    """(frame, child) -> what tf said of them"""
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last message."""
+        return max(self.source.end_ns - self.source.start_ns, 0) / NS
+
+    def of_kind(self, kind: str) -> list[Stream]:
+        """In the order of their names; those of which nothing was seen are left out."""
+        return [
+            one
+            for one in self.streams.values()
+            if one.topic.kind == kind and (one.scans or one.poses or one.texts)
+        ]
+
+    def parents(self) -> dict[str, str]:
+        """Child -> frame, of all of tf."""
+        return {child: frame for frame, child in self.transforms}
+
+    def chain(self, frame: str) -> list[str]:
+        """The frame, what it hangs on, and so on up to the root of tf."""
+        parents, found = self.parents(), [frame]
+        while found[-1] in parents and parents[found[-1]] not in found:
+            found.append(parents[found[-1]])
+        return found
+
+    def is_fixed(self, frame: str, child: str) -> bool:
+        """Whether a transform never changed while it was looked at."""
+        seen = np.array([one.transform for one in self.transforms[frame, child]])
+        return bool(np.ptp(seen, axis=0).max() < STILL)
+
+    def fixed(self, frame: str, child: str) -> Transform:
+        """The transform of a pair that is fixed."""
+        return self.transforms[frame, child][0].transform.normalized()
+
+
+def survey(source: Source) -> Survey:
+    """Look into a recording: whole if it is short, else at stretches all over it.
+
+    Raises:
+        InputError: it is damaged where it was looked at.
+    """
+    streams = {name: Stream(topic) for name, topic in source.topics.items()}
+    wanted = {name for name, topic in source.topics.items() if topic.kind in (SCAN, POSE, TF)}
+    transforms: dict[tuple[str, str], list[PoseReading]] = {}
+    latched = {name for name in wanted if name.endswith("tf_static")}
+    texts = {name for name, topic in source.topics.items() if topic.kind == TEXT}
+    for reading in source.readings(latched | texts):
+        if isinstance(reading, TextReading):
+            streams[reading.topic].texts.append(reading.text)
+        elif isinstance(reading, PoseReading):
+            transforms.setdefault((reading.frame, reading.child), []).append(reading)
+    for start_ns, stop_ns in _windows(source):
+        for reading in source.readings(wanted - latched, start_ns, stop_ns):
+            if isinstance(reading, ScanReading):
+                streams[reading.topic].scans.append(reading)
+            elif isinstance(reading, PoseReading):
+                if source.topics[reading.topic].kind == TF:
+                    transforms.setdefault((reading.frame, reading.child), []).append(reading)
+                streams[reading.topic].poses.append(reading)
+    for stream in streams.values():
+        stream.scans = spread(stream.scans, MOST_SCANS)
+    return Survey(source, streams, transforms)
+
+
+def _windows(source: Source) -> Iterable[tuple[int | None, int | None]]:
+    duration_ns = source.end_ns - source.start_ns
+    if duration_ns <= WHOLE_S * NS:
+        return [(None, None)]
+    length_ns = round(WINDOW_S * NS)
+    starts = np.linspace(source.start_ns, source.end_ns - length_ns, WINDOWS)
+    return [(int(start), int(start) + length_ns) for start in starts]
+
+
+def spread(items: list[T], most: int) -> list[T]:
+    """At most so many of a list, evenly all over it, in order."""
+    if len(items) <= most:
+        return items
+    return [items[k] for k in np.linspace(0, len(items) - 1, most).astype(int)]
+
+
+def listing(survey: Survey) -> list[dict[str, str]]:
+    """A row for each topic, for people: what it is, how often, and what is to be known of it."""
+    duration_s = survey.duration_s
+    rows = []
+    for name, stream in survey.streams.items():
+        topic = stream.topic
+        rate = topic.messages / duration_s if duration_s > 0.0 else math.nan
+        rows.append(
+            {
+                "topic": name,
+                "type": topic.type,
+                "messages": str(topic.messages),
+                "rate_hz": "" if math.isnan(rate) else f"{rate:.1f}",
+                "what": _what(stream),
+            }
+        )
+    return rows
+
+
+def _what(stream: Stream) -> str:
+    parts = []
+    if stream.scans:
+        beams = sorted({len(scan.ranges_m) for scan in stream.scans})
+        scan = stream.scans[0]
+        sweep_deg = math.degrees(abs(scan.angle_increment_rad) * max(len(scan.ranges_m) - 1, 0))
+        limits = f"{scan.range_min_m:g} to {scan.range_max_m:g} m"
+        parts.append(f"{' or '.join(map(str, beams))} beams over {sweep_deg:.0f} deg, {limits}")
+        parts.append(f"no return: {found_in(stream.scans, {}).in_words}")
+    lags_s = stream.lags_s
+    if len(lags_s) and stream.topic.type != "text":
+        parts.append(lag_in_words(lags_s))
+    if stream.stamps_stand_still:
+        parts.append("its stamps stand still: use --clock record")
+    return "; ".join(parts)
+
+
+def lag_in_words(lags_s: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
+    """``stamped 84 ms before it was recorded``, with the spread if that is worth telling."""
+    middle_ms, low_ms, high_ms = (1000.0 * float(np.quantile(lags_s, at)) for at in (0.5, 0.05, 0.95))
+    words = f"{abs(middle_ms):.3g} ms" if abs(middle_ms) < 10_000.0 else f"{abs(middle_ms) / 1000.0:.6g} s"
+    side = "before" if middle_ms >= 0.0 else "after"
+    spread_ms = f" ({low_ms:.3g} to {high_ms:.3g})" if high_ms - low_ms > 1.0 else ""
+    return f"stamped {words} {side} it was recorded{spread_ms}"

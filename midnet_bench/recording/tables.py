@@ -1,0 +1,227 @@
+"""Recordings as text: tables of scans and poses (CSV), and CARMEN logs with their corrected poses."""
+
+import csv
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.geometry import Pose2D
+from midnet_bench.io.scan_logs import ScanLog, parse_carmen, parse_table, read_lines
+from midnet_bench.io.trajectory import clock_fault
+from midnet_bench.recording.readings import (
+    NS,
+    POSE,
+    SCAN,
+    PoseReading,
+    Reading,
+    ScanReading,
+    Topic,
+    Transform,
+)
+
+POSE_COLUMNS = ("t", "x", "y", "yaw")
+SCAN_COLUMNS = ("t", "angle_min", "angle_increment", "range_min", "range_max")
+TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+"""a pose of the TUM format, which evo and SLAM tools write"""
+FIRST_RANGE = "r0"
+STEP_NS = NS // 10
+"""between scans of a log whose clock is no use; only their order counts then"""
+_FAR_FUTURE_S = 1e11
+
+
+class Table:
+    """One text file, all of it in memory: the topics ``scan`` and ``pose``, of a log also ``odometry``."""
+
+    def __init__(self, path: Path, readings: list[Reading], remarks: list[str]) -> None:
+        """``readings`` in order of time; ``remarks``: what was not taken as it stands there."""
+        self.path = str(path)
+        self.remarks = remarks
+        self._readings = readings
+        self.topics: dict[str, Topic] = {}
+        for reading in readings:
+            known = self.topics.get(reading.topic)
+            kind = SCAN if isinstance(reading, ScanReading) else POSE
+            self.topics[reading.topic] = Topic(
+                reading.topic, "text", known.messages + 1 if known else 1, kind
+            )
+        self.start_ns = readings[0].record_ns if readings else 0
+        self.end_ns = readings[-1].record_ns if readings else 0
+
+    def called(self, name: str) -> "Table":
+        """The same with one name for its poses, so that they are told from those of other recordings."""
+        poses = [one._replace(topic=name) for one in self._readings if isinstance(one, PoseReading)]
+        return Table(Path(self.path), list(poses), self.remarks)
+
+    def readings(
+        self, topics: set[str], start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[Reading]:
+        """See :class:`Source`."""
+        for reading in self._readings:
+            after_start = start_ns is None or reading.record_ns >= start_ns
+            if reading.topic in topics and after_start and (stop_ns is None or reading.record_ns < stop_ns):
+                yield reading
+
+    def close(self) -> None:
+        """See :class:`Source`."""
+
+
+def read_text(path: Path) -> Table:
+    """A CSV table, a table of scans without a heading, or a CARMEN log, gzipped or plain.
+
+    Raises:
+        InputError: one line with file and line: no such file, unknown or missing columns, no number.
+    """
+    lines = read_lines(path)
+    first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
+    if "," in first and not _is_number(first.split(",")[0]):
+        return _of_csv(path, lines)
+    if len(first.split()) == len(TUM_COLUMNS) and all(map(_is_number, first.split())):
+        return _of_tum(path, lines)
+    log = parse_table(path, lines) if _is_number(first.split()[0]) else parse_carmen(path, lines)
+    return _of_log(path, log)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def rows_of(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, str]]]:
+    """``file:line`` and the cells by column of each line below the heading; comments are passed over."""
+    numbered = [
+        (number, line)
+        for number, line in enumerate(lines, start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not numbered:
+        raise InputError(f"{path}: the table is empty; give a heading and rows below it")
+    try:
+        rows = list(csv.reader(line for _, line in numbered))
+    except csv.Error as error:
+        raise InputError(f"{path}: cannot be read as a table with commas: {error}") from error
+    names = [name.strip() for name in rows[0]]
+    for (number, _), row in zip(numbered[1:], rows[1:], strict=True):
+        yield f"{path}:{number}", dict(zip(names, (cell.strip() for cell in row), strict=False))
+
+
+def number_in(cells: dict[str, str], name: str, where: str, finite: bool = True) -> float:
+    """A cell as a number. Raises InputError that names file, line and column."""
+    try:
+        value = float(cells[name])
+    except KeyError:
+        raise InputError(f"{where}: {name}: missing column{nearest_name(name, cells)}") from None
+    except ValueError:
+        raise InputError(f"{where}: {name}: {cells[name][:30]!r} is not a number") from None
+    if finite and not math.isfinite(value):
+        raise InputError(f"{where}: {name}: {cells[name][:30]!r} is not a finite number")
+    return value
+
+
+def time_in(cells: dict[str, str], where: str) -> int:
+    """The column ``t``, seconds, as nanoseconds."""
+    time_s = number_in(cells, "t", where)
+    if abs(time_s) > _FAR_FUTURE_S:
+        raise InputError(f"{where}: t: {time_s:g} is no time in seconds; are these milliseconds?")
+    return round(time_s * NS)
+
+
+def planar(x: float, y: float, yaw: float) -> Transform:
+    """A pose in the plane."""
+    return Transform(x, y, 0.0, 0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0))
+
+
+def _of_csv(path: Path, lines: list[str]) -> Table:
+    found: list[Reading] = []
+    for where, cells in rows_of(path, lines):
+        if not found and not (FIRST_RANGE in cells or {"x", "y", "yaw"} <= cells.keys()):
+            raise InputError(
+                f"{path}: columns {', '.join(cells)[:80]}: neither scans "
+                f"({','.join(SCAN_COLUMNS)},r0,r1,...) nor poses ({','.join(POSE_COLUMNS)})"
+            )
+        time_ns = time_in(cells, where)
+        if "x" in cells:  # poses may be nan: the reader of poses says so
+            x, y, yaw = (number_in(cells, name, where, finite=False) for name in POSE_COLUMNS[1:])
+            found.append(PoseReading("pose", time_ns, time_ns, "map", "", planar(x, y, yaw)))
+        if FIRST_RANGE in cells:
+            first, step, least, most = (number_in(cells, name, where) for name in SCAN_COLUMNS[1:])
+            ranges: list[float] = []
+            while cells.get(name := f"r{len(ranges)}"):
+                ranges.append(number_in(cells, name, where, finite=False))
+            found.append(
+                ScanReading(
+                    "scan",
+                    time_ns,
+                    time_ns,
+                    "laser",
+                    np.array(ranges, dtype=np.float64),
+                    first,
+                    step,
+                    least,
+                    most,
+                    0.0,
+                )
+            )
+    return Table(path, found, [])
+
+
+def _of_tum(path: Path, lines: list[str]) -> Table:
+    found: list[Reading] = []
+    for number, line in enumerate(lines, start=1):
+        words = line.split("#")[0].split()
+        if not words:
+            continue
+        where = f"{path}:{number}"
+        if len(words) != len(TUM_COLUMNS):
+            raise InputError(
+                f"{where}: {len(words)} words; a pose has {len(TUM_COLUMNS)}: {' '.join(TUM_COLUMNS)}"
+            )
+        cells = dict(zip(TUM_COLUMNS, words, strict=True))
+        time_ns = time_in(cells, where)
+        numbers = [number_in(cells, name, where, finite=False) for name in TUM_COLUMNS[1:]]
+        found.append(PoseReading("pose", time_ns, time_ns, "map", "", Transform(*numbers)))
+    return Table(path, found, [])
+
+
+def _of_log(path: Path, log: ScanLog) -> Table:
+    """A log's scans, its odometry, and its corrected poses if it has any: of the laser, not of the robot."""
+    stamps_s = np.array([scan.stamp_s for scan in log])
+    fault = clock_fault(stamps_s)
+    remarks = list(log.warnings)
+    times = [round(float(stamp) * NS) for stamp in stamps_s]
+    if fault is not None:
+        remarks.append(
+            f"{path}: scan {fault[0] + 1}: {fault[1]}; the order of the scans serves as their time"
+        )
+        times = [k * STEP_NS for k in range(len(log))]
+    lidar = log.geometry
+    corrected = [scan.corrected for scan in log]
+    found: list[Reading] = []
+    for scan, pose, time_ns in zip(log, corrected, times, strict=True):
+        found.append(_pose("odometry", time_ns, "odom", scan.odometry))
+        if pose is not None and log.is_corrected:
+            found.append(_pose("pose", time_ns, "map", pose))
+        found.append(
+            ScanReading(
+                "scan",
+                time_ns,
+                time_ns,
+                "laser",
+                scan.ranges_m,
+                lidar.angle_min_rad,
+                lidar.angle_increment_rad,
+                lidar.range_min_m,
+                lidar.range_max_m,
+                0.0,
+            )
+        )
+    return Table(path, found, remarks)
+
+
+def _pose(topic: str, time_ns: int, frame: str, pose: Pose2D) -> PoseReading:
+    return PoseReading(topic, time_ns, time_ns, frame, "", planar(*pose))

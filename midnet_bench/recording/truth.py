@@ -1,0 +1,126 @@
+"""Labels of a recording: who really was where, and which boxes are right."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from midnet_bench.assignment import linear_sum_assignment
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Box
+from midnet_bench.io.scan_logs import read_lines
+from midnet_bench.recording.readings import NS
+from midnet_bench.recording.tables import number_in, rows_of, time_in
+from midnet_bench.scoring.frame_counts import FrameMatch
+
+SAME_NS = NS // 50
+"""a label that is no farther from a scan in time is taken for the scan's own"""
+LARGEST_GAP_NS = NS // 2
+"""labels that lie farther apart leave a gap in which nobody is labelled"""
+
+
+class Label(NamedTuple):
+    """One object that is to be found."""
+
+    name: str
+    x: float
+    """map frame, metres"""
+    y: float
+
+
+class Labels(NamedTuple):
+    """What is known of a frame."""
+
+    there: list[Label]
+    gaps: list[Label]
+    """between two labels of one object that lie too far apart in time: where it may be now"""
+
+
+class LabelTable:
+    """``truth.csv``: t or scan_index, id, x, y; a row without id is a scan with nobody."""
+
+    def __init__(self, path: Path) -> None:
+        """Read it. Raises InputError: file, line and column of what is wrong."""
+        self.by_index: dict[int, list[Label]] = {}
+        self.by_time: dict[str, list[tuple[int, float, float]]] = {}
+        self.empty_ns: list[int] = []
+        self._path = path
+        for where, cells in rows_of(path, read_lines(path)):
+            name = cells.get("id", "")
+            if not name and ("x" not in cells or not cells["x"]):
+                if "scan_index" in cells:
+                    self.by_index.setdefault(int(number_in(cells, "scan_index", where)), [])
+                else:
+                    self.empty_ns.append(time_in(cells, where))
+                continue
+            x, y = number_in(cells, "x", where), number_in(cells, "y", where)
+            name = name or "object"
+            if "scan_index" in cells:
+                index = int(number_in(cells, "scan_index", where))
+                self.by_index.setdefault(index, []).append(Label(name, x, y))
+            else:
+                self.by_time.setdefault(name, []).append((time_in(cells, where), x, y))
+        for rows in self.by_time.values():
+            rows.sort()
+        self._times = {
+            name: np.array([row[0] for row in rows], dtype=np.int64) for name, rows in self.by_time.items()
+        }
+        if not (self.by_index or self.by_time or self.empty_ns):
+            raise InputError(f"{path}: holds no label; give rows t,id,x,y or scan_index,id,x,y")
+
+    def at(self, time_ns: int, scan_index: int | None) -> Labels | None:
+        """What is known at a scan or an instant; None where it was not labelled."""
+        if self.by_index:
+            if scan_index is None:
+                raise InputError(f"{self._path}: its labels go by scan_index; with --rate give labels with t")
+            there = self.by_index.get(scan_index)
+            return None if there is None else Labels(there, [])
+        found, gaps, is_labelled = [], [], False
+        for name, rows in self.by_time.items():
+            times = self._times[name]
+            after = int(np.searchsorted(times, time_ns))
+            nearest = min(
+                (k for k in (after - 1, after) if 0 <= k < len(rows)),
+                key=lambda k: abs(int(times[k]) - time_ns),
+            )
+            if abs(int(times[nearest]) - time_ns) <= SAME_NS:
+                found.append(Label(name, rows[nearest][1], rows[nearest][2]))
+                is_labelled = True
+            elif 0 < after < len(rows):
+                (t0, x0, y0), (t1, x1, y1) = rows[after - 1], rows[after]
+                share = (time_ns - t0) / (t1 - t0)
+                between = Label(name, x0 + share * (x1 - x0), y0 + share * (y1 - y0))
+                if t1 - t0 <= LARGEST_GAP_NS:
+                    found.append(between)
+                    is_labelled = True
+                else:
+                    gaps.append(between)
+        if not is_labelled:
+            is_labelled = any(abs(one - time_ns) <= SAME_NS for one in self.empty_ns)
+        return Labels(found, gaps) if is_labelled else None
+
+
+def matched(boxes: Sequence[Box], labels: Sequence[Label], distance_m: float) -> FrameMatch:
+    """Who is paired with whom: as many pairs as can be, then the least sum of distances.
+
+    A box is right for a label that lies in it or no farther than ``distance_m`` from its nearest point.
+    """
+    apart = np.array([[box.distance_to_point(one.x, one.y) for one in labels] for box in boxes])
+    touched = [
+        [k for k in range(len(labels)) if apart[box, k] <= distance_m] if labels else []
+        for box in range(len(boxes))
+    ]
+    truth_of: list[int | None] = [None] * len(boxes)
+    detection_of: list[int | None] = [None] * len(labels)
+    if any(touched):
+        # centres settle which of two boxes on one label is its own
+        centres = np.array([[math.dist(box.center, (one.x, one.y)) for one in labels] for box in boxes])
+        far = 1e6
+        cost = np.where(apart <= distance_m, apart + 1e-3 * centres, far)
+        rows, columns = linear_sum_assignment(cost)
+        for box, label in zip(rows.tolist(), columns.tolist(), strict=True):
+            if cost[box, label] < far:
+                truth_of[box], detection_of[label] = label, box
+    return FrameMatch(touched, truth_of, detection_of)

@@ -1,0 +1,605 @@
+"""``replay``: what the detector makes of a recording, whether its inputs fit, and why it errs."""
+
+import csv
+import json
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from midnet_bench.analysis.tables import Table
+from midnet_bench.campaign.trial import Scalar
+from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.io.files import cannot_be_written, write_atomically
+from midnet_bench.io.map_server import load_map
+from midnet_bench.recording import causes
+from midnet_bench.recording.bags import Bag, is_bag
+from midnet_bench.recording.clock import Clock
+from midnet_bench.recording.plan import (
+    AllyPlan,
+    Link,
+    RobotPlan,
+    Wishes,
+    allies_of,
+    named,
+    number_of,
+    robots_of,
+)
+from midnet_bench.recording.ray_counts import RayCounts
+from midnet_bench.recording.readings import NS, GridReading, Source
+from midnet_bench.recording.replay import Replay, ReplayFrame, ReplayOptions
+from midnet_bench.recording.scores import ScoreOptions, Scorer, sector_of
+from midnet_bench.recording.settings import Preset, ReplaySettings
+from midnet_bench.recording.survey import Survey, listing, survey
+from midnet_bench.recording.tables import read_text
+from midnet_bench.recording.truth import Label, Labels, LabelTable
+
+EXPORTED = "/midnet/replay"
+"""the topic in which ``export`` says how a trial is replayed"""
+HIT_THRESHOLD = 0.1
+FIRST = "first-"
+Note = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class ReplayWishes:
+    """What a user asks for; see the options of the command."""
+
+    files: Sequence[Path]
+    recording: Wishes = field(default_factory=Wishes)
+    map: str | None = None
+    background: str | None = None
+    hit_threshold: float = HIT_THRESHOLD
+    resolution_m: float = 0.05
+    presets: Sequence[Preset] = ("real", "paper")
+    settings: Mapping[str, Scalar] = field(default_factory=dict)
+    clock: Clock = "header"
+    offsets: Sequence[str] = ()
+    rate_hz: float | None = None
+    max_pose_age_s: float = 0.5
+    max_ally_age_s: float = 0.5
+    deskew: bool = False
+    truth: Sequence[str] = ()
+    distance_m: float = 0.35
+    sector: str | None = None
+    window_m: float | None = None
+    localize: bool = False
+    output: Path | None = None
+
+
+@dataclass
+class Replayed:
+    """What came of it."""
+
+    tables: list[Table]
+    lines: list[str]
+    """in words, for people"""
+    files: list[Path]
+    faults: list[str]
+    """what does not fit or could not be read; results are there all the same"""
+
+
+def open_source(path: Path) -> Source:
+    """A bag, a table or a log. Raises InputError: there is no such file, or it is none of these."""
+    if not path.exists():
+        raise InputError(f"{path}: there is no such recording")
+    if is_bag(path):
+        return Bag(path)
+    if path.is_dir():
+        raise InputError(
+            f"{path}: a folder without metadata.yaml is no ROS 2 bag; give a bag, an .mcap, a .csv or a log"
+        )
+    return read_text(path)
+
+
+@contextmanager
+def opened(paths: Sequence[Path]) -> Iterator[list[Source]]:
+    """The recordings, closed in the end."""
+    with ExitStack() as stack:
+        sources = []
+        for path in paths:
+            source = open_source(path)
+            stack.callback(source.close)
+            sources.append(source)
+        yield sources
+
+
+def list_topics(files: Sequence[Path]) -> tuple[list[Table], list[str]]:
+    """What recordings hold: a table of topics for each, and the flags that are proposed.
+
+    Raises:
+        InputError: a recording cannot be read.
+    """
+    tables: list[Table] = []
+    lines: list[str] = []
+    with opened(files) as sources:
+        surveys = [survey(source) for source in sources]
+        for path, one in zip(files, surveys, strict=True):
+            title = f"{path}: {one.duration_s:.1f} s"
+            tables.append(Table("topics", title, listing(one)))
+            lines += getattr(one.source, "remarks", [])
+        lines += proposal(files, surveys)
+    return tables, lines
+
+
+def proposal(files: Sequence[Path], surveys: Sequence[Survey]) -> list[str]:
+    """The command that would replay these, and what has to be added to it."""
+    words = ["midnet-bench replay", *map(str, files)]
+    given = exported(surveys[0])
+    if given is not None:
+        return [f"proposed: {' '.join(words)} --map /map"]
+    try:
+        robots = robots_of(surveys, Wishes(), file_names(files))
+    except InputError as error:
+        return [f"to replay it: {error}"]
+    for robot in robots:
+        lead = f"{robot.name}=" if len(robots) > 1 else ""
+        words.append(f"--scan {lead}{robot.scan_topic}")
+        words.append(
+            f"--pose {lead}{robot.pose.in_words if not robot.pose.in_words.startswith('tf') else 'tf'}"
+        )
+        if robot.mount != Pose2D(0.0, 0.0, 0.0):
+            x, y, yaw = robot.mount
+            words.append(f"--mount {lead}{x:.3f},{y:.3f},{math.degrees(yaw):.2f}")
+    grids = [name for one in surveys for name, topic in one.source.topics.items() if topic.kind == "grid"]
+    words.append(f"--map {grids[0] if '/map' in grids else 'MAP.yaml'}")
+    return [f"proposed: {' '.join(words)}"]
+
+
+def file_names(files: Sequence[Path]) -> list[str]:
+    """A name for each recording: its own without the ending; numbered where two are alike."""
+    stems = [path.name.split(".")[0] for path in files]
+    return [stem if stems.count(stem) == 1 else f"{stem}_{number + 1}" for number, stem in enumerate(stems)]
+
+
+def exported(one: Survey) -> dict[str, object] | None:
+    """How ``export`` says that a trial is replayed; None for any other recording."""
+    stream = one.streams.get(EXPORTED)
+    if stream is None or not stream.texts:
+        return None
+    try:
+        said = json.loads(stream.texts[0])
+    except ValueError as error:
+        raise InputError(f"{one.source.path}: {EXPORTED}: {error}; export the trial again") from error
+    return said if isinstance(said, dict) else None
+
+
+def with_exported(wishes: ReplayWishes, surveys: Sequence[Survey]) -> ReplayWishes:
+    """The wishes, filled in with what the file itself says if ``export`` wrote it."""
+    said = exported(surveys[0]) if len(surveys) == 1 else None
+    if said is None or wishes.recording.scan:
+        return wishes
+    try:
+        robots = said["robots"]
+        assert isinstance(robots, list)
+        settings = said["settings"]
+        assert isinstance(settings, dict)
+        mounts = [
+            f"{one['name']}={one['mount'][0]},{one['mount'][1]},{math.degrees(one['mount'][2])!r}"
+            for one in robots
+        ]
+        recording = replace(
+            wishes.recording,
+            scan=[f"{one['name']}={one['scan']}" for one in robots],
+            pose=[f"{one['name']}={one['pose']}" for one in robots],
+            mount=mounts,
+        )
+        rate_hz = wishes.rate_hz or float(str(said["rate_hz"]))
+    except (AssertionError, KeyError, TypeError, IndexError, ValueError) as error:
+        raise InputError(
+            f"{surveys[0].source.path}: {EXPORTED}: {error!r}; export the trial again"
+        ) from error
+    return replace(
+        wishes,
+        recording=recording,
+        settings={**settings, **wishes.settings},
+        presets=("paper",),
+        rate_hz=rate_hz,
+        map=wishes.map or "/map",
+    )
+
+
+def prior_map_of(
+    wishes: ReplayWishes, surveys: Sequence[Survey], robots: Sequence[RobotPlan], note: Note
+) -> tuple[OccupancyGrid, int | None]:
+    """The map that is subtracted, and until when its background was taken, ns of the record time.
+
+    Raises:
+        InputError: no map, or none that can be used.
+    """
+    if wishes.map is not None and wishes.background is not None:
+        raise InputError("replay: --map and --background both give the map; leave one out")
+    if wishes.background is not None:
+        return _background(wishes, surveys, robots, note)
+    if wishes.map is None:
+        raise InputError(
+            "replay: a map is needed: --map MAP.yaml, --map TOPIC, --background FILE or --background first-S"
+        )
+    if any(wishes.map in one.source.topics for one in surveys):
+        return map_of_topic(surveys, wishes.map), None
+    if wishes.map.startswith("/") and not Path(wishes.map).exists():
+        grids = [name for one in surveys for name, topic in one.source.topics.items() if topic.kind == "grid"]
+        if grids:
+            raise InputError(f"--map {wishes.map}: no such topic{nearest_name(wishes.map, grids)}")
+    return load_map(Path(wishes.map)), None
+
+
+def map_of_topic(surveys: Sequence[Survey], topic: str) -> OccupancyGrid:
+    """The first map of a topic, int8: 100 occupied, 0 free, -1 unknown. Raises InputError: it has none."""
+    for one in surveys:
+        if topic not in one.source.topics:
+            continue
+        for reading in one.source.readings({topic}):
+            if not isinstance(reading, GridReading):
+                break
+            if abs(reading.origin.yaw) > 1e-6:
+                raise InputError(
+                    f"--map {topic}: its origin is turned by {reading.origin.yaw:g} rad; only 0 is taken"
+                )
+            if not 0.0 < reading.resolution_m < math.inf:
+                raise InputError(f"--map {topic}: a resolution of {reading.resolution_m:g} m cannot be")
+            # messages round to 32 bits; saved maps have six digits
+            resolution_m = round(reading.resolution_m, 6)
+            cells = np.where(reading.cells >= 65, 100, np.where(reading.cells < 0, -1, reading.cells))
+            cells = np.where((cells >= 0) & (cells < 100), 0, cells).astype(np.int8)
+            return OccupancyGrid(cells, resolution_m, (reading.origin.x, reading.origin.y))
+    raise InputError(f"--map {topic}: holds no map (nav_msgs/OccupancyGrid)")
+
+
+def _background(
+    wishes: ReplayWishes, surveys: Sequence[Survey], robots: Sequence[RobotPlan], note: Note
+) -> tuple[OccupancyGrid, int | None]:
+    """A map by ray counting over another recording, or over the first seconds of this one."""
+    said = f"--background {wishes.background}"
+    assert wishes.background is not None
+    counts = RayCounts(wishes.resolution_m)
+    until_ns: int | None = None
+    options = _options(wishes, None)
+    taken = 0
+    if wishes.background.startswith(FIRST) and not Path(wishes.background).exists():
+        seconds = number_of(wishes.background.removeprefix(FIRST), said)
+        if seconds <= 0.0:
+            raise InputError(f"{said}: {seconds:g} s is no time; give such as first-10")
+        until_ns = min(one.source.start_ns for one in surveys) + round(seconds * NS)
+        taken = _count(counts, [one.source for one in surveys], robots, options, until_ns)
+    else:
+        path = Path(wishes.background)
+        with opened([path]) as sources:
+            own = [survey(sources[0])]
+            recorded = robots_of(own, replace(wishes.recording, ally=()), file_names([path]))
+            taken = _count(counts, sources, recorded, replace(options, offsets_ns=()), None)
+    if not taken:
+        raise InputError(f"{said}: no scan of it has a pose; the map would be empty")
+    grid = counts.map(wishes.hit_threshold)
+    note(
+        f"map: {grid.width} x {grid.height} cells of {grid.resolution:g} m by counting the rays of {taken} "
+        f"scans, occupied from {wishes.hit_threshold:g} of the beams on"
+    )
+    return grid, until_ns
+
+
+def _count(
+    counts: RayCounts,
+    sources: Sequence[Source],
+    robots: Sequence[RobotPlan],
+    options: ReplayOptions,
+    until_ns: int | None,
+) -> int:
+    """Count the rays of the scans, those recorded before an instant if one is given; how many they were."""
+    empty = OccupancyGrid(np.zeros((1, 1), np.int8), counts.resolution_m, (0.0, 0.0))
+    replay = Replay(sources, robots, [], empty, {}, options)
+    taken = 0
+    for frame in replay.frames():
+        if until_ns is not None and frame.time_ns >= until_ns:
+            break
+        for one in frame.seen:
+            if one.robot == frame.scanned and one.scan is not None:
+                counts.take(one.scan)
+                taken += 1
+    return taken
+
+
+def _options(wishes: ReplayWishes, offsets: Sequence[int] | None) -> ReplayOptions:
+    return ReplayOptions(
+        clock=wishes.clock,
+        rate_hz=None if offsets is None else wishes.rate_hz,
+        max_pose_age_s=wishes.max_pose_age_s,
+        max_ally_age_s=wishes.max_ally_age_s,
+        deskew=wishes.deskew,
+        offsets_ns=offsets or (),
+    )
+
+
+def labels_of(
+    wishes: ReplayWishes, surveys: Sequence[Survey], robots: Sequence[RobotPlan]
+) -> tuple[LabelTable | None, list[AllyPlan]]:
+    """The labels: of a table, or topics with the poses of what is to be found, as ``NAME=TOPIC``.
+
+    Raises:
+        InputError: no such file or topic.
+    """
+    tables = [text for text in wishes.truth if "=" not in text]
+    if len(tables) > 1:
+        raise InputError(f"--truth {tables[1]}: one table of labels is taken; put all labels into it")
+    topics = allies_of(surveys, [text for text in wishes.truth if "=" in text], 1.0)
+    if tables and topics:
+        raise InputError("--truth: give either a table or topics")
+    return (LabelTable(Path(tables[0])) if tables else None), topics
+
+
+def replay(wishes: ReplayWishes, note: Note, progress: Callable[[float], None]) -> Replayed:
+    """Play recordings into the detectors of the presets; score and explain, and write the tables.
+
+    Args:
+        wishes: what is asked for.
+        note: gets each line that a user is to see before the scores, as soon as it is known.
+        progress: gets the share that is done, 0 to 1.
+
+    Raises:
+        InputError: the recordings, the map or an option cannot be used.
+    """
+    with opened(wishes.files) as sources, ExitStack() as stack:
+        poses = []
+        for text in wishes.recording.pose:
+            name, sign, value = text.rpartition("=")
+            if Path(value).suffix in (".csv", ".tum", ".txt"):
+                table = read_text(Path(value)).called(value)
+                stack.callback(table.close)
+                sources.append(table)
+            poses.append(f"{name}{sign}{value}")
+        recording = replace(wishes.recording, pose=poses)
+        return _replay(replace(wishes, recording=recording), sources, note, progress)
+
+
+def _replay(
+    wishes: ReplayWishes, sources: Sequence[Source], note: Note, progress: Callable[[float], None]
+) -> Replayed:
+    surveys = [survey(source) for source in sources]
+    for source in sources:
+        for remark in getattr(source, "remarks", []):
+            note(remark)
+    wishes = with_exported(wishes, surveys)
+    names = file_names([Path(source.path) for source in sources])
+    robots = robots_of(surveys, wishes.recording, names)
+    prior_map, until_ns = prior_map_of(wishes, surveys, robots, note)
+    settings: dict[str, ReplaySettings] = {
+        preset: ReplaySettings.of(preset, wishes.settings, prior_map.resolution) for preset in wishes.presets
+    }
+    main = settings[wishes.presets[0]]
+    allies = allies_of(surveys, wishes.recording.ally, main.midnet.ally_diameter_m)
+    table, label_topics = labels_of(wishes, surveys, robots)
+    offsets = [
+        round(number_of(text, f"--offset {text}") * NS)
+        for text in (named(wishes.offsets, names, "--offset").get(name, "0") for name in names)
+    ]
+    options = replace(_options(wishes, offsets), start_ns=until_ns)
+    score_options = ScoreOptions(
+        wishes.distance_m, None if wishes.sector is None else sector_of(wishes.sector), wishes.window_m
+    )
+    lines = told_before(surveys, robots, settings, wishes)
+    for line in lines:
+        note(line)
+    played = Replay(sources, robots, allies, prior_map, settings, options, followed=label_topics)
+    counts = RayCounts(prior_map.resolution, prior_map.origin, (prior_map.height, prior_map.width))
+    explainers = {
+        name: causes.Explainer(name, prior_map, played.nodes[name], one, counts)
+        for name, one in settings.items()
+    }
+    scorers = {
+        name: Scorer(name, explainers[name], one.range_m, score_options) for name, one in settings.items()
+    }
+    reach_m = 2.0 * max(one.range_m for one in settings.values())
+    faults: list[str] = []
+    folder = wishes.output or Path("results") / f"replay-{names[0]}"
+    with _boxes_file(folder) as boxes:
+        try:
+            for frame in played.frames():
+                if until_ns is not None and frame.time_ns < until_ns:
+                    continue
+                for one in frame.seen:
+                    if one.scan is not None and (frame.scanned is None or one.robot == frame.scanned):
+                        counts.take(one.scan, min(reach_m, one.scan.lidar.range_max_m))
+                labels = _labels(frame, table, wishes.max_pose_age_s)
+                for name, scorer in scorers.items():
+                    scorer.take(frame, labels)
+                    _write_boxes(boxes, frame, name)
+                progress(played.done)
+        except InputError as error:
+            faults.append(str(error))
+    progress(1.0)
+    faults += told_after(played, robots)
+    if not played.tally.frames:
+        raise InputError("; ".join(faults) or f"{wishes.files[0]}: no frame came of it")
+    rows = {name: explainer.settled() for name, explainer in explainers.items()}
+    tables = [
+        score_table(scorers, bool(wishes.truth)),
+        cause_table(rows, scorers),
+    ]
+    files = [folder / "boxes.csv"]
+    for made in tables:
+        files += made.write(folder)
+    files.append(_write_errors(folder, rows))
+    return Replayed(tables, lines, files, faults)
+
+
+def _labels(frame: ReplayFrame, table: LabelTable | None, max_age_s: float) -> Labels | None:
+    if table is not None:
+        return table.at(frame.time_ns, frame.scan_index)
+    there = [
+        Label(plan.name, told.pose.x, told.pose.y)
+        for plan, told in frame.followed
+        if told is not None and told.age_s <= max_age_s
+    ]
+    return Labels(there, []) if there else None
+
+
+def told_before(
+    surveys: Sequence[Survey],
+    robots: Sequence[RobotPlan],
+    settings: Mapping[str, ReplaySettings],
+    wishes: ReplayWishes,
+) -> list[str]:
+    """What a user has to know before any score: how each robot is read, and what thresholds mean."""
+    lines = []
+    for robot in robots:
+        stream = surveys[robot.source].streams[robot.scan_topic]
+        x, y, yaw = robot.mount
+        mirrored = ", mirrored" if robot.is_mirrored else ""
+        lines.append(
+            f"{robot.name}: scans {robot.scan_topic}, pose {robot.pose.in_words}, mount {x:.3f},{y:.3f},"
+            f"{math.degrees(yaw):.2f}{mirrored}; no return: {robot.no_return.in_words}"
+        )
+        lines += lag_lines(surveys, robot, wishes.clock)
+        beams = {len(scan.ranges_m) for scan in stream.scans}
+        if len(beams) > 1:
+            lines.append(
+                f"{robot.name}: scans have {min(beams)} to {max(beams)} beams; each is read as it is"
+            )
+    for name, one in settings.items():
+        increment = surveys[robots[0].source].streams[robots[0].scan_topic].scans[0].angle_increment_rad
+        lines += [f"{name}: {line}" for line in one.in_words(increment)]
+    return lines
+
+
+LAG_S = 0.02
+"""by which the stamps of scans and poses may differ before somebody is told"""
+
+
+def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list[str]:
+    """Whether scans and poses were stamped alike. Raises InputError: the stamps stand still."""
+    from midnet_bench.recording.survey import lag_in_words
+
+    scans = surveys[robot.source].streams[robot.scan_topic]
+    links = [link for link in robot.pose.links if isinstance(link, Link)]
+    poses = []
+    for link in links:
+        seen = (
+            surveys[link.source].streams[link.topic].poses
+            if link.topic
+            else surveys[link.source].transforms[link.frame, link.child]
+        )
+        poses += [(one.record_ns - one.stamp_ns) / NS for one in seen]
+    path = surveys[robot.source].source.path
+    if clock == "header" and scans.stamps_stand_still:
+        raise InputError(
+            f"{path}: {robot.scan_topic}: the stamps of the scans stand still at "
+            f"{scans.scans[0].stamp_ns / NS:g} s; use --clock record"
+        )
+    if clock == "header" and links and links[0].topic:
+        stream = surveys[links[0].source].streams[links[0].topic]
+        if stream.stamps_stand_still:
+            raise InputError(
+                f"{path}: {links[0].topic}: the stamps of the poses stand still at "
+                f"{stream.poses[0].stamp_ns / NS:g} s; use --clock record"
+            )
+    lags_s = scans.lags_s
+    if not len(lags_s) or not poses:
+        return []
+    lines = []
+    pose_lag_s = float(np.median(poses))
+    apart_s = float(np.median(lags_s)) - pose_lag_s
+    if abs(apart_s) > LAG_S:
+        lines.append(
+            f"{robot.name}: scans are {lag_in_words(lags_s)}, poses {1000.0 * pose_lag_s:.3g} ms: "
+            f"--clock header puts a scan {1000.0 * apart_s:.0f} ms earlier by the poses than --clock record "
+            f"(now: {clock})"
+        )
+    half = len(lags_s) // 2
+    drift_s = float(np.median(lags_s[half:]) - np.median(lags_s[:half])) if half else 0.0
+    if abs(drift_s) > LAG_S:
+        lines.append(
+            f"{robot.name}: the clocks run apart: stamps and record times of the scans drift by "
+            f"{drift_s:.3f} s between the two halves of the recording"
+        )
+    return lines
+
+
+def told_after(played: Replay, robots: Sequence[RobotPlan]) -> list[str]:
+    """What went wrong on the way, a line each."""
+    lines = []
+    tally = played.tally
+    for why, count in tally.skipped.items():
+        taken = sum(tally.scans.values())
+        lines.append(
+            f"{count} of {count + taken} scans were left out: each {why}; the first: {tally.first[why]}"
+        )
+    lines += played.void_poses()
+    for name, taken in played.pose_times():
+        if not taken:
+            lines.append(f"{name}: no pose of it came; scans have nowhere to be")
+    if not tally.frames and tally.skipped:
+        lines.append(
+            "scans and poses never meet in time: compare their stamps with 'midnet-bench replay FILE', "
+            "and try --clock record or --offset"
+        )
+    return lines
+
+
+def score_table(scorers: Mapping[str, Scorer], has_truth: bool) -> Table:
+    """A row for each preset."""
+    rows = [scorer.score.row(name) for name, scorer in scorers.items()]
+    if not has_truth:
+        kept = ("preset", "frames", "boxes_per_frame")
+        rows = [{key: row[key] for key in kept} for row in rows]
+    return Table("recording_scores", "Scores of the recording", rows)
+
+
+def cause_table(rows: Mapping[str, Sequence[causes.ErrorRow]], scorers: Mapping[str, Scorer]) -> Table:
+    """How many errors of each cause, by preset."""
+    found: list[dict[str, Scalar]] = []
+    for name, errors in rows.items():
+        counted = Counter((one.kind, one.cause) for one in errors)
+        for (kind, cause), count in counted.most_common():
+            meaning = causes.MISSES.get(cause) if kind == "miss" else causes.BOXES.get(cause)
+            found.append(
+                {
+                    "preset": name,
+                    "kind": kind,
+                    "cause": cause,
+                    "count": count,
+                    "share": count / len(errors),
+                    "meaning": meaning or "",
+                }
+            )
+    return Table("recording_causes", "What boxes are made of, and why labels were missed", found)
+
+
+@contextmanager
+def _boxes_file(folder: Path) -> Iterator["csv._writer"]:  # type: ignore[name-defined]
+    """``boxes.csv``, row by row; what was written stays, whatever ends the replay."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with open(folder / "boxes.csv", "w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(
+                ["preset", "frame", "t", "scan_index", "robot", "x_min_m", "y_min_m", "x_max_m", "y_max_m"]
+            )
+            yield writer
+    except OSError as error:
+        raise cannot_be_written(folder / "boxes.csv", error) from error
+
+
+def _write_boxes(writer: "csv._writer", frame: ReplayFrame, name: str) -> None:  # type: ignore[name-defined]
+    look = frame.looks[name].frame
+    for box, robot in zip(look.detections, look.robots, strict=True):
+        index = "" if frame.scan_index is None else frame.scan_index
+        who = frame.seen[robot].robot
+        sides = [f"{side:.4f}" for side in box]
+        writer.writerow([name, frame.number, f"{frame.time_ns / NS:.6f}", index, who, *sides])
+
+
+def _write_errors(folder: Path, rows: Mapping[str, Sequence[causes.ErrorRow]]) -> Path:
+    lines = [",".join(["preset", *causes.ErrorRow._fields])]
+    for name, errors in rows.items():
+        for one in errors:
+            cells = [f"{cell:.4f}" if isinstance(cell, float) else str(cell) for cell in one]
+            lines.append(",".join([name, *cells]))
+    path = folder / "errors.csv"
+    write_atomically(path, "\n".join(lines) + "\n")
+    return path
