@@ -1,0 +1,180 @@
+"""How well scans lie on a map: the share of their returns on its walls, over time and over the map."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, values_at
+from midnet_bench.messages import LidarGeometry
+from midnet_bench.recording.poses import PoseTrack
+
+Floats = npt.NDArray[np.float64]
+
+ON_WALL_M, ON_WALL_CELLS = 0.1, 1.5
+"""A return this near to a mapped wall lies on it: the larger of the two counts."""
+
+WALL_DEPTH_M = 0.2
+"""Occupied cells further than this from any other are what lies behind a wall, not the wall."""
+
+
+class Sample(NamedTuple):
+    """One scan of a robot, and where the robot was at about that time."""
+
+    time_s: float
+    """of the scan, by the clock of the poses"""
+    ranges_m: Floats
+    """(beams,) metres; inf where nothing was met, NaN where the reading says nothing"""
+    lidar: LidarGeometry
+    """its mount is what is believed so far"""
+    track: PoseTrack
+    """the robot's poses from a little before to a little after the scan, map frame"""
+
+    @property
+    def pose(self) -> Pose2D:
+        """Of the robot at the scan's time, map frame."""
+        return self.track.at(self.time_s)
+
+    def ends(self) -> tuple[npt.NDArray[np.int64], Floats]:
+        """(n,) the beams that met something within the sensor's limits, and (n, 2) where, sensor frame."""
+        lidar = self.lidar
+        met = np.isfinite(self.ranges_m) & (self.ranges_m > 0.0)
+        met &= (self.ranges_m >= lidar.range_min_m) & (self.ranges_m <= lidar.range_max_m)
+        beams = np.flatnonzero(met)
+        return beams, lidar.directions[beams] * self.ranges_m[beams, None]
+
+
+class Walls:
+    """The distance to the nearest wall of a map, everywhere on it."""
+
+    def __init__(self, grid: OccupancyGrid) -> None:
+        """``grid``: int8, -1 unknown, 65 and more occupied, map frame. Raises InputError without a wall."""
+        occupied = grid.data >= OCCUPIED_FROM
+        if not occupied.any():
+            raise InputError("map: no cell of it is occupied; a map with walls is needed")
+        self.grid = grid
+        self.near_m = max(ON_WALL_M, ON_WALL_CELLS * grid.resolution)
+        """a return at most this far from a wall lies on it"""
+        # around the map too: a moved scan may lie beyond its edge
+        margin = math.ceil(1.0 / grid.resolution)
+        solid = np.pad(occupied.view(np.uint8), margin)
+        # where all behind a wall is drawn solid, nothing ends a beam there
+        depth = 2 * math.ceil(WALL_DEPTH_M / grid.resolution) + 1
+        wall = solid - cv2.erode(solid, np.ones((depth, depth), np.uint8))
+        to_wall = cv2.distanceTransform(1 - wall, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        self.distances_m = to_wall * np.float32(grid.resolution)
+        """float32 (H, W), from a cell's centre to that of the nearest occupied one of a wall; a metre of
+        margin all around"""
+        x, y = grid.origin
+        self.corner = (x - margin * grid.resolution, y - margin * grid.resolution)
+        """(x, y) of the first cell's outer corner, metres"""
+        self.far_m = float(self.distances_m.max()) + 1.0
+        """stands for the distance of what lies off the field"""
+
+    def distances(self, points: Floats) -> Floats:
+        """(n,) metres from (n, 2) points of the map frame to the nearest wall, as their cells have it."""
+        rows, columns = self.distances_m.shape
+        cells = np.floor((points - self.corner) / self.grid.resolution).astype(np.int64)
+        inside = (cells >= 0).all(axis=1) & (cells[:, 0] < columns) & (cells[:, 1] < rows)
+        found = np.full(len(points), self.far_m)
+        found[inside] = self.distances_m[cells[inside, 1], cells[inside, 0]]
+        return found
+
+    def on_walls(self, points: Floats) -> npt.NDArray[np.bool_]:
+        """(n,) whether each of (n, 2) points of the map frame lies on a mapped wall."""
+        return np.asarray(self.distances(points) <= self.near_m)
+
+    def unmapped(self, points: Floats) -> npt.NDArray[np.bool_]:
+        """(n,) whether each of (n, 2) points lies outside the map or in a cell that it does not know."""
+        return np.asarray(values_at(self.grid.data, self.grid, points, UNKNOWN) == UNKNOWN)
+
+
+class Shares(NamedTuple):
+    """Where returns lie."""
+
+    returns: int
+    on_walls: float
+    """share that lies on mapped walls, 0 to 1; NaN without a return"""
+    unmapped: float
+    """share that lies on no wall and outside the map or in unknown cells"""
+
+    @property
+    def in_the_free(self) -> float:
+        """The rest: what lies where the map says that nothing is."""
+        return 1.0 - self.on_walls - self.unmapped
+
+
+class FitMap(NamedTuple):
+    """The shares over the map, in coarse square cells."""
+
+    returns: npt.NDArray[np.int64]
+    """(H, W) how many returns fell there; row 0 has the lowest y"""
+    on_walls: npt.NDArray[np.int64]
+    """(H, W) how many of them lie on mapped walls"""
+    origin: tuple[float, float]
+    """(x, y) of the lower left corner, metres, map frame"""
+    side_m: float
+
+    @property
+    def shares(self) -> Floats:
+        """(H, W) float64, NaN where no return fell."""
+        some = self.returns > 0
+        return np.where(some, self.on_walls / np.maximum(self.returns, 1), np.nan)
+
+
+class Fit(NamedTuple):
+    """How the scans of a recording lie on a map."""
+
+    times_s: Floats
+    """(m,) of the samples"""
+    over_time: list[Shares]
+    """of each sample"""
+    over_map: FitMap
+    total: Shares
+    """of all returns"""
+    robot_off_map: float
+    """share of the samples in which the robot itself is outside the map or in a cell that it does not know"""
+
+
+def fit_of(samples: Sequence[Sample], walls: Walls, side_m: float = 0.5) -> Fit:
+    """How the scans lie on the walls as everything is set now; ``side_m``: of a cell of the shares' map.
+
+    A return that lies off the shares' map, which ends a metre beyond the occupancy grid, counts in all the
+    others.
+    """
+    height, width = walls.distances_m.shape
+    coarse = walls.grid.resolution / side_m
+    shape = math.ceil(height * coarse), math.ceil(width * coarse)
+    fell, hit = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int64)
+    over_time, off = [], 0
+    returns = on = unknown = 0
+    for sample in samples:
+        pose = sample.pose
+        points = pose.compose(sample.lidar.mount).transform(sample.ends()[1])
+        on_walls = walls.on_walls(points)
+        unmapped = walls.unmapped(points) & ~on_walls
+        over_time.append(_shares(len(points), int(on_walls.sum()), int(unmapped.sum())))
+        returns, on, unknown = returns + len(points), on + int(on_walls.sum()), unknown + int(unmapped.sum())
+        columns, rows = np.floor((points - walls.corner) / side_m).astype(np.int64).T
+        there = (columns >= 0) & (rows >= 0) & (columns < shape[1]) & (rows < shape[0])
+        np.add.at(fell, (rows[there], columns[there]), 1)
+        np.add.at(hit, (rows[there & on_walls], columns[there & on_walls]), 1)
+        off += bool(walls.unmapped(np.array([pose[:2]]))[0])
+    return Fit(
+        np.array([sample.time_s for sample in samples]),
+        over_time,
+        FitMap(fell, hit, walls.corner, side_m),
+        _shares(returns, on, unknown),
+        off / len(samples) if samples else math.nan,
+    )
+
+
+def _shares(returns: int, on_walls: int, unmapped: int) -> Shares:
+    if returns == 0:
+        return Shares(0, math.nan, math.nan)
+    return Shares(returns, on_walls / returns, unmapped / returns)

@@ -1,0 +1,451 @@
+"""Do scans, poses and map fit together, and if not, what is wrong and which flag mends it?"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.geometry import wrap_angle
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.recording.fit import Fit, Sample, Walls, fit_of
+from midnet_bench.recording.setup_search import (
+    DELAY,
+    FACTOR,
+    MAP,
+    MOUNT,
+    SEEN,
+    SLOWEST_MPS,
+    Candidate,
+    Returns,
+    Search,
+    Setup,
+)
+
+QUICK_SAMPLES, QUICK_BEAMS = 40, 40
+FULL_SAMPLES, FULL_BEAMS = 120, 90
+WORTH = 0.03
+"""Another setup is proposed only if it brings at least so much more of the returns onto walls ..."""
+ALARM = 0.06
+"""... and a replay warns only of one that brings so much more."""
+GOOD, POOR = 0.6, 0.4
+"""A better setup that brings fewer returns than the one onto walls may be so by chance. If there is no better
+one, and as it is fewer than the other lie on walls, the map is taken for one of another place."""
+FEW_RETURNS = 100
+LONGEST_LINE = 300
+ALIKE = 0.02
+"""Of two changes that differ in no more of what they do to the returns, none can be told from the other."""
+LARGEST_INTERVAL = {**dict.fromkeys((0, 1, 4, 5), 1.0), **dict.fromkeys((2, 6), 0.5), 3: 0.5}
+"""how far the interval of a parameter is followed: metres, radians, seconds"""
+NAMES = ("mount x", "mount y", "mount yaw", "scan delay", "map x", "map y", "map yaw", "range factor")
+
+
+class SetBy(NamedTuple):
+    """What the user has set of the setup beside the mount, which the samples have; flags say the sum."""
+
+    mirrored: bool = False
+    """whether the samples' geometry is mirrored already"""
+    delay_s: float = 0.0
+    """what the samples' times are earlier by than the stamps"""
+
+
+class Range(NamedTuple):
+    """How far one parameter can be changed, the others held, within sampling noise of the share."""
+
+    below: float
+    """the found value; metres, radians or seconds"""
+    above: float
+    is_open: bool
+    """whether the search for its ends was given up: the recording says nothing of this parameter"""
+
+
+class Proposal(NamedTuple):
+    """The setup that a search found, and how sure it is."""
+
+    kinds: tuple[str, ...]
+    """what differs from what was set, of "mount", "turn", "mirror", "delay", "map"; empty: nothing"""
+    setup: Setup
+    turned_rad: float
+    """by how much its mount is turned against the one that was set, within [-pi, pi)"""
+    share_before: float
+    share_after: float
+    ranges: dict[str, Range]
+    """of the parameters by ``NAMES``; metres, radians, seconds; empty where none was asked for"""
+    alike: tuple["Proposal", ...]
+    """other changes that would mend as much: the recording cannot tell"""
+    cannot_tell: tuple[str, ...]
+    """sentences: along which directions the recording says nothing"""
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the returns lie on the walls by it as they do in the place that a map is of."""
+        return self.share_after >= GOOD
+
+
+class Verdict(NamedTuple):
+    """Whether scans, poses and map fit, to be told before any score."""
+
+    fits: bool
+    kinds: tuple[str, ...]
+    """what is wrong: those of ``Proposal.kinds``, or "off the map", "other place", "few returns" """
+    lines: tuple[str, ...]
+    """one for each finding, with its figures and what mends it; one that says that it fits"""
+    share: float
+    """of the returns that lie on mapped walls; NaN without one"""
+
+
+def verdict(samples: Sequence[Sample], grid: OccupancyGrid, set_by: SetBy | None = None) -> Verdict:
+    """The findings before a replay, in about a quarter of a second of CPU time.
+
+    Args:
+        samples: of the whole recording; no more than ``QUICK_SAMPLES`` of them, spread evenly, are used.
+        grid: the map, int8, map frame.
+        set_by: for flags that add to what is set already.
+
+    Raises:
+        InputError: the map has no wall.
+    """
+    walls, set_by = Walls(grid), set_by or SetBy()
+    chosen = spread(samples, QUICK_SAMPLES)
+    fit = fit_of(chosen, walls)
+    share = fit.total.on_walls
+    if fit.total.returns < FEW_RETURNS:
+        line = (
+            f"only {fit.total.returns} returns in {len(chosen)} of the scans: too few to say whether scans "
+            "and map fit; are ranges, limits and the topic right?"
+        )
+        return Verdict(False, ("few returns",), (line,), share)
+    found: list[tuple[str, str]] = []
+    if fit.robot_off_map > 0.5:
+        found.append(("off the map", _off_map(chosen, grid, fit)))
+    search = Search(Returns(chosen, QUICK_BEAMS), walls, chosen[0].lidar.mount)
+    best, others, plain = _one_change(search)
+    if best.share < GOOD:
+        best, others = _anywhere(search, best, others)
+    if best.share >= plain.share + ALARM and best.share >= GOOD:
+        proposal = _proposal(search, plain, best, others)
+        return Verdict(
+            False,
+            (*(kind for kind, _ in found), *proposal.kinds),
+            (*(line for _, line in found), line_of(proposal, grid, set_by)),
+            share,
+        )
+    if share < POOR:
+        most = max(best.share, share)
+        line = (
+            f"{share:.2f} of the returns lie on mapped walls, and no mount, turn, mirroring, delay or shift "
+            f"of the map that was tried brings more than {most:.2f}: is it the map of this place and of the "
+            "poses' frame (--map)? --check searches further"
+        )
+        found.append(("other place", line))
+    if found:
+        kinds, lines = zip(*found, strict=True)
+        return Verdict(False, kinds, lines, share)
+    return Verdict(True, (), (_fits(fit, walls),), share)
+
+
+def find_setup(samples: Sequence[Sample], grid: OccupancyGrid) -> Proposal:
+    """The setup by which most returns lie on walls, in about a second of CPU time.
+
+    First one thing is changed at a time: the mount (with any turn), the same with the beams mirrored, the
+    delay, the map's place; all the plane is searched for the map where none of them brings half of the
+    returns onto walls. Then whatever else brings ``WORTH`` more is added. Of changes that do as much, the
+    most usual one is taken and the others are in ``alike``.
+
+    Args:
+        samples: of the whole recording; at most ``FULL_SAMPLES`` are used, spread evenly.
+        grid: the map, int8, map frame.
+
+    Raises:
+        InputError: the map has no wall, or the samples have hardly a return.
+    """
+    walls = Walls(grid)
+    few = spread(samples, QUICK_SAMPLES)
+    coarse = Search(Returns(few, QUICK_BEAMS), walls, few[0].lidar.mount)
+    best, others, plain = _one_change(coarse)
+    if best.share < GOOD:
+        best, others = _anywhere(coarse, best, others)
+    many = spread(samples, FULL_SAMPLES)
+    fine = Search(Returns(many, FULL_BEAMS), walls, many[0].lidar.mount)
+    plain = fine.as_it_is()
+    best, *others = (_again(fine, each, each.changed) for each in (best, *others))
+    if best.share < plain.share + WORTH:
+        best, others = plain, []
+    best = _more(fine, best)
+    others = [each for each in others if not set(each.changed) <= set(best.changed)]
+    return _proposal(fine, plain, best, others, with_ranges=True)
+
+
+def spread(samples: Sequence[Sample], most: int) -> list[Sample]:
+    """At most ``most`` samples, spread evenly over all."""
+    if len(samples) <= most:
+        return list(samples)
+    return [samples[round(k)] for k in np.linspace(0, len(samples) - 1, most)]
+
+
+def _one_change(search: Search) -> tuple[Candidate, list[Candidate], Candidate]:
+    """The most usual of the single changes that fit best, the others that fit as well, and none."""
+    plain = search.as_it_is()
+    tried = [search.turned(False), search.turned(True), search.moved()]
+    if search.returns.speed_mps >= SLOWEST_MPS:
+        tried.append(search.late())
+    better = [each for each in tried if each.share >= plain.share + WORTH]
+    if not better:
+        return plain, [], plain
+    least = max(each.score for each in better) - max(WORTH, search.noise)
+    alike = sorted((each for each in better if each.score >= least), key=lambda each: _oddity(each, plain))
+    return alike[0], alike[1:], plain
+
+
+def _anywhere(search: Search, best: Candidate, others: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
+    """``best`` and ``others``, or a place of the map anywhere in the plane, if that is clearly better."""
+    found = max((search.anywhere(mirrored) for mirrored in (False, True)), key=lambda each: each.score)
+    return (found, []) if found.score >= best.score + WORTH else (best, others)
+
+
+def _oddity(candidate: Candidate, plain: Candidate) -> float:
+    """How unusual such a mistake is, where the returns cannot tell.
+
+    A mount that nobody gave is most often the one that is missing, and lies within a few decimetres of what
+    the poses are of; one that was given is seldom far off.
+    """
+    off = candidate.values - plain.values
+    if candidate.changed == DELAY:
+        return 1.0 + abs(float(off[3])) / 0.1
+    if candidate.changed == MAP:
+        return 1.0 + math.hypot(off[4], off[5]) / 0.5
+    usual_m = 0.05 if plain.values[:3].any() else 0.2
+    odd = math.hypot(off[0], off[1]) / usual_m + abs(wrap_angle(4.0 * float(off[2])) / 4.0) / 0.2
+    return odd + (abs(_quarter_turns(float(off[2]))) > 0) + (2.0 if candidate.mirrored else 0.0)
+
+
+def _quarter_turns(angle_rad: float) -> int:
+    """-1, 0, 1 or 2 quarter turns, whichever is nearest."""
+    return (round(angle_rad / (math.pi / 2.0)) + 1) % 4 - 1
+
+
+def _again(search: Search, candidate: Candidate, changed: tuple[int, ...]) -> Candidate:
+    """The same, refined on this search's returns in those of its parameters."""
+    if not changed:
+        return search.candidate(candidate.changed, candidate.values, candidate.mirrored)
+    return search.refined(candidate, changed, wide_m=0.15)
+
+
+def _more(search: Search, best: Candidate) -> Candidate:
+    """``best`` with whatever else brings ``WORTH`` more, one thing after the other.
+
+    A delay is judged with the ranges' factor free on both sides: ranges that are some percent short look like
+    a delay in a drive towards a wall.
+    """
+    if 3 not in best.changed and search.returns.speed_mps >= SLOWEST_MPS:
+        changed = (*best.changed, *FACTOR)
+        without, late = search.refined(best, changed), search.refined(best, (*changed, *DELAY))
+        alone = search.refined(best, (*best.changed, *DELAY))
+        if _is_worth(without, late) and _is_worth(best, alone):
+            best = alone
+    if 3 in best.changed:
+        # a map that lies off by half a cell would move the delay by a fifth
+        values = best.values.copy()
+        values[3] = search.refined(best, tuple(sorted({*best.changed, *MAP}))).values[3]
+        timed = search.candidate(best.changed, values, best.mirrored)
+        best = _again(search, timed, tuple(k for k in best.changed if k != 3))
+    for changed in (MOUNT, MAP):
+        wider = search.refined(best, tuple(sorted({*best.changed, *changed})))
+        if not set(changed) <= set(best.changed) and _is_worth(best, wider):
+            best = wider
+    return best
+
+
+def _is_worth(before: Candidate, after: Candidate) -> bool:
+    """Whether a change brings more onto walls than one that moves all by a part of a cell can."""
+    return after.share >= before.share + WORTH and after.score >= before.score + WORTH
+
+
+def _proposal(
+    search: Search,
+    plain: Candidate,
+    best: Candidate,
+    others: Sequence[Candidate],
+    with_ranges: bool = False,
+) -> Proposal:
+    returns = search.returns
+    alike = tuple(_bare(returns, plain, each) for each in others if each.changed or each.mirrored)
+    ranges = {NAMES[k]: _range(search, best, k) for k in LARGEST_INTERVAL} if with_ranges else {}
+    factor = _factor(search, best) if with_ranges else 1.0
+    bare = _bare(returns, plain, best)
+    return bare._replace(
+        setup=bare.setup._replace(range_factor=factor),
+        ranges=ranges,
+        alike=alike,
+        cannot_tell=_cannot_tell(search, best),
+    )
+
+
+def _bare(returns: Returns, plain: Candidate, candidate: Candidate) -> Proposal:
+    kinds, turned_rad = [], wrap_angle(float(candidate.values[2] - plain.values[2]))
+    if candidate.mirrored:
+        kinds.append("mirror")
+    if set(MOUNT) <= set(candidate.changed):
+        kinds.append("turn" if _quarter_turns(turned_rad) and not candidate.mirrored else "mount")
+    if set(DELAY) <= set(candidate.changed):
+        kinds.append("delay")
+    if set(MAP) <= set(candidate.changed):
+        kinds.append("map")
+    setup = returns.setup(candidate.values, candidate.mirrored)
+    return Proposal(tuple(kinds), setup, turned_rad, plain.share, candidate.share, {}, (), ())
+
+
+def _factor(search: Search, best: Candidate) -> float:
+    """What the ranges would have to be multiplied with, if that brings ``WORTH`` more; else 1."""
+    freed = search.refined(best, (*best.changed, *FACTOR), wide_m=0.15)
+    return float(freed.values[7]) if freed.score >= best.score + WORTH else 1.0
+
+
+def _range(search: Search, best: Candidate, number: int) -> Range:
+    """Where the share falls below the best by more than noise, on both sides of the best value."""
+    least, farthest = best.share - search.noise, LARGEST_INTERVAL[number]
+
+    def stays(off: float) -> bool:
+        values = best.values.copy()
+        values[number] += off
+        return search.candidate(best.changed, values, best.mirrored).share >= least
+
+    low, low_open = _end(lambda off: stays(-off), farthest)
+    high, high_open = _end(stays, farthest)
+    return Range(low, high, low_open or high_open)
+
+
+def _end(stays: Callable[[float], bool], farthest: float) -> tuple[float, bool]:
+    """How far out ``stays`` holds, to a tenth, and whether it holds as far as ``farthest``."""
+    inner, outer = 0.0, farthest / 128.0
+    while stays(outer):
+        if outer >= farthest:
+            return farthest, True
+        inner, outer = outer, 2.0 * outer
+    for _ in range(4):
+        middle = (inner + outer) / 2.0
+        inner, outer = (middle, outer) if stays(middle) else (inner, middle)
+    return inner, False
+
+
+def _cannot_tell(search: Search, best: Candidate) -> tuple[str, ...]:
+    """Along which directions the returns say nothing."""
+    said = search.information(best)
+    told = []
+    strengths, ways = np.linalg.eigh(said[4:6, 4:6])
+    if strengths[0] < SEEN:
+        angle = math.degrees(math.atan2(ways[1, 0], ways[0, 0])) % 180.0
+        told.append(f"the walls that were seen say nothing of places along {angle:.0f} degrees of the map")
+    if search.returns.speed_mps < SLOWEST_MPS:
+        told.append("the robot hardly moves: nothing can be said of a scan delay, nor of mount against map")
+        return tuple(told)
+    units = search.returns.units
+    left, by_mount = _left_over(said, DELAY, MOUNT)
+    if left < ALIKE:
+        x, y, yaw = (-0.1 * units[3] / units[:3] * by_mount[:, 0]).tolist()
+        told.append(
+            "without turns or changes of speed a scan delay of 0.1 s looks as a mount that is off by "
+            f"x {x:z.2f}, y {y:z.2f} m and {math.degrees(yaw):z.1f} degrees"
+        )
+    if _left_over(said, (0,), MAP)[0] < ALIKE and _left_over(said, (1,), MAP)[0] < ALIKE:
+        told.append("the heading hardly changes: a mount that is off looks as a map that is moved")
+    return tuple(told)
+
+
+def _left_over(
+    said: npt.NDArray[np.float64], what: tuple[int, ...], given: tuple[int, ...]
+) -> tuple[float, npt.NDArray[np.float64]]:
+    """The share of what parameters do to the returns that others cannot do as well, and how these would."""
+    own, cross = said[np.ix_(what, what)], said[np.ix_(given, what)]
+    by_others = np.linalg.pinv(said[np.ix_(given, given)], rcond=SEEN) @ cross
+    rest = own - cross.T @ by_others
+    return float(np.trace(rest) / max(np.trace(own), 1e-12)), by_others
+
+
+def line_of(proposal: Proposal, grid: OccupancyGrid, set_by: SetBy | None = None) -> str:
+    """What is wrong, the shares before and after, and what mends it, in one line."""
+    set_by = set_by or SetBy()
+    if not proposal.kinds:
+        return (
+            f"{proposal.share_before:.2f} of the returns lie on mapped walls, and no other setup does better"
+        )
+    if not proposal.is_good:
+        return (
+            f"{proposal.share_before:.2f} of the returns lie on mapped walls, and no setup brings more than "
+            f"{proposal.share_after:.2f}: is it the map of this place (--map)?"
+        )
+    line = (
+        f"{proposal.share_before:.2f} of the returns lie on mapped walls, {proposal.share_after:.2f} if "
+        f"{_what(proposal)}: {mend_of(proposal, grid, set_by)}"
+    )
+    if proposal.alike:
+        other = proposal.alike[0]
+        line += f"; or, which this recording cannot tell, if {_what(other)}"
+        mend = f": {mend_of(other, grid, set_by)}"
+        line += mend if len(line + mend) < LONGEST_LINE else ""
+    return line
+
+
+def mend_of(proposal: Proposal, grid: OccupancyGrid, set_by: SetBy | None = None) -> str:
+    """The flags, and what to change in the map's YAML file, that make a proposal's setup."""
+    set_by, setup, flags = set_by or SetBy(), proposal.setup, []
+    if setup.is_mirrored:
+        flags.append("drop --mirror," if set_by.mirrored else "--mirror")
+    if {"mount", "turn"} & {*proposal.kinds}:
+        x, y, yaw = setup.mount
+        flags.append(f"--mount {x:z.3f},{y:z.3f},{math.degrees(yaw):z.1f}")
+    if "delay" in proposal.kinds:
+        flags.append(f"--scan-delay {set_by.delay_s + setup.delay_s:z.3f}")
+    if "map" in proposal.kinds:
+        # the map's own frame in that of the poses: where the YAML's origin would have to lie
+        back = setup.map_moved.inverse()
+        x, y = back.transform(np.array([grid.origin]))[0].tolist()
+        if abs(back.yaw) < math.radians(2.0):
+            flags.append(f"in the map's YAML 'origin: [{x:z.2f}, {y:z.2f}, 0]'")
+        else:
+            flags.append(
+                f"turn the map's image by {math.degrees(back.yaw):.0f} degrees, or use another --map"
+            )
+    return " ".join(flags)
+
+
+def _what(proposal: Proposal) -> str:
+    setup, parts = proposal.setup, []
+    if setup.is_mirrored:
+        parts.append("the scans are mirrored")
+    elif "turn" in proposal.kinds:
+        parts.append(f"the scans are turned by {90 * _quarter_turns(proposal.turned_rad)} degrees")
+    elif "mount" in proposal.kinds:
+        x, y, yaw = setup.mount
+        parts.append(
+            f"the laser sits at x {x:z.2f}, y {y:z.2f} m, {math.degrees(yaw):z.1f} degrees on the robot"
+        )
+    if "delay" in proposal.kinds:
+        late = "late" if setup.delay_s > 0.0 else "early"
+        parts.append(f"the scans come {abs(setup.delay_s):.2f} s {late}")
+    if "map" in proposal.kinds:
+        x, y, yaw = setup.map_moved
+        turned = f" and turned by {math.degrees(yaw):.0f} degrees" if abs(yaw) >= math.radians(2.0) else ""
+        parts.append(f"the map is moved by x {x:z.2f}, y {y:z.2f} m{turned} against the poses")
+    return " and ".join(parts)
+
+
+def _off_map(samples: Sequence[Sample], grid: OccupancyGrid, fit: Fit) -> str:
+    x, y = np.median([sample.pose[:2] for sample in samples], axis=0).tolist()
+    x_min, y_min, x_max, y_max = grid.extent
+    return (
+        f"the robot is off the map or in its unknown cells in {fit.robot_off_map:.0%} of the scans, about "
+        f"({x:.1f}, {y:.1f}) m; the map spans x {x_min:.1f} to {x_max:.1f}, y {y_min:.1f} to {y_max:.1f} m: "
+        "are map (--map) and poses of one place and one frame?"
+    )
+
+
+def _fits(fit: Fit, walls: Walls) -> str:
+    total = fit.total
+    line = f"{total.on_walls:.2f} of the returns lie on mapped walls (within {walls.near_m:.2f} m)"
+    if total.on_walls >= 0.6:
+        return line + ": scans, poses and map fit"
+    where = "in unknown cells or off the map" if total.unmapped > total.in_the_free else "in the free"
+    rest = max(total.unmapped, total.in_the_free)
+    return line + f"; {rest:.2f} lie {where}, and no other setup does clearly better"

@@ -1,0 +1,345 @@
+"""The search for the setup (mount, mirror, delay, place of the map) by which scans lie on a map's walls."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.recording.fit import Sample, Walls
+
+Floats = npt.NDArray[np.float64]
+
+MOUNT, DELAY, MAP, FACTOR = (0, 1, 2), (3,), (4, 5, 6), (7,)
+"""numbers of the parameters that a hypothesis may change; see ``Setup``"""
+LARGEST_DELAY_S = 0.5
+_DELAY_STEP_S = 0.02
+FAR_M = 1.0
+"""so far, along x and y, a moved map is looked for at first, in steps of a quarter of it"""
+_TURN_STEPS = 72
+COARSE_M, WIDE_M, NARROW_M = 0.3, 0.4, 0.06
+"""Distance to a wall at which a return counts half, while whole turns and places are tried, and a quarter,
+at the first step of a refinement and, as the steps narrow down, at its last."""
+MOST_ROUNDS = 24
+SETTLED_M = 2e-4
+"""a shorter step, as the returns move by it, ends a refinement"""
+LONGEST_STEP_M = 0.3
+SEEN = 0.01
+"""A direction that no larger share of the returns constrains stays as it is: beside a wall, at rest."""
+CORRELATED_BEAMS = 10.0
+"""Returns that count as one independent draw: neighbours meet the same wall; see ``ScanToMapSettings``."""
+SLOWEST_MPS = 0.05
+"""where returns move more slowly than this over the map, nothing is said of the time"""
+
+
+class Setup(NamedTuple):
+    """What lies between scans, poses and a map."""
+
+    mount: Pose2D
+    """the sensor in the robot's frame"""
+    is_mirrored: bool = False
+    """whether the beams go round the other way than the samples' geometry says"""
+    delay_s: float = 0.0
+    """by how much a scan's time is later than the instant at which it was measured"""
+    map_moved: Pose2D = Pose2D(0.0, 0.0, 0.0)
+    """where the frame of the poses lies in that of the map; all zero where the two are one"""
+    range_factor: float = 1.0
+    """what the ranges must be multiplied with; 1.02: they are 2 % short"""
+
+
+class Returns:
+    """The returns of some samples in one table, and where each of them lies by a setup."""
+
+    def __init__(self, samples: Sequence[Sample], most_beams: int) -> None:
+        """At most ``most_beams`` of a sample, spread evenly over those that met something."""
+        ends, owners = [np.empty((0, 2))], [np.empty(0, dtype=np.int64)]
+        for number, sample in enumerate(samples):
+            met = sample.ends()[1]
+            step = max(math.ceil(len(met) / most_beams), 1)
+            ends.append(met[number % step :: step])
+            owners.append(np.full(len(ends[-1]), number))
+        self.ends, self._owners = np.concatenate(ends), np.concatenate(owners)
+        steps = math.ceil(LARGEST_DELAY_S / _DELAY_STEP_S) + 2
+        self._delays_s: Floats = np.arange(-steps, steps + 1, dtype=np.float64) * _DELAY_STEP_S
+        self._poses = np.array([sample.track.at_times(sample.time_s - self._delays_s) for sample in samples])
+        self._poses[:, :, 2] = np.unwrap(self._poses[:, :, 2], axis=1)
+        self.middle = self._poses[:, steps, :2].mean(axis=0)
+        """(2,) of the robot's ways, metres: a map turns about it here"""
+        self.lever_m = math.sqrt(np.square(self.ends).sum() / max(len(self.ends), 1))
+        """root mean square of the ranges"""
+        rates = self._rates(0.0)
+        self.speed_mps = math.sqrt(
+            np.square(rates[:, :2]).sum(axis=1).mean() + np.square(rates[:, 2]).mean() * self.lever_m**2
+        )
+        """how fast returns of still walls move in the robot's frame, root mean square"""
+
+    def __len__(self) -> int:
+        return len(self.ends)
+
+    def _poses_at(self, delay_s: float) -> Floats:
+        at = (delay_s - self._delays_s[0]) / _DELAY_STEP_S
+        first = min(max(math.floor(at), 0), len(self._delays_s) - 2)
+        older, newer = self._poses[:, first], self._poses[:, first + 1]
+        return np.asarray(older + (at - first) * (newer - older))
+
+    def _rates(self, delay_s: float) -> Floats:
+        """(m, 3) how the samples' poses change with the delay, per second."""
+        return (self._poses_at(delay_s + _DELAY_STEP_S) - self._poses_at(delay_s - _DELAY_STEP_S)) / (
+            2.0 * _DELAY_STEP_S
+        )
+
+    def place(self, values: Floats, mirrored: bool) -> Floats:
+        """(n, 2) where the returns lie, map frame, by the (8,) values of the parameters."""
+        return self._place(values, mirrored)[0]
+
+    def _place(self, values: Floats, mirrored: bool) -> tuple[Floats, Floats, Floats, Floats]:
+        """The returns and, map axes, each from its sensor, each from its robot, and the robots' headings."""
+        x, y, yaw, delay_s, dx, dy, turn, factor = values.tolist()
+        poses = self._poses_at(delay_s)
+        on_robot = _turned(self.ends * (factor, -factor if mirrored else factor), yaw)
+        headings = np.stack((np.cos(poses[:, 2] + turn), np.sin(poses[:, 2] + turn)), axis=1)[self._owners]
+        from_sensor = _by(headings, on_robot)
+        from_robot = _by(headings, on_robot + np.array([x, y]))
+        robots = _turned(poses[:, :2] - self.middle, turn) + self.middle + np.array([dx, dy])
+        return robots[self._owners] + from_robot, from_sensor, from_robot, headings
+
+    def moves(self, values: Floats, mirrored: bool) -> tuple[Floats, Floats]:
+        """(n, 2) as :meth:`place` has it, and (n, 2, 8) how each return moves with each parameter."""
+        points, from_sensor, from_robot, headings = self._place(values, mirrored)
+        moves = np.zeros((len(points), 2, 8))
+        moves[:, :, 0] = headings
+        moves[:, :, 1] = _across(headings)
+        moves[:, :, 2] = _across(from_sensor)
+        rates = self._rates(float(values[3]))
+        drift = _turned(rates[:, :2], float(values[6]))[self._owners]
+        moves[:, :, 3] = drift + rates[self._owners, 2:] * _across(from_robot)
+        moves[:, 0, 4] = moves[:, 1, 5] = 1.0
+        moves[:, :, 6] = _across(points - self.middle - values[4:6])
+        moves[:, :, 7] = from_sensor / values[7]
+        return points, moves
+
+    @property
+    def units(self) -> Floats:
+        """(8,) how far a unit of each parameter moves the returns, metres, typically."""
+        lever, speed = self.lever_m, max(self.speed_mps, SLOWEST_MPS)
+        return np.array([1.0, 1.0, lever, speed, 1.0, 1.0, lever, lever])
+
+    def setup(self, values: Floats, mirrored: bool) -> Setup:
+        """The parameters' values as a setup."""
+        x, y, yaw, delay_s, dx, dy, turn, factor = values.tolist()
+        at = _turned(-self.middle[None], turn)[0] + self.middle + (dx, dy)
+        moved = Pose2D(float(at[0]), float(at[1]), wrap_angle(turn))
+        return Setup(Pose2D(x, y, wrap_angle(yaw)), mirrored, delay_s, moved, factor)
+
+
+class Candidate(NamedTuple):
+    """A setup as the search keeps it."""
+
+    changed: tuple[int, ...]
+    """the parameters that it may differ in from what was set"""
+    values: Floats
+    """(8,)"""
+    mirrored: bool
+    share: float
+    """of the search's returns that lie on walls"""
+    score: float
+    """the same, smooth: mean of 1 / (1 + (distance / ``NARROW_M``)^2)"""
+
+
+class Search:
+    """Tries what could be wrong, one thing at a time, on a few hundred to some thousand returns."""
+
+    def __init__(self, returns: Returns, walls: Walls, as_set: Pose2D) -> None:
+        """``as_set``: the mount that is believed so far."""
+        self.returns, self.walls = returns, walls
+        self._start = np.array([*as_set, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+    @property
+    def noise(self) -> float:
+        """Two standard deviations of a share of 0.5 to 0.9, by chance alone."""
+        return 2.0 * 0.4 / math.sqrt(max(len(self.returns) / CORRELATED_BEAMS, 1.0))
+
+    def candidate(self, changed: tuple[int, ...], values: Floats, mirrored: bool) -> Candidate:
+        """What these values are worth."""
+        distances_m = self.walls.distances(self.returns.place(values, mirrored))
+        share = float(np.mean(distances_m <= self.walls.near_m))
+        return Candidate(changed, values, mirrored, share, self._score(distances_m, NARROW_M))
+
+    def as_it_is(self) -> Candidate:
+        """Nothing changed."""
+        return self.candidate((), self._start, False)
+
+    def turned(self, mirrored: bool) -> Candidate:
+        """Another mount, turned by any angle; ``mirrored``: and the beams the other way round."""
+        turns = np.arange(_TURN_STEPS) * (2.0 * math.pi / _TURN_STEPS)
+        starts = np.tile(self._start, (_TURN_STEPS, 1))
+        starts[:, 2] += turns
+        scores = self._coarse(starts, mirrored)
+        best = int(np.argmax(scores))
+        apart = np.abs((np.arange(_TURN_STEPS) - best + _TURN_STEPS // 2) % _TURN_STEPS - _TURN_STEPS // 2)
+        second = int(np.argmax(np.where(apart > 4, scores, -1.0)))
+        chosen = {best, second} if mirrored else {best, second, 0}
+        return self._best(MOUNT, [starts[k] for k in sorted(chosen)], mirrored)
+
+    def moved(self) -> Candidate:
+        """The map moved by up to about ``FAR_M`` along x and y, and turned a little."""
+        steps = np.linspace(-FAR_M, FAR_M, 9)
+        starts = np.tile(self._start, (len(steps) ** 2, 1))
+        starts[:, 4:6] = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+        order = np.argsort(-self._coarse(starts, False), kind="stable")
+        return self._best(MAP, [starts[k] for k in order[:2]], False)
+
+    def late(self) -> Candidate:
+        """The scans late or early."""
+        starts = np.tile(self._start, (21, 1))
+        starts[:, 3] = np.linspace(-LARGEST_DELAY_S, LARGEST_DELAY_S, 21)
+        return self._best(DELAY, [starts[np.argmax(self._coarse(starts, False))]], False)
+
+    def anywhere(self, mirrored: bool) -> Candidate:
+        """The map moved by any distance and turned by any angle: the best overlap of all."""
+        return self._best(MAP, self._overlaps(mirrored), mirrored)
+
+    def refined(self, start: Candidate, changed: tuple[int, ...], wide_m: float = WIDE_M) -> Candidate:
+        """The best setup near ``start`` of those that differ from it in ``changed``."""
+        values = self._refine(start.values, changed, start.mirrored, wide_m)
+        all_changed = tuple(sorted({*start.changed, *changed}))
+        return self.candidate(all_changed, values, start.mirrored)
+
+    def information(self, candidate: Candidate) -> Floats:
+        """(8, 8) of the parameters, in the returns' own metres: 1 where all returns are constrained."""
+        points, moves = self.returns.moves(candidate.values, candidate.mirrored)
+        distances_m, slopes = self._read(points)
+        weights = _weights(distances_m, NARROW_M)
+        rows = np.einsum("nk,nkp->np", slopes, moves) / self.returns.units
+        return np.asarray((rows * weights[:, None]).T @ rows / max(weights.sum(), 1e-9))
+
+    def _best(self, changed: tuple[int, ...], starts: Sequence[Floats], mirrored: bool) -> Candidate:
+        found = [
+            self.candidate(changed, self._refine(start, changed, mirrored, WIDE_M), mirrored)
+            for start in starts
+        ]
+        return max(found, key=lambda each: each.score)
+
+    def _coarse(self, starts: Floats, mirrored: bool) -> Floats:
+        return np.array(
+            [
+                self._score(self.walls.distances(self.returns.place(values, mirrored)), COARSE_M)
+                for values in starts
+            ]
+        )
+
+    @staticmethod
+    def _score(distances_m: Floats, half_m: float) -> float:
+        return float(np.mean(1.0 / (1.0 + np.square(distances_m / half_m))))
+
+    def _refine(self, start: Floats, changed: tuple[int, ...], mirrored: bool, wide_m: float) -> Floats:
+        """Gauss-Newton on the distances to the nearest walls, with weights as in ``ScanToMap``."""
+        values, chosen, units = start.copy(), list(changed), self.returns.units[list(changed)]
+        narrow_m = max(NARROW_M, self.walls.grid.resolution)
+        half_m = max(wide_m, narrow_m)
+        for _ in range(MOST_ROUNDS):
+            points, moves = self.returns.moves(values, mirrored)
+            distances_m, slopes = self._read(points)
+            weights = _weights(distances_m, half_m)
+            rows = np.einsum("nk,nkp->np", slopes, moves[:, :, chosen]) / units
+            weighted = (rows * weights[:, None]).T / max(weights.sum(), 1e-9)
+            strengths, ways = np.linalg.eigh(weighted @ rows)
+            along = np.divide(
+                ways.T @ (weighted @ distances_m),
+                strengths,
+                out=np.zeros(len(chosen)),
+                where=strengths > SEEN,
+            )
+            step = ways @ along
+            step *= min(LONGEST_STEP_M / max(float(np.abs(step).max()), 1e-12), 1.0)
+            values[chosen] -= step / units
+            values[3] = min(max(values[3], -LARGEST_DELAY_S), LARGEST_DELAY_S)
+            if half_m == narrow_m and np.abs(step).max() < SETTLED_M:
+                break
+            half_m = max(half_m / 1.5, narrow_m)
+        return values
+
+    def _read(self, points: Floats) -> tuple[Floats, Floats]:
+        """(n,) distances to the nearest wall and (n, 2) their slopes, read between the cells' centres."""
+        field, cell_m = self.walls.distances_m, self.walls.grid.resolution
+        at = (points - self.walls.corner) / cell_m - 0.5
+        cells = np.floor(at).astype(np.int64)
+        rows, columns = field.shape
+        inside = (cells >= 0).all(axis=1) & (cells[:, 0] < columns - 1) & (cells[:, 1] < rows - 1)
+        u, v = np.where(inside[:, None], at - cells, 0.0).T
+        column, row = np.where(inside[:, None], cells, 0).T
+        low, high = field[row, column], field[row + 1, column]
+        low_rise, high_rise = field[row, column + 1] - low, field[row + 1, column + 1] - high
+        low, high = low + u * low_rise, high + u * high_rise
+        slopes = np.stack((low_rise + v * (high_rise - low_rise), high - low), axis=1) / cell_m
+        distances_m = np.where(inside, low + v * (high - low), self.walls.far_m)
+        return distances_m, slopes * inside[:, None]
+
+    def _overlaps(self, mirrored: bool) -> list[Floats]:
+        """The values at which a coarse picture of the returns overlaps most with one of the walls.
+
+        One correlation by Fourier transform for each of ``_TURN_STEPS`` turns about the middle of the robot's
+        ways; the best of three turns that are apart.
+        """
+        cell_m = max(4.0 * self.walls.grid.resolution, 0.2)
+        points = self.returns.place(self._start, mirrored)
+        reach = np.abs(points - self.returns.middle).max() if len(points) else 0.0
+        size = 2 * math.ceil(reach / cell_m) + 1
+        field = self.walls.distances_m
+        coarse = max(round(cell_m / self.walls.grid.resolution), 1)
+        cell_m = coarse * self.walls.grid.resolution
+        near = 1.0 / (1.0 + np.square(field[::coarse, ::coarse].astype(np.float64) / COARSE_M))
+        near -= near.mean()
+        shape = near.shape[0] + size, near.shape[1] + size
+        spectrum = np.fft.rfft2(near, shape)
+        found = []
+        for number in range(_TURN_STEPS):
+            turn = number * (2.0 * math.pi / _TURN_STEPS)
+            cells = np.floor(_turned(points - self.returns.middle, turn) / cell_m + size / 2.0).astype(
+                np.int64
+            )
+            picture = np.zeros(shape)
+            inside = ((cells >= 0) & (cells < size)).all(axis=1)
+            np.add.at(picture, (cells[inside, 1], cells[inside, 0]), 1.0)
+            overlap = np.fft.irfft2(spectrum * np.conj(np.fft.rfft2(picture)), shape)
+            row, column = (int(k) for k in np.unravel_index(int(np.argmax(overlap)), shape))
+            best = float(overlap[row, column])
+            row, column = (
+                k - side if k >= side - size else k for k, side in zip((row, column), shape, strict=True)
+            )
+            # where the picture's middle comes to lie
+            at = np.array([column, row]) * cell_m + (size / 2.0) * cell_m + self.walls.corner
+            values = self._start.copy()
+            values[4:6] = at - self.returns.middle
+            values[6] = wrap_angle(turn)
+            found.append((best, number, values))
+        found.sort(key=lambda each: (-each[0], each[1]))
+        chosen: list[tuple[float, int, Floats]] = []
+        for each in found:
+            near_turn = (abs((each[1] - other[1] + 36) % _TURN_STEPS - 36) <= 2 for other in chosen)
+            if len(chosen) < 3 and not any(near_turn):
+                chosen.append(each)
+        return [values for _, _, values in chosen]
+
+
+def _weights(distances_m: Floats, half_m: float) -> Floats:
+    """Geman-McClure: a quarter at ``half_m``."""
+    return np.asarray(1.0 / np.square(1.0 + np.square(distances_m / half_m)))
+
+
+def _turned(points: Floats, angle_rad: float) -> Floats:
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.stack((c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1]), axis=1)
+
+
+def _by(headings: Floats, points: Floats) -> Floats:
+    """(n, 2) points, each turned by its own heading, (n, 2) cosine and sine."""
+    c, s = headings.T
+    return np.stack((c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1]), axis=1)
+
+
+def _across(vectors: Floats) -> Floats:
+    """(n, 2) vectors a quarter turn further: how their ends move as they turn."""
+    return np.stack((-vectors[:, 1], vectors[:, 0]), axis=1)

@@ -1,0 +1,284 @@
+import math
+
+import numpy as np
+import pytest
+
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.io.map_server import load_map
+from midnet_bench.messages import LidarGeometry
+from midnet_bench.recording.fit import Sample, Walls, fit_of
+from midnet_bench.recording.poses import PoseTrack
+from midnet_bench.recording.setup_check import SetBy, find_setup, line_of, verdict
+from midnet_bench.recording.setup_search import Returns, Search
+from tests.recording.recorded_drives import (
+    BARE,
+    MOUNT,
+    RECORDINGS,
+    TRUE_MOUNT,
+    drive,
+    mounted,
+    moved,
+    recorded_samples,
+    room,
+)
+
+NAMES = ["intersection", "overtake_red"]
+on_recordings = pytest.mark.skipif(
+    not RECORDINGS.is_dir(), reason="the recordings of others are not beside the checkout"
+)
+
+
+@pytest.fixture(scope="module")
+def map_of_room():
+    return room()
+
+
+@pytest.fixture(scope="module")
+def turning():
+    return drive()
+
+
+@pytest.fixture(scope="module")
+def recordings():
+    pytest.importorskip("rosbags", reason="bags are read by rosbags")
+    return {name: (recorded_samples(name), load_map(RECORDINGS / name / "map.yaml")) for name in NAMES}
+
+
+def resting(x, y, yaw, ranges_m, angles_rad, mount=BARE, range_max_m=9.0):
+    """One scan of a robot at rest whose two beams leave at these angles."""
+    first, second = angles_rad
+    lidar = LidarGeometry(2, first, second - first, 0.1, range_max_m, mount)
+    track = PoseTrack(np.array([0.0]), np.array([[x, y, yaw]]))
+    return Sample(0.0, np.array(ranges_m), lidar, track)
+
+
+def small_map():
+    """3 by 2 m of free cells of 10 cm whose columns at x = 2.0 to 2.1 m are a wall, unknown behind it."""
+    data = np.zeros((20, 30), dtype=np.int8)
+    data[:, 20], data[:, 21:] = 100, -1
+    return OccupancyGrid(data, 0.1, (0.0, 0.0))
+
+
+def test_returns_are_counted_on_walls_in_the_free_and_in_unknown_cells():
+    walls = Walls(small_map())
+    assert walls.near_m == pytest.approx(0.15)  # one and a half cells
+    # from (0.55, 1.05): along x onto the wall's cell and 1 m beyond its face; along y into the free
+    hit = resting(0.55, 1.05, 0.0, [1.5, 0.5], (0.0, math.pi / 2.0))
+    through = resting(0.55, 1.05, 0.0, [2.2, np.inf], (0.0, math.pi / 2.0))
+    fit = fit_of([hit, through], walls, side_m=0.5)
+    assert fit.over_time[0] == (2, 0.5, 0.0)
+    assert fit.over_time[1] == (1, 0.0, 1.0)
+    assert fit.total == (3, 1.0 / 3.0, 1.0 / 3.0)
+    assert fit.total.in_the_free == pytest.approx(1.0 / 3.0)
+    assert fit.over_map.returns.sum() == 3
+    x, y = fit.over_map.origin
+    row, column = math.floor((1.05 - y) / 0.5), math.floor((2.05 - x) / 0.5)
+    assert fit.over_map.shares[row, column] == 1.0
+    assert fit.robot_off_map == 0.0
+
+
+def test_a_return_a_cell_and_a_half_off_a_wall_lies_on_it_and_one_further_does_not():
+    walls = Walls(small_map())
+    assert walls.on_walls(np.array([[1.95, 1.05], [1.85, 1.05]])).tolist() == [True, False]
+    assert walls.distances(np.array([[1.05, 1.05], [50.0, 1.0]]))[0] == pytest.approx(1.0)
+    assert walls.distances(np.array([[50.0, 1.0]]))[0] > 2.0
+
+
+def test_what_says_nothing_is_no_return():
+    walls = Walls(small_map())
+    for range_m in (np.nan, np.inf, 0.0, 0.05, 9.5):
+        sample = resting(0.55, 1.05, 0.0, [range_m, range_m], (0.0, 1.0))
+        assert fit_of([sample], walls).total.returns == 0
+    assert math.isnan(fit_of([sample], walls).total.on_walls)
+
+
+def test_the_mount_moves_the_returns_and_a_robot_outside_is_told():
+    walls = Walls(small_map())
+    mounted_back = resting(0.55, 1.05, 0.0, [1.5, np.inf], (0.0, 1.0), mount=Pose2D(-0.5, 0.0, 0.0))
+    assert fit_of([mounted_back], walls).total.on_walls == 0.0
+    outside = resting(-5.0, 1.05, 0.0, [1.5, np.inf], (0.0, 1.0))
+    assert fit_of([mounted_back, outside], walls).robot_off_map == 0.5
+
+
+def test_a_map_without_a_wall_is_refused(turning):
+    with pytest.raises(InputError, match="no cell of it is occupied"):
+        verdict(turning, OccupancyGrid(np.zeros((5, 5), dtype=np.int8), 0.05, (0.0, 0.0)))
+
+
+def test_how_returns_move_with_each_parameter_is_the_derivative_of_where_they_lie(turning):
+    returns = Returns(turning[::8], 20)
+    values = np.array([0.1, -0.2, 0.3, 0.013, 0.2, -0.1, 0.15, 1.02])
+    for mirrored in (False, True):
+        points, moves = returns.moves(values, mirrored)
+        assert np.array_equal(points, returns.place(values, mirrored))
+        for k in range(8):
+            step = np.zeros(8)
+            step[k] = 1e-4
+            found = (returns.place(values + step, mirrored) - returns.place(values - step, mirrored)) / 2e-4
+            # the poses' own rate is taken over 40 ms
+            assert np.abs(found - moves[:, :, k]).max() < (0.08 if k == 3 else 1e-5)
+
+
+def test_a_setup_says_where_the_frame_of_the_poses_lies_in_the_maps(turning, map_of_room):
+    returns = Returns(turning, 20)
+    search = Search(returns, Walls(map_of_room), MOUNT)
+    values = np.array([*MOUNT, 0.0, 0.3, -0.2, 0.4, 1.0])
+    setup = returns.setup(values, mirrored=False)
+    still = returns.place(np.array([*MOUNT, 0.0, 0.0, 0.0, 0.0, 1.0]), mirrored=False)
+    assert setup.map_moved.transform(still) == pytest.approx(returns.place(values, mirrored=False))
+    assert search.as_it_is().share > 0.99
+
+
+@pytest.mark.parametrize("kind", ["turns", "straight", "rest"])
+@pytest.mark.parametrize(("beams", "view"), [(360, 2.0 * math.pi), (180, math.pi), (1000, 1.5 * math.pi)])
+def test_a_right_setup_fits_and_nothing_is_proposed(kind, beams, view, map_of_room):
+    samples = mounted(drive(kind, beams=beams, view=view), MOUNT)
+    told = verdict(samples, map_of_room)
+    assert told.fits
+    assert told.kinds == ()
+    assert told.share > 0.95
+    proposal = find_setup(samples, map_of_room)
+    assert proposal.kinds == ()
+    assert proposal.setup.mount == pytest.approx(MOUNT)
+
+
+def test_a_mount_that_was_left_out_is_told_and_found(turning, map_of_room):
+    told = verdict(turning, map_of_room)
+    assert not told.fits
+    assert told.kinds == ("mount",)
+    assert "--mount 0." in told.lines[0]
+    proposal = find_setup(turning, map_of_room)
+    assert proposal.kinds == ("mount",)
+    assert not proposal.alike  # the drive turns
+    assert proposal.setup.mount == pytest.approx(MOUNT, abs=0.02)
+    assert proposal.share_before < 0.6 < 0.98 < proposal.share_after
+    below, above, is_open = proposal.ranges["mount x"]
+    assert 0.0 < below < 0.15
+    assert 0.0 < above < 0.15
+    assert not is_open
+
+
+@pytest.mark.parametrize("view", [2.0 * math.pi, math.pi])
+@pytest.mark.parametrize("mount", [BARE, MOUNT])
+def test_a_scan_delay_of_100_ms_is_found_where_the_drive_turns(view, mount, map_of_room):
+    samples = mounted(drive(delay_s=0.1, view=view, mount=mount), mount)
+    proposal = find_setup(samples, map_of_room)
+    assert proposal.kinds == ("delay",)
+    assert proposal.setup.delay_s == pytest.approx(0.1, abs=0.02)
+    assert f"--scan-delay {proposal.setup.delay_s:.3f}" in line_of(proposal, map_of_room)
+    already = line_of(proposal, map_of_room, SetBy(delay_s=0.2))
+    assert f"--scan-delay {0.2 + proposal.setup.delay_s:.3f}" in already
+
+
+def test_a_delay_and_a_mount_that_was_left_out_are_found_together(map_of_room):
+    proposal = find_setup(drive(delay_s=0.1), map_of_room)
+    assert proposal.kinds == ("mount", "delay")
+    assert proposal.setup.delay_s == pytest.approx(0.1, abs=0.02)
+    assert proposal.setup.mount == pytest.approx(MOUNT, abs=0.03)
+
+
+def test_what_a_straight_drive_or_a_robot_at_rest_cannot_tell_is_said(turning, map_of_room):
+    straight = find_setup(mounted(drive("straight", delay_s=0.1), MOUNT), map_of_room).cannot_tell
+    assert any("a scan delay of 0.1 s looks as a mount that is off by x 0.02" in each for each in straight)
+    assert any("the heading hardly changes" in each for each in straight)
+    rest = find_setup(mounted(drive("rest"), MOUNT), map_of_room)
+    assert any("hardly moves" in each for each in rest.cannot_tell)
+    assert rest.ranges["scan delay"].is_open
+    assert find_setup(turning, map_of_room).cannot_tell == ()
+
+
+def test_at_rest_a_mount_cannot_be_told_from_a_moved_map(map_of_room):
+    proposal = find_setup(drive("rest"), map_of_room)
+    assert proposal.kinds == ("mount",)
+    assert [each.kinds for each in proposal.alike] == [("map",)]
+    assert "or, which this recording cannot tell, if the map is moved" in line_of(proposal, map_of_room)
+
+
+def test_a_mirrored_scan_is_told(map_of_room):
+    samples = mounted(drive(mirrored=True), MOUNT)
+    told = verdict(samples, map_of_room)
+    assert told.kinds == ("mirror", "mount")
+    assert "--mirror --mount 0." in told.lines[0]
+    assert "drop --mirror" in verdict(samples, map_of_room, SetBy(mirrored=True)).lines[0]
+
+
+@pytest.mark.parametrize("degrees", [90, 180, -90])
+def test_whole_turns_are_told(degrees, turning, map_of_room):
+    told = verdict(mounted(turning, MOUNT._replace(yaw=MOUNT.yaw - math.radians(degrees))), map_of_room)
+    assert told.kinds == ("turn",)
+    assert f"turned by {degrees} degrees" in told.lines[0] or degrees == 180
+
+
+def test_a_moved_map_is_told_with_the_origin_that_it_should_have(turning, map_of_room):
+    for x, y in ((0.5, 0.0), (-0.35, 0.35), (3.0, -2.0)):
+        told = verdict(mounted(turning, MOUNT), moved(map_of_room, x, y))
+        assert told.kinds[-1] == "map"
+        assert "'origin: [-1.0" in told.lines[-1]
+
+
+def test_a_turned_map_and_one_of_another_place_are_told(turning, map_of_room):
+    samples = mounted(turning, MOUNT)
+    turned = OccupancyGrid(np.rot90(map_of_room.data).copy(), 0.05, (-4.0, -2.0))
+    assert "turn the map's image by" in verdict(samples, turned).lines[-1]
+    rows, columns = np.ogrid[:240, :240]
+    hall = np.abs(np.hypot(rows - 120, columns - 120) - 100.0) < 1.0
+    told = verdict(samples, OccupancyGrid(np.where(hall, 100, 0).astype(np.int8), 0.05, (-2.0, -3.0)))
+    assert told.kinds == ("other place",)
+    assert "is it the map of this place" in told.lines[0]
+
+
+def test_a_robot_off_the_map_is_told(turning, map_of_room):
+    told = verdict(mounted(turning, MOUNT), moved(map_of_room, 60.0, 0.0))
+    assert told.kinds[0] == "off the map"
+    assert "in 100% of the scans" in told.lines[0]
+
+
+def test_too_few_returns_are_told(turning, map_of_room):
+    empty = [each._replace(ranges_m=np.full(360, np.inf)) for each in turning[:3]]
+    assert verdict(empty, map_of_room).kinds == ("few returns",)
+
+
+@on_recordings
+@pytest.mark.parametrize("name", NAMES)
+def test_on_recordings_of_others_the_right_setup_raises_no_alarm(name, recordings):
+    samples, grid = recordings[name]
+    told = verdict(samples, grid)
+    assert told.fits
+    assert len(told.lines) == 1
+    assert told.share > 0.65
+    assert find_setup(samples, grid).kinds == ()
+
+
+@on_recordings
+@pytest.mark.parametrize("name", NAMES)
+def test_on_recordings_of_others_the_mount_comes_back_from_nothing(name, recordings):
+    samples, grid = recordings[name]
+    proposal = find_setup(mounted(samples, BARE), grid)
+    assert proposal.kinds == ("mount",)
+    found = proposal.setup.mount
+    assert found.distance_to(TRUE_MOUNT) < 0.03
+    assert abs(found.yaw - TRUE_MOUNT.yaw) < math.radians(1.0)
+
+
+@on_recordings
+@pytest.mark.parametrize("name", NAMES)
+def test_on_recordings_of_others_each_fault_is_told_in_one_line(name, recordings):
+    samples, grid = recordings[name]
+    mirrored = [each._replace(ranges_m=each.ranges_m[::-1]) for each in samples]
+    about = recorded_samples(name, turned_rad=math.pi)
+    faults = [
+        (mounted(samples, BARE), grid, ("mount",)),
+        (mirrored, grid, ("mirror", "mount")),
+        (about, grid, ("turn",)),
+        *(
+            (samples, moved(grid, x, y), ("map",))
+            for x, y in ((0.5, 0.0), (-0.5, 0.0), (0.0, 0.5), (0.0, -0.5))
+        ),
+    ]
+    for faulty, there, kinds in faults:
+        told = verdict(faulty, there)
+        assert told.kinds == kinds
+        assert len(told.lines) == 1
+        assert len(told.lines[0]) < 300
