@@ -59,8 +59,8 @@ def replay(
         Texts, _text("[NAME=]X,Y,YAW_DEG", "Where the laser sits on the robot (default from tf, else 0,0,0).")
     ] = None,
     mirror: Annotated[
-        Texts, _text("NAME|all", "Turn the order of a robot's beams round, as of a laser upside down.")
-    ] = None,
+        bool, typer.Option("--mirror", help="Turn the order of the beams round, as of a laser upside down.")
+    ] = False,
     map_frame: Annotated[
         str, typer.Option(metavar="FRAME", help="The frame of tf that the map is in.")
     ] = "map",
@@ -161,7 +161,7 @@ def replay(
             scan=scan or (),
             pose=pose or (),
             mount=mount or (),
-            mirror=mirror or (),
+            is_mirrored=mirror,
             scan_delay=scan_delay or (),
             ally=ally or (),
             map_frame=map_frame,
@@ -186,6 +186,9 @@ def replay(
         localize=localize,
         output=output,
     )
+    if check:
+        show(None, workflow.check(wishes, lambda line: note("%s", line)), as_json)
+        return
     with meter() as shown:
         made = workflow.replay(
             wishes,

@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeVar
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Pose2D
 from midnet_bench.recording.no_return import Meaning, NoReturn, found_in
-from midnet_bench.recording.readings import NO_MOTION, POSE, SCAN, Transform
+from midnet_bench.recording.readings import NO_MOTION, POSE, SCAN, PoseReading, Transform
 from midnet_bench.recording.survey import Survey
 
 T = TypeVar("T")
@@ -32,6 +32,11 @@ class Link(NamedTuple):
     def in_words(self) -> str:
         """The topic, or ``tf odom -> base_link``."""
         return self.topic or f"tf {self.frame} -> {self.child}"
+
+    def seen(self, surveys: Sequence[Survey]) -> list[PoseReading]:
+        """Its readings where the recordings were looked at."""
+        one = surveys[self.source]
+        return one.streams[self.topic].poses if self.topic else one.transforms[self.frame, self.child]
 
 
 class PoseChain(NamedTuple):
@@ -72,7 +77,7 @@ class Wishes:
     scan: Sequence[str] = ()
     pose: Sequence[str] = ()
     mount: Sequence[str] = ()
-    mirror: Sequence[str] = ()
+    is_mirrored: bool = False
     scan_delay: Sequence[str] = ()
     ally: Sequence[str] = ()
     map_frame: str = MAP_FRAME
@@ -116,7 +121,6 @@ def robots_of(surveys: Sequence[Survey], wishes: Wishes, names_of_files: Sequenc
     poses = named(wishes.pose, names, "--pose")
     mounts = {name: mount_of(text, "--mount") for name, text in named(wishes.mount, names, "--mount").items()}
     delays = named(wishes.scan_delay, names, "--scan-delay")
-    mirrored = _mirrored(wishes.mirror, names)
     found = []
     for name, (source, topic) in scans.items():
         seen = surveys[source].streams[topic].scans
@@ -132,23 +136,12 @@ def robots_of(surveys: Sequence[Survey], wishes: Wishes, names_of_files: Sequenc
                 topic,
                 chain,
                 mounts.get(name, mount),
-                upside_down != (name in mirrored),
+                upside_down != wishes.is_mirrored,
                 round(number_of(delays[name], f"--scan-delay {delays[name]}") * 1e9) if name in delays else 0,
                 found_in(seen, wishes.no_return),
             )
         )
     return found
-
-
-def _mirrored(texts: Sequence[str], names: Sequence[str]) -> set[str]:
-    if "all" in texts:
-        return set(names)
-    for name in texts:
-        if name not in names:
-            raise InputError(
-                f"--mirror {name}: no robot is called '{name}'{nearest_name(name, [*names, 'all'])}"
-            )
-    return set(texts)
 
 
 def _scan_topics(

@@ -34,8 +34,10 @@ from midnet_bench.recording.plan import (
 from midnet_bench.recording.ray_counts import RayCounts
 from midnet_bench.recording.readings import NS, GridReading, Source
 from midnet_bench.recording.replay import Replay, ReplayFrame, ReplayOptions
+from midnet_bench.recording.samples import samples_of
 from midnet_bench.recording.scores import ScoreOptions, Scorer, sector_of
 from midnet_bench.recording.settings import Preset, ReplaySettings
+from midnet_bench.recording.setup_check import Proposal, SetBy, find_setup, line_of, verdict
 from midnet_bench.recording.survey import Survey, listing, survey
 from midnet_bench.recording.tables import read_text
 from midnet_bench.recording.truth import Label, Labels, LabelTable
@@ -344,6 +346,13 @@ def replay(wishes: ReplayWishes, note: Note, progress: Callable[[float], None]) 
     Raises:
         InputError: the recordings, the map or an option cannot be used.
     """
+    with prepared(wishes) as (filled, sources):
+        return _replay(filled, sources, note, progress)
+
+
+@contextmanager
+def prepared(wishes: ReplayWishes) -> Iterator[tuple[ReplayWishes, list[Source]]]:
+    """The wishes and the recordings, files of poses among them."""
     with opened(wishes.files) as sources, ExitStack() as stack:
         poses = []
         for text in wishes.recording.pose:
@@ -354,7 +363,7 @@ def replay(wishes: ReplayWishes, note: Note, progress: Callable[[float], None]) 
                 sources.append(table)
             poses.append(f"{name}{sign}{value}")
         recording = replace(wishes.recording, pose=poses)
-        return _replay(replace(wishes, recording=recording), sources, note, progress)
+        yield replace(wishes, recording=recording), sources
 
 
 def _replay(
@@ -368,8 +377,15 @@ def _replay(
     names = file_names([Path(source.path) for source in sources])
     robots = robots_of(surveys, wishes.recording, names)
     prior_map, until_ns = prior_map_of(wishes, surveys, robots, note)
+    values = dict(wishes.settings)
+    resolution_m = values.pop("resolution_m", prior_map.resolution)
+    if not isinstance(resolution_m, float | int) or abs(resolution_m - prior_map.resolution) > 1e-5:
+        raise InputError(
+            f"--set resolution_m={resolution_m}: cells are as large as the map's, "
+            f"{prior_map.resolution:g} m; 'midnet-bench map --from-map' makes a map of others"
+        )
     settings: dict[str, ReplaySettings] = {
-        preset: ReplaySettings.of(preset, wishes.settings, prior_map.resolution) for preset in wishes.presets
+        preset: ReplaySettings.of(preset, values, prior_map.resolution) for preset in wishes.presets
     }
     main = settings[wishes.presets[0]]
     allies = allies_of(surveys, wishes.recording.ally, main.midnet.ally_diameter_m)
@@ -385,6 +401,9 @@ def _replay(
     lines = told_before(surveys, robots, settings, wishes)
     for line in lines:
         note(line)
+    faults: list[str] = []
+    for robot in robots:
+        faults += told_of_fit(surveys, robot, prior_map, options, note)
     played = Replay(sources, robots, allies, prior_map, settings, options, followed=label_topics)
     counts = RayCounts(prior_map.resolution, prior_map.origin, (prior_map.height, prior_map.width))
     explainers = {
@@ -395,7 +414,6 @@ def _replay(
         name: Scorer(name, explainers[name], one.range_m, score_options) for name, one in settings.items()
     }
     reach_m = 2.0 * max(one.range_m for one in settings.values())
-    faults: list[str] = []
     folder = wishes.output or Path("results") / f"replay-{names[0]}"
     with _boxes_file(folder) as boxes:
         try:
@@ -467,6 +485,84 @@ def told_before(
     return lines
 
 
+def told_of_fit(
+    surveys: Sequence[Survey],
+    robot: RobotPlan,
+    prior_map: OccupancyGrid,
+    options: ReplayOptions,
+    note: Note,
+) -> list[str]:
+    """Note whether a robot's scans lie on the map; what does not fit."""
+    samples = samples_of(surveys, robot, options.clock, options.max_pose_age_s, options.offsets_ns)
+    if not samples or not (prior_map.data == 100).any():
+        note(f"{robot.name}: nothing can be said of how scans and map fit: no scan with a pose, or no wall")
+        return []
+    found = verdict(samples, prior_map, SetBy(robot.is_mirrored, robot.delay_ns / NS))
+    lines = [f"{robot.name}: {line}" for line in found.lines]
+    for line in lines:
+        note(line if found.fits else f"does not fit: {line}")
+    return [] if found.fits or found.kinds == ("few returns",) else lines
+
+
+def check(wishes: ReplayWishes, note: Note) -> list[Table]:
+    """Search for the setup by which scans lie best on the map; a table of its parameters for each robot.
+
+    Raises:
+        InputError: the recordings, the map or an option cannot be used.
+    """
+    tables = []
+    with prepared(wishes) as (filled, sources):
+        surveys = [survey(source) for source in sources]
+        filled = with_exported(filled, surveys)
+        robots = robots_of(surveys, filled.recording, file_names([Path(source.path) for source in sources]))
+        prior_map, _ = prior_map_of(filled, surveys, robots, note)
+        for robot in robots:
+            for line in lag_lines(surveys, robot, filled.clock):
+                note(line)
+            samples = samples_of(surveys, robot, filled.clock, filled.max_pose_age_s, ())
+            if not samples:
+                raise InputError(f"{robot.name}: no scan of it has a pose; see 'midnet-bench replay FILE'")
+            found = find_setup(samples, prior_map)
+            set_by = SetBy(robot.is_mirrored, robot.delay_ns / NS)
+            note(f"{robot.name}: {line_of(found, prior_map, set_by)}")
+            for line in found.cannot_tell:
+                note(f"{robot.name}: {line}")
+            tables.append(setup_table(robot.name, found))
+    return tables
+
+
+def setup_table(name: str, found: Proposal) -> Table:
+    """The setup that was found: each parameter with how far it can be changed within noise."""
+    setup = found.setup
+    values = {
+        "mount x": (setup.mount.x, "m"),
+        "mount y": (setup.mount.y, "m"),
+        "mount yaw": (math.degrees(setup.mount.yaw), "deg"),
+        "scan delay": (setup.delay_s, "s"),
+        "map x": (setup.map_moved.x, "m"),
+        "map y": (setup.map_moved.y, "m"),
+        "map yaw": (math.degrees(setup.map_moved.yaw), "deg"),
+    }
+    rows: list[dict[str, Scalar]] = []
+    for parameter, (value, unit) in values.items():
+        span = found.ranges.get(parameter)
+        factor = math.degrees(1.0) if unit == "deg" else 1.0
+        rows.append(
+            {
+                "parameter": parameter,
+                "value": value,
+                "unit": unit,
+                "less_by": None if span is None else span.below * factor,
+                "more_by": None if span is None else span.above * factor,
+                "sure": None if span is None else ("no" if span.is_open else "yes"),
+            }
+        )
+    rows.append({"parameter": "mirrored", "value": "yes" if setup.is_mirrored else "no"})
+    rows.append({"parameter": "share before", "value": found.share_before})
+    rows.append({"parameter": "share after", "value": found.share_after})
+    return Table(f"setup_{name}", f"{name}: the setup by which most returns lie on mapped walls", rows)
+
+
 LAG_S = 0.02
 """by which the stamps of scans and poses may differ before somebody is told"""
 
@@ -479,12 +575,7 @@ def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list
     links = [link for link in robot.pose.links if isinstance(link, Link)]
     poses = []
     for link in links:
-        seen = (
-            surveys[link.source].streams[link.topic].poses
-            if link.topic
-            else surveys[link.source].transforms[link.frame, link.child]
-        )
-        poses += [(one.record_ns - one.stamp_ns) / NS for one in seen]
+        poses += [(one.record_ns - one.stamp_ns) / NS for one in link.seen(surveys)]
     path = surveys[robot.source].source.path
     if clock == "header" and scans.stamps_stand_still:
         raise InputError(
@@ -506,7 +597,7 @@ def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list
     apart_s = float(np.median(lags_s)) - pose_lag_s
     if abs(apart_s) > LAG_S:
         lines.append(
-            f"{robot.name}: scans are {lag_in_words(lags_s)}, poses {1000.0 * pose_lag_s:.3g} ms: "
+            f"{robot.name}: each scan is {lag_in_words(lags_s)}, a pose {1000.0 * pose_lag_s:.3g} ms: "
             f"--clock header puts a scan {1000.0 * apart_s:.0f} ms earlier by the poses than --clock record "
             f"(now: {clock})"
         )

@@ -1,0 +1,74 @@
+"""Scans out of a survey with the poses around each, for the check of the setup."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
+from midnet_bench.recording.clock import Clock, Track, Whereabouts, time_of
+from midnet_bench.recording.fit import Sample
+from midnet_bench.recording.plan import Link, RobotPlan
+from midnet_bench.recording.poses import PoseTrack
+from midnet_bench.recording.readings import NS
+from midnet_bench.recording.replay import geometry_of
+from midnet_bench.recording.survey import Survey, spread
+
+MOST = 120
+REACH_S, STEP_S = 0.8, 0.04
+"""how far before and after a scan its robot's poses are told, and how densely"""
+
+
+def samples_of(
+    surveys: Sequence[Survey],
+    robot: RobotPlan,
+    clock: Clock,
+    max_pose_age_s: float,
+    offsets_ns: Sequence[int],
+) -> list[Sample]:
+    """At most ``MOST`` scans of a robot that have a pose, spread over what was looked at.
+
+    Times are seconds since the recording's start, by the clock that is gone by.
+    """
+    start_ns = surveys[robot.source].source.start_ns
+    where = _whereabouts(surveys, robot, clock, offsets_ns)
+    scans = [scan for scan in surveys[robot.source].streams[robot.scan_topic].scans if len(scan.ranges_m)]
+    own_ns = offsets_ns[robot.source] if offsets_ns else 0
+    around_ns = (np.arange(-REACH_S, REACH_S + STEP_S / 2.0, STEP_S) * NS).astype(np.int64)
+    found = []
+    for scan in spread(scans, MOST):
+        time_ns = time_of(scan, clock) + own_ns - robot.delay_ns
+        told = where.at(time_ns)
+        if told is None or told.age_s > max_pose_age_s:
+            continue
+        range_max_m = min(scan.range_max_m, robot.no_return.range_max_m)
+        numbers = (scan.angle_min_rad, scan.angle_increment_rad, scan.range_min_m, range_max_m)
+        try:
+            lidar = geometry_of(numbers, len(scan.ranges_m), robot.mount, robot.is_mirrored)
+        except InputError:
+            continue  # the replay says so
+        times, poses = [], []
+        for near_ns in (time_ns + around_ns).tolist():
+            one = where.at(near_ns)
+            if one is not None and one.age_s <= max_pose_age_s:
+                times.append((near_ns - start_ns) / NS)
+                poses.append(one.pose)
+        track = PoseTrack(np.array(times), np.array(poses, dtype=np.float64).reshape(-1, 3))
+        found.append(Sample((time_ns - start_ns) / NS, robot.no_return.cleaned(scan), lidar, track))
+    return found
+
+
+def _whereabouts(
+    surveys: Sequence[Survey], robot: RobotPlan, clock: Clock, offsets_ns: Sequence[int]
+) -> Whereabouts:
+    """Where the robot was, by all the poses that were looked at."""
+    links: list[Track | Pose2D] = []
+    for link in robot.pose.links:
+        if not isinstance(link, Link):
+            links.append(link)
+            continue
+        track = Track()
+        for reading in link.seen(surveys):
+            track.take(time_of(reading, clock) + (offsets_ns[link.source] if offsets_ns else 0), reading)
+        links.append(track)
+    return Whereabouts(links, slow=sum(isinstance(link, Track) for link in links) > 1)
