@@ -199,4 +199,5 @@ def replay(
     if not as_json:
         messages.tell_where(made.files[0].parent)
     if made.faults:
-        raise InputError("; ".join(made.faults)[:600])
+        where = f"what came of it is in {made.files[0].parent}"
+        raise InputError(f"{'; '.join(made.faults)[:400]}; {where}")

@@ -40,8 +40,7 @@ HOLD_NS = NS // 3
 EXACT_ENDING = "_exact"
 """of the topic that ``export`` writes beside a scan's: the same numbers with 64 bits"""
 LEAST_BEAM_ANGLE_RAD = 1e-5
-LARGEST_JUMP_NS = 3600 * NS
-"""a stamp that lies farther from the one before is no time"""
+NO_POSE_BEFORE = "has no pose before it"
 
 
 class Seen(NamedTuple):
@@ -315,7 +314,7 @@ class Replay:
             return False
         told = self._where[robot].at(item.time_ns)
         if told is None:
-            self.tally.skip("has no pose before it", self._told_where(item))
+            self.tally.skip(NO_POSE_BEFORE, self._told_where(item))
             return False
         if told.age_s > self._options.max_pose_age_s:
             why = f"lies more than {self._options.max_pose_age_s:g} s from a pose"

@@ -33,7 +33,7 @@ from midnet_bench.recording.plan import (
 )
 from midnet_bench.recording.ray_counts import RayCounts
 from midnet_bench.recording.readings import NS, GridReading, Source
-from midnet_bench.recording.replay import Replay, ReplayFrame, ReplayOptions
+from midnet_bench.recording.replay import NO_POSE_BEFORE, Replay, ReplayFrame, ReplayOptions
 from midnet_bench.recording.samples import samples_of
 from midnet_bench.recording.scores import ScoreOptions, Scorer, sector_of
 from midnet_bench.recording.settings import Preset, ReplaySettings
@@ -431,7 +431,7 @@ def _replay(
         except InputError as error:
             faults.append(str(error))
     progress(1.0)
-    faults += told_after(played, robots)
+    faults += told_after(played, note)
     if not played.tally.frames:
         raise InputError("; ".join(faults) or f"{wishes.files[0]}: no frame came of it")
     rows = {name: explainer.settled() for name, explainer in explainers.items()}
@@ -611,15 +611,23 @@ def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list
     return lines
 
 
-def told_after(played: Replay, robots: Sequence[RobotPlan]) -> list[str]:
+AT_THE_START, AT_THE_START_SHARE = 3, 0.02
+"""so many scans that no pose comes before are told, and are no fault"""
+
+
+def told_after(played: Replay, note: Note) -> list[str]:
     """What went wrong on the way, a line each."""
     lines = []
     tally = played.tally
+    taken_at_all = sum(tally.scans.values())
     for why, count in tally.skipped.items():
-        taken = sum(tally.scans.values())
-        lines.append(
-            f"{count} of {count + taken} scans were left out: each {why}; the first: {tally.first[why]}"
-        )
+        line = f"{count} of {count + taken_at_all} scans were left out: each {why}; the first: "
+        line += tally.first[why]
+        # poses begin a little after the scans
+        if why == NO_POSE_BEFORE and count <= max(AT_THE_START, AT_THE_START_SHARE * taken_at_all):
+            note(line)
+        else:
+            lines.append(line)
     lines += played.void_poses()
     for name, taken in played.pose_times():
         if not taken:
