@@ -21,6 +21,7 @@ from midnet_bench.io.map_server import load_map
 from midnet_bench.recording import causes
 from midnet_bench.recording.bags import Bag, is_bag
 from midnet_bench.recording.clock import Clock
+from midnet_bench.recording.localize import Localizer
 from midnet_bench.recording.plan import (
     AllyPlan,
     Link,
@@ -404,7 +405,17 @@ def _replay(
     faults: list[str] = []
     for robot in robots:
         faults += told_of_fit(surveys, robot, prior_map, options, note)
-    played = Replay(sources, robots, allies, prior_map, settings, options, followed=label_topics)
+    correctors = [Localizer(prior_map) for _ in robots] if wishes.localize else []
+    played = Replay(
+        sources,
+        robots,
+        allies,
+        prior_map,
+        settings,
+        options,
+        followed=label_topics,
+        correctors=correctors,
+    )
     counts = RayCounts(prior_map.resolution, prior_map.origin, (prior_map.height, prior_map.width))
     explainers = {
         name: causes.Explainer(name, prior_map, played.nodes[name], one, counts)
