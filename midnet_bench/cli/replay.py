@@ -129,6 +129,13 @@ def replay(
         bool,
         typer.Option("--check", help="Only say whether scans, poses and map fit, and what would mend it."),
     ] = False,
+    film: Annotated[
+        bool, typer.Option("--film", help="Draw the recording: trial.mp4 and storyboard.png.")
+    ] = False,
+    unmapped: Annotated[
+        bool,
+        typer.Option("--unmapped", help="Write what stays put and is not on the map, and a map with it."),
+    ] = False,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -184,6 +191,8 @@ def replay(
         sector=sector,
         window_m=window,
         localize=localize,
+        film=film,
+        unmapped=unmapped,
         output=output,
     )
     if check:

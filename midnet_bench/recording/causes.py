@@ -30,6 +30,7 @@ MISSES = {
     "beyond_range": "its returns lie beyond the obstacle range",
     "outside_window": "its returns lie outside the local costmap",
     "outside_map": "its returns lie outside the prior map",
+    "unknown_cells": "the map knows nothing where it is, which counts as a wall",
     "under_prior": "the inflated prior map lies over it",
     "too_few_returns": "its box held fewer returns than min_returns asks for",
     "too_small": "its box had fewer cells than min_area_cells asks for",
@@ -195,7 +196,11 @@ class Explainer:
                 continue
             reach = math.ceil(self._settings.local_reach_m / prior.resolution)
             if not self._is_left(robot.d, points[on], reach):
-                stages.append("under_prior")
+                on_map = cells_of(self._map, points)
+                on_map = on_map[self._on_map(on_map)]
+                unknown = self._map.data[on_map[:, 1], on_map[:, 0]] < 0
+                counts = self._settings.prior.unknown == "occupied" and unknown.mean() > 0.5
+                stages.append("unknown_cells" if counts else "under_prior")
                 continue
             grown = [
                 box
@@ -343,7 +348,7 @@ class Explainer:
     def settled(self) -> list[ErrorRow]:
         """All rows, with ``unmapped`` where the whole recording shows that what is there stays put."""
         rows = list(self.rows)
-        stays = self.counts.what_stays()
+        stays = self.counts.near_what_stays()
         for row, points in self._suspects:
             cells = np.floor((points - self.counts.origin) / self.counts.resolution_m).astype(np.int64)
             height, width = stays.shape

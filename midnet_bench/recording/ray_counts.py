@@ -101,15 +101,18 @@ class RayCounts:
         cells[(self.shares() >= hit_threshold) & (self.hits >= SEEN_TWICE)] = 100
         return OccupancyGrid(cells, self.resolution_m, self.origin)
 
-    def what_stays(self) -> npt.NDArray[np.bool_]:
-        """(rows, columns) cells that hold what stays put, and the cells beside them."""
+    def stays(self) -> npt.NDArray[np.bool_]:
+        """(rows, columns) cells that hold what stays put, walls among them."""
         if self.began_s is None or self.newest_s is None:
             return np.zeros(self.hits.shape, np.bool_)
         least_s = min(STAYS_S, STAYS_OF_ALL * (self.newest_s - self.began_s))
         spans = self.last_s - self.first_s
         often = (self.shares() >= STAYS_SHARE) & (self.hits > SEEN_TWICE)
-        stays = often & (spans >= least_s) & (spans > 0.0)
-        return np.asarray(cv2.dilate(stays.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.bool_))
+        return np.asarray(often & (spans >= least_s) & (spans > 0.0))
+
+    def near_what_stays(self) -> npt.NDArray[np.bool_]:
+        """The same with the cells beside them."""
+        return np.asarray(cv2.dilate(self.stays().astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
 
     def newest_hit_s(self, corner: tuple[float, float], opposite: tuple[float, float]) -> float:
         """When a cell of a rectangle was hit last, seconds of the scans' clock; -inf if never."""

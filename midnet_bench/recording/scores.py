@@ -9,7 +9,15 @@ from midnet_bench.geometry import Box, wrap_angle
 from midnet_bench.recording.causes import Explainer, near
 from midnet_bench.recording.replay import ReplayFrame
 from midnet_bench.recording.truth import Label, Labels, matched
-from midnet_bench.scoring.frame_counts import NOTHING, FrameCounts, TruthObject, count_frame, ratios, total
+from midnet_bench.scoring.frame_counts import (
+    NOTHING,
+    FrameCounts,
+    FrameMatch,
+    TruthObject,
+    count_frame,
+    ratios,
+    total,
+)
 
 FULL_CIRCLE_RAD = math.tau - 1e-6
 
@@ -41,15 +49,21 @@ class Score:
     by_name: dict[str, list[int]] = field(default_factory=dict)
     """label -> times in range, times found"""
 
-    def row(self, name: str) -> dict[str, float | int | str]:
-        """A row of the table of scores; the columns are those of a trial's."""
-        counts = self.counts
-        paper = ratios(counts.tp, counts.fp, counts.fn)
-        own = ratios(counts.matched, counts.fp + counts.duplicates, counts.missed)
-        labelled = max(self.labelled, 1)
+    def looked_at(self, name: str) -> dict[str, float | int | str]:
+        """What there was to look at: a row of the table of frames."""
         return {
             "preset": name,
             "frames": self.frames,
+            "boxes": self.boxes,
+            "boxes_per_frame": self.boxes / max(self.frames, 1),
+        }
+
+    def scored(self, name: str) -> dict[str, float | int | str]:
+        """The paper's counts and ratios; the columns are those of a trial's."""
+        counts = self.counts
+        paper = ratios(counts.tp, counts.fp, counts.fn)
+        return {
+            "preset": name,
             "labelled": self.labelled,
             "in_range": counts.in_range,
             "not_visible": self.not_visible,
@@ -57,15 +71,31 @@ class Score:
             "fp": counts.fp,
             "fn": counts.fn,
             **paper._asdict(),
+        }
+
+    def paired(self, name: str) -> dict[str, float | int | str]:
+        """The same by one-to-one matching, as in a trial's tables."""
+        counts = self.counts
+        own = ratios(counts.matched, counts.fp + counts.duplicates, counts.missed)
+        return {
+            "preset": name,
             "matched": counts.matched,
+            "fp": counts.fp,
             "duplicates": counts.duplicates,
             "missed": counts.missed,
-            "precision_one_to_one": own.precision,
-            "recall_one_to_one": own.recall,
-            "f1_one_to_one": own.f1,
-            "gospa_per_frame_m": counts.gospa_m / labelled,
-            "boxes_per_frame": self.boxes / max(self.frames, 1),
+            **own._asdict(),
+            "mean_error_m": counts.error_sum_m / counts.matched if counts.matched else math.nan,
+            "gospa_per_frame_m": counts.gospa_m / max(self.labelled, 1),
         }
+
+
+class Judged(NamedTuple):
+    """Of one frame with labels."""
+
+    labels: list[Label]
+    in_range: list[bool]
+    """for each label, whether missing it counts"""
+    match: FrameMatch
 
 
 class Sight(NamedTuple):
@@ -84,15 +114,15 @@ class Scorer:
         self._look, self._explainer, self._range_m, self._options = look, explainer, range_m, options
         self.score = Score()
 
-    def take(self, frame: ReplayFrame, labels: Labels | None) -> None:
-        """One frame, and what is known of it; None where nobody labelled it."""
+    def take(self, frame: ReplayFrame, labels: Labels | None) -> Judged | None:
+        """One frame, and what is known of it; None where nobody labelled it. Who was paired with whom."""
         score, boxes = self.score, frame.looks[self._look].frame.detections
         score.frames += 1
         score.boxes += len(boxes)
         if labels is None:
             everyone: list[int | None] = [None] * len(boxes)
             self._explainer.boxes(frame, range(len(boxes)), None, everyone, [[]] * len(boxes), 0.0)
-            return
+            return None
         score.labelled += 1
         there, options = labels.there, self._options
         match = matched(boxes, there, options.distance_m)
@@ -116,6 +146,7 @@ class Scorer:
             self._explainer.misses(frame, there, missed, options.distance_m)
         if wrong:
             self._explainer.boxes(frame, wrong, labels, match.truth_of, match.touched, options.distance_m)
+        return Judged(there, in_range, match)
 
     def _sight(self, frame: ReplayFrame, label: Label) -> Sight:
         options, counts, visible = self._options, False, False

@@ -21,11 +21,14 @@ PRESETS: dict[Preset, dict[str, Scalar]] = {
         "local_map": "single_scan",
         "local_size_m": 0.0,
         "min_returns": 2,
+        "thresh_global": 20,
+        "unknown_in_prior": "occupied",
         "align": "origin",
         "ally_remove": "all",
     },
 }
-"""values that differ from the defaults, which are those of a trial; chosen as docs/recordings.md says"""
+"""values that differ from the defaults, which are those of a trial; ``benchmarks/real_preset.py``
+chose ``thresh_global``, ``min_returns`` and ``unknown_in_prior`` by the rule that it states"""
 
 
 @dataclass(frozen=True)

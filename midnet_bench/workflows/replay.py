@@ -17,7 +17,7 @@ from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import cannot_be_written, write_atomically
-from midnet_bench.io.map_server import load_map
+from midnet_bench.io.map_server import load_map, save_map
 from midnet_bench.recording import causes
 from midnet_bench.recording.bags import Bag, is_bag
 from midnet_bench.recording.clock import Clock
@@ -42,6 +42,8 @@ from midnet_bench.recording.setup_check import Proposal, SetBy, find_setup, line
 from midnet_bench.recording.survey import Survey, listing, survey
 from midnet_bench.recording.tables import read_text
 from midnet_bench.recording.truth import Label, Labels, LabelTable
+from midnet_bench.recording.unmapped import csv_of, unmapped
+from midnet_bench.workflows.replay_film import film
 
 EXPORTED = "/midnet/replay"
 """the topic in which ``export`` says how a trial is replayed"""
@@ -73,6 +75,8 @@ class ReplayWishes:
     sector: str | None = None
     window_m: float | None = None
     localize: bool = False
+    film: bool = False
+    unmapped: bool = False
     output: Path | None = None
 
 
@@ -426,7 +430,22 @@ def _replay(
     }
     reach_m = 2.0 * max(one.range_m for one in settings.values())
     folder = wishes.output or Path("results") / f"replay-{names[0]}"
-    with _boxes_file(folder) as boxes:
+    first = wishes.presets[0]
+    with _boxes_file(folder) as boxes, ExitStack() as stack:
+        append = None
+        if wishes.film:
+            append = stack.enter_context(
+                film(
+                    f"{names[0]}, preset {first}",
+                    first,
+                    played,
+                    prior_map,
+                    main,
+                    frames_hz(surveys, robots, options),
+                    labelled_at_once(table, label_topics),
+                    folder,
+                )
+            )
         try:
             for frame in played.frames():
                 if until_ns is not None and frame.time_ns < until_ns:
@@ -436,8 +455,10 @@ def _replay(
                         counts.take(one.scan, min(reach_m, one.scan.lidar.range_max_m))
                 labels = _labels(frame, table, wishes.max_pose_age_s)
                 for name, scorer in scorers.items():
-                    scorer.take(frame, labels)
+                    judged = scorer.take(frame, labels)
                     _write_boxes(boxes, frame, name)
+                    if append is not None and name == first:
+                        append(frame, judged, scorer.score)
                 progress(played.done)
         except InputError as error:
             faults.append(str(error))
@@ -447,13 +468,17 @@ def _replay(
         raise InputError("; ".join(faults) or f"{wishes.files[0]}: no frame came of it")
     rows = {name: explainer.settled() for name, explainer in explainers.items()}
     tables = [
-        score_table(scorers, bool(wishes.truth)),
-        cause_table(rows, scorers),
+        *score_tables(scorers, bool(wishes.truth)),
+        cause_table(rows),
     ]
     files = [folder / "boxes.csv"]
     for made in tables:
         files += made.write(folder)
     files.append(_write_errors(folder, rows))
+    if wishes.film:
+        files += [folder / "trial.mp4", folder / "storyboard.png"]
+    if wishes.unmapped:
+        files += write_unmapped(folder, counts, prior_map, played.nodes[first].prior, note)
     return Replayed(tables, lines, files, faults)
 
 
@@ -466,6 +491,33 @@ def _labels(frame: ReplayFrame, table: LabelTable | None, max_age_s: float) -> L
         if told is not None and told.age_s <= max_age_s
     ]
     return Labels(there, []) if there else None
+
+
+def frames_hz(surveys: Sequence[Survey], robots: Sequence[RobotPlan], options: ReplayOptions) -> float:
+    """How many frames a second the recording gives."""
+    if options.rate_hz is not None:
+        return options.rate_hz
+    scans = sum(surveys[one.source].streams[one.scan_topic].topic.messages for one in robots)
+    return max(scans / max(max(one.duration_s for one in surveys), 0.1), 0.5)
+
+
+def labelled_at_once(table: LabelTable | None, topics: Sequence[AllyPlan]) -> int:
+    """How many objects there are labels of."""
+    if table is None:
+        return len(topics)
+    names = {one.name for there in table.by_index.values() for one in there}
+    return len(names | table.by_time.keys())
+
+
+def write_unmapped(
+    folder: Path, counts: RayCounts, prior_map: OccupancyGrid, prior: OccupancyGrid, note: Note
+) -> list[Path]:
+    """Write what stays put and is not on the map: ``unmapped.csv``, and the map with it."""
+    things, patched = unmapped(counts, prior_map, prior)
+    write_atomically(folder / "unmapped.csv", csv_of(things))
+    save_map(patched, folder / "map_with_unmapped.yaml", comment="with what stays put and was not on it")
+    note(f"{len(things)} things stay put and are not on the map; map_with_unmapped.yaml has them")
+    return [folder / "unmapped.csv", folder / "map_with_unmapped.yaml"]
 
 
 def told_before(
@@ -651,16 +703,21 @@ def told_after(played: Replay, note: Note) -> list[str]:
     return lines
 
 
-def score_table(scorers: Mapping[str, Scorer], has_truth: bool) -> Table:
-    """A row for each preset."""
-    rows = [scorer.score.row(name) for name, scorer in scorers.items()]
-    if not has_truth:
-        kept = ("preset", "frames", "boxes_per_frame")
-        rows = [{key: row[key] for key in kept} for row in rows]
-    return Table("recording_scores", "Scores of the recording", rows)
+def score_tables(scorers: Mapping[str, Scorer], has_truth: bool) -> list[Table]:
+    """A row for each preset: what was looked at; with labels, the paper's scores and one-to-one scores."""
+    scores = {name: scorer.score for name, scorer in scorers.items()}
+    frames = [one.looked_at(name) for name, one in scores.items()]
+    tables = [Table("recording_frames", "Frames and boxes", frames)]
+    if has_truth:
+        paper = [one.scored(name) for name, one in scores.items()]
+        own = [one.paired(name) for name, one in scores.items()]
+        title = "One-to-one matching: further boxes on one label are false"
+        tables.append(Table("recording_scores", "Detection scores, as the paper counts", paper))
+        tables.append(Table("recording_matching", title, own))
+    return tables
 
 
-def cause_table(rows: Mapping[str, Sequence[causes.ErrorRow]], scorers: Mapping[str, Scorer]) -> Table:
+def cause_table(rows: Mapping[str, Sequence[causes.ErrorRow]]) -> Table:
     """How many errors of each cause, by preset."""
     found: list[dict[str, Scalar]] = []
     for name, errors in rows.items():
