@@ -26,9 +26,9 @@ from midnet_bench.recording.setup_search import (
 QUICK_SAMPLES, QUICK_BEAMS = 40, 40
 FULL_SAMPLES, FULL_BEAMS = 120, 90
 WORTH = 0.03
-"""Another setup is proposed only if it brings at least so much more of the returns onto walls ..."""
+"""Another setup is proposed only if it brings at least so much more of the returns onto walls."""
 ALARM = 0.06
-"""... and a replay warns only of one that brings so much more."""
+"""A replay warns only of one that raises that share, or the mean closeness to walls, by so much."""
 GOOD, POOR = 0.6, 0.4
 """A better setup that brings fewer returns than the one onto walls may be so by chance. If there is no better
 one, and as it is fewer than the other lie on walls, the map is taken for one of another place."""
@@ -123,7 +123,9 @@ def verdict(samples: Sequence[Sample], grid: OccupancyGrid, set_by: SetBy | None
     best, others, plain = _one_change(search)
     if best.share < GOOD:
         best, others = _anywhere(search, best, others)
-    if best.share >= plain.share + ALARM and best.share >= GOOD:
+    gain = max(best.share - plain.share, best.score - plain.score)
+    is_better = best.share >= plain.share + WORTH and gain >= ALARM
+    if is_better and best.share >= GOOD:
         proposal = _proposal(search, plain, best, others)
         return Verdict(
             False,
