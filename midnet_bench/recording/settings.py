@@ -25,6 +25,7 @@ PRESETS: dict[Preset, dict[str, Scalar]] = {
         "unknown_in_prior": "occupied",
         "align": "origin",
         "ally_remove": "all",
+        "iou_ally": 0.05,
     },
 }
 """values that differ from the defaults, which are those of a trial; ``benchmarks/real_preset.py``
