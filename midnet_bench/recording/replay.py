@@ -236,6 +236,11 @@ class Replay:
                 item = heapq.heappop(pending)
                 passed_ns = item.time_ns
                 yield from self._passed(item)
+        # a frame that is due after the last reading, before the recording ends
+        if period_ns is not None and due_ns is not None and now_ns is not None:
+            end_ns = max(source.end_ns + self._offset(number) for number, source in enumerate(self._sources))
+            if round(due_ns * period_ns) <= min(end_ns, now_ns + round(period_ns)):
+                heapq.heappush(pending, _Pending(round(due_ns * period_ns), 1 << 62, None, None, None, -1))
         while pending:
             yield from self._passed(heapq.heappop(pending))
 

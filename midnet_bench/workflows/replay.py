@@ -263,8 +263,8 @@ def _background(
     wishes: ReplayWishes, surveys: Sequence[Survey], robots: Sequence[RobotPlan], note: Note
 ) -> tuple[OccupancyGrid, int | None]:
     """A map by ray counting over another recording, or over the first seconds of this one."""
-    said = f"--background {wishes.background}"
     assert wishes.background is not None
+    said = f"--background {wishes.background}"
     counts = RayCounts(wishes.resolution_m)
     until_ns: int | None = None
     options = _options(wishes, None)
@@ -273,14 +273,14 @@ def _background(
         seconds = number_of(wishes.background.removeprefix(FIRST), said)
         if seconds <= 0.0:
             raise InputError(f"{said}: {seconds:g} s is no time; give such as first-10")
-        until_ns = min(one.source.start_ns for one in surveys) + round(seconds * NS)
-        taken = _count(counts, [one.source for one in surveys], robots, options, until_ns)
+        sources = [one.source for one in surveys]
+        taken, until_ns = _count(counts, sources, robots, options, round(seconds * NS))
     else:
         path = Path(wishes.background)
         with opened([path]) as sources:
             own = [survey(sources[0])]
             recorded = robots_of(own, replace(wishes.recording, ally=()), file_names([path]))
-            taken = _count(counts, sources, recorded, replace(options, offsets_ns=()), None)
+            taken, _ = _count(counts, sources, recorded, replace(options, offsets_ns=()), None)
     if not taken:
         raise InputError(f"{said}: no scan of it has a pose; the map would be empty")
     grid = counts.map(wishes.hit_threshold)
@@ -296,20 +296,22 @@ def _count(
     sources: Sequence[Source],
     robots: Sequence[RobotPlan],
     options: ReplayOptions,
-    until_ns: int | None,
-) -> int:
-    """Count the rays of the scans, those recorded before an instant if one is given; how many they were."""
+    lasts_ns: int | None,
+) -> tuple[int, int | None]:
+    """Count the rays of the scans, or of the first ``lasts_ns``; how many scans they were, and until when."""
     empty = OccupancyGrid(np.zeros((1, 1), np.int8), counts.resolution_m, (0.0, 0.0))
     replay = Replay(sources, robots, [], empty, {}, options)
-    taken = 0
+    taken, until_ns = 0, None
     for frame in replay.frames():
+        if until_ns is None and lasts_ns is not None:
+            until_ns = frame.time_ns + lasts_ns
         if until_ns is not None and frame.time_ns >= until_ns:
             break
         for one in frame.seen:
             if one.robot == frame.scanned and one.scan is not None:
                 counts.take(one.scan)
                 taken += 1
-    return taken
+    return taken, until_ns
 
 
 def _options(wishes: ReplayWishes, offsets: Sequence[int] | None) -> ReplayOptions:

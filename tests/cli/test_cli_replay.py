@@ -1,0 +1,150 @@
+"""``replay`` on the command line: an exported trial comes back, others' recordings are scored."""
+
+import json
+from collections import defaultdict
+from pathlib import Path
+
+import pytest
+
+from midnet_bench.io.map_server import load_map
+from tests.cli.command import REPOSITORY, Done, midnet_bench, rows
+from tests.recording.test_export import read
+
+RECORDINGS = REPOSITORY.parent / "shared" / "data" / "recordings"
+MOUNT = "-0.153,0.021,0.3724"
+NS = 1_000_000_000
+
+Sides = tuple[float, ...]
+
+
+def exported_boxes(path: Path) -> dict[int, list[Sides]]:
+    """Frame's time, ns -> the team's boxes, millimetres."""
+    found: dict[int, list[Sides]] = {}
+    for one in read(path):
+        if one.topic == "/midnet/detections":
+            found[one.stamp_ns] = sorted(
+                (
+                    round(cube.pose.position.x - cube.scale.x / 2.0, 3),
+                    round(cube.pose.position.y - cube.scale.y / 2.0, 3),
+                    round(cube.pose.position.x + cube.scale.x / 2.0, 3),
+                    round(cube.pose.position.y + cube.scale.y / 2.0, 3),
+                )
+                for cube in one.message.markers
+                if cube.action == 0
+            )
+    return found
+
+
+def replayed_boxes(folder: Path) -> dict[int, list[Sides]]:
+    found: dict[int, list[Sides]] = defaultdict(list)
+    for row in rows(folder / "boxes.csv"):
+        sides = tuple(round(float(row[side]), 3) for side in ("x_min_m", "y_min_m", "x_max_m", "y_max_m"))
+        found[round(float(row["t"]) * NS)].append(sides)
+    return {time: sorted(boxes) for time, boxes in found.items()}
+
+
+@pytest.mark.parametrize(
+    ("form", "name"),
+    [
+        ("mcap", "trial.mcap"),
+        pytest.param("ros1", "trial.bag", marks=pytest.mark.slow),
+        pytest.param("ros2", "trial", marks=pytest.mark.slow),
+    ],
+)
+def test_an_exported_trial_gives_its_detections_again(tmp_path: Path, form: str, name: str) -> None:
+    trial = ("detection", "--engine", "fast", "--robots", 5, "--set", "frames=12", "--seed", 7)
+    assert midnet_bench("export", *trial, "--format", form, "-o", name, folder=tmp_path).returncode == 0
+    listed = midnet_bench("replay", name, folder=tmp_path)
+    assert listed.returncode == 0, listed.stderr
+    (proposed,) = (line for line in listed.stderr.splitlines() if line.startswith("proposed: "))
+    command = proposed.removeprefix("proposed: midnet-bench ").split()
+    done = midnet_bench(*command, "-o", "again", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    wanted = exported_boxes(tmp_path / name)
+    assert len(wanted) == 12
+    assert sum(map(len, wanted.values())) > 12
+    got = replayed_boxes(tmp_path / "again")
+    assert {time: boxes for time, boxes in wanted.items() if boxes} == got
+
+
+def played(folder: Path, name: str, *more: object) -> Done:
+    if not RECORDINGS.exists():
+        pytest.skip("needs ../shared/data/recordings, bags that others recorded and that are no part of this")
+    place = RECORDINGS / name
+    return midnet_bench(
+        "replay",
+        place / f"{name}.bag",
+        "--map",
+        place / "map.yaml",
+        "--pose",
+        "/ego_pose",
+        "--clock",
+        "record",
+        *more,
+        folder=folder,
+    )
+
+
+@pytest.mark.parametrize(("name", "labels"), [("overtake_red", 130), ("intersection", 24)])
+def test_cars_in_a_room_are_found_and_each_error_has_a_cause(tmp_path: Path, name: str, labels: int) -> None:
+    truth = RECORDINGS / name / "truth.csv"
+    done = played(tmp_path, name, "--mount", MOUNT, "--truth", truth, "-o", "out")
+    assert done.returncode == 0, done.stderr
+    assert "scans, poses and map fit" in done.stderr
+    assert "ms before it was recorded" in done.stderr
+    scores = {row["preset"]: row for row in rows(tmp_path / "out" / "recording_scores.csv")}
+    paired = {row["preset"]: row for row in rows(tmp_path / "out" / "recording_matching.csv")}
+    assert int(scores["real"]["in_range"]) == labels
+    assert float(scores["real"]["recall"]) == 1.0
+    assert min(float(scores["real"]["precision"]), float(paired["real"]["precision"])) >= 0.98
+    errors = rows(tmp_path / "out" / "errors.csv")
+    assert all(row["cause"] for row in errors)
+    missed = sum(row["kind"] == "miss" for row in errors if row["preset"] == "paper")
+    false = sum(row["kind"] == "false" for row in errors if row["preset"] == "paper")
+    assert missed == int(paired["paper"]["missed"])
+    assert false == int(scores["paper"]["fp"])
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ((), "--mount -0.1"),
+        (("--mount", MOUNT, "--mirror"), "the scans are mirrored"),
+        (("--mount", "-0.153,0.021,180.37"), "the scans are turned by 180 degrees"),
+    ],
+)
+def test_a_wrong_setup_is_told_before_any_score(tmp_path: Path, more: tuple[str, ...], said: str) -> None:
+    done = played(tmp_path, "overtake_red", *more, "--preset", "real", "-o", "out")
+    assert done.returncode == 2
+    first = next(line for line in done.stderr.splitlines() if line.startswith("does not fit: "))
+    assert said in first
+    assert (tmp_path / "out" / "boxes.csv").exists()
+
+
+def test_a_check_finds_the_mount(tmp_path: Path) -> None:
+    done = played(tmp_path, "intersection", "--check", "--json")
+    assert done.returncode == 0, done.stderr
+    (table,) = json.loads(done.stdout)["tables"].values()
+    found = {row["parameter"]: row["value"] for row in table}
+    assert abs(found["mount x"] + 0.153) < 0.03
+    assert abs(found["mount y"] - 0.021) < 0.03
+    assert abs(found["mount yaw"] - 0.372) < 1.0
+
+
+@pytest.mark.slow
+def test_a_film_and_what_the_map_lacks(tmp_path: Path) -> None:
+    done = played(tmp_path, "intersection", "--mount", MOUNT, "--film", "--unmapped", "-o", "out")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "trial.mp4").stat().st_size > 10_000
+    assert (tmp_path / "out" / "storyboard.png").stat().st_size > 10_000
+    patched = load_map(tmp_path / "out" / "map_with_unmapped.yaml")
+    assert patched.data.shape == load_map(RECORDINGS / "intersection" / "map.yaml").data.shape
+
+
+def test_a_declared_ally_is_no_intruder(tmp_path: Path) -> None:
+    done = played(
+        tmp_path, "overtake_red", "--mount", MOUNT, "--ally", "red=/red_pose", "--preset", "real", "-o", "out"
+    )
+    assert done.returncode == 0, done.stderr
+    frames = {row["frame"] for row in rows(tmp_path / "out" / "boxes.csv")}
+    assert len(frames) <= 1
