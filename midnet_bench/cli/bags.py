@@ -1,7 +1,7 @@
 """The commands that speak ROS: ``export`` and ``ros1-node``."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -95,3 +95,69 @@ def export(
             progress=lambda done, most: shown.show(done, most, f"frame {done} of at most {most}"),
         )
     typer.echo(path)
+
+
+@command("Recordings", "ros1-node", example="midnet-bench ros1-node guard_1 guard_2 --set local_size_m=6")
+def ros1_node(
+    robots: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="NAME...", help="The robots; also ROS's remappings, such as /guard_1/scan:=/tb3_0/scan."
+        ),
+    ],
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE", help="The prior map: a map_server YAML (default topic /map)."),
+    ] = None,
+    pose: Annotated[
+        Literal["topic", "tf"], typer.Option(help="Poses are from the topics /NAME/pose, or from tf.")
+    ] = "topic",
+    mount: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,YAW_DEG", help="Where each laser sits on its robot (default from /tf_static)."
+        ),
+    ] = None,
+    no_return: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="CODE=MEANING",
+            help="What inf, nan, zero, below or above means: clears (inf, above) or nothing.",
+        ),
+    ] = None,
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Frames a second, by the stamps.")] = 5.0,
+    patience: Annotated[
+        float,
+        typer.Option(metavar="S", help="Make a frame so long after its time even if a robot is silent."),
+    ] = 1.0,
+    preset: Annotated[
+        Literal["real", "paper"], typer.Option(help="Which values: for real robots, or the paper's.")
+    ] = "real",
+    settings: options.Settings = None,
+) -> None:
+    """Run MIDNet as a node of ROS 1: /map, /NAME/scan and poses in, /midnet/detections (MarkerArray) out.
+
+    It takes rospy from Debian's packages (docs/ros.md). A frame has all that was said up to its stamp,
+    however fast or late messages come.
+    """
+    from midnet_bench.campaign.definition import parse_settings
+    from midnet_bench.io.map_server import load_map
+    from midnet_bench.recording import ros1_node as node
+    from midnet_bench.recording.live import LiveOptions
+    from midnet_bench.recording.no_return import parsed
+    from midnet_bench.recording.plan import mount_of
+    from midnet_bench.recording.settings import ReplaySettings
+
+    values = parse_settings(settings or [], None)
+    ReplaySettings.from_flat(values)  # what is wrong with them is told before anybody waits for a map
+    chosen = LiveOptions(
+        [name for name in robots if ":=" not in name],
+        lambda resolution_m: ReplaySettings.of(preset, values, resolution_m),
+        pose == "tf",
+        None if mount is None else mount_of(mount, "--mount"),
+        parsed(no_return or ()),
+        rate,
+        patience,
+    )
+    prior_map = None if map_file is None else load_map(map_file)
+    node.spin(chosen, prior_map, [name for name in robots if ":=" in name])

@@ -7,6 +7,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.errors import InputError
+from midnet_bench.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
+
 Floats = npt.NDArray[np.float64]
 
 NS = 1_000_000_000
@@ -119,6 +122,21 @@ class GridReading(NamedTuple):
     """(rows, columns), row 0 at the lowest y"""
     resolution_m: float
     origin: Transform
+
+    def as_map(self) -> OccupancyGrid:
+        """The prior map that it is, int8: 100 occupied, 0 free, -1 unknown. Raises InputError: it is none."""
+        if abs(self.origin.yaw) > 1e-6:
+            raise InputError(
+                f"--map {self.topic}: its origin is turned by {self.origin.yaw:g} rad; only 0 is taken"
+            )
+        if not (0.0 < self.resolution_m < math.inf and self.cells.size):
+            raise InputError(
+                f"--map {self.topic}: {self.cells.size} cells of {self.resolution_m:g} m cannot be"
+            )
+        # messages round to 32 bits; saved maps have six digits
+        resolution_m = round(self.resolution_m, 6)
+        cells = np.where(self.cells >= OCCUPIED_FROM, OCCUPIED, np.where(self.cells < 0, UNKNOWN, FREE))
+        return OccupancyGrid(cells.astype(np.int8), resolution_m, (self.origin.x, self.origin.y))
 
 
 class TextReading(NamedTuple):

@@ -245,17 +245,7 @@ def map_of_topic(surveys: Sequence[Survey], topic: str) -> OccupancyGrid:
         for reading in one.source.readings({topic}):
             if not isinstance(reading, GridReading):
                 break
-            if abs(reading.origin.yaw) > 1e-6:
-                raise InputError(
-                    f"--map {topic}: its origin is turned by {reading.origin.yaw:g} rad; only 0 is taken"
-                )
-            if not 0.0 < reading.resolution_m < math.inf:
-                raise InputError(f"--map {topic}: a resolution of {reading.resolution_m:g} m cannot be")
-            # messages round to 32 bits; saved maps have six digits
-            resolution_m = round(reading.resolution_m, 6)
-            cells = np.where(reading.cells >= 65, 100, np.where(reading.cells < 0, -1, reading.cells))
-            cells = np.where((cells >= 0) & (cells < 100), 0, cells).astype(np.int8)
-            return OccupancyGrid(cells, resolution_m, (reading.origin.x, reading.origin.y))
+            return reading.as_map()
     raise InputError(f"--map {topic}: holds no map (nav_msgs/OccupancyGrid)")
 
 

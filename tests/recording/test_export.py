@@ -223,11 +223,16 @@ def test_grids_lie_on_the_lattice_of_the_map(exported: list[Said]) -> None:
     assert 100 in last["/guard_1/costmap"].data
 
 
-def test_stamps_tell_times_that_marks_are_forgotten_at(tmp_path: Path) -> None:
-    # at ten scans a second a mark is as old as decay_s to the last bit, or older by it
-    parameters: dict[str, Scalar] = {**TEAM, "robots": 2, "lidar_hz": 10, "decay_s": 0.3}
-    export_trial("detection", parameters, SEED, tmp_path / "trial.mcap")
-    assert Replayed(list(read(tmp_path / "trial.mcap"))).frames() == trials_own(parameters, SEED)
+def test_stamps_tell_the_times_that_marks_are_forgotten_at(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # two scans later a mark is as old as decay_s, or older by the last bit of a time
+    parameters: dict[str, Scalar] = {**TEAM, "robots": 3, "frames": 20, "decay_s": 0.4}
+    export_trial("detection", parameters, 1, tmp_path / "trial.mcap")
+    said, own = list(read(tmp_path / "trial.mcap")), trials_own(parameters, 1)
+    assert Replayed(said).frames() == own
+    monkeypatch.setattr(Replayed, "time_s", lambda self, stamp_ns: stamp_ns / NS)
+    assert Replayed(said).frames() != own
 
 
 def test_a_labyrinth_trial_is_written_to_its_end(tmp_path: Path) -> None:
