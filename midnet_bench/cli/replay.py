@@ -157,10 +157,12 @@ def replay(
 
     note = messages.log.info
     if map is None and background is None:
-        tables, lines = workflow.list_topics(files)
+        tables, lines, faults = workflow.list_topics(files)
         show(None, tables, as_json)
         for line in lines:
             note("%s", line)
+        if faults:
+            raise InputError("; ".join(faults)[:600])
         return
     wishes = workflow.ReplayWishes(
         files=files,

@@ -13,8 +13,8 @@ Clock = Literal["header", "record"]
 KEPT_NS = 5 * NS
 """poses that are older than what is asked for by more than this are forgotten"""
 FORGET_EVERY = 512
-FOLLOWS_NS = NS // 2
-"""a transform whose last word is older than that, but that is known to be slow, is still trusted"""
+HOLDS = 3.0
+"""usual intervals for which a slow transform, such as map -> odom, is trusted after its last word"""
 
 
 class Told(NamedTuple):
@@ -40,6 +40,7 @@ class Track:
         """readings that were no pose: nan, inf, or a quaternion of no length"""
         self.first_void_ns: int | None = None
         self.taken = 0
+        self._first_ns = 0
 
     def take(self, time_ns: int, reading: PoseReading) -> None:
         """One more pose. One that is late takes its place; of two at one time the later one counts."""
@@ -49,6 +50,7 @@ class Track:
             return
         turn = reading.transform.normalized()
         pose = Pose2D(turn.x, turn.y, turn.yaw)
+        self._first_ns = self._first_ns if self.taken else time_ns
         self.taken += 1
         if not self._times or time_ns > self._times[-1]:
             self._times.append(time_ns)
@@ -65,6 +67,11 @@ class Track:
     def until_ns(self) -> int | None:
         """The time of the newest pose; None before the first."""
         return self._times[-1] if self._times else None
+
+    @property
+    def usual_s(self) -> float:
+        """From one pose to the next on the average; inf before the second."""
+        return (self._times[-1] - self._first_ns) / NS / (self.taken - 1) if self.taken > 1 else math.inf
 
     def at(self, time_ns: int) -> Told | None:
         """The pose at an instant, between the two that it lies between; None before the first."""
@@ -109,11 +116,9 @@ class Track:
 class Whereabouts:
     """Where one thing is: one track, or a chain of tf from the map down to it, with fixed links."""
 
-    def __init__(self, links: Sequence["Track | Pose2D"], slow: bool = False) -> None:
-        """``slow``: links of tf that come seldom (map -> odom) hold until they are told again."""
+    def __init__(self, links: Sequence["Track | Pose2D"]) -> None:
         self.links = links
         self.tracks = [link for link in links if isinstance(link, Track)]
-        self._slow = slow
 
     def is_known_at(self, time_ns: int) -> bool:
         """Whether each track has a reading at the instant or after it."""
@@ -130,8 +135,7 @@ class Whereabouts:
     def _joined(self, told: list[Told | None]) -> Told | None:
         if None in told:
             return None
-        moving, pose, age_s = iter(told), Pose2D(0.0, 0.0, 0.0), 0.0
-        ages = []
+        moving, pose = iter(told), Pose2D(0.0, 0.0, 0.0)
         for number, link in enumerate(self.links):
             if isinstance(link, Pose2D):
                 step = link
@@ -139,13 +143,30 @@ class Whereabouts:
                 one = next(moving)
                 assert one is not None
                 step = one.pose
-                ages.append(one.age_s)
             pose = step if number == 0 else pose.compose(step)
         if len(self.links) > 1:
             pose = pose._replace(yaw=wrap_angle(pose.yaw))
-        # of a chain the fastest link decides; a slow one, such as map -> odom, holds until it changes
-        age_s = (min(ages) if self._slow else max(ages)) if ages else math.inf
-        return Told(pose, age_s)
+        return Told(pose, max(self._ages_s([one.age_s for one in told if one is not None]), default=math.inf))
+
+    def _ages_s(self, ages_s: Sequence[float]) -> list[float]:
+        """Of each track what counts: a link slower than the fastest holds for a while until it changes."""
+        if len(ages_s) < 2:
+            return list(ages_s)
+        usual_s = [track.usual_s for track in self.tracks]
+        fastest = usual_s.index(min(usual_s))
+        return [
+            age_s if number == fastest else max(age_s - HOLDS * usual_s[number], 0.0)
+            for number, age_s in enumerate(ages_s)
+        ]
+
+    def missing(self, time_ns: int) -> list[int]:
+        """The tracks, by number, that have no pose before an instant."""
+        return [number for number, track in enumerate(self.tracks) if track.at(time_ns) is None]
+
+    def oldest(self, time_ns: int) -> int:
+        """The track, by number, whose pose lies farthest from an instant where all have one."""
+        ages_s = self._ages_s([one.age_s for track in self.tracks if (one := track.at(time_ns)) is not None])
+        return ages_s.index(max(ages_s))
 
     def forget(self, before_ns: int) -> None:
         """See :meth:`Track.forget`."""

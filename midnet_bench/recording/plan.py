@@ -9,8 +9,8 @@ from typing import NamedTuple, TypeVar
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Pose2D
 from midnet_bench.recording.no_return import Meaning, NoReturn, found_in
-from midnet_bench.recording.readings import NO_MOTION, POSE, SCAN, PoseReading, Transform
-from midnet_bench.recording.survey import Survey
+from midnet_bench.recording.readings import NO_MOTION, NS, POSE, SCAN, PoseReading, Transform
+from midnet_bench.recording.survey import Stream, Survey
 
 T = TypeVar("T")
 
@@ -60,6 +60,8 @@ class RobotPlan(NamedTuple):
     delay_ns: int
     """by which its scans are stamped too late"""
     no_return: NoReturn
+    beam_s: float
+    """from one beam to the next"""
 
 
 class AllyPlan(NamedTuple):
@@ -91,18 +93,18 @@ def named(texts: Sequence[str], names: Sequence[str], option: str) -> dict[str, 
         InputError: no robot has that name, or one is named twice.
     """
     found: dict[str, str] = {}
+    everybody: str | None = None
     for text in texts:
         name, sign, value = text.partition("=")
         if not sign:
-            for one in names:
-                found.setdefault(one, text)
+            everybody = text if everybody is None else everybody
             continue
         if name not in names:
             raise InputError(f"{option} {text}: no robot is called '{name}'{nearest_name(name, names)}")
-        if name in found and len(texts) > 1 and found[name] != value and text != texts[0]:
+        if name in found:
             raise InputError(f"{option} {text}: robot '{name}' is named twice")
         found[name] = value
-    return found
+    return found if everybody is None else dict.fromkeys(names, everybody) | found
 
 
 def robots_of(surveys: Sequence[Survey], wishes: Wishes, names_of_files: Sequence[str]) -> list[RobotPlan]:
@@ -139,6 +141,7 @@ def robots_of(surveys: Sequence[Survey], wishes: Wishes, names_of_files: Sequenc
                 upside_down != wishes.is_mirrored,
                 round(number_of(delays[name], f"--scan-delay {delays[name]}") * 1e9) if name in delays else 0,
                 found_in(seen, wishes.no_return),
+                beam_time(surveys[source].streams[topic])[0],
             )
         )
     return found
@@ -349,6 +352,26 @@ def allies_of(surveys: Sequence[Survey], texts: Sequence[str], diameter_m: float
         check_topic(surveys, at, topic, POSE, f"--ally {text}")
         found.append(AllyPlan(name, PoseChain((Link(at, topic),), topic), size_m))
     return found
+
+
+def beam_time(stream: Stream) -> tuple[float, str]:
+    """Seconds from one beam to the next, and why they are not what the scans say; empty if they are.
+
+    A laser turns once from one scan to the next. A driver's ``time_increment`` that does not make about one
+    turn of it is rubbish.
+    """
+    scan = next(one for one in stream.scans if len(one.ranges_m))
+    said_s, period_s = scan.time_increment_s, stream.period_ns / NS
+    turn = math.tau / max(abs(scan.angle_increment_rad), 1e-6)
+    if period_s <= 0.0:
+        return 0.0, f"{len(stream.scans)} scans do not tell how fast the laser turns"
+    if 0.5 * period_s <= said_s * turn <= 1.2 * period_s:
+        return said_s, ""
+    beam_s = period_s / turn
+    return beam_s, (
+        f"time_increment {said_s:g} s does not fit a turn of {turn:.0f} beams in {period_s:.3g} s; "
+        f"{beam_s:.3g} s are taken"
+    )
 
 
 def mount_of(text: str, option: str) -> Pose2D:

@@ -40,7 +40,8 @@ HOLD_NS = NS // 3
 EXACT_ENDING = "_exact"
 """of the topic that ``export`` writes beside a scan's: the same numbers with 64 bits"""
 LEAST_BEAM_ANGLE_RAD = 1e-5
-NO_POSE_BEFORE = "has no pose before it"
+LARGEST_JUMP_NS = 3600 * NS
+"""a stamp that lies farther from where the one before leaves it is no time"""
 
 
 class Seen(NamedTuple):
@@ -99,10 +100,16 @@ class Tally:
     """why -> scans that were not"""
     first: dict[str, str] = field(default_factory=dict)
     """why -> where it happened first"""
-    oldest_pose_s: float = 0.0
-    pose_ages_s: list[float] = field(default_factory=list)
-    beams: dict[str, set[int]] = field(default_factory=dict)
+    without_pose: int = 0
+    """of those that were not, how many had no pose near enough"""
+    late_allies: Counter[str] = field(default_factory=Counter)
+    """ally -> frames in which its pose was too old, or there was none yet"""
+    oldest_ally_s: dict[str, float] = field(default_factory=dict)
+    """ally -> the age of its oldest pose at a frame"""
     frames: int = 0
+    first_ns: int = 0
+    """time of the first frame"""
+    last_ns: int = 0
 
     def skip(self, why: str, where: str) -> None:
         """Count a scan that was not taken."""
@@ -181,6 +188,7 @@ class Replay:
         self._last: list[Scan | None] = [None] * len(robots)
         self._geometries: dict[tuple[int, tuple[float, ...]], LidarGeometry] = {}
         self._numbers = itertools.count()
+        self._lags: dict[tuple[int, str, str, str], int] = {}
         self.done = 0.0
         """share of the recordings that was read"""
 
@@ -191,7 +199,7 @@ class Replay:
                 links.append(link)
             else:
                 links.append(self._tracks.setdefault(link, Track()))
-        return Whereabouts(links, slow=sum(isinstance(link, Track) for link in links) > 1)
+        return Whereabouts(links)
 
     def frames(self) -> Iterator[ReplayFrame]:
         """Each frame in order of time.
@@ -209,13 +217,24 @@ class Replay:
         due_ns: int | None = None
         period_ns = None if options.rate_hz is None else NS / options.rate_hz
         hold_ns = HOLD_NS if len(self.robots) > 1 or period_ns is not None else 0
-        for source, reading in self._readings():
-            if isinstance(reading, PoseReading):
-                time_ns = self._take_pose(source, reading)
-            elif isinstance(reading, ExactReading):
+        damage: InputError | None = None
+        readings = self._readings()
+        while True:
+            try:
+                source, reading = next(readings)
+            except StopIteration:
+                break
+            except InputError as error:  # what came before it is good
+                damage = error
+                break
+            if isinstance(reading, ExactReading):
                 exact[self._by_exact[source, reading.topic]] = reading.numbers
                 continue
-            elif isinstance(reading, ScanReading):
+            if not isinstance(reading, ScanReading | PoseReading) or self._jumps(source, reading):
+                continue
+            if isinstance(reading, PoseReading):
+                time_ns = self._take_pose(source, reading)
+            else:
                 robot = self._by_scan[source, reading.topic]
                 time_ns = time_of(reading, options.clock) + self._offset(source) - self.robots[robot].delay_ns
                 item = _Pending(time_ns, next(order), robot, reading, exact.pop(robot, None), indices[robot])
@@ -226,12 +245,14 @@ class Replay:
                 heapq.heappush(pending, item)
                 if period_ns is not None and due_ns is None:
                     due_ns = math.ceil(time_ns / period_ns)
-            else:
-                continue
             now_ns = time_ns if now_ns is None else max(now_ns, time_ns)
-            while period_ns is not None and due_ns is not None and round(due_ns * period_ns) <= now_ns:
-                heapq.heappush(pending, _Pending(round(due_ns * period_ns), 1 << 62, None, None, None, -1))
-                due_ns += 1
+            if period_ns is not None and due_ns is not None:
+                if now_ns - due_ns * period_ns > LARGEST_JUMP_NS:
+                    due_ns = math.ceil(now_ns / period_ns)
+                while round(due_ns * period_ns) <= now_ns:
+                    due = _Pending(round(due_ns * period_ns), 1 << 62, None, None, None, -1)
+                    heapq.heappush(pending, due)
+                    due_ns += 1
             while pending and self._is_ready(pending[0], now_ns, hold_ns):
                 item = heapq.heappop(pending)
                 passed_ns = item.time_ns
@@ -243,6 +264,23 @@ class Replay:
                 heapq.heappush(pending, _Pending(round(due_ns * period_ns), 1 << 62, None, None, None, -1))
         while pending:
             yield from self._passed(heapq.heappop(pending))
+        if damage is not None:
+            raise damage
+
+    def _jumps(self, source: int, reading: ScanReading | PoseReading) -> bool:
+        """Whether a stamp lies hours off where the last one of its topic leaves it; that is counted."""
+        if self._options.clock == "record":
+            return False
+        lag_ns = reading.record_ns - reading.stamp_ns
+        pair = (reading.frame, reading.child) if isinstance(reading, PoseReading) else ("", "")
+        before_ns = self._lags.get((source, reading.topic, *pair), lag_ns)
+        self._lags[source, reading.topic, *pair] = lag_ns
+        if abs(lag_ns - before_ns) <= LARGEST_JUMP_NS:
+            return False
+        if isinstance(reading, ScanReading):
+            why = "has a stamp that jumps by more than an hour against its record time"
+            self.tally.skip(why, f"{reading.topic}, recorded at {reading.record_ns / NS:.3f} s")
+        return True
 
     def _is_ready(self, item: _Pending, now_ns: int, hold_ns: int) -> bool:
         if now_ns >= item.time_ns + PATIENCE_NS:
@@ -250,7 +288,10 @@ class Replay:
         if now_ns < item.time_ns + hold_ns:
             return False
         wanted = self._where if item.robot is None or len(self._where) > 1 else [self._where[item.robot]]
-        return all(where.is_known_at(item.time_ns) for where in (*wanted, *self._others))
+        until_ns = item.time_ns
+        if self._options.deskew and item.robot is not None and item.scan is not None:
+            until_ns += round(self.robots[item.robot].beam_s * NS * len(item.scan.ranges_m))
+        return all(where.is_known_at(until_ns) for where in (*wanted, *self._others))
 
     def _offset(self, source: int) -> int:
         offsets = self._options.offsets_ns
@@ -309,6 +350,10 @@ class Replay:
         name = self.robots[item.robot or 0].name
         return f"robot '{name}', scan {item.number} at {item.time_ns / NS:.3f} s"
 
+    def _called(self, robot: int, track: int) -> str:
+        links = [link for link in self.robots[robot].pose.links if isinstance(link, Link)]
+        return links[track].in_words
+
     def _observe(self, item: _Pending) -> bool:
         """Take a scan into its robot's costmap; whether that was done."""
         assert item.robot is not None
@@ -319,11 +364,15 @@ class Replay:
             return False
         told = self._where[robot].at(item.time_ns)
         if told is None:
-            self.tally.skip(NO_POSE_BEFORE, self._told_where(item))
+            link = self._called(robot, self._where[robot].missing(item.time_ns)[0])
+            self.tally.skip(f"has no pose of {link} before it", self._told_where(item))
+            self.tally.without_pose += 1
             return False
         if told.age_s > self._options.max_pose_age_s:
-            why = f"lies more than {self._options.max_pose_age_s:g} s from a pose"
+            link = self._called(robot, self._where[robot].oldest(item.time_ns))
+            why = f"lies more than {self._options.max_pose_age_s:g} s from a pose of {link}"
             self.tally.skip(why, self._told_where(item))
+            self.tally.without_pose += 1
             return False
         try:
             lidar = self._geometry(robot, scan, item.exact)
@@ -342,9 +391,6 @@ class Replay:
             node.observe(robot, scan_taken.pose, ranges_m, lidar, scan_taken.stamp_s)
         self._last[robot] = scan_taken
         self.tally.scans[plan.name] += 1
-        self.tally.beams.setdefault(plan.name, set()).add(len(ranges_m))
-        if told.age_s < math.inf:
-            self.tally.oldest_pose_s = max(self.tally.oldest_pose_s, told.age_s)
         return True
 
     def _geometry(self, robot: int, scan: ScanReading, exact: Floats | None) -> LidarGeometry:
@@ -366,10 +412,8 @@ class Replay:
 
     def _deskewed(self, robot: int, item: _Pending, ranges_m: Floats, lidar: LidarGeometry) -> Floats:
         """The ranges that all beams had met at the scan's own instant, each put to the nearest beam."""
-        assert item.scan is not None
-        apart_ns = item.scan.time_increment_s * NS
         where, plan = self._where[robot], self.robots[robot]
-        last = where.at(item.time_ns + round(apart_ns * lidar.beams))
+        last = where.at(item.time_ns + round(plan.beam_s * NS * lidar.beams))
         first = where.at(item.time_ns)
         if first is None or last is None or last.age_s > self._options.max_pose_age_s:
             return ranges_m
@@ -393,7 +437,7 @@ class Replay:
 
     def _frame(self, item: _Pending, scanned: int | None) -> ReplayFrame | None:
         """What the team makes of what it knows at an instant."""
-        options = self._options
+        options, tally = self._options, self.tally
         seen: list[Seen] = []
         for robot, where in enumerate(self._where):
             told = where.at(item.time_ns) if scanned is not None else where.latest(item.time_ns)
@@ -412,8 +456,12 @@ class Replay:
         for plan, where in zip(self.allies, self._where_allies, strict=True):
             told = where.at(item.time_ns)
             allies.append((plan, told))
-            if told is not None and told.age_s <= options.max_ally_age_s:
+            age_s = math.inf if told is None else told.age_s
+            tally.oldest_ally_s[plan.name] = max(tally.oldest_ally_s.get(plan.name, 0.0), age_s)
+            if told is not None and age_s <= options.max_ally_age_s:
                 told_allies.append(Ally(told.pose, plan.diameter_m))
+            else:
+                tally.late_allies[plan.name] += 1
         followed = [(plan, where.at(item.time_ns)) for plan, where in self._followed]
         time_s = item.time_ns / NS
         looks = {}
@@ -422,7 +470,9 @@ class Replay:
                 Observation(one.told.pose, node.costmaps[one.robot].published(), one.scan) for one in seen
             ]
             looks[name] = Look(node.detect(observations, time_s, allies=told_allies), observations)
-        self.tally.frames += 1
+        tally.first_ns = tally.first_ns if tally.frames else item.time_ns
+        tally.last_ns = item.time_ns
+        tally.frames += 1
         index = item.number if scanned is not None else None
         return ReplayFrame(
             next(self._numbers), item.time_ns, index, scanned, seen, allies, told_allies, followed, looks

@@ -71,4 +71,4 @@ def _whereabouts(
         for reading in link.seen(surveys):
             track.take(time_of(reading, clock) + (offsets_ns[link.source] if offsets_ns else 0), reading)
         links.append(track)
-    return Whereabouts(links, slow=sum(isinstance(link, Track) for link in links) > 1)
+    return Whereabouts(links)

@@ -1,12 +1,13 @@
 """A look into a recording: what it holds, how it is stamped, and a sample of its scans and poses."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
 
+from midnet_bench.errors import InputError
 from midnet_bench.recording.no_return import found_in
 from midnet_bench.recording.readings import (
     NS,
@@ -43,6 +44,8 @@ class Stream:
     scans: list[ScanReading] = field(default_factory=list)
     poses: list[PoseReading] = field(default_factory=list)
     texts: list[str] = field(default_factory=list)
+    period_ns: int = 0
+    """from one scan to the next, as most of them are; 0 where no two were seen"""
 
     @property
     def lags_s(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
@@ -65,6 +68,8 @@ class Survey:
     streams: dict[str, Stream]
     transforms: dict[tuple[str, str], list[PoseReading]]
     """(frame, child) -> what tf said of them"""
+    fault: str = ""
+    """where it is damaged, if it is: what came before was looked at"""
 
     @property
     def duration_s(self) -> float:
@@ -90,6 +95,10 @@ class Survey:
             found.append(parents[found[-1]])
         return found
 
+    def roots(self) -> set[str]:
+        """The frames of tf that hang on no other."""
+        return {frame for frame, _ in self.transforms} - {child for _, child in self.transforms}
+
     def is_fixed(self, frame: str, child: str) -> bool:
         """Whether a transform never changed while it was looked at."""
         seen = np.array([one.transform for one in self.transforms[frame, child]])
@@ -103,33 +112,68 @@ class Survey:
 def survey(source: Source) -> Survey:
     """Look into a recording: whole if it is short, else at stretches all over it.
 
+    Topics with few messages are looked at whole, and all of tf where it does not hang together otherwise.
+
     Raises:
-        InputError: it is damaged where it was looked at.
+        InputError: it is damaged wherever it was looked at.
     """
-    streams = {name: Stream(topic) for name, topic in source.topics.items()}
+    found = Survey(source, {name: Stream(topic) for name, topic in source.topics.items()}, {})
     wanted = {name for name, topic in source.topics.items() if topic.kind in (SCAN, POSE, TF)}
-    transforms: dict[tuple[str, str], list[PoseReading]] = {}
-    latched = {name for name in wanted if name.endswith("tf_static")}
-    texts = {name for name, topic in source.topics.items() if topic.kind == TEXT}
-    for reading in source.readings(latched | texts):
-        if isinstance(reading, TextReading):
-            streams[reading.topic].texts.append(reading.text)
-        elif isinstance(reading, PoseReading):
-            transforms.setdefault((reading.frame, reading.child), []).append(reading)
-    for start_ns, stop_ns in _windows(source):
-        for reading in source.readings(wanted - latched, start_ns, stop_ns):
-            if isinstance(reading, ScanReading):
-                streams[reading.topic].scans.append(reading)
-            elif isinstance(reading, PoseReading):
-                if source.topics[reading.topic].kind == TF:
-                    transforms.setdefault((reading.frame, reading.child), []).append(reading)
-                streams[reading.topic].poses.append(reading)
-    for stream in streams.values():
+    whole = {
+        name
+        for name, topic in source.topics.items()
+        if topic.kind == TEXT or (name in wanted and topic.messages <= MOST_SCANS)
+    }
+    windows = _windows(source)
+    if windows == [(None, None)]:
+        whole |= wanted
+    _look(found, whole)
+    for start_ns, stop_ns in windows if wanted - whole else ():
+        _look(found, wanted - whole, start_ns, stop_ns)
+    tf = {name for name in wanted - whole if source.topics[name].kind == TF}
+    if tf and len(found.roots()) > 1:
+        _look(found, tf, is_sparse=True)
+    if found.fault and not any(stream.scans or stream.poses for stream in found.streams.values()):
+        raise InputError(found.fault)
+    for stream in found.streams.values():
+        times = [scan.stamp_ns for scan in stream.scans]
+        if stream.stamps_stand_still:
+            times = [scan.record_ns for scan in stream.scans]
+        if len(times) > 1:
+            stream.period_ns = int(np.median(np.diff(np.array(times))))
         stream.scans = spread(stream.scans, MOST_SCANS)
-    return Survey(source, streams, transforms)
+    return found
 
 
-def _windows(source: Source) -> Iterable[tuple[int | None, int | None]]:
+def _look(
+    survey: Survey,
+    topics: set[str],
+    start_ns: int | None = None,
+    stop_ns: int | None = None,
+    is_sparse: bool = False,
+) -> None:
+    """Add what these topics say there; ``is_sparse``: of pairs of frames that were not seen before alone."""
+    known = set(survey.transforms) if is_sparse else set()
+    try:
+        for reading in survey.source.readings(topics, start_ns, stop_ns):
+            if isinstance(reading, ScanReading):
+                survey.streams[reading.topic].scans.append(reading)
+            elif isinstance(reading, TextReading):
+                survey.streams[reading.topic].texts.append(reading.text)
+            elif isinstance(reading, PoseReading):
+                if survey.source.topics[reading.topic].kind != TF:
+                    survey.streams[reading.topic].poses.append(reading)
+                elif (pair := (reading.frame, reading.child)) not in known:
+                    told = survey.transforms.setdefault(pair, [])
+                    told.append(reading)
+                    if is_sparse and len(told) > 2 * MOST_SCANS:
+                        del told[1::2]
+                    survey.streams[reading.topic].poses += [reading] * (not is_sparse)
+    except InputError as error:
+        survey.fault = survey.fault or str(error)
+
+
+def _windows(source: Source) -> Sequence[tuple[int | None, int | None]]:
     duration_ns = source.end_ns - source.start_ns
     if duration_ns <= WHOLE_S * NS:
         return [(None, None)]

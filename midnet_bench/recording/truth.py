@@ -45,7 +45,7 @@ class LabelTable:
         """Read it. Raises InputError: file, line and column of what is wrong."""
         self.by_index: dict[int, list[Label]] = {}
         self.by_time: dict[str, list[tuple[int, float, float]]] = {}
-        self.empty_ns: list[int] = []
+        empty_ns: list[int] = []
         self._path = path
         for where, cells in rows_of(path, read_lines(path)):
             name = cells.get("id", "")
@@ -53,7 +53,7 @@ class LabelTable:
                 if "scan_index" in cells:
                     self.by_index.setdefault(int(number_in(cells, "scan_index", where)), [])
                 else:
-                    self.empty_ns.append(time_in(cells, where))
+                    empty_ns.append(time_in(cells, where))
                 continue
             x, y = number_in(cells, "x", where), number_in(cells, "y", where)
             name = name or "object"
@@ -67,7 +67,8 @@ class LabelTable:
         self._times = {
             name: np.array([row[0] for row in rows], dtype=np.int64) for name, rows in self.by_time.items()
         }
-        if not (self.by_index or self.by_time or self.empty_ns):
+        self._empty_ns = np.sort(np.array(empty_ns, dtype=np.int64))
+        if not (self.by_index or self.by_time or empty_ns):
             raise InputError(f"{path}: holds no label; give rows t,id,x,y or scan_index,id,x,y")
 
     def at(self, time_ns: int, scan_index: int | None) -> Labels | None:
@@ -98,8 +99,17 @@ class LabelTable:
                 else:
                     gaps.append(between)
         if not is_labelled:
-            is_labelled = any(abs(one - time_ns) <= SAME_NS for one in self.empty_ns)
+            after = int(np.searchsorted(self._empty_ns, time_ns - SAME_NS))
+            is_labelled = after < len(self._empty_ns) and self._empty_ns[after] <= time_ns + SAME_NS
         return Labels(found, gaps) if is_labelled else None
+
+    @property
+    def span(self) -> str:
+        """From where to where labels go, in words."""
+        if self.by_index:
+            return f"scan_index {min(self.by_index)} to {max(self.by_index)}"
+        every = np.concatenate([*self._times.values(), self._empty_ns])
+        return f"t {every.min() / NS:.3f} to {every.max() / NS:.3f}"
 
 
 def matched(boxes: Sequence[Box], labels: Sequence[Label], distance_m: float) -> FrameMatch:

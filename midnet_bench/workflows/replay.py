@@ -28,13 +28,14 @@ from midnet_bench.recording.plan import (
     RobotPlan,
     Wishes,
     allies_of,
+    beam_time,
     named,
     number_of,
     robots_of,
 )
 from midnet_bench.recording.ray_counts import RayCounts
 from midnet_bench.recording.readings import NS, GridReading, Source
-from midnet_bench.recording.replay import NO_POSE_BEFORE, Replay, ReplayFrame, ReplayOptions
+from midnet_bench.recording.replay import Replay, ReplayFrame, ReplayOptions
 from midnet_bench.recording.samples import samples_of
 from midnet_bench.recording.scores import ScoreOptions, Scorer, sector_of
 from midnet_bench.recording.settings import Preset, ReplaySettings
@@ -117,8 +118,8 @@ def opened(paths: Sequence[Path]) -> Iterator[list[Source]]:
         yield sources
 
 
-def list_topics(files: Sequence[Path]) -> tuple[list[Table], list[str]]:
-    """What recordings hold: a table of topics for each, and the flags that are proposed.
+def list_topics(files: Sequence[Path]) -> tuple[list[Table], list[str], list[str]]:
+    """What recordings hold: a table of topics for each, the flags that are proposed, and what is damaged.
 
     Raises:
         InputError: a recording cannot be read.
@@ -132,7 +133,8 @@ def list_topics(files: Sequence[Path]) -> tuple[list[Table], list[str]]:
             tables.append(Table("topics", title, listing(one)))
             lines += getattr(one.source, "remarks", [])
         lines += proposal(files, surveys)
-    return tables, lines
+        faults = [one.fault for one in surveys if one.fault]
+    return tables, lines, faults
 
 
 def proposal(files: Sequence[Path], surveys: Sequence[Survey]) -> list[str]:
@@ -387,6 +389,10 @@ def _replay(
     main = settings[wishes.presets[0]]
     allies = allies_of(surveys, wishes.recording.ally, main.midnet.ally_diameter_m)
     table, label_topics = labels_of(wishes, surveys, robots)
+    if table is not None and table.by_index and len(robots) > 1:
+        raise InputError(
+            f"--truth {wishes.truth[0]}: scan_index does not say of which of {len(robots)} robots; label by t"
+        )
     offsets = [
         round(number_of(text, f"--offset {text}") * NS)
         for text in (named(wishes.offsets, names, "--offset").get(name, "0") for name in names)
@@ -455,9 +461,10 @@ def _replay(
         except InputError as error:
             faults.append(str(error))
     progress(1.0)
-    faults += told_after(played, note)
+    faults += told_after(played, wishes, note)
     if not played.tally.frames:
         raise InputError("; ".join(faults) or f"{wishes.files[0]}: no frame came of it")
+    faults += unlabelled(wishes, table, scorers, played)
     rows = {name: explainer.settled() for name, explainer in explainers.items()}
     tables = [
         *score_tables(scorers, bool(wishes.truth)),
@@ -529,6 +536,8 @@ def told_before(
             f"{math.degrees(yaw):.2f}{mirrored}; no return: {robot.no_return.in_words}"
         )
         lines += lag_lines(surveys, robot, wishes.clock)
+        if wishes.deskew and (said := beam_time(stream)[1]):
+            lines.append(f"{robot.name}: --deskew: {said}")
         beams = {len(scan.ranges_m) for scan in stream.scans}
         if len(beams) > 1:
             lines.append(
@@ -637,12 +646,12 @@ def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list
             f"{path}: {robot.scan_topic}: the stamps of the scans stand still at "
             f"{scans.scans[0].stamp_ns / NS:g} s; use --clock record"
         )
-    if clock == "header" and links and links[0].topic:
-        stream = surveys[links[0].source].streams[links[0].topic]
-        if stream.stamps_stand_still:
+    for link in links if clock == "header" else ():
+        seen = link.seen(surveys)
+        if len(seen) > 1 and len({one.stamp_ns for one in seen}) == 1:
             raise InputError(
-                f"{path}: {links[0].topic}: the stamps of the poses stand still at "
-                f"{stream.poses[0].stamp_ns / NS:g} s; use --clock record"
+                f"{path}: {link.in_words}: the stamps of the poses stand still at "
+                f"{seen[0].stamp_ns / NS:g} s; use --clock record"
             )
     lags_s = scans.lags_s
     if not len(lags_s) or not poses:
@@ -670,29 +679,54 @@ AT_THE_START, AT_THE_START_SHARE = 3, 0.02
 """so many scans that no pose comes before are told, and are no fault"""
 
 
-def told_after(played: Replay, note: Note) -> list[str]:
-    """What went wrong on the way, a line each."""
+def told_after(played: Replay, wishes: ReplayWishes, note: Note) -> list[str]:
+    """What went wrong on the way, a line each; what is no fault is noted."""
     lines = []
     tally = played.tally
-    taken_at_all = sum(tally.scans.values())
+    taken, left = sum(tally.scans.values()), sum(tally.skipped.values())
+    # poses begin a little after the scans, or end before them
+    few = tally.without_pose == left and left <= max(AT_THE_START, AT_THE_START_SHARE * taken)
     for why, count in tally.skipped.items():
-        line = f"{count} of {count + taken_at_all} scans were left out: each {why}; the first: "
-        line += tally.first[why]
-        # poses begin a little after the scans
-        if why == NO_POSE_BEFORE and count <= max(AT_THE_START, AT_THE_START_SHARE * taken_at_all):
+        line = f"{count} of {count + taken} scans were left out: each {why}; the first: {tally.first[why]}"
+        if few:
             note(line)
         else:
             lines.append(line)
     lines += played.void_poses()
-    for name, taken in played.pose_times():
-        if not taken:
-            lines.append(f"{name}: no pose of it came; scans have nowhere to be")
+    for name, count in played.pose_times():
+        if not count:
+            lines.append(f"{name}: no pose of it came")
     if not tally.frames and tally.skipped:
         lines.append(
             "scans and poses never meet in time: compare their stamps with 'midnet-bench replay FILE', "
             "and try --clock record or --offset"
         )
+    for name, age_s in tally.oldest_ally_s.items():
+        oldest = "none yet" if math.isinf(age_s) else f"{age_s:.3f} s"
+        late = tally.late_allies[name]
+        note(
+            f"ally {name}: oldest pose at a frame: {oldest}"
+            + (
+                f"; in {late} of {tally.frames} frames over {wishes.max_ally_age_s:g} s: not taken out there"
+                if late
+                else ""
+            )
+        )
     return lines
+
+
+def unlabelled(
+    wishes: ReplayWishes, table: LabelTable | None, scorers: Mapping[str, Scorer], played: Replay
+) -> list[str]:
+    """A line if no label lies at any frame, and nothing is scored."""
+    if not wishes.truth or any(scorer.score.labelled for scorer in scorers.values()):
+        return []
+    first_s, last_s = played.tally.first_ns / NS, played.tally.last_ns / NS
+    held = "no pose of it lies at a frame" if table is None else f"its labels have {table.span}"
+    return [
+        f"--truth {wishes.truth[0]}: nothing is scored: {held}, {played.tally.frames} frames "
+        f"t {first_s:.3f} to {last_s:.3f} (--clock {wishes.clock})"
+    ]
 
 
 def score_tables(scorers: Mapping[str, Scorer], has_truth: bool) -> list[Table]:

@@ -1,0 +1,348 @@
+"""What cannot be, in a recording or what is said of it: one line, exit code 2, results where there are any."""
+
+import math
+import sqlite3
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from midnet_bench.geometry import Pose2D
+from midnet_bench.recording.ros_messages import Message
+from tests.cli.command import midnet_bench, one_line_of_complaint, rows
+from tests.recording import recordings as made
+from tests.recording.recordings import Drive
+
+DRIVE = Drive(seconds=3.0, lidar=made.lidar_of(60), movers={"red": made.on_the_way(6.0)})
+SCANS = made.scan_messages(DRIVE)
+POSES = made.pose_messages(DRIVE)
+BEHIND = Pose2D(-0.5, 0.0, 0.0)
+MOUNT = "--mount=0.1,0.02,2.86"
+
+
+@pytest.fixture(scope="module")
+def map_file(tmp_path_factory):
+    return made.write_map(tmp_path_factory.mktemp("map"))
+
+
+@pytest.fixture
+def replay(tmp_path, map_file):
+    """``midnet-bench replay`` with the map; says what a listing of the same file says as well."""
+
+    def run(*arguments, use_map=True):
+        words = ["--map", map_file, "-o", tmp_path / "out", "--preset", "real"] if use_map else []
+        return midnet_bench("replay", *arguments, *words, folder=tmp_path)
+
+    return run
+
+
+def complaint(done):
+    """The line on stderr that begins with ``error``, of a command that ended with 2."""
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    (line,) = (line for line in done.stderr.splitlines() if line.startswith("error"))
+    assert len(line) < 700
+    return line
+
+
+def kept(folder):
+    """How many frames' boxes were written."""
+    return len({row["frame"] for row in rows(folder / "out" / "boxes.csv")})
+
+
+def edited(said, **fields):
+    return said._replace(message=Message(said.message.kind, {**said.message.fields, **fields}))
+
+
+def stamped(said, stamp_ns):
+    return edited(said, header={**said.message.fields["header"], "stamp": stamp_ns})
+
+
+def posed(said, **position):
+    pose = said.message.fields["pose"]
+    return edited(said, pose={**pose, "position": {**pose["position"], **position}})
+
+
+@pytest.mark.parametrize("container", ["ros1", "mcap", "ros2"])
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.98])
+def test_a_truncated_bag(container, share, tmp_path, replay):
+    bag = made.write_bag(tmp_path, [*SCANS, *POSES], container)
+    file = next(bag.glob("*.db3")) if container == "ros2" else bag
+    file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
+    for use_map in (True, False):
+        line = complaint(replay(bag, MOUNT, use_map=use_map))
+        assert str(bag) in line
+        assert any(word in line for word in ("reindex", "recover", "empty", "damaged"))
+
+
+def test_a_bag_that_is_damaged_in_the_middle_keeps_what_came_before(tmp_path, replay):
+    bag = made.write_bag(tmp_path, [*SCANS, *POSES], "ros1")
+    data = bytearray(bag.read_bytes())
+    # the length of a scan's array of ranges, of a scan in the middle
+    count = np.array([60], "<u4").tobytes()
+    at = data.index(count, len(data) // 2)
+    data[at : at + 4] = np.array([2**31], "<u4").tobytes()
+    bag.write_bytes(bytes(data))
+    line = complaint(replay(bag, MOUNT))
+    assert "damaged" in line
+    assert "s after its start" in line
+    assert kept(tmp_path) >= 5
+    assert "damaged" in complaint(replay(bag, use_map=False))
+
+
+def test_an_sqlite_file_that_is_damaged_in_the_middle(tmp_path, replay):
+    bag = made.write_bag(tmp_path, [*SCANS, *POSES], "ros2")
+    with sqlite3.connect(next(bag.glob("*.db3"))) as file:
+        file.execute(
+            "update messages set data = x'0001' where timestamp > ? and timestamp < ?",
+            (made.ns_of(2.0), made.ns_of(2.2)),
+        )
+    file.close()
+    line = complaint(replay(bag, MOUNT))
+    assert "damaged 2.0" in line
+    assert kept(tmp_path) >= 5
+
+
+@pytest.mark.parametrize("container", ["ros1", "ros2", "mcap"])
+def test_no_message_and_no_scan(container, tmp_path, replay):
+    line = complaint(replay(made.write_bag(tmp_path, [], container)))
+    assert "empty" in line or "no scan" in line, line
+    bag = made.write_bag(tmp_path, POSES, container, "poses")
+    assert "no scan: no message of sensor_msgs/LaserScan; it holds /pose" in complaint(replay(bag))
+    listed = replay(bag, use_map=False)
+    assert listed.returncode == 0
+    assert "no scan" in listed.stderr
+
+
+def tf_without(kind, frames, begin_s=-1.0, end_s=99.0):
+    """The messages of a chain of transforms, one link of which says nothing from ``begin_s`` to ``end_s``."""
+    found = []
+    for said in made.tf_messages(DRIVE, slow_hz=2.0):
+        (one,) = said.message.fields["transforms"]
+        link = (one["header"]["frame_id"], one["child_frame_id"])
+        time_s = (said.record_ns - made.ns_of(0.0)) / made.NS
+        if link != frames or not begin_s <= time_s < end_s:
+            found.append(said)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("frames", "begin_s", "end_s", "expected"),
+    [
+        (("map", "odom"), -1, 99, "no transform begins at 'map', the chain ends at 'odom'"),
+        (("odom", "base_link"), -1, 99, "nothing links 'base_link' to 'map'"),
+        (("base_link", "laser"), -1, 99, "no transform ends at 'laser'"),
+        (("odom", "base_link"), -1, 1.55, "tf odom -> base_link before it"),
+        (("map", "odom"), -1, 1.4, "tf map -> odom before it"),
+        (("odom", "base_link"), 1.0, 99, "from a pose of tf odom -> base_link"),
+        (("map", "odom"), 0.6, 99, "from a pose of tf map -> odom"),
+    ],
+)
+def test_a_missing_transform_is_named(frames, begin_s, end_s, expected, tmp_path, replay):
+    bag = made.write_bag(tmp_path, [*SCANS, *tf_without("tf", frames, begin_s, end_s)])
+    line = complaint(replay(bag))
+    assert expected in line
+    if begin_s > 0 or end_s < 50:
+        assert "scan 0 at" in line or begin_s > 0
+        assert kept(tmp_path) >= 4
+
+
+def test_stamps_that_stand_still(tmp_path, replay):
+    still = [stamped(said, made.ns_of(0.0)) for said in SCANS]
+    bag = made.write_bag(tmp_path, [*still, *POSES])
+    assert "the stamps of the scans stand still" in complaint(replay(bag, MOUNT))
+    assert replay(bag, MOUNT, "--clock", "record").returncode == 0
+    assert "--clock record" in replay(bag, use_map=False).stdout
+    bag = made.write_bag(
+        tmp_path, [*SCANS, *[stamped(said, made.ns_of(0.0)) for said in POSES]], name="poses"
+    )
+    assert "/pose: the stamps of the poses stand still" in complaint(replay(bag, MOUNT))
+    assert replay(bag, MOUNT, "--clock", "record").returncode == 0
+
+
+def test_stamps_of_a_tf_link_that_stand_still(tmp_path, replay):
+    messages = []
+    for said in made.tf_messages(DRIVE):
+        (one,) = said.message.fields["transforms"]
+        if one["child_frame_id"] == "base_link":
+            one = {**one, "header": {**one["header"], "stamp": made.ns_of(0.0)}}
+        messages.append(edited(said, transforms=[one]))
+    bag = made.write_bag(tmp_path, [*SCANS, *messages])
+    assert "tf odom -> base_link: the stamps of the poses stand still" in complaint(replay(bag))
+
+
+def test_clocks_that_run_apart(tmp_path, replay):
+    apart = [
+        stamped(said, said.record_ns - round(0.05 * (said.record_ns - made.ns_of(0.0)))) for said in SCANS
+    ]
+    done = replay(made.write_bag(tmp_path, [*apart, *POSES]), MOUNT)
+    assert "the clocks run apart" in done.stderr
+
+
+def test_scans_and_poses_that_never_meet(tmp_path, replay):
+    boot = [stamped(said, said.record_ns - made.ns_of(0.0)) for said in SCANS]
+    bag = made.write_bag(tmp_path, [*boot, *POSES])
+    line = complaint(replay(bag, MOUNT))
+    assert "--clock record" in line
+    assert replay(bag, MOUNT, "--clock", "record").returncode == 0
+
+
+def test_a_stamp_that_jumps_is_left_out(tmp_path, replay):
+    scans, poses = list(SCANS), list(POSES)
+    scans[5] = stamped(scans[5], made.ns_of(1e8))
+    poses[30] = stamped(poses[30], 0)
+    line = complaint(replay(made.write_bag(tmp_path, [*scans, *poses]), MOUNT, "--rate", "10"))
+    assert "stamp that jumps by more than an hour" in line
+    assert kept(tmp_path) > 15
+
+
+def test_scans_without_ranges(tmp_path, replay):
+    none = [edited(said, ranges=np.zeros(0, np.float32)) for said in SCANS]
+    bag = made.write_bag(tmp_path, [*none, *POSES])
+    assert "no range at all" in complaint(replay(bag, MOUNT))
+    listed = replay(bag, use_map=False)
+    assert listed.returncode == 0, listed.stderr
+    some = [none[k] if k in (0, 7) else SCANS[k] for k in range(len(SCANS))]
+    line = complaint(replay(made.write_bag(tmp_path, [*some, *POSES], name="some"), MOUNT))
+    assert f"2 of {len(SCANS)} scans were left out: each has no range at all" in line
+    assert kept(tmp_path) > 15
+
+
+def test_ranges_and_poses_that_are_no_numbers(tmp_path, replay):
+    rng = np.random.default_rng(1)
+    odd = []
+    for said in SCANS:
+        ranges = said.message.fields["ranges"].copy()
+        ranges[rng.integers(0, len(ranges), 6)] = [np.nan, -np.inf, np.inf, -1.0, 1e30, 0.0]
+        odd.append(edited(said, ranges=ranges))
+    done = replay(made.write_bag(tmp_path, [*odd, *POSES]), MOUNT)
+    assert done.returncode == 0, done.stderr
+    poses = list(POSES)
+    poses[40] = posed(poses[40], x=math.nan)
+    poses[60] = posed(poses[60], y=math.inf)
+    poses[70] = edited(
+        poses[70], pose={**poses[70].message.fields["pose"], "orientation": {"z": math.nan, "w": math.inf}}
+    )
+    poses[80] = edited(poses[80], pose={**poses[80].message.fields["pose"], "orientation": {"w": 0.0}})
+    line = complaint(replay(made.write_bag(tmp_path, [*odd, *poses], name="poses"), MOUNT))
+    assert "/pose: 4 poses are not finite or no rotation" in line
+    assert kept(tmp_path) > 15
+
+
+def test_geometries_that_cannot_be(tmp_path, replay):
+    cases = [
+        ({"angle_increment": 0.0}, "angle_increment"),
+        ({"angle_min": math.nan}, "angle_min"),
+        ({"angle_increment": 6.0}, "in degrees?"),
+        ({"range_max": math.nan}, "range limit"),
+    ]
+    for number, (fields, expected) in enumerate(cases):
+        bag = made.write_bag(
+            tmp_path, [*[edited(said, **fields) for said in SCANS], *POSES], name=f"b{number}"
+        )
+        assert expected in complaint(replay(bag, MOUNT)), expected
+        assert replay(bag, use_map=False).returncode == 0
+
+
+def test_names_that_are_not_there(tmp_path, replay):
+    bag = made.write_bag(tmp_path, [*SCANS, *POSES, *made.pose_messages(DRIVE, topic="/other")])
+    assert "no topic '/scam'; did you mean '/scan'?" in complaint(replay(bag, "--scan", "/scam"))
+    assert "no topic '/posse'; did you mean '/pose'?" in complaint(replay(bag, "--pose", "/posse"))
+    assert "choose with --pose" in complaint(replay(bag))
+    assert "'/scan' is sensor_msgs/msg/LaserScan, which gives no pose" in complaint(
+        replay(bag, "--pose", "/scan")
+    )
+    assert "gives no scan" in complaint(replay(bag, "--scan", "/pose", "--pose", "/pose"))
+    assert "no topic '/rde'" in complaint(replay(bag, "--pose", "/pose", "--ally", "red=/rde"))
+    assert "nowhere.bag: there is no such recording" in one_line_of_complaint(replay("nowhere.bag"))
+    assert "poses.csv" in complaint(replay(bag, "--pose", "poses.csv"))
+    assert "truth.csv" in complaint(replay(bag, "--pose", "/pose", "--truth", "truth.csv"))
+    assert "no topic '/tuth'" in complaint(replay(bag, "--pose", "/pose", "--truth", "red=/tuth"))
+    # nothing of the file's own was asked for twice
+    assert "named twice" in complaint(
+        replay(bag, "--pose", "/pose", "--mount", "robot=0,0,0", "--mount", "robot=1,0,0")
+    )
+
+
+def test_a_map_with_a_turned_origin_and_one_that_is_not_there(tmp_path, map_file):
+    bag = made.write_bag(tmp_path, [*SCANS, *POSES])
+    turned = tmp_path / "turned.yaml"
+    words = map_file.read_text().replace("image: ", f"image: {map_file.parent}/")
+    turned.write_text(
+        "\n".join(
+            "origin: [0.0, 0.0, 0.3]" if line.startswith("origin") else line for line in words.splitlines()
+        )
+    )
+    for path, expected in ((turned, "origin"), (tmp_path / "nowhere.yaml", "nowhere.yaml")):
+        done = midnet_bench("replay", bag, "--map", path, folder=tmp_path)
+        assert expected in complaint(done)
+    grid = made.map_message()
+    info = grid.message.fields["info"]
+    origin = {**info["origin"], "orientation": {"z": 0.5, "w": 0.8}}
+    bag = made.write_bag(
+        tmp_path, [*SCANS, *POSES, edited(grid, info={**info, "origin": origin})], name="grid"
+    )
+    assert "its origin is turned" in complaint(midnet_bench("replay", bag, "--map", "/map", folder=tmp_path))
+    assert "no such topic; did you mean '/map'?" in complaint(
+        midnet_bench("replay", bag, "--map", "/mapp", folder=tmp_path)
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "empty"),
+        ("t,x,y\n1,2,3\n", "columns t, x, y"),
+        ("t,x,y,yaw\n1,2,3\n", "yaw: missing column"),
+        ("t,x,y,yaw\n1,2,three,4\n", "table.csv:2: y: 'three' is not a number"),
+        ("t,x,y,yaw\nnan,2,3,4\n", "t: 'nan' is not a finite number"),
+        ("t,angle_min,angle_increment,range_min,range_max,r0,r1\n1,0,0.1,0,8,one,2\n", "r0: 'one'"),
+        ("\x00\x01\x02", "table.csv"),
+    ],
+)
+def test_a_table_that_cannot_be_read(text, expected, tmp_path, replay):
+    table = tmp_path / "table.csv"
+    table.write_text(text)
+    assert expected in one_line_of_complaint(replay(table))
+    assert expected in one_line_of_complaint(replay(table, use_map=False))
+
+
+def test_labels_that_lie_nowhere(tmp_path, replay):
+    bag = made.write_bag(tmp_path, [*SCANS, *POSES])
+    shifted = [(index + 1000, t + 500.0, *more) for index, t, *more in DRIVE.labels()]
+    for by in ("t", "scan_index"):
+        truth = made.write_labels(tmp_path / f"{by}.csv", shifted, by)
+        line = complaint(replay(bag, MOUNT, "--truth", truth))
+        assert "nothing is scored" in line
+        assert f"labels have {by} " in line
+        assert kept(tmp_path) > 15
+
+
+def test_the_proposed_command_runs(tmp_path, map_file):
+    cases = {
+        "pose": [*SCANS, *POSES, made.map_message()],
+        "tf": [*SCANS, *made.tf_messages(DRIVE), made.map_message()],
+        "two": [
+            said
+            for name, pose in (
+                ("a", DRIVE.pose),
+                ("b", lambda time_s: DRIVE.track(time_s).compose(Pose2D(-0.5, 0, 0))),
+            )
+            for drive in [replace(DRIVE, pose=pose)]
+            for said in (
+                *made.scan_messages(drive, f"/{name}/scan"),
+                *made.pose_messages(drive, "odometry", f"/{name}/odom"),
+            )
+        ]
+        + [made.map_message()],
+    }
+    for name, messages in cases.items():
+        bag = made.write_bag(tmp_path, messages, name=name)
+        listed = midnet_bench("replay", bag, folder=tmp_path)
+        assert listed.returncode == 0, listed.stderr
+        (line,) = (line for line in listed.stderr.splitlines() if line.startswith("proposed: "))
+        words = line.removeprefix("proposed: midnet-bench ").split()
+        done = midnet_bench(*words, folder=tmp_path)
+        # without the mount, where only poses are, scans may not fit; that is said
+        assert done.returncode == 0 or "does not fit" in done.stderr, done.stderr
+        assert (tmp_path / "results" / f"replay-{name}" / "boxes.csv").exists()

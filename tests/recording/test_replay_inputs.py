@@ -1,0 +1,136 @@
+"""One drive in every container and with every source of poses gives the same boxes."""
+
+from dataclasses import replace
+
+import pytest
+
+from midnet_bench.geometry import Pose2D
+from tests.recording import recordings as made
+from tests.recording.recorded_drives import CELL_M
+from tests.recording.recordings import Drive, apart_m, replayed
+
+DRIVE = Drive(seconds=3.0, movers={"red": made.on_the_way(6.0), "blue": made.standing(2.6, 2.6)})
+
+
+@pytest.fixture(scope="module")
+def map_file(tmp_path_factory):
+    return str(made.write_map(tmp_path_factory.mktemp("map")))
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory, map_file):
+    """The boxes of the drive as a table of scans with poses."""
+    folder = tmp_path_factory.mktemp("expected")
+    table = made.write_scan_table(folder / "drive.csv", DRIVE, with_poses=True)
+    found = replayed(table, folder, map=map_file, mount=["0.1,0.02,2.8647889756541160"])
+    assert len(found.boxes) > 30
+    return found
+
+
+MOUNT = ["0.1,0.02,2.8647889756541160"]
+
+
+@pytest.mark.parametrize("container", [one for one in made.CONTAINERS if one != "csv"])
+def test_every_container(container, tmp_path, map_file, expected):
+    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *made.pose_messages(DRIVE)], container)
+    assert replayed(bag, tmp_path, map=map_file, mount=MOUNT).plain_boxes == expected.plain_boxes
+
+
+@pytest.mark.parametrize("kind", ["odometry", "covariance", "tf", "csv", "tum", "separate csv", "map topic"])
+def test_every_source_of_poses(kind, tmp_path, map_file, expected):
+    scans, wishes, poses = made.scan_messages(DRIVE), {"mount": MOUNT}, []
+    if kind in ("odometry", "covariance"):
+        poses = made.pose_messages(DRIVE, kind)
+    elif kind == "tf":
+        poses, wishes = made.tf_messages(DRIVE), {}
+    elif kind == "csv":
+        wishes["pose"] = [str(made.write_pose_table(tmp_path / "poses.csv", DRIVE.poses()))]
+    elif kind == "tum":
+        wishes["pose"] = [str(made.write_tum(tmp_path / "poses.tum", DRIVE.poses()))]
+    elif kind == "map topic":
+        poses, map_file = [*made.pose_messages(DRIVE), made.map_message()], "/map"
+    if kind == "separate csv":
+        wishes["pose"] = [str(made.write_pose_table(tmp_path / "poses.csv", DRIVE.poses()))]
+        bag = made.write_scan_table(tmp_path / "scans.csv", DRIVE)
+    else:
+        bag = made.write_bag(tmp_path, [*scans, *poses], "ros1" if kind == "tf" else "mcap")
+    found = replayed(bag, tmp_path, map=map_file, **wishes)
+    # an odometry that drifts is not quite between its neighbours
+    assert apart_m(found, expected) < (CELL_M * 1.01 if kind == "tf" else 1e-9)
+
+
+def test_a_laser_upside_down_is_mirrored(tmp_path, map_file, expected):
+    turned = replace(DRIVE, upside_down=True)
+    bag = made.write_bag(tmp_path, [*made.scan_messages(turned), *made.tf_messages(turned)])
+    truth = str(made.write_labels(tmp_path / "truth.csv", turned.labels()))
+    by_tf = replayed(bag, tmp_path, map=map_file, truth=[truth])
+    assert any("mirrored" in line for line in by_tf.notes)
+    plain = [*made.scan_messages(turned), *made.pose_messages(turned)]
+    by_flag = replayed(
+        made.write_bag(tmp_path, plain, name="flag"), tmp_path, map=map_file, mount=MOUNT, is_mirrored=True
+    )
+    assert apart_m(by_tf, by_flag) < CELL_M * 1.01
+    assert by_tf.score()["recall_one_to_one"] == 1.0
+    assert by_tf.score()["precision_one_to_one"] == 1.0
+
+
+def test_several_robots_in_one_bag_and_in_several_are_the_same(tmp_path, map_file):
+    other = replace(DRIVE, pose=lambda time_s, track=DRIVE.track: track(time_s).compose(BACK))
+    messages = [
+        [
+            *made.scan_messages(drive, f"/{name}/scan", f"{name}_laser"),
+            *made.pose_messages(drive, topic=f"/{name}/pose"),
+        ]
+        for name, drive in (("back", other), ("front", DRIVE))
+    ]
+    mounts = {"mount": [f"front={MOUNT[0]}", f"back={MOUNT[0]}"]}
+    together = made.write_bag(tmp_path, messages[0] + messages[1])
+    one = replayed(together, tmp_path, map=map_file, **mounts)
+    each = [
+        made.write_bag(tmp_path, said, "ros1", name)
+        for said, name in zip(messages, ("back", "front"), strict=True)
+    ]
+    several = replayed(each, tmp_path, map=map_file, **mounts)
+
+    def without_order(result):
+        return sorted(
+            (float(row["t"]), *(row[k] for k in ("x_min_m", "y_min_m", "x_max_m", "y_max_m")))
+            for row in result.boxes
+        )
+
+    assert len(one.boxes) > 50
+    assert without_order(one) == without_order(several)
+    # the first bag's clock is 100 s late
+    late = [
+        made.Said(topic, ns + 100 * made.NS, moved(message), kept) for topic, ns, message, kept in messages[0]
+    ]
+    each[0] = made.write_bag(tmp_path, late, "ros1", "later")
+    several = replayed(
+        each, tmp_path, map=map_file, mount=[f"front={MOUNT[0]}", f"later={MOUNT[0]}"], offsets=["later=-100"]
+    )
+    assert without_order(one) == without_order(several)
+
+
+BACK = Pose2D(-0.4, 0.0, 0.0)
+
+
+def moved(message):
+    head = {**message.fields["header"], "stamp": message.fields["header"]["stamp"] + 100 * made.NS}
+    return message._replace(fields={**message.fields, "header": head})
+
+
+def test_a_geometry_that_changes_in_mid_bag_is_told_and_read(tmp_path, map_file):
+    first = replace(DRIVE, seconds=2.0)
+    second = replace(DRIVE, lidar=made.lidar_of(240))
+    messages = [
+        *made.scan_messages(first),
+        *[one for one in made.scan_messages(second) if one.record_ns >= made.ns_of(2.0)],
+        *made.pose_messages(DRIVE),
+    ]
+    truth = made.write_labels(tmp_path / "truth.csv", DRIVE.labels())
+    found = replayed(
+        made.write_bag(tmp_path, messages), tmp_path, map=map_file, mount=MOUNT, truth=[str(truth)]
+    )
+    assert any("180 to 240 beams" in line for line in found.notes)
+    assert found.score()["recall_one_to_one"] == 1.0
+    assert found.replayed.faults == []
