@@ -93,7 +93,10 @@ def _is_number(word: str) -> bool:
 
 
 def rows_of(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, str]]]:
-    """``file:line`` and the cells by column of each line below the heading; comments are passed over."""
+    """``file:line`` and the cells by column of each line below the heading; comments are passed over.
+
+    Cells that a line lacks at its end are empty. Raises InputError: there is no line, or one is too long.
+    """
     numbered = [
         (number, line)
         for number, line in enumerate(lines, start=1)
@@ -107,7 +110,10 @@ def rows_of(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, str]]
         raise InputError(f"{path}: cannot be read as a table with commas: {error}") from error
     names = [name.strip() for name in rows[0]]
     for (number, _), row in zip(numbered[1:], rows[1:], strict=True):
-        yield f"{path}:{number}", dict(zip(names, (cell.strip() for cell in row), strict=False))
+        if len(row) > len(names):
+            raise InputError(f"{path}:{number}: {len(row)} cells below a heading of {len(names)}")
+        cells = [cell.strip() for cell in row] + [""] * (len(names) - len(row))
+        yield f"{path}:{number}", dict(zip(names, cells, strict=True))
 
 
 def number_in(cells: dict[str, str], name: str, where: str, finite: bool = True) -> float:

@@ -70,8 +70,8 @@ def test_a_laser_upside_down_is_mirrored(tmp_path, map_file, expected):
         made.write_bag(tmp_path, plain, name="flag"), tmp_path, map=map_file, mount=MOUNT, is_mirrored=True
     )
     assert apart_m(by_tf, by_flag) < CELL_M * 1.01
-    assert by_tf.score()["recall_one_to_one"] == 1.0
-    assert by_tf.score()["precision_one_to_one"] == 1.0
+    assert by_tf.score()["recall"] == 1.0
+    assert by_tf.score()["precision"] == 1.0
 
 
 def test_several_robots_in_one_bag_and_in_several_are_the_same(tmp_path, map_file):
@@ -132,5 +132,5 @@ def test_a_geometry_that_changes_in_mid_bag_is_told_and_read(tmp_path, map_file)
         made.write_bag(tmp_path, messages), tmp_path, map=map_file, mount=MOUNT, truth=[str(truth)]
     )
     assert any("180 to 240 beams" in line for line in found.notes)
-    assert found.score()["recall_one_to_one"] == 1.0
+    assert found.score()["recall"] == 1.0
     assert found.replayed.faults == []
