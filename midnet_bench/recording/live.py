@@ -226,7 +226,7 @@ class LiveNode:
         if not tracks or (base == frame and options.mount is None and not options.pose_by_tf):
             return None
         mount = options.mount or Pose2D(fixed.x, fixed.y, fixed.yaw)
-        where = Whereabouts(tracks, slow=len(tracks) > 1)
+        where = Whereabouts(tracks)
         heard.placed = _Placed(where, mount, fixed.is_upside_down)
         return heard.placed
 
