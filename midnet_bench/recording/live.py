@@ -189,6 +189,9 @@ class LiveNode:
         return DetectorNode(settings, prior_map, len(self._heard))
 
     def _take_scan(self, heard: _Heard, scan: ScanReading, arrived_s: float) -> None:
+        if not len(scan.ranges_m):
+            self._drop("they have no range at all")
+            return
         if scan.stamp_ns <= max(heard.newest_ns, self._told_ns):
             self._drop("they came late, or their stamps go back")
             return

@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -125,6 +126,24 @@ def test_what_is_late_is_counted_and_a_gap_has_no_frames(said: list[Said]) -> No
     again = [one for one in said if one.topic == "/guard_1/scan"][:3]
     heard(node, chosen, again)
     assert node.dropped == {"they came late, or their stamps go back": 3}
+
+
+def test_what_cannot_be_is_left_out_and_counted(said: list[Said]) -> None:
+    node, chosen = LiveNode(options(), None), options()
+    broken, wrong = [], {"no range at all": 0, "angle_increment nan": 0}
+    for one in said:
+        if one.topic == "/guard_1/scan" and NS < one.stamp_ns < 1.5 * NS:
+            one = one._replace(message=replace(one.message, angle_increment=float("nan")))
+            wrong["angle_increment nan"] += 1
+        elif one.topic == "/guard_1/scan" and 1.5 * NS < one.stamp_ns < 2 * NS:
+            one = one._replace(message=replace(one.message, ranges=one.message.ranges[:0]))
+            wrong["no range at all"] += 1
+        broken.append(one)
+    found = heard(node, chosen, broken)
+    assert [one.boxes for one in found[:5]] == [one.boxes for one in in_order(said)[:5]]
+    assert found[-1].stamp_ns == in_order(said)[-1].stamp_ns
+    for what, count in wrong.items():
+        assert [times for why, times in node.dropped.items() if what in why] == [count]
 
 
 @pytest.mark.parametrize(
