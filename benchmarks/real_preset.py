@@ -21,9 +21,10 @@ from pathlib import Path
 
 import numpy as np
 
+from midnet_bench.recording.inputs import ReplayWishes
 from midnet_bench.recording.plan import Wishes
 from midnet_bench.recording.settings import PRESETS, ReplaySettings
-from midnet_bench.workflows.replay import ReplayWishes, replay
+from midnet_bench.workflows.replay import replay
 
 THRESHOLDS = (30, 20, 10, 5)
 RETURNS = (2, 3)

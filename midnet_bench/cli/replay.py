@@ -151,20 +151,21 @@ def replay(
     from midnet_bench.campaign.definition import parse_settings
     from midnet_bench.cli.progress import meter
     from midnet_bench.errors import InputError
+    from midnet_bench.recording.inputs import ReplayWishes, list_topics
     from midnet_bench.recording.no_return import parsed
     from midnet_bench.recording.plan import Wishes
     from midnet_bench.workflows import replay as workflow
 
     note = messages.log.info
     if map is None and background is None:
-        tables, lines, faults = workflow.list_topics(files)
+        tables, lines, faults = list_topics(files)
         show(None, tables, as_json)
         for line in lines:
             note("%s", line)
         if faults:
             raise InputError("; ".join(faults)[:600])
         return
-    wishes = workflow.ReplayWishes(
+    wishes = ReplayWishes(
         files=files,
         recording=Wishes(
             scan=scan or (),

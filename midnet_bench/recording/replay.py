@@ -141,8 +141,6 @@ class ReplayOptions:
     deskew: bool = False
     offsets_ns: Sequence[int] = ()
     """added to the times of each source"""
-    start_ns: int | None = None
-    """frames before this one are left out, by record time"""
 
 
 class Replay:

@@ -16,6 +16,7 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
 from midnet_bench.messages import LidarGeometry
+from midnet_bench.recording.inputs import ReplayWishes
 from midnet_bench.recording.ros_messages import (
     Message,
     laser_scan,
@@ -26,7 +27,7 @@ from midnet_bench.recording.ros_messages import (
     transforms,
 )
 from midnet_bench.recording.writer import BagWriter, bag_writer
-from midnet_bench.workflows.replay import Replayed, ReplayWishes, replay
+from midnet_bench.workflows.replay import Replayed, replay
 from tests.cli.command import rows
 from tests.recording.recorded_drives import BARE, MOUNT, WALLS, room, way
 

@@ -1,0 +1,245 @@
+"""What ``replay`` says: whether scans, poses and map fit, what went wrong on the way, and its tables."""
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from midnet_bench.analysis.tables import Table
+from midnet_bench.campaign.trial import Scalar
+from midnet_bench.errors import InputError
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.recording import causes
+from midnet_bench.recording.clock import Clock
+from midnet_bench.recording.inputs import Note, ReplayWishes
+from midnet_bench.recording.plan import (
+    Link,
+    RobotPlan,
+    beam_time,
+)
+from midnet_bench.recording.readings import NS
+from midnet_bench.recording.replay import Replay, ReplayOptions
+from midnet_bench.recording.samples import samples_of
+from midnet_bench.recording.scores import Scorer
+from midnet_bench.recording.settings import ReplaySettings
+from midnet_bench.recording.setup_check import Proposal, SetBy, verdict
+from midnet_bench.recording.survey import Survey
+from midnet_bench.recording.truth import LabelTable
+
+
+def told_before(
+    surveys: Sequence[Survey],
+    robots: Sequence[RobotPlan],
+    settings: Mapping[str, ReplaySettings],
+    wishes: ReplayWishes,
+) -> list[str]:
+    """What a user has to know before any score: how each robot is read, and what thresholds mean."""
+    lines = []
+    for robot in robots:
+        stream = surveys[robot.source].streams[robot.scan_topic]
+        x, y, yaw = robot.mount
+        mirrored = ", mirrored" if robot.is_mirrored else ""
+        lines.append(
+            f"{robot.name}: scans {robot.scan_topic}, pose {robot.pose.in_words}, mount {x:.3f},{y:.3f},"
+            f"{math.degrees(yaw):.2f}{mirrored}; no return: {robot.no_return.in_words}"
+        )
+        lines += lag_lines(surveys, robot, wishes.clock)
+        if wishes.deskew and (said := beam_time(stream)[1]):
+            lines.append(f"{robot.name}: --deskew: {said}")
+        beams = {len(scan.ranges_m) for scan in stream.scans}
+        if len(beams) > 1:
+            lines.append(
+                f"{robot.name}: scans have {min(beams)} to {max(beams)} beams; each is read as it is"
+            )
+    for name, one in settings.items():
+        increment = surveys[robots[0].source].streams[robots[0].scan_topic].scans[0].angle_increment_rad
+        lines += [f"{name}: {line}" for line in one.in_words(increment)]
+    return lines
+
+
+def told_of_fit(
+    surveys: Sequence[Survey],
+    robot: RobotPlan,
+    prior_map: OccupancyGrid,
+    options: ReplayOptions,
+    note: Note,
+) -> list[str]:
+    """Note whether a robot's scans lie on the map; what does not fit."""
+    samples = samples_of(surveys, robot, options.clock, options.max_pose_age_s, options.offsets_ns)
+    if not samples or not (prior_map.data == 100).any():
+        note(f"{robot.name}: nothing can be said of how scans and map fit: no scan with a pose, or no wall")
+        return []
+    found = verdict(samples, prior_map, SetBy(robot.is_mirrored, robot.delay_ns / NS))
+    lines = [f"{robot.name}: {line}" for line in found.lines]
+    for line in lines:
+        note(line if found.fits else f"does not fit: {line}")
+    return [] if found.fits or found.kinds == ("few returns",) else lines
+
+
+def setup_table(name: str, found: Proposal) -> Table:
+    """The setup that was found: each parameter with how far it can be changed within noise."""
+    setup = found.setup
+    values = {
+        "mount x": (setup.mount.x, "m"),
+        "mount y": (setup.mount.y, "m"),
+        "mount yaw": (math.degrees(setup.mount.yaw), "deg"),
+        "scan delay": (setup.delay_s, "s"),
+        "map x": (setup.map_moved.x, "m"),
+        "map y": (setup.map_moved.y, "m"),
+        "map yaw": (math.degrees(setup.map_moved.yaw), "deg"),
+    }
+    rows: list[dict[str, Scalar]] = []
+    for parameter, (value, unit) in values.items():
+        span = found.ranges.get(parameter)
+        factor = math.degrees(1.0) if unit == "deg" else 1.0
+        rows.append(
+            {
+                "parameter": parameter,
+                "value": value,
+                "unit": unit,
+                "less_by": None if span is None else span.below * factor,
+                "more_by": None if span is None else span.above * factor,
+                "sure": None if span is None else ("no" if span.is_open else "yes"),
+            }
+        )
+    rows.append({"parameter": "mirrored", "value": "yes" if setup.is_mirrored else "no"})
+    rows.append({"parameter": "share before", "value": found.share_before})
+    rows.append({"parameter": "share after", "value": found.share_after})
+    return Table(f"setup_{name}", f"{name}: the setup by which most returns lie on mapped walls", rows)
+
+
+LAG_S = 0.02
+"""by which the stamps of scans and poses may differ before somebody is told"""
+
+
+def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list[str]:
+    """Whether scans and poses were stamped alike. Raises InputError: the stamps stand still."""
+    from midnet_bench.recording.survey import lag_in_words
+
+    scans = surveys[robot.source].streams[robot.scan_topic]
+    links = [link for link in robot.pose.links if isinstance(link, Link)]
+    poses = []
+    for link in links:
+        poses += [(one.record_ns - one.stamp_ns) / NS for one in link.seen(surveys)]
+    path = surveys[robot.source].source.path
+    if clock == "header" and scans.stamps_stand_still:
+        raise InputError(
+            f"{path}: {robot.scan_topic}: the stamps of the scans stand still at "
+            f"{scans.scans[0].stamp_ns / NS:g} s; use --clock record"
+        )
+    for link in links if clock == "header" else ():
+        seen = link.seen(surveys)
+        if len(seen) > 1 and len({one.stamp_ns for one in seen}) == 1:
+            raise InputError(
+                f"{path}: {link.in_words}: the stamps of the poses stand still at "
+                f"{seen[0].stamp_ns / NS:g} s; use --clock record"
+            )
+    lags_s = scans.lags_s
+    if not len(lags_s) or not poses:
+        return []
+    lines = []
+    pose_lag_s = float(np.median(poses))
+    apart_s = float(np.median(lags_s)) - pose_lag_s
+    if abs(apart_s) > LAG_S:
+        lines.append(
+            f"{robot.name}: each scan is {lag_in_words(lags_s)}, a pose {1000.0 * pose_lag_s:.3g} ms: "
+            f"--clock header puts a scan {1000.0 * apart_s:.0f} ms earlier by the poses than --clock record "
+            f"(now: {clock})"
+        )
+    half = len(lags_s) // 2
+    drift_s = float(np.median(lags_s[half:]) - np.median(lags_s[:half])) if half else 0.0
+    if abs(drift_s) > LAG_S:
+        lines.append(
+            f"{robot.name}: the clocks run apart: stamps and record times of the scans drift by "
+            f"{drift_s:.3f} s between the two halves of the recording"
+        )
+    return lines
+
+
+AT_THE_START, AT_THE_START_SHARE = 3, 0.02
+"""so many scans that no pose comes before are told, and are no fault"""
+
+
+def told_after(played: Replay, wishes: ReplayWishes, note: Note) -> list[str]:
+    """What went wrong on the way, a line each; what is no fault is noted."""
+    lines = []
+    tally = played.tally
+    taken, left = sum(tally.scans.values()), sum(tally.skipped.values())
+    # poses begin a little after the scans, or end before them
+    few = tally.without_pose == left and left <= max(AT_THE_START, AT_THE_START_SHARE * taken)
+    for why, count in tally.skipped.items():
+        line = f"{count} of {count + taken} scans were left out: each {why}; the first: {tally.first[why]}"
+        if few:
+            note(line)
+        else:
+            lines.append(line)
+    lines += played.void_poses()
+    for name, count in played.pose_times():
+        if not count:
+            lines.append(f"{name}: no pose of it came")
+    if not tally.frames and tally.skipped:
+        lines.append(
+            "scans and poses never meet in time: compare their stamps with 'midnet-bench replay FILE', "
+            "and try --clock record or --offset"
+        )
+    for name, age_s in tally.oldest_ally_s.items():
+        oldest = "none yet" if math.isinf(age_s) else f"{age_s:.3f} s"
+        late = tally.late_allies[name]
+        note(
+            f"ally {name}: oldest pose at a frame: {oldest}"
+            + (
+                f"; in {late} of {tally.frames} frames over {wishes.max_ally_age_s:g} s: not taken out there"
+                if late
+                else ""
+            )
+        )
+    return lines
+
+
+def unlabelled(
+    wishes: ReplayWishes, table: LabelTable | None, scorers: Mapping[str, Scorer], played: Replay
+) -> list[str]:
+    """A line if no label lies at any frame, and nothing is scored."""
+    if not wishes.truth or any(scorer.score.labelled for scorer in scorers.values()):
+        return []
+    first_s, last_s = played.tally.first_ns / NS, played.tally.last_ns / NS
+    held = "no pose of it lies at a frame" if table is None else f"its labels have {table.span}"
+    return [
+        f"--truth {wishes.truth[0]}: nothing is scored: {held}, {played.tally.frames} frames "
+        f"t {first_s:.3f} to {last_s:.3f} (--clock {wishes.clock})"
+    ]
+
+
+def score_tables(scorers: Mapping[str, Scorer], has_truth: bool) -> list[Table]:
+    """A row for each preset: what was looked at; with labels, the paper's scores and one-to-one scores."""
+    scores = {name: scorer.score for name, scorer in scorers.items()}
+    frames = [one.looked_at(name) for name, one in scores.items()]
+    tables = [Table("recording_frames", "Frames and boxes", frames)]
+    if has_truth:
+        paper = [one.scored(name) for name, one in scores.items()]
+        own = [one.paired(name) for name, one in scores.items()]
+        title = "One-to-one matching: further boxes on one label are false"
+        tables.append(Table("recording_scores", "Detection scores, as the paper counts", paper))
+        tables.append(Table("recording_matching", title, own))
+    return tables
+
+
+def cause_table(rows: Mapping[str, Sequence[causes.ErrorRow]]) -> Table:
+    """How many errors of each cause, by preset."""
+    found: list[dict[str, Scalar]] = []
+    for name, errors in rows.items():
+        counted = Counter((one.kind, one.cause) for one in errors)
+        for (kind, cause), count in counted.most_common():
+            meaning = causes.MISSES.get(cause) if kind == "miss" else causes.BOXES.get(cause)
+            found.append(
+                {
+                    "preset": name,
+                    "kind": kind,
+                    "cause": cause,
+                    "count": count,
+                    "share": count / len(errors),
+                    "meaning": meaning or "",
+                }
+            )
+    return Table("recording_causes", "What boxes are made of, and why labels were missed", found)
