@@ -4,7 +4,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -34,15 +34,20 @@ def make_map(
     exact: Annotated[bool, typer.Option("--exact", help="Draw the arena's walls without exploring.")] = False,
     from_log: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", help="Run GMapping over a recorded log: a CARMEN log or a table of scans."
-        ),
+        typer.Option(metavar="FILE", help="Run SLAM over a recorded log: a CARMEN log or a table of scans."),
     ] = None,
     from_map: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
             help="Resample a map_server map to resolution_m (default 0.05 m): no wall gets lost.",
+        ),
+    ] = None,
+    slam: Annotated[
+        Literal["graph", "gmapping"] | None,
+        typer.Option(
+            help="What maps a log: graph SLAM, which survives slips of the wheels (default), or GMapping "
+            "(default with --particles)."
         ),
     ] = None,
     particles: Annotated[
@@ -66,7 +71,7 @@ def make_map(
     ] = None,
     as_json: options.Json = False,
 ) -> None:
-    """Make a map: explore an arena, run GMapping over a log, draw an arena exactly, or resample a map.
+    """Make a map: explore an arena, run SLAM over a log, draw an arena exactly, or resample a map.
 
     Writes a map for ROS map_server and the binary grid that MIDNet subtracts. An exploration and a log also
     give pictures and a film of the growing map; an exploration gives scores.
@@ -77,6 +82,7 @@ def make_map(
         raise InputError("map: give either an arena, such as map1, or --from-log FILE, or --from-map FILE")
     given = {
         "--robots": robots,
+        "--slam": slam,
         "--particles": particles,
         "--seed": seed,
         CLIP: clip,
@@ -89,18 +95,26 @@ def make_map(
         unused = ("--exact", "--robots", "--engine", "--robot", "--set")
         _refuse("--from-log", {"--exact": exact or None, **given}, unused)
         place = output or _folder(from_log.name)
-        _map_log(from_log, particles or PARTICLES, chosen_seed, with_clip, place, as_json)
+        if slam == "graph":
+            _refuse("--slam graph", given, ("--particles",))
+        if slam == "gmapping":
+            particles = particles or PARTICLES
+        _map_log(from_log, particles, chosen_seed, with_clip, place, as_json)
         return
     if from_map is not None:
         others = {"--exact": exact or None, **given}
-        _refuse("--from-map", others, ("--exact", "--robots", "--particles", "--seed", CLIP, "--engine"))
+        _refuse(
+            "--from-map", others, ("--exact", "--robots", "--slam", "--particles", "--seed", CLIP, "--engine")
+        )
         _resample(from_map, settings or [], output or _folder(from_map.name, "-resampled"), as_json)
         return
     assert arena is not None
     if exact:
-        _refuse("--exact", given, ("--robots", "--particles", "--seed", CLIP, "--engine", "--robot"))
+        _refuse("--exact", given, [name for name in given if name != "--set"])
         _draw_exactly(arena, settings or [], output or _folder(arena, "-exact"), as_json)
         return
+    if slam == "graph":
+        raise InputError("map: --slam graph maps recorded logs only; leave it out, or give --from-log FILE")
     wishes = {"arena": arena, "robots": robots, "particles": particles}
     wishes |= {"engine": engine, "robot": robot}
     values: dict[str, Scalar] = {name: value for name, value in wishes.items() if value is not None}
@@ -134,7 +148,7 @@ def _resample(path: Path, settings: list[str], output: Path, as_json: bool) -> N
     _tell(grid, files, [], as_json)
 
 
-def _map_log(path: Path, particles: int, seed: int, clip: bool, output: Path, as_json: bool) -> None:
+def _map_log(path: Path, particles: int | None, seed: int, clip: bool, output: Path, as_json: bool) -> None:
     from midnet_bench.cli.progress import meter
     from midnet_bench.io.scan_logs import read_scan_log
 

@@ -12,23 +12,27 @@ from midnet_bench.io.scan_logs import ScanLog
 from midnet_bench.io.trajectory import Trajectory
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.gmapping.settings import RECORDED_LOG
+from midnet_bench.mapping.graph_slam.slam import GraphSlam
 from midnet_bench.rng import stream
 
 MAX_LOOKS = 200
 COLLAPSED = 0.45
-"""Share of the log's median score below which a scan does not fit the map.
+"""Share of the log's median score below which a scan does not fit GMapping's map.
 
 The worst scan of the Intel Research Lab's log has 0.51 of it. Where a heading was turned by 26 to 180 degrees
 and the matcher did not find back, the scan had 0.40 at most.
 """
+GRAPH_COLLAPSED = 0.3
+"""The same for graph SLAM, which matches with the last scans alone: that log's worst scan has 0.35 of it."""
 
-Look = Callable[[int, GMapping], None]
-"""Is shown the filter after so many scans; it may ask for its map, pose and trajectory."""
+Slam = GMapping | GraphSlam
+Look = Callable[[int, Slam], None]
+"""Is shown the SLAM after so many scans; it may ask for its map, pose and trajectory."""
 
 
 @dataclass(frozen=True, eq=False)
 class MappingResult:
-    """What GMapping makes of a log."""
+    """What SLAM makes of a log."""
 
     grid: OccupancyGrid
     """int8: 100 occupied, 0 free, -1 unknown; the map frame is the odometry frame at the first scan"""
@@ -42,8 +46,17 @@ class MappingResult:
     """one line for each kind of thing in the log that was not taken as it stands, and where the map broke"""
 
 
-def start_mapping(log: ScanLog, particles: int, seed: int, threads: int = 1) -> GMapping:
-    """GMapping with the ``RECORDED_LOG`` settings, ready for the first scan of the log."""
+def start_mapping(log: ScanLog, particles: int | None, seed: int, threads: int = 1) -> Slam:
+    """SLAM ready for the first scan of the log: GMapping with the ``RECORDED_LOG`` settings, or graph SLAM.
+
+    Args:
+        log: the scans.
+        particles: of GMapping; None: graph SLAM.
+        seed: of GMapping's motion noise and resampling.
+        threads: that GMapping's particles are shared between.
+    """
+    if particles is None:
+        return GraphSlam(log.geometry, log.scans[0].odometry)
     settings = replace(RECORDED_LOG, particles=particles)
     return GMapping(log.geometry, settings, log.scans[0].odometry, stream(seed, "gmapping"), threads)
 
@@ -61,22 +74,22 @@ def held_in_memory(log: ScanLog) -> Iterator[None]:
 
 def map_scans(
     log: ScanLog,
-    particles: int = RECORDED_LOG.particles,
+    particles: int | None = None,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
     look: Look | None = None,
     threads: int = 1,
 ) -> MappingResult:
-    """The map and the trajectory that GMapping makes of a log; the same seed gives the same bytes.
+    """The map and the trajectory that SLAM makes of a log; the same seed gives the same bytes.
 
     Args:
         log: the scans.
-        particles: of the filter.
-        seed: of the motion noise and the resampling.
+        particles: of GMapping; None: graph SLAM, which survives slips of the wheels (docs/slips.md).
+        seed: of GMapping's motion noise and resampling. Graph SLAM leaves nothing to chance.
         progress: called after each scan with the number of scans done and of all scans.
         look: called after the first scan, after the last and at even distances between them, 200 times at
             most. It changes nothing of the result.
-        threads: that the particles are shared between. They change nothing of the result either.
+        threads: that GMapping's particles are shared between. They change nothing of the result either.
 
     Raises:
         InputError: no scan that counts has a usable range.
@@ -87,6 +100,8 @@ def map_scans(
     for done, scan in enumerate(log, start=1):
         if slam.process(scan.odometry, scan.ranges_m, scan.stamp_s):
             integrated.append(done)
+        if done == len(log) and isinstance(slam, GraphSlam):
+            slam.finish()
         if look is not None and (done in (1, len(log)) or done % every == 0):
             look(done, slam)
         if progress is not None:
@@ -97,27 +112,31 @@ def map_scans(
             f"{log.path}: no range of the scans after which the robot moved lies between 0 and "
             f"{log.geometry.range_max_m:g} m; there is nothing to map"
         )
-    broken = collapse(log, integrated, slam.scores)
+    share = GRAPH_COLLAPSED if particles is None else COLLAPSED
+    broken = collapse(log, integrated, slam.scores, share)
     warnings = log.warnings if broken is None else [*log.warnings, f"{log.path}: {broken}"]
     return MappingResult(grid, slam.trajectory, len(log), integrated, warnings)
 
 
-def collapse(log: ScanLog, integrated: Sequence[int], scores: Sequence[float]) -> str | None:
+def collapse(
+    log: ScanLog, integrated: Sequence[int], scores: Sequence[float], share: float = COLLAPSED
+) -> str | None:
     """The scan at which the map broke, in words; None if it did not.
 
-    That is the first scan whose score is below ``COLLAPSED`` times the median of the log. The scan after it
+    That is the first scan whose score is below ``share`` times the median of the log. The scan after it
     may fit again, but what it fits is a second map over the first.
 
     Args:
         log: the scans.
         integrated: the number, from 1, of each scan that was integrated.
         scores: of these scans, as :attr:`GMapping.scores` has them.
+        share: ``COLLAPSED`` or ``GRAPH_COLLAPSED``.
     """
     known = [score for score in scores if math.isfinite(score)]
     if not known:
         return None
     median = statistics.median(known)
-    low = [number for number, score in zip(integrated, scores, strict=True) if score < COLLAPSED * median]
+    low = [number for number, score in zip(integrated, scores, strict=True) if score < share * median]
     if not low:
         return None
     number = low[0]

@@ -1,4 +1,4 @@
-"""``write_log_map``: what GMapping makes of a recorded log, as files."""
+"""``write_log_map``: what SLAM makes of a recorded log, as files."""
 
 import hashlib
 from collections.abc import Callable
@@ -16,10 +16,10 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import write_atomically
 from midnet_bench.io.scan_logs import ScanLog
 from midnet_bench.io.trajectory import clock_fault, write_tum
-from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.gmapping.settings import RECORDED_LOG
 from midnet_bench.mapping.gmapping.threads import cores
-from midnet_bench.mapping.log_mapping import MappingResult, map_scans
+from midnet_bench.mapping.graph_slam.settings import GraphSlamSettings
+from midnet_bench.mapping.log_mapping import MappingResult, Slam, map_scans
 from midnet_bench.workflows.map_files import MapFiles, write_configuration, write_map, write_provenance
 
 
@@ -36,14 +36,19 @@ class LogMap:
 
 
 def write_log_map(
-    log: ScanLog, particles: int, seed: int, output: Path, clip: bool, progress: Callable[[int, int], None]
+    log: ScanLog,
+    particles: int | None,
+    seed: int,
+    output: Path,
+    clip: bool,
+    progress: Callable[[int, int], None],
 ) -> LogMap:
     """Map a log; write map and binary grid, trajectory (TUM), pictures, a video, and where they come from.
 
     Args:
         log: the scans.
-        particles: of GMapping.
-        seed: of the motion noise and the resampling.
+        particles: of GMapping; None: graph SLAM.
+        seed: of GMapping's motion noise and resampling.
         output: where to, as ``MapFiles`` takes it; no other run's map may be there.
         clip: whether to make an MP4 too.
         progress: called after each scan with the number of scans done and of all scans.
@@ -58,15 +63,20 @@ def write_log_map(
         "log": name,
         "sha256": hashlib.sha256(log.path.read_bytes()).hexdigest(),
         "seed": seed,
-        "gmapping": asdict(replace(RECORDED_LOG, particles=particles)),
     }
+    if particles is None:
+        configuration["graph_slam"] = asdict(GraphSlamSettings())
+        by = "graph SLAM"
+    else:
+        configuration["gmapping"] = asdict(replace(RECORDED_LOG, particles=particles))
+        by = f"GMapping with {particles} particles, seed {seed}"
     files = MapFiles.at(output)
     files.refuse_another(configuration)
     history = MapHistory()
     result = map_scans(
         log, particles, seed, progress, lambda done, slam: history.take(log_snapshot(done, slam)), cores()
     )
-    comment = f"{name}, {result.scans} scans, by GMapping with {particles} particles, seed {seed}"
+    comment = f"{name}, {result.scans} scans, by {by}"
     configured = write_configuration(files, configuration)
     written = write_map(files, result.grid, comment)
     trajectory = files.named("trajectory.tum")
@@ -95,8 +105,8 @@ def write_trajectory(result: MappingResult, log: Path, path: Path) -> list[str]:
     return [f"{where}: {what}; {path.name} has the numbers of scans in place of stamps"]
 
 
-def log_snapshot(done: int, slam: GMapping) -> MapSnapshot:
-    """The best particle's map and path after ``done`` scans, as plain data to be drawn."""
+def log_snapshot(done: int, slam: Slam) -> MapSnapshot:
+    """The map and path (of GMapping: the best particle's) after ``done`` scans, as plain data to be drawn."""
     grid = slam.occupancy()
     known_m2 = float(np.count_nonzero(grid.data >= 0)) * grid.resolution**2
     believed, path = np.array([slam.best_pose]), slam.trajectory.poses[:, :2]

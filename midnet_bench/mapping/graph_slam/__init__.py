@@ -1,0 +1,1 @@
+"""Graph SLAM over correlative scan matching, for logs whose wheels slip."""

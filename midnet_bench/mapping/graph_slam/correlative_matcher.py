@@ -1,0 +1,229 @@
+"""Correlative scan matching (Olson 2009): the pose in a window where a scan fits a map of hits best.
+
+The window is searched in full, so no hill keeps the match from the best pose. As in Hess et al. (2016) a
+coarse field bounds what a block of poses can score, and blocks that cannot win are not looked into.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.compiled import njit
+from midnet_bench.elementary import cos_sin, exp
+from midnet_bench.geometry import Pose2D
+
+Floats = npt.NDArray[np.float64]
+Field = npt.NDArray[np.uint8]
+
+CELL_M = 0.05
+FULL = 255
+"""what a field holds where there is a hit"""
+SIGMA_M = 0.08
+"""how far a hit's likeness reaches: SICK noise, half a cell, and the roughness of walls"""
+_REACH_CELLS = 5
+"""beyond three sigma a hit counts nothing"""
+BLOCK_CELLS = 8
+"""poses that share one bound lie in a square of so many cells"""
+ANGLE_STEP_RAD = 0.01
+"""moves a point at 10 m by 0.1 m"""
+_CLIMB_STEP_M, _CLIMB_STEP_RAD, _HALVINGS = 0.025, 0.005, 4
+"""the climb from the best pose of the search ends with steps of 1.6 mm and 0.3 mrad"""
+
+
+class HitField(NamedTuple):
+    """How like a hit each place is, from 0 to 255: 255 exp(-d^2 / (2 sigma^2)), d to the nearest hit."""
+
+    fine: Field
+    """(rows, columns) at the cells' centres"""
+    coarse: Field
+    """(rows, columns) the greatest fine value of the block of cells that begins here"""
+    corner: Floats
+    """(2,) x, y of the first cell's corner, metres in the map frame"""
+
+
+class Window(NamedTuple):
+    """Where to search around a pose."""
+
+    half_m: float
+    half_rad: float
+    pull_per_m2: float
+    """what a pose at distance d loses of its score per d^2"""
+    pull_per_rad2: float
+
+
+class Match(NamedTuple):
+    """The best pose of a window."""
+
+    pose: Pose2D
+    """in the map frame"""
+    score: float
+    """mean likeness of the points, 0 to 1, without the pulls"""
+
+
+def hit_field(hits_m: Floats) -> HitField:
+    """The field of (M, 2) hits in the map frame, with a rim on which no hit counts."""
+    rim = _REACH_CELLS + BLOCK_CELLS + 1
+    low = np.floor(hits_m.min(axis=0) / CELL_M) - rim
+    high = np.floor(hits_m.max(axis=0) / CELL_M) + rim + 1
+    columns, rows = (high - low).astype(np.int64)
+    fine = np.zeros((rows, columns), dtype=np.uint8)
+    corner = low * CELL_M
+    _smear(fine, (hits_m - corner) / CELL_M)
+    coarse, side = fine.copy(), 1
+    while side < BLOCK_CELLS:
+        coarse[:, :-side] = np.maximum(coarse[:, :-side], coarse[:, side:])
+        coarse[:-side] = np.maximum(coarse[:-side], coarse[side:])
+        side *= 2
+    return HitField(fine, coarse, corner)
+
+
+def match(field: HitField, points_m: Floats, guess: Pose2D, window: Window) -> Match:
+    """Where in the window around ``guess`` the points (B, 2), in the sensor's frame, fit best."""
+    x, y, yaw, score = _search(field, points_m, guess, window)
+    return Match(Pose2D(x, y, yaw), score)
+
+
+@njit(nogil=True)
+def _smear(field: Field, hits: Floats) -> None:
+    """Raise the field around the mean hit of each cell; hits in cells from the corner."""
+    counts = np.zeros(field.shape, dtype=np.int32)
+    means = np.empty((hits.shape[0], 2))
+    numbers = np.empty(field.shape, dtype=np.int32)
+    used = 0
+    for k in range(hits.shape[0]):
+        c, r = math.floor(hits[k, 0]), math.floor(hits[k, 1])
+        if counts[r, c] == 0:
+            numbers[r, c] = used
+            means[used] = 0.0
+            used += 1
+        counts[r, c] += 1
+        number, share = numbers[r, c], 1.0 / counts[r, c]
+        means[number, 0] += (hits[k, 0] - means[number, 0]) * share
+        means[number, 1] += (hits[k, 1] - means[number, 1]) * share
+    spread = 0.5 * CELL_M * CELL_M / (SIGMA_M * SIGMA_M)
+    for k in range(used):
+        x, y = means[k, 0], means[k, 1]
+        for r in range(math.floor(y) - _REACH_CELLS, math.floor(y) + _REACH_CELLS + 1):
+            for c in range(math.floor(x) - _REACH_CELLS, math.floor(x) + _REACH_CELLS + 1):
+                dx, dy = c + 0.5 - x, r + 0.5 - y
+                value = np.uint8(FULL * exp(-spread * (dx * dx + dy * dy)) + 0.5)
+                if value > field[r, c]:
+                    field[r, c] = value
+
+
+@njit
+def _turn(points: Floats, yaw: float, turned: Floats) -> None:
+    cos, sin = cos_sin(yaw)
+    for b in range(points.shape[0]):
+        turned[b, 0] = cos * points[b, 0] - sin * points[b, 1]
+        turned[b, 1] = sin * points[b, 0] + cos * points[b, 1]
+
+
+@njit
+def _likeness(field: Field, turned: Floats, x: float, y: float) -> float:
+    """Sum over the points of the field's value between cell centres (bilinear); lengths in cells."""
+    total = 0.0
+    rows, columns = field.shape
+    for b in range(turned.shape[0]):
+        u, v = x + turned[b, 0] - 0.5, y + turned[b, 1] - 0.5
+        c, r = math.floor(u), math.floor(v)
+        if 0 <= c < columns - 1 and 0 <= r < rows - 1:
+            s, t = u - c, v - r
+            low = (1.0 - s) * field[r, c] + s * field[r, c + 1]
+            high = (1.0 - s) * field[r + 1, c] + s * field[r + 1, c + 1]
+            total += (1.0 - t) * low + t * high
+    return total
+
+
+@njit
+def _rank_blocks(coarse: Field, cells: npt.NDArray[np.int64], blocks: int, turn_pulls: Floats) -> Floats:
+    """(A, blocks, blocks) what the poses of a block, turned in one way, can score at most."""
+    turns, count, _ = cells.shape
+    rows, columns = coarse.shape
+    bounds = np.empty((turns, blocks, blocks))
+    for a in range(turns):
+        for j in range(blocks):
+            for i in range(blocks):
+                total = 0
+                for b in range(count):
+                    c, r = cells[a, b, 0] + i * BLOCK_CELLS, cells[a, b, 1] + j * BLOCK_CELLS
+                    if 0 <= c < columns and 0 <= r < rows:
+                        total += int(coarse[r, c])
+                bounds[a, j, i] = total / (FULL * count) - turn_pulls[a]
+    return bounds
+
+
+@njit(nogil=True)
+def _search(
+    field: HitField, points_m: Floats, guess: Pose2D, window: Window
+) -> tuple[float, float, float, float]:
+    """(x, y, yaw, score) as ``match`` gives it."""
+    fine, corner = field.fine, field.corner
+    rows, columns = fine.shape
+    count, full = points_m.shape[0], FULL * points_m.shape[0]
+    points = points_m / CELL_M
+    x0, y0 = (guess.x - corner[0]) / CELL_M, (guess.y - corner[1]) / CELL_M
+    half, half_turns = math.ceil(window.half_m / CELL_M), math.ceil(window.half_rad / ANGLE_STEP_RAD)
+    pull = window.pull_per_m2 * CELL_M * CELL_M
+    turned = np.empty_like(points)
+    cells = np.empty((2 * half_turns + 1, count, 2), dtype=np.int64)
+    turn_pulls = np.empty(2 * half_turns + 1)
+    for a in range(2 * half_turns + 1):
+        turn = (a - half_turns) * ANGLE_STEP_RAD
+        turn_pulls[a] = window.pull_per_rad2 * turn * turn
+        _turn(points, guess.yaw + turn, turned)
+        for b in range(count):
+            cells[a, b, 0] = math.floor(x0 + turned[b, 0]) - half
+            cells[a, b, 1] = math.floor(y0 + turned[b, 1]) - half
+    blocks = (2 * half) // BLOCK_CELLS + 1
+    bounds = _rank_blocks(field.coarse, cells, blocks, turn_pulls).ravel()
+    best, best_a, best_i, best_j = -math.inf, half_turns, half, half
+    for k in np.argsort(-bounds):
+        if bounds[k] <= best:
+            break
+        a, block = k // (blocks * blocks), k % (blocks * blocks)
+        low_j, low_i = (block // blocks) * BLOCK_CELLS, (block % blocks) * BLOCK_CELLS
+        for j in range(low_j, min(low_j + BLOCK_CELLS, 2 * half + 1)):
+            for i in range(low_i, min(low_i + BLOCK_CELLS, 2 * half + 1)):
+                total = 0
+                for b in range(count):
+                    c, r = cells[a, b, 0] + i, cells[a, b, 1] + j
+                    if 0 <= c < columns and 0 <= r < rows:
+                        total += int(fine[r, c])
+                dx, dy = i - half, j - half
+                score = total / full - pull * (dx * dx + dy * dy) - turn_pulls[a]
+                if score > best:
+                    best, best_a, best_i, best_j = score, a, i, j
+    x, y = x0 + best_i - half, y0 + best_j - half
+    yaw = guess.yaw + (best_a - half_turns) * ANGLE_STEP_RAD
+    step, turn_step, halvings = _CLIMB_STEP_M / CELL_M, _CLIMB_STEP_RAD, 0
+    best = -math.inf
+    while True:
+        before, best_x, best_y, best_yaw = best, x, y, yaw
+        for move in range(7):
+            try_x, try_y, try_yaw = x, y, yaw
+            if move == 1 or move == 2:
+                try_x += step if move == 1 else -step
+            elif move == 3 or move == 4:
+                try_y += step if move == 3 else -step
+            elif move == 5 or move == 6:
+                try_yaw += turn_step if move == 5 else -turn_step
+            _turn(points, try_yaw, turned)
+            dx, dy, turn = try_x - x0, try_y - y0, try_yaw - guess.yaw
+            away = pull * (dx * dx + dy * dy) + window.pull_per_rad2 * turn * turn
+            score = _likeness(fine, turned, try_x, try_y) / full - away
+            if score > best:
+                best, best_x, best_y, best_yaw = score, try_x, try_y, try_yaw
+        if best > before:
+            x, y, yaw = best_x, best_y, best_yaw
+        elif halvings < _HALVINGS:
+            halvings += 1
+            step *= 0.5
+            turn_step *= 0.5
+        else:
+            break
+    _turn(points, yaw, turned)
+    score = _likeness(fine, turned, x, y) / full
+    return corner[0] + x * CELL_M, corner[1] + y * CELL_M, yaw, score

@@ -1,0 +1,330 @@
+"""Graph SLAM: a scan is matched with those before it, loops are closed, and a graph of poses is optimized."""
+
+import math
+import statistics
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.geometry import Pose2D, lengths, wrap_angle
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.io.trajectory import Trajectory
+from midnet_bench.mapping.gmapping.filter import ScanRays, scan_rays
+from midnet_bench.mapping.gmapping.visit_map import VisitMap
+from midnet_bench.mapping.graph_slam.correlative_matcher import HitField, Window, hit_field, match
+from midnet_bench.mapping.graph_slam.pose_graph import PoseGraph
+from midnet_bench.mapping.graph_slam.settings import GraphSlamSettings
+from midnet_bench.messages import LidarGeometry
+
+Floats = npt.NDArray[np.float64]
+
+NARROW = Window(0.3, 0.2, 0.5, 0.5)
+"""around what the odometry says; its pull holds where a corridor says nothing"""
+WIDE = Window(1.0, 3.2, 0.05, 0.01)
+"""where the wheels may have slipped to"""
+_MOST_CHAINS = 3
+"""of old scans with which one scan may close loops"""
+_PENDING_NODES = 8
+_FEWEST_POINTS = 20
+"""fewer close no loop"""
+_DRAWN_M, _DRAWN_RAD = 0.02, 0.005
+"""a scan that the graph moved by less stays where it is drawn until the map is drawn anew"""
+
+
+class _Scan(NamedTuple):
+    """A scan as it is drawn and as it is matched."""
+
+    rays: ScanRays
+    points: Floats
+    """(B, 2) thinned hits in the sensor frame, metres"""
+    normals: Floats
+    """(B, 2) unit normals of the walls that they lie on, as far as neighbouring beams tell them; else 0"""
+
+
+class _Closure(NamedTuple):
+    """Node ``late`` was seen from the older node ``early``."""
+
+    early: int
+    late: int
+    pose: Pose2D
+    """of ``late`` in the map as it was then"""
+    measured: Pose2D
+    """of ``late`` in the frame of ``early``"""
+    information: Floats
+
+
+class GraphSlam:
+    """SLAM with one hypothesis: what a slip of the wheels or a loop shows to be wrong is put right later.
+
+    A scan is searched for in a window around the odometry's pose in the map of the last scans; if its score
+    collapses, in a wider one. Scans of earlier visits close loops: their match is an edge of the graph. After
+    a long way the last scans are matched together, so that one doorway is not taken for another. The scheme
+    is open_karto's (Konolige et al. 2010, "Efficient sparse pose adjustment"). Nothing is left to chance.
+
+    Args:
+        geometry: of the sensor and its mount.
+        initial: the robot's base in the map frame when the first scan arrives.
+        settings: the parameters.
+    """
+
+    def __init__(
+        self, geometry: LidarGeometry, initial: Pose2D, settings: GraphSlamSettings | None = None
+    ) -> None:
+        self.geometry = geometry
+        self.settings = settings or GraphSlamSettings()
+        self._initial = initial
+        self._graph = PoseGraph()
+        self._scans: list[_Scan] = []
+        self._stamps_s: list[float] = []
+        self._scores: list[float] = []
+        self._odometry = initial
+        self._node_odometry = initial
+        self._driven_m = self._turned_rad = 0.0
+        self._untied_m = 0.0
+        """driven since the last closed loop"""
+        self._relaxed = 0
+        """the node at which the graph was optimized last"""
+        self._pending: list[_Closure] = []
+        self._visit_map = VisitMap(self.settings.resolution_m)
+        self._drawn = np.empty((0, 3))
+
+    def process(self, odometry_pose: Pose2D, ranges_m: Floats, time_s: float) -> bool:
+        """Take a scan; True if it became a node, False if the robot had not moved enough.
+
+        Args:
+            odometry_pose: the robot's base in the odometry frame when the scan was taken.
+            ranges_m: (beams,) metres.
+            time_s: when the scan was taken, seconds.
+        """
+        first = not self._scans
+        if not first:
+            step = odometry_pose.relative_to(self._odometry)
+            self._driven_m += math.hypot(step.x, step.y)
+            self._turned_rad += abs(step.yaw)
+        self._odometry = odometry_pose
+        settings = self.settings
+        if not (
+            first
+            or self._driven_m >= settings.linear_update_m
+            or self._turned_rad >= settings.angular_update_rad
+        ):
+            return False
+        scan = _matchable(self.geometry, ranges_m, settings)
+        mount = self.geometry.mount
+        score = math.nan
+        if first:
+            self._graph.add_node(self._initial.compose(mount))
+        else:
+            step = odometry_pose.compose(mount).relative_to(self._node_odometry.compose(mount))
+            score = self._follow(scan, step)
+            self._untied_m += self._driven_m
+        self._scans.append(scan)
+        self._stamps_s.append(time_s)
+        self._scores.append(score)
+        self._node_odometry = odometry_pose
+        self._driven_m = self._turned_rad = 0.0
+        self._close_loops(scan)
+        return True
+
+    def finish(self) -> None:
+        """Let the graph settle after the last scan."""
+        self._graph.optimize(rounds=20)
+
+    @property
+    def best_pose(self) -> Pose2D:
+        """The robot's base in the map frame: the last node, and the odometry since."""
+        pose = self._base_at(len(self._scans) - 1).compose(self._odometry.relative_to(self._node_odometry))
+        return pose._replace(yaw=wrap_angle(pose.yaw))
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Where the graph places the robot's base at each node."""
+        poses = [self._base_at(node) for node in range(len(self._scans))]
+        return Trajectory(np.array(self._stamps_s), np.array(poses, dtype=np.float64).reshape(-1, 3))
+
+    @property
+    def scores(self) -> list[float]:
+        """How well each node's scan fitted those before it, 0 to 1; NaN where there was nothing to fit."""
+        return list(self._scores)
+
+    def occupancy(self, anew: bool = False) -> OccupancyGrid:
+        """The map along the trajectory: int8, 100 occupied, 0 free, -1 unknown.
+
+        Only scans that moved visibly since the last call are drawn again; ``anew`` draws all.
+        """
+        if anew:
+            self._visit_map, self._drawn = VisitMap(self.settings.resolution_m), np.empty((0, 3))
+        poses = self._graph.poses
+        old = len(self._drawn)
+        moved = np.abs(poses[:old] - self._drawn)
+        visibly = (moved[:, :2].max(axis=1) > _DRAWN_M) | (moved[:, 2] > _DRAWN_RAD)
+        for node in map(int, np.flatnonzero(visibly)):
+            self._visit_map.remove(self._drawn[node], *self._scans[node].rays)
+            self._visit_map.add(poses[node], *self._scans[node].rays)
+            self._drawn[node] = poses[node]
+        for node in range(old, len(poses)):
+            self._visit_map.add(poses[node], *self._scans[node].rays)
+        self._drawn = np.concatenate([self._drawn, poses[old:]])
+        return self._visit_map.occupancy(self.settings.occupied_threshold)
+
+    def _follow(self, scan: _Scan, step: Pose2D) -> float:
+        """Add the scan's node, ``step`` by the wheels after the last one; its score, NaN without a match."""
+        settings, last = self.settings, len(self._scans) - 1
+        pose, score = self._graph.pose(last).compose(step), math.nan
+        field = self._field(range(max(0, last + 1 - settings.running_scans), last + 1), pose, WIDE.half_m)
+        if field is not None and len(scan.points):
+            found = match(field, scan.points, pose, NARROW)
+            usual = [score for score in self._scores[-50:] if math.isfinite(score)]
+            if usual and found.score < settings.collapsed * statistics.median(usual):
+                slipped = match(field, scan.points, pose, WIDE)
+                if slipped.score > found.score + settings.gain:
+                    found = slipped
+            pose, score = found
+        information = self._matched_information(scan, self._graph.pose(last), pose, score)
+        by_wheels = 1.0 / (settings.odometry_deviation * settings.odometry_deviation)
+        information += np.diag([by_wheels, by_wheels, by_wheels])
+        self._graph.add_node(pose)
+        self._graph.add_edge(last, last + 1, pose.relative_to(self._graph.pose(last)), information)
+        return score
+
+    def _close_loops(self, scan: _Scan) -> None:
+        """Tie the newest node to earlier visits of its place, and let the graph settle if that moved it."""
+        late = len(self._scans) - 1
+        here = self._graph.pose(late)
+        closures = [closure for early in self._earlier_visits(late) for closure in self._closure(early, scan)]
+        believed = [closure for closure in closures if not self._far_apart(closure.pose, here)]
+        self._pending = [closure for closure in self._pending if late - closure.late <= _PENDING_NODES]
+        surprised = False
+        for closure in closures:
+            if self._far_apart(closure.pose, here):
+                self._pending.append(closure)
+                alike = [old for old in self._pending if self._agree(old, closure)]
+                if len(alike) >= self.settings.agreeing:
+                    surprised = True
+                    believed += alike
+                    self._pending = [old for old in self._pending if not self._agree(old, closure)]
+        if not believed:
+            return
+        for closure in believed:
+            self._graph.add_edge(
+                closure.early, closure.late, closure.measured, closure.information, doubted=True
+            )
+        self._untied_m = 0.0
+        if surprised:
+            self._graph.optimize(rounds=10, doubting=False)
+        if surprised or late - self._relaxed >= max(5, late // 100):
+            self._graph.optimize(rounds=2)
+            self._relaxed = late
+
+    def _earlier_visits(self, late: int) -> list[int]:
+        """The nearest node of each earlier visit within reach, the nearest visits first."""
+        settings, poses = self.settings, self._graph.poses
+        old = max(0, late - settings.running_scans)
+        away = lengths(poses[:old, :2] - poses[late, :2])
+        near = np.flatnonzero(away < settings.loop_radius_m + self._loop_window().half_m)
+        if len(near) == 0 or len(self._scans[late].points) < _FEWEST_POINTS:
+            return []
+        visits = np.split(near, np.flatnonzero(np.diff(near) > 3) + 1)
+        nearest = [int(visit[np.argmin(away[visit])]) for visit in visits]
+        return sorted(nearest, key=lambda node: float(away[node]))[:_MOST_CHAINS]
+
+    def _loop_window(self) -> Window:
+        """As wide as the pose may have drifted on the way since the last loop."""
+        drift_m = 0.2 + 0.02 * self._untied_m
+        return Window(
+            min(0.2 + 0.03 * self._untied_m, 3.0),
+            min(0.1 + 0.005 * self._untied_m, 0.4),
+            0.03 / (drift_m * drift_m),
+            0.1,
+        )
+
+    def _closure(self, early: int, scan: _Scan) -> list[_Closure]:
+        """The match of the newest node's scan with those around an early node, if it is good enough."""
+        settings, late = self.settings, len(self._scans) - 1
+        nodes = range(
+            max(0, early - settings.loop_scans),
+            min(late - settings.running_scans, early + settings.loop_scans + 1),
+        )
+        pose, window = self._graph.pose(late), self._loop_window()
+        field = self._field(nodes, pose, window.half_m + NARROW.half_m)
+        if field is None:
+            return []
+        if self._untied_m > settings.long_way_m:
+            pose, score = match(field, self._lately(), pose, window)
+            if score < settings.loop_score:
+                return []
+        pose, score = match(field, scan.points, pose, NARROW)
+        if score < settings.loop_score:
+            return []
+        seen_from = self._graph.pose(early)
+        information = self._matched_information(scan, seen_from, pose, score)
+        return [_Closure(early, late, pose, pose.relative_to(seen_from), information)]
+
+    def _lately(self) -> Floats:
+        """(B, 2) points of the last scans in the newest one's frame, thinned, metres."""
+        last = range(max(0, len(self._scans) - self.settings.lately_scans), len(self._scans))
+        here = self._graph.pose(len(self._scans) - 1)
+        points = np.concatenate(
+            [self._graph.pose(node).relative_to(here).transform(self._scans[node].points) for node in last]
+        )
+        points = points[lengths(points) < self.settings.farthest_m]
+        return points[_thinned(points, self.settings.thin_m)]
+
+    def _agree(self, old: _Closure, new: _Closure) -> bool:
+        """Whether two closures move the robot alike, the way between them driven as the graph has it."""
+        driven = self._graph.pose(new.late).relative_to(self._graph.pose(old.late))
+        return not self._far_apart(old.pose.compose(driven), new.pose)
+
+    def _far_apart(self, one: Pose2D, other: Pose2D) -> bool:
+        turn_rad = abs(wrap_angle(one.yaw - other.yaw))
+        return one.distance_to(other) > self.settings.surprise_m or turn_rad > self.settings.surprise_rad
+
+    def _matched_information(self, scan: _Scan, seen_from: Pose2D, pose: Pose2D, score: float) -> Floats:
+        """(3, 3) what a match tells: each point holds it along its wall's normal; 0 without a match."""
+        if not math.isfinite(score):
+            return np.zeros((3, 3))
+        cos, sin = pose.relative_to(seen_from).direction
+        (x, y), (along_x, along_y) = scan.points.T, scan.normals.T
+        by_pose = np.stack(
+            [cos * along_x - sin * along_y, sin * along_x + cos * along_y, x * along_y - y * along_x], axis=1
+        )
+        share = score / self.settings.hit_deviation_m
+        told: Floats = share * share * (by_pose[:, :, None] * by_pose[:, None, :]).sum(axis=0)
+        return told
+
+    def _field(self, nodes: Sequence[int], around: Pose2D, window_m: float) -> HitField | None:
+        """The hits of some nodes as far as a scan from the window around a pose can meet them."""
+        hits = [self._graph.pose(node).transform(self._scans[node].points) for node in nodes]
+        near = np.concatenate(hits)
+        limit_m = self.settings.farthest_m + window_m
+        near = near[np.abs(near - (around.x, around.y)).max(axis=1) < limit_m]
+        return hit_field(near) if len(near) else None
+
+    def _base_at(self, node: int) -> Pose2D:
+        pose = self._graph.pose(node).compose(self.geometry.mount.inverse())
+        return pose._replace(yaw=wrap_angle(pose.yaw))
+
+
+def _matchable(geometry: LidarGeometry, ranges_m: Floats, settings: GraphSlamSettings) -> _Scan:
+    rays = scan_rays(geometry, ranges_m, math.inf)
+    hits = rays.ends_m[: rays.hits]
+    hits = hits[lengths(hits) < settings.farthest_m]
+    normals = np.zeros_like(hits)
+    if len(hits) > 2:
+        # a wall where the beams before and after end near each other
+        across = hits[2:] - hits[:-2]
+        gap_m = lengths(across)
+        wall = (gap_m > 0.0) & (gap_m < 0.2 + 0.1 * lengths(hits[1:-1]))
+        normals[1:-1][wall] = np.stack([-across[wall, 1], across[wall, 0]], axis=1) / gap_m[wall, None]
+    kept = _thinned(hits, settings.thin_m)
+    return _Scan(rays, hits[kept], normals[kept])
+
+
+def _thinned(points: Floats, side_m: float) -> npt.NDArray[np.int64]:
+    """The indices, ascending, of the first point in each square of the plane."""
+    cells = np.floor(points / side_m).astype(np.int64)
+    cells -= cells.min(axis=0, initial=0)
+    _, first = np.unique(cells[:, 1] * (cells[:, 0].max(initial=0) + 1) + cells[:, 0], return_index=True)
+    return np.sort(first)
