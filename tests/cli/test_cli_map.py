@@ -233,6 +233,27 @@ def test_a_recorded_log_becomes_a_map_a_trajectory_and_a_picture(tmp_path: Path)
         assert (tmp_path / "out" / one).read_bytes() == (tmp_path / other).read_bytes()
 
 
+@pytest.mark.slow
+def test_a_log_is_mapped_by_graph_slam_unless_gmapping_is_asked_for(tmp_path: Path) -> None:
+    square_room_log(tmp_path / "run.log")
+    used = {}
+    for name, arguments in {
+        "default": (),
+        "graph": ("--slam", "graph"),
+        "old": ("--slam", "gmapping"),
+    }.items():
+        done = midnet_bench(
+            "map", "--from-log", "run.log", "--no-clip", *arguments, "-o", name, folder=tmp_path
+        )
+        assert done.returncode == 0, done.stderr
+        used[name] = json.loads((tmp_path / name / "configuration.json").read_text())
+        assert len(np.loadtxt(tmp_path / name / "trajectory.tum")) >= 4
+    assert used["default"] == used["graph"]
+    assert used["graph"]["graph_slam"]["running_scans"] == 20
+    assert "gmapping" not in used["graph"]
+    assert used["old"]["gmapping"]["particles"] == 30
+
+
 def test_ranges_that_say_nothing_are_left_out_with_a_warning(tmp_path: Path) -> None:
     square_room_log(tmp_path / "run.log", first_range="nan")
     run = ("map", "--from-log", "run.log", "--particles", 2, "--no-clip")
@@ -297,6 +318,10 @@ def test_a_bad_log_is_told_before_the_slow_rooms_are_loaded(tmp_path: Path) -> N
         (("map1", "--from-log", "run.log"), ["either", "--from-log"]),
         (("--from-log", "run.log", "--robots", 2), ["--from-log", "--robots"]),
         (("--from-log", "run.log", "--set", "robots=2"), ["--from-log", "--set"]),
+        (("--from-log", "run.log", "--slam", "graph", "--particles", 5), ["--slam graph", "--particles"]),
+        (("--from-log", "run.log", "--slam", "graf"), ["--slam", "graf", "graph"]),
+        (("map1", "--slam", "graph"), ["--slam graph", "--from-log"]),
+        (("map1", "--exact", "--slam", "gmapping"), ["--exact", "--slam"]),
         (("map9",), ["map9", "did you mean"]),
         (("map1", "--robots", 0), ["robots", "0"]),
         (("map1", "--particles", 0), ["--particles", "1"]),

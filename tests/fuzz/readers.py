@@ -145,10 +145,12 @@ def scan_log(rng: Random | None, folder: Path) -> Case:
         line = ("map", "--from-log", path.name, "--particles", "2", "--no-clip", "-o", "out")
         return command(*line, writes=("out",))
 
+    particles = _pick(rng, (2, None))  # GMapping or graph SLAM
+
     def map_it() -> None:
         log = read_scan_log(Path(path.name))
         with held_in_memory(log):
-            made = map_scans(log, particles=2, seed=1)
+            made = map_scans(log, particles, seed=1)
         write_trajectory(made, log.path, Path("out", "trajectory.tum"))
 
     return function(f"map_scans({path.name})", map_it, writes=("out",))
