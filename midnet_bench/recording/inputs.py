@@ -55,6 +55,7 @@ class ReplayWishes:
     clock: Clock = "header"
     offsets: Sequence[str] = ()
     rate_hz: float | None = None
+    tick_hz: float | None = None
     max_pose_age_s: float = 0.5
     max_ally_age_s: float = 0.5
     deskew: bool = False
@@ -175,6 +176,7 @@ def with_exported(wishes: ReplayWishes, surveys: Sequence[Survey]) -> ReplayWish
             mount=mounts,
         )
         rate_hz = wishes.rate_hz or float(str(said["rate_hz"]))
+        tick_hz = float(str(said["tick_hz"]))
     except (AssertionError, KeyError, TypeError, IndexError, ValueError) as error:
         raise InputError(
             f"{surveys[0].source.path}: {EXPORTED}: {error!r}; export the trial again"
@@ -185,6 +187,7 @@ def with_exported(wishes: ReplayWishes, surveys: Sequence[Survey]) -> ReplayWish
         settings={**settings, **wishes.settings},
         presets=("paper",),
         rate_hz=rate_hz,
+        tick_hz=tick_hz,
         map=wishes.map or "/map",
     )
 
@@ -286,6 +289,7 @@ def options_of(wishes: ReplayWishes, offsets: Sequence[int] | None) -> ReplayOpt
     return ReplayOptions(
         clock=wishes.clock,
         rate_hz=None if offsets is None else wishes.rate_hz,
+        tick_hz=wishes.tick_hz,
         max_pose_age_s=wishes.max_pose_age_s,
         max_ally_age_s=wishes.max_ally_age_s,
         deskew=wishes.deskew,

@@ -102,6 +102,8 @@ class Tally:
     """why -> where it happened first"""
     without_pose: int = 0
     """of those that were not, how many had no pose near enough"""
+    oldest_pose_s: float = 0.0
+    """the farthest that a scan which was taken lies from a reading that its pose is made of"""
     late_allies: Counter[str] = field(default_factory=Counter)
     """ally -> frames in which its pose was too old, or there was none yet"""
     oldest_ally_s: dict[str, float] = field(default_factory=dict)
@@ -135,6 +137,8 @@ class ReplayOptions:
     clock: Clock = "header"
     rate_hz: float | None = None
     """of frames; None: one at each scan"""
+    tick_hz: float | None = None
+    """of a trial's clock, by whose whole ticks marks are forgotten; None of a real recording"""
     max_pose_age_s: float = 0.5
     """a scan whose pose lies between readings that are farther off is skipped"""
     max_ally_age_s: float = 0.5
@@ -344,6 +348,10 @@ class Replay:
         for where in (*self._where, *self._others):
             where.forget(item.time_ns)
 
+    def _seconds(self, time_ns: int) -> float:
+        tick_hz = self._options.tick_hz
+        return time_ns / NS if tick_hz is None else round(time_ns * tick_hz / NS) / tick_hz
+
     def _told_where(self, item: _Pending) -> str:
         name = self.robots[item.robot or 0].name
         return f"robot '{name}', scan {item.number} at {item.time_ns / NS:.3f} s"
@@ -380,7 +388,7 @@ class Replay:
         ranges_m = plan.no_return.cleaned(scan) if item.exact is None else item.exact[4:]
         if self._options.deskew:
             ranges_m = self._deskewed(robot, item, ranges_m, lidar)
-        scan_taken = Scan(ranges_m, lidar, told.pose, item.time_ns / NS)
+        scan_taken = Scan(ranges_m, lidar, told.pose, self._seconds(item.time_ns))
         if self._correctors:
             pose = self._correctors[robot].corrected(scan_taken)
             self._corrections[robot] = pose.compose(told.pose.inverse())
@@ -389,6 +397,8 @@ class Replay:
             node.observe(robot, scan_taken.pose, ranges_m, lidar, scan_taken.stamp_s)
         self._last[robot] = scan_taken
         self.tally.scans[plan.name] += 1
+        if told.age_s < math.inf:  # of a laser at rest
+            self.tally.oldest_pose_s = max(self.tally.oldest_pose_s, told.age_s)
         return True
 
     def _geometry(self, robot: int, scan: ScanReading, exact: Floats | None) -> LidarGeometry:
@@ -461,7 +471,7 @@ class Replay:
             else:
                 tally.late_allies[plan.name] += 1
         followed = [(plan, where.at(item.time_ns)) for plan, where in self._followed]
-        time_s = item.time_ns / NS
+        time_s = self._seconds(item.time_ns)
         looks = {}
         for name, node in self.nodes.items():
             observations = [

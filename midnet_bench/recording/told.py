@@ -174,6 +174,9 @@ def told_after(played: Replay, wishes: ReplayWishes, note: Note) -> list[str]:
             note(line)
         else:
             lines.append(line)
+    if tally.oldest_pose_s > 0.0:
+        oldest_ms = 1000.0 * tally.oldest_pose_s
+        note(f"no scan lies farther than {oldest_ms:.0f} ms from the poses that it is placed by")
     lines += played.void_poses()
     for name, count in played.pose_times():
         if not count:

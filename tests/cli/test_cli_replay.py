@@ -52,7 +52,18 @@ def replayed_boxes(folder: Path) -> dict[int, list[Sides]]:
     ],
 )
 def test_an_exported_trial_gives_its_detections_again(tmp_path: Path, form: str, name: str) -> None:
-    trial = ("detection", "--engine", "fast", "--robots", 5, "--set", "frames=12", "--seed", 7)
+    # marks as old as they may get, to the tick: only the trial's own clock tells which are forgotten
+    trial = (
+        "detection",
+        "--engine",
+        "fast",
+        "--frames",
+        12,
+        "--seed",
+        7,
+        "--set",
+        "decay_s=0.4",
+    )
     assert midnet_bench("export", *trial, "--format", form, "-o", name, folder=tmp_path).returncode == 0
     listed = midnet_bench("replay", name, folder=tmp_path)
     assert listed.returncode == 0, listed.stderr
