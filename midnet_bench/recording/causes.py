@@ -108,6 +108,8 @@ class Explainer:
         else:
             self._wall_m = np.full(shape, math.inf)
         self._matcher: ScanToMap | None = None
+        self._matched: dict[int, tuple[Scan, Pose2D | None]] = {}
+        """robot -> its last scan that was matched to the map, and the pose that came of it"""
         self._suspects: list[tuple[int, Floats]] = []
         self.rows: list[ErrorRow] = []
 
@@ -161,13 +163,15 @@ class Explainer:
         """The stage that the returns about a label reached."""
         assert view.explanation is not None
         stages = ["beyond_range"]
-        order = list(MISSES)
+        order, midnet = list(MISSES), self._settings.midnet
         total = 0
         if any(
             box.distance_to_point(label.x, label.y) <= near_m
             for box in frame.looks[self._look].frame.detections
         ):
             return "merged", returns_near(frame, label, near_m)
+        if self._settings.detector != "midnet":  # whose stages nobody knows
+            return "not_detected", returns_near(frame, label, near_m)
         for one, robot in zip(frame.seen, view.explanation.views, strict=True):
             if one.scan is None:
                 continue
@@ -195,6 +199,7 @@ class Explainer:
                 stages.append("outside_map")
                 continue
             reach = math.ceil(self._settings.local_reach_m / prior.resolution)
+            free = np.count_nonzero(prior.data[cells[on, 1], cells[on, 0]])
             if not self._is_left(robot.d, points[on], reach):
                 on_map = cells_of(self._map, points)
                 on_map = on_map[self._on_map(on_map)]
@@ -220,12 +225,20 @@ class Explainer:
                 stages.append("dropped_by_fusion")
             elif found:
                 stages.append("taken_for_ally")
+            elif grown and midnet.min_returns and free < midnet.min_returns <= len(points):
+                stages.append("under_prior")  # which leaves a rim of what was inflated, without its returns
             elif grown:
-                few = self._settings.midnet.min_returns > 1
-                stages.append("too_few_returns" if few else "too_small")
+                cells_left = max(self._cells_of(box, prior) for box in grown)
+                is_small = cells_left < midnet.min_area_cells or not midnet.min_returns
+                stages.append("too_small" if is_small else "too_few_returns")
             else:
                 stages.append("displaced")
         return max(stages, key=order.index), total
+
+    @staticmethod
+    def _cells_of(box: Sequence[float], prior: OccupancyGrid) -> int:
+        """At most so many cells has the blob in a box."""
+        return round((box[2] - box[0]) / prior.resolution) * round((box[3] - box[1]) / prior.resolution)
 
     @staticmethod
     def _is_left(d: OccupancyGrid, points: Floats, reach: int) -> bool:
@@ -274,9 +287,7 @@ class Explainer:
                     offset_m,
                 )
             )
-            if cause in ("somebody", "near_wall", "unknown_cells", "pose_error", "single_return") and len(
-                returns
-            ):
+            if cause in ("somebody", "near_wall", "unknown_cells", "single_return") and len(returns):
                 self._suspects.append((row, returns))
 
     def _made_of(
@@ -336,10 +347,13 @@ class Explainer:
             points = _inside(box, scan.returns(math.inf)[1], self._map.resolution)
             if not len(points):
                 continue
-            found = self._matcher.match(scan.pose, scan.ranges_m, scan.lidar)
-            if found is None:
+            if one.robot not in self._matched or self._matched[one.robot][0] is not scan:
+                matched = self._matcher.match(scan.pose, scan.ranges_m, scan.lidar)
+                self._matched[one.robot] = scan, None if matched is None else matched[0]
+            pose = self._matched[one.robot][1]
+            if pose is None:
                 continue
-            shifted = found[0].transform(_local(scan.pose, points))
+            shifted = pose.transform(_local(scan.pose, points))
             grown_m = self._settings.prior_reach_m - self._settings.local_reach_m
             if float(np.median(self.wall_distances(shifted))) <= max(grown_m, self._map.resolution):
                 return True
