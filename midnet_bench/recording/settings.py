@@ -133,7 +133,7 @@ class ReplaySettings(Settings):
                 if self.midnet.min_returns
                 else "no return of the last scan"
             ),
-            f"window {self.costmap.size_m:g} m, range {self.range_m:g} m, marks: {self.costmap.memory}",
+            f"window {self.costmap.size_m:.3g} m, range {self.range_m:g} m, marks: {self.costmap.memory}",
         ]
         half_m = self.costmap.size_m / 2.0
         if half_m < self.range_m:
