@@ -146,7 +146,8 @@ class Whereabouts:
             pose = step if number == 0 else pose.compose(step)
         if len(self.links) > 1:
             pose = pose._replace(yaw=wrap_angle(pose.yaw))
-        return Told(pose, max(self._ages_s([one.age_s for one in told if one is not None]), default=math.inf))
+        # what never moves is as old as nothing
+        return Told(pose, max(self._ages_s([one.age_s for one in told if one is not None]), default=0.0))
 
     def _ages_s(self, ages_s: Sequence[float]) -> list[float]:
         """Of each track what counts: a link slower than the fastest holds for a while until it changes."""

@@ -1,6 +1,7 @@
 """``replay`` on the command line: an exported trial comes back, others' recordings are scored."""
 
 import json
+import math
 from collections import defaultdict
 from pathlib import Path
 
@@ -159,3 +160,22 @@ def test_a_declared_ally_is_no_intruder(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     frames = {row["frame"] for row in rows(tmp_path / "out" / "boxes.csv")}
     assert len(frames) <= 1
+
+
+def test_a_laser_at_rest_makes_its_own_map(tmp_path: Path) -> None:
+    """A square room; after six seconds a box stands two metres ahead."""
+    angles = [math.radians(k) for k in range(360)]
+    walls = [2.5 / max(abs(math.cos(angle)), abs(math.sin(angle))) for angle in angles]
+    lines = ["t,angle_min,angle_increment,range_min,range_max," + ",".join(f"r{k}" for k in range(360))]
+    for tenth in range(100):
+        ranges = [2.0 if tenth >= 60 and k in range(5) else walls[k] for k in range(360)]
+        lines.append(",".join(map(str, (0.1 * tenth, 0.0, math.radians(1.0), 0.1, 8.0, *ranges))))
+    (tmp_path / "still.csv").write_text("\n".join(lines) + "\n")
+    options = ("--pose", "at:0,0,0", "--background", "first-5", "--preset", "real", "-o", "out")
+    done = midnet_bench("replay", "still.csv", *options, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    boxes = rows(tmp_path / "out" / "boxes.csv")
+    assert len(boxes) == 40
+    assert {round(float(row["t"])) for row in boxes} == {6, 7, 8, 9, 10}
+    assert all(abs(float(row["x_min_m"]) - 1.9) < 0.11 for row in boxes)
+    assert {row["cause"] for row in rows(tmp_path / "out" / "errors.csv")} <= {"somebody", "unmapped"}
