@@ -175,7 +175,7 @@ class Explainer:
         for one, robot in zip(frame.seen, view.explanation.views, strict=True):
             if one.scan is None:
                 continue
-            all_points = off_walls(self, near(one.scan, label, near_m))
+            all_points = off_walls(self, near(one.returns, label, near_m))
             total += len(all_points)
             if not len(all_points):
                 continue
@@ -344,7 +344,7 @@ class Explainer:
             scan = one.scan
             if scan is None:
                 continue
-            points = _inside(box, scan.returns(math.inf)[1], self._map.resolution)
+            points = _inside(box, one.returns, self._map.resolution)
             if not len(points):
                 continue
             if one.robot not in self._matched or self._matched[one.robot][0] is not scan:
@@ -377,9 +377,8 @@ def _local(pose: Pose2D, points: Floats) -> Floats:
     return pose.inverse().transform(points)
 
 
-def near(scan: Scan, label: Label, distance_m: float) -> Floats:
-    """(n, 2) the scan's returns no farther than ``distance_m`` from a label, map frame."""
-    points = scan.returns(math.inf)[1]
+def near(points: Floats, label: Label, distance_m: float) -> Floats:
+    """Those of (n, 2) returns that lie no farther than ``distance_m`` from a label, map frame."""
     return np.asarray(points[np.hypot(points[:, 0] - label.x, points[:, 1] - label.y) <= distance_m])
 
 
@@ -391,14 +390,12 @@ def off_walls(explainer: Explainer, points: Floats) -> Floats:
 
 def returns_near(frame: ReplayFrame, label: Label, distance_m: float) -> int:
     """How many returns of the last scans lie near a label."""
-    return sum(len(near(one.scan, label, distance_m)) for one in frame.seen if one.scan is not None)
+    return sum(len(near(one.returns, label, distance_m)) for one in frame.seen)
 
 
 def points_in(frame: ReplayFrame, box: Box, margin_m: float) -> Floats:
     """(n, 2) returns of the last scans in a box, or a cell beside it, map frame."""
-    found = [
-        _inside(box, one.scan.returns(math.inf)[1], margin_m) for one in frame.seen if one.scan is not None
-    ]
+    found = [_inside(box, one.returns, margin_m) for one in frame.seen]
     return np.concatenate(found) if found else np.empty((0, 2))
 
 

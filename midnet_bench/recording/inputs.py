@@ -279,7 +279,7 @@ def _count(
             break
         for one in frame.seen:
             if one.robot == frame.scanned and one.scan is not None:
-                counts.take(one.scan)
+                counts.take(one.scan, one.returns)
                 taken += 1
     return taken, until_ns
 

@@ -45,18 +45,21 @@ class RayCounts:
         self.began_s: float | None = None
         self.newest_s: float | None = None
 
-    def take(self, scan: Scan, range_m: float = math.inf) -> None:
-        """Count one scan: returns up to ``range_m``, and the way to them. Raises InputError: too far off."""
-        beams, points = scan.returns(range_m)
-        if not len(beams):
+    def take(self, scan: Scan, points: Floats, range_m: float = math.inf) -> None:
+        """Count one scan's returns, (n, 2) metres, up to ``range_m``, and the way to them.
+
+        Raises:
+            InputError: they lie too far off for any map; nothing is counted then.
+        """
+        sensor = scan.pose.compose(scan.lidar.mount)
+        if range_m < scan.lidar.range_max_m:
+            points = points[np.hypot(points[:, 0] - sensor.x, points[:, 1] - sensor.y) <= range_m]
+        if not len(points):
             return
+        self._hold(np.minimum(points.min(axis=0), sensor[:2]), np.maximum(points.max(axis=0), sensor[:2]))
         if self.began_s is None:
             self.began_s = scan.stamp_s
         self.newest_s = scan.stamp_s
-        sensor = scan.pose.compose(scan.lidar.mount)
-        low = np.minimum(points.min(axis=0), sensor[:2])
-        high = np.maximum(points.max(axis=0), sensor[:2])
-        self._hold(low, high)
         cells = np.floor((points - self.origin) / self.resolution_m).astype(np.int64)
         column, row = (math.floor((sensor[axis] - self.origin[axis]) / self.resolution_m) for axis in (0, 1))
         since_s = np.float32(scan.stamp_s - self.began_s)

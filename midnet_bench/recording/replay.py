@@ -52,6 +52,8 @@ class Seen(NamedTuple):
     """its pose, and how old that is"""
     scan: Scan | None
     """its last one"""
+    returns: Floats
+    """(n, 2) where that scan's beams ended, map frame"""
 
 
 class Look(NamedTuple):
@@ -188,6 +190,7 @@ class Replay:
             (robot.source, robot.scan_topic + EXACT_ENDING): k for k, robot in enumerate(robots)
         }
         self._last: list[Scan | None] = [None] * len(robots)
+        self._returns: list[Floats] = [np.empty((0, 2))] * len(robots)
         self._geometries: dict[tuple[int, tuple[float, ...]], LidarGeometry] = {}
         self._numbers = itertools.count()
         self._lags: dict[tuple[int, str, str, str], int] = {}
@@ -395,7 +398,7 @@ class Replay:
             scan_taken = scan_taken._replace(pose=pose)
         for node in self.nodes.values():
             node.observe(robot, scan_taken.pose, ranges_m, lidar, scan_taken.stamp_s)
-        self._last[robot] = scan_taken
+        self._last[robot], self._returns[robot] = scan_taken, scan_taken.returns(math.inf)[1]
         self.tally.scans[plan.name] += 1
         if told.age_s < math.inf:  # of a laser at rest
             self.tally.oldest_pose_s = max(self.tally.oldest_pose_s, told.age_s)
@@ -457,7 +460,7 @@ class Replay:
             correction = self._corrections[robot]
             if correction is not None:
                 told = told._replace(pose=correction.compose(told.pose))
-            seen.append(Seen(robot, told, heard))
+            seen.append(Seen(robot, told, heard, self._returns[robot]))
         if not seen:
             return None
         allies, told_allies = [], []

@@ -25,8 +25,9 @@ def samples_of(
     clock: Clock,
     max_pose_age_s: float,
     offsets_ns: Sequence[int],
+    most: int = MOST,
 ) -> list[Sample]:
-    """At most ``MOST`` scans of a robot that have a pose, spread over what was looked at.
+    """At most so many scans of a robot that have a pose, spread over what was looked at.
 
     Times are seconds since the recording's start, by the clock that is gone by.
     """
@@ -36,7 +37,7 @@ def samples_of(
     own_ns = offsets_ns[robot.source] if offsets_ns else 0
     around_ns = (np.arange(-REACH_S, REACH_S + STEP_S / 2.0, STEP_S) * NS).astype(np.int64)
     found = []
-    for scan in spread(scans, MOST):
+    for scan in spread(scans, most):
         time_ns = time_of(scan, clock) + own_ns - robot.delay_ns
         told = where.at(time_ns)
         if told is None or told.age_s > max_pose_age_s:

@@ -174,7 +174,7 @@ class Scorer:
                 if (wrap_angle(bearing - scan.pose.yaw) - begin) % math.tau > (end - begin) % math.tau:
                     continue
             counts = True
-            points = near(scan, label, options.distance_m)
+            points = near(one.returns, label, options.distance_m)
             off = self._explainer.wall_distances(points) > self._explainer.counts.resolution_m * 1.5
             visible = visible or bool(off.any())
         return Sight(counts, visible)

@@ -25,10 +25,10 @@ from midnet_bench.recording.readings import (
 
 T = TypeVar("T")
 
-WHOLE_S = 60.0
+WHOLE_S = 30.0
 """a recording that lasts no longer is looked at whole"""
-WINDOWS = 12
-WINDOW_S = 3.0
+WINDOWS = 10
+WINDOW_S = 2.4
 """of a longer one so many stretches of this length"""
 MOST_SCANS = 400
 """kept of one topic"""

@@ -23,7 +23,7 @@ from midnet_bench.recording.replay import Replay, ReplayOptions
 from midnet_bench.recording.samples import samples_of
 from midnet_bench.recording.scores import Scorer
 from midnet_bench.recording.settings import ReplaySettings
-from midnet_bench.recording.setup_check import Proposal, SetBy, verdict
+from midnet_bench.recording.setup_check import QUICK_SAMPLES, Proposal, SetBy, verdict
 from midnet_bench.recording.survey import Survey
 from midnet_bench.recording.truth import LabelTable
 
@@ -66,7 +66,9 @@ def told_of_fit(
     note: Note,
 ) -> list[str]:
     """Note whether a robot's scans lie on the map; what does not fit."""
-    samples = samples_of(surveys, robot, options.clock, options.max_pose_age_s, options.offsets_ns)
+    samples = samples_of(
+        surveys, robot, options.clock, options.max_pose_age_s, options.offsets_ns, QUICK_SAMPLES
+    )
     if not samples or not (prior_map.data == 100).any():
         note(f"{robot.name}: nothing can be said of how scans and map fit: no scan with a pose, or no wall")
         return []

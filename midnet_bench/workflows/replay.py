@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import cannot_be_written, write_atomically
 from midnet_bench.io.map_server import save_map
+from midnet_bench.messages import Scan
 from midnet_bench.recording import causes
 from midnet_bench.recording.inputs import (
     Note,
@@ -143,6 +144,7 @@ def _replay(
         name: Scorer(name, explainers[name], one.range_m, score_options) for name, one in settings.items()
     }
     reach_m = 2.0 * max(one.range_m for one in settings.values())
+    counted: dict[int, Scan] = {}
     folder = wishes.output or Path("results") / f"replay-{names[0]}"
     first = wishes.presets[0]
     with _boxes_file(folder) as boxes, ExitStack() as stack:
@@ -165,8 +167,10 @@ def _replay(
                 if until_ns is not None and frame.time_ns < until_ns:
                     continue
                 for one in frame.seen:
-                    if one.scan is not None and (frame.scanned is None or one.robot == frame.scanned):
-                        counts.take(one.scan, min(reach_m, one.scan.lidar.range_max_m))
+                    if one.scan is not None and one.scan is not counted.get(one.robot):
+                        counted[one.robot] = one.scan
+                        with suppress(InputError):  # a pose far off any map, of which boxes know nothing
+                            counts.take(one.scan, one.returns, reach_m)
                 labels = _labels(frame, table, wishes.max_pose_age_s)
                 for name, scorer in scorers.items():
                     judged = scorer.take(frame, labels)

@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -137,7 +138,7 @@ class Drive:
     pose_rate_hz: float = 50.0
     seed: int = 1
 
-    @property
+    @cached_property
     def track(self) -> Callable[[float], Pose2D]:
         if self.pose is not None:
             return self.pose
@@ -149,6 +150,10 @@ class Drive:
 
     def scans(self) -> list[tuple[float, np.ndarray]]:
         """Seconds since the beginning, and (beams,) ranges, inf where nothing came back."""
+        return self._cast
+
+    @cached_property
+    def _cast(self) -> list[tuple[float, np.ndarray]]:
         rng, track = np.random.default_rng(self.seed), self.track
         angles = self.lidar.angles_rad * (-1.0 if self.upside_down else 1.0)
         found = []

@@ -63,6 +63,7 @@ def posed(said, **position):
     return edited(said, pose={**pose, "position": {**pose["position"], **position}})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("container", ["ros1", "mcap", "ros2"])
 @pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.98])
 def test_a_truncated_bag(container, share, tmp_path, replay):
@@ -90,6 +91,7 @@ def test_a_bag_that_is_damaged_in_the_middle_keeps_what_came_before(tmp_path, re
     assert "damaged" in complaint(replay(bag, use_map=False))
 
 
+@pytest.mark.slow
 def test_an_sqlite_file_that_is_damaged_in_the_middle(tmp_path, replay):
     bag = made.write_bag(tmp_path, [*SCANS, *POSES], "ros2")
     with sqlite3.connect(next(bag.glob("*.db3"))) as file:
@@ -126,6 +128,7 @@ def tf_without(kind, frames, begin_s=-1.0, end_s=99.0):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("frames", "begin_s", "end_s", "expected"),
     [
@@ -147,6 +150,7 @@ def test_a_missing_transform_is_named(frames, begin_s, end_s, expected, tmp_path
         assert kept(tmp_path) >= 4
 
 
+@pytest.mark.slow
 def test_stamps_that_stand_still(tmp_path, replay):
     still = [stamped(said, made.ns_of(0.0)) for said in SCANS]
     bag = made.write_bag(tmp_path, [*still, *POSES])
@@ -160,6 +164,7 @@ def test_stamps_that_stand_still(tmp_path, replay):
     assert replay(bag, MOUNT, "--clock", "record").returncode == 0
 
 
+@pytest.mark.slow
 def test_stamps_of_a_tf_link_that_stand_still(tmp_path, replay):
     messages = []
     for said in made.tf_messages(DRIVE):
@@ -171,6 +176,7 @@ def test_stamps_of_a_tf_link_that_stand_still(tmp_path, replay):
     assert "tf odom -> base_link: the stamps of the poses stand still" in complaint(replay(bag))
 
 
+@pytest.mark.slow
 def test_clocks_that_run_apart(tmp_path, replay):
     apart = [
         stamped(said, said.record_ns - round(0.05 * (said.record_ns - made.ns_of(0.0)))) for said in SCANS
@@ -179,6 +185,7 @@ def test_clocks_that_run_apart(tmp_path, replay):
     assert "the clocks run apart" in done.stderr
 
 
+@pytest.mark.slow
 def test_scans_and_poses_that_never_meet(tmp_path, replay):
     boot = [stamped(said, said.record_ns - made.ns_of(0.0)) for said in SCANS]
     bag = made.write_bag(tmp_path, [*boot, *POSES])
@@ -187,6 +194,7 @@ def test_scans_and_poses_that_never_meet(tmp_path, replay):
     assert replay(bag, MOUNT, "--clock", "record").returncode == 0
 
 
+@pytest.mark.slow
 def test_a_stamp_that_jumps_is_left_out(tmp_path, replay):
     scans, poses = list(SCANS), list(POSES)
     scans[5] = stamped(scans[5], made.ns_of(1e8))
@@ -229,6 +237,7 @@ def test_ranges_and_poses_that_are_no_numbers(tmp_path, replay):
     assert kept(tmp_path) > 15
 
 
+@pytest.mark.slow
 def test_geometries_that_cannot_be(tmp_path, replay):
     cases = [
         ({"angle_increment": 0.0}, "angle_increment"),
@@ -244,6 +253,7 @@ def test_geometries_that_cannot_be(tmp_path, replay):
         assert replay(bag, use_map=False).returncode == 0
 
 
+@pytest.mark.slow
 def test_names_that_are_not_there(tmp_path, replay):
     bag = made.write_bag(tmp_path, [*SCANS, *POSES, *made.pose_messages(DRIVE, topic="/other")])
     assert "no topic '/scam'; did you mean '/scan'?" in complaint(replay(bag, "--scan", "/scam"))
@@ -264,6 +274,7 @@ def test_names_that_are_not_there(tmp_path, replay):
     )
 
 
+@pytest.mark.slow
 def test_a_map_with_a_turned_origin_and_one_that_is_not_there(tmp_path, map_file):
     bag = made.write_bag(tmp_path, [*SCANS, *POSES])
     turned = tmp_path / "turned.yaml"
@@ -308,6 +319,7 @@ def test_a_table_that_cannot_be_read(text, expected, tmp_path, replay):
     assert expected in one_line_of_complaint(replay(table, use_map=False))
 
 
+@pytest.mark.slow
 def test_labels_that_lie_nowhere(tmp_path, replay):
     bag = made.write_bag(tmp_path, [*SCANS, *POSES])
     shifted = [(index + 1000, t + 500.0, *more) for index, t, *more in DRIVE.labels()]
@@ -319,6 +331,7 @@ def test_labels_that_lie_nowhere(tmp_path, replay):
         assert kept(tmp_path) > 15
 
 
+@pytest.mark.slow
 def test_the_proposed_command_runs(tmp_path, map_file):
     cases = {
         "pose": [*SCANS, *POSES, made.map_message()],

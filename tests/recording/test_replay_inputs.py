@@ -9,6 +9,11 @@ from tests.recording import recordings as made
 from tests.recording.recorded_drives import CELL_M
 from tests.recording.recordings import Drive, apart_m, replayed
 
+
+def slow(kind):
+    return pytest.param(kind, marks=pytest.mark.slow)
+
+
 DRIVE = Drive(seconds=3.0, movers={"red": made.on_the_way(6.0), "blue": made.standing(2.6, 2.6)})
 
 
@@ -30,13 +35,15 @@ def expected(tmp_path_factory, map_file):
 MOUNT = ["0.1,0.02,2.8647889756541160"]
 
 
-@pytest.mark.parametrize("container", [one for one in made.CONTAINERS if one != "csv"])
+@pytest.mark.parametrize("container", ["ros1", slow("ros1-bz2"), slow("ros1-lz4"), slow("ros2"), "mcap"])
 def test_every_container(container, tmp_path, map_file, expected):
     bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *made.pose_messages(DRIVE)], container)
     assert replayed(bag, tmp_path, map=map_file, mount=MOUNT).plain_boxes == expected.plain_boxes
 
 
-@pytest.mark.parametrize("kind", ["odometry", "covariance", "tf", "csv", "tum", "separate csv", "map topic"])
+@pytest.mark.parametrize(
+    "kind", [*map(slow, ["odometry", "covariance", "tum", "separate csv", "map topic"]), "tf", "csv"]
+)
 def test_every_source_of_poses(kind, tmp_path, map_file, expected):
     scans, wishes, poses = made.scan_messages(DRIVE), {"mount": MOUNT}, []
     if kind in ("odometry", "covariance"):
@@ -59,6 +66,7 @@ def test_every_source_of_poses(kind, tmp_path, map_file, expected):
     assert apart_m(found, expected) < (CELL_M * 1.01 if kind == "tf" else 1e-9)
 
 
+@pytest.mark.slow
 def test_a_laser_upside_down_is_mirrored(tmp_path, map_file, expected):
     turned = replace(DRIVE, upside_down=True)
     bag = made.write_bag(tmp_path, [*made.scan_messages(turned), *made.tf_messages(turned)])
@@ -74,6 +82,7 @@ def test_a_laser_upside_down_is_mirrored(tmp_path, map_file, expected):
     assert by_tf.score()["precision"] == 1.0
 
 
+@pytest.mark.slow
 def test_several_robots_in_one_bag_and_in_several_are_the_same(tmp_path, map_file):
     other = replace(DRIVE, pose=lambda time_s, track=DRIVE.track: track(time_s).compose(BACK))
     messages = [

@@ -38,6 +38,7 @@ def coded(drive, value, least=None):
     return found
 
 
+@pytest.mark.slow
 def test_no_return_in_any_code_gives_the_same_boxes(tmp_path, map_file):
     truth = str(made.write_labels(tmp_path / "truth.csv", DRIVE.labels()))
     wishes = {
@@ -76,6 +77,7 @@ def test_a_few_odd_readings_are_no_code(tmp_path, map_file):
     assert "(clears), below range_min 1.7% (says nothing)" in line
 
 
+@pytest.mark.slow
 def test_scan_delay(tmp_path, map_file):
     late = [
         said._replace(
@@ -107,6 +109,7 @@ TURNING = Drive(
 )
 
 
+@pytest.mark.slow
 def test_deskew_and_rubbish_in_time_increment(tmp_path, map_file):
     truth = str(made.write_labels(tmp_path / "truth.csv", TURNING.labels()))
     wishes = {"map": map_file, "mount": MOUNT, "truth": [truth], "settings": {"unknown_in_prior": "free"}}
@@ -173,6 +176,7 @@ def near_friend(drive, result, reach_m=0.4):
     return frames
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius_m", [0.1, 0.15, 0.3])
 def test_a_declared_ally_is_gone_and_the_other_is_not(radius_m, tmp_path, map_file):
     drive = with_ally(6.0 if radius_m > 0.2 else 3.5, radius_m)
@@ -188,6 +192,7 @@ def test_a_declared_ally_is_gone_and_the_other_is_not(radius_m, tmp_path, map_fi
     assert any("ally friend: oldest pose at a frame: 0.0" in line for line in declared.notes)
 
 
+@pytest.mark.slow
 def test_an_ally_that_is_late_is_told_with_its_age(tmp_path, map_file):
     drive = with_ally()
     silent = [one for one in friend_poses(drive) if one.record_ns < made.ns_of(2.5)]
@@ -206,6 +211,7 @@ def test_an_ally_that_is_late_is_told_with_its_age(tmp_path, map_file):
     assert found.score()["recall"] == 1.0
 
 
+@pytest.mark.slow
 def test_labels_by_time_by_index_and_by_topic_score_alike(tmp_path, map_file):
     poses = [(t, Pose2D(*made.middle(RED["red"](t)), 0.0)) for t in np.arange(0.0, 4.3, 0.05).tolist()]
     messages = [
@@ -225,6 +231,7 @@ def test_labels_by_time_by_index_and_by_topic_score_alike(tmp_path, map_file):
     assert scores[0] == scores[1]
 
 
+@pytest.mark.slow
 def test_sector_and_window_and_who_is_not_seen(tmp_path, map_file):
     still = {
         "ahead": made.standing(4.9, 3.0),
@@ -287,6 +294,7 @@ MISSES = {
 """cause -> drive, by how much its labels are off, settings, matching distance"""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cause", MISSES)
 def test_each_cause_of_a_miss(cause, tmp_path, map_file):
     drive, off, settings, distance_m = MISSES[cause]
@@ -299,13 +307,14 @@ def test_each_cause_of_a_miss(cause, tmp_path, map_file):
     assert len(misses) == result.score()["missed"]
 
 
+@pytest.mark.slow
 def test_a_label_within_a_declared_ally_is_taken_for_it(tmp_path, map_file):
     drive = at_rest(a=SEEN)
     ally = [(t, Pose2D(*made.middle(SEEN(t)), 0.0)) for t in np.arange(0.0, 6.3, 0.05).tolist()]
     messages = [
         *made.scan_messages(drive),
         *made.pose_messages(drive),
-        *made.track_messages(ally, topic="/a"),
+        *friend_track(ally),
     ]
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels()))
     result = replayed(
@@ -321,6 +330,7 @@ def test_a_label_within_a_declared_ally_is_taken_for_it(tmp_path, map_file):
     assert len(result.errors) == result.score()["missed"] == result.score()["frames"]
 
 
+@pytest.mark.slow
 def test_a_label_off_the_map(tmp_path):
     drive = at_rest(a=moving(5.9, 3.0, 0.0, 0.1))
     grid = room()
@@ -366,6 +376,7 @@ def test_an_intruder_that_stands_still_is_found(tmp_path, map_file):
     assert (result.score()["recall"], result.errors) == (1.0, [])
 
 
+@pytest.mark.slow
 def test_false_box_where_labels_have_a_gap(tmp_path, map_file):
     drive = at_rest(a=MOVER, b=OTHER)
     labels = [one for one in drive.labels() if one[2] == "a" or not 1.0 < one[1] - made.BEGIN_S < 3.0]
@@ -373,6 +384,7 @@ def test_false_box_where_labels_have_a_gap(tmp_path, map_file):
     expect(caused(tmp_path, map_file, drive, truth=[truth]), "label_gap", 15)
 
 
+@pytest.mark.slow
 def test_false_box_of_a_label_that_is_off(tmp_path, map_file):
     drive = at_rest(a=MOVER)
     labels = [(*said, x + 0.7, y) for *said, x, y in drive.labels()]
@@ -380,6 +392,7 @@ def test_false_box_of_a_label_that_is_off(tmp_path, map_file):
     expect(caused(tmp_path, map_file, drive, truth=[truth]), "displaced", 40)
 
 
+@pytest.mark.slow
 def test_false_boxes_of_one_object_in_parts(tmp_path, map_file):
     legs = lambda time_s: [made.Disc(4.9, 3.0 + s * 0.25 + 0.05 * time_s, 0.06) for s in (-1.0, 1.0)]  # noqa: E731
     drive = at_rest(a=legs)
@@ -389,13 +402,14 @@ def test_false_boxes_of_one_object_in_parts(tmp_path, map_file):
     assert result.score()["recall"] == 1.0
 
 
+@pytest.mark.slow
 def test_false_box_of_an_ally_that_is_not_taken_out(tmp_path, map_file):
     drive = at_rest(a=MOVER, b=OTHER)
     ally = [(t, Pose2D(*made.middle(OTHER(t)), 0.0)) for t in np.arange(0.0, 6.3, 0.05).tolist()]
     messages = [
         *made.scan_messages(drive),
         *made.pose_messages(drive),
-        *made.track_messages(ally, topic="/b"),
+        *friend_track(ally),
     ]
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels("a")))
     result = replayed(
@@ -412,6 +426,7 @@ def test_false_box_of_an_ally_that_is_not_taken_out(tmp_path, map_file):
     assert {row["name"] for row in result.errors} == {"friend"}
 
 
+@pytest.mark.slow
 def test_false_box_of_marks_that_nothing_clears(tmp_path, map_file):
     drive = replace(at_rest(a=moving(4.9, 2.2, 0.0, 0.4)), lidar=made.lidar_of(360, range_m=1.9))
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels()))
@@ -433,6 +448,7 @@ def test_false_box_of_marks_that_nothing_clears(tmp_path, map_file):
     assert all(float(row["returns"]) == 0 for row in ghosts)
 
 
+@pytest.mark.slow
 def test_false_box_of_a_single_return(tmp_path, map_file):
     drive = at_rest(a=MOVER)
     scans = []
@@ -449,6 +465,7 @@ def test_false_box_of_a_single_return(tmp_path, map_file):
     assert of_false_boxes(replayed(bag, tmp_path, **wishes)) == []
 
 
+@pytest.mark.slow
 def test_false_box_where_the_map_knows_nothing(tmp_path):
     grid = room()
     data = grid.data.copy()
@@ -461,6 +478,7 @@ def test_false_box_where_the_map_knows_nothing(tmp_path):
     expect(result, "unknown_cells", 40)
 
 
+@pytest.mark.slow
 def test_false_boxes_of_poses_that_are_off(tmp_path, map_file):
     drive = replace(DRIVE, lidar=made.lidar_of(360), movers={}, seconds=6.0)
     off = [
@@ -474,6 +492,7 @@ def test_false_boxes_of_poses_that_are_off(tmp_path, map_file):
     assert found.count("pose_error") >= 0.95 * len(found), found
 
 
+@pytest.mark.slow
 def test_false_boxes_of_a_wall_that_is_told_roughly(tmp_path, map_file):
     drive = replace(DRIVE, lidar=made.lidar_of(360), movers={}, seconds=6.0, noise_m=0.14)
     result = caused(tmp_path, map_file, drive, settings={"obstacle_range_m": 4.0})
