@@ -1,11 +1,14 @@
 """The ``midnet-bench`` command: parse, call, print. Heavy rooms are imported inside the commands."""
 
 import errno
+import functools
 import os
 import sys
 import warnings
+from typing import Any
 
 import typer
+from typer.main import get_command
 
 from midnet_bench.cli import (
     arenas,
@@ -45,6 +48,12 @@ NO_PATH = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES)
 """error numbers of a path that cannot even be asked for"""
 
 
+@functools.cache
+def _commands() -> Any:
+    """Every command with its options; Typer takes 30 ms to make them, once in a process."""
+    return get_command(app)
+
+
 def main() -> None:
     """Run the command line; exit 0, 2 for unusable input, 130 when interrupted, else as the command says.
 
@@ -55,7 +64,7 @@ def main() -> None:
     warnings.filterwarnings("ignore", ".*joblib will operate in serial mode", UserWarning)
     try:
         with printing():
-            code = app(prog_name="midnet-bench", standalone_mode=False)
+            code = _commands()(prog_name="midnet-bench", standalone_mode=False)
     except typer.TyperException as error:
         # without a command the help is shown, and there is nothing to add
         if message := error.format_message():

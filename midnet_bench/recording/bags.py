@@ -1,6 +1,7 @@
 """ROS 1 bags, ROS 2 bag folders and MCAP files, read by ``rosbags``; no ROS is needed."""
 
 import contextlib
+import functools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 from midnet_bench.errors import InputError
 from midnet_bench.recording.readings import KINDS, TF, Reading, Topic, decoded
@@ -39,10 +41,7 @@ class Bag:
         except Exception as error:  # whatever a library raises of a file that is no bag
             self.close()
             raise InputError(f"{path}: no bag that can be read: {in_words(error)}{self._advice()}") from error
-        # the types that are read here are the same in all of ROS 1, and in all of ROS 2
-        self._store = get_typestore(Stores.ROS1_NOETIC if self._is_ros1 else Stores.ROS2_HUMBLE)
-        if TF_TYPE not in self._store.fielddefs:
-            self._store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF_TYPE))
+        self._store = _types(self._is_ros1)
 
     def _advice(self) -> str:
         if self._is_ros1:
@@ -92,6 +91,18 @@ class Bag:
         """See :class:`Source`."""
         with contextlib.suppress(Exception):  # it may never have been opened
             self._reader.close()
+
+
+@functools.cache
+def _types(is_ros1: bool) -> Typestore:
+    """The types that are read here, the same in all of ROS 1, and in all of ROS 2.
+
+    All bags share them: rosbags writes and compiles a decoder of each type, for longer than it reads a bag.
+    """
+    store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
+    if TF_TYPE not in store.fielddefs:
+        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF_TYPE))
+    return store
 
 
 def in_words(error: BaseException) -> str:

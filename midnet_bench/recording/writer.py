@@ -5,7 +5,7 @@ import shutil
 import sqlite3
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -135,6 +135,12 @@ class Types:
         return []
 
 
+@cache
+def _types_of(ros: Literal[1, 2]) -> Types:
+    """The same for all bags: rosbags writes and compiles an encoder of each type."""
+    return Types(ros)
+
+
 _Maker = Callable[[Any], Any]
 
 
@@ -149,7 +155,7 @@ class BagWriter:
         """``writer``: opened."""
         self._writer = writer
         self.ros: Literal[1, 2] = 1 if isinstance(writer, Ros1Writer) else 2
-        self._types = Types(self.ros)
+        self._types = _types_of(self.ros)
         self._topics: dict[str, Any] = {}
 
     def write(self, topic: str, stamp_ns: int, message: Message, is_kept: bool = False) -> None:
