@@ -12,6 +12,7 @@ import math
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -47,9 +48,9 @@ def recorded(guards: int, frames: int) -> tuple[OccupancyGrid, list[list[Observa
     with DetectionTrial(parameters, seed=3) as trial:
         update = trial.detector.midnet.update
 
-        def listen(observations: Sequence[Observation], explain: bool = False) -> Frame:
+        def listen(observations: Sequence[Observation], *others: Any) -> Frame:
             told.append([copied(one) for one in observations])
-            return update(observations, explain)
+            return update(observations, *others)
 
         trial.detector.midnet.update = listen  # type: ignore[method-assign]
         for _ in trial.frames():
