@@ -169,6 +169,8 @@ def test_a_played_trial_gives_the_detections_of_the_same_messages_offline(
     time.sleep(2.0)  # what was sent is on its way
     assert ros.stop(node) == 0, ros.said()
     ros.stop(recorder)
+    # who writes the bag outlives who was asked to
+    ros.wait_for((ros.folder / "heard.bag").exists, "the recorder closes no bag")
     found = {one.stamp_ns: one for one in read(ros.folder / "heard.bag")}
     stamps = {stamp_of_markers(one.message): one.message.markers[1:] for one in found.values()}
     assert stamps.keys() == wanted.keys()
