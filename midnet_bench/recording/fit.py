@@ -79,10 +79,12 @@ class Walls:
     def distances(self, points: Floats) -> Floats:
         """(n,) metres from (n, 2) points of the map frame to the nearest wall, as their cells have it."""
         rows, columns = self.distances_m.shape
-        cells = np.floor((points - self.corner) / self.grid.resolution).astype(np.int64)
-        inside = (cells >= 0).all(axis=1) & (cells[:, 0] < columns) & (cells[:, 1] < rows)
+        column, row = (
+            np.floor((points[:, k] - self.corner[k]) / self.grid.resolution).astype(np.int64) for k in (0, 1)
+        )
+        inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
         found = np.full(len(points), self.far_m)
-        found[inside] = self.distances_m[cells[inside, 1], cells[inside, 0]]
+        found[inside] = self.distances_m[row[inside], column[inside]]
         return found
 
     def on_walls(self, points: Floats) -> npt.NDArray[np.bool_]:

@@ -1,8 +1,9 @@
 """The search for the setup (mount, mirror, delay, place of the map) by which scans lie on a map's walls."""
 
+import cmath
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,8 @@ from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.recording.fit import Sample, Walls
 
 Floats = npt.NDArray[np.float64]
+Points = npt.NDArray[np.complex128]
+"""(n,) x + iy, metres"""
 
 MOUNT, DELAY, MAP, FACTOR = (0, 1, 2), (3,), (4, 5, 6), (7,)
 """numbers of the parameters that a hypothesis may change; see ``Setup``"""
@@ -61,6 +64,7 @@ class Returns:
             ends.append(met[number % step :: step])
             owners.append(np.full(len(ends[-1]), number))
         self.ends, self._owners = np.concatenate(ends), np.concatenate(owners)
+        self._ends = _points(self.ends)
         steps = math.ceil(LARGEST_DELAY_S / _DELAY_STEP_S) + 2
         self._delays_s: Floats = np.arange(-steps, steps + 1, dtype=np.float64) * _DELAY_STEP_S
         self._poses = np.array([sample.track.at_times(sample.time_s - self._delays_s) for sample in samples])
@@ -92,33 +96,49 @@ class Returns:
 
     def place(self, values: Floats, mirrored: bool) -> Floats:
         """(n, 2) where the returns lie, map frame, by the (8,) values of the parameters."""
-        return self._place(values, mirrored)[0]
+        robots, headings, on_robot, at = self._place(values, mirrored)
+        return _pairs(robots + headings * (on_robot + at))
 
-    def _place(self, values: Floats, mirrored: bool) -> tuple[Floats, Floats, Floats, Floats]:
-        """The returns and, map axes, each from its sensor, each from its robot, and the robots' headings."""
+    def _place(self, values: Floats, mirrored: bool) -> tuple[Points, Points, Points, complex]:
+        """Places and headings of each return's robot, map frame; by the robot's axes, what a sensor says.
+
+        That is where the returns lie from the sensor, and the sensor from the robot.
+        """
         x, y, yaw, delay_s, dx, dy, turn, factor = values.tolist()
         poses = self._poses_at(delay_s)
-        on_robot = _turned(self.ends * (factor, -factor if mirrored else factor), yaw)
-        headings = np.stack((np.cos(poses[:, 2] + turn), np.sin(poses[:, 2] + turn)), axis=1)[self._owners]
-        from_sensor = _by(headings, on_robot)
-        from_robot = _by(headings, on_robot + np.array([x, y]))
-        robots = _turned(poses[:, :2] - self.middle, turn) + self.middle + np.array([dx, dy])
-        return robots[self._owners] + from_robot, from_sensor, from_robot, headings
+        on_robot = (np.conj(self._ends) if mirrored else self._ends) * cmath.rect(factor, yaw)
+        headings = np.exp(1j * (poses[:, 2] + turn))
+        middle = complex(*self.middle)
+        robots = (_points(poses[:, :2]) - middle) * cmath.rect(1.0, turn) + middle + complex(dx, dy)
+        return robots[self._owners], headings[self._owners], on_robot, complex(x, y)
 
-    def moves(self, values: Floats, mirrored: bool) -> tuple[Floats, Floats]:
-        """(n, 2) as :meth:`place` has it, and (n, 2, 8) how each return moves with each parameter."""
-        points, from_sensor, from_robot, headings = self._place(values, mirrored)
-        moves = np.zeros((len(points), 2, 8))
-        moves[:, :, 0] = headings
-        moves[:, :, 1] = _across(headings)
-        moves[:, :, 2] = _across(from_sensor)
-        rates = self._rates(float(values[3]))
-        drift = _turned(rates[:, :2], float(values[6]))[self._owners]
-        moves[:, :, 3] = drift + rates[self._owners, 2:] * _across(from_robot)
-        moves[:, 0, 4] = moves[:, 1, 5] = 1.0
-        moves[:, :, 6] = _across(points - self.middle - values[4:6])
-        moves[:, :, 7] = from_sensor / values[7]
-        return points, moves
+    def moves(
+        self, values: Floats, mirrored: bool, changed: Sequence[int] = range(8)
+    ) -> tuple[Floats, Floats]:
+        """(n, 2) as :meth:`place` has it, and (n, 2, k) how each return moves with each of k parameters."""
+        robots, headings, on_robot, at = self._place(values, mirrored)
+        from_sensor, from_robot = headings * on_robot, headings * (on_robot + at)
+        points = robots + from_robot
+
+        def drift() -> Points:
+            rates = self._rates(float(values[3]))
+            along = _points(rates[:, :2]) * cmath.rect(1.0, float(values[6]))
+            return along[self._owners] + 1j * rates[self._owners, 2] * from_robot
+
+        ways: dict[int, Callable[[], Any]] = {
+            0: lambda: headings,
+            1: lambda: 1j * headings,
+            2: lambda: 1j * from_sensor,
+            3: drift,
+            4: lambda: 1.0,
+            5: lambda: 1j,
+            6: lambda: 1j * (points - complex(*(self.middle + values[4:6]))),
+            7: lambda: from_sensor / values[7],
+        }
+        moves = np.empty((len(changed), len(points)), dtype=np.complex128)
+        for row, number in zip(moves, changed, strict=True):
+            row[:] = ways[number]()
+        return _pairs(points), np.stack((moves.real, moves.imag)).transpose(2, 0, 1)
 
     @property
     def units(self) -> Floats:
@@ -240,10 +260,10 @@ class Search:
         narrow_m = max(NARROW_M, self.walls.grid.resolution)
         half_m = max(wide_m, narrow_m)
         for _ in range(MOST_ROUNDS):
-            points, moves = self.returns.moves(values, mirrored)
+            points, moves = self.returns.moves(values, mirrored, chosen)
             distances_m, slopes = self._read(points)
             weights = _weights(distances_m, half_m)
-            rows = np.einsum("nk,nkp->np", slopes, moves[:, :, chosen]) / units
+            rows = np.einsum("nk,nkp->np", slopes, moves) / units
             weighted = (rows * weights[:, None]).T / max(weights.sum(), 1e-9)
             strengths, ways = np.linalg.eigh(weighted @ rows)
             along = np.divide(
@@ -264,12 +284,12 @@ class Search:
     def _read(self, points: Floats) -> tuple[Floats, Floats]:
         """(n,) distances to the nearest wall and (n, 2) their slopes, read between the cells' centres."""
         field, cell_m = self.walls.distances_m, self.walls.grid.resolution
-        at = (points - self.walls.corner) / cell_m - 0.5
-        cells = np.floor(at).astype(np.int64)
+        x, y = ((points[:, k] - self.walls.corner[k]) / cell_m - 0.5 for k in (0, 1))
+        column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
         rows, columns = field.shape
-        inside = (cells >= 0).all(axis=1) & (cells[:, 0] < columns - 1) & (cells[:, 1] < rows - 1)
-        u, v = np.where(inside[:, None], at - cells, 0.0).T
-        column, row = np.where(inside[:, None], cells, 0).T
+        inside = (column >= 0) & (row >= 0) & (column < columns - 1) & (row < rows - 1)
+        u, v = np.where(inside, x - column, 0.0), np.where(inside, y - row, 0.0)
+        column, row = np.where(inside, column, 0), np.where(inside, row, 0)
         low, high = field[row, column], field[row + 1, column]
         low_rise, high_rise = field[row, column + 1] - low, field[row + 1, column + 1] - high
         low, high = low + u * low_rise, high + u * high_rise
@@ -330,16 +350,14 @@ def _weights(distances_m: Floats, half_m: float) -> Floats:
 
 
 def _turned(points: Floats, angle_rad: float) -> Floats:
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    return np.stack((c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1]), axis=1)
+    return _pairs(_points(points) * cmath.rect(1.0, angle_rad))
 
 
-def _by(headings: Floats, points: Floats) -> Floats:
-    """(n, 2) points, each turned by its own heading, (n, 2) cosine and sine."""
-    c, s = headings.T
-    return np.stack((c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1]), axis=1)
+def _points(pairs: Floats) -> Points:
+    """(n,) x + iy of (n, 2): a turn is then one product, and the work of a search a third."""
+    return np.ascontiguousarray(pairs).view(np.complex128)[:, 0]
 
 
-def _across(vectors: Floats) -> Floats:
-    """(n, 2) vectors a quarter turn further: how their ends move as they turn."""
-    return np.stack((-vectors[:, 1], vectors[:, 0]), axis=1)
+def _pairs(points: Points) -> Floats:
+    """(n, 2) of (n,) x + iy."""
+    return np.ascontiguousarray(points).view(np.float64).reshape(-1, 2)
