@@ -86,6 +86,19 @@ class ErrorRow(NamedTuple):
     """to the nearest mapped wall, of a box; to the nearest box, of a miss"""
 
 
+class Surroundings(NamedTuple):
+    """What a map has about n points."""
+
+    wall_m: Floats
+    """(n,) metres to the nearest mapped wall; inf off the map"""
+    unknown: npt.NDArray[np.bool_]
+    """(n,) whether the map knows nothing there, or ends before"""
+
+
+MOST_TOLD = 20
+"""scans whose surroundings are kept: one of each robot"""
+
+
 class Explainer:
     """Gathers, scan by scan, what causes are told from."""
 
@@ -110,8 +123,25 @@ class Explainer:
         self._matcher: ScanToMap | None = None
         self._matched: dict[int, tuple[Scan, Pose2D | None]] = {}
         """robot -> its last scan that was matched to the map, and the pose that came of it"""
+        self._told: list[tuple[Floats, Surroundings]] = []
+        """of the last scans' returns, which are asked for box by box"""
         self._suspects: list[tuple[int, Floats]] = []
         self.rows: list[ErrorRow] = []
+
+    def surroundings(self, returns: Floats) -> "Surroundings":
+        """What the map has about each of a scan's (n, 2) returns; worked out once for each scan."""
+        for points, known in self._told:
+            if points is returns:
+                return known
+        cells = cells_of(self._map, returns)
+        on = self._on_map(cells)
+        columns, rows = cells[on].T
+        wall_m, unknown = np.full(len(returns), math.inf), np.ones(len(returns), np.bool_)
+        wall_m[on] = self._wall_m[rows, columns]
+        unknown[on] = self._map.data[rows, columns] < 0
+        known = Surroundings(wall_m, unknown)
+        self._told = [*self._told[-MOST_TOLD:], (returns, known)]
+        return known
 
     def wall_distances(self, points: Floats) -> Floats:
         """(n,) metres from (n, 2) points to the nearest mapped wall; inf off the map."""
@@ -263,14 +293,13 @@ class Explainer:
             box = frame.looks[self._look].frame.detections[index]
             kind = "false" if labels is not None else "box"
             name = ""
-            returns = points_in(frame, box, self._map.resolution)
-            walls = self.wall_distances(returns)
-            offset_m = float(np.median(walls)) if len(walls) else math.inf
+            returns, about = self._in_box(frame, box)
+            offset_m = middle(about.wall_m)
             age_s = 0.0
             if labels is not None and touched[index]:
                 kind, cause, name = "fragment", "fragment", labels.there[touched[index][0]].name
             else:
-                cause, age_s, name = self._made_of(frame, box, returns, walls, labels, distance_m)
+                cause, age_s, name = self._made_of(frame, box, about, labels, distance_m)
             row = len(self.rows)
             self.rows.append(
                 ErrorRow(
@@ -294,8 +323,7 @@ class Explainer:
         self,
         frame: ReplayFrame,
         box: Box,
-        returns: Floats,
-        walls: Floats,
+        about: Surroundings,
         labels: Labels | None,
         distance_m: float,
     ) -> tuple[str, float, str]:
@@ -316,25 +344,34 @@ class Explainer:
         for label in labels.there if labels else ():
             if box.distance_to_point(label.x, label.y) <= distance_m + NEAR_M:
                 return "displaced", 0.0, label.name
-        if not len(returns):
+        if not len(about.wall_m):
             newest_s = self.counts.newest_hit_s((box.x_min, box.y_min), (box.x_max, box.y_max))
             return (
                 "ghost",
                 max(frame.time_ns / 1e9 - newest_s, 0.0) if math.isfinite(newest_s) else math.inf,
                 "",
             )
-        if len(returns) == 1:
+        if len(about.wall_m) == 1:
             return "single_return", 0.0, ""
-        cells = cells_of(self._map, returns)
-        on = self._on_map(cells)
-        unknown = ~on
-        unknown[on] = self._map.data[cells[on, 1], cells[on, 0]] < 0
-        if unknown.mean() > 0.5:
+        if np.count_nonzero(about.unknown) > 0.5 * len(about.unknown):
             return "unknown_cells", 0.0, ""
         near_m = self._settings.prior_reach_m + WALL_M
-        if float(np.median(walls)) <= near_m:
+        if middle(about.wall_m) <= near_m:
             return ("pose_error" if self._better_pose_mends(frame, box) else "near_wall"), 0.0, ""
         return "somebody", 0.0, ""
+
+    def _in_box(self, frame: ReplayFrame, box: Box) -> tuple[Floats, Surroundings]:
+        """The returns of the last scans in a box or a cell beside it, and what the map has about them."""
+        points, walls, unknown = [], [], []
+        for one in frame.seen:
+            inside = is_inside(box, one.returns, self._map.resolution)
+            about = self.surroundings(one.returns)
+            points.append(one.returns[inside])
+            walls.append(about.wall_m[inside])
+            unknown.append(about.unknown[inside])
+        if len(points) == 1:
+            return points[0], Surroundings(walls[0], unknown[0])
+        return np.concatenate(points), Surroundings(np.concatenate(walls), np.concatenate(unknown))
 
     def _better_pose_mends(self, frame: ReplayFrame, box: Box) -> bool:
         """Whether a match of the scan to the map puts the box's returns back onto walls."""
@@ -344,7 +381,7 @@ class Explainer:
             scan = one.scan
             if scan is None:
                 continue
-            points = _inside(box, one.returns, self._map.resolution)
+            points = one.returns[is_inside(box, one.returns, self._map.resolution)]
             if not len(points):
                 continue
             if one.robot not in self._matched or self._matched[one.robot][0] is not scan:
@@ -393,13 +430,14 @@ def returns_near(frame: ReplayFrame, label: Label, distance_m: float) -> int:
     return sum(len(near(one.returns, label, distance_m)) for one in frame.seen)
 
 
-def points_in(frame: ReplayFrame, box: Box, margin_m: float) -> Floats:
-    """(n, 2) returns of the last scans in a box, or a cell beside it, map frame."""
-    found = [_inside(box, one.returns, margin_m) for one in frame.seen]
-    return np.concatenate(found) if found else np.empty((0, 2))
+def middle(values: Floats) -> float:
+    """The median, of an even number the higher one of the middle; inf of none."""
+    ordered = sorted(values.tolist())
+    return float(ordered[len(ordered) // 2]) if ordered else math.inf
 
 
-def _inside(box: Box, points: Floats, margin_m: float) -> Floats:
+def is_inside(box: Box, points: Floats, margin_m: float) -> npt.NDArray[np.bool_]:
+    """(n,) whether each of (n, 2) points lies in a box that is wider by a margin."""
     x, y = points[:, 0], points[:, 1]
     across = (x >= box.x_min - margin_m) & (x <= box.x_max + margin_m)
-    return np.asarray(points[across & (y >= box.y_min - margin_m) & (y <= box.y_max + margin_m)])
+    return np.asarray(across & (y >= box.y_min - margin_m) & (y <= box.y_max + margin_m))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, wrap_angle
-from midnet_bench.recording.causes import Explainer, near
+from midnet_bench.recording.causes import Explainer
 from midnet_bench.recording.replay import ReplayFrame
 from midnet_bench.recording.truth import Label, Labels, matched
 from midnet_bench.scoring.frame_counts import (
@@ -19,6 +19,8 @@ from midnet_bench.scoring.frame_counts import (
     total,
 )
 
+OFF_WALLS_CELLS = 1.5
+"""a return this far from a mapped wall is none of its"""
 FULL_CIRCLE_RAD = math.tau - 1e-6
 
 
@@ -174,9 +176,12 @@ class Scorer:
                 if (wrap_angle(bearing - scan.pose.yaw) - begin) % math.tau > (end - begin) % math.tau:
                     continue
             counts = True
-            points = near(one.returns, label, options.distance_m)
-            off = self._explainer.wall_distances(points) > self._explainer.counts.resolution_m * 1.5
-            visible = visible or bool(off.any())
+            dx, dy = one.returns[:, 0] - label.x, one.returns[:, 1] - label.y
+            near = dx * dx + dy * dy <= options.distance_m * options.distance_m
+            wall_m = self._explainer.surroundings(one.returns).wall_m
+            visible = visible or bool(
+                (wall_m[near] > OFF_WALLS_CELLS * self._explainer.counts.resolution_m).any()
+            )
         return Sight(counts, visible)
 
 
