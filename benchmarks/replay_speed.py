@@ -14,9 +14,9 @@ import tempfile
 import time
 from pathlib import Path
 
+from midnet_bench.recording.files.survey import survey
 from midnet_bench.recording.inputs import opened
 from midnet_bench.recording.plan import Wishes
-from midnet_bench.recording.survey import survey
 from midnet_bench.settings import Scalar
 from midnet_bench.workflows.replay import ReplayWishes, replay
 

@@ -61,7 +61,7 @@ def export(
     from midnet_bench.errors import InputError
     from midnet_bench.experiments import registry
     from midnet_bench.io.files import plain_name
-    from midnet_bench.recording.writer import ending_of
+    from midnet_bench.recording.files.writer import ending_of
     from midnet_bench.workflows.export import export_trial, trial_of
 
     ending = ending_of(bag_format)
@@ -143,8 +143,8 @@ def ros1_node(
     from midnet_bench.campaign.definition import parse_settings
     from midnet_bench.io.map_server import load_map
     from midnet_bench.recording import ros1_node as node
+    from midnet_bench.recording.files.no_return import parsed
     from midnet_bench.recording.live import LiveOptions
-    from midnet_bench.recording.no_return import parsed
     from midnet_bench.recording.plan import mount_of
     from midnet_bench.recording.settings import ReplaySettings
 

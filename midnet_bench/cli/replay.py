@@ -151,8 +151,8 @@ def replay(
     from midnet_bench.campaign.definition import parse_settings
     from midnet_bench.cli.progress import meter
     from midnet_bench.errors import InputError
+    from midnet_bench.recording.files.no_return import parsed
     from midnet_bench.recording.inputs import ReplayWishes, list_topics
-    from midnet_bench.recording.no_return import parsed
     from midnet_bench.recording.plan import Wishes
     from midnet_bench.workflows import replay as workflow
 

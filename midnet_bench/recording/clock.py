@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 from midnet_bench.geometry import Pose2D, wrap_angle
-from midnet_bench.recording.readings import NS, PoseReading, ScanReading
+from midnet_bench.recording.files.readings import NS, PoseReading, ScanReading
 
 Clock = Literal["header", "record"]
 

@@ -15,8 +15,11 @@ from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import load_map
-from midnet_bench.recording.bags import Bag, is_bag
 from midnet_bench.recording.clock import Clock
+from midnet_bench.recording.files.bags import Bag, is_bag
+from midnet_bench.recording.files.readings import NS, GridReading, Source
+from midnet_bench.recording.files.survey import Survey, listing, survey
+from midnet_bench.recording.files.tables import read_text
 from midnet_bench.recording.plan import (
     AllyPlan,
     RobotPlan,
@@ -26,11 +29,8 @@ from midnet_bench.recording.plan import (
     robots_of,
 )
 from midnet_bench.recording.ray_counts import RayCounts
-from midnet_bench.recording.readings import NS, GridReading, Source
 from midnet_bench.recording.replay import Replay, ReplayOptions
 from midnet_bench.recording.settings import Preset
-from midnet_bench.recording.survey import Survey, listing, survey
-from midnet_bench.recording.tables import read_text
 from midnet_bench.recording.truth import LabelTable
 
 EXPORTED = "/midnet/replay"

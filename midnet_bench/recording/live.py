@@ -16,8 +16,8 @@ from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.recording.clock import Track, Whereabouts
-from midnet_bench.recording.no_return import CODES, Meaning, NoReturn
-from midnet_bench.recording.readings import (
+from midnet_bench.recording.files.no_return import CODES, Meaning, NoReturn
+from midnet_bench.recording.files.readings import (
     KINDS,
     NO_MOTION,
     NS,
@@ -28,8 +28,8 @@ from midnet_bench.recording.readings import (
     Transform,
     decoded,
 )
+from midnet_bench.recording.files.ros_messages import MAP, Message, detections, ros_name
 from midnet_bench.recording.replay import geometry_of
-from midnet_bench.recording.ros_messages import MAP, Message, detections, ros_name
 
 MAP_TOPIC, TF, TF_STATIC = "/map", "/tf", "/tf_static"
 KEPT = 1000

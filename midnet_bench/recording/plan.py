@@ -8,9 +8,9 @@ from typing import NamedTuple, TypeVar
 
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Pose2D
-from midnet_bench.recording.no_return import Meaning, NoReturn, found_in
-from midnet_bench.recording.readings import NO_MOTION, NS, POSE, SCAN, PoseReading, Transform
-from midnet_bench.recording.survey import Stream, Survey
+from midnet_bench.recording.files.no_return import Meaning, NoReturn, found_in
+from midnet_bench.recording.files.readings import NO_MOTION, NS, POSE, SCAN, PoseReading, Transform
+from midnet_bench.recording.files.survey import Stream, Survey
 
 T = TypeVar("T")
 

@@ -21,8 +21,7 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry, Scan
 from midnet_bench.midnet.pipeline import Ally, Frame, Observation
 from midnet_bench.recording.clock import Clock, Told, Track, Whereabouts, time_of
-from midnet_bench.recording.plan import AllyPlan, Link, PoseChain, RobotPlan
-from midnet_bench.recording.readings import (
+from midnet_bench.recording.files.readings import (
     NS,
     ExactReading,
     Floats,
@@ -31,6 +30,7 @@ from midnet_bench.recording.readings import (
     ScanReading,
     Source,
 )
+from midnet_bench.recording.plan import AllyPlan, Link, PoseChain, RobotPlan
 from midnet_bench.recording.settings import ReplaySettings
 
 PATIENCE_NS = NS

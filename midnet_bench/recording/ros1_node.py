@@ -15,9 +15,9 @@ from typing import Any
 
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.recording.files.ros_messages import Message
+from midnet_bench.recording.files.writer import Types
 from midnet_bench.recording.live import LiveNode, LiveOptions
-from midnet_bench.recording.ros_messages import Message
-from midnet_bench.recording.writer import Types
 
 DEBIANS = "/usr/lib/python3/dist-packages"
 """where Debian puts Python packages for all its Pythons"""

@@ -12,19 +12,19 @@ from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.recording import causes
 from midnet_bench.recording.clock import Clock
+from midnet_bench.recording.files.readings import NS
+from midnet_bench.recording.files.survey import Survey
+from midnet_bench.recording.fitting.samples import samples_of
+from midnet_bench.recording.fitting.setup_check import QUICK_SAMPLES, Proposal, SetBy, verdict
 from midnet_bench.recording.inputs import Note, ReplayWishes
 from midnet_bench.recording.plan import (
     Link,
     RobotPlan,
     beam_time,
 )
-from midnet_bench.recording.readings import NS
 from midnet_bench.recording.replay import Replay, ReplayOptions
-from midnet_bench.recording.samples import samples_of
 from midnet_bench.recording.scores import Scorer
 from midnet_bench.recording.settings import ReplaySettings
-from midnet_bench.recording.setup_check import QUICK_SAMPLES, Proposal, SetBy, verdict
-from midnet_bench.recording.survey import Survey
 from midnet_bench.recording.truth import LabelTable
 
 
@@ -117,7 +117,7 @@ LAG_S = 0.02
 
 def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list[str]:
     """Whether scans and poses were stamped alike. Raises InputError: the stamps stand still."""
-    from midnet_bench.recording.survey import lag_in_words
+    from midnet_bench.recording.files.survey import lag_in_words
 
     scans = surveys[robot.source].streams[robot.scan_topic]
     links = [link for link in robot.pose.links if isinstance(link, Link)]

@@ -11,8 +11,8 @@ from midnet_bench.assignment import linear_sum_assignment
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box
 from midnet_bench.io.scan_logs import read_lines
-from midnet_bench.recording.readings import NS
-from midnet_bench.recording.tables import number_in, rows_of, time_in
+from midnet_bench.recording.files.readings import NS
+from midnet_bench.recording.files.tables import number_in, rows_of, time_in
 from midnet_bench.scoring.frame_counts import FrameMatch
 
 SAME_NS = NS // 50

@@ -13,6 +13,11 @@ from midnet_bench.io.files import cannot_be_written, write_atomically
 from midnet_bench.io.map_server import save_map
 from midnet_bench.messages import Scan
 from midnet_bench.recording import causes
+from midnet_bench.recording.files.readings import NS, Source
+from midnet_bench.recording.files.survey import Survey, survey
+from midnet_bench.recording.fitting.localize import Localizer
+from midnet_bench.recording.fitting.samples import samples_of
+from midnet_bench.recording.fitting.setup_check import SetBy, find_setup, line_of
 from midnet_bench.recording.inputs import (
     Note,
     ReplayWishes,
@@ -23,7 +28,6 @@ from midnet_bench.recording.inputs import (
     prior_map_of,
     with_exported,
 )
-from midnet_bench.recording.localize import Localizer
 from midnet_bench.recording.plan import (
     AllyPlan,
     RobotPlan,
@@ -33,13 +37,9 @@ from midnet_bench.recording.plan import (
     robots_of,
 )
 from midnet_bench.recording.ray_counts import RayCounts
-from midnet_bench.recording.readings import NS, Source
 from midnet_bench.recording.replay import Replay, ReplayFrame, ReplayOptions
-from midnet_bench.recording.samples import samples_of
 from midnet_bench.recording.scores import ScoreOptions, Scorer, sector_of
 from midnet_bench.recording.settings import ReplaySettings
-from midnet_bench.recording.setup_check import SetBy, find_setup, line_of
-from midnet_bench.recording.survey import Survey, survey
 from midnet_bench.recording.told import (
     cause_table,
     lag_lines,

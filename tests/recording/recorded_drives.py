@@ -8,8 +8,8 @@ import numpy as np
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry
-from midnet_bench.recording.fit import Sample
-from midnet_bench.recording.poses import PoseTrack
+from midnet_bench.recording.fitting.fit import Sample
+from midnet_bench.recording.fitting.poses import PoseTrack
 from midnet_bench.rng import stream
 
 CELL_M = 0.05

@@ -17,8 +17,7 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
 from midnet_bench.messages import LidarGeometry
-from midnet_bench.recording.inputs import ReplayWishes
-from midnet_bench.recording.ros_messages import (
+from midnet_bench.recording.files.ros_messages import (
     Message,
     laser_scan,
     occupancy_grid,
@@ -27,7 +26,8 @@ from midnet_bench.recording.ros_messages import (
     pose_stamped,
     transforms,
 )
-from midnet_bench.recording.writer import BagWriter, bag_writer
+from midnet_bench.recording.files.writer import BagWriter, bag_writer
+from midnet_bench.recording.inputs import ReplayWishes
 from midnet_bench.workflows.replay import Replayed, replay
 from tests.cli.command import rows
 from tests.recording.recorded_drives import BARE, MOUNT, WALLS, room, way

@@ -21,7 +21,7 @@ from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry
-from midnet_bench.recording.writer import ENDINGS
+from midnet_bench.recording.files.writer import ENDINGS
 from midnet_bench.workflows.export import export_trial
 
 FRAMES, SEED = 10, 3

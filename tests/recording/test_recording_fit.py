@@ -8,10 +8,10 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import load_map
 from midnet_bench.messages import LidarGeometry
-from midnet_bench.recording.fit import Sample, Walls, fit_of
-from midnet_bench.recording.poses import PoseTrack
-from midnet_bench.recording.setup_check import SetBy, find_setup, line_of, verdict
-from midnet_bench.recording.setup_search import Returns, Search
+from midnet_bench.recording.fitting.fit import Sample, Walls, fit_of
+from midnet_bench.recording.fitting.poses import PoseTrack
+from midnet_bench.recording.fitting.setup_check import SetBy, find_setup, line_of, verdict
+from midnet_bench.recording.fitting.setup_search import Returns, Search
 from tests.recording.recorded_drives import (
     BARE,
     MOUNT,

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.geometry import Pose2D, wrap_angle
-from midnet_bench.recording.poses import PoseTrack
+from midnet_bench.recording.fitting.poses import PoseTrack
 
 
 def track(*rows):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.recording.ros_messages import Message
+from midnet_bench.recording.files.ros_messages import Message
 from tests.cli.command import midnet_bench, one_line_of_complaint, rows
 from tests.recording import recordings as made
 from tests.recording.recordings import Drive

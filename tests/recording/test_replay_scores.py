@@ -8,7 +8,7 @@ import pytest
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.recording.ros_messages import Message
+from midnet_bench.recording.files.ros_messages import Message
 from tests.recording import recordings as made
 from tests.recording.recorded_drives import room
 from tests.recording.recordings import Drive, apart_m, replayed

@@ -12,9 +12,9 @@ from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OCCUPIED, OccupancyGrid
 from midnet_bench.midnet.pipeline import Frame
-from midnet_bench.recording import ros_messages as say
-from midnet_bench.recording.ros_messages import MAP, NS, Marked, ros_name
-from midnet_bench.recording.writer import BagWriter
+from midnet_bench.recording.files import ros_messages as say
+from midnet_bench.recording.files.ros_messages import MAP, NS, Marked, ros_name
+from midnet_bench.recording.files.writer import BagWriter
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.settings import Scalar, leaves
 

@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from midnet_bench.errors import InputError
-from midnet_bench.recording.readings import KINDS, TF, Reading, Topic, decoded
+from midnet_bench.recording.files.readings import KINDS, TF, Reading, Topic, decoded
 
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 """which tf's first version calls tf/tfMessage"""

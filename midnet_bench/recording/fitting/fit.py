@@ -12,7 +12,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, values_at
 from midnet_bench.messages import LidarGeometry
-from midnet_bench.recording.poses import PoseTrack
+from midnet_bench.recording.fitting.poses import PoseTrack
 
 Floats = npt.NDArray[np.float64]
 

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from midnet_bench.geometry import wrap_angle
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.recording.fit import Fit, Sample, Walls, fit_of
-from midnet_bench.recording.setup_search import (
+from midnet_bench.recording.fitting.fit import Fit, Sample, Walls, fit_of
+from midnet_bench.recording.fitting.setup_search import (
     DELAY,
     FACTOR,
     MAP,

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.geometry import Pose2D, wrap_angle
-from midnet_bench.recording.fit import Sample, Walls
+from midnet_bench.recording.fitting.fit import Sample, Walls
 
 Floats = npt.NDArray[np.float64]
 Points = npt.NDArray[np.complex128]

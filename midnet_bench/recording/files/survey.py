@@ -8,8 +8,8 @@ from typing import TypeVar
 import numpy as np
 
 from midnet_bench.errors import InputError
-from midnet_bench.recording.no_return import found_in
-from midnet_bench.recording.readings import (
+from midnet_bench.recording.files.no_return import found_in
+from midnet_bench.recording.files.readings import (
     NS,
     POSE,
     SCAN,

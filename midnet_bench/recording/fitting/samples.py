@@ -7,12 +7,12 @@ import numpy as np
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.recording.clock import Clock, Track, Whereabouts, time_of
-from midnet_bench.recording.fit import Sample
+from midnet_bench.recording.files.readings import NS
+from midnet_bench.recording.files.survey import Survey, spread
+from midnet_bench.recording.fitting.fit import Sample
+from midnet_bench.recording.fitting.poses import PoseTrack
 from midnet_bench.recording.plan import Link, RobotPlan
-from midnet_bench.recording.poses import PoseTrack
-from midnet_bench.recording.readings import NS
 from midnet_bench.recording.replay import geometry_of
-from midnet_bench.recording.survey import Survey, spread
 
 MOST = 120
 REACH_S, STEP_S = 0.8, 0.04

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.recording.readings import Floats, ScanReading
+from midnet_bench.recording.files.readings import Floats, ScanReading
 
 Meaning = Literal["clears", "nothing"]
 MEANINGS: dict[str, Meaning] = {"clears": "clears", "nothing": "nothing", "invalid": "nothing"}

@@ -11,7 +11,7 @@ from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Pose2D
 from midnet_bench.io.scan_logs import ScanLog, parse_carmen, parse_table, read_lines
 from midnet_bench.io.trajectory import clock_fault
-from midnet_bench.recording.readings import (
+from midnet_bench.recording.files.readings import (
     NS,
     POSE,
     SCAN,

@@ -1,0 +1,1 @@
+"""Whether scans, poses and a map fit, and what mends them."""
