@@ -88,6 +88,7 @@ def compiled_files(folder: Path) -> set[Path]:
     return set(folder.rglob("*.nbc"))
 
 
+@pytest.mark.slow
 def test_a_change_in_a_callee_or_in_a_number_changes_the_result_and_back(package: Path, kept: Path) -> None:
     below = package / "below.py"
     below.write_text(BELOW.replace("numbers.FACTOR * x", "numbers.FACTOR + x"))
