@@ -5,8 +5,9 @@ where the returns about a label ended, and what lies in a box.
 """
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+import pickle
+from collections.abc import Iterator, Sequence
+from typing import IO, NamedTuple
 
 import cv2
 import numpy as np
@@ -109,8 +110,13 @@ class Explainer:
         node: DetectorNode,
         settings: ReplaySettings,
         counts: RayCounts,
+        kept: IO[bytes],
     ) -> None:
-        """Of the detector ``look``, by ray counts that may serve several."""
+        """Of the detector ``look``, by ray counts that may serve several.
+
+        ``kept``: an empty file of its own. A recording may last for hours: what is told waits there for the
+        causes that its end decides.
+        """
         self._look, self._map, self._node, self._settings = look, prior_map, node, settings
         self.counts = counts
         shape = (prior_map.height, prior_map.width)
@@ -125,8 +131,7 @@ class Explainer:
         """robot -> its last scan that was matched to the map, and the pose that came of it"""
         self._told: list[tuple[Floats, Surroundings]] = []
         """of the last scans' returns, which are asked for box by box"""
-        self._suspects: list[tuple[int, Floats]] = []
-        self.rows: list[ErrorRow] = []
+        self._kept = kept
 
     def surroundings(self, returns: Floats) -> "Surroundings":
         """What the map has about each of a scan's (n, 2) returns; worked out once for each scan."""
@@ -172,7 +177,7 @@ class Explainer:
                 (box.distance_to_point(label.x, label.y) for box in frame.looks[self._look].frame.detections),
                 default=math.inf,
             )
-            self.rows.append(
+            self._keep(
                 ErrorRow(
                     frame.number,
                     frame.time_ns / 1e9,
@@ -300,8 +305,8 @@ class Explainer:
                 kind, cause, name = "fragment", "fragment", labels.there[touched[index][0]].name
             else:
                 cause, age_s, name = self._made_of(frame, box, about, labels, distance_m)
-            row = len(self.rows)
-            self.rows.append(
+            may_stay = cause in ("somebody", "near_wall", "unknown_cells", "single_return")
+            self._keep(
                 ErrorRow(
                     frame.number,
                     frame.time_ns / 1e9,
@@ -314,10 +319,9 @@ class Explainer:
                     len(returns),
                     age_s,
                     offset_m,
-                )
+                ),
+                returns if may_stay and len(returns) else None,
             )
-            if cause in ("somebody", "near_wall", "unknown_cells", "single_return") and len(returns):
-                self._suspects.append((row, returns))
 
     def _made_of(
         self,
@@ -396,17 +400,25 @@ class Explainer:
                 return True
         return False
 
-    def settled(self) -> list[ErrorRow]:
-        """All rows, with ``unmapped`` where the whole recording shows that what is there stays put."""
-        rows = list(self.rows)
+    def _keep(self, row: ErrorRow, returns: Floats | None = None) -> None:
+        """Keep a row; ``returns``: in the box, of what may turn out to stay put."""
+        pickle.dump((tuple(row), returns), self._kept)
+
+    def settled(self) -> Iterator[ErrorRow]:
+        """All rows in order, ``unmapped`` where the whole recording shows that what is there stays put."""
         stays = self.counts.near_what_stays()
-        for row, points in self._suspects:
-            cells = np.floor((points - self.counts.origin) / self.counts.resolution_m).astype(np.int64)
-            height, width = stays.shape
-            on = (cells >= 0).all(axis=1) & (cells[:, 0] < width) & (cells[:, 1] < height)
-            if on.any() and stays[cells[on, 1], cells[on, 0]].mean() > 0.5:
-                rows[row] = rows[row]._replace(cause="unmapped")
-        return rows
+        height, width = stays.shape
+        end = self._kept.tell()
+        self._kept.seek(0)
+        while self._kept.tell() < end:
+            told, points = pickle.load(self._kept)
+            row = ErrorRow(*told)
+            if points is not None:
+                cells = np.floor((points - self.counts.origin) / self.counts.resolution_m).astype(np.int64)
+                on = (cells >= 0).all(axis=1) & (cells[:, 0] < width) & (cells[:, 1] < height)
+                if on.any() and stays[cells[on, 1], cells[on, 0]].mean() > 0.5:
+                    row = row._replace(cause="unmapped")
+            yield row
 
 
 def _local(pose: Pose2D, points: Floats) -> Floats:

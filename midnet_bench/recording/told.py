@@ -230,12 +230,11 @@ def score_tables(scorers: Mapping[str, Scorer], has_truth: bool) -> list[Table]:
     return tables
 
 
-def cause_table(rows: Mapping[str, Sequence[causes.ErrorRow]]) -> Table:
-    """How many errors of each cause, by preset."""
+def cause_table(counted: Mapping[str, Counter[tuple[str, str]]]) -> Table:
+    """How many errors of each kind and cause, by preset."""
     found: list[dict[str, Scalar]] = []
-    for name, errors in rows.items():
-        counted = Counter((one.kind, one.cause) for one in errors)
-        for (kind, cause), count in counted.most_common():
+    for name, errors in counted.items():
+        for (kind, cause), count in errors.most_common():
             meaning = causes.MISSES.get(cause) if kind == "miss" else causes.BOXES.get(cause)
             found.append(
                 {
@@ -243,7 +242,7 @@ def cause_table(rows: Mapping[str, Sequence[causes.ErrorRow]]) -> Table:
                     "kind": kind,
                     "cause": cause,
                     "count": count,
-                    "share": count / len(errors),
+                    "share": count / errors.total(),
                     "meaning": meaning or "",
                 }
             )

@@ -1,15 +1,17 @@
 """``replay``: what the detector makes of a recording, whether its inputs fit, and why it errs."""
 
 import csv
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from midnet_bench.analysis.tables import Table
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.files import cannot_be_written, write_atomically
+from midnet_bench.io.files import cannot_be_written, draft_of, write_atomically
 from midnet_bench.io.map_server import save_map
 from midnet_bench.messages import Scan
 from midnet_bench.recording import causes
@@ -78,12 +80,16 @@ def replay(wishes: ReplayWishes, note: Note, progress: Callable[[float], None]) 
     Raises:
         InputError: the recordings, the map or an option cannot be used.
     """
-    with prepared(wishes) as (filled, sources):
-        return _replay(filled, sources, note, progress)
+    with prepared(wishes) as (filled, sources), ExitStack() as stack:
+        return _replay(filled, sources, stack, note, progress)
 
 
 def _replay(
-    wishes: ReplayWishes, sources: Sequence[Source], note: Note, progress: Callable[[float], None]
+    wishes: ReplayWishes,
+    sources: Sequence[Source],
+    stack: ExitStack,
+    note: Note,
+    progress: Callable[[float], None],
 ) -> Replayed:
     surveys = [survey(source) for source in sources]
     for source in sources:
@@ -137,20 +143,22 @@ def _replay(
     )
     counts = RayCounts(prior_map.resolution, prior_map.origin, (prior_map.height, prior_map.width))
     explainers = {
-        name: causes.Explainer(name, prior_map, played.nodes[name], one, counts)
+        name: causes.Explainer(
+            name, prior_map, played.nodes[name], one, counts, stack.enter_context(TemporaryFile())
+        )
         for name, one in settings.items()
     }
     scorers = {
         name: Scorer(name, explainers[name], one.range_m, score_options) for name, one in settings.items()
     }
     reach_m = 2.0 * max(one.range_m for one in settings.values())
-    counted: dict[int, Scan] = {}
+    last: dict[int, Scan] = {}
     folder = wishes.output or Path("results") / f"replay-{names[0]}"
     first = wishes.presets[0]
-    with _boxes_file(folder) as boxes, ExitStack() as stack:
+    with _boxes_file(folder) as boxes, ExitStack() as drawn:
         append = None
         if wishes.film:
-            append = stack.enter_context(
+            append = drawn.enter_context(
                 film(
                     f"{names[0]}, preset {first}",
                     first,
@@ -167,8 +175,8 @@ def _replay(
                 if until_ns is not None and frame.time_ns < until_ns:
                     continue
                 for one in frame.seen:
-                    if one.scan is not None and one.scan is not counted.get(one.robot):
-                        counted[one.robot] = one.scan
+                    if one.scan is not None and one.scan is not last.get(one.robot):
+                        last[one.robot] = one.scan
                         with suppress(InputError):  # a pose far off any map, of which boxes know nothing
                             counts.take(one.scan, one.returns, reach_m)
                 labels = _labels(frame, table, wishes.max_pose_age_s)
@@ -185,15 +193,11 @@ def _replay(
     if not played.tally.frames:
         raise InputError("; ".join(faults) or f"{wishes.files[0]}: no frame came of it")
     faults += unlabelled(wishes, table, scorers, played)
-    rows = {name: explainer.settled() for name, explainer in explainers.items()}
-    tables = [
-        *score_tables(scorers, bool(wishes.truth)),
-        cause_table(rows),
-    ]
-    files = [folder / "boxes.csv"]
+    counted = _write_errors(folder / "errors.csv", explainers)
+    tables = [*score_tables(scorers, bool(wishes.truth)), cause_table(counted)]
+    files = [folder / "boxes.csv", folder / "errors.csv"]
     for made in tables:
         files += made.write(folder)
-    files.append(_write_errors(folder, rows))
     if wishes.film:
         files += [folder / "trial.mp4", folder / "storyboard.png"]
     if wishes.unmapped:
@@ -290,12 +294,17 @@ def _write_boxes(writer: "csv._writer", frame: ReplayFrame, name: str) -> None: 
         writer.writerow([name, frame.number, f"{frame.time_ns / NS:.6f}", index, who, *sides])
 
 
-def _write_errors(folder: Path, rows: Mapping[str, Sequence[causes.ErrorRow]]) -> Path:
-    lines = [",".join(["preset", *causes.ErrorRow._fields])]
-    for name, errors in rows.items():
-        for one in errors:
-            cells = [f"{cell:.4f}" if isinstance(cell, float) else str(cell) for cell in one]
-            lines.append(",".join([name, *cells]))
-    path = folder / "errors.csv"
-    write_atomically(path, "\n".join(lines) + "\n")
-    return path
+def _write_errors(
+    path: Path, explainers: Mapping[str, causes.Explainer]
+) -> dict[str, Counter[tuple[str, str]]]:
+    """Write every error, row by row; how many there are of each kind and cause, by preset."""
+    counted: dict[str, Counter[tuple[str, str]]] = {}
+    with draft_of(path) as draft, open(draft, "w", encoding="utf-8", newline="") as file:
+        file.write(",".join(["preset", *causes.ErrorRow._fields]) + "\n")
+        for name, explainer in explainers.items():
+            counted[name] = Counter()
+            for one in explainer.settled():
+                cells = [f"{cell:.4f}" if isinstance(cell, float) else str(cell) for cell in one]
+                file.write(",".join([name, *cells]) + "\n")
+                counted[name][one.kind, one.cause] += 1
+    return counted
