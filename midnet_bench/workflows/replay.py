@@ -144,7 +144,12 @@ def _replay(
     counts = RayCounts(prior_map.resolution, prior_map.origin, (prior_map.height, prior_map.width))
     explainers = {
         name: causes.Explainer(
-            name, prior_map, played.nodes[name], one, counts, stack.enter_context(TemporaryFile())
+            name,
+            prior_map,
+            played.nodes[name],
+            one,
+            counts,
+            stack.enter_context(TemporaryFile()),  # noqa: SIM115
         )
         for name, one in settings.items()
     }
