@@ -135,7 +135,7 @@ class Explainer:
 
     def surroundings(self, returns: Floats) -> "Surroundings":
         """What the map has about each of a scan's (n, 2) returns; worked out once for each scan."""
-        for points, known in self._told:
+        for points, known in reversed(self._told):
             if points is returns:
                 return known
         cells = cells_of(self._map, returns)

@@ -1,13 +1,15 @@
 """Which labels of a frame count, and the counts of a recording."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Box, wrap_angle
+from midnet_bench.geometry import Box, Pose2D, wrap_angle
+from midnet_bench.messages import Scan
 from midnet_bench.recording.causes import Explainer
-from midnet_bench.recording.replay import ReplayFrame
+from midnet_bench.recording.replay import ReplayFrame, Seen
 from midnet_bench.recording.truth import Label, Labels, matched
 from midnet_bench.scoring.frame_counts import (
     NOTHING,
@@ -109,6 +111,32 @@ class Sight(NamedTuple):
     """a return that lies on no mapped wall lies near it"""
 
 
+class View(NamedTuple):
+    """One robot's last scan, as far as labels are in it or not."""
+
+    seen: Seen
+    scan: Scan
+    sensor: Pose2D
+    """map frame"""
+    first_rad: float
+    """the least angle of a beam, sensor frame"""
+    sweep_rad: float
+    """from there on"""
+
+    @classmethod
+    def of(cls, seen: Seen, scan: Scan) -> "View":
+        """Of a robot at a frame."""
+        lidar = scan.lidar
+        last_rad = lidar.angle_min_rad + lidar.angle_increment_rad * (lidar.beams - 1)
+        return cls(
+            seen,
+            scan,
+            scan.pose.compose(lidar.mount),
+            min(lidar.angle_min_rad, last_rad),
+            abs(lidar.angle_increment_rad) * lidar.beams,
+        )
+
+
 class Scorer:
     """Scores frame after frame of one detector."""
 
@@ -128,7 +156,8 @@ class Scorer:
         score.labelled += 1
         there, options = labels.there, self._options
         match = matched(boxes, there, options.distance_m)
-        sights = [self._sight(frame, label) for label in there]
+        views = [View.of(one, one.scan) for one in frame.seen if one.scan is not None]
+        sights = [self._sight(views, label) for label in there]
         in_range = [one.counts and one.is_visible for one in sights]
         score.not_visible += sum(one.counts and not one.is_visible for one in sights)
         truths = [
@@ -150,13 +179,9 @@ class Scorer:
             self._explainer.boxes(frame, wrong, labels, match.truth_of, match.touched, options.distance_m)
         return Judged(there, in_range, match)
 
-    def _sight(self, frame: ReplayFrame, label: Label) -> Sight:
+    def _sight(self, views: Sequence[View], label: Label) -> Sight:
         options, counts, visible = self._options, False, False
-        for one in frame.seen:
-            scan = one.scan
-            if scan is None:
-                continue
-            sensor = scan.pose.compose(scan.lidar.mount)
+        for one, scan, sensor, first, sweep in views:
             if math.hypot(label.x - sensor.x, label.y - sensor.y) > self._range_m:
                 continue
             if options.window_m is not None and (
@@ -164,11 +189,6 @@ class Scorer:
             ):
                 continue
             bearing = math.atan2(label.y - sensor.y, label.x - sensor.x)
-            lidar = scan.lidar
-            sweep = abs(lidar.angle_increment_rad) * lidar.beams
-            first = min(
-                lidar.angle_min_rad, lidar.angle_min_rad + lidar.angle_increment_rad * (lidar.beams - 1)
-            )
             if sweep < FULL_CIRCLE_RAD and (bearing - sensor.yaw - first) % math.tau > sweep:
                 continue
             if options.sector_rad is not None:
