@@ -54,7 +54,6 @@ from midnet_bench.recording.told import (
 )
 from midnet_bench.recording.truth import Label, Labels, LabelTable
 from midnet_bench.recording.unmapped import csv_of, unmapped
-from midnet_bench.workflows.replay_film import film
 
 
 @dataclass
@@ -163,6 +162,8 @@ def _replay(
     with _boxes_file(folder) as boxes, ExitStack() as drawn:
         append = None
         if wishes.film:
+            from midnet_bench.workflows.replay_film import film  # drawing takes a while to import
+
             append = drawn.enter_context(
                 film(
                     f"{names[0]}, preset {first}",
