@@ -76,6 +76,21 @@ def test_a_truncated_bag(container, share, tmp_path, replay):
         assert any(word in line for word in ("reindex", "recover", "empty", "damaged"))
 
 
+@pytest.mark.parametrize("packed", ["ros1", "ros1-bz2"])
+def test_a_bag_that_was_cut_off_gives_what_it_still_has(packed, tmp_path, replay):
+    bag = made.write_bag(tmp_path, [*SCANS, *POSES], packed)
+    whole = bag.read_bytes()
+    index = whole.rindex(b"chunk_pos=")  # in the first of the records behind all messages
+    bag.write_bytes(whole[: index - 100])
+    done = replay(bag, MOUNT)
+    assert "its index is missing" in done.stderr
+    assert kept(tmp_path) >= 5
+    if packed == "ros1":
+        bag.write_bytes(whole[: len(whole) // 2])
+        assert "s after its start" in complaint(replay(bag, MOUNT))
+        assert kept(tmp_path) >= 2
+
+
 def test_a_bag_that_is_damaged_in_the_middle_keeps_what_came_before(tmp_path, replay):
     bag = made.write_bag(tmp_path, [*SCANS, *POSES], "ros1")
     data = bytearray(bag.read_bytes())

@@ -13,6 +13,7 @@ from rosbags.typesys.store import Typestore
 
 from midnet_bench.errors import InputError
 from midnet_bench.recording.files.readings import KINDS, TF, Reading, Topic, decoded
+from midnet_bench.recording.files.unindexed import UnindexedRos1
 
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 """which tf's first version calls tf/tfMessage"""
@@ -30,10 +31,18 @@ class Bag:
     def __init__(self, path: Path) -> None:
         """Open it. Raises InputError: it is no bag, or its index is damaged."""
         self.path = str(path)
+        self.remarks: list[str] = []
+        """what was not taken as it stands there"""
         self._is_ros1 = path.suffix == ".bag"
         self._reader: Any = Ros1Reader(path) if self._is_ros1 else Ros2Reader(path)
         try:
-            self._reader.open()
+            try:
+                self._reader.open()
+            except Exception:  # a bag that was cut off has lost its index, and no more than its end
+                if not self._is_ros1:
+                    raise
+                self._reader = UnindexedRos1(path)
+                self.remarks.append(f"{path}: its index is missing; its records are read in their order")
             self.topics = self._topics()
             counts = sum(topic.messages for topic in self.topics.values())
             self.start_ns = int(self._reader.start_time) if counts else 0
