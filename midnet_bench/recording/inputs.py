@@ -25,12 +25,13 @@ from midnet_bench.recording.plan import (
     RobotPlan,
     Wishes,
     allies_of,
+    named,
     number_of,
     robots_of,
 )
 from midnet_bench.recording.ray_counts import RayCounts
 from midnet_bench.recording.replay import Replay, ReplayOptions
-from midnet_bench.recording.settings import Preset
+from midnet_bench.recording.settings import Preset, ReplaySettings
 from midnet_bench.recording.truth import LabelTable
 
 EXPORTED = "/midnet/replay"
@@ -107,7 +108,7 @@ def list_topics(files: Sequence[Path]) -> tuple[list[Table], list[str], list[str
         for path, one in zip(files, surveys, strict=True):
             title = f"{path}: {one.duration_s:.1f} s"
             tables.append(Table("topics", title, listing(one)))
-            lines += getattr(one.source, "remarks", [])
+            lines += one.source.remarks
         lines += proposal(files, surveys)
         faults = [one.fault for one in surveys if one.fault]
     return tables, lines, faults
@@ -297,9 +298,26 @@ def options_of(wishes: ReplayWishes, offsets: Sequence[int] | None) -> ReplayOpt
     )
 
 
-def labels_of(
-    wishes: ReplayWishes, surveys: Sequence[Survey], robots: Sequence[RobotPlan]
-) -> tuple[LabelTable | None, list[AllyPlan]]:
+def settings_of(wishes: ReplayWishes, resolution_m: float) -> dict[str, ReplaySettings]:
+    """The settings by preset, for a map of cells of this side, metres. Raises InputError: a wrong option."""
+    values = dict(wishes.settings)
+    asked_m = values.pop("resolution_m", resolution_m)
+    if not isinstance(asked_m, float | int) or abs(asked_m - resolution_m) > 1e-5:
+        raise InputError(
+            f"--set resolution_m={asked_m}: cells are as large as the map's, {resolution_m:g} m; "
+            "'midnet-bench map --from-map' makes a map of others"
+        )
+    return {preset: ReplaySettings.of(preset, values, resolution_m) for preset in wishes.presets}
+
+
+def offsets_of(wishes: ReplayWishes, names: Sequence[str]) -> list[int]:
+    """What is added to the times of each recording, by its name, ns. Raises InputError: no number or name."""
+    given = named(wishes.offsets, names, "--offset")
+    texts = [given.get(name, "0") for name in names]
+    return [round(number_of(text, f"--offset {text}") * NS) for text in texts]
+
+
+def labels_of(wishes: ReplayWishes, surveys: Sequence[Survey]) -> tuple[LabelTable | None, list[AllyPlan]]:
     """The labels: of a table, or topics with the poses of what is to be found, as ``NAME=TOPIC``.
 
     Raises:

@@ -128,7 +128,7 @@ def robots_of(surveys: Sequence[Survey], wishes: Wishes, names_of_files: Sequenc
         seen = surveys[source].streams[topic].scans
         frame = seen[0].frame
         chain, mount, upside_down = _where(surveys, source, frame, poses.get(name), wishes.map_frame, name)
-        own = getattr(surveys[source].source, "mount", None)
+        own = surveys[source].source.mount
         if own is not None and name not in mounts and mount == Pose2D(0.0, 0.0, 0.0):
             mount = own
         found.append(

@@ -25,23 +25,22 @@ from midnet_bench.recording.inputs import (
     ReplayWishes,
     file_names,
     labels_of,
+    offsets_of,
     options_of,
     prepared,
     prior_map_of,
+    settings_of,
     with_exported,
 )
 from midnet_bench.recording.plan import (
     AllyPlan,
     RobotPlan,
     allies_of,
-    named,
-    number_of,
     robots_of,
 )
 from midnet_bench.recording.ray_counts import RayCounts
 from midnet_bench.recording.replay import Replay, ReplayFrame, ReplayOptions
 from midnet_bench.recording.scores import ScoreOptions, Scorer, sector_of
-from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.recording.told import (
     cause_table,
     lag_lines,
@@ -61,8 +60,6 @@ class Replayed:
     """What came of it."""
 
     tables: list[Table]
-    lines: list[str]
-    """in words, for people"""
     files: list[Path]
     faults: list[str]
     """what does not fit or could not be read; results are there all the same"""
@@ -92,39 +89,25 @@ def _replay(
 ) -> Replayed:
     surveys = [survey(source) for source in sources]
     for source in sources:
-        for remark in getattr(source, "remarks", []):
+        for remark in source.remarks:
             note(remark)
     wishes = with_exported(wishes, surveys)
     names = file_names([Path(source.path) for source in sources])
     robots = robots_of(surveys, wishes.recording, names)
     prior_map, until_ns = prior_map_of(wishes, surveys, robots, note)
-    values = dict(wishes.settings)
-    resolution_m = values.pop("resolution_m", prior_map.resolution)
-    if not isinstance(resolution_m, float | int) or abs(resolution_m - prior_map.resolution) > 1e-5:
-        raise InputError(
-            f"--set resolution_m={resolution_m}: cells are as large as the map's, "
-            f"{prior_map.resolution:g} m; 'midnet-bench map --from-map' makes a map of others"
-        )
-    settings: dict[str, ReplaySettings] = {
-        preset: ReplaySettings.of(preset, values, prior_map.resolution) for preset in wishes.presets
-    }
+    settings = settings_of(wishes, prior_map.resolution)
     main = settings[wishes.presets[0]]
     allies = allies_of(surveys, wishes.recording.ally, main.midnet.ally_diameter_m)
-    table, label_topics = labels_of(wishes, surveys, robots)
+    table, label_topics = labels_of(wishes, surveys)
     if table is not None and table.by_index and len(robots) > 1:
         raise InputError(
             f"--truth {wishes.truth[0]}: scan_index does not say of which of {len(robots)} robots; label by t"
         )
-    offsets = [
-        round(number_of(text, f"--offset {text}") * NS)
-        for text in (named(wishes.offsets, names, "--offset").get(name, "0") for name in names)
-    ]
-    options = options_of(wishes, offsets)
+    options = options_of(wishes, offsets_of(wishes, names))
     score_options = ScoreOptions(
         wishes.distance_m, None if wishes.sector is None else sector_of(wishes.sector), wishes.window_m
     )
-    lines = told_before(surveys, robots, settings, wishes)
-    for line in lines:
+    for line in told_before(surveys, robots, settings, wishes):
         note(line)
     faults: list[str] = []
     for robot in robots:
@@ -208,7 +191,7 @@ def _replay(
         files += [folder / "trial.mp4", folder / "storyboard.png"]
     if wishes.unmapped:
         files += write_unmapped(folder, counts, prior_map, played.nodes[first].prior, note)
-    return Replayed(tables, lines, files, faults)
+    return Replayed(tables, files, faults)
 
 
 def _labels(frame: ReplayFrame, table: LabelTable | None, max_age_s: float) -> Labels | None:

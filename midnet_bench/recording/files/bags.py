@@ -12,6 +12,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
 from midnet_bench.recording.files.readings import KINDS, TF, Reading, Topic, decoded
 from midnet_bench.recording.files.unindexed import UnindexedRos1
 
@@ -32,7 +33,7 @@ class Bag:
         """Open it. Raises InputError: it is no bag, or its index is damaged."""
         self.path = str(path)
         self.remarks: list[str] = []
-        """what was not taken as it stands there"""
+        self.mount: Pose2D | None = None  # transforms tell of it
         self._is_ros1 = path.suffix == ".bag"
         self._reader: Any = Ros1Reader(path) if self._is_ros1 else Ros2Reader(path)
         try:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
 
 Floats = npt.NDArray[np.float64]
@@ -178,6 +179,10 @@ class Source(Protocol):
     topics: dict[str, Topic]
     start_ns: int
     end_ns: int
+    remarks: list[str]
+    """what was not taken as it stands there, a line each"""
+    mount: Pose2D | None
+    """of its laser on the robot, if the file says so by itself"""
 
     def readings(
         self, topics: set[str], start_ns: int | None = None, stop_ns: int | None = None

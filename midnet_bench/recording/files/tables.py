@@ -35,9 +35,12 @@ _FAR_FUTURE_S = 1e11
 class Table:
     """One text file, all of it in memory: the topics ``scan`` and ``pose``, of a log also ``odometry``."""
 
-    def __init__(self, path: Path, readings: list[Reading], remarks: list[str]) -> None:
-        """``readings`` in order of time; ``remarks``: what was not taken as it stands there."""
+    def __init__(
+        self, path: Path, readings: list[Reading], remarks: list[str], mount: Pose2D | None = None
+    ) -> None:
+        """``readings`` in order of time; ``remarks`` and ``mount``: see :class:`Source`."""
         self.path = str(path)
+        self.mount = mount
         self.remarks = remarks
         self._readings = readings
         self.topics: dict[str, Topic] = {}
@@ -206,12 +209,12 @@ def _of_log(path: Path, log: ScanLog) -> Table:
         )
         times = [k * STEP_NS for k in range(len(log))]
     lidar = log.geometry
-    corrected = [scan.corrected for scan in log]
+    is_corrected = log.is_corrected
     found: list[Reading] = []
-    for scan, pose, time_ns in zip(log, corrected, times, strict=True):
+    for scan, time_ns in zip(log, times, strict=True):
         found.append(_pose("odometry", time_ns, "odom", scan.odometry))
-        if pose is not None and log.is_corrected:
-            found.append(_pose("pose", time_ns, "map", pose))
+        if scan.corrected is not None and is_corrected:
+            found.append(_pose("pose", time_ns, "map", scan.corrected))
         found.append(
             ScanReading(
                 "scan",
@@ -226,7 +229,7 @@ def _of_log(path: Path, log: ScanLog) -> Table:
                 0.0,
             )
         )
-    return Table(path, found, remarks)
+    return Table(path, found, remarks, None if is_corrected else lidar.mount)
 
 
 def _pose(topic: str, time_ns: int, frame: str, pose: Pose2D) -> PoseReading:
