@@ -13,7 +13,7 @@ from midnet_bench.messages import Command
 from midnet_bench.rng import standard_normals, stream
 from midnet_bench.robots.burger import LDS_01
 from midnet_bench.simulation import lidar
-from midnet_bench.simulation.bullet.world import MAX_BATCH, World
+from midnet_bench.simulation.bullet.world import BATCH, World
 from midnet_bench.simulation.lidar import NOTHING, SOLID, TOO_NEAR_M
 from midnet_bench.simulation.noise import NoiseBlocks
 from tests.simulation.scenes import beam_lengths, run, scene, sensors
@@ -149,7 +149,7 @@ def test_more_rays_than_one_batch_holds_are_split() -> None:
     with World(scene([(0.0, 0.0, 0.0)])) as world:
         one = sensors(world).scan([0], ANY)
         many = sensors(world).scan([0] * 50, ANY)
-    assert MAX_BATCH < 50 * 360
+    assert BATCH < 50 * 360
     assert np.array_equal(many, np.repeat(one, 50, axis=0))
     with World(scene([(0.0, 0.0, 0.0)])) as world:
         assert sensors(world).scan([], ANY).shape == (0, 360)
