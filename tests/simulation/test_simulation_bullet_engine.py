@@ -2,6 +2,15 @@
 
 import subprocess
 import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from midnet_bench.robots.burger import BURGER
+from midnet_bench.simulation.bullet.engine import bullet
+from midnet_bench.simulation.bullet.world import World
+from tests.simulation.scenes import scene
 
 
 def test_that_it_is_missing_is_an_import_error_that_says_what_to_do() -> None:
@@ -21,3 +30,18 @@ def test_pybullet_greets_nobody_and_standard_error_stays_open() -> None:
     program = "import sys, midnet_bench.simulation.bullet.engine; print('a line of ours', file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("", "a line of ours\n")
+
+
+def connected() -> list[int]:
+    return [client for client in range(100) if bullet.isConnected(client)]
+
+
+def test_a_world_that_fails_to_build_keeps_no_client() -> None:
+    layout = scene([(0.0, 0.0, 0.0)])
+    with World(layout):
+        pass
+    before = connected()
+    for _ in range(3):
+        with pytest.raises(bullet.error):
+            World(layout, robot=replace(BURGER, urdf=Path("/nowhere")))
+    assert connected() == before

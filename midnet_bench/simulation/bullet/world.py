@@ -50,6 +50,15 @@ class World:
         self._client = take_client()
         self._ray_client = take_client()
         """the solids alone: beside floor and robots, which no beam meets, a ray takes a fifth longer"""
+        try:
+            self._build()
+        except BaseException:
+            self.close()
+            raise
+
+    def _build(self) -> None:
+        """Load everything, and let the robots settle on their wheels."""
+        layout, robot = self.layout, self.robot
         starts = layout.robots + layout.intruders
         bullet.setPhysicsEngineParameter(
             fixedTimeStep=1.0 / self.step_hz,
