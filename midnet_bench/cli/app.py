@@ -148,6 +148,7 @@ def printing() -> Iterator[None]:
     """
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lasts
+        os.set_inheritable(sys.stderr.fileno(), True)  # as number 2: workers need one
     if sys.stdout is None:
         # the next file to be opened would take its number, and what a library in C prints would land there
         raise MidnetBenchError("standard output is closed; direct it somewhere, such as to /dev/null")

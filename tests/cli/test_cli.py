@@ -136,6 +136,14 @@ def test_an_output_that_cannot_be_written_is_at_most_one_line(
     assert (done.returncode, done.stderr) == (code, complaint)
 
 
+@pytest.mark.slow
+def test_trials_run_with_standard_error_closed(tmp_path: Path) -> None:
+    line = f"{sys.executable} -m midnet_bench detection --frames 2 --robots 1 --seeds 1 -o {tmp_path} 2>&-"
+    done = subprocess.run(["bash", "-c", line], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "1-robot" in done.stdout
+
+
 def test_letters_that_the_output_lacks_cost_no_table() -> None:
     ascii_only = {"PYTHONIOENCODING": "ascii"}
     done = in_its_own_process("parameters", "detection", folder=REPOSITORY, environment=ascii_only)

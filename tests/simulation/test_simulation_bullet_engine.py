@@ -32,6 +32,12 @@ def test_pybullet_greets_nobody_and_standard_error_stays_open() -> None:
     assert (done.stdout, done.stderr) == ("", "a line of ours\n")
 
 
+def test_a_closed_standard_error_does_not_stop_it() -> None:
+    program = "import midnet_bench.simulation.bullet.engine; print('imported')"
+    command = ["sh", "-c", 'exec "$0" -c "$1" 2>&-', sys.executable, program]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "imported\n"
+
+
 def connected() -> list[int]:
     return [client for client in range(100) if bullet.isConnected(client)]
 

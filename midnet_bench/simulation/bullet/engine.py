@@ -1,7 +1,9 @@
 """PyBullet itself, or a plain word on why it is not there."""
 
+import contextlib
 import os
 import sys
+from collections.abc import Iterator
 
 from midnet_bench.errors import MidnetBenchError
 
@@ -10,22 +12,36 @@ class PyBulletMissingError(MidnetBenchError, ImportError):
     """PyBullet is not installed; an ImportError too, so that programs may look for it as for any package."""
 
 
+@contextlib.contextmanager
+def _stderr_to_nowhere() -> Iterator[None]:
+    """Close file descriptor 2 to what C prints, unless it is closed already."""
+    try:
+        stderr = os.dup(2)
+    except OSError:
+        yield
+        return
+    if sys.stderr is not None:
+        sys.stderr.flush()
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
+        os.close(nowhere)
+
+
 # The library prints its build time from C, past sys.stderr, in every process that loads it: in the middle of
-# a progress bar. File descriptor 2 is closed to it for as long as the import takes, and only for the first.
-sys.stderr.flush()
-_stderr, _nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-os.dup2(_nowhere, 2)
+# a progress bar. Only the first import has anything to silence.
 try:
-    import pybullet as bullet
+    with _stderr_to_nowhere():
+        import pybullet as bullet
 except ImportError as error:
     raise PyBulletMissingError(
         "PyBullet is not installed: the engine 'bullet' needs it, and its ready-made wheels end at "
         "CPython 3.11 (use Python 3.11 and install again, or take the engine 'fast')"
     ) from error
-finally:
-    os.dup2(_stderr, 2)
-    os.close(_stderr)
-    os.close(_nowhere)
 
 _idle: list[int] = []
 """clients of this process that nobody uses, emptied"""
