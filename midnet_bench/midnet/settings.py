@@ -46,7 +46,11 @@ class MIDNetSettings(Settings):
     deflate_boxes_m: float = 0.0
     """taken off each side of a box as soon as it is found, >= 0; changes every later IoU (item 25)"""
     ally_diameter_m: float = option(
-        0.42, "Side of the square that a guard is taken to fill, di of Algorithm 2.", gt=0, le=2
+        0.225,
+        "Side of the square that a guard is taken to fill, di of Algorithm 2: the diameter of the circle "
+        "about the robot's length and width, of a Burger 0.138 x 0.178 m.",
+        gt=0,
+        le=2,
     )
     iou_ally: float = option(
         0.1,

@@ -19,6 +19,7 @@ from midnet_bench.navigation.local_planner import (
     LocalGoalGrids,
     Plan,
     outline_cost,
+    turn_is_free,
     velocity_samples,
 )
 from midnet_bench.navigation.settings import DwaSettings, Footprint, LocalPlannerLimits
@@ -177,6 +178,12 @@ class DwaPlanner:
         chosen = Command(speed, turn)
         self._oscillation.note(chosen, pose)
         return chosen
+
+    def turn_is_legal(self, costmap: RollingCostmap, pose: Pose2D, turn_radps: float) -> bool:
+        """Whether turning on the spot at this rate for ``sim_time_s`` keeps the outline off obstacles."""
+        x, y = costmap.layer.to_cells(pose.x, pose.y)
+        angle = float(turn_radps) * self.settings.sim_time_s
+        return bool(turn_is_free(costmap.costs, x, y, float(pose.yaw), angle, self._footprint_cells))
 
 
 def _sign(value: float) -> int:

@@ -42,6 +42,9 @@ class LocalPlanner(Protocol):
     def command(self, costmap: RollingCostmap, plan: Plan, pose: Pose2D, velocity: Command) -> Command | None:
         """The velocity to drive now; None when no motion is legal."""
 
+    def turn_is_legal(self, costmap: RollingCostmap, pose: Pose2D, turn_radps: float) -> bool:
+        """Whether turning on the spot at this rate for the planner's horizon keeps off obstacles."""
+
 
 PATH, GOAL, GOAL_FRONT = 0, 1, 2
 """index of a grid among the three: to the plan, to the local goal, to the goal pushed ahead"""

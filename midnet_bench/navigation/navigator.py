@@ -6,7 +6,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.geometry import Pose2D, lengths, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import STOP, Command, LidarGeometry
 from midnet_bench.navigation.costmap import (
@@ -38,23 +38,28 @@ class _State(enum.Enum):
     CLEARING = enum.auto()
 
 
-_NEAR_S = 15.0
-"""For so long a robot may be near its goal and not reach it. Without such a limit robots were near 478
-goals that they reached, 7 of them for longer than that, and near 16 that they gave up in the end, for 40 s
-in the mean (three detection trials of 300 s, seeds 2001 to 2003). nav2's SimpleProgressChecker asks for 0.5
-m of movement in 10 s instead, to wherever."""
+_NEAR_S = 10.0
+"""For so much longer than the straight way takes may a robot be near its goal and not reach it. Without such
+a limit robots were near 478 goals that they reached, 7 of them for longer than 15 s in all, and near 16 that
+they gave up in the end, for 40 s in the mean (three detection trials of 300 s, seeds 2001 to 2003). nav2's
+SimpleProgressChecker asks for 0.5 m of movement in 10 s instead, to wherever."""
+_WAYS, _SPARE_M = 2.0, 5.0
+"""A robot may drive so many times the first plan's length, and so many metres more, for one goal."""
+_STOPPED_MPS, _STOPPED_RADPS = 0.1, 0.1
+"""trans_stopped_vel and rot_stopped_vel of the package: below both a robot stands"""
 
 
 class Navigator:
     """Drives one robot to one goal at a time over a prior map (int8, -1 to 100), by its own scans.
 
-    A goal is a place; the robot may face any way there. Call ``observe`` at every scan and ``control`` at
-    ``controller_frequency_hz``. The states, clocks and the order of recoveries (clear all but a 3 m square,
-    turn once, clear all but 1.84 m, turn once) are move_base's. Departures: planning runs inside
-    ``control``, not in a thread of its own; a goal that the map alone makes impossible (off the map, in or
-    at a wall, walled off) is aborted at once; one that a scanned obstacle covers is approached as near as
-    can be; one that the robot has been near for 15 s and does not reach is aborted, for something that the
-    map does not know keeps it off; and the plan is traced anew after each scan, not between.
+    A goal is a place and a heading, to which the robot turns when it is there. Call ``observe`` at every scan
+    and ``control`` at ``controller_frequency_hz``. The states, clocks and the order of recoveries (clear all
+    but a 3 m square, turn once, clear all but 1.84 m, turn once) are move_base's. Departures: planning runs
+    inside ``control``, not in a thread of its own; a goal that the map alone makes impossible (off the map,
+    in or at a wall, walled off) is aborted at once; one that a scanned obstacle covers is approached as near
+    as can be; one that the robot has been near for too long (``_NEAR_S``) is aborted, for something that
+    the map does not know keeps it off, and so is one for which it has driven twice the way and 5 m; and the
+    plan is traced anew after each scan, not between.
     """
 
     def __init__(self, prior: OccupancyGrid, settings: NavigatorSettings | None = None) -> None:
@@ -75,6 +80,8 @@ class Navigator:
         self.recoveries = 0
         """recovery behaviours run so far, over all goals"""
         self._goal: tuple[float, float] | None = None
+        self._goal_yaw = 0.0
+        self._stop_rotate = StopRotate(self.local_planner, self._period_s)
         self._pose: Pose2D | None = None
         self._plan: Plan | None = None
         """the way that is followed, up to where it leaves the local window"""
@@ -90,23 +97,33 @@ class Navigator:
         self._moved_from = Pose2D(0.0, 0.0, 0.0)
         self._near_s = 0.0
         """how long the robot has been near the goal at hand"""
+        self._driven_m = 0.0
+        """how far it has driven for it"""
+        self._first_plan_m = math.inf
+        """length of the first plan to it"""
 
     @property
     def goal(self) -> tuple[float, float] | None:
         """Where the robot is to go, metres; None unless ACTIVE."""
         return self._goal
 
-    def set_goal(self, x: float, y: float) -> None:
-        """Head for (x, y) in the map's frame, metres; the goal before is dropped."""
-        self._goal = (x, y)
+    def set_goal(self, x: float, y: float, yaw: float = 0.0) -> None:
+        """Head for (x, y) in the map's frame, metres, and turn to ``yaw`` there; the goal before is dropped.
+
+        A move_base goal always has a heading, radians; where a caller means none, its orientation is the
+        identity (w = 1), so the robot turns to the map's x axis.
+        """
+        self._goal, self._goal_yaw = (x, y), yaw
         self.status = Status.ACTIVE
         self._state = self._trigger = _State.PLANNING
         self._recovery_index = 0
         self._rotation = None
         self._started = False
         self._checked_on_map = False
+        self._first_plan_m = math.inf
         self._global_planner.reset()
         self.local_planner.reset()
+        self._stop_rotate.reset()
         if self._global_planner.is_blocked((x, y), self.global_costmap.static_costs):
             self._abort()
 
@@ -139,6 +156,7 @@ class Navigator:
         Before the first scan the robot stands still. Raises ValueError for a pose that is not finite.
         """
         pose.require_finite()
+        self._driven_m += pose.distance_to(self._pose) if self._pose else 0.0
         self._pose = pose
         if self._goal is None or not self._has_scan:
             return STOP
@@ -147,8 +165,8 @@ class Navigator:
             self._started = True
             self._planning_since_s = self._valid_command_at_s = time_s
             self._moved_at_s, self._moved_from = time_s, pose
-            self._near_s = 0.0
-        if self._is_kept_off(self._goal, pose):
+            self._near_s = self._driven_m = 0.0
+        if not self._stop_rotate.is_at_position and self._is_kept_off(self._goal, pose):
             self._abort()
             return STOP
         if self._state is _State.PLANNING:
@@ -170,6 +188,8 @@ class Navigator:
         if plan is not None:
             self._plan, self._planned_at_s = plan, time_s
             self._state = _State.CONTROLLING
+            if self._first_plan_m == math.inf:
+                self._first_plan_m = self._way_m(pose)
             self.local_planner.reset()
             if self._trigger is _State.PLANNING:
                 self._recovery_index = 0
@@ -193,21 +213,23 @@ class Navigator:
         has_new_scan: bool,
     ) -> Command:
         settings = self.settings
-        to_goal_m = math.hypot(goal[0] - pose.x, goal[1] - pose.y)
-        if to_goal_m <= self.local_planner.limits.xy_goal_tolerance_m:
-            self._goal = None
-            self.status = Status.SUCCEEDED
-            return STOP
-        if self._oscillates(pose, time_s):
+        if self._stop_rotate.has_arrived(goal, pose):
+            if self._stop_rotate.is_finished(self._goal_yaw, pose, velocity):
+                self._goal = None
+                self.status = Status.SUCCEEDED
+                return STOP
+            command = self._stop_rotate.command(self.local_costmap, self._goal_yaw, pose, velocity)
+        elif self._oscillates(pose, time_s):
             self._clear_because(_State.CLEARING)
             return STOP
-        planned_ago_s = time_s - self._planned_at_s
-        # Half a control period of slack locks planning to the scans' phase.
-        if has_new_scan and planned_ago_s > 1.0 / settings.planner_frequency_hz - 0.5 * self._period_s:
-            newer = self._global_planner.plan(goal, pose, time_s, self._window_m)
-            plan = plan if newer is None else newer
-            self._plan, self._planned_at_s = plan, time_s
-        command = self.local_planner.command(self.local_costmap, plan, pose, velocity)
+        else:
+            planned_ago_s = time_s - self._planned_at_s
+            # Half a control period of slack locks planning to the scans' phase.
+            if has_new_scan and planned_ago_s > 1.0 / settings.planner_frequency_hz - 0.5 * self._period_s:
+                newer = self._global_planner.plan(goal, pose, time_s, self._window_m)
+                plan = plan if newer is None else newer
+                self._plan, self._planned_at_s = plan, time_s
+            command = self.local_planner.command(self.local_costmap, plan, pose, velocity)
         if command is not None:
             self._valid_command_at_s = time_s
             if self._trigger is _State.CONTROLLING:
@@ -230,17 +252,25 @@ class Navigator:
         return time_s - self._moved_at_s > self.settings.oscillation_timeout_s
 
     def _is_kept_off(self, goal: tuple[float, float], pose: Pose2D) -> bool:
-        """Whether the robot has been near the goal for too long.
+        """Whether the robot has been near the goal for too long, or has driven too far for it.
 
         Near is within the reach of the local window and without a wall of the map between: farther off, and
         behind a wall, the way may lead away from the goal at first. A LiDAR sees an obstacle's skin only, so
         what stands on a goal may seem open from one side and then from another, and a robot drives to and fro
-        before it. That it drives is therefore no sign of progress.
+        before it. That it drives is therefore no sign of progress. Round an obstacle wider than the window it
+        is never near; then the way that it has driven tells.
         """
+        if self._driven_m > _WAYS * self._first_plan_m + _SPARE_M:
+            return True
         to_goal_m = math.hypot(goal[0] - pose.x, goal[1] - pose.y)
         if to_goal_m < self._window_m and self.global_costmap.is_open_between((pose.x, pose.y), goal):
             self._near_s += self._period_s
-        return self._near_s > _NEAR_S
+        return self._near_s > _NEAR_S + self._window_m / self.local_planner.limits.max_vel_x_mps
+
+    def _way_m(self, pose: Pose2D) -> float:
+        """Length of the whole plan from here, metres."""
+        plan = self._global_planner.whole_plan(pose)
+        return math.inf if plan is None else math.fsum(lengths(np.diff(plan, axis=0)))
 
     def _clear_because(self, trigger: _State) -> None:
         """Begin a recovery; ``trigger`` is what failed: planning, controlling, or (CLEARING) moving on."""
@@ -284,6 +314,65 @@ def _local_planner(settings: NavigatorSettings, period_s: float) -> LocalPlanner
     if isinstance(chosen, DwaSettings):
         return DwaPlanner(chosen, costmap.footprint, settings.bare_footprint, costmap.resolution, period_s)
     return TrajectoryRolloutPlanner(chosen, costmap.footprint, costmap.resolution)
+
+
+class StopRotate:
+    """Latched stop and rotate of dwa_local_planner: takes over within the position tolerance, to a new goal.
+
+    move_base looks for the latch among its own parameters, so that the planner's file cannot set it; here it
+    is always on, since a robot that turns on the spot does not leave its place.
+    """
+
+    def __init__(self, planner: LocalPlanner, period_s: float) -> None:
+        self._planner = planner
+        self._period_s = period_s
+        self.is_at_position = False
+        """whether the robot has been within the position tolerance since the goal was set"""
+        self._is_turning = False
+
+    def reset(self) -> None:
+        """Begin with a new goal."""
+        self.is_at_position = self._is_turning = False
+
+    def has_arrived(self, goal: tuple[float, float], pose: Pose2D) -> bool:
+        """Whether the robot is, or was since the goal was set, within the position tolerance."""
+        distance_m = math.hypot(goal[0] - pose.x, goal[1] - pose.y)
+        self.is_at_position = self.is_at_position or distance_m <= self._planner.limits.xy_goal_tolerance_m
+        return self.is_at_position
+
+    def is_finished(self, goal_yaw: float, pose: Pose2D, velocity: Command) -> bool:
+        """Whether the robot faces ``goal_yaw``, radians, and stands; for one that has arrived."""
+        angle = abs(wrap_angle(goal_yaw - pose.yaw))
+        return angle <= self._planner.limits.yaw_goal_tolerance_rad and _is_standing(velocity)
+
+    def command(
+        self, costmap: RollingCostmap, goal_yaw: float, pose: Pose2D, velocity: Command
+    ) -> Command | None:
+        """The velocity to stop or to turn with; None when the turn would hit something."""
+        limits = self._planner.limits
+        v, w = velocity
+        reach_v = limits.acc_lim_x_mps2 * self._period_s
+        reach_w = limits.acc_lim_theta_radps2 * self._period_s
+        angle = wrap_angle(goal_yaw - pose.yaw)
+        if abs(angle) <= limits.yaw_goal_tolerance_rad:
+            self._is_turning = False
+            return STOP
+        if not self._is_turning and not _is_standing(velocity):
+            return Command(
+                math.copysign(max(0.0, abs(v) - reach_v), v), math.copysign(max(0.0, abs(w) - reach_w), w)
+            )
+        self._is_turning = True
+        slowest, fastest = limits.min_vel_theta_radps, limits.max_vel_theta_radps
+        speed = min(max(abs(angle), slowest), fastest)
+        speed = min(max(speed, abs(w) - reach_w), abs(w) + reach_w)
+        # no faster than the robot can brake in what is left of the turn
+        speed = min(speed, math.sqrt(2.0 * limits.acc_lim_theta_radps2 * abs(angle)))
+        turn = math.copysign(min(max(speed, slowest), fastest), angle)
+        return Command(0.0, turn) if self._planner.turn_is_legal(costmap, pose, turn) else None
+
+
+def _is_standing(velocity: Command) -> bool:
+    return abs(velocity.linear_mps) <= _STOPPED_MPS and abs(velocity.angular_radps) <= _STOPPED_RADPS
 
 
 _ACCELERATION_RADPS2 = 3.2

@@ -135,19 +135,22 @@ class CostmapSettings(Settings):
         return max(1, round(self.size_m / self.resolution))
 
 
-_MARGIN_M = 0.03
-"""around the Burger's footprint. The vendor has 0.01, but where other Burgers are, of which a LiDAR sees the
-11 cm of their own LiDAR and not the 18 cm below it, 0.03 keeps robots out of each other's way"""
+_MARGIN_M = 0.04
+"""Padding of the Burger's footprint. costmap_2d has 0.01, but a LiDAR sees the 11 cm of another Burger's
+LiDAR and not the 18 cm below it: with 0.03 and the footprint of release 0.2.1 bodies touch in 4 of 4 drives
+past a Burger that leaves, with 0.04 in none."""
 
 
 def burger_local() -> CostmapSettings:
-    """The local costmap of turtlebot3_navigation: 3 x 3 m that roll with the robot, no static map.
+    """The local costmap of turtlebot3_navigation 0.2.1: 3.5 x 3.5 m that roll with the robot, no static map.
 
-    Two values depart from the vendor's: the footprint's padding (0.03 for 0.01 m), and ``inf_is_valid``,
-    which turtlebot3's frontier_exploration.yaml alone sets: without it, a robot that passed in front of open
-    space leaves marks that nothing clears, and the way stays closed.
+    Its inflation (0.15 m, factor 0.5) and rate (2 Hz) are those of release 1.0.0 (1.0 m, 3.0, each scan), for
+    with the older ones robots stand still for half of the time in Map 2. Two values depart from both: the
+    footprint's padding, and ``inf_is_valid``, which turtlebot3's frontier_exploration.yaml alone sets:
+    without it, a robot that passed in front of open space leaves marks that nothing clears, and the way
+    stays closed.
     """
-    return _burger(size_m=3.0, centered=False)
+    return _burger(size_m=3.5, centered=False)
 
 
 def burger_global(resolution: float = 0.05) -> CostmapSettings:
@@ -158,13 +161,13 @@ def burger_global(resolution: float = 0.05) -> CostmapSettings:
     return _burger(resolution=resolution)
 
 
-def _burger(resolution: float = 0.05, size_m: float = 3.0, centered: bool = False) -> CostmapSettings:
+def _burger(resolution: float = 0.05, size_m: float = 3.5, centered: bool = False) -> CostmapSettings:
     footprint = padded(BURGER.footprint, _MARGIN_M)
     return CostmapSettings(
         resolution=resolution,
         size_m=size_m,
         centered=centered,
-        obstacle_range_m=3.0,
+        obstacle_range_m=2.5,
         raytrace_range_m=3.5,
         inflation_radius_m=1.0,
         cost_scaling_factor=3.0,
@@ -176,25 +179,31 @@ def _burger(resolution: float = 0.05, size_m: float = 3.0, centered: bool = Fals
 
 @dataclass(frozen=True)
 class LocalPlannerLimits(Settings):
-    """Velocities in the body frame, accelerations, tolerances; defaults: dwa_local_planner_params_burger."""
+    """Velocities in the body frame, accelerations, tolerances.
+
+    The defaults are those of dwa_local_planner_params.yaml of TurtleBot3 0.2.1.
+    """
 
     concern: ClassVar[str] = "local planner"
 
-    max_vel_x_mps: float = option(0.22, "Highest forward speed; a Burger reaches 0.22.", gt=0, le=1)
+    max_vel_x_mps: float = option(0.18, "Highest forward speed; a Burger reaches 0.22.", gt=0, le=1)
     min_vel_x_mps: float = option(
-        -0.22, "Lowest forward speed; a negative one lets the robot drive backwards.", ge=-1, le=1
+        -0.18, "Lowest forward speed; a negative one lets the robot drive backwards.", ge=-1, le=1
     )
-    max_vel_trans_mps: float = option(0.22, "Highest speed in any direction.", gt=0, le=1)
+    max_vel_trans_mps: float = option(0.18, "Highest speed in any direction.", gt=0, le=1)
     min_vel_trans_mps: float = option(
-        0.11, "No command is slower than this and turns slower than min_vel_theta_radps too.", ge=0, le=1
+        0.05, "No command is slower than this and turns slower than min_vel_theta_radps too.", ge=0, le=1
     )
-    max_vel_theta_radps: float = option(2.75, "Highest turn rate.", gt=0, le=10)
+    max_vel_theta_radps: float = option(1.8, "Highest turn rate.", gt=0, le=10)
     min_vel_theta_radps: float = option(
-        1.37, "No command turns slower than this and drives slower than min_vel_trans_mps too.", ge=0, le=10
+        0.7, "No command turns slower than this and drives slower than min_vel_trans_mps too.", ge=0, le=10
     )
-    acc_lim_x_mps2: float = option(2.5, "Highest forward acceleration.", gt=0, le=100)
-    acc_lim_theta_radps2: float = option(3.2, "Highest turn acceleration.", gt=0, le=100)
+    acc_lim_x_mps2: float = option(2.0, "Highest forward acceleration.", gt=0, le=100)
+    acc_lim_theta_radps2: float = option(2.0, "Highest turn acceleration.", gt=0, le=100)
     xy_goal_tolerance_m: float = option(0.05, "A goal is reached within this distance.", gt=0, le=1)
+    yaw_goal_tolerance_rad: float = option(
+        0.15, "A goal is reached when the robot's heading is within this of the goal's.", gt=0, le=4
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -205,10 +214,11 @@ class LocalPlannerLimits(Settings):
             )
 
     def of_robot(self, robot: RobotModel) -> "LocalPlannerLimits":
-        """Up to all that ``robot`` can do; too slow is less than half of it, as in TurtleBot3's files."""
+        """Up to all that ``robot`` can do; too slow is less than half of it, as in a Waffle's file."""
         turn_radps = robot.max_angular_radps
         return replace(
             self.at_speed(robot.max_linear_mps),
+            min_vel_trans_mps=robot.max_linear_mps / 2.0,
             max_vel_theta_radps=turn_radps,
             min_vel_theta_radps=turn_radps / 2.0,
         )
@@ -286,6 +296,7 @@ class TrajectoryRolloutSettings(Settings):
             max_vel_theta_radps=1.0,
             min_vel_theta_radps=1.0,
             xy_goal_tolerance_m=0.10,
+            yaw_goal_tolerance_rad=0.05,
         ),
         "limits",
     )
@@ -355,7 +366,7 @@ class NavigatorSettings(Settings):
         key="nav_planner_frequency_hz",
     )
     planner_patience_s: float = option(
-        5.0, "Without a plan for this long, a recovery begins.", ge=0, le=600, key="nav_planner_patience_s"
+        1.0, "Without a plan for this long, a recovery begins.", ge=0, le=600, key="nav_planner_patience_s"
     )
     controller_patience_s: float = option(
         15.0,
@@ -375,7 +386,7 @@ class NavigatorSettings(Settings):
         0.2, "A robot that moves this far does not oscillate.", ge=0, le=5, key="nav_oscillation_distance_m"
     )
     conservative_reset_dist_m: float = option(
-        3.0,
+        0.1,
         "The first recovery forgets obstacles outside a square of this side around the robot.",
         ge=0,
         le=50,

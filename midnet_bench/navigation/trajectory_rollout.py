@@ -18,6 +18,7 @@ from midnet_bench.navigation.local_planner import (
     LocalGoalGrids,
     Plan,
     outline_cost,
+    turn_is_free,
 )
 from midnet_bench.navigation.settings import Footprint, LocalPlannerLimits, TrajectoryRolloutSettings
 
@@ -130,6 +131,12 @@ class TrajectoryRolloutPlanner:
         if self._escape_from is None:
             self._escape_from = pose
         return Command(settings.escape_vel_mps, 0.0)
+
+    def turn_is_legal(self, costmap: RollingCostmap, pose: Pose2D, turn_radps: float) -> bool:
+        """Whether turning on the spot at this rate for ``sim_time_s`` keeps the outline off obstacles."""
+        x, y = costmap.layer.to_cells(pose.x, pose.y)
+        angle = float(turn_radps) * self.settings.sim_time_s
+        return bool(turn_is_free(costmap.costs, x, y, float(pose.yaw), angle, self._footprint_cells))
 
     def _note(self, speed: float, turn: float, pose: Pose2D) -> None:
         """The second turn on the spot to a side forbids the other side until the robot has moved."""

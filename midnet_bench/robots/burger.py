@@ -33,8 +33,9 @@ BURGER = RobotModel(
     name="TurtleBot3 Burger",
     # the base, and beside it what the wheels' width would touch
     body=_HALF_BODY + tuple((x, -y) for x, y in reversed(_HALF_BODY)),
-    # footprint of turtlebot3_navigation's costmap_common_params_burger.yaml
-    footprint=((-0.105, -0.105), (-0.105, 0.105), (0.041, 0.105), (0.041, -0.105)),
+    # footprint of turtlebot3_navigation's costmap_common_params_burger.yaml, release 0.2.1
+    footprint=((-0.110, -0.090), (-0.110, 0.090), (0.041, 0.090), (0.041, -0.090)),
+    size_m=(0.138, 0.178),
     radius_m=0.105,
     wheel_radius_m=0.033,
     wheel_separation_m=0.160,

@@ -31,6 +31,8 @@ class RobotModel:
     """all that can touch a wall or a robot, seen from above, counter-clockwise; its convex hull counts"""
     footprint: Outline
     """what move_base plans with: a convex polygon in order, somewhat larger than the body"""
+    size_m: tuple[float, float] | None = None
+    """length and width by its maker's data sheet, metres; None: those of ``body``"""
     radius_m: float
     """robot_radius of its maker's costmaps: a disc about the base frame that leaves out the corners"""
     wheel_radius_m: float
@@ -118,6 +120,14 @@ class RobotModel:
     def body_reach_m(self) -> float:
         """From the middle of the axle to the farthest corner of the body, metres."""
         return max(math.hypot(*corner) for corner in self.body)
+
+    @property
+    def diameter_m(self) -> float:
+        """Of the circle about its length and width, in metres and whole millimetres: di of item 27."""
+        if self.size_m is not None:
+            return round(math.hypot(*self.size_m), 3)
+        xs, ys = zip(*self.body, strict=True)
+        return round(math.hypot(max(xs) - min(xs), max(ys) - min(ys)), 3)
 
     @property
     def footprint_reach_m(self) -> float:

@@ -24,6 +24,7 @@ WAFFLE = RobotModel(
     # the base, a square of 0.266 m about 64 mm behind the axle, and the wheels, 18 mm wide, at 144 mm
     body=_HALF_BODY + tuple((x, -y) for x, y in reversed(_HALF_BODY)),
     footprint=((-0.205, -0.155), (-0.205, 0.155), (0.077, 0.155), (0.077, -0.155)),
+    size_m=(0.281, 0.306),
     radius_m=0.17,
     wheel_radius_m=0.033,
     wheel_separation_m=0.287,

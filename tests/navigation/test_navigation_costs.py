@@ -131,9 +131,9 @@ def test_a_binary_image_is_not_taken_for_an_occupancy_grid() -> None:
 
 
 def test_footprint_radii_of_the_burger() -> None:
-    assert footprint.radii(BURGER.footprint) == pytest.approx((0.041, 0.148492), abs=1e-6)
-    assert footprint.radii(footprint.BURGER_PADDED) == pytest.approx((0.051, 0.162635), abs=1e-6)
-    assert burger_local().inscribed_radius_m == pytest.approx(0.071)
+    assert footprint.radii(BURGER.footprint) == pytest.approx((0.041, 0.142127), abs=1e-6)
+    assert footprint.radii(footprint.BURGER_PADDED) == pytest.approx((0.051, 0.156205), abs=1e-6)
+    assert burger_local().inscribed_radius_m == pytest.approx(0.081)
 
 
 def test_padding_leaves_zero_coordinates_alone() -> None:

@@ -23,6 +23,7 @@ from midnet_bench.navigation.local_planner import (
     outline_cost,
     velocity_samples,
 )
+from midnet_bench.navigation.navigator import StopRotate
 from midnet_bench.navigation.settings import (
     DwaSettings,
     LocalPlannerLimits,
@@ -290,21 +291,21 @@ def straight_plan(x: float, y: float, length_m: float = 1.4) -> npt.NDArray[np.f
 
 def test_dwa_drives_straight_along_a_free_plan() -> None:
     command = dwa().command(
-        room(1.01, 2.02), straight_plan(1.01, 2.02), Pose2D(1.01, 2.02, 0.0), Command(0.22, 0.0)
+        room(1.01, 2.02), straight_plan(1.01, 2.02), Pose2D(1.01, 2.02, 0.0), Command(0.18, 0.0)
     )
     assert command is not None
-    assert command.linear_mps == pytest.approx(0.22, abs=0.03)
+    assert command.linear_mps == pytest.approx(0.18, abs=0.03)
     assert abs(command.angular_radps) < 0.2
 
 
 def test_dwa_stays_within_what_can_be_reached() -> None:
-    for v, w in ((0.0, 0.0), (0.1, 1.0), (-0.2, -2.6)):
+    for v, w in ((0.0, 0.0), (0.1, 1.0), (-0.15, -1.7)):
         command = dwa(acc_lim_x_mps2=0.5).command(
             room(1.01, 2.02), straight_plan(1.01, 2.02), Pose2D(1.01, 2.02, 0.4), Command(v, w)
         )
         if command is not None:
             assert abs(command.linear_mps - v) <= 0.05 + 1e-9
-            assert abs(command.angular_radps - w) <= 0.32 + 1e-9
+            assert abs(command.angular_radps - w) <= 0.2 + 1e-9
 
 
 def test_from_rest_dwa_never_turns_on_the_spot() -> None:
@@ -312,7 +313,7 @@ def test_from_rest_dwa_never_turns_on_the_spot() -> None:
         room(1.01, 2.02), straight_plan(1.01, 2.02), Pose2D(1.01, 2.02, 3.0), Command(0.0, 0.0)
     )
     assert command is not None
-    assert abs(command.linear_mps) >= 0.11 - 1e-4
+    assert abs(command.linear_mps) >= 0.05 - 1e-4
 
 
 def test_dwa_finds_nothing_when_the_way_is_walled_off_in_the_window() -> None:
@@ -341,7 +342,7 @@ def test_a_wedged_robot_backs_off_after_standing_for_two_seconds() -> None:
     plan = straight_plan(1.025, 2.025)
     commands = [planner.command(costmap, plan, pose, Command(0.0, 0.0)) for _ in range(25)]
     assert commands[:20] == [None] * 20
-    assert all(command is not None and command.linear_mps <= -0.11 for command in commands[20:])
+    assert all(command is not None and command.linear_mps <= -0.05 for command in commands[20:])
     # As soon as the plan can be followed, it is.
     onwards = planner.command(room(1.025, 2.025), plan, pose, Command(0.0, 0.0))
     assert onwards is not None
@@ -490,3 +491,44 @@ def test_settings_that_cannot_be_are_refused() -> None:
         DwaSettings(vx_samples=0)
     with pytest.raises(InputError, match="sim_time_s"):
         TrajectoryRolloutSettings(sim_time_s=0.0)
+
+
+# At the goal
+
+
+def test_at_the_goal_the_robot_stops_turns_within_its_limits_and_ends() -> None:
+    costmap, goal = room(1.01, 2.02), (1.03, 2.02)
+    planner = dwa()
+    limits = planner.limits
+    controller = StopRotate(planner, 0.1)
+    assert not controller.has_arrived(goal, Pose2D(0.90, 2.02, 0.0))
+    assert controller.has_arrived(goal, Pose2D(1.01, 2.02, 0.0))
+    assert controller.has_arrived(goal, Pose2D(0.95, 2.02, 0.0))  # latched
+    pose, velocity, commands = Pose2D(1.01, 2.02, 0.0), Command(0.18, 0.0), []
+    for _ in range(60):
+        if controller.is_finished(1.5, pose, velocity):
+            break
+        command = controller.command(costmap, 1.5, pose, velocity)
+        assert command is not None
+        commands.append(command)
+        velocity = command
+        pose = pose._replace(yaw=pose.yaw + 0.1 * command.angular_radps)
+    assert commands[0] == (0.0, 0.0)
+    turning = [command.angular_radps for command in commands if command.angular_radps]
+    assert turning
+    assert all(limits.min_vel_theta_radps <= turn <= limits.max_vel_theta_radps for turn in turning)
+    assert all(command.linear_mps == 0.0 for command in commands)
+    assert abs(pose.yaw - 1.5) <= limits.yaw_goal_tolerance_rad
+
+
+def test_a_turn_at_the_goal_that_would_hit_something_gives_no_command() -> None:
+    controller = StopRotate(dwa(), 0.1)
+    controller.has_arrived((1.025, 2.025), Pose2D(1.025, 2.025, 0.0))
+    assert controller.command(wedged(), 1.5, Pose2D(1.025, 2.025, 0.0), Command(0.0, 0.0)) is None
+
+
+def test_a_new_goal_releases_the_latch() -> None:
+    controller = StopRotate(dwa(), 0.1)
+    assert controller.has_arrived((1.0, 2.0), Pose2D(1.0, 2.0, 0.0))
+    controller.reset()
+    assert not controller.has_arrived((3.0, 2.0), Pose2D(1.0, 2.0, 0.0))

@@ -65,6 +65,29 @@ def test_a_maze_is_driven_to_the_goal_without_touching_a_wall(
     assert len(potentials) < 8
 
 
+def test_a_goal_is_reached_in_its_heading_which_is_zero_unless_given() -> None:
+    for goal, yaw in (((2.0, 0.8, 2.5), 2.5), ((2.0, 0.8), 0.0)):
+        robot = Robot(Navigator(MAZE.occupancy()), Pose2D(0.6, 0.7, 0.0))
+        robot.navigator.set_goal(*goal)
+        drive(MAZE, [robot], 40.0)
+        assert robot.navigator.status is Status.SUCCEEDED
+        assert abs(math.remainder(robot.pose.yaw - yaw, 2 * math.pi)) < 0.3
+        assert math.hypot(robot.pose.x - 2.0, robot.pose.y - 0.8) < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("side_m", "start"), [(1.05, (0.6, 3.0)), (1.45, (0.6, 3.0)), (1.45, (3.0, 0.6))])
+def test_a_goal_inside_a_wide_unmapped_obstacle_is_given_up_from_any_side(
+    side_m: float, start: tuple[float, float]
+) -> None:
+    world = enclosure(6.0, Box.square(3.0, 3.0, side_m))
+    robot = Robot(Navigator(enclosure(6.0).occupancy()), Pose2D(*start, 0.0))
+    robot.navigator.set_goal(3.0, 3.0)
+    drive(world, [robot], 150.0, sigma_m=0.01)
+    assert robot.navigator.status is Status.ABORTED
+    assert robot.hits == 0
+
+
 def test_an_obstacle_that_is_not_on_the_map_is_driven_round(potentials: list[object]) -> None:
     world = enclosure(4.0)
     prior = world.occupancy()

@@ -10,7 +10,7 @@ from midnet_bench.agents.patrol import DRIVABLE_M
 from midnet_bench.arena.layout import ROBOT_CLEARANCE_M
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.midnet.pipeline import MIDNetSettings
-from midnet_bench.navigation.settings import CostmapSettings, LocalPlannerLimits
+from midnet_bench.navigation.settings import LocalPlannerLimits
 from midnet_bench.robots.burger import BURGER
 
 
@@ -46,7 +46,7 @@ def test_the_body_lies_within_the_footprint_that_it_plans_with() -> None:
     assert (np.array(BURGER.body) >= corners.min(axis=0)).all()
     assert (np.array(BURGER.body) <= corners.max(axis=0)).all()
     assert BURGER.body_reach_m == pytest.approx(0.1237, abs=1e-4)
-    assert BURGER.footprint_reach_m == pytest.approx(0.1485, abs=1e-4)
+    assert BURGER.footprint_reach_m == pytest.approx(0.1421, abs=1e-4)
 
 
 def test_a_robot_that_keeps_a_margin_touches_nothing_however_it_turns() -> None:
@@ -56,10 +56,11 @@ def test_a_robot_that_keeps_a_margin_touches_nothing_however_it_turns() -> None:
 
 def test_defaults_that_are_said_in_other_rooms_are_this_robots() -> None:
     limits = LocalPlannerLimits()
-    assert limits.max_vel_x_mps == -limits.min_vel_x_mps == BURGER.max_linear_mps
-    assert limits.max_vel_trans_mps == DetectionParameters().intruder_speed_mps == BURGER.max_linear_mps
-    # the circle around a robot, grown by how far a costmap's cells around a return are occupied (item 27)
-    midnet = MIDNetSettings()
-    grown_m = BURGER.radius_m + CostmapSettings().reach_m(midnet.thresh_local)
-    assert midnet.ally_diameter_m == pytest.approx(2.0 * grown_m, abs=1e-9)
+    assert limits.max_vel_x_mps == -limits.min_vel_x_mps == limits.max_vel_trans_mps
+    assert limits.max_vel_x_mps == DetectionParameters().intruder_speed_mps <= BURGER.max_linear_mps
+    assert (
+        MIDNetSettings().ally_diameter_m
+        == BURGER.diameter_m
+        == pytest.approx(math.hypot(0.138, 0.178), abs=5e-4)
+    )
     assert BURGER.disc("disc").radius_m == BURGER.radius_m

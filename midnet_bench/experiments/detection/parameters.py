@@ -8,6 +8,9 @@ from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.scoring.frame_counts import InRange, TruePositives
 from midnet_bench.settings import option
 
+PAPER_ARENAS = ("map1", "map2", "empty")
+"""packaged arenas of sections III and V, and Map 1 without intruders"""
+
 
 @dataclass(frozen=True)
 class DetectionParameters(GuardParameters):
@@ -30,8 +33,10 @@ class DetectionParameters(GuardParameters):
         "When an intruder counts as within a guard's usable range: when its nearest point is (edge), or "
         "when its centre is (centre).",
     )
-    require_line_of_sight: bool = option(
-        False, "Count an intruder as missed only if a beam of some guard could meet it."
+    require_line_of_sight: bool | None = option(
+        None,
+        "Count an intruder as missed only if a beam of some guard could meet it; null: in every arena but "
+        "the paper's, whose text counts hidden intruders too.",
     )
     tp_boxes: TruePositives = option(
         "every",
@@ -43,6 +48,13 @@ class DetectionParameters(GuardParameters):
         "An intruder's true box: the extent of its shape (extent), or that grown by the local costmap's "
         "inflation (inflated).",
     )
+
+    @property
+    def counts_hidden(self) -> bool:
+        """Whether an intruder in range counts as missed where no beam could meet it."""
+        if self.require_line_of_sight is None:
+            return self.arena in PAPER_ARENAS
+        return not self.require_line_of_sight
 
 
 def motion(parameters: DetectionParameters) -> DetectionParameters:
@@ -60,5 +72,6 @@ def motion(parameters: DetectionParameters) -> DetectionParameters:
 
 def effective(parameters: DetectionParameters) -> DetectionParameters:
     """What a trial's numbers depend on; see :func:`sharing.effective`."""
+    parameters = replace(parameters, require_line_of_sight=not parameters.counts_hidden)
     # an inflated true box reaches as far as the threshold says, whatever cells there are
     return sharing.effective(parameters, keep_thresh_local=parameters.truth_box == "inflated")

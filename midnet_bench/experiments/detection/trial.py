@@ -143,7 +143,7 @@ class DetectionTrial(GuardedArena):
         """
         range_m = test.costmap.obstacle_range_m
         in_range = truths_in_range(self._bodies(), self.sensor_positions(), range_m, test.in_range)
-        if test.require_line_of_sight:
+        if not test.counts_hidden:
             seen = self._in_sight(range_m, sight or self.own.sight)
             in_range = [near and is_seen for near, is_seen in zip(in_range, seen, strict=True)]
         return in_range
@@ -187,7 +187,7 @@ class DetectionTrial(GuardedArena):
 
     def _all_in_sight(self, judge: Judge) -> list[bool]:
         """For each truth, whether a beam meets it within range; True if others do not count."""
-        if judge.test.require_line_of_sight:
+        if not judge.test.counts_hidden:
             return [True] * (len(self._stationary) + len(self.intruders) + len(self.crowd.members))
         return self._in_sight(judge.test.costmap.obstacle_range_m, judge.sight)
 

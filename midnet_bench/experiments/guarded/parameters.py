@@ -40,6 +40,7 @@ Oracle = Literal[
 ]
 FED: tuple[Oracle, ...] = ("pose", "delay", "allies", "occlusion", "sight", "noise")
 """oracles under which the referee, not the guards, takes scans into the detection costmaps"""
+Preset = Literal["paper", "best"]
 NO_SQUARE_M = 1e-6
 """side of an ally's square that no box can be equal to: a box has at least a cell"""
 
@@ -83,6 +84,12 @@ class GuardParameters(Parameters):
         "intruder_speed_mps",
     )
 
+    preset: Preset = option(
+        "paper",
+        "Which values are the defaults: the paper's by its own sources (paper), or those with the highest "
+        "scores (best): local_size_m=6, fusion=components(iou=0.02), align=origin. What is set beside it "
+        "comes first.",
+    )
     arena: str = option("map1", "Name of a packaged arena, or an arena's YAML file.")
     prior_map: str = option(
         EXPLORED,
@@ -125,7 +132,7 @@ class GuardParameters(Parameters):
         1.0, "Size of the stationary intruders that are drawn, as a multiple of the arena's.", gt=0, le=3
     )
     intruder_speed_mps: float = option(
-        0.22, "Top speed of the mobile intruders, at most that of the robot.", gt=0, le=1
+        0.18, "Top speed of the mobile intruders, at most that of the robot.", gt=0, le=1
     )
     mobile_scale: float = option(
         1.0,
@@ -164,7 +171,7 @@ class GuardParameters(Parameters):
 
     prior: PriorMapSettings = group(PriorMapSettings(), "prior map")
     costmap: CostmapSettings = group(
-        CostmapSettings(size_m=3.0, memory="decay", decay_s=0.5, inf_is_valid=True),
+        CostmapSettings(size_m=3.5, raytrace_range_m=3.5, inf_is_valid=True),
         "MIDNet's local costmaps",
         keys={"resolution": None, "size_m": "local_size_m", "centered": None, "track_unknown": None},
     )
@@ -209,6 +216,14 @@ class GuardParameters(Parameters):
     def defaults_with(cls, values: Mapping[str, Scalar]) -> Self:
         """All defaults; for another robot than a Burger those that its measures decide."""
         settings = cls()
+        if values.get("preset") == "best":
+            settings = replace(
+                settings,
+                preset="best",
+                fusion="components(iou=0.02)",
+                costmap=replace(settings.costmap, size_m=6.0),
+                midnet=replace(settings.midnet, align="origin"),
+            )
         simulation = settings.simulation.with_robot_of(values)
         if simulation == settings.simulation:
             return settings
@@ -218,8 +233,7 @@ class GuardParameters(Parameters):
             simulation=simulation,
             intruder_speed_mps=robot.max_linear_mps,
             costmap=settings.costmap.of_robot(robot),
-            # the circle about it, grown by what a costmap's cells about a return reach (item 27)
-            midnet=replace(settings.midnet, ally_diameter_m=4.0 * robot.radius_m),
+            midnet=replace(settings.midnet, ally_diameter_m=robot.diameter_m),
             navigator=settings.navigator.of_robot(robot),
             patrol=replace(patrol, clearance_m=max(patrol.clearance_m, robot.footprint_reach_m)),
         )

@@ -23,6 +23,7 @@ def motion(parameters: Guarded) -> Guarded:
         detector=plain.detector,
         fusion=plain.fusion,
         deflate_boxes=plain.deflate_boxes,
+        preset=plain.preset,
         prior=plain.prior,
         costmap=plain.costmap,
         midnet=plain.midnet,
@@ -41,7 +42,7 @@ def effective(parameters: Guarded, keep_thresh_local: bool = False) -> Guarded:
         parameters: of a trial.
         keep_thresh_local: whether it has another use than to select cells.
     """
-    parameters = _without_idle_oracle(parameters)
+    parameters = replace(_without_idle_oracle(parameters), preset=GuardParameters().preset)
     prior, midnet, costmap = parameters.prior, parameters.midnet, parameters.costmap
     plain, deflate_boxes = MIDNetSettings(), parameters.deflate_boxes
     if parameters.detector != "midnet":  # another one has costmaps, and no binary grids

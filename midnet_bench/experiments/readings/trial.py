@@ -167,7 +167,7 @@ def _scoring_key(reading: ReadingsParameters) -> object:
         _grown_m(reading),
         reading.costmap.obstacle_range_m,
         reading.in_range,
-        reading.require_line_of_sight,
+        not reading.counts_hidden,
     )
 
 
