@@ -115,7 +115,7 @@ def detection_store(
         run_id = store.begin_run(collect(1))
         for robots, by_seed in scores.items():
             for seed, (precision, recall, f1) in by_seed.items():
-                counts: Row = {"frames": 10, "tp": 8, "fp": 2, "fn": 4, "in_range": 12}
+                counts: Row = {"frames": 10, "tp": 8, "fp": 2, "fn": 4, "intruders_in_range": 12}
                 counts |= {"matched": 6, "duplicates": 2, "missed": 6, "error_sum_m": 0.6, "gospa_m": 5.0}
                 row: Row = {**counts, "precision": precision, "recall": recall, "f1": f1}
                 row |= NO_CAUSES

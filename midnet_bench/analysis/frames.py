@@ -342,6 +342,7 @@ class _File:
             if name in frame and name not in grid and not known[name].may_be_empty:
                 frame[name] = frame[name].fillna("")
         if self.table is not None and not self.is_checked:
+            frame = frame.rename(columns=self.table.present_names(set(frame) - set(grid)))
             self._check(frame, self.table)
         return frame
 

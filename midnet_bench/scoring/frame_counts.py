@@ -39,7 +39,7 @@ class FrameCounts(NamedTuple):
     """boxes that touch none, in either way of counting"""
     fn: int
     """intruders in range that no box touches"""
-    in_range: int
+    intruders_in_range: int
     """intruders that a robot could have seen"""
     matched: int
     """pairs of one intruder and one box; with ``duplicates`` all boxes that touch some intruder"""
@@ -139,7 +139,7 @@ def count_frame(
         tp=touching,
         fp=len(detections) - touching,
         fn=sum(1 for index, counts in enumerate(in_range) if counts and index not in touched_truths),
-        in_range=sum(in_range),
+        intruders_in_range=sum(in_range),
         matched=len(errors),
         duplicates=touching - len(errors),
         missed=sum(

@@ -16,7 +16,7 @@ BOUNDS = {
     "tp": (0.0, 0.2),
     "fp": (20.0, 0.5),
     "fn": (20.0, 0.5),
-    "in_range": (0.0, 0.2),
+    "intruders_in_range": (0.0, 0.2),
     "matched": (0.0, 0.2),
     "missed": (20.0, 0.5),
     "duplicates": (20.0, 0.5),

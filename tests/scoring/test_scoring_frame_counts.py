@@ -33,7 +33,7 @@ def test_hit_a_false_box_and_a_miss() -> None:
         tp=1,
         fp=1,
         fn=1,
-        in_range=2,
+        intruders_in_range=2,
         matched=1,
         duplicates=0,
         missed=1,
@@ -88,7 +88,9 @@ def test_box_on_an_intruder_out_of_range_is_a_true_positive_and_its_absence_no_m
 def test_frames_with_nothing_in_them() -> None:
     assert count_frame([], [], []) == NOTHING
     assert count_frame([ONE.box], [], []) == NOTHING._replace(fp=1, gospa_m=0.5)
-    assert count_frame([], [ONE], [True]) == NOTHING._replace(fn=1, in_range=1, missed=1, gospa_m=0.5)
+    assert count_frame([], [ONE], [True]) == NOTHING._replace(
+        fn=1, intruders_in_range=1, missed=1, gospa_m=0.5
+    )
     assert total([]) == NOTHING
 
 
@@ -163,10 +165,10 @@ def test_counts_are_what_their_names_say(frame: tuple[list[Box], list[tuple[Box,
     assert counts.tp == sum(touching)
     assert counts.tp + counts.fp == len(detections)
     assert counts.fn == sum(1 for gone, counts_ in zip(unseen, in_range, strict=True) if gone and counts_)
-    assert counts.in_range == sum(in_range)
+    assert counts.intruders_in_range == sum(in_range)
     assert counts.matched + counts.duplicates == counts.tp
     assert counts.matched <= min(len(detections), len(truths))
-    assert counts.fn <= counts.missed <= counts.in_range
+    assert counts.fn <= counts.missed <= counts.intruders_in_range
     assert counts.error_sum_m >= 0.0
     # an unpaired box on an intruder is a duplicate only if all intruders that it touches have their box
     match = match_frame(detections, truths)

@@ -9,7 +9,7 @@ import pytest
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
-from midnet_bench.experiments.registry import experiment, experiment_of, names
+from midnet_bench.experiments.registry import experiment, experiment_of, names, tables_of
 from midnet_bench.experiments.robustness.parameters import NONE
 from midnet_bench.experiments.robustness.tables import MEASURES, differences_table, scores_table
 from midnet_bench.workflows.compare import compare
@@ -53,7 +53,7 @@ def check_table(table: Table, own_names: Iterable[str] = ()) -> None:
 
 
 def check_campaign(directory: Path) -> None:
-    results = load_results(directory)
+    results = load_results(directory, tables_of)
     place = {*results.factors, "seed"}
     for name, frame in {**results.tables, "timing": results.timing}.items():
         if name in dict.fromkeys(re.findall(r"^### `(\w+)`", PAGE, flags=re.M)):

@@ -47,10 +47,10 @@ def _cells(results: Results) -> Mapping[str, pd.DataFrame]:
     boxes = frame["matched"] + frame["fp"] + frame["duplicates"]
     frame = frame.assign(
         f1_one_to_one=one_to_one(frame),
-        duplicates_per_intruder=frame["duplicates"] / frame["in_range"],
+        duplicates_per_intruder=frame["duplicates"] / frame["intruders_in_range"],
         overlapping_share=frame["overlapping"] / boxes,
         reordered_share=frame["reordered"] / frame["orders"],
-        gospa_per_intruder_m=frame["gospa_m"] / frame["in_range"],
+        gospa_per_intruder_m=frame["gospa_m"] / frame["intruders_in_range"],
     )
     names = pd.Series(results.teams(frame), frame.index)
     cells = frame.drop(columns=results.factors).groupby(names, sort=False)
