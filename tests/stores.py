@@ -103,13 +103,16 @@ def detection_store(
     scores: Mapping[int, Mapping[int, tuple[float, float, float]]],
     failure: str | None = None,
     counted: Callable[[int, int], Row] = lambda robots, seed: {},
+    parameters: Mapping[str, Scalar] | None = None,
 ) -> Path:
     """Trials of the detection test: team size -> seed -> precision, recall, F1; all fail if ``failure``.
 
-    ``counted``: further columns, or other counts, of a team size and a seed.
+    ``counted``: further columns, or other counts, of a team size and a seed. ``parameters``: of all trials.
     """
     seeds = [seed for by_seed in scores.values() for seed in by_seed]
-    definition = Definition("detection", min(seeds), len(set(seeds)), {"robots": list(scores)}, {})
+    definition = Definition(
+        "detection", min(seeds), len(set(seeds)), {"robots": list(scores)}, dict(parameters or {})
+    )
     folder.mkdir(parents=True, exist_ok=True)
     with open_or_create(folder / "campaign.sqlite", definition) as store:
         run_id = store.begin_run(collect(1))
@@ -125,7 +128,7 @@ def detection_store(
                 ]
                 robot = robot_row("guard", 0.5 * seed, stuck_s=0.0) | {"collisions": 2}
                 tables = {"scores": [row], "frames": frames, "robots": [robot] * robots}
-                spec = TrialSpec("detection", {"robots": robots}, seed)
+                spec = TrialSpec("detection", {"robots": robots, **definition.parameters}, seed)
                 payload = encode_tables(TrialResult(tables, 2.0))
                 outcome = Outcome(spec.trial_id, 1.5, 2.0, payload)
                 store.record(

@@ -60,6 +60,17 @@ def test_one_box_for_each_intruder_leaves_further_boxes_uncounted() -> None:
     assert once == every._replace(tp=1)
 
 
+def test_a_second_box_on_an_intruder_can_be_a_false_positive_and_its_miss_stays_none() -> None:
+    boxes = [Box(0.0, 0.0, 0.9, 1.0), Box(0.8, 0.0, 1.2, 1.0), Box(5.0, 5.0, 6.0, 6.0)]
+    every = count_frame(boxes, [ONE, TWO], [True, True])
+    surplus = count_frame(boxes, [ONE, TWO], [True, True], "surplus_false")
+    assert surplus == every._replace(tp=1, fp=2)
+    # a box over two intruders is one true positive, and neither of them is missed
+    over_both = [Box(0.0, 0.0, 2.5, 1.0)]
+    counts = count_frame(over_both, [ONE, TWO], [True, True], "surplus_false")
+    assert (counts.tp, counts.fp, counts.fn) == (1, 0, 0)
+
+
 def test_one_box_over_two_intruders_finds_both_for_the_paper_and_one_for_the_matching() -> None:
     counts = count_frame([Box(0.0, 0.0, 2.5, 1.0)], [ONE, TWO], [True, True])
     assert (counts.tp, counts.fn) == (1, 0)
@@ -167,6 +178,8 @@ def test_counts_are_what_their_names_say(frame: tuple[list[Box], list[tuple[Box,
     assert counts.fn == sum(1 for gone, counts_ in zip(unseen, in_range, strict=True) if gone and counts_)
     assert counts.intruders_in_range == sum(in_range)
     assert counts.matched + counts.duplicates == counts.tp
+    surplus = count_frame(detections, truths, in_range, "surplus_false")
+    assert (surplus.tp, surplus.tp + surplus.fp, surplus.fn) == (counts.matched, len(detections), counts.fn)
     assert counts.matched <= min(len(detections), len(truths))
     assert counts.fn <= counts.missed <= counts.intruders_in_range
     assert counts.error_sum_m >= 0.0

@@ -13,7 +13,7 @@ from midnet_bench.analysis.power import minimum_detectable_effect, sample_size
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.detection.tables import PAPER
+from midnet_bench.experiments.detection.counting import PAPER
 from midnet_bench.workflows.verify import power_report, verify
 from tests.stores import detection_store, labyrinth_store
 

@@ -10,14 +10,8 @@ from midnet_bench.analysis.claims import Finding, comparison, finding
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import Estimate, mean, ratio_of_sums
 from midnet_bench.experiments.columns import CAUSES
-from midnet_bench.experiments.detection.tables import (
-    PAPER,
-    PAPER_FRAMES,
-    SCORES,
-    by_seed,
-    cells_of,
-    score_over_seeds,
-)
+from midnet_bench.experiments.detection.counting import PAPER, PAPER_FRAMES, SCORES
+from midnet_bench.experiments.detection.tables import by_seed, cells_of, score_over_seeds
 
 TOLERANCE = 0.05
 """how near a mean counts as the paper's"""

@@ -6,7 +6,8 @@ from midnet_bench.analysis import statistics
 from midnet_bench.analysis.differences import BySeed, differences
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.tables import Cell, Table
-from midnet_bench.experiments.detection.tables import by_seed, one_to_one
+from midnet_bench.experiments.detection.counting import with_boxes
+from midnet_bench.experiments.detection.tables import by_seed
 from midnet_bench.experiments.guarded.metric_tables import metric_tables
 from midnet_bench.experiments.robustness.parameters import NONE
 
@@ -27,8 +28,7 @@ def scores_of(results: Results) -> Scores:
     frame = results.table("scores")
     if frame.empty:
         return {}
-    frame = frame.assign(
-        f1_one_to_one=one_to_one(frame),
+    frame = with_boxes(results, frame).assign(
         disturbance=results.column(frame, "disturbance"),
         team=results.teams(frame, "disturbance"),
     )
