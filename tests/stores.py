@@ -10,6 +10,7 @@ from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import Store, open_or_create
 from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome
+from midnet_bench.scoring.causes import Causes
 
 Caught = Callable[[int, int, int], int]
 """(intruders, robots, seed) -> how many were caught"""
@@ -78,7 +79,7 @@ def labyrinth_result(intruders: int, robots: int, caught: int) -> TrialResult:
 
 
 NO_CAUSES: Row = {
-    **dict.fromkeys(("fn_hidden", "fn_new", "fp_left", "overlapping", "reordered", "looked_at"), 0),
+    **dict.fromkeys(Causes._fields, 0),
     "patrol_relaxations": 0,
 }
 

@@ -21,6 +21,7 @@ PAGE = (REPOSITORY / "docs" / "results.md").read_text(encoding="utf-8")
 OPTIONAL = {"variant", "noise_per_200_frames", "false_per_200_frames", "role", "gospa_m", "gospa_per_frame_m"}
 OPTIONAL |= {"targets", "ghost_targets", "left_at_s"}
 OPTIONAL |= {"fn_hidden", "fn_new", "fp_left", "overlapping", "reordered", "looked_at"}
+OPTIONAL |= {"fn_outside_window", "fn_hidden_in_window", "fn_new_in_window"}
 """columns that not every campaign has"""
 
 

@@ -89,8 +89,8 @@ def distance_tables(cells: Cells) -> list[Table]:
 
     The distance is the root mean square of differences, ours less the paper's, each a mean over the seeds
     that both teams have. ``six ratios`` are precision, recall and F1 of both teams. ``all twelve`` are those
-    and tp, fp and fn per frame, whose differences are taken as shares of the paper's tp + fn per frame of that
-    team. The interval is the percentile bootstrap's over the seeds. No table without both of the paper's teams.
+    and tp, fp and fn per frame, whose differences are shares of the paper's tp + fn per frame of that team.
+    The interval is the percentile bootstrap's over the seeds. No table without both of the paper's teams.
     """
     if not PAPER.keys() <= cells.keys():
         return []

@@ -19,8 +19,9 @@ from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, 
 PAPER_REAL_TIME_FACTOR = 0.18
 """17 simulated hours in 92 hours, section V.B"""
 
-PAPER_DURATION_S = (16.5 * 3600 / 500, 17.5 * 3600 / 500)
-"""of a trial: "approximately 17 hours" of simulated time for 500, section V.B"""
+PAPER_DURATION_S = 17 * 3600 / 500
+"""Of a trial at most: "approximately 17 hours" of simulated time for 500, section V.B. Those hours also hold
+what lies between two trials, such as the spawning of up to ten robots."""
 
 COUNTED = ("goals_reached", "goals_given_up", "collisions", "recoveries", "walls_crossed")
 
@@ -187,16 +188,16 @@ def _claims(one: Variant) -> list[Finding]:
         counts = [intruders for intruders in one.intruder_counts if intruders in (1, 5)]
         found += [_change(one, intruders, 4, 5, rises=False) for intruders in counts]
     if one.team_sizes == one.intruder_counts == [1, 2, 3, 4, 5]:
-        low, high = PAPER_DURATION_S
-        statement = f"a trial takes {low:.0f} to {high:.0f} s on average"
-        found.append(finding(statement, one.duration, low, high))
+        statement = f"a trial lasts at most {PAPER_DURATION_S:.0f} s on average"
+        found.append(finding(statement, one.duration, -math.inf, PAPER_DURATION_S))
     return found
 
 
 def _change(one: Variant, intruders: int | None, smaller: int, larger: int, *, rises: bool) -> Finding:
     first, second = one.rates_by_seed(intruders, smaller), one.rates_by_seed(intruders, larger)
-    whom = "all intruders" if intruders is None else f"{intruders} intruder{'s' if intruders > 1 else ''}"
-    statement = f"{whom}: success (points) {'rises' if rises else 'dips'} from {smaller} to {larger} robots"
+    against = "all intruders" if intruders is None else f"{intruders} intruder{'s' if intruders > 1 else ''}"
+    verb = "rises" if rises else "falls"
+    statement = f"{against}: the success rate (percent) {verb} from {smaller} to {larger} robots"
     return comparison(statement, first, second, rises)
 
 
