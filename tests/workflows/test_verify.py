@@ -11,7 +11,12 @@ import pytest
 
 from midnet_bench.analysis.claims import Finding, Verdict
 from midnet_bench.analysis.frames import load_results
-from midnet_bench.analysis.power import minimum_detectable_effect, sample_size
+from midnet_bench.analysis.power import (
+    minimum_detectable_effect,
+    probability_to_detect,
+    sample_size,
+    true_power,
+)
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.errors import InputError
@@ -298,6 +303,22 @@ def test_the_power_is_what_it_says_it_is() -> None:
     assert float(found.mean()) == pytest.approx(0.8, abs=0.03)
 
 
+def test_what_a_pilot_says_of_the_true_power_holds_in_nine_pilots_of_ten() -> None:
+    rng = np.random.default_rng(7)
+    held, wide = 0, 0
+    for _ in range(500):
+        pilot = float(rng.normal(10.0, 20.0, 20).var(ddof=1))
+        low, high = true_power(pilot, 19, difference=10.0)
+        really = probability_to_detect(400.0, 10.0, int(sample_size(pilot, 10.0)), groups=1)
+        held += low <= really <= high
+        wide += low < 0.6 and high > 0.9
+    assert 0.86 < held / 500 < 0.94
+    assert wide == 500
+    few, many = (true_power(400.0, freedom, 10.0) for freedom in (4, 199))
+    assert few[0] < 0.3 < 0.7 < many[0] < 0.8 < many[1] < 0.9 < few[1]
+    assert all(math.isnan(one) for one in true_power(math.nan, 19, 10.0))
+
+
 def test_needed_trials_and_least_difference_are_inverse() -> None:
     for difference in (1.0, 5.0, 20.0):
         trials = sample_size(900.0, difference, power=0.9)
@@ -319,6 +340,10 @@ def test_the_power_table_stands_on_the_results_at_hand(tmp_path: Path) -> None:
     assert float(five["sd"] or 0) == pytest.approx(100 * math.sqrt(0.85 * 0.15 / 5), rel=0.35)
     assert float(five["trials_needed"] or 0) < float(one["trials_needed"] or 0)
     assert one["trials"] == 40
+    (note,) = table.notes
+    assert note.startswith(
+        "The advice stands on 40 trials per team size, which tell the spread only roughly: "
+    )
 
 
 def test_common_seeds_make_it_cheaper_where_they_help(tmp_path: Path) -> None:
@@ -340,6 +365,7 @@ def test_cells_without_any_spread_give_no_number(tmp_path: Path) -> None:
     _, table = power_report(tmp_path, difference=5.0)
     assert math.isnan(float(table.rows[0]["trials_needed"] or 0))
     assert "n/a" in table.to_markdown()
+    assert table.notes == []
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """The detection test of section V.A."""
 
+import math
+
 from midnet_bench.experiments import columns
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.plugins import later
@@ -18,6 +20,7 @@ DETECTION = Experiment(
     claims=later("midnet_bench.experiments.detection.claims:claims"),
     measures=later("midnet_bench.experiments.detection.tables:measures"),
     recordings=later("midnet_bench.experiments.guarded.recordings:recordings"),
+    ranges={"f1_one_to_one": (0.0, 1.0), "gospa_per_frame_m": (0.0, math.inf)},
     lower_is_better=("gospa_per_frame_m",),
     ranked_by=("f1_one_to_one", "gospa_per_frame_m"),
     trial=later("midnet_bench.experiments.detection.trial:DetectionTrial"),

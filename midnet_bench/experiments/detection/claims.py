@@ -153,9 +153,10 @@ def _change(one: pd.DataFrame, five: pd.DataFrame, column: str, rises: bool) -> 
     )
     what, verb = CALLED.get(column, column), "rise" if rises else "fall"
     statement = f"the {what} of a frame {verb}" if is_count else f"{what} {verb}s"
-    return comparison(f"{statement} from 1 robot to 5", first, second, rises)
+    within = (0.0, math.inf) if is_count else (0.0, 1.0)
+    return comparison(f"{statement} from 1 robot to 5", first, second, rises, within)
 
 
 def _share(cell: pd.DataFrame, part: str, whole: str) -> Callable[[float], Estimate]:
     """Sum over sum, over seeds."""
-    return lambda confidence: ratio_of_sums(cell[part].tolist(), cell[whole].tolist(), confidence)
+    return partial(ratio_of_sums, cell[part].tolist(), cell[whole].tolist(), within=(0.0, 1.0))

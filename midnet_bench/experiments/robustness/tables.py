@@ -73,6 +73,7 @@ def differences_table(scores: Scores) -> Table:
         and any(seed in scores.get((team, NONE, measure), {}) for seed in scores[team, name, measure])
     ]
     pairs = [(scores[team, NONE, measure], scores[team, name, measure]) for team, name, measure in places]
+    changes = differences(pairs, [(0.0, 1.0)] * len(pairs))
     rows: list[Mapping[str, Cell]] = [
         {
             "disturbance": name,
@@ -82,13 +83,14 @@ def differences_table(scores: Scores) -> Table:
             "disturbed": one.after,
             "difference": one.change,
             "seeds": one.seeds,
+            "outlier_seed": one.outlier_seed,
             "p_holm": one.p_holm,
             "verdict": one.verdict,
         }
-        for (team, name, measure), one in zip(places, differences(pairs), strict=True)
+        for (team, name, measure), one in zip(places, changes, strict=True)
     ]
     how = f"{statistics.MEAN_METHOD}; verdicts by Holm at 5 %"
     title = f"Differences from undisturbed trials on the same seeds ({how})"
-    return Table(
-        "robustness_differences", title, rows, {"p_holm": 4}, bounds={"difference": ("low", "high", "n")}
-    )
+    notes = statistics.outlier_notes(one.outlier_seed for one in changes)
+    bounds = {"difference": ("low", "high", "n")}
+    return Table("robustness_differences", title, rows, {"p_holm": 4}, bounds=bounds, notes=notes)
