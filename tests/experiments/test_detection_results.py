@@ -8,9 +8,10 @@ import pytest
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
-from midnet_bench.campaign.trial import Row
+from midnet_bench.campaign.definition import Definition
+from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.experiments.detection.counting import PAPER
-from midnet_bench.experiments.detection.tables import tables
+from midnet_bench.experiments.detection.tables import tables, window_notes
 from tests.stores import detection_store
 
 SCORES = {1: {3: (0.9, 0.5, math.nan), 4: (0.7, 0.7, 0.7)}, 2: {3: (0.1, 0.2, 0.3), 4: (0.2, 0.3, 0.4)}}
@@ -126,6 +127,35 @@ def test_the_summary_has_ours_the_means_and_the_papers_row_where_there_is_one(ma
     assert (precision.value, precision.n) == (pytest.approx(0.8), 2)
     assert (f1.value, f1.n) == (0.7, 1), "an undefined score is left out"
     assert math.isnan(precision.low), "two seeds cannot tell"
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (
+            {"local_size_m": 3.5, "obstacle_range_m": 2.5},
+            [
+                "The 3.5 m local costmap ends 1.75 m ahead; the usable range is 2.5 m: what lies between is "
+                "missed."
+            ],
+        ),
+        ({"local_size_m": 5.0, "obstacle_range_m": 2.5}, []),
+        ({"local_size_m": 3.0, "obstacle_range_m": 2.5, "oracle": "window"}, []),
+        ({"local_size_m": 3.0, "obstacle_range_m": 1.5, "oracle": "none"}, []),
+        ({}, []),
+    ],
+)
+def test_a_local_costmap_that_ends_before_the_usable_range_is_told(
+    tmp_path: Path, given: dict[str, Scalar], told: list[str]
+) -> None:
+    summary, *_ = tables(load_results(detection_store(tmp_path, {2: SCORES[2]}, parameters=given)))
+    assert [note for note in summary.notes if "costmap" in note] == told
+
+
+def test_each_costmap_of_a_sweep_that_is_too_small_is_told() -> None:
+    sizes: list[Scalar] = [3.0, 4.0, 6.0]
+    notes = window_notes(Definition("detection", 1, 1, {"local_size_m": sizes}, {"obstacle_range_m": 2.5}))
+    assert [note.split(" local")[0] for note in notes] == ["The 3 m", "The 4 m"]
 
 
 def test_a_title_names_the_paper_only_where_its_row_is_there(tmp_path: Path) -> None:

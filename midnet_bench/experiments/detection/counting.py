@@ -4,15 +4,14 @@ Section V.A defines tp as the boxes that intersect an intruder, and fp as the ot
 five robots by one intruder taken for several, whose boxes all intersect it: both cannot hold (item 43).
 """
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 
+from midnet_bench.analysis.distance import distance
 from midnet_bench.analysis.frames import Results
-from midnet_bench.analysis.statistics import MEAN_METHOD, MIN_TRIALS, Estimate, mean
+from midnet_bench.analysis.statistics import MEAN_METHOD, mean
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.trial import Row
 from midnet_bench.scoring.frame_counts import TruePositives, ratios
@@ -32,8 +31,6 @@ COUNTINGS: Mapping[TruePositives, str] = {
     "explains the false positives of five robots",
 }
 """value of ``tp_boxes`` -> what it says"""
-RESAMPLES = 10_000
-"""of the seeds, always the same ones"""
 
 Cells = Mapping[str, pd.DataFrame]
 """The rows of the table ``scores`` by cell, named in the paper's manner (``5-robot``), seeds ascending"""
@@ -97,13 +94,10 @@ def distance_tables(cells: Cells) -> list[Table]:
     rows: list[Mapping[str, Cell]] = []
     for counting in COUNTINGS:
         parts = [_differences(name, counted(cells[name], counting)) for name in PAPER]
-        both = pd.concat(parts, axis=1, join="inner").to_numpy(np.float64)
-        ratios_alone = np.tile(np.arange(6) < len(SCORES), len(PAPER))
-        for what, numbers in (("six ratios", both[:, ratios_alone]), ("all twelve", both)):
-            seeds = len(numbers)
-            without_one = _distances(numbers, 1.0 - np.eye(seeds)) if seeds > 1 else np.array([math.nan])
-            row: dict[str, Cell] = {"counting": counting, "numbers": what, "distance": _estimate(numbers)}
-            least, most = float(without_one.min()), float(without_one.max())
+        twelve = pd.concat(parts, axis=1, join="inner")
+        for what, numbers in (("six ratios", twelve[[*SCORES]]), ("all twelve", twelve)):
+            value, least, most = distance(numbers.to_numpy(np.float64))
+            row: dict[str, Cell] = {"counting": counting, "numbers": what, "distance": value}
             rows.append({**row, "least_without_a_seed": least, "most_without_a_seed": most})
     digits = {"distance": 4, "least_without_a_seed": 4, "most_without_a_seed": 4}
     title = "Distance from the paper's table (root mean square; 95 % intervals: bootstrap of the seeds)"
@@ -124,21 +118,3 @@ def _differences(team: str, trials: pd.DataFrame) -> pd.DataFrame:
             for count in COUNTS
         }
     )
-
-
-def _estimate(numbers: npt.NDArray[np.float64]) -> Estimate:
-    seeds = len(numbers)
-    (value,) = _distances(numbers, np.ones((1, seeds)))
-    if seeds < MIN_TRIALS:
-        return Estimate(float(value), math.nan, math.nan, seeds)
-    often = np.random.default_rng(1).multinomial(seeds, [1.0 / seeds] * seeds, RESAMPLES)
-    low, high = np.nanquantile(_distances(numbers, often.astype(np.float64)), (0.025, 0.975))
-    return Estimate(float(value), float(low), float(high), seeds)
-
-
-def _distances(numbers: npt.NDArray[np.float64], weights: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """(samples,) of ``numbers`` (seeds, differences), a seed's weight being how often a sample has it."""
-    is_defined = ~np.isnan(numbers)  # a ratio may have no denominator
-    with np.errstate(invalid="ignore"):
-        means = weights @ np.where(is_defined, numbers, 0.0) / (weights @ is_defined)
-    return np.asarray(np.sqrt((means**2).mean(axis=1)))

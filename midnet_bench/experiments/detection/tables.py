@@ -1,13 +1,15 @@
 """The paper's detection table from a campaign's results: ours, the paper's, and how sure ours is."""
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
 from midnet_bench.analysis import statistics
 from midnet_bench.analysis.frames import Results, records
 from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.campaign.definition import Definition
 from midnet_bench.experiments.detection.counting import (
     PAPER,
     PAPER_FRAMES,
@@ -32,7 +34,7 @@ def tables(results: Results) -> list[Table]:
     """The tables of a detection campaign."""
     cells = cells_of(results)
     return [
-        summary_table(cells),
+        summary_table(cells, window_notes(results.definition)),
         scores_table(cells),
         matching_table(cells),
         comparison_table(cells),
@@ -64,14 +66,28 @@ def cells_of(results: Results) -> Cells:
     return {str(name): cell for name, cell in cells}
 
 
-def summary_table(cells: Cells) -> Table:
+def window_notes(definition: Definition) -> list[str]:
+    """A sentence for each local costmap of the campaign that ends before the usable range does."""
+    given = {**{name: [value] for name, value in definition.parameters.items()}, **definition.grid}
+    oracles, sizes, ranges = (given.get(name, []) for name in ("oracle", "local_size_m", "obstacle_range_m"))
+    if oracles and set(oracles) <= {"window", "sight"}:  # whose costmaps hold the whole range
+        return []
+    return [
+        f"The {size_m:g} m local costmap ends {size_m / 2.0:g} m ahead; the usable range is {range_m:g} m: "
+        "what lies between is missed."
+        for size_m, range_m in itertools.product(sizes, ranges)
+        if isinstance(size_m, int | float) and isinstance(range_m, int | float) and size_m / 2.0 < range_m
+    ]
+
+
+def summary_table(cells: Cells, notes: Sequence[str] = ()) -> Table:
     """The paper's table: counts and ratios over all frames, means over seeds, and the paper's row.
 
     One-to-one F1 and GOSPA stand beside them, since the paper's way of counting rewards boxes that should
     have been fused.
     """
     rows: list[Mapping[str, Cell]] = []
-    notes = []
+    notes = [*notes] if cells else []
     for row, (name, cell) in zip(scores_table(cells).rows, cells.items(), strict=True):
         pooled: dict[str, Cell] = {"f1_one_to_one": matched_ratios(cell).f1}
         if "gospa_m" in cell:
