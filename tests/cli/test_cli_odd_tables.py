@@ -261,7 +261,9 @@ def test_a_missing_column_or_file_is_named_by_every_command(
     timing.write_bytes(kept[timing])
 
 
-@pytest.mark.parametrize("column", ["looked_at", "fn_new", "gospa_m", "fn_hidden"])
+@pytest.mark.parametrize(
+    "column", ["looked_at", "fn_new", "gospa_m", "fn_hidden", "fn_outside_window", "fn_new_in_window"]
+)
 def test_a_file_of_an_older_version_may_lack_any_of_the_later_columns(column: str, exported: Path) -> None:
     scores = exported / "scores.csv"
     kept, lines = scores.read_bytes(), table(scores)

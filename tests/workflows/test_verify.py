@@ -214,7 +214,7 @@ def test_the_papers_causes_and_its_words_on_the_fused_list_are_judged(
     found, _ = verdicts(detection_campaign(tmp_path, scores, counted=counted))
 
     assert {found[statement] for statement in CAUSES} == {verdict}
-    assert found["the misses of hidden intruders of a frame fall from 1 robot to 5"] == "reproduced"
+    assert found["misses of hidden intruders per frame fall from 1 robot to 5"] == "reproduced"
 
 
 def test_the_misses_inside_the_local_costmaps_are_judged_by_themselves(tmp_path: Path) -> None:

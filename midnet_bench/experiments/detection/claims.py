@@ -77,7 +77,7 @@ def claims(results: Results) -> list[Finding]:
         for which, (misses, hidden, _) in _misses(cells[ONE]).items():
             statement = f"1 robot: most misses{which} are hidden intruders"
             found.append(finding(statement, _share(cells[ONE], hidden, misses), 0.5, math.inf))
-    if FIVE in cells and "overlapping" in cells[FIVE]:
+    if FIVE in cells and {"overlapping", "reordered", "looked_at"} <= set(cells[FIVE]):
         found += _fused_list(cells[FIVE])
     return found
 
@@ -152,7 +152,7 @@ def _change(one: pd.DataFrame, five: pd.DataFrame, column: str, rises: bool) -> 
         for cell in (one, five)
     )
     what, verb = CALLED.get(column, column), "rise" if rises else "fall"
-    statement = f"the {what} of a frame {verb}" if is_count else f"{what} {verb}s"
+    statement = f"{what} per frame {verb}" if is_count else f"{what} {verb}s"
     within = (0.0, math.inf) if is_count else (0.0, 1.0)
     return comparison(f"{statement} from 1 robot to 5", first, second, rises, within)
 
