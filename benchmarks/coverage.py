@@ -37,6 +37,12 @@ CASES: list[Case] = [
         math.exp(1 / 8),
         False,
     ),
+    (
+        "very skewed: lognormal(1)",
+        lambda rng, shape: rng.lognormal(0, 1, shape),
+        math.exp(1 / 2),
+        False,
+    ),
     ("skewed: a time to capture, exponential", lambda rng, shape: rng.exponential(1, shape), 1.0, False),
     ("skewed: a precision near 0.95", logit_normal, _logit_normal_mean(), False),
     ("0/1: one intruder, caught at 0.2", lambda rng, shape: rng.binomial(1, 0.2, shape) / 1, 0.2, True),
@@ -99,6 +105,14 @@ def of_pairs(n: int, samples: int) -> tuple[str, str]:
     return percent(difference), percent(ratio)
 
 
+def of_rare(n: int, samples: int) -> str:
+    """Percent for a difference that one pair in ten has, by 1; and of samples without any, so no interval."""
+    rng = np.random.default_rng((n, samples, 3))
+    marks = [held(mean(one.tolist()), 0.1) for one in rng.binomial(1, 0.1, (samples, n)) / 1]
+    none = sum(map(math.isnan, marks))
+    return f"{100 * sum(mark == 1.0 for mark in marks) / samples:.0f} ({100 * none / samples:.0f} none)"
+
+
 def main(samples: int) -> None:
     print(f"percent of {samples} 95 % intervals that hold the truth (the earlier bootstrap: in brackets)")
     print(f"{'sample':<42}" + "".join(f"{f'n = {n}':>15}" for n in SIZES))
@@ -108,6 +122,8 @@ def main(samples: int) -> None:
     pairs = [of_pairs(n, samples) for n in SIZES]
     for row, name in enumerate(("a paired difference of precisions", "a time per capture, sum over sum")):
         print(f"{name:<42}" + "".join(f"{cell[row]:>15}" for cell in pairs))
+    rare = [of_rare(n, samples) for n in SIZES]
+    print(f"{'a difference that one pair in ten has':<42}" + "".join(f"{cell:>15}" for cell in rare))
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import Store, open_or_create
 from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome
+from midnet_bench.scoring.causes import Causes
 
 Caught = Callable[[int, int, int], int]
 """(intruders, robots, seed) -> how many were caught"""
@@ -78,7 +79,7 @@ def labyrinth_result(intruders: int, robots: int, caught: int) -> TrialResult:
 
 
 NO_CAUSES: Row = {
-    **dict.fromkeys(("fn_hidden", "fn_new", "fp_left", "overlapping", "reordered", "looked_at"), 0),
+    **dict.fromkeys(Causes._fields, 0),
     "patrol_relaxations": 0,
 }
 
@@ -103,19 +104,22 @@ def detection_store(
     scores: Mapping[int, Mapping[int, tuple[float, float, float]]],
     failure: str | None = None,
     counted: Callable[[int, int], Row] = lambda robots, seed: {},
+    parameters: Mapping[str, Scalar] | None = None,
 ) -> Path:
     """Trials of the detection test: team size -> seed -> precision, recall, F1; all fail if ``failure``.
 
-    ``counted``: further columns, or other counts, of a team size and a seed.
+    ``counted``: further columns, or other counts, of a team size and a seed. ``parameters``: of all trials.
     """
     seeds = [seed for by_seed in scores.values() for seed in by_seed]
-    definition = Definition("detection", min(seeds), len(set(seeds)), {"robots": list(scores)}, {})
+    definition = Definition(
+        "detection", min(seeds), len(set(seeds)), {"robots": list(scores)}, dict(parameters or {})
+    )
     folder.mkdir(parents=True, exist_ok=True)
     with open_or_create(folder / "campaign.sqlite", definition) as store:
         run_id = store.begin_run(collect(1))
         for robots, by_seed in scores.items():
             for seed, (precision, recall, f1) in by_seed.items():
-                counts: Row = {"frames": 10, "tp": 8, "fp": 2, "fn": 4, "in_range": 12}
+                counts: Row = {"frames": 10, "tp": 8, "fp": 2, "fn": 4, "intruders_in_range": 12}
                 counts |= {"matched": 6, "duplicates": 2, "missed": 6, "error_sum_m": 0.6, "gospa_m": 5.0}
                 row: Row = {**counts, "precision": precision, "recall": recall, "f1": f1}
                 row |= NO_CAUSES
@@ -125,7 +129,7 @@ def detection_store(
                 ]
                 robot = robot_row("guard", 0.5 * seed, stuck_s=0.0) | {"collisions": 2}
                 tables = {"scores": [row], "frames": frames, "robots": [robot] * robots}
-                spec = TrialSpec("detection", {"robots": robots}, seed)
+                spec = TrialSpec("detection", {"robots": robots, **definition.parameters}, seed)
                 payload = encode_tables(TrialResult(tables, 2.0))
                 outcome = Outcome(spec.trial_id, 1.5, 2.0, payload)
                 store.record(

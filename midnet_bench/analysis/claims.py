@@ -10,9 +10,21 @@ chance is at most 5 % (item 72). The intervals that are printed stand for themse
 import math
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
+from functools import partial
 from typing import NamedTuple
 
-from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, Interval, holm, p_value, paired_difference
+from midnet_bench.analysis.statistics import (
+    ANY,
+    MEAN_METHOD,
+    Estimate,
+    Interval,
+    Range,
+    holm,
+    outlier,
+    outlier_notes,
+    p_value,
+    paired_difference,
+)
 from midnet_bench.analysis.tables import Cell, Table
 
 LEVEL = 0.05
@@ -38,6 +50,8 @@ class Finding(NamedTuple):
     """of a comparison seed by seed: how many of the ``ours.n`` seeds agree"""
     p_value: float = math.nan
     """1 less the highest confidence whose interval decides; NaN if nobody worked it out"""
+    outlier_seed: int | None = None
+    """of a comparison: the seed whose difference makes the interval wide, if one does"""
 
     @property
     def verdict(self) -> Verdict:
@@ -67,7 +81,11 @@ def finding(
 
 
 def comparison(
-    statement: str, first: Mapping[int, float], second: Mapping[int, float], rises: bool
+    statement: str,
+    first: Mapping[int, float],
+    second: Mapping[int, float],
+    rises: bool,
+    within: Range = ANY,
 ) -> Finding:
     """Whether ``second`` is above ``first`` (or below, unless ``rises``), over the seeds that both have.
 
@@ -76,15 +94,17 @@ def comparison(
         first: seed -> value.
         second: seed -> value.
         rises: the direction that the paper states.
+        within: the least and the greatest value that there can be.
     """
-    before = [first[seed] for seed in first if seed in second]
-    after = [second[seed] for seed in first if seed in second]
+    seeds = [seed for seed in first if seed in second]
+    before, after = [first[seed] for seed in seeds], [second[seed] for seed in seeds]
     pairs = list(zip(before, after, strict=True))
     agreeing = sum(b > a if rises else b < a for a, b in pairs)
     above, below = (0.0, math.inf) if rises else (-math.inf, 0.0)
-    return finding(
-        statement, lambda confidence: paired_difference(before, after, confidence), above, below, agreeing
-    )
+    difference = partial(paired_difference, before, after, within=within)
+    far = outlier([b - a for a, b in pairs])
+    found = finding(statement, difference, above, below, agreeing)
+    return found._replace(outlier_seed=None if far is None else seeds[far])
 
 
 def verdicts(findings: Sequence[Finding]) -> list[Verdict]:
@@ -110,6 +130,7 @@ def verdict_table(findings: Sequence[Finding]) -> Table:
             "reproduced_below": _bound(one.below),
             "n": one.ours.n,
             "agreeing_seeds": one.agreeing_seeds,
+            "outlier_seed": one.outlier_seed,
             "p_value": one.p_value,
             "p_holm": p,
             "verdict": verdict.value,
@@ -118,7 +139,8 @@ def verdict_table(findings: Sequence[Finding]) -> Table:
     ]
     title = f"What the paper states ({MEAN_METHOD}; verdicts by Holm at 5 % over the table)"
     digits = {"p_value": 4, "p_holm": 4}
-    return Table("claims", title, rows, digits, bounds={"ours": ("low", "high", "n")})
+    notes = outlier_notes(one.outlier_seed for one in findings)
+    return Table("claims", title, rows, digits, bounds={"ours": ("low", "high", "n")}, notes=notes)
 
 
 def _bound(value: float) -> float | None:

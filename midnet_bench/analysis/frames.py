@@ -224,8 +224,11 @@ def results_of(store: Store, directory: Path, folder: Path, tables_of: TablesOf 
     Raises:
         InputError: a trial is damaged or has other tables, or the folder cannot be written.
     """
-    written = export_csv(store, folder, {} if tables_of is None else tables_of(store.definition, directory))
-    files = {path.stem: _File(path, store.definition) for path in written}
+    expected = {} if tables_of is None else tables_of(store.definition, directory)
+    written = export_csv(store, folder, expected)
+    files = {
+        path.stem: _File(path, store.definition, expected.get(path.stem), is_checked=True) for path in written
+    }
     return _results(directory, store.definition, store.runs(), files)
 
 
@@ -284,7 +287,9 @@ class _File:
     path: Path
     definition: Definition
     table: Columns | None = None
-    """what its columns are held to"""
+    """what its columns hold"""
+    is_checked: bool = False
+    """whether its columns are known to hold that"""
 
     @cached_property
     def columns(self) -> list[str]:
@@ -304,12 +309,15 @@ class _File:
             InputError: the file is damaged or no table of this campaign.
         """
         grid = self.definition.grid
+        known = {} if self.table is None else self.table.columns
+        # pandas would take a column of texts such as 'false' for booleans
+        texts = {name: "str" for name, column in known.items() if column.kind is str}
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", pd.errors.DtypeWarning)  # texts among numbers: see _check
                 frame = pd.read_csv(
                     self.path,
-                    dtype=dict.fromkeys(grid, "category"),
+                    dtype={**texts, **dict.fromkeys(grid, "category")},
                     keep_default_na=False,
                     na_values=[""],
                     **_EXACTLY,
@@ -324,13 +332,17 @@ class _File:
                 raise InputError(f"{self.path}: the column '{factor}' is missing, a factor of the grid")
             by_text = {cell_text(value): value for value in values}
             codes = frame[factor].cat.codes.to_numpy()
-            texts = [str(text) for text in frame[factor].cat.categories] + [""] * bool((codes < 0).any())
-            if unknown := [text for text in texts if text not in by_text]:
+            there = [str(text) for text in frame[factor].cat.categories] + [""] * bool((codes < 0).any())
+            if unknown := [text for text in there if text not in by_text]:
                 raise InputError(f"{self.path}: {factor}: '{unknown[0][:60]}' is no value of the grid")
-            present = pd.Series([by_text[text] for text in texts])
+            present = pd.Series([by_text[text] for text in there])
             # an empty cell has the code -1, which takes the last one
-            frame[factor] = present.take(codes % len(texts)).set_axis(frame.index)
-        if self.table is not None:
+            frame[factor] = present.take(codes % len(there)).set_axis(frame.index)
+        for name in texts:
+            if name in frame and name not in grid and not known[name].may_be_empty:
+                frame[name] = frame[name].fillna("")
+        if self.table is not None and not self.is_checked:
+            frame = frame.rename(columns=self.table.present_names(set(frame) - set(grid)))
             self._check(frame, self.table)
         return frame
 

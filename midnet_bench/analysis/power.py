@@ -7,7 +7,7 @@ each; with common seeds it is the test of n differences seed by seed (items 70 a
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from midnet_bench.analysis.tables import Cell
 
 ALPHA = 0.05
 POWER = 0.8
+PILOT = 0.9
+"""the confidence at which a pilot's variance is bounded"""
 MAX_TRIALS = 10**9
 
 
@@ -74,6 +76,65 @@ def minimum_detectable_effect(variance: float, trials: int, power: float = POWER
     return scale * float(optimize.brentq(missing, 0.0, high))
 
 
+def true_power(
+    variance: float, freedom: float, difference: float, power: float = POWER, groups: int = 1
+) -> tuple[float, float]:
+    """Between what the power really is with as many trials as :func:`sample_size` advises; NaN as there.
+
+    The variance is a pilot's: the true one lies within its chi-square interval at 90 %.
+
+    Args:
+        variance: as the pilot has it.
+        freedom: degrees of freedom that the pilot's variance stands on.
+        difference: as above, and so are ``power`` and ``groups``.
+        power: see above.
+        groups: see above.
+    """
+    trials = sample_size(variance, difference, power, groups)
+    if not math.isfinite(trials):
+        return math.nan, math.nan
+    from scipy.special import chdtri
+
+    low, high = (
+        probability_to_detect(variance * freedom / chdtri(freedom, tail), difference, int(trials), groups)
+        for tail in ((1.0 + PILOT) / 2.0, (1.0 - PILOT) / 2.0)
+    )
+    return float(low), float(high)
+
+
+def pilot_note(
+    pilots: Iterable[tuple[Mapping[int, float], Mapping[int, float]]], difference: float, power: float = POWER
+) -> list[str]:
+    """How sure the advice is that two cells' trials give, over all such ``pilots``: a sentence, or none.
+
+    The arguments of each are those of :func:`power_cells`.
+    """
+    found: dict[str, list[tuple[float, float]]] = {"pairs": [], "separate trials": []}
+    fewest = math.inf
+    for first, second in pilots:
+        paired, separate, freedom = _variances(first, second)
+        common = len(first.keys() & second.keys())
+        for kind, variance, on, groups in (
+            ("pairs", paired, common - 1.0, 1),
+            ("separate trials", separate, freedom, 2),
+        ):
+            low, high = true_power(variance, on, difference, power, groups)
+            if not math.isnan(low):
+                found[kind].append((low, high))
+                fewest = min(fewest, len(first), len(second))
+    parts = [
+        f"{min(low for low, _ in one):.2f} to {max(high for _, high in one):.2f} with the advised {kind}"
+        for kind, one in found.items()
+        if one
+    ]
+    if not parts:
+        return []
+    return [
+        f"The advice stands on {fewest:.0f} trials per team size, which tell the spread only roughly: the "
+        f"true power is {' and '.join(parts)} ({100 * PILOT:.0f} % chi-square interval of the variance)."
+    ]
+
+
 def power_cells(
     first: Mapping[int, float], second: Mapping[int, float], difference: float, power: float = POWER
 ) -> dict[str, Cell]:
@@ -85,10 +146,8 @@ def power_cells(
         difference: the true difference, not zero.
         power: the probability of finding it.
     """
-    common = sorted(first.keys() & second.keys())
-    separate = _variance(list(first.values())) + _variance(list(second.values()))
-    paired = _variance([second[seed] - first[seed] for seed in common])
-    trials = min(len(first), len(second))
+    paired, separate, _ = _variances(first, second)
+    trials, common = min(len(first), len(second)), len(first.keys() & second.keys())
     return {
         "trials": trials,
         "sd": math.sqrt(separate / 2.0),
@@ -96,8 +155,19 @@ def power_cells(
         "trials_needed": sample_size(separate, difference, power, groups=2),
         "pairs_needed": sample_size(paired, difference, power, groups=1),
         "mde": minimum_detectable_effect(separate, trials, power, groups=2),
-        "mde_paired": minimum_detectable_effect(paired, len(common), power, groups=1),
+        "mde_paired": minimum_detectable_effect(paired, common, power, groups=1),
     }
+
+
+def _variances(first: Mapping[int, float], second: Mapping[int, float]) -> tuple[float, float, float]:
+    """Of differences seed by seed; of both cells together, and its degrees of freedom by Satterthwaite."""
+    common = sorted(first.keys() & second.keys())
+    paired = _variance([second[seed] - first[seed] for seed in common])
+    one, other = _variance(list(first.values())), _variance(list(second.values()))
+    if math.isnan(one + other):
+        return paired, math.nan, math.nan
+    below = one**2 / (len(first) - 1) + other**2 / (len(second) - 1)
+    return paired, one + other, (one + other) ** 2 / below
 
 
 def _variance(values: list[float]) -> float:

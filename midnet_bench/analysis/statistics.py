@@ -15,7 +15,7 @@ number, unless it is a share.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,9 +25,16 @@ MIN_TRIALS = 3
 """for an interval"""
 MIN_FOR_SKEWNESS = 5
 """the skewness of three or four numbers says nothing: theirs is Student's plain interval"""
+WIDE = 1.5
+"""times Student's length: from there on the correction for skewness makes an interval wide"""
 MEAN_METHOD = "95 % intervals: Student's t, corrected for skewness"
 SHARE_METHOD = "95 % intervals: Wilson's score"
 """for titles of tables and figures"""
+OUTLIER_NOTE = (
+    "outlier_seed: the difference at this seed is far from those at the others and makes the interval wide; "
+    "run more seeds."
+)
+"""for tables with a column of that name"""
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -44,11 +51,12 @@ class Estimate(NamedTuple):
 
 Interval = Callable[[float], Estimate]
 """The estimate with its interval at a confidence, such as 0.95."""
+Range = tuple[float, float]
+"""the least and the greatest value that a number can have"""
+ANY: Range = (-math.inf, math.inf)
 
 
-def mean(
-    values: Sequence[float], confidence: float = 0.95, within: tuple[float, float] = (-math.inf, math.inf)
-) -> Estimate:
+def mean(values: Sequence[float], confidence: float = 0.95, within: Range = ANY) -> Estimate:
     """The mean over trials and its interval, Student's t with Hall's correction for skewness.
 
     Args:
@@ -96,11 +104,14 @@ def share(values: Sequence[float], confidence: float = 0.95) -> Estimate:
     return Estimate(value, max(0.0, min(middle - half, value)), min(1.0, max(middle + half, value)), n)
 
 
-def paired_difference(first: Sequence[float], second: Sequence[float], confidence: float = 0.95) -> Estimate:
+def paired_difference(
+    first: Sequence[float], second: Sequence[float], confidence: float = 0.95, within: Range = ANY
+) -> Estimate:
     """The mean of second - first over pairs of trials, and its interval as of ``mean``.
 
     Pairs share a seed, so they share the world, and what a hard world does to both cancels out
-    (common random numbers, item 71). A pair with a NaN is left out.
+    (common random numbers, item 71). A pair with a NaN is left out. ``within`` is the range of the numbers
+    themselves: two shares differ by 1 at most.
 
     Raises:
         ValueError: the two differ in length.
@@ -108,16 +119,41 @@ def paired_difference(first: Sequence[float], second: Sequence[float], confidenc
     if len(first) != len(second):
         raise ValueError(f"pairs are needed: {len(first)} values against {len(second)}")
     differences = np.asarray(second, np.float64) - np.asarray(first, np.float64)
-    return mean(differences.tolist(), confidence)
+    most = within[1] - within[0]
+    return mean(differences.tolist(), confidence, (-most, most))
+
+
+def outlier(values: Sequence[float]) -> int | None:
+    """The place of the value farthest from the mean, if it makes the interval of ``mean`` wide; else None.
+
+    Wide is more than ``WIDE`` times the length that it has without the correction for skewness. It is so
+    where one value lies far from all others: few trials cannot tell how often such ones come.
+    """
+    estimate, defined = mean(values), _defined(values)
+    if estimate.n < MIN_FOR_SKEWNESS or math.isnan(estimate.low):
+        return None
+    plain = 2.0 * _student(0.95, estimate.n) * float(defined.std(ddof=1)) / math.sqrt(estimate.n)
+    if estimate.high - estimate.low <= WIDE * plain:
+        return None
+    return int(np.nanargmax(np.abs(np.asarray(values, np.float64) - estimate.value)))
+
+
+def outlier_notes(outlier_seeds: Iterable[int | None]) -> list[str]:
+    """The note of a table with these in its column ``outlier_seed``; none where no row has one."""
+    return [OUTLIER_NOTE] if any(seed is not None for seed in outlier_seeds) else []
 
 
 def ratio_of_sums(
-    numerators: Sequence[float], denominators: Sequence[float], confidence: float = 0.95
+    numerators: Sequence[float],
+    denominators: Sequence[float],
+    confidence: float = 0.95,
+    within: Range = ANY,
 ) -> Estimate:
     """The pooled ratio, sum over sum, and its interval as of ``mean`` on the ratio linearised in each trial.
 
     A time per capture is the sum of times over the number of captures. A trial moves the ratio R by about
-    (numerator - R denominator) / mean denominator. Without any denominator the ratio is NaN.
+    (numerator - R denominator) / mean denominator. Without any denominator the ratio is NaN. The interval
+    does not leave ``within``.
 
     Raises:
         ValueError: the two differ in length.
@@ -130,7 +166,7 @@ def ratio_of_sums(
     ratio = float(above.sum() / below.sum())
     size = float(np.abs(above).max() / below.mean())
     down, up = _halls_bounds((above - ratio * below) / below.mean(), size, confidence)
-    return Estimate(ratio, ratio - down, ratio + up, below.size)
+    return Estimate(ratio, max(ratio - down, within[0]), min(ratio + up, within[1]), below.size)
 
 
 def p_value(interval: Interval, above: float, below: float) -> float:

@@ -112,6 +112,11 @@ class DetectorNode:
         self.scans[robot] = Scan(ranges_m, lidar, pose, time_s)
         self.costmaps[robot].update(pose, pose.compose(lidar.mount), ranges_m, lidar, time_s)
 
+    def window(self, robot: int) -> Box:
+        """Where a robot's local costmap lies, map frame, metres."""
+        layer = self.costmaps[robot].layer
+        return Box(*OccupancyGrid(layer.cells, layer.settings.resolution, layer.origin).extent)
+
     def detect(
         self,
         observations: Sequence[Observation],

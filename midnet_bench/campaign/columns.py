@@ -1,7 +1,7 @@
 """What the columns of the trials' tables hold, and in which words a cell is refused that holds none of it."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from midnet_bench.campaign.trial import Row, Scalar
@@ -32,6 +32,8 @@ class Column:
     """characters of a text"""
     since: int = 1
     """the first version of payloads in which it stands; tables of earlier ones may lack it"""
+    formerly: str = ""
+    """its name in tables of earlier versions"""
 
     @property
     def wanted(self) -> str:
@@ -78,6 +80,15 @@ class Columns:
     optional: bool = False
     """whether a trial may lack it"""
 
+    def present_names(self, names: Iterable[str]) -> dict[str, str]:
+        """Of the names in a table of an earlier version, those that have changed -> what they are now."""
+        there = set(names)
+        return {
+            column.formerly: name
+            for name, column in self.columns.items()
+            if column.formerly in there and name not in there
+        }
+
 
 Tables = Mapping[str, Columns]
 """the tables of one trial by name; nothing is known of them where there are none"""
@@ -113,6 +124,20 @@ def check_tables(
             fault = _fault(known.columns, version, row, trial)
             if fault:
                 raise ValueError(f"table '{name}', {fault}")
+
+
+def with_present_names(expected: Tables, tables: Mapping[str, list[Row]]) -> dict[str, list[Row]]:
+    """The tables of a trial of an earlier version, under the names that their columns have now."""
+    renamed = dict(tables)
+    for table in expected.keys() & tables.keys():
+        known = expected[table]
+        if any(column.formerly for column in known.columns.values()):
+            renamed[table] = [
+                {now.get(name, name): value for name, value in row.items()}
+                for row in tables[table]
+                for now in (known.present_names(row),)
+            ]
+    return renamed
 
 
 def _fault(columns: Mapping[str, Column], version: int, row: Row, trial: Mapping[str, Scalar]) -> str | None:

@@ -17,6 +17,7 @@ from typing import Annotated, Protocol, TypeVar
 
 from pydantic import Field, PrivateAttr, Strict, TypeAdapter, field_validator
 
+from midnet_bench.campaign.columns import Tables
 from midnet_bench.campaign.trial import Cell, RunTrials, Scalar, Sharing, TrialResult, TrialSpec
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.checked_yaml import Spec, load_yaml, parse, read_yaml
@@ -41,10 +42,13 @@ Read = TypeVar("Read")
 
 
 class Experiments(Protocol):
-    """What the engine asks of the experiments. A module with these three functions is one."""
+    """What the engine asks of the experiments. A module with these four functions is one."""
 
     def parameters_model(self, experiment: str) -> type[Parameters]:
         """The class of an experiment's parameters. Raises InputError on an unknown name."""
+
+    def columns(self, experiment: str) -> Tables:
+        """The tables of its trials; none if it does not say."""
 
     def sharing(self, experiment: str, parameters: Parameters) -> Sharing:
         """What the trials of these parameters share with trials of others."""
@@ -363,6 +367,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     except InputError as error:
         raise InputError(f"{source}: {error}") from error
     _check_keys(campaign, parameters)
+    _check_factors(campaign, experiments.columns(campaign.experiment))
     file, name = _file_and_name(campaign.experiment)
     identity = campaign.experiment if file is None else f"{file.name}:{name}"
     count = math.prod(map(len, campaign.grid.values()))
@@ -425,6 +430,17 @@ def _check_keys(campaign: Campaign, parameters: type[Parameters]) -> None:
         raise InputError(
             f"{campaign._source}: parameters.{twice[0]}: also a factor of the grid; keep one of the two"
         )
+
+
+def _check_factors(campaign: Campaign, tables: Tables) -> None:
+    """Raises InputError if a factor has the name of a column, which would stand twice in that table."""
+    for factor in campaign.grid:
+        for name, table in tables.items():
+            if factor in table.columns:
+                raise InputError(
+                    f"{campaign._source}: grid.{factor}: the table '{name}' has a column of that name; give "
+                    f"{factor} one value as a parameter, and run a campaign for each value"
+                )
 
 
 def _cell(

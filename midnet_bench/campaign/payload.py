@@ -12,7 +12,7 @@ TABLE_NAME = re.compile("[a-z][a-z0-9_]{0,63}")
 """what a trial's table may be called; it becomes the name of a file"""
 OTHER_FILES = ("timing", "failures")
 """tables of the whole campaign, which no trial has"""
-VERSION = 2
+VERSION = 3
 """of payloads; those of version 1 do not say theirs, and are the tables alone"""
 _SCALAR = (bool, int, float, str, NoneType)
 UNPACKED_BYTES = 8_000_000

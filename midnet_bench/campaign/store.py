@@ -10,10 +10,10 @@ from types import TracebackType
 from typing import cast
 
 from midnet_bench.campaign import database, rows
-from midnet_bench.campaign.columns import Tables, check_tables
+from midnet_bench.campaign.columns import Tables, check_tables, with_present_names
 from midnet_bench.campaign.database import explained, transaction
 from midnet_bench.campaign.definition import Definition, differences, shown_cell
-from midnet_bench.campaign.payload import NewerPayload, decode_tables
+from midnet_bench.campaign.payload import VERSION, NewerPayload, decode_tables
 from midnet_bench.campaign.provenance import Provenance, now_utc
 from midnet_bench.campaign.trial import Cell, Row, Scalar, TrialSpec
 from midnet_bench.campaign.worker import Outcome
@@ -73,12 +73,15 @@ class StoredTrial:
             raise ValueError(f"trial {self.trial_id} has failed and has no tables")
         try:
             payload = decode_tables(self.payload)
-            check_tables(expected, payload.version, payload.tables, {**self.parameters, "seed": self.seed})
+            tables = payload.tables
+            if payload.version < VERSION:
+                tables = with_present_names(expected, tables)
+            check_tables(expected, payload.version, tables, {**self.parameters, "seed": self.seed})
         except NewerPayload as error:
             raise InputError(f"{self._named(factors)}: {error}") from error
         except ValueError as error:
             raise self.fault(str(error), factors) from error
-        return payload.tables
+        return tables
 
     def fault(self, what: str, factors: Iterable[str] = ()) -> InputError:
         """What to raise if something is wrong with the trial that no disk does to it."""

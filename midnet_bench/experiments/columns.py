@@ -1,6 +1,7 @@
 """The columns of each experiment's tables, which a store or a CSV file from elsewhere is held to.
 
-``docs/results.md`` says what they mean. A column of ``since=2`` is not in every result of version 0.1.0.
+``docs/results.md`` says what they mean. A column of ``since=2`` or 3 is not in every older result.
+A parameter that has the name of a column can be no factor of a grid.
 """
 
 from midnet_bench.campaign.columns import LARGEST, Column, Columns, Tables
@@ -17,14 +18,17 @@ LATER_COUNT = Column(int, since=2)
 
 FRAMES = Column(int, least=1)
 COUNTS = {
-    **dict.fromkeys(("tp", "fp", "fn", "in_range", "matched", "duplicates", "missed"), COUNT),
+    **dict.fromkeys(("tp", "fp", "fn"), COUNT),
+    "intruders_in_range": Column(int, formerly="in_range"),
+    **dict.fromkeys(("matched", "duplicates", "missed"), COUNT),
     "error_sum_m": AMOUNT,
     "gospa_m": Column(float, since=2),
 }
 """as ``scoring.frame_counts.FrameCounts`` has them"""
-CAUSES = dict.fromkeys(
-    ("fn_hidden", "fn_new", "fp_left", "overlapping", "reordered", "looked_at"), LATER_COUNT
-)
+CAUSES = {
+    **dict.fromkeys(("fn_hidden", "fn_new", "fp_left", "overlapping", "reordered", "looked_at"), LATER_COUNT),
+    **dict.fromkeys(("fn_outside_window", "fn_hidden_in_window", "fn_new_in_window"), Column(int, since=3)),
+}
 """as ``scoring.causes.Causes`` has them"""
 RATIOS = dict.fromkeys(("precision", "recall", "f1"), SHARE_OR_NONE)
 

@@ -5,6 +5,7 @@ An experiment of your own is a Python file with such a record in it. A campaign 
 by an entry point of the group ``midnet_bench.experiments``.
 """
 
+import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -73,6 +74,8 @@ class Experiment:
     recordings: "Callable[[Results], Iterable[Recording]]" = _nothing
     """the recorded trials, for the player of ``report.html``: each is made when it is asked for; nobody asks
     where trials have no table ``recorded``"""
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """main score -> the least and the greatest value that it can have, where no column is called so"""
     lower_is_better: tuple[str, ...] = ()
     """those of the main scores that are the better the lower they are"""
     ranked_by: tuple[str, ...] = ()
@@ -95,6 +98,16 @@ class Experiment:
         A metric whose name ends in ``_s`` or ``_m`` is a time or an error; it may count what went wrong.
         """
         return measure in self.lower_is_better or measure.endswith(WANTED_LOW)
+
+    def range_of(self, measure: str) -> tuple[float, float]:
+        """The least and the greatest value of a score, by ``ranges`` or the column of that name."""
+        if measure in self.ranges:
+            return self.ranges[measure]
+        for table in self.columns.values():
+            column = table.columns.get(measure)
+            if column is not None and column.kind in (int, float):
+                return column.least, column.most
+        return -math.inf, math.inf
 
     @property
     def has_figures(self) -> bool:

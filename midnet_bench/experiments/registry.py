@@ -99,6 +99,11 @@ def parameters_model(name: str) -> "type[Parameters]":
     return experiment(name).model
 
 
+def columns(name: str) -> "Tables":
+    """The tables of an experiment's trials. Raises InputError as :func:`experiment`."""
+    return experiment(name).columns
+
+
 def sharing(name: str, parameters: "Parameters") -> "Sharing":
     """What trials share with others of their seed. Raises InputError as :func:`experiment`."""
     from midnet_bench.campaign.trial import Sharing

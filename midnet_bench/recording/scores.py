@@ -69,7 +69,7 @@ class Score:
         return {
             "preset": name,
             "labelled": self.labelled,
-            "in_range": counts.in_range,
+            "in_range": counts.intruders_in_range,
             "not_visible": self.not_visible,
             "tp": counts.tp,
             "fp": counts.fp,

@@ -28,9 +28,15 @@ class Causes(NamedTuple):
     """of the frames looked at so: those with other boxes if the robots come in opposite order"""
     looked_at: int
     """frames in which MIDNet was also given the robots in opposite order"""
+    fn_outside_window: int
+    """of fn: no part of the intruder lies in the local costmap of any guard"""
+    fn_hidden_in_window: int
+    """of fn_hidden: those in the local costmap of some guard"""
+    fn_new_in_window: int
+    """of fn in the local costmap of some guard: out of range, or of every costmap, one frame before"""
 
 
-NONE = Causes(0, 0, 0, 0, 0, 0)
+NONE = Causes(*[0] * 9)
 
 
 class CauseCounter:
@@ -38,7 +44,7 @@ class CauseCounter:
 
     def __init__(self) -> None:
         """Before the first frame nothing is known of any intruder."""
-        self._before: dict[str, tuple[Box, bool]] = {}
+        self._before: dict[str, tuple[Box, bool, bool]] = {}
 
     def count(
         self,
@@ -47,6 +53,7 @@ class CauseCounter:
         touched: Sequence[Sequence[int]],
         in_range: Sequence[bool],
         in_sight: Callable[[], Sequence[bool]],
+        in_window: Sequence[bool],
         opposite: Sequence[Box] | None = None,
     ) -> Causes:
         """One frame.
@@ -57,6 +64,7 @@ class CauseCounter:
             touched: for each detection the truths that it covers some area of, as ``FrameMatch`` has them.
             in_range: for each truth, whether missing it counts.
             in_sight: for each truth, whether a beam meets it; asked only if something was missed.
+            in_window: for each truth, whether some part of it lies in some guard's local costmap.
             opposite: MIDNet's boxes if the robots come in opposite order; None in frames that skip this.
         """
         found = {index for indices in touched for index in indices}
@@ -64,15 +72,17 @@ class CauseCounter:
         false = [box for box, indices in zip(detections, touched, strict=True) if not indices]
         before, self._before = (
             self._before,
-            {truth.name: (truth.box, near) for truth, near in zip(truths, in_range, strict=True)},
+            {
+                truth.name: (truth.box, near, near and inside)
+                for truth, near, inside in zip(truths, in_range, in_window, strict=True)
+            },
         )
         seen = in_sight() if missed else ()
-        old = [box for box, _ in before.values()]
+        known = [index for index in missed if truths[index].name in before]
+        old = [box for box, _, _ in before.values()]
         return Causes(
             fn_hidden=sum(not seen[index] for index in missed),
-            fn_new=sum(
-                truths[index].name in before and not before[truths[index].name][1] for index in missed
-            ),
+            fn_new=sum(not before[truths[index].name][1] for index in known),
             fp_left=sum(any(box.intersection_area(place) > 0.0 for place in old) for box in false),
             overlapping=int(
                 any(
@@ -81,6 +91,9 @@ class CauseCounter:
             ),
             reordered=int(opposite is not None and sorted(opposite) != sorted(detections)),
             looked_at=int(opposite is not None),
+            fn_outside_window=sum(not in_window[index] for index in missed),
+            fn_hidden_in_window=sum(in_window[index] and not seen[index] for index in missed),
+            fn_new_in_window=sum(in_window[index] and not before[truths[index].name][2] for index in known),
         )
 
 

@@ -14,7 +14,7 @@ from midnet_bench.assignment import linear_sum_assignment
 from midnet_bench.geometry import Box
 
 InRange = Literal["edge", "centre"]
-TruePositives = Literal["every", "one_per_intruder"]
+TruePositives = Literal["every", "one_per_intruder", "surplus_false"]
 
 CUTOFF_M = 1.0
 """A box farther than this from an intruder is no partner for it; a miss or a false box costs half of it."""
@@ -36,10 +36,10 @@ class FrameCounts(NamedTuple):
     tp: int
     """boxes that touch some intruder; or one for each intruder, ``matched``, where that is asked for"""
     fp: int
-    """boxes that touch none, in either way of counting"""
+    """boxes that touch none; with ``surplus_false`` the ``duplicates`` too, so all boxes minus tp"""
     fn: int
     """intruders in range that no box touches"""
-    in_range: int
+    intruders_in_range: int
     """intruders that a robot could have seen"""
     matched: int
     """pairs of one intruder and one box; with ``duplicates`` all boxes that touch some intruder"""
@@ -124,7 +124,7 @@ def count_frame(
             whatever else the caller asks for (line of sight, say). A box on an intruder that is out
             of range is a tp all the same (item 47).
         tp_boxes: whether every box on an intruder is a tp, or one box for each intruder, further ones
-            being neither tp nor fp (item 43).
+            being neither tp nor fp (``one_per_intruder``) or fp (``surplus_false``) (item 43).
         match: of these detections and truths, if the caller has it.
     """
     match = match or match_frame(detections, truths)
@@ -139,7 +139,7 @@ def count_frame(
         tp=touching,
         fp=len(detections) - touching,
         fn=sum(1 for index, counts in enumerate(in_range) if counts and index not in touched_truths),
-        in_range=sum(in_range),
+        intruders_in_range=sum(in_range),
         matched=len(errors),
         duplicates=touching - len(errors),
         missed=sum(
@@ -155,7 +155,10 @@ def count_frame(
 
 def counted_as(counts: FrameCounts, tp_boxes: TruePositives) -> FrameCounts:
     """Counts of frames, summed or not, in which every box on an intruder is a tp, with tp read as asked."""
-    return counts if tp_boxes == "every" else counts._replace(tp=counts.matched)
+    if tp_boxes == "every":
+        return counts
+    surplus = counts.duplicates if tp_boxes == "surplus_false" else 0
+    return counts._replace(tp=counts.matched, fp=counts.fp + surplus)
 
 
 def gospa(

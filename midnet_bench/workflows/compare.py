@@ -7,7 +7,7 @@ from pathlib import Path
 
 from midnet_bench.analysis.differences import differences
 from midnet_bench.analysis.frames import Results, load_results
-from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
+from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, outlier_notes
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.errors import InputError, nearest_name
@@ -16,7 +16,19 @@ from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.workflows.report import write_figures_of
 from midnet_bench.workflows.sweeps import scores_without
 
-COLUMNS = ("trial", "measure", "difference", "low", "high", "n", "seeds", "p_holm", "verdict", "setting")
+COLUMNS = (
+    "trial",
+    "measure",
+    "difference",
+    "low",
+    "high",
+    "n",
+    "seeds",
+    "outlier_seed",
+    "p_holm",
+    "verdict",
+    "setting",
+)
 """of the tables, beside one for each campaign"""
 MAX_SHOWN = 60
 """characters of a setting's value: an arena taken in from a file is long"""
@@ -60,7 +72,7 @@ def compare(
     measured = {
         name: scores_without(by or "", record.measures(results)) for name, results in campaigns.items()
     }
-    changes = differences_table(measured)
+    changes = differences_table(record, measured)
     for name in names[1:]:
         if not any(name in row for row in changes.rows):
             raise InputError(
@@ -136,7 +148,7 @@ def names_of(directories: Sequence[Path]) -> list[str]:
     raise InputError("compare: give two or more different folders")
 
 
-def differences_table(campaigns: Mapping[str, Measures]) -> Table:
+def differences_table(record: Experiment, campaigns: Mapping[str, Measures]) -> Table:
     """A row per cell, measure and further campaign: means of both, and their difference from the first.
 
     Over the seeds that both have; the seed is the unit. Verdicts go by p-values adjusted by Holm.
@@ -148,6 +160,10 @@ def differences_table(campaigns: Mapping[str, Measures]) -> Table:
         for key, values in first.items()
         if any(seed in other.get(key, {}) for seed in values)
     ]
+    changes = differences(
+        [(before, after) for *_, before, after in shared],
+        [record.range_of(measure) for _, (_, measure), *_ in shared],
+    )
     rows: list[Mapping[str, Cell]] = [
         {
             "trial": cell,
@@ -156,15 +172,16 @@ def differences_table(campaigns: Mapping[str, Measures]) -> Table:
             name: one.after,
             "difference": one.change,
             "seeds": one.seeds,
+            "outlier_seed": one.outlier_seed,
             "p_holm": one.p_holm,
             "verdict": one.verdict,
         }
-        for (name, (cell, measure), *_), one in zip(
-            shared, differences([(before, after) for *_, before, after in shared]), strict=True
-        )
+        for (name, (cell, measure), *_), one in zip(shared, changes, strict=True)
     ]
+    notes = outlier_notes(one.outlier_seed for one in changes)
     title = f"Differences from {first_name} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
-    return Table("differences", title, rows, {"p_holm": 4}, bounds={"difference": ("low", "high", "n")})
+    bounds = {"difference": ("low", "high", "n")}
+    return Table("differences", title, rows, {"p_holm": 4}, bounds=bounds, notes=notes)
 
 
 def settings_table(campaigns: Mapping[str, Results]) -> Table:

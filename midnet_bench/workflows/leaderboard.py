@@ -7,7 +7,7 @@ from pathlib import Path
 
 from midnet_bench.analysis.differences import Difference, differences
 from midnet_bench.analysis.frames import Results, load_results
-from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean
+from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean, outlier_notes
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.provenance import versions_note
 from midnet_bench.errors import InputError, nearest_name
@@ -106,11 +106,12 @@ def _ranking(
         )
     ]
     pairs = [(measured[first][world, measure], measured[who][world, measure]) for world, who in places]
-    compared = dict(zip(places, differences(pairs), strict=True))
+    ranges = [record.range_of(measure)] * len(pairs)
+    compared = dict(zip(places, differences(pairs, ranges), strict=True))
     sign = 1.0 if record.wants_less(measure) else -1.0
     rows: list[Mapping[str, Cell]] = []
     for world in worlds:
-        means = {who: _mean(measured[who], world, measure) for where, who in places if where == world}
+        means = {who: _mean(record, measured[who], world, measure) for where, who in places if where == world}
         order = sorted(means, key=lambda who: (math.isnan(means[who].value), sign * means[who].value, who))
         for rank, who in enumerate(order, 1):
             change = compared[world, who]
@@ -122,10 +123,11 @@ def _ranking(
                     measure: means[who],
                     "difference": change.change,
                     "seeds": change.seeds,
+                    "outlier_seed": change.outlier_seed,
                     "p_holm": change.p_holm,
                     "verdict": "the first" if who == first else _verdict(change, sign),
                     **{
-                        score: _mean(measured[who], world, score)
+                        score: _mean(record, measured[who], world, score)
                         for score in beside
                         if (world, score) in measured[who]
                     },
@@ -135,7 +137,8 @@ def _ranking(
         f"Ranked by {measure}, {'the lowest' if sign > 0 else 'the highest'} first; differences from "
         f"{' + '.join(first)} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
     )
-    return Table(f"leaderboard_{measure}", title, rows, {"p_holm": 4})
+    notes = outlier_notes(one.outlier_seed for one in compared.values())
+    return Table(f"leaderboard_{measure}", title, rows, {"p_holm": 4}, notes=notes)
 
 
 def _without_repeats(
@@ -152,8 +155,8 @@ def _without_repeats(
     return found
 
 
-def _mean(measures: Measures, world: str, measure: str) -> Estimate:
-    return mean(list(measures[world, measure].values()))
+def _mean(record: Experiment, measures: Measures, world: str, measure: str) -> Estimate:
+    return mean(list(measures[world, measure].values()), within=record.range_of(measure))
 
 
 def _verdict(change: Difference, sign: float) -> str:
@@ -175,5 +178,5 @@ def _page(results: Results, tables: Sequence[Table]) -> str:
         "",
     ]
     for table in tables:
-        lines += [f"## {table.title}", "", table.to_markdown().strip(), "", *table.notes]
+        lines += [f"## {table.title}", "", table.to_markdown().strip(), ""]
     return "\n".join(lines).rstrip() + "\n"

@@ -1,6 +1,5 @@
 """How scores go with a numeric factor of a campaign's grid."""
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -52,15 +51,12 @@ def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figur
     panels = known if y is None else {y: known[y]}
     if not panels:
         raise InputError(f"{results.directory}: --x {x}: no main score to draw; give a column by --y")
-    ranges = {
-        name: (column.least, column.most)
-        for table in record.columns.values()
-        for name, column in table.columns.items()
-        if column.kind in (int, float)
-    }
     means = {
         measure: {
-            label: {at: _mean(seeds, ranges.get(measure)) for at, seeds in points.items()}
+            label: {
+                at: mean(list(seeds.values()), within=record.range_of(measure))
+                for at, seeds in points.items()
+            }
             for label, points in curves.items()
         }
         for measure, curves in panels.items()
@@ -128,10 +124,6 @@ def _columns(results: Results, x: str) -> Mapping[str, Curves]:
                 curves = found.setdefault(str(column), {})
                 curves.setdefault(label, {}).setdefault(float(at), {})[seed] = float(value)
     return found
-
-
-def _mean(seeds: BySeed, within: tuple[float, float] | None) -> Estimate:
-    return mean(list(seeds.values()), within=within or (-math.inf, math.inf))
 
 
 def _table(x: str, name: str, means: Mapping[str, Mapping[str, Mapping[float, Estimate]]]) -> Table:

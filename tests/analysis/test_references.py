@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 
 from midnet_bench.analysis.frames import load_results
+from midnet_bench.experiments.registry import tables_of
 
 REFERENCE = Path(__file__).parents[2] / "results" / "reference"
-COUNTS = ["tp", "fp", "fn", "in_range", "matched", "duplicates", "missed"]
+COUNTS = ["tp", "fp", "fn", "intruders_in_range", "matched", "duplicates", "missed"]
 
 
 def test_the_frames_of_the_detection_reference_sum_to_its_scores() -> None:
-    tables = load_results(REFERENCE / "detection").tables
+    tables = load_results(REFERENCE / "detection", tables_of).tables
     cells = ["robots", "seed"]
     summed = tables["frames"].groupby(cells)[[*COUNTS, "error_sum_m"]].sum()
     scores = tables["scores"].set_index(cells)

@@ -14,6 +14,7 @@ from midnet_bench.analysis.statistics import (
     Estimate,
     holm,
     mean,
+    outlier,
     p_value,
     paired_difference,
     ratio_of_sums,
@@ -92,6 +93,31 @@ def test_an_interval_stays_within_what_is_possible() -> None:
     assert mean(scores).high > 1.0
     assert mean(scores, within=(0.0, 1.0))[:3] == (*mean(scores)[:2], 1.0)
     assert math.isnan(mean(scores[:2], within=(0.0, 1.0)).low)
+
+
+def test_a_difference_stays_within_what_two_such_numbers_can_differ_by() -> None:
+    before, after = [0.0] * 8, [0.0] * 7 + [1.0]
+    assert paired_difference(before, after).high > 1.0
+    cut = paired_difference(before, after, within=(0.0, 1.0))
+    assert cut[:3] == (*paired_difference(before, after)[:2], 1.0)
+    assert paired_difference(after, before, within=(0.0, 1.0)).low == -1.0
+    assert paired_difference(before, [100.0 * one for one in after], within=(0.0, 100.0)).high == 100.0
+    whole = ratio_of_sums([0, 0, 0, 0, 0, 9], [9, 9, 9, 9, 9, 9])
+    assert whole.low < 0.0 < 1.0 < whole.high
+    assert ratio_of_sums([0, 0, 0, 0, 0, 9], [9] * 6, within=(0.0, 1.0))[1:3] == (0.0, 1.0)
+
+
+def test_the_value_that_makes_an_interval_wide_is_named() -> None:
+    nan = math.nan
+    assert outlier([0.1, 0.0, nan, 0.1, 5.0, 0.0]) == 4
+    assert outlier([0.1, 0.0, nan, 0.1, -5.0, 0.0]) == 4
+    assert outlier([1.0, 2.0, 3.0, 4.0, 5.0]) is None
+    assert outlier([0.0, 0.1, 5.0]) is None, "three have Student's plain interval"
+    assert outlier([1.0] * 9) is None
+    # Hall's interval is up to 2.4 times as long
+    one = mean([0.0] * 9 + [1.0])
+    student = 2 * stats.t.ppf(0.975, 9) * stats.sem([0.0] * 9 + [1.0])
+    assert 2.0 < (one.high - one.low) / student < 2.5
 
 
 def test_two_trials_and_trials_without_spread_cannot_tell() -> None:

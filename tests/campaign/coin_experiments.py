@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+from midnet_bench.campaign.columns import Column, Columns, Tables
 from midnet_bench.campaign.trial import Sharing
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.parameters import Parameters
@@ -26,6 +27,10 @@ def parameters_model(experiment: str) -> type[CoinParameters]:
     if experiment != "coins":
         raise InputError(f"experiment: unknown name '{experiment}'{nearest_name(experiment, ['coins'])}")
     return CoinParameters
+
+
+def columns(experiment: str) -> Tables:
+    return {"tosses": Columns({"heads": Column(int), "noise_bytes": Column(int)})}
 
 
 def sharing(experiment: str, parameters: CoinParameters) -> Sharing:

@@ -36,6 +36,25 @@ def test_every_packaged_campaign_can_be_planned_from_any_folder(path: Path, tmp_
     assert told["directory"] == f"results/{path.stem}"
 
 
+def test_a_sweep_over_both_ranges_is_reported_and_compared(tmp_path: Path) -> None:
+    options = ("--frames", 5, "--engine", "fast", "--robots", 1, "--set", "in_range=centre,edge")
+    done = midnet_bench("detection", *options, "-o", "ranges", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    scores = rows(tmp_path / "ranges" / "scores.csv")
+    assert [row["in_range"] for row in scores] == ["centre", "edge"]
+    near = [int(row["intruders_in_range"]) for row in scores]
+    assert near[0] < near[1]
+    assert midnet_bench("report", "ranges", folder=tmp_path).returncode == 0
+    assert midnet_bench("compare", "ranges", "--by", "in_range", folder=tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize("factor", ["frames=5,6", "robot=burger,waffle"])
+def test_a_factor_that_a_column_is_called_by_is_refused_before_any_trial(factor: str, tmp_path: Path) -> None:
+    complaint = one_line_of_complaint(midnet_bench("detection", "--set", factor, folder=tmp_path))
+    assert "has a column of that name; give" in complaint
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_file_of_that_name_comes_first(tmp_path: Path) -> None:
     (tmp_path / "labyrinth").write_text("experiment: detection\ngrid: {robots: [1, 2, 3]}\n")
     done = midnet_bench("run", "labyrinth", "-n", folder=tmp_path)

@@ -110,6 +110,29 @@ def test_tables_of_the_first_version_may_lack_what_came_later(detection: Path, t
     assert midnet_bench("verify", folder, folder=tmp_path).returncode in (3, 4)
 
 
+def test_a_column_of_an_earlier_version_is_read_under_its_name_of_today(
+    detection: Path, tmp_path: Path
+) -> None:
+    tables = tables_of_last(detection)
+    for name in ("scores", "frames"):
+        tables[name][0]["in_range"] = tables[name][0].pop("intruders_in_range")
+    folder = with_payload(detection, tmp_path / "c", packed(tables, VERSION - 1))
+    assert midnet_bench("report", folder, folder=tmp_path).returncode == 0
+    (folder / "campaign.sqlite").unlink()
+    for file in ("scores.csv", "frames.csv"):  # as an earlier version's report left them
+        header, *lines = table(folder / file)
+        place = header.index("intruders_in_range")
+        write(folder / file, [[*header[:place], "in_range", *header[place + 1 :]], *lines])
+    by_seed = (folder / "scores_by_seed.csv").read_bytes()
+    (folder / "scores_by_seed.csv").unlink()
+    assert midnet_bench("report", folder, folder=tmp_path).returncode == 0
+    assert (folder / "scores_by_seed.csv").read_bytes() == by_seed
+    assert b",intruders_in_range," in by_seed
+    new = with_payload(detection, tmp_path / "d", packed(tables))
+    complaint = one_line_of_complaint(midnet_bench("report", new, folder=tmp_path))
+    assert "column 'intruders_in_range': missing" in complaint
+
+
 def test_tables_of_a_newer_version_ask_for_an_update(detection: Path, tmp_path: Path) -> None:
     folder = with_payload(detection, tmp_path / "c", packed(tables_of_last(detection), VERSION + 1))
     (complaint,) = refused(folder, tmp_path, detection)
@@ -238,7 +261,9 @@ def test_a_missing_column_or_file_is_named_by_every_command(
     timing.write_bytes(kept[timing])
 
 
-@pytest.mark.parametrize("column", ["looked_at", "fn_new", "gospa_m", "fn_hidden"])
+@pytest.mark.parametrize(
+    "column", ["looked_at", "fn_new", "gospa_m", "fn_hidden", "fn_outside_window", "fn_new_in_window"]
+)
 def test_a_file_of_an_older_version_may_lack_any_of_the_later_columns(column: str, exported: Path) -> None:
     scores = exported / "scores.csv"
     kept, lines = scores.read_bytes(), table(scores)

@@ -34,7 +34,15 @@ def detection_store(folder: Path, seeds: range, failure: str | None = None) -> N
     """Trials of one robot at ``seeds``, all alike."""
     folder.mkdir(parents=True)
     definition = Definition("detection", seeds[0], len(seeds), {"robots": [1]}, {})
-    counts: Row = {"tp": 9, "fp": 1, "fn": 9, "in_range": 18, "matched": 9, "duplicates": 0, "missed": 9}
+    counts: Row = {
+        "tp": 9,
+        "fp": 1,
+        "fn": 9,
+        "intruders_in_range": 18,
+        "matched": 9,
+        "duplicates": 0,
+        "missed": 9,
+    }
     counts |= {"error_sum_m": 0.9, "gospa_m": 5.0}
     scores = {"frames": 10, **counts, "precision": 0.9, "recall": 0.5, "f1": math.nan, **NO_CAUSES}
     robots = [robot_row("guard", 2.0, stuck_s=0.0)]

@@ -8,7 +8,10 @@ import pytest
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
-from midnet_bench.experiments.detection.tables import tables
+from midnet_bench.campaign.definition import Definition
+from midnet_bench.campaign.trial import Row, Scalar
+from midnet_bench.experiments.detection.counting import PAPER
+from midnet_bench.experiments.detection.tables import tables, window_notes
 from tests.stores import detection_store
 
 SCORES = {1: {3: (0.9, 0.5, math.nan), 4: (0.7, 0.7, 0.7)}, 2: {3: (0.1, 0.2, 0.3), 4: (0.2, 0.3, 0.4)}}
@@ -33,6 +36,82 @@ def test_one_to_one_matching_counts_further_boxes_as_false(made: dict[str, Table
     assert row["mean_error_m"] == pytest.approx(1.2 / 12)
 
 
+def test_second_boxes_are_counted_both_ways_beside_the_papers_row(made: dict[str, Table]) -> None:
+    rows = made["detection_counting"].rows
+    assert [(row["trial"], row["counting"]) for row in rows] == [
+        ("1-robot", "every"),
+        ("1-robot", "surplus_false"),
+        ("1-robot", "paper"),
+        ("2-robot", "every"),
+        ("2-robot", "surplus_false"),
+    ]
+    every, surplus, paper = rows[:3]
+    per_frame = ("tp_per_frame", "fp_per_frame", "fn_per_frame", "boxes_per_frame")
+    assert [every[name] for name in per_frame] == pytest.approx([0.8, 0.2, 0.4, 1.0])
+    assert [surplus[name] for name in per_frame] == pytest.approx([0.6, 0.4, 0.4, 1.0])
+    assert paper["boxes_per_frame"] == pytest.approx((6967 + 176) / 1999)
+    for row, precision, recall in ((every, 0.8, 8 / 12), (surplus, 0.6, 6 / 10)):
+        means = [row[score].value for score in ("precision", "recall", "f1")]  # type: ignore[union-attr]
+        assert means == pytest.approx([precision, recall, 2 * precision * recall / (precision + recall)])
+
+
+@pytest.mark.parametrize("tp_boxes", ["one_per_intruder", "surplus_false"])
+def test_both_countings_and_the_matching_are_the_same_whichever_a_campaign_has_stored(
+    tmp_path: Path, made: dict[str, Table], tp_boxes: str
+) -> None:
+    fp = 4 if tp_boxes == "surplus_false" else 2
+    folder = detection_store(
+        tmp_path / "again", SCORES, counted=lambda *_: {"tp": 6, "fp": fp}, parameters={"tp_boxes": tp_boxes}
+    )
+    again = {table.name: table for table in tables(load_results(folder))}
+    for name in ("detection_counting", "detection_matching"):
+        assert again[name].to_csv() == made[name].to_csv(), name
+    assert again["detection_scores"].rows[0]["fp"] == 2 * fp
+
+
+def test_the_distance_from_the_papers_table_is_what_its_numbers_say(tmp_path: Path) -> None:
+    """The paper's own counts; of five robots none, one or five more false positives a frame, by seed."""
+    more = {1: 0, 2: 1, 3: 5}
+
+    def counts(robots: int, seed: int) -> Row:
+        paper = PAPER[f"{robots}-robot"]
+        tp, fp, fn = (int(str(paper[name])) for name in ("tp", "fp", "fn"))
+        fp += 1999 * more[seed] * (robots == 5)
+        return {"frames": 1999, "tp": tp, "fp": fp, "fn": fn, "matched": tp, "duplicates": 0}
+
+    ratios = dict.fromkeys(more, (0.9, 0.9, 0.9))
+    folder = detection_store(tmp_path / "near", {1: ratios, 5: ratios}, counted=counts)
+    rows = {
+        (str(row["counting"]), str(row["numbers"])): row
+        for row in next(one for one in tables(load_results(folder)) if one.name == "detection_distance").rows
+    }
+    assert rows["every", "all twelve"] == {**rows["surplus_false", "all twelve"], "counting": "every"}
+
+    def by_hand(seeds: list[int], twelve: bool) -> float:
+        tp, fp, fn = (float(str(PAPER["5-robot"][name])) for name in ("tp", "fp", "fn"))
+        off: list[float] = []
+        precisions = [tp / (tp + fp + 1999 * more[seed]) for seed in seeds]
+        recall = tp / (tp + fn)
+        off.append(sum(precisions) / len(seeds) - 0.935)
+        off.append(sum(2 * p * recall / (p + recall) for p in precisions) / len(seeds) - 0.947)
+        off += [sum(1999 * more[seed] for seed in seeds) / len(seeds) / (tp + fn)] * twelve
+        return math.sqrt(sum(one**2 for one in off) / (12 if twelve else 6))
+
+    for numbers in ("six ratios", "all twelve"):
+        row, twelve = rows["every", numbers], numbers == "all twelve"
+        distance = row["distance"]
+        assert isinstance(distance, Estimate)
+        assert distance.value == pytest.approx(by_hand([1, 2, 3], twelve), abs=5e-4)  # ratios are rounded
+        assert row["least_without_a_seed"] == pytest.approx(by_hand([1, 2], twelve), abs=5e-4)
+        assert row["most_without_a_seed"] == pytest.approx(by_hand([2, 3], twelve), abs=5e-4)
+        # of three seeds, one in 27 samples has the nearest alone, and one in 27 the farthest
+        assert distance.low == pytest.approx(by_hand([1], twelve), abs=1e-3)
+        assert distance.high == pytest.approx(by_hand([3], twelve), abs=5e-4)
+    assert "detection_distance" not in {
+        one.name for one in tables(load_results(detection_store(tmp_path / "one", {1: ratios})))
+    }
+
+
 def test_the_summary_has_ours_the_means_and_the_papers_row_where_there_is_one(made: dict[str, Table]) -> None:
     rows = made["detection_summary"].rows
     assert [(row["trial"], row["source"]) for row in rows] == [
@@ -48,6 +127,35 @@ def test_the_summary_has_ours_the_means_and_the_papers_row_where_there_is_one(ma
     assert (precision.value, precision.n) == (pytest.approx(0.8), 2)
     assert (f1.value, f1.n) == (0.7, 1), "an undefined score is left out"
     assert math.isnan(precision.low), "two seeds cannot tell"
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (
+            {"local_size_m": 3.5, "obstacle_range_m": 2.5},
+            [
+                "The 3.5 m local costmap ends 1.75 m ahead; the usable range is 2.5 m: what lies between is "
+                "missed."
+            ],
+        ),
+        ({"local_size_m": 5.0, "obstacle_range_m": 2.5}, []),
+        ({"local_size_m": 3.0, "obstacle_range_m": 2.5, "oracle": "window"}, []),
+        ({"local_size_m": 3.0, "obstacle_range_m": 1.5, "oracle": "none"}, []),
+        ({}, []),
+    ],
+)
+def test_a_local_costmap_that_ends_before_the_usable_range_is_told(
+    tmp_path: Path, given: dict[str, Scalar], told: list[str]
+) -> None:
+    summary, *_ = tables(load_results(detection_store(tmp_path, {2: SCORES[2]}, parameters=given)))
+    assert [note for note in summary.notes if "costmap" in note] == told
+
+
+def test_each_costmap_of_a_sweep_that_is_too_small_is_told() -> None:
+    sizes: list[Scalar] = [3.0, 4.0, 6.0]
+    notes = window_notes(Definition("detection", 1, 1, {"local_size_m": sizes}, {"obstacle_range_m": 2.5}))
+    assert [note.split(" local")[0] for note in notes] == ["The 3 m", "The 4 m"]
 
 
 def test_a_title_names_the_paper_only_where_its_row_is_there(tmp_path: Path) -> None:

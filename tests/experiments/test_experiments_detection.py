@@ -103,7 +103,7 @@ def test_trajectory_rollout_drives_at_its_own_speeds() -> None:
 @pytest.mark.slow
 def test_how_an_intruder_is_scored_does_not_change_who_is_in_range() -> None:
     def in_range(**changes: object) -> list[object]:
-        return [row["in_range"] for row in detection(**changes).tables["frames"]]
+        return [row["intruders_in_range"] for row in detection(**changes).tables["frames"]]
 
     assert in_range(truth_box="inflated") == in_range()
 

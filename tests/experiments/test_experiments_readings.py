@@ -13,7 +13,7 @@ from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import open_or_create
 from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome
-from midnet_bench.experiments.detection.tables import PAPER
+from midnet_bench.experiments.detection.counting import PAPER
 from midnet_bench.experiments.readings.tables import FALSE, NOISE, tables
 
 THE_PAPERS = {1: (6967, 176, 1889), 5: (14953, 1047, 619)}

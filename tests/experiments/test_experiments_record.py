@@ -9,6 +9,7 @@ from midnet_bench.experiments.guarded.record import FrameNumbers, RecordedFrame
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import run_labyrinth
 from midnet_bench.experiments.registry import tables_of
+from tests.cli.command import midnet_bench, rows
 
 pytestmark = pytest.mark.slow
 
@@ -54,3 +55,17 @@ def test_a_labyrinth_trial_records_who_pursues_and_who_is_left() -> None:
     assert {name: str(rows) for name, rows in tables.items() if name != "recorded"} == {
         name: str(rows) for name, rows in without.tables.items()
     }
+
+
+def test_a_recorded_trial_without_intruders_is_reported_with_its_causes(tmp_path: Path) -> None:
+    """Every error there is of the kind ``false``, which is a text and no boolean."""
+    options = ("--robots", 2, "--frames", 5, "--engine", "fast", "--record", "--set", "arena=empty")
+    options += ("--set", "ally_diameter_m=0.05", "-o", "empty")
+    done = midnet_bench("detection", *options, folder=tmp_path)
+    assert (done.returncode, done.stderr.count("error")) == (0, 0), done.stderr
+    (tmp_path / "empty" / "campaign.sqlite").unlink()  # the report's files say the same
+    for again in (False, True):
+        causes = rows(tmp_path / "empty" / "error_causes.csv")
+        assert {row["kind"] for row in causes} == {"false"}, again
+        assert sum(int(row["errors"]) for row in causes) == len(rows(tmp_path / "empty" / "errors.csv")) > 0
+        assert midnet_bench("report", "empty", folder=tmp_path).returncode == 0

@@ -57,7 +57,7 @@ def test_a_trial_is_the_same_again_and_finds_what_is_there() -> None:
     (row,) = run_scale(parameters, 3).tables["scenes"]
     assert run_scale(parameters, 3).tables["scenes"] == [row]
     assert row["orders"] == 20
-    assert row["matched"] + row["missed"] == row["in_range"]  # type: ignore[operator]
+    assert row["matched"] + row["missed"] == row["intruders_in_range"]  # type: ignore[operator]
 
 
 def test_nothing_depends_on_the_order_where_neither_part_looks_at_it() -> None:

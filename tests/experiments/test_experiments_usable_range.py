@@ -74,5 +74,5 @@ def test_each_reading_is_scored_within_its_own_usable_range(tmp_path: Path) -> N
     with ReadingsTrial(parameters, 1) as trial:
         counts = trial.counts()
     farther = "obstacle_range_m=3.0 raytrace_range_m=3.5"
-    assert counts[farther].in_range == 1
-    assert [name for name, count in counts.items() if count.in_range] == [farther]
+    assert counts[farther].intruders_in_range == 1
+    assert [name for name, count in counts.items() if count.intruders_in_range] == [farther]

@@ -165,6 +165,18 @@ def test_a_world_with_one_cause_has_that_and_no_other(name: str) -> None:
     assert causes(arena, **options) == expected
 
 
+@pytest.mark.parametrize(
+    ("name", "hidden", "outside", "hidden_inside"),
+    [("occluded", 3, 0, 3), ("occluded_outside_window", 3, 3, 0), ("outside_window", 0, 3, 0)],
+)
+def test_misses_inside_and_outside_the_local_costmap_are_counted_without_a_record(
+    name: str, hidden: int, outside: int, hidden_inside: int
+) -> None:
+    (row,) = tables(ALONE[name][0], record=False, local_size_m=3.0)["scores"]
+    columns = ("fn", "fn_hidden", "fn_outside_window", "fn_hidden_in_window")
+    assert [row[column] for column in columns] == [3, hidden, outside, hidden_inside]
+
+
 def test_a_wall_is_off_by_the_heading_that_a_guard_takes_itself_to_have() -> None:
     options = {"localization": "ukf", "start_error_deg": 25, "patrol_clearance_m": 0.2}
     assert set(causes(room(side_m=3.0), **options)) == {("wall_by_pose", "a wall")}

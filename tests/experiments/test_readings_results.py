@@ -8,7 +8,7 @@ import pytest
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.definition import Definition
-from midnet_bench.experiments.detection.tables import PAPER
+from midnet_bench.experiments.detection.counting import PAPER
 from midnet_bench.experiments.readings.tables import tables
 
 

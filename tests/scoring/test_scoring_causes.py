@@ -22,10 +22,12 @@ def counted(
     in_range: list[bool],
     in_sight: Callable[[], list[bool]],
     opposite: list[Box] | None = None,
+    in_window: list[bool] | None = None,
 ) -> Causes:
-    """As a trial asks for it."""
+    """As a trial asks for it; unless given, local costmaps reach all that is in range."""
     touched = match_frame(detections, truths).touched
-    return counter.count(detections, truths, touched, in_range, in_sight, opposite)
+    reached = in_range if in_window is None else in_window
+    return counter.count(detections, truths, touched, in_range, in_sight, reached, opposite)
 
 
 def never() -> list[bool]:
@@ -39,7 +41,27 @@ def test_a_hidden_intruder_and_one_that_just_came_near() -> None:
     second = counted(counter, [], truths, [True, True], lambda: [False, True])
 
     assert first == NONE
-    assert second == Causes(fn_hidden=1, fn_new=1, fp_left=0, overlapping=0, reordered=0, looked_at=0)
+    assert second == NONE._replace(fn_hidden=1, fn_new=1, fn_hidden_in_window=1, fn_new_in_window=1)
+
+
+def test_an_intruder_that_was_in_range_before_is_not_new() -> None:
+    counter = CauseCounter()
+    truths = [intruder(HERE), intruder(THERE, "intruder 2"), intruder(FAR, "intruder 3")]
+    counted(counter, [HERE, THERE], truths, [True, True, False], never)
+    assert counted(counter, [], truths, [True] * 3, lambda: [True] * 3).fn_new == 1
+
+
+def test_misses_outside_the_local_costmaps_are_counted_apart_from_those_inside() -> None:
+    counter = CauseCounter()
+    truths = [intruder(HERE), intruder(THERE, "intruder 2"), intruder(FAR, "intruder 3")]
+    near, all_seen = [True] * 3, lambda: [True] * 3
+    first = counted(counter, [], truths, near, lambda: [False, False, True], in_window=[True, False, False])
+    second = counted(counter, [], truths, near, all_seen, in_window=[True, True, False])
+    third = counted(counter, [THERE], truths, near, all_seen, in_window=[True, True, False])
+    assert first == NONE._replace(fn_hidden=2, fn_outside_window=2, fn_hidden_in_window=1)
+    # the second one came into a costmap just now, the first was there before
+    assert second == NONE._replace(fn_outside_window=1, fn_new_in_window=1)
+    assert third == NONE._replace(fn_outside_window=1)
 
 
 def test_nobody_is_new_in_the_first_frame() -> None:
@@ -85,4 +107,4 @@ def test_the_order_of_boxes_is_no_difference_and_another_box_is_one() -> None:
 
 def test_sums_over_frames() -> None:
     assert total_causes([]) == NONE
-    assert total_causes([Causes(1, 2, 3, 4, 5, 6)] * 2) == Causes(2, 4, 6, 8, 10, 12)
+    assert total_causes([Causes(*range(1, 10))] * 2) == Causes(*range(2, 20, 2))

@@ -33,7 +33,7 @@ def test_hit_a_false_box_and_a_miss() -> None:
         tp=1,
         fp=1,
         fn=1,
-        in_range=2,
+        intruders_in_range=2,
         matched=1,
         duplicates=0,
         missed=1,
@@ -58,6 +58,17 @@ def test_one_box_for_each_intruder_leaves_further_boxes_uncounted() -> None:
     once = count_frame(boxes, [ONE, TWO], [True, True], "one_per_intruder", match_frame(boxes, [ONE, TWO]))
     assert (every.tp, every.fp, every.fn) == (2, 1, 1)
     assert once == every._replace(tp=1)
+
+
+def test_a_second_box_on_an_intruder_can_be_a_false_positive_and_its_miss_stays_none() -> None:
+    boxes = [Box(0.0, 0.0, 0.9, 1.0), Box(0.8, 0.0, 1.2, 1.0), Box(5.0, 5.0, 6.0, 6.0)]
+    every = count_frame(boxes, [ONE, TWO], [True, True])
+    surplus = count_frame(boxes, [ONE, TWO], [True, True], "surplus_false")
+    assert surplus == every._replace(tp=1, fp=2)
+    # a box over two intruders is one true positive, and neither of them is missed
+    over_both = [Box(0.0, 0.0, 2.5, 1.0)]
+    counts = count_frame(over_both, [ONE, TWO], [True, True], "surplus_false")
+    assert (counts.tp, counts.fp, counts.fn) == (1, 0, 0)
 
 
 def test_one_box_over_two_intruders_finds_both_for_the_paper_and_one_for_the_matching() -> None:
@@ -88,7 +99,9 @@ def test_box_on_an_intruder_out_of_range_is_a_true_positive_and_its_absence_no_m
 def test_frames_with_nothing_in_them() -> None:
     assert count_frame([], [], []) == NOTHING
     assert count_frame([ONE.box], [], []) == NOTHING._replace(fp=1, gospa_m=0.5)
-    assert count_frame([], [ONE], [True]) == NOTHING._replace(fn=1, in_range=1, missed=1, gospa_m=0.5)
+    assert count_frame([], [ONE], [True]) == NOTHING._replace(
+        fn=1, intruders_in_range=1, missed=1, gospa_m=0.5
+    )
     assert total([]) == NOTHING
 
 
@@ -163,10 +176,12 @@ def test_counts_are_what_their_names_say(frame: tuple[list[Box], list[tuple[Box,
     assert counts.tp == sum(touching)
     assert counts.tp + counts.fp == len(detections)
     assert counts.fn == sum(1 for gone, counts_ in zip(unseen, in_range, strict=True) if gone and counts_)
-    assert counts.in_range == sum(in_range)
+    assert counts.intruders_in_range == sum(in_range)
     assert counts.matched + counts.duplicates == counts.tp
+    surplus = count_frame(detections, truths, in_range, "surplus_false")
+    assert (surplus.tp, surplus.tp + surplus.fp, surplus.fn) == (counts.matched, len(detections), counts.fn)
     assert counts.matched <= min(len(detections), len(truths))
-    assert counts.fn <= counts.missed <= counts.in_range
+    assert counts.fn <= counts.missed <= counts.intruders_in_range
     assert counts.error_sum_m >= 0.0
     # an unpaired box on an intruder is a duplicate only if all intruders that it touches have their box
     match = match_frame(detections, truths)

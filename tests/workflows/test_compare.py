@@ -38,6 +38,23 @@ def test_detection_campaigns_are_paired_by_seed(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "differences.md").exists()
 
 
+def test_a_seed_that_makes_an_interval_wide_is_named_and_no_interval_leaves_what_can_be(
+    tmp_path: Path,
+) -> None:
+    first = one_robot(tmp_path / "first", dict.fromkeys(range(1, 9), 0.0))
+    other = one_robot(tmp_path / "other", {**dict.fromkeys(range(1, 8), 0.0), 8: 1.0})
+    table = compared(first, other)["differences"]
+    rows = {row["measure"]: row for row in table.flat_rows()}
+    assert (rows["precision"]["outlier_seed"], rows["precision"]["high"]) == (8, 1.0)
+    assert rows["recall"]["outlier_seed"] is None
+    (note,) = table.notes
+    assert note.startswith("outlier_seed: the difference at this seed is far from")
+    assert (
+        compared(first, one_robot(tmp_path / "same", dict.fromkeys(range(1, 9), 0.5)))["differences"].notes
+        == []
+    )
+
+
 def test_the_values_of_a_factor_are_paired_by_seed(tmp_path: Path) -> None:
     """One campaign over both engines says what two campaigns say, each on one of them."""
     grid: dict[str, list[Scalar]] = {"engine": ["bullet", "fast"], **SMALL}

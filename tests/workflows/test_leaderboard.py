@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from midnet_bench.analysis.frames import Results
+from midnet_bench.analysis.statistics import mean
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.registry import experiment_of
@@ -113,3 +114,19 @@ def test_less_is_better_of_times_errors_and_what_went_wrong() -> None:
     wanted = ("gospa_per_frame_m", "first_detection_s", "motp_m", "id_switches", "never_detected")
     assert all(record.wants_less(name) for name in wanted)
     assert not any(record.wants_less(name) for name in ("f1", "mota", "idf1", "precision"))
+
+
+def test_shares_and_their_differences_stay_where_shares_can_be(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    found = results({("midnet", "paper"): 0, ("mine", "paper"): 97})
+    rare = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
+    found.tables["scores"]["recall"] = [*rare, *[1.0] * 6]
+    monkeypatch.setattr(module, "load_results", lambda *_: found)
+    (ranked,) = leaderboard("somewhere", rank_by="recall", page=tmp_path / "page.md")
+    best, first = ranked.rows
+    assert mean(rare).high > 1.0
+    assert first["recall"][1:3] == (0.0, 1.0)  # type: ignore[index]
+    assert (best["outlier_seed"], first["outlier_seed"]) == (6, None)
+    assert best["difference"][1:3] == (pytest.approx(1.0 - mean(rare).high), 1.0)  # type: ignore[index]
+    assert (tmp_path / "page.md").read_text(encoding="utf-8").count("outlier_seed: the difference") == 1

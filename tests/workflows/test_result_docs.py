@@ -9,7 +9,7 @@ import pytest
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
-from midnet_bench.experiments.registry import experiment, experiment_of, names
+from midnet_bench.experiments.registry import experiment, experiment_of, names, tables_of
 from midnet_bench.experiments.robustness.parameters import NONE
 from midnet_bench.experiments.robustness.tables import MEASURES, differences_table, scores_table
 from midnet_bench.workflows.compare import compare
@@ -21,6 +21,7 @@ PAGE = (REPOSITORY / "docs" / "results.md").read_text(encoding="utf-8")
 OPTIONAL = {"variant", "noise_per_200_frames", "false_per_200_frames", "role", "gospa_m", "gospa_per_frame_m"}
 OPTIONAL |= {"targets", "ghost_targets", "left_at_s"}
 OPTIONAL |= {"fn_hidden", "fn_new", "fp_left", "overlapping", "reordered", "looked_at"}
+OPTIONAL |= {"fn_outside_window", "fn_hidden_in_window", "fn_new_in_window"}
 """columns that not every campaign has"""
 
 
@@ -53,7 +54,7 @@ def check_table(table: Table, own_names: Iterable[str] = ()) -> None:
 
 
 def check_campaign(directory: Path) -> None:
-    results = load_results(directory)
+    results = load_results(directory, tables_of)
     place = {*results.factors, "seed"}
     for name, frame in {**results.tables, "timing": results.timing}.items():
         if name in dict.fromkeys(re.findall(r"^### `(\w+)`", PAGE, flags=re.M)):

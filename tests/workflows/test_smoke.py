@@ -66,7 +66,7 @@ def test_on_the_same_platform_the_last_digit_counts(golden: Path) -> None:
         ("smoke-detection", "scores", "fp", 0, 20, 21),
         ("smoke-detection", "scores", "fp", 1, 24, 25),
         ("smoke-detection", "scores", "fn", 1, 330, 340),
-        ("smoke-detection", "scores", "in_range", 0, 570, 580),
+        ("smoke-detection", "scores", "intruders_in_range", 0, 570, 580),
         ("smoke-detection", "robots", "distance_m", 0, 5.0, 2.0),
         ("smoke-detection", "robots", "pose_error_m", 0, 0.1, 0.2),
         ("smoke-labyrinth", "trial", "caught", 1, 2, 3),

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -9,15 +10,22 @@ import numpy as np
 import pytest
 
 from midnet_bench.analysis.claims import Finding, Verdict
-from midnet_bench.analysis.power import minimum_detectable_effect, sample_size
+from midnet_bench.analysis.frames import load_results
+from midnet_bench.analysis.power import (
+    minimum_detectable_effect,
+    probability_to_detect,
+    sample_size,
+    true_power,
+)
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.detection.tables import PAPER
+from midnet_bench.experiments.detection.counting import PAPER
+from midnet_bench.experiments.labyrinth.tables import claims as labyrinth_claims
 from midnet_bench.workflows.verify import power_report, verify
 from tests.stores import detection_store, labyrinth_store
 
-DURATION = "a trial takes 119 to 126 s on average"
+DURATION = "a trial lasts at most 122 s on average"
 REFERENCES = Path(__file__).parents[2] / "results" / "reference"
 
 
@@ -69,17 +77,18 @@ def test_a_clear_rise_is_reproduced_and_a_small_dip_is_inconclusive(tmp_path: Pa
     found, code = verdicts(campaign(tmp_path, [0.2, 0.4, 0.6, 0.85, 0.85], seeds=20))
 
     assert len(found) == 5 + 3 + 2 + 1
-    assert found[DURATION] == "not reproduced"
-    assert found["5 intruders: success (points) rises from 1 to 4 robots"] == "reproduced"
-    assert found["all intruders: success (points) rises from 1 to 2 robots"] == "reproduced"
-    assert found["1 intruder: success (points) dips from 4 to 5 robots"] == "inconclusive"
-    assert code == 4
+    assert found[DURATION] == "reproduced"
+    assert found["5 intruders: the success rate (percent) rises from 1 to 4 robots"] == "reproduced"
+    assert found["all intruders: the success rate (percent) rises from 1 to 2 robots"] == "reproduced"
+    assert found["1 intruder: the success rate (percent) falls from 4 to 5 robots"] == "inconclusive"
+    assert code == 3
 
 
 @pytest.mark.slow
 def test_a_curve_that_falls_and_then_rises_is_not_reproduced(tmp_path: Path) -> None:
     found, code = verdicts(campaign(tmp_path, [0.9, 0.7, 0.5, 0.3, 0.9], seeds=20))
 
+    assert found.pop(DURATION) == "reproduced"
     assert set(found.values()) == {"not reproduced"}
     assert code == 4
 
@@ -88,9 +97,17 @@ def test_a_curve_that_falls_and_then_rises_is_not_reproduced(tmp_path: Path) -> 
 def test_a_real_dip_is_found_with_enough_trials(tmp_path: Path) -> None:
     found, code = verdicts(campaign(tmp_path, [0.1, 0.4, 0.7, 1.0, 0.5], seeds=40))
 
-    assert found.pop(DURATION) == "not reproduced"
     assert set(found.values()) == {"reproduced"}
-    assert code == 4
+    assert code == 0
+
+
+def test_trials_that_last_longer_than_the_papers_hours_allow_are_not_reproduced(tmp_path: Path) -> None:
+    folder = campaign(tmp_path, [0.5] * 5, seeds=5)
+    results = load_results(folder)
+    trials = {"trial": results.table("trial").assign(duration_s=lambda frame: 124.0 + frame["seed"])}
+    found = labyrinth_claims(replace(results, tables={**results.tables, **trials}))
+    (duration,) = [one for one in found if one.statement == DURATION]
+    assert (duration.ours.value, duration.verdict) == (pytest.approx(127.0), Verdict.NOT_REPRODUCED)
 
 
 def test_a_single_trial_tells_nothing(tmp_path: Path) -> None:
@@ -152,7 +169,7 @@ def test_the_papers_own_table_is_reproduced(tmp_path: Path) -> None:
     counted = partial(causes, hidden=0.8, rare=0.02)
     found, code = verdicts(detection_campaign(tmp_path, scores, counted=counted))
 
-    assert len(found) == 6 + 6 + 4 + 6 + 1 + 2
+    assert len(found) == 6 + 6 + 6 + 7 + 2 + 2
     assert set(found.values()) == {"reproduced"}
     assert code == 0
 
@@ -165,6 +182,9 @@ def causes(robots: int, seed: int, hidden: float, rare: float) -> Row:
     return row | {
         "fn_hidden": round(misses * wobble * (hidden if robots == 1 else 0.1)),
         "fn_new": round(misses * wobble * rare),
+        "fn_outside_window": round(0.5 * misses),
+        "fn_hidden_in_window": round(0.4 * misses * wobble * (hidden if robots == 1 else 0.1)),
+        "fn_new_in_window": round(0.4 * misses * wobble * rare),
         "fp_left": round(false * wobble * rare),
         "overlapping": round(1999 * rare / 10.0) + seed % 2,
         "reordered": round(199 * rare / 10.0) + seed % 2,
@@ -173,11 +193,13 @@ def causes(robots: int, seed: int, hidden: float, rare: float) -> Row:
 
 
 CAUSES = [
-    "1-robot: most misses are of hidden intruders (share)",
-    "1-robot: few fp are of the scan's delay (share)",
-    "5-robot: few fn are of the scan's delay (share)",
-    "5-robot: no two fused boxes overlap (share of frames)",
-    "5-robot: the robots' order does not matter (share of frames)",
+    "1 robot: most misses are hidden intruders",
+    "1 robot: most misses inside the local costmaps are hidden intruders",
+    "1 robot: at most 10 % of the false positives are due to scan delay",
+    "5 robots: at most 10 % of the misses are due to scan delay",
+    "5 robots: at most 10 % of the misses inside the local costmaps are due to scan delay",
+    "5 robots: fused boxes overlap in at most 1 % of the frames",
+    "5 robots: the order of the robots changes the boxes in at most 1 % of the frames",
 ]
 
 
@@ -192,7 +214,25 @@ def test_the_papers_causes_and_its_words_on_the_fused_list_are_judged(
     found, _ = verdicts(detection_campaign(tmp_path, scores, counted=counted))
 
     assert {found[statement] for statement in CAUSES} == {verdict}
-    assert found["fn_hidden per frame falls from 1 to 5 robots"] == "reproduced"
+    assert found["misses of hidden intruders per frame fall from 1 robot to 5"] == "reproduced"
+
+
+def test_the_misses_inside_the_local_costmaps_are_judged_by_themselves(tmp_path: Path) -> None:
+    scores = {1: (0.975, 0.787, 0.871), 5: (0.935, 0.960, 0.947)}
+
+    def counted(robots: int, seed: int) -> Row:
+        """Nine misses of ten lie outside, in sight; of those inside four of five are hidden."""
+        row = causes(robots, seed, hidden=0.1, rare=0.02)
+        inside = float(row["fn"] or 0.0) / 10.0
+        outside = {"fn_outside_window": round(9 * inside), "fn_hidden_in_window": round(0.8 * inside)}
+        return row | outside | {"fn_new_in_window": round(inside) if robots == 5 else 0}
+
+    found, _ = verdicts(detection_campaign(tmp_path, scores, counted=counted))
+    assert found["1 robot: most misses are hidden intruders"] == "not reproduced"
+    assert found["1 robot: most misses inside the local costmaps are hidden intruders"] == "reproduced"
+    late = "at most 10 % of the misses{} are due to scan delay"
+    assert found["5 robots: " + late.format("")] == "reproduced"
+    assert found["5 robots: " + late.format(" inside the local costmaps")] == "not reproduced"
 
 
 def test_counts_far_off_are_not_reproduced(tmp_path: Path) -> None:
@@ -203,18 +243,18 @@ def test_counts_far_off_are_not_reproduced(tmp_path: Path) -> None:
         return row | {"tp": round(2.0 * float(row["tp"] or 0.0))}
 
     found, code = verdicts(detection_campaign(tmp_path, scores, counted=twice))
-    assert found["1-robot tp per frame is 3.485, within 10%"] == "not reproduced"
-    assert found["1-robot fp per frame is 0.088, within 10%"] == "reproduced"
+    assert found["1 robot: a frame has 3.485 true positives, within 10 %"] == "not reproduced"
+    assert found["1 robot: a frame has 0.088 false positives, within 10 %"] == "reproduced"
     assert code == 4
 
 
 def test_a_score_far_off_and_an_order_turned_round_are_not(tmp_path: Path) -> None:
     found, code = verdicts(detection_campaign(tmp_path, {1: (0.975, 0.6, 0.871), 5: (0.985, 0.96, 0.947)}))
 
-    assert found["1-robot recall is 0.787, within 0.05"] == "not reproduced"
-    assert found["precision falls from 1 to 5 robots"] == "not reproduced"
-    assert found["recall rises from 1 to 5 robots"] == "reproduced"
-    assert found["5-robot precision is 0.935, within 0.05"] in ("inconclusive", "not reproduced")
+    assert found["1 robot: recall is 0.787, within 0.05"] == "not reproduced"
+    assert found["precision falls from 1 robot to 5"] == "not reproduced"
+    assert found["recall rises from 1 robot to 5"] == "reproduced"
+    assert found["5 robots: precision is 0.935, within 0.05"] in ("inconclusive", "not reproduced")
     assert code == 4
 
 
@@ -263,6 +303,22 @@ def test_the_power_is_what_it_says_it_is() -> None:
     assert float(found.mean()) == pytest.approx(0.8, abs=0.03)
 
 
+def test_what_a_pilot_says_of_the_true_power_holds_in_nine_pilots_of_ten() -> None:
+    rng = np.random.default_rng(7)
+    held, wide = 0, 0
+    for _ in range(500):
+        pilot = float(rng.normal(10.0, 20.0, 20).var(ddof=1))
+        low, high = true_power(pilot, 19, difference=10.0)
+        really = probability_to_detect(400.0, 10.0, int(sample_size(pilot, 10.0)), groups=1)
+        held += low <= really <= high
+        wide += low < 0.6 and high > 0.9
+    assert 0.86 < held / 500 < 0.94
+    assert wide == 500
+    few, many = (true_power(400.0, freedom, 10.0) for freedom in (4, 199))
+    assert few[0] < 0.3 < 0.7 < many[0] < 0.8 < many[1] < 0.9 < few[1]
+    assert all(math.isnan(one) for one in true_power(math.nan, 19, 10.0))
+
+
 def test_needed_trials_and_least_difference_are_inverse() -> None:
     for difference in (1.0, 5.0, 20.0):
         trials = sample_size(900.0, difference, power=0.9)
@@ -284,6 +340,10 @@ def test_the_power_table_stands_on_the_results_at_hand(tmp_path: Path) -> None:
     assert float(five["sd"] or 0) == pytest.approx(100 * math.sqrt(0.85 * 0.15 / 5), rel=0.35)
     assert float(five["trials_needed"] or 0) < float(one["trials_needed"] or 0)
     assert one["trials"] == 40
+    (note,) = table.notes
+    assert note.startswith(
+        "The advice stands on 40 trials per team size, which tell the spread only roughly: "
+    )
 
 
 def test_common_seeds_make_it_cheaper_where_they_help(tmp_path: Path) -> None:
@@ -305,6 +365,7 @@ def test_cells_without_any_spread_give_no_number(tmp_path: Path) -> None:
     _, table = power_report(tmp_path, difference=5.0)
     assert math.isnan(float(table.rows[0]["trials_needed"] or 0))
     assert "n/a" in table.to_markdown()
+    assert table.notes == []
 
 
 @pytest.mark.parametrize(
@@ -331,7 +392,7 @@ def test_power_is_about_labyrinths(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "reproduced", "code"), [("detection", 10, 4), ("detection-nearest", 17, 4), ("labyrinth", 4, 4)]
+    ("name", "reproduced", "code"), [("detection", 10, 4), ("detection-nearest", 17, 4), ("labyrinth", 5, 3)]
 )
 def test_the_committed_references_are_verified_without_a_store(name: str, reproduced: int, code: int) -> None:
     assert not (REFERENCES / name / "campaign.sqlite").exists()

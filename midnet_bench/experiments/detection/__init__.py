@@ -1,5 +1,7 @@
 """The detection test of section V.A."""
 
+import math
+
 from midnet_bench.experiments import columns
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.plugins import later
@@ -14,10 +16,11 @@ DETECTION = Experiment(
     run_together=later("midnet_bench.experiments.detection.trial:run_together"),
     columns=columns.DETECTION,
     tables=later("midnet_bench.experiments.detection.tables:tables"),
-    printed=("detection_summary", "detection_matching", "metrics_summary"),
+    printed=("detection_summary", "detection_counting", "detection_matching", "metrics_summary"),
     claims=later("midnet_bench.experiments.detection.claims:claims"),
     measures=later("midnet_bench.experiments.detection.tables:measures"),
     recordings=later("midnet_bench.experiments.guarded.recordings:recordings"),
+    ranges={"f1_one_to_one": (0.0, 1.0), "gospa_per_frame_m": (0.0, math.inf)},
     lower_is_better=("gospa_per_frame_m",),
     ranked_by=("f1_one_to_one", "gospa_per_frame_m"),
     trial=later("midnet_bench.experiments.detection.trial:DetectionTrial"),

@@ -41,7 +41,8 @@ class DetectionParameters(GuardParameters):
     tp_boxes: TruePositives = option(
         "every",
         "Which boxes are true positives: all that overlap an intruder (every), or one for each intruder, "
-        "further boxes on it then counting for nothing (one_per_intruder).",
+        "further boxes on it then counting for nothing (one_per_intruder) or as false positives "
+        "(surplus_false).",
     )
     truth_box: Literal["extent", "inflated"] = option(
         "extent",

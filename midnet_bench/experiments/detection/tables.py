@@ -1,44 +1,45 @@
 """The paper's detection table from a campaign's results: ours, the paper's, and how sure ours is."""
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
 from midnet_bench.analysis import statistics
 from midnet_bench.analysis.frames import Results, records
 from midnet_bench.analysis.tables import Cell, Table
-from midnet_bench.campaign.trial import Row
+from midnet_bench.campaign.definition import Definition
+from midnet_bench.experiments.detection.counting import (
+    PAPER,
+    PAPER_FRAMES,
+    SCORES,
+    Cells,
+    counting_table,
+    distance_tables,
+    with_boxes,
+)
 from midnet_bench.experiments.detection.error_tables import error_tables
 from midnet_bench.experiments.experiment import Measures
 from midnet_bench.experiments.guarded.metric_tables import metric_measures, metric_tables
 from midnet_bench.scoring.frame_counts import Ratios, ratios
 
-PAPER: Mapping[str, Row] = {
-    "1-robot": {"tp": 6967, "fp": 176, "fn": 1889, "precision": 0.975, "recall": 0.787, "f1": 0.871},
-    "5-robot": {"tp": 14953, "fp": 1047, "fn": 619, "precision": 0.935, "recall": 0.960, "f1": 0.947},
-}
-"""The paper's only table."""
-PAPER_FRAMES = 1999
-
-SCORES = ("precision", "recall", "f1")
 BESIDE = ("f1_one_to_one", "gospa_per_frame_m")
 """measures that the paper does not have"""
 MANY_DUPLICATES = 0.05
 """share of the true positives from which a note says so"""
-
-Cells = Mapping[str, pd.DataFrame]
-"""The rows of the table ``scores`` by cell, named in the paper's manner (``5-robot``), seeds ascending"""
 
 
 def tables(results: Results) -> list[Table]:
     """The tables of a detection campaign."""
     cells = cells_of(results)
     return [
-        summary_table(cells),
+        summary_table(cells, window_notes(results.definition)),
         scores_table(cells),
         matching_table(cells),
         comparison_table(cells),
+        counting_table(cells),
+        *distance_tables(cells),
         by_seed_table(cells),
         *metric_tables(results),
         *error_tables(results),
@@ -48,15 +49,15 @@ def tables(results: Results) -> list[Table]:
 def cells_of(results: Results) -> Cells:
     """The scores of each cell's finished trials, in the campaign's order, without the grid's columns.
 
-    With them stand ``f1_one_to_one``, ``gospa_per_frame_m`` (of results that have it) and ``collisions`` of
-    the trial's robots.
+    With them stand ``boxes``, ``f1_one_to_one``, ``gospa_per_frame_m`` (of results that have it) and
+    ``collisions`` of the trial's robots.
     """
     scores = results.table("scores")
     if scores.empty:
         return {}
     names = results.teams(scores)
     place = [*results.factors, "seed"]
-    scores = scores.assign(f1_one_to_one=one_to_one(scores))
+    scores = with_boxes(results, scores)
     if not (fleet := results.table("robots")).empty:
         scores = scores.join(fleet.groupby(place, sort=False)["collisions"].sum(), on=place)
     if "gospa_m" in scores:  # not in results of versions up to 0.1.0
@@ -65,23 +66,28 @@ def cells_of(results: Results) -> Cells:
     return {str(name): cell for name, cell in cells}
 
 
-def one_to_one(scores: pd.DataFrame) -> list[float]:
-    """F1 of each trial by one-to-one matching."""
-    columns = (scores[name].tolist() for name in ("matched", "fp", "duplicates", "missed"))
+def window_notes(definition: Definition) -> list[str]:
+    """A sentence for each local costmap of the campaign that ends before the usable range does."""
+    given = {**{name: [value] for name, value in definition.parameters.items()}, **definition.grid}
+    oracles, sizes, ranges = (given.get(name, []) for name in ("oracle", "local_size_m", "obstacle_range_m"))
+    if oracles and set(oracles) <= {"window", "sight"}:  # whose costmaps hold the whole range
+        return []
     return [
-        ratios(matched, fp + duplicates, missed).f1
-        for matched, fp, duplicates, missed in zip(*columns, strict=True)
+        f"The {size_m:g} m local costmap ends {size_m / 2.0:g} m ahead; the usable range is {range_m:g} m: "
+        "what lies between is missed."
+        for size_m, range_m in itertools.product(sizes, ranges)
+        if isinstance(size_m, int | float) and isinstance(range_m, int | float) and size_m / 2.0 < range_m
     ]
 
 
-def summary_table(cells: Cells) -> Table:
+def summary_table(cells: Cells, notes: Sequence[str] = ()) -> Table:
     """The paper's table: counts and ratios over all frames, means over seeds, and the paper's row.
 
     One-to-one F1 and GOSPA stand beside them, since the paper's way of counting rewards boxes that should
     have been fused.
     """
     rows: list[Mapping[str, Cell]] = []
-    notes = []
+    notes = [*notes] if cells else []
     for row, (name, cell) in zip(scores_table(cells).rows, cells.items(), strict=True):
         pooled: dict[str, Cell] = {"f1_one_to_one": matched_ratios(cell).f1}
         if "gospa_m" in cell:
@@ -108,8 +114,8 @@ def _note_on_duplicates(name: str, cell: pd.DataFrame) -> list[str]:
     if further <= MANY_DUPLICATES:
         return []
     return [
-        f"{name}: {further:.0%} of tp are further boxes on an intruder that has one. The paper's count takes "
-        "them for true, one-to-one F1 for false."
+        f"{name}: {further:.0%} of tp are further boxes on an intruder that has one. By the paper's "
+        "definition they are true, by its explanation of false positives false: see detection_counting."
     ]
 
 
@@ -137,8 +143,8 @@ def matching_table(cells: Cells) -> Table:
 
 def matched_ratios(cell: pd.DataFrame) -> Ratios:
     """Precision, recall and F1 by one-to-one matching, of a cell's summed counts."""
-    false = sum(cell["fp"]) + sum(cell["duplicates"])
-    return ratios(sum(cell["matched"]), false, sum(cell["missed"]))
+    matched = sum(cell["matched"])
+    return ratios(matched, sum(cell["boxes"]) - matched, sum(cell["missed"]))
 
 
 def by_seed_table(cells: Cells) -> Table:

@@ -121,6 +121,7 @@ class DetectionTrial(GuardedArena):
             frame.match.touched,
             frame.in_range,
             partial(self._all_in_sight, judge),
+            self._in_window(judge.node, frame.truths),
             opposite,
         )
 
@@ -190,6 +191,11 @@ class DetectionTrial(GuardedArena):
         if not judge.test.counts_hidden:
             return [True] * (len(self._stationary) + len(self.intruders) + len(self.crowd.members))
         return self._in_sight(judge.test.costmap.obstacle_range_m, judge.sight)
+
+    def _in_window(self, node: DetectorNode, truths: Sequence[TruthObject]) -> list[bool]:
+        """For each truth, whether some guard's local costmap reaches it."""
+        windows = [node.window(guard) for guard in range(len(self.guards))]
+        return [any(window.intersection_area(truth.box) > 0.0 for window in windows) for truth in truths]
 
     def _in_sight(self, range_m: float, sight: NoiseBlocks) -> list[bool]:
         """For each truth, whether a beam of some guard would meet it within range at this instant."""

@@ -333,8 +333,7 @@ class Witness:
 
     def costmap_window(self, guard: int) -> Box:
         """Where a guard's costmap lies, map frame, metres."""
-        layer = self._node.costmaps[guard].layer
-        return Box(*OccupancyGrid(layer.cells, self._settings.resolution, layer.origin).extent)
+        return self._node.window(guard)
 
     def shift_m(self, guard: int, crop: Crop) -> tuple[float, float]:
         """By how much the crop moves a guard's cells on the prior map, x and y, metres."""

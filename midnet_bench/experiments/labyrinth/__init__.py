@@ -1,5 +1,7 @@
 """The labyrinth test of section V.B."""
 
+import math
+
 from midnet_bench.experiments import columns
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.plugins import later
@@ -16,6 +18,7 @@ LABYRINTH = Experiment(
     claims=later("midnet_bench.experiments.labyrinth.tables:claims"),
     measures=later("midnet_bench.experiments.labyrinth.tables:measures"),
     recordings=later("midnet_bench.experiments.labyrinth.recordings:recordings"),
+    ranges={"caught_percent": (0.0, 100.0), "time_to_capture_s": (0.0, math.inf)},
     lower_is_better=("duration_s", "time_to_capture_s"),
     ranked_by=("caught_percent", "time_to_capture_s"),
     comparison_tables=later("midnet_bench.experiments.labyrinth.tables:comparison_tables"),

@@ -87,7 +87,8 @@ class Variant:
         """
         cell = self.cell(intruders, robots)
         cell = cell[cell[times] > 0]
-        return statistics.ratio_of_sums(cell[f"{times}_s"].tolist(), cell[times].tolist())
+        times_s, number = cell[f"{times}_s"].tolist(), cell[times].tolist()
+        return statistics.ratio_of_sums(times_s, number, within=(0.0, math.inf))
 
     def duration(self, confidence: float = 0.95) -> Estimate:
         """How long a trial takes, simulated seconds, mean over all cells; seeds are the unit."""

@@ -8,7 +8,7 @@ import pandas as pd
 
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.tables import Cell, Table
-from midnet_bench.experiments.detection.tables import PAPER, PAPER_FRAMES, SCORES
+from midnet_bench.experiments.detection.counting import COUNTS, PAPER, PAPER_FRAMES, SCORES
 from midnet_bench.experiments.readings.rules import (
     Candidate,
     Rule,
@@ -22,7 +22,6 @@ from midnet_bench.scoring.frame_counts import ratios
 from midnet_bench.settings import Scalar
 
 HEADINGS = {"precision": "P", "recall": "R", "f1": "F1"}
-COUNTS = ("tp", "fp", "fn")
 NOISE, FALSE = "noise_per_200_frames", "false_per_200_frames"
 """False boxes per 200 frames without intruders: of one guard, where only noise causes any; of a team."""
 FRAMES = 200

@@ -64,6 +64,7 @@ def items() -> Readings:
         {"truth_box": "inflated"},
         {"in_range": "edge"},
         {"tp_boxes": "one_per_intruder"},
+        {"tp_boxes": "surplus_false"},
         {"require_line_of_sight": True},
     ]
     return {name_of(changes): changes for changes in one_at_a_time}

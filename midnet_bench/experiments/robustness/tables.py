@@ -6,7 +6,8 @@ from midnet_bench.analysis import statistics
 from midnet_bench.analysis.differences import BySeed, differences
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.tables import Cell, Table
-from midnet_bench.experiments.detection.tables import by_seed, one_to_one
+from midnet_bench.experiments.detection.counting import with_boxes
+from midnet_bench.experiments.detection.tables import by_seed
 from midnet_bench.experiments.guarded.metric_tables import metric_tables
 from midnet_bench.experiments.robustness.parameters import NONE
 
@@ -27,8 +28,7 @@ def scores_of(results: Results) -> Scores:
     frame = results.table("scores")
     if frame.empty:
         return {}
-    frame = frame.assign(
-        f1_one_to_one=one_to_one(frame),
+    frame = with_boxes(results, frame).assign(
         disturbance=results.column(frame, "disturbance"),
         team=results.teams(frame, "disturbance"),
     )
@@ -73,6 +73,7 @@ def differences_table(scores: Scores) -> Table:
         and any(seed in scores.get((team, NONE, measure), {}) for seed in scores[team, name, measure])
     ]
     pairs = [(scores[team, NONE, measure], scores[team, name, measure]) for team, name, measure in places]
+    changes = differences(pairs, [(0.0, 1.0)] * len(pairs))
     rows: list[Mapping[str, Cell]] = [
         {
             "disturbance": name,
@@ -82,13 +83,14 @@ def differences_table(scores: Scores) -> Table:
             "disturbed": one.after,
             "difference": one.change,
             "seeds": one.seeds,
+            "outlier_seed": one.outlier_seed,
             "p_holm": one.p_holm,
             "verdict": one.verdict,
         }
-        for (team, name, measure), one in zip(places, differences(pairs), strict=True)
+        for (team, name, measure), one in zip(places, changes, strict=True)
     ]
     how = f"{statistics.MEAN_METHOD}; verdicts by Holm at 5 %"
     title = f"Differences from undisturbed trials on the same seeds ({how})"
-    return Table(
-        "robustness_differences", title, rows, {"p_holm": 4}, bounds={"difference": ("low", "high", "n")}
-    )
+    notes = statistics.outlier_notes(one.outlier_seed for one in changes)
+    bounds = {"difference": ("low", "high", "n")}
+    return Table("robustness_differences", title, rows, {"p_holm": 4}, bounds=bounds, notes=notes)

@@ -8,7 +8,8 @@ import pandas as pd
 from midnet_bench.analysis import statistics
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.tables import Cell, Table
-from midnet_bench.experiments.detection.tables import by_seed, one_to_one
+from midnet_bench.experiments.detection.counting import with_boxes
+from midnet_bench.experiments.detection.tables import by_seed
 from midnet_bench.experiments.experiment import Measures
 
 MOST = {
@@ -44,13 +45,12 @@ def _cells(results: Results) -> Mapping[str, pd.DataFrame]:
     frame = results.table("scenes")
     if frame.empty:
         return {}
-    boxes = frame["matched"] + frame["fp"] + frame["duplicates"]
+    frame = with_boxes(results, frame)
     frame = frame.assign(
-        f1_one_to_one=one_to_one(frame),
-        duplicates_per_intruder=frame["duplicates"] / frame["in_range"],
-        overlapping_share=frame["overlapping"] / boxes,
+        duplicates_per_intruder=frame["duplicates"] / frame["intruders_in_range"],
+        overlapping_share=frame["overlapping"] / frame["boxes"],
         reordered_share=frame["reordered"] / frame["orders"],
-        gospa_per_intruder_m=frame["gospa_m"] / frame["in_range"],
+        gospa_per_intruder_m=frame["gospa_m"] / frame["intruders_in_range"],
     )
     names = pd.Series(results.teams(frame), frame.index)
     cells = frame.drop(columns=results.factors).groupby(names, sort=False)
