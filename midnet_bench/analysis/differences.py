@@ -6,7 +6,7 @@ from functools import partial
 from typing import NamedTuple
 
 from midnet_bench.analysis.claims import LEVEL
-from midnet_bench.analysis.statistics import Estimate, holm, p_value, paired_difference
+from midnet_bench.analysis.statistics import Estimate, exact_mean, holm, p_value, paired_difference
 
 BySeed = Mapping[int, float]
 """seed -> a measure of the trial with that seed"""
@@ -42,6 +42,6 @@ def differences(pairs: Sequence[tuple[BySeed, BySeed]]) -> list[Difference]:
         before, after = [first[seed] for seed in seeds], [second[seed] for seed in seeds]
         difference = partial(paired_difference, before, after)
         p_values.append(p_value(difference, 0.0, math.inf))
-        means = sum(before) / len(seeds), sum(after) / len(seeds)
+        means = exact_mean(before), exact_mean(after)
         found.append(Difference(*means, difference(1.0 - LEVEL), len(seeds), math.nan))
     return [one._replace(p_holm=p) for one, p in zip(found, holm(p_values), strict=True)]
