@@ -23,6 +23,11 @@ def lengths(vectors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.asarray(np.sqrt(x * x + y * y))
 
 
+def mean_point(points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """(k,) the mean of (n, k) points, n at least 1, of exact sums: the same in whatever order they are."""
+    return np.array([math.fsum(column) / len(points) for column in points.T.tolist()])
+
+
 def wrap_angle(angle_rad: float) -> float:
     """The same direction within [-pi, pi), radians."""
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi

@@ -285,6 +285,76 @@ def test_what_is_rounded_alike_is_none() -> None:
     assert not strays("a", "math.sqrt(2.0) + math.hypot(1.0, 2.0) + np.sqrt(a) * 2 ** 3")
 
 
+ADDING = {"sum", "nansum", "mean", "nanmean", "average", "std", "var"}
+WHOLE_NUMBERS = {
+    "sum(in_range)",
+    "sum(cell[key])",
+    *(f"sum(cell['{name}'])" for name in ("collisions", "duplicates", "found", "fp", "frames", "matched")),
+    *(f"sum(cell['{name}'])" for name in ("missed", "tp")),
+    "sum(runs[count])",
+    "sum(runs['frames'])",
+    "fleet.groupby(place, sort=False)['collisions'].sum()",
+    "map(sum, numbers)",
+    "map(sum, zip(*frames, strict=True))",
+}
+"""sums of columns that hold counts: they are exact anyhow"""
+
+
+def additions(source: str) -> set[str]:
+    """The sums and means of what may be floats, but for those by ``math.fsum`` and ``analysis.statistics``.
+
+    What is in ``int(...)`` is a count, and so is a sum of truths, lengths or ones.
+    """
+    tree = ast.parse(source)
+    parents = {child: node for node in ast.walk(tree) for child in ast.iter_child_nodes(node)}
+    found = set()
+    for node in ast.walk(tree):
+        is_builtin = isinstance(node, ast.Name) and node.id == "sum"
+        is_method = isinstance(node, ast.Attribute) and node.attr in ADDING
+        if is_builtin or (is_method and ast.unparse(node) != "statistics.mean"):
+            use = parents[node]
+            around = parents.get(use)
+            in_int = isinstance(around, ast.Call) and ast.unparse(around.func) == "int"
+            if not in_int and not (isinstance(use, ast.Call) and use.func is node and counts(use)):
+                found.add(ast.unparse(use))
+    return found
+
+
+def counts(call: ast.Call) -> bool:
+    """Whether what is added is True or False, a length or 1 each."""
+    values = call.args[0] if call.args else call
+    if not isinstance(values, ast.GeneratorExp):
+        return ast.unparse(values).startswith("map(len, ")
+    one = values.elt.body if isinstance(values.elt, ast.IfExp) else values.elt
+    if isinstance(one, ast.Call):
+        return ast.unparse(one.func) in {"any", "all", "len", "is_clean"}
+    is_not = isinstance(one, ast.UnaryOp) and isinstance(one.op, ast.Not)
+    return is_not or isinstance(one, ast.Compare | ast.BoolOp) or ast.unparse(one) == "1"
+
+
+def test_what_makes_numbers_of_results_adds_floats_exactly() -> None:
+    """Python's own sum differs between its versions, NumPy's and pandas' with the order."""
+    found = {
+        name: additions(SOURCES[name].read_text(encoding="utf-8"))
+        for name in SOURCES
+        if name.startswith("midnet_bench.analysis")
+        or (name in TRIAL_MODULES and room_of(name) in {"experiments", "scoring"})
+    }
+    assert {name: sums - WHOLE_NUMBERS for name, sums in found.items() if sums - WHOLE_NUMBERS} == {}
+    assert set().union(*found.values()) >= WHOLE_NUMBERS
+
+
+@pytest.mark.parametrize(
+    "source", ["sum(a)", "map(sum, a)", "sum(one.x for one in a)", "a.sum()", "np.mean(a)"]
+)
+def test_an_addition_of_floats_is_found(source: str) -> None:
+    assert additions(source)
+
+
+def test_counting_is_no_addition_of_floats() -> None:
+    assert not additions("sum(map(len, a)) + sum(x < 1.0 for x in a) + int((a > b).sum()) + math.fsum(a)")
+
+
 WITHOUT_PHYSICS = """
 import importlib, sys
 sys.modules["pybullet"] = sys.modules["mujoco"] = None

@@ -1,11 +1,12 @@
 import math
+from random import Random
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import Box, Pose2D, mean_point
 
 COORDINATE = st.floats(-50.0, 50.0)
 ANGLE = st.floats(-3.1, 3.1)
@@ -58,3 +59,13 @@ def test_boxes_that_only_touch_or_have_no_area_do_not_overlap() -> None:
     assert box.iou(Box(1.0, 1.0, 2.0, 2.0)) == 0.0
     assert box.iou(Box(0.5, 0.2, 0.5, 0.8)) == 0.0
     assert Box(0.5, 0.5, 0.5, 0.5).iou(Box(0.5, 0.5, 0.5, 0.5)) == 0.0
+
+
+@given(st.lists(st.tuples(COORDINATE, COORDINATE), min_size=1, max_size=40), st.randoms())
+def test_a_mean_point_is_the_same_to_the_bit_in_any_order(
+    points: list[tuple[float, float]], random: Random
+) -> None:
+    shuffled = random.sample(points, len(points))
+    middle = mean_point(np.array(points))
+    assert mean_point(np.array(shuffled)).tobytes() == middle.tobytes()
+    assert middle == pytest.approx(np.mean(points, axis=0))

@@ -6,7 +6,16 @@ from functools import partial
 from typing import NamedTuple
 
 from midnet_bench.analysis.claims import LEVEL
-from midnet_bench.analysis.statistics import ANY, Estimate, Range, holm, outlier, p_value, paired_difference
+from midnet_bench.analysis.statistics import (
+    ANY,
+    Estimate,
+    Range,
+    exact_mean,
+    holm,
+    outlier,
+    p_value,
+    paired_difference,
+)
 
 BySeed = Mapping[int, float]
 """seed -> a measure of the trial with that seed"""
@@ -50,7 +59,7 @@ def differences(
         difference = partial(paired_difference, before, after, within=within)
         far = outlier([b - a for a, b in zip(before, after, strict=True)])
         p_values.append(p_value(difference, 0.0, math.inf))
-        means = sum(before) / len(seeds), sum(after) / len(seeds)
+        means = exact_mean(before), exact_mean(after)
         outlier_seed = None if far is None else seeds[far]
         found.append(Difference(*means, difference(1.0 - LEVEL), len(seeds), math.nan, outlier_seed))
     return [one._replace(p_holm=p) for one, p in zip(found, holm(p_values), strict=True)]

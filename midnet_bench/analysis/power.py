@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from midnet_bench.analysis.statistics import exact_mean, exact_sum
 from midnet_bench.analysis.tables import Cell
 
 ALPHA = 0.05
@@ -174,4 +175,5 @@ def _variance(values: list[float]) -> float:
     """The sample variance; NaN for fewer than two trials or none that differ, which show no spread."""
     if len(values) < 2 or min(values) == max(values):
         return math.nan
-    return float(np.var(values, ddof=1))
+    mean = exact_mean(values)
+    return exact_sum((value - mean) * (value - mean) for value in values) / (len(values) - 1)

@@ -12,14 +12,15 @@ Two methods, both in closed form; ``benchmarks/coverage.py`` measures how often 
 
 Two trials cannot tell how far trials spread: an interval takes three. Nor can trials that all give one
 number, unless it is a share.
+
+Sums are exact and rounded once (``math.fsum``), so the order of trials, Python's version and the processor do
+not change them. Two functions are rounded as their library rounds: Student's quantile (SciPy) and the cube
+root (the C library); on another processor the last digits of an interval may differ by them.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import NamedTuple
-
-import numpy as np
-import numpy.typing as npt
 
 MIN_TRIALS = 3
 """for an interval"""
@@ -35,8 +36,6 @@ OUTLIER_NOTE = (
     "run more seeds."
 )
 """for tables with a column of that name"""
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Estimate(NamedTuple):
@@ -65,12 +64,12 @@ def mean(values: Sequence[float], confidence: float = 0.95, within: Range = ANY)
         within: the range of possible values, which the interval does not leave.
     """
     defined = _defined(values)
-    if defined.size == 0:
+    if not defined:
         return Estimate(math.nan, math.nan, math.nan, 0)
-    value = float(defined.mean())
-    below, above = _halls_bounds(defined - value, float(np.abs(defined).max()), confidence)
+    value = exact_mean(defined)
+    below, above = _halls_bounds([one - value for one in defined], max(map(abs, defined)), confidence)
     # NaN comes first: max and min give it back then
-    return Estimate(value, max(value - below, within[0]), min(value + above, within[1]), defined.size)
+    return Estimate(value, max(value - below, within[0]), min(value + above, within[1]), len(defined))
 
 
 def share(values: Sequence[float], confidence: float = 0.95) -> Estimate:
@@ -85,14 +84,15 @@ def share(values: Sequence[float], confidence: float = 0.95) -> Estimate:
         ValueError: a value below 0 or above 1.
     """
     defined = _defined(values)
-    n = defined.size
+    n = len(defined)
     if n == 0:
         return Estimate(math.nan, math.nan, math.nan, 0)
-    if defined.min() < 0.0 or defined.max() > 1.0:
-        raise ValueError(f"a share lies between 0 and 1, got {defined.min():g} to {defined.max():g}")
-    value = float(defined.mean())
+    least, most = min(defined), max(defined)
+    if least < 0.0 or most > 1.0:
+        raise ValueError(f"a share lies between 0 and 1, got {least:g} to {most:g}")
+    value = exact_mean(defined)
     # the mean of equal numbers may be off by a rounding, and so their variance
-    spread = float(defined.var()) if defined.min() < defined.max() else 0.0
+    spread = exact_mean([(one - value) * (one - value) for one in defined]) if least < most else 0.0
     if n < MIN_TRIALS or (spread == 0.0 and 0.0 < value < 1.0):
         return Estimate(value, math.nan, math.nan, n)
     # so many yes-or-no trials would spread as these do
@@ -118,9 +118,9 @@ def paired_difference(
     """
     if len(first) != len(second):
         raise ValueError(f"pairs are needed: {len(first)} values against {len(second)}")
-    differences = np.asarray(second, np.float64) - np.asarray(first, np.float64)
     most = within[1] - within[0]
-    return mean(differences.tolist(), confidence, (-most, most))
+    differences = [after - before for before, after in zip(first, second, strict=True)]
+    return mean(differences, confidence, (-most, most))
 
 
 def outlier(values: Sequence[float]) -> int | None:
@@ -132,10 +132,12 @@ def outlier(values: Sequence[float]) -> int | None:
     estimate, defined = mean(values), _defined(values)
     if estimate.n < MIN_FOR_SKEWNESS or math.isnan(estimate.low):
         return None
-    plain = 2.0 * _student(0.95, estimate.n) * float(defined.std(ddof=1)) / math.sqrt(estimate.n)
-    if estimate.high - estimate.low <= WIDE * plain:
+    squares = exact_sum((one - estimate.value) * (one - estimate.value) for one in defined)
+    error = math.sqrt(squares / (estimate.n - 1) / estimate.n)
+    if estimate.high - estimate.low <= WIDE * 2.0 * _student(0.95, estimate.n) * error:
         return None
-    return int(np.nanargmax(np.abs(np.asarray(values, np.float64) - estimate.value)))
+    far = [-1.0 if math.isnan(value) else abs(value - estimate.value) for value in values]
+    return far.index(max(far))
 
 
 def outlier_notes(outlier_seeds: Iterable[int | None]) -> list[str]:
@@ -160,13 +162,13 @@ def ratio_of_sums(
     """
     if len(numerators) != len(denominators):
         raise ValueError(f"pairs are needed: {len(numerators)} values against {len(denominators)}")
-    above, below = np.asarray(numerators, np.float64), np.asarray(denominators, np.float64)
-    if not below.sum() > 0.0:
-        return Estimate(math.nan, math.nan, math.nan, below.size)
-    ratio = float(above.sum() / below.sum())
-    size = float(np.abs(above).max() / below.mean())
-    down, up = _halls_bounds((above - ratio * below) / below.mean(), size, confidence)
-    return Estimate(ratio, max(ratio - down, within[0]), min(ratio + up, within[1]), below.size)
+    n, below = len(denominators), exact_sum(denominators)
+    if not below > 0.0:
+        return Estimate(math.nan, math.nan, math.nan, n)
+    ratio, each = exact_sum(numerators) / below, below / n
+    deviations = [(one - ratio * other) / each for one, other in zip(numerators, denominators, strict=True)]
+    down, up = _halls_bounds(deviations, max(map(abs, numerators)) / each, confidence)
+    return Estimate(ratio, max(ratio - down, within[0]), min(ratio + up, within[1]), n)
 
 
 def p_value(interval: Interval, above: float, below: float) -> float:
@@ -201,9 +203,21 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return adjusted
 
 
-def _defined(values: Sequence[float]) -> FloatArray:
-    given = np.asarray(values, np.float64)
-    return given[~np.isnan(given)]
+def exact_sum(values: Iterable[float]) -> float:
+    """The exact sum, rounded once, whatever the order of the values; NaN if it is no float's."""
+    try:
+        return math.fsum(values)
+    except (OverflowError, ValueError):  # beyond the largest float, or infinities of both signs
+        return math.nan
+
+
+def exact_mean(values: Collection[float]) -> float:
+    """The mean of at least one value by :func:`exact_sum`."""
+    return exact_sum(values) / len(values)
+
+
+def _defined(values: Sequence[float]) -> list[float]:
+    return [value for value in values if not math.isnan(value)]
 
 
 def _student(confidence: float, n: int) -> float:
@@ -213,7 +227,7 @@ def _student(confidence: float, n: int) -> float:
     return float(stdtrit(n - 1, 0.5 + confidence / 2.0))
 
 
-def _halls_bounds(deviations: FloatArray, size: float, confidence: float) -> tuple[float, float]:
+def _halls_bounds(deviations: Sequence[float], size: float, confidence: float) -> tuple[float, float]:
     """How far the interval of a mean reaches below and above it; NaN where trials show no spread.
 
     ``deviations`` from the mean, one per trial; ``size`` of the numbers, which says what is rounding.
@@ -221,12 +235,15 @@ def _halls_bounds(deviations: FloatArray, size: float, confidence: float) -> tup
     T + g (T**2 / 3 + 1 / 6) / sqrt n + g**2 T**3 / (27 n), where g is the sample's skewness.
     Its inverse at the two quantiles gives the bounds.
     """
-    n = deviations.size
-    spread = float(deviations @ deviations)
-    if n < MIN_TRIALS or spread <= n * (1e-14 * size) ** 2:
+    n, rounding = len(deviations), 1e-14 * size
+    spread = exact_sum(one * one for one in deviations)
+    if n < MIN_TRIALS or spread <= n * rounding * rounding:
         return math.nan, math.nan
     deviation = math.sqrt(spread / (n - 1))
-    skewness = float((deviations**3).mean()) / deviation**3 if n >= MIN_FOR_SKEWNESS else 0.0
+    skewness = 0.0
+    if n >= MIN_FOR_SKEWNESS:
+        cubes = [one * one * one for one in deviations]
+        skewness = exact_mean(cubes) / (deviation * deviation * deviation)
     quantile = _student(confidence, n)
     return (
         deviation * _untransformed(quantile / math.sqrt(n), skewness, n),

@@ -12,6 +12,7 @@ from midnet_bench.agents.patrol import DRIVABLE_M
 from midnet_bench.arena.arena import MOST_BLOCKS
 from midnet_bench.arena.layout import ROBOT_CLEARANCE_M, TEAM
 from midnet_bench.errors import InputError
+from midnet_bench.geometry import mean_point
 from midnet_bench.grid import OccupancyGrid
 
 Cells = npt.NDArray[np.bool_]
@@ -132,7 +133,8 @@ def start_of_guards(dark: OccupancyGrid) -> tuple[float, float]:
     room_m = np.where(labels == (inner if is_room else areas).argmax(), room_m * dark.resolution, 0.0)
     rows, columns = np.nonzero(room_m >= min(START_CLEARANCE_M, float(room_m.max())))
     x, y = dark.x_centers[columns], dark.y_centers[rows]
-    nearest = int(np.argmin(np.square(x - x.mean()) + np.square(y - y.mean())))
+    middle_x, middle_y = mean_point(np.stack((x, y), axis=1))
+    nearest = int(np.argmin(np.square(x - middle_x) + np.square(y - middle_y)))
     return float(x[nearest]), float(y[nearest])
 
 

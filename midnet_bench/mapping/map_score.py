@@ -123,4 +123,4 @@ def _nearest(
 
 
 def _mean(values: npt.NDArray[np.bool_] | npt.NDArray[np.float64]) -> float:
-    return float(np.mean(values)) if len(values) else math.nan
+    return math.fsum(values.tolist()) / len(values) if len(values) else math.nan

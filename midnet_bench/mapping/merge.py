@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.geometry import Pose2D, mean_point, wrap_angle
 from midnet_bench.grid import UNKNOWN, OccupancyGrid, cell_centers, values_at
 from midnet_bench.mapping.map_alignment import WallMap, coarse_placements, fit, propose, refine
 from midnet_bench.mapping.settings import MergeSettings
@@ -73,7 +73,7 @@ def match_maps(
     fits = [fit(a, b, pose) for pose in poses]
     evidence = [found.evidence_m(settings.min_agreement) for found in fits]
     best = int(np.argmax(evidence))
-    middle = b.walls.mean(axis=0)
+    middle = mean_point(b.walls)
     elsewhere = [
         value
         for pose, value in zip(poses, evidence, strict=True)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.elementary import sin
-from midnet_bench.geometry import lengths
+from midnet_bench.geometry import lengths, mean_point
 from midnet_bench.grid import OccupancyGrid, values_at
 from midnet_bench.messages import Scan
 from midnet_bench.midnet.detection import BoxArray
@@ -83,15 +83,16 @@ class CircleClusters:
 
     def _box(self, piece: Points) -> list[float]:
         """Around the least-squares circle (Kasa), or around the returns where that is no good."""
-        middle = piece.mean(axis=0)
+        middle = mean_point(piece)
         x, y = (piece - middle).T
         square = x * x + y * y
-        xx, xy, yy = float((x * x).sum()), float((x * y).sum()), float((y * y).sum())
-        to_x, to_y = float((x * square).sum()) / 2.0, float((y * square).sum()) / 2.0
+        products = (x * x, x * y, y * y, x * square / 2.0, y * square / 2.0)
+        xx, xy, yy, to_x, to_y = (math.fsum(each.tolist()) for each in products)
         spread = xx * yy - xy * xy  # 0 of a straight piece
         if spread > STRAIGHT * (xx + yy) * (xx + yy):
-            off = np.array([(to_x * yy - to_y * xy) / spread, (to_y * xx - to_x * xy) / spread])
-            radius_m = math.sqrt(float(square.mean() + (off * off).sum()))
+            off_x, off_y = (to_x * yy - to_y * xy) / spread, (to_y * xx - to_x * xy) / spread
+            radius_m = math.sqrt(math.fsum(square.tolist()) / len(piece) + off_x * off_x + off_y * off_y)
             if radius_m <= self._max_radius_m:
-                return [*middle + off - radius_m, *middle + off + radius_m]
+                center = middle + np.array([off_x, off_y])
+                return [*center - radius_m, *center + radius_m]
         return [*piece.min(axis=0) - self._noise_m, *piece.max(axis=0) + self._noise_m]

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from midnet_bench.geometry import mean_point
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.rivals.fusion import all_of, ious
 
@@ -27,7 +28,7 @@ class WeightedBoxes:
             if len(overlap) and overlap.max() >= self._iou:
                 best = int(overlap.argmax())
                 members[best].append(box)
-                means[best] = np.mean(members[best], axis=0)
+                means[best] = mean_point(np.array(members[best]))
             else:
                 members.append([box])
                 means = np.concatenate((means, box[None]))

@@ -147,7 +147,7 @@ def count_frame(
             for counts, detection in zip(in_range, match.detection_of, strict=True)
             if counts and detection is None
         ),
-        error_sum_m=sum(errors),
+        error_sum_m=math.fsum(errors),
         gospa_m=gospa([box.center for box in detections], [truth.center for truth in truths], in_range),
     )
     return counted_as(counts, tp_boxes)
@@ -194,13 +194,16 @@ def gospa(
         ]
     )
     rows, columns = linear_sum_assignment(change)
-    return alone + float(change[rows, columns].sum())
+    return math.fsum([alone, *change[rows, columns].tolist()])
 
 
 def total(counts: Iterable[FrameCounts]) -> FrameCounts:
-    """The sums over frames; of no frames, zeros."""
+    """The sums over frames, those of metres exact and rounded once; of no frames, zeros."""
     frames = list(counts)
-    return FrameCounts(*map(sum, zip(*frames, strict=True))) if frames else NOTHING
+    if not frames:
+        return NOTHING
+    *numbers, errors_m, gospas_m = zip(*frames, strict=True)
+    return FrameCounts._make([*map(sum, numbers), math.fsum(errors_m), math.fsum(gospas_m)])
 
 
 class Ratios(NamedTuple):

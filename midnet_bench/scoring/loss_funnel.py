@@ -1,5 +1,6 @@
 """The loss funnel: the stage between an intruder and the team's boxes at which it was lost."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -146,9 +147,13 @@ def sizes_of_errors(marks: Marks, view: GuardView) -> dict[str, float]:
     """By how much the same errors put marks off, metres; means over the marks."""
     return {
         "crop": float(lengths(np.array(view.shift_m))),
-        "pose": float(lengths(marks.believed - marks.at_true_pose).mean()),
-        "noise": float(lengths(marks.believed - marks.at_true_range).mean()),
+        "pose": _mean(lengths(marks.believed - marks.at_true_pose)),
+        "noise": _mean(lengths(marks.believed - marks.at_true_range)),
     }
+
+
+def _mean(lengths_m: Floats) -> float:
+    return math.fsum(lengths_m.tolist()) / len(lengths_m)
 
 
 def cells_about(d: OccupancyGrid, places: Floats, reach_m: float) -> Floats:

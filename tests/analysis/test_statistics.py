@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from functools import partial
+from random import Random
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from scipy import stats
 
 from midnet_bench.analysis.statistics import (
     Estimate,
+    exact_sum,
     holm,
     mean,
     outlier,
@@ -224,3 +226,26 @@ def test_holm_by_hand() -> None:
     assert adjusted[0] == pytest.approx(0.04)
     assert math.isnan(adjusted[1])
     assert holm([]) == []
+
+
+PAIRS = st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(1.0, 1e3)), min_size=5, max_size=40)
+
+
+@given(PAIRS, st.randoms())
+def test_the_order_of_trials_changes_no_bit(pairs: list[tuple[float, float]], random: Random) -> None:
+    shuffled = random.sample(pairs, len(pairs))
+    (first, second), (first_, second_) = zip(*pairs, strict=True), zip(*shuffled, strict=True)
+    for method in (mean, share):
+        assert repr(method(first)) == repr(method(first_))
+    for method in (paired_difference, ratio_of_sums):
+        assert repr(method(second, first)) == repr(method(second_, first_))
+    tested, tested_ = (p_value(partial(mean, values), 0.5, math.inf) for values in (first, first_))
+    assert repr(tested) == repr(tested_)
+
+
+def test_a_sum_is_exact_and_nan_where_no_float_is_it() -> None:
+    assert exact_sum([1e100, 1.0, -1e100]) == 1.0
+    assert exact_sum([math.inf, 1.0]) == math.inf
+    assert math.isnan(exact_sum([math.inf, -math.inf]))
+    assert math.isnan(exact_sum([1e308, 1e308]))
+    assert all(math.isnan(number) for number in mean([math.inf, -math.inf, 0.0])[:3])

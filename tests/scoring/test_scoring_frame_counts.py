@@ -1,5 +1,7 @@
 import itertools
 import math
+from fractions import Fraction
+from random import Random
 
 import pytest
 import scipy.optimize  # noqa: F401 - the first match imports it, which hypothesis takes for slow
@@ -202,3 +204,26 @@ def test_total_sums_each_count(frames: list[FrameCounts]) -> None:
     summed = total(frames)
     for name in FrameCounts._fields:
         assert getattr(summed, name) == pytest.approx(sum(getattr(frame, name) for frame in frames))
+
+
+METRES = st.floats(0.0, 20.0)
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), METRES, METRES), max_size=40), st.randoms())
+def test_sums_over_frames_are_exact_so_their_order_is_nothing(
+    frames: list[tuple[int, float, float]], random: Random
+) -> None:
+    counts = [NOTHING._replace(tp=tp, error_sum_m=error_m, gospa_m=m) for tp, error_m, m in frames]
+    summed = total(counts)
+    assert repr(total(random.sample(counts, len(counts)))) == repr(summed)
+    assert Fraction(summed.error_sum_m) == Fraction(float(sum(Fraction(one.error_sum_m) for one in counts)))
+    assert [type(number) for number in summed] == [type(number) for number in NOTHING]
+
+
+def test_errors_of_one_frame_add_up_exactly() -> None:
+    # one by one they add up to 4.000000000000002
+    boxes = [Box.square(1.5 * k + 0.4, 0.0, 1.0) for k in range(10)]
+    truths = [intruder(Box.square(1.5 * k, 0.0, 1.0)) for k in range(10)]
+    errors_m = [math.dist(box.center, truth.center) for box, truth in zip(boxes, truths, strict=True)]
+    counts = count_frame(boxes, truths, [True] * 10)
+    assert counts.error_sum_m == counts.gospa_m == math.fsum(errors_m) == 4.000000000000003

@@ -91,7 +91,7 @@ def summary_table(cells: Cells, notes: Sequence[str] = ()) -> Table:
     for row, (name, cell) in zip(scores_table(cells).rows, cells.items(), strict=True):
         pooled: dict[str, Cell] = {"f1_one_to_one": matched_ratios(cell).f1}
         if "gospa_m" in cell:
-            pooled["gospa_per_frame_m"] = sum(cell["gospa_m"]) / sum(cell["frames"])
+            pooled["gospa_per_frame_m"] = statistics.exact_sum(cell["gospa_m"]) / sum(cell["frames"])
         if "collisions" in cell:
             pooled["collisions_per_trial"] = sum(cell["collisions"]) / len(cell)
         rows.append({"trial": name, "source": "ours", "seeds": len(cell), **row, **pooled})
@@ -135,7 +135,7 @@ def matching_table(cells: Cells) -> Table:
     for name, cell in cells.items():
         matched, duplicates, missed = (sum(cell[key]) for key in ("matched", "duplicates", "missed"))
         scored = matched_ratios(cell)
-        error_m = sum(cell["error_sum_m"]) / matched if matched else math.nan
+        error_m = statistics.exact_sum(cell["error_sum_m"]) / matched if matched else math.nan
         counts = {"matched": matched, "duplicates": duplicates, "missed": missed}
         rows.append({"trial": name, **counts, **scored._asdict(), "mean_error_m": error_m})
     return Table("detection_matching", "One-to-one matching: further boxes on one intruder are false", rows)

@@ -222,7 +222,7 @@ class SeenThrough(OracleFeed):
         for row, (_, parts) in zip(met_m, intruders, strict=False):
             nearest_m = np.minimum.reduce([ranges_to(part, beams)[0] for part in parts])
             np.copyto(row, nearest_m, where=nearest_m < limit_m)
-        hits = np.isfinite(met_m).sum(axis=0)
+        hits = np.count_nonzero(np.isfinite(met_m), axis=0)
         met_m[-1] = opaque_m
         bodies = np.repeat([[*(body for body, _ in intruders), SOLID]], len(limit_m), axis=0).T
         bodies[-1] = opaque

@@ -9,7 +9,7 @@ import pandas as pd
 from midnet_bench.analysis.claims import Finding, comparison, finding
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.power import ALPHA, POWER, pilot_note, power_cells
-from midnet_bench.analysis.statistics import SHARE_METHOD, mean, ratio_of_sums
+from midnet_bench.analysis.statistics import SHARE_METHOD, exact_mean, exact_sum, mean, ratio_of_sums
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.experiment import Measures
@@ -109,14 +109,14 @@ def health_table(variants: Variants) -> Table:
 
 
 def _health(robots: pd.DataFrame) -> dict[str, Cell]:
-    present_s = sum(robots["present_s"])
+    present_s = exact_sum(robots["present_s"])
     row: dict[str, Cell] = {
         "robot_trials": len(robots),
-        "metres_per_minute": 60.0 * _ratio(sum(robots["distance_m"]), present_s),
-        "stuck_percent": 100.0 * _ratio(sum(robots["stuck_s"]), present_s),
+        "metres_per_minute": 60.0 * _ratio(exact_sum(robots["distance_m"]), present_s),
+        "stuck_percent": 100.0 * _ratio(exact_sum(robots["stuck_s"]), present_s),
         "most_stuck_percent": max(robots["stuck_percent"]),
     }
-    return row | {name: sum(robots[name]) / len(robots) for name in COUNTED}
+    return row | {name: exact_mean(robots[name]) for name in COUNTED}
 
 
 def _ratio(part: float, whole: float) -> float:
@@ -127,13 +127,10 @@ def speed_table(variants: Variants) -> Table:
     """What a simulated second costs in seconds of one core's time, by the number of robots in the arena."""
     everything = pd.concat([one.trials for one in variants.values()])
     groups = everything.groupby(everything["intruders"] + everything["robots"])
-    sorted_ones = [(int(str(count)), trials) for count, trials in groups]
-    # seconds are added up in the order of the rows above
-    pooled = pd.concat([trials for _, trials in sorted_ones])
+    every: list[tuple[int | str, pd.DataFrame]] = [(int(str(count)), trials) for count, trials in groups]
     rows: list[Mapping[str, Cell]] = []
-    every: list[tuple[int | str, pd.DataFrame]] = [*sorted_ones, ("all", pooled)]
-    for count, trials in every:
-        simulated_s, wall_s = sum(trials["simulated_s"]), sum(trials["wall_s"])
+    for count, trials in [*every, ("all", everything)]:
+        simulated_s, wall_s = exact_sum(trials["simulated_s"]), exact_sum(trials["wall_s"])
         rows.append(
             {
                 "robots_in_arena": count,

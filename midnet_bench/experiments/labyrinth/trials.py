@@ -5,12 +5,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
 import pandas as pd
 
 from midnet_bench.analysis import statistics
 from midnet_bench.analysis.frames import Results
-from midnet_bench.analysis.statistics import Estimate
+from midnet_bench.analysis.statistics import Estimate, exact_mean, exact_sum
 
 GUARD, INTRUDER = "guard", "intruder"
 CELL = ["intruders", "robots"]
@@ -201,20 +200,24 @@ def _placed(results: Results, frame: pd.DataFrame) -> pd.DataFrame:
 def _means(frame: pd.DataFrame, keys: list[str], column: str) -> pd.DataFrame:
     """A row for each group of rows that agree in the keys, in the order of their first rows: keys and mean.
 
-    Numbers are added up one by one: pandas adds in an order of its own, which changes the last digit.
+    Of exact sums: pandas' own change with the order of the rows and with its version.
     """
-    groups = frame.groupby(keys, sort=False).ngroup().to_numpy()
-    sums = np.bincount(groups, weights=frame[column].to_numpy(np.float64))
-    firsts = frame[keys].drop_duplicates()
-    return firsts.assign(**{column: sums / np.bincount(groups)})
+    firsts, values = _grouped(frame, keys, column)
+    return firsts.assign(**{column: [*map(exact_mean, values)]})
 
 
 def _exact_sums(frame: pd.DataFrame, keys: list[str], column: str) -> pd.DataFrame:
-    """The same with the sum of the defined numbers, rounded once, and how many there are as ``count``."""
-    groups = frame.groupby(keys, sort=False).ngroup().tolist()
+    """The same with the sum of the defined numbers, and how many there are as ``count``."""
+    firsts, values = _grouped(frame, keys, column)
+    defined = [[value for value in group if value == value] for group in values]
+    return firsts.assign(**{column: [*map(exact_sum, defined)]}, count=[*map(len, defined)])
+
+
+def _grouped(frame: pd.DataFrame, keys: list[str], column: str) -> tuple[pd.DataFrame, list[list[float]]]:
+    """The keys of each group of rows, and the column's values there."""
     firsts = frame[keys].drop_duplicates()
-    defined: list[list[float]] = [[] for _ in range(len(firsts))]
+    values: list[list[float]] = [[] for _ in range(len(firsts))]
+    groups = frame.groupby(keys, sort=False).ngroup().tolist()
     for group, value in zip(groups, frame[column].tolist(), strict=True):
-        if value == value:
-            defined[group].append(value)
-    return firsts.assign(**{column: [*map(math.fsum, defined)]}, count=[*map(len, defined)])
+        values[group].append(value)
+    return firsts, values

@@ -9,7 +9,7 @@ import pandas as pd
 
 from midnet_bench.analysis import statistics
 from midnet_bench.analysis.frames import Results, records
-from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
+from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, exact_mean
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.columns import shown
 from midnet_bench.errors import InputError
@@ -201,8 +201,7 @@ def health_table(robots: Maps) -> Table:
     for arena, teams in robots.items():
         for size, team in teams.items():
             row: dict[str, Cell] = {"arena": arena, "robots": size, "robot_trials": len(team)}
-            # added up one by one: pandas' own order of adding changes the last digit
-            row |= {name: sum(team[name]) / len(team) for name in ("distance_m", "stuck_s", "pose_error_m")}
+            row |= {name: exact_mean(team[name]) for name in ("distance_m", "stuck_s", "pose_error_m")}
             row["most_pose_error_m"] = max(team["pose_error_m"])
             row |= {name: int(sum(team[name])) for name in COUNTED}
             rows.append(row)

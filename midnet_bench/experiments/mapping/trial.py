@@ -1,5 +1,6 @@
 """Map construction of section II.A: robots explore an arena that they do not know."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -146,7 +147,7 @@ class ExplorationTrial(RobotTrial):
             parts=parts,
             score=score,
             time_s=self.time_s,
-            distance_m=float(self.fleet.health.distances_m.sum()),
+            distance_m=math.fsum(self.fleet.health.distances_m.tolist()),
             finished=self._is_finished,
             merge_confidence=team.confidence,
             warnings=self._warnings(score, truth) + team.refusals,

@@ -11,6 +11,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
 
+from midnet_bench.analysis.statistics import exact_mean
 from midnet_bench.io.checked_yaml import Spec, parse, read_yaml
 from midnet_bench.settings import Scalar
 
@@ -118,7 +119,12 @@ def distance(rule: Rule, candidate: Candidate) -> float:
         return math.inf
     if rule.distance == "largest":
         return max(map(abs, deviations))
-    return math.sqrt(sum(value * value for value in deviations) / len(deviations))
+    return root_mean_square(deviations)
+
+
+def root_mean_square(values: Sequence[float]) -> float:
+    """Of at least one value."""
+    return math.sqrt(exact_mean([value * value for value in values]))
 
 
 def departures(options: Mapping[str, Scalar], plain: Mapping[str, Scalar]) -> int:

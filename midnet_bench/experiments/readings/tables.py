@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from midnet_bench.analysis.frames import Results
+from midnet_bench.analysis.statistics import exact_mean
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.experiments.detection.counting import COUNTS, PAPER, PAPER_FRAMES, SCORES
 from midnet_bench.experiments.readings.rules import (
@@ -16,6 +17,7 @@ from midnet_bench.experiments.readings.rules import (
     distance,
     is_clean,
     ranked,
+    root_mean_square,
 )
 from midnet_bench.experiments.readings.trial import readings_of
 from midnet_bench.scoring.frame_counts import ratios
@@ -93,7 +95,7 @@ def _judge(name: str, options: Mapping[str, Scalar], runs: pd.DataFrame) -> _Jud
         scored = [ratios(*counts)._asdict() for counts in seen[[*COUNTS]].to_numpy().tolist()]
         for score in SCORES:
             key = f"{HEADINGS[score]}({team[0]})"
-            means[key] = mean = sum(one[score] for one in scored) / len(scored) if scored else math.nan
+            means[key] = mean = exact_mean([one[score] for one in scored]) if scored else math.nan
             of_ratios[key] = mean - float(paper[score] or 0.0)
         to_find = float(paper["tp"] or 0) + float(paper["fn"] or 0)
         for count in COUNTS:
@@ -111,10 +113,10 @@ def _judge(name: str, options: Mapping[str, Scalar], runs: pd.DataFrame) -> _Jud
         "reading": name,
         **means,
         "largest gap": max(map(abs, gaps)),
-        "rms gap": _rms(gaps),
+        "rms gap": root_mean_square(gaps),
         **per_frame,
         "largest of 12": max(map(abs, twelve)),
-        "rms of 12": _rms(twelve),
+        "rms of 12": root_mean_square(twelve),
     }
     if empty:
         row |= {NOISE: alone, FALSE: worst}
@@ -142,7 +144,3 @@ def _ranked(rule: Rule, judged: Mapping[str, _Judged]) -> list[Candidate]:
 def _per_frame(runs: pd.DataFrame, count: str) -> float:
     frames = sum(runs["frames"])
     return float(sum(runs[count]) / frames) if frames else math.nan
-
-
-def _rms(values: list[float]) -> float:
-    return math.sqrt(sum(value * value for value in values) / len(values))

@@ -14,7 +14,6 @@ from midnet_bench.experiments.readings.parameters import ReadingsParameters
 from midnet_bench.experiments.readings.rules import choosing, combined, name_of
 from midnet_bench.geometry import Box
 from midnet_bench.scoring.frame_counts import (
-    NOTHING,
     FrameCounts,
     FrameMatch,
     count_frame,
@@ -113,7 +112,7 @@ class ReadingsTrial(DetectionTrial):
 
     def counts(self) -> dict[str, FrameCounts]:
         """Counts of each reading, summed over all frames."""
-        sums = dict.fromkeys(self._pair_of.values(), NOTHING)
+        frames: dict[tuple[int, int], list[FrameCounts]] = {pair: [] for pair in self._pair_of.values()}
         for _ in self.frames():
             detections = self._detections()
             worlds = [
@@ -122,7 +121,7 @@ class ReadingsTrial(DetectionTrial):
             ]
             matches: dict[tuple[Boxes, float], FrameMatch] = {}
             counted: dict[tuple[Boxes, float, tuple[bool, ...]], FrameCounts] = {}
-            for (node, scoring), before in sums.items():
+            for (node, scoring), counts in frames.items():
                 boxes = detections[node]
                 grown_m, truths, in_range = worlds[scoring]
                 now = counted.get((boxes, grown_m, in_range))
@@ -132,9 +131,9 @@ class ReadingsTrial(DetectionTrial):
                     now = counted[boxes, grown_m, in_range] = count_frame(
                         boxes, truths, in_range, match=match
                     )
-                sums[node, scoring] = total((before, now))
+                counts.append(now)
         return {
-            name: counted_as(sums[self._pair_of[name]], reading.tp_boxes)
+            name: counted_as(total(frames[self._pair_of[name]]), reading.tp_boxes)
             for name, reading in self.readings.items()
         }
 

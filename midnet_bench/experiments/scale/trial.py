@@ -172,4 +172,4 @@ def _sorted(boxes: BoxArray) -> BoxArray:
 
 def _overlapping(boxes: BoxArray) -> int:
     """How many boxes have some area in common with another one."""
-    return int(((ious(boxes, boxes) > 0.0).sum(axis=1) > 1).sum())
+    return int(np.count_nonzero(np.count_nonzero(ious(boxes, boxes) > 0.0, axis=1) > 1))

@@ -301,12 +301,12 @@ def normalized_weights(log_weights: npt.NDArray[np.float64], gain: float) -> npt
     The division by N is GMapping's (``gridslamprocessor.hxx``, normalize).
     """
     flattened = exponentials((log_weights - log_weights.max()) / (gain * len(log_weights)))
-    return flattened / flattened.sum()
+    return flattened / math.fsum(flattened.tolist())
 
 
 def effective_particles(weights: npt.NDArray[np.float64]) -> float:
     """Neff = 1 / sum of w^2: N for equal weights, 1 when one particle has all."""
-    return 1.0 / float((weights * weights).sum())
+    return 1.0 / math.fsum((weights * weights).tolist())
 
 
 def systematic_resample(weights: npt.NDArray[np.float64], offset: float) -> npt.NDArray[np.int64]:

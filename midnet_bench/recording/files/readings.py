@@ -63,13 +63,17 @@ class Transform(NamedTuple):
     @property
     def is_finite(self) -> bool:
         """Whether all its numbers are, and the quaternion is one."""
-        length = self.qx * self.qx + self.qy * self.qy + self.qz * self.qz + self.qw * self.qw
-        return all(map(math.isfinite, self)) and length > 1e-6
+        return all(map(math.isfinite, self)) and self._squared > 1e-6
+
+    @property
+    def _squared(self) -> float:
+        """The quaternion's squared length."""
+        return self.qx * self.qx + self.qy * self.qy + self.qz * self.qz + self.qw * self.qw
 
     def normalized(self) -> "Transform":
         """The same with a quaternion of length 1."""
         x, y, z, *turn = self
-        length = math.sqrt(sum(part * part for part in turn))
+        length = math.sqrt(self._squared)
         return Transform(x, y, z, *(part / length for part in turn))
 
     def then(self, other: "Transform") -> "Transform":

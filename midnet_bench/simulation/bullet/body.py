@@ -85,7 +85,7 @@ def _build_robot(client: int, robot: RobotModel, pose: Pose2D) -> Body:
     level = [(0.0, 0.0, 0.0, 1.0)] * 3
     start = pose.compose(Pose2D(mass_x, 0.0, 0.0))
     body = bullet.createMultiBody(
-        baseMass=robot.mass_kg - sum(masses),
+        baseMass=robot.mass_kg - math.fsum(masses),
         baseCollisionShapeIndex=shape(bullet.GEOM_MESH, vertices=hull),
         basePosition=(start.x, start.y, axle_z),
         baseOrientation=bullet.getQuaternionFromEuler([0.0, 0.0, pose.yaw]),

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from midnet_bench.arena.solids import Solid
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import hypot
-from midnet_bench.geometry import lengths
+from midnet_bench.geometry import lengths, mean_point
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -52,7 +52,7 @@ def outlines_of(solids: tuple[Solid, ...]) -> Outlines:
     outlines = [solid.outline() for solid in solids]
     corners = np.concatenate(outlines)
     after = np.concatenate([part for outline in outlines for part in (outline[1:], outline[:1])])
-    centers = [outline.mean(axis=0) for outline in outlines]
+    centers = [mean_point(outline) for outline in outlines]
     radii = [lengths(outline - center).max() for outline, center in zip(outlines, centers, strict=True)]
     return Outlines(
         np.column_stack((corners, lengths(after - corners))),

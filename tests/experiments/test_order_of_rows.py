@@ -1,0 +1,58 @@
+"""Tables of the committed reference results: the same bytes in whatever order the trials' rows are."""
+
+from pathlib import Path
+
+import pandas as pd
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from midnet_bench.analysis.frames import load_results
+from midnet_bench.analysis.tables import Table
+from midnet_bench.experiments.detection import tables as detection
+from midnet_bench.experiments.labyrinth import tables as labyrinth
+from midnet_bench.experiments.labyrinth.trials import Variant, variants_of
+from midnet_bench.experiments.mapping import tables as mapping
+
+REFERENCE = Path(__file__).parents[2] / "results" / "reference"
+LABYRINTH = load_results(REFERENCE / "labyrinth")
+DETECTION = detection.cells_of(load_results(REFERENCE / "detection"))
+MAPPING = load_results(REFERENCE / "mapping")
+
+
+def made(seed: int | None) -> dict[str, str]:
+    """The tables by name, as CSV; of shuffled rows if there is a seed."""
+
+    def rows(frame: pd.DataFrame) -> pd.DataFrame:
+        return frame if seed is None else frame.sample(frac=1.0, random_state=seed)
+
+    variants = {
+        name: Variant(rows(one.trials), rows(one.robots)) for name, one in variants_of(LABYRINTH).items()
+    }
+    cells = {name: rows(cell) for name, cell in DETECTION.items()}
+    maps, robots = (
+        {
+            arena: {size: rows(team) for size, team in teams.items()}
+            for arena, teams in mapping.rows_of(MAPPING, table).items()
+        }
+        for table in ("maps", "robots")
+    )
+    tables: list[Table] = [
+        *(make(variants) for make in (labyrinth.cells_table, labyrinth.health_table, labyrinth.speed_table)),
+        labyrinth.success_table(variants),
+        *(make(cells) for make in (detection.summary_table, detection.matching_table)),
+        detection.comparison_table(cells),
+        *(make(maps) for make in (mapping.teams_table, mapping.walls_table, mapping.measures_table)),
+        mapping.speedup_table(maps),
+        mapping.health_table(robots),
+    ]
+    return {table.name: table.to_csv() for table in tables}
+
+
+IN_ORDER = made(None)
+
+
+@settings(max_examples=5)
+@given(st.integers(0, 2**32 - 1))
+def test_tables_are_the_same_to_the_byte_in_any_order_of_rows(seed: int) -> None:
+    shuffled = made(seed)
+    assert [name for name in IN_ORDER if shuffled[name] != IN_ORDER[name]] == []
