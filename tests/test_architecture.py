@@ -289,7 +289,11 @@ ADDING = {"sum", "nansum", "mean", "nanmean", "average", "std", "var"}
 WHOLE_NUMBERS = {
     "sum(in_range)",
     "sum(cell[key])",
-    *(f"sum(cell['{name}'])" for name in ("collisions", "duplicates", "found", "fp", "frames", "matched")),
+    "sum(trials[count])",
+    *(
+        f"sum(cell['{name}'])"
+        for name in ("boxes", "collisions", "duplicates", "found", "frames", "matched")
+    ),
     *(f"sum(cell['{name}'])" for name in ("missed", "tp")),
     "sum(runs[count])",
     "sum(runs['frames'])",

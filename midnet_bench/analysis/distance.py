@@ -43,8 +43,18 @@ def distance(differences: FloatArray) -> Distance:
 
 
 def _distances(differences: FloatArray, weights: FloatArray) -> FloatArray:
-    """(samples,) with ``weights`` (samples, seeds), how often each seed is in a sample."""
+    """(samples,) with ``weights`` (samples, seeds), how often each seed is in a sample.
+
+    Sums run over seeds and numbers in their order, so that they are the same on every processor.
+    """
     is_defined = ~np.isnan(differences)
+    shape = (len(weights), differences.shape[1])
+    totals, counts, squares = np.zeros(shape), np.zeros(shape), np.zeros(len(weights))
+    for seed, (numbers, defined) in enumerate(zip(differences, is_defined, strict=True)):
+        totals += weights[:, seed, None] * np.where(defined, numbers, 0.0)
+        counts += weights[:, seed, None] * defined
     with np.errstate(invalid="ignore"):
-        means = weights @ np.where(is_defined, differences, 0.0) / (weights @ is_defined)
-    return np.asarray(np.sqrt((means**2).mean(axis=1)))
+        means = totals / counts
+    for column in means.T:
+        squares += column * column
+    return np.asarray(np.sqrt(squares / shape[1]))
