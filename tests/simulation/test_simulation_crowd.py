@@ -169,3 +169,34 @@ def test_a_robot_runs_into_them_and_not_through_them(engine: str, kind: str) -> 
         world.step()
     assert world.pose(0).x < 0.5  # it is free to leave
     world.close()
+
+
+def track(engine: str, layout: Layout, seconds: float) -> tuple[float, float, float]:
+    """Where the one robot ends that drives ahead all the time; nothing else moves for it."""
+    crowd = Crowd(layout, STEP_S)
+    world = CrowdedWorld(make_world(layout, WorldSettings(engine=engine), BURGER), crowd)
+    there = crowd.solids()
+    for _ in range(round(seconds / STEP_S)):
+        world.drive(0, Command(0.2, 0.0))
+        world.step()
+    assert crowd.solids() == there
+    assert world.collisions()[0] == 1
+    pose = world.pose(0)
+    world.close()
+    return pose.x, pose.y, pose.yaw
+
+
+@pytest.mark.parametrize("aside_m", [0.1, 0.13])
+@pytest.mark.parametrize("kind", ["person", "cylinder"])
+def test_a_robot_slides_off_a_leg_as_off_a_stationary_intruder(kind: str, aside_m: float) -> None:
+    """Within 5 mm and 0.06 rad, and 45 mm and 0.55 rad of PyBullet. A robot that is held does not turn."""
+    shape = {} if kind == "person" else {"size_m": [LEG_DIAMETER_M, LEG_DIAMETER_M]}
+    middle_m = aside_m + (FEET_APART_M / 2.0 if kind == "person" else 0.0)
+    others = layout_of(({"kind": kind, **shape}, Pose2D(0.6, middle_m, 0.0)), robots=1)
+    legs = Crowd(others, STEP_S).solids()
+    still = replace(others, stationary=legs, others=())
+    ends = [track(engine, layout, 8.0) for engine in ("fast", "bullet") for layout in (others, still)]
+    assert np.ptp(ends, axis=0)[:2].max() < 0.045
+    assert np.ptp(ends, axis=0)[2] < 0.55
+    assert (np.abs(np.subtract(ends[0], ends[1])) < (0.005, 0.005, 0.06)).all()
+    assert min(yaw for _, _, yaw in ends) > 1.2
