@@ -1,6 +1,7 @@
 """People and things that move by themselves: their gait, their paths, what beams and robots meet of them."""
 
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -11,16 +12,11 @@ from midnet_bench.arena.layout import Layout, Other, place
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.robots.burger import BURGER
-from midnet_bench.simulation.crowd import (
-    FEET_APART_M,
-    LEG_DIAMETER_M,
-    Crowd,
-    CrowdedWorld,
-    step_length_m,
-)
+from midnet_bench.simulation.crowd import LEG_DIAMETER_M, Crowd, CrowdedWorld
 from midnet_bench.simulation.engines import make_world
 from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.simulator import Beams
+from midnet_bench.simulation.walking import FEET_APART_M, step_length_m
 from tests.simulation.scenes import ENGINES
 
 STEP_S = 1.0 / 30.0
@@ -119,6 +115,25 @@ def test_a_person_stops_before_a_robot_and_goes_on_when_it_has_left() -> None:
             person.go_to((2.0, 0.0))
         crowd.step(np.array([[-2.0, 2.0, 0.13]]))
     assert person.pose.x == pytest.approx(2.0, abs=0.02)
+
+
+def test_a_hundred_people_walk_in_a_tenth_of_real_time() -> None:
+    """They take a hundredth of it; looking at each other in plain Python they took a third."""
+    values = {**BIG, "plane_m": [22.0, 22.0], "enclosure_m": [20.0, 20.0]}
+    values["walls"] = [[[-10, -10], [10, -10], [10, 10], [-10, 10], [-10, -10]]]
+    values["other_intruders"] = [{"kind": "person", "count": 100}]
+    crowd = Crowd(place(checked_arena(values, "square"), 1, 1), STEP_S)
+    crowd.step(NOBODY)
+    rng = np.random.default_rng(1)
+    for person in crowd.members:
+        person.go_to(person.free.draw(rng))
+    before = time.process_time()
+    for _ in range(60):
+        crowd.step(NOBODY)
+        assert len(crowd.solids()) == 200
+    taken_s = time.process_time() - before
+    assert sum(person.speed_mps > 0.0 for person in crowd.members) > 50
+    assert taken_s < 0.2
 
 
 def test_beams_meet_legs_and_boxes_where_they_are() -> None:

@@ -203,10 +203,10 @@ def obstacles_near(
     count = 0
     for x, y, yaw, length_m, width_m, is_disc in solids:
         reach_m = length_m / 2.0 if is_disc else hypot(length_m, width_m) / 2.0
-        is_near = False
+        is_near, apart_m = False, within_m + reach_m
         for i in range(len(poses)):
             dx, dy = poses[i, 0] - x, poses[i, 1] - y
-            is_near |= present[i] and dx * dx + dy * dy < (within_m + reach_m) ** 2
+            is_near |= present[i] and dx * dx + dy * dy < apart_m * apart_m
         if not is_near:
             continue
         circles[count, 0], circles[count, 1], circles[count, 2] = x, y, reach_m
