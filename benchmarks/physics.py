@@ -1,6 +1,7 @@
 """Milliseconds of one core that each engine takes per simulated second, with 2, 6 and 10 Burgers that scan.
 
-Run it as ``python -m benchmarks.physics [ARENA]`` (default: map2). Scans are whole, noise included.
+Run it as ``python -m benchmarks.physics [ARENA]`` (default: map2). Scans are whole, noise included. The
+second table is CPU time of people that wander, on 4 m2 each: their steps, and the planning of their paths.
 """
 
 import sys
@@ -8,17 +9,20 @@ import time
 
 import numpy as np
 
-from midnet_bench.arena.arena import load_arena
+from benchmarks.growth import grown
+from midnet_bench.arena.arena import OtherIntruders, load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.messages import Command
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import BURGER
+from midnet_bench.simulation.crowd import Crowd
 from midnet_bench.simulation.engines import make_world
 from midnet_bench.simulation.lidar import LidarSensors
 from midnet_bench.simulation.settings import WorldSettings
 
 SIMULATED_S = 30
-SCAN_HZ, CONTROL_HZ = 5, 10
+SCAN_HZ, CONTROL_HZ, STEP_HZ = 5, 10, 30
+MAP1_M2 = 36.0
 
 
 def measure(
@@ -50,6 +54,26 @@ def measure(
     return start_s * 1e3, step_s * 1e3 / simulated_s, scans_s * 1e3 / simulated_s
 
 
+def measure_people(people: int, simulated_s: int) -> tuple[float, float]:
+    """Steps and plans, CPU milliseconds per simulated second."""
+    group = OtherIntruders(kind="person", count=people)
+    arena = grown(load_arena("empty"), 4.0 * people / MAP1_M2, 0)
+    crowd = Crowd(place(arena.model_copy(update={"other_intruders": (group,)}), 1, 1), 1.0 / STEP_HZ)
+    goals = stream(1, "goals")
+    step_s = plan_s = 0.0
+    for _ in range(simulated_s * STEP_HZ):
+        before = time.process_time()
+        for member in crowd.members:
+            if member.goal is None:
+                member.go_to(member.free.draw(goals))
+        between = time.process_time()
+        crowd.step(np.empty((0, 3)))
+        crowd.solids()
+        plan_s += between - before
+        step_s += time.process_time() - between
+    return step_s * 1e3 / simulated_s, plan_s * 1e3 / simulated_s
+
+
 def main(arena: str = "map2", simulated_s: int = SIMULATED_S) -> None:
     engines = ("bullet", "fast")
     for engine in engines:  # compiles and loads what is used for the first time
@@ -67,6 +91,11 @@ def main(arena: str = "map2", simulated_s: int = SIMULATED_S) -> None:
                 f"{engine:>8} {2 * robots:>6} {start:>9.1f} {step:>7.2f} {scans:>7.2f}"
                 f" {step + scans:>7.2f} {ratio:>6.2f}"
             )
+    measure_people(10, 1)
+    print(f"{'people':>8} {'steps':>7} {'plans':>7}")
+    for people in (10, 50, 100):
+        step, plan = min(measure_people(people, simulated_s) for _ in range(3))
+        print(f"{people:>8} {step:>7.2f} {plan:>7.2f}")
 
 
 if __name__ == "__main__":

@@ -5,10 +5,7 @@ and stop before they would run over anybody. Beams meet them, and robots run int
 
 At the height of the beams a person is two discs, the legs. Leg detectors for 2D scanners look for widths of
 0.1 to 0.25 m and for pairs less than 0.4 m apart (Bellotto and Hu, "Multisensor-based human detection and
-tracking for mobile service robots", IEEE Trans. SMC-B 39(1), 2009). Step length over cadence, the walk ratio,
-stays at 0.0065 m per step/min from 1 m/s up (Murakami and Otaka, J. Phys. Ther. Sci. 29(5), 2017; Sekiya and
-Nagasaki, Gait & Posture 7(3), 1998): both go with the square root of the speed, 0.68 m and 1.75 steps a
-second at 1.2 m/s, 0.88 m and 2.26 at 2 m/s.
+tracking for mobile service robots", IEEE Trans. SMC-B 39(1), 2009). ``walking`` says how they go.
 """
 
 import math
@@ -16,120 +13,89 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.arena.arena import OtherIntruders
 from midnet_bench.arena.free_space import FreeSpace, free_space
-from midnet_bench.arena.layout import OTHERS_MARGIN_M, Layout, Other
+from midnet_bench.arena.layout import OTHERS_MARGIN_M, Layout
 from midnet_bench.arena.solids import Solid
-from midnet_bench.elementary import atan2, cos, directions
-from midnet_bench.geometry import Box, Pose2D, lengths, wrap_angle
+from midnet_bench.geometry import Box, Pose2D, lengths
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import Command
 from midnet_bench.navigation.costmap import LETHAL
 from midnet_bench.navigation.global_planner import potential_to
 from midnet_bench.robots.model import RobotModel
+from midnet_bench.simulation import walking
 from midnet_bench.simulation.simulator import Beams, Simulator
+from midnet_bench.simulation.walking import Walkers
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Point = tuple[float, float]
 
 LEG_DIAMETER_M = 0.12
-FEET_APART_M = 0.25
-"""from one leg's middle to the other's, sideways"""
-WALK_RATIO_M_MIN = 0.0065
-"""step length in metres over steps per minute"""
-ACCELERATION_MPS2 = 2.0
-TURN_RADPS = math.pi
-"""on the spot, before the first step"""
-KEEP_OFF_M = 0.35
-"""from where somebody stops to where there would be no room; a leg reaches that far ahead"""
-LOOK_STEP_M = 0.1
-ARRIVED_M = 0.01
-IMPATIENT_S = 1.0
-"""A way that somebody has blocked for so long is given up."""
-_TANGENT_M = 0.15
-
-
-def step_length_m(speed_mps: float) -> float:
-    """How long a step is at a speed, by the walk ratio."""
-    return math.sqrt(60.0 * WALK_RATIO_M_MIN * speed_mps)
 
 
 class Member:
     """One person or thing. ``go_to`` says where; it stops, turns and walks by itself."""
 
-    def __init__(self, name: str, start: Other, free: FreeSpace) -> None:
-        """At rest at its start; ``free``: where its middle may be."""
+    def __init__(
+        self,
+        name: str,
+        group: OtherIntruders,
+        space: tuple[FreeSpace, OccupancyGrid],
+        walkers: Walkers,
+        number: int,
+    ) -> None:
+        """Row ``number`` of ``walkers``; ``space``: where its middle may be, also as the planner's costs."""
         self.name = name
-        self.group = start.group
-        self.pose = start.pose
-        self.speed_mps = 0.0
-        self.goal: Point | None = None
-        self.free = free
-        self._costs = OccupancyGrid(
-            np.where(free.grid.data, 0, LETHAL).astype(np.uint8), free.grid.resolution, free.grid.origin
-        )
-        self._path: Floats | None = None
-        self._arcs: Floats = np.zeros(1)
-        """(n,) lengths of the path up to each of its points, metres"""
-        self._at_m = 0.0
-        self._steps = 0.0
-        self._blocked_s = 0.0
+        self.group = group
+        self.free, self._costs = space
+        self._walkers = walkers
+        self._number = number
+        self._state = walkers.states[number]
+
+    @property
+    def pose(self) -> Pose2D:
+        """Its middle on the floor, map frame."""
+        return Pose2D(*self._state[walking.POSE].tolist())
 
     @property
     def place(self) -> Point:
         """(x, y) of its middle, map frame, metres."""
-        return self.pose.x, self.pose.y
+        x, y, _ = self.pose
+        return x, y
 
     @property
-    def braking_m(self) -> float:
-        """How far it goes on until it stands."""
-        return self.speed_mps * self.speed_mps / (2.0 * ACCELERATION_MPS2)
+    def speed_mps(self) -> float:
+        """How fast it walks."""
+        return float(self._state[walking.SPEED])
+
+    @property
+    def goal(self) -> Point | None:
+        """(x, y) where it goes, map frame, metres; None when it stays."""
+        x, y = self._state[walking.GOAL].tolist()
+        return None if math.isnan(x) else (x, y)
 
     def go_to(self, goal: Point | None) -> None:
         """Stop, and then go there; None: stay. Without a way there, it stays and has no goal."""
-        self.goal = goal
-        self._blocked_s = 0.0
+        self._state[walking.GOAL] = goal or math.nan
+        self._state[walking.BLOCKED_S] = 0.0
         if self.speed_mps == 0.0:
-            self._plan()
+            self.plan()
 
-    def step(self, dt_s: float, others: Floats) -> None:
-        """Let ``dt_s`` pass; ``others``: (n, 3) x, y, radius of who is in the way, metres."""
-        path = self._path
-        if path is None:
-            if self.goal is not None:
-                self._plan()
-            return
-        if self._at_m == 0.0 and self._turn(dt_s):
-            return
-        length_m = float(self._arcs[-1])
-        is_wanted = self.goal is not None and self.goal == (float(path[-1, 0]), float(path[-1, 1]))
-        free_m = min(length_m - self._at_m, self._gap_m(others)) if is_wanted else 0.0
-        most_mps = min(self.group.speed_mps, math.sqrt(2.0 * ACCELERATION_MPS2 * max(free_m, 0.0)))
-        change_mps = ACCELERATION_MPS2 * dt_s
-        self.speed_mps = min(max(most_mps, self.speed_mps - change_mps), self.speed_mps + change_mps)
-        self._blocked_s = self._blocked_s + dt_s if self.speed_mps == 0.0 else 0.0
-        if self.speed_mps > 0.0:
-            # rounding may leave more speed than way
-            way_m = min(self.speed_mps * dt_s, length_m - self._at_m)
-            self._at_m += way_m
-            self._steps += way_m / step_length_m(self.speed_mps)
-            x, y = self._point(self._at_m)
-            self.pose = Pose2D(x, y, self._heading(self._at_m))
-        if is_wanted and length_m - self._at_m < ARRIVED_M:
-            self.goal = None
-            self._stop()
-        elif self.speed_mps == 0.0 and (not is_wanted or self._blocked_s > IMPATIENT_S):
-            self._stop()
-            if is_wanted:
-                self.goal = None
-            elif self.goal is not None:
-                self._plan()
+    def plan(self) -> None:
+        """Find a path to its goal from where it stands; without one it has no goal any more."""
+        goal, start = self.goal, self.place
+        potential = None if goal is None else potential_to(goal, self._costs, start)
+        path = None if potential is None else potential.path_from(*start)
+        if not self._walkers.follow(self._number, path):
+            self._state[walking.GOAL] = math.nan
 
     def solids(self) -> tuple[Solid, ...]:
         """What beams meet and robots run into: both legs, or the thing itself."""
         height_m = self.group.height_m
         if self.group.kind == "person":
-            feet = [Pose2D(x, y, 0.0) for x, y in self._feet()]
+            xa, ya, xb, yb = self._state[walking.FEET].tolist()
+            feet = Pose2D(xa, ya, 0.0), Pose2D(xb, yb, 0.0)
             return tuple(Solid("cylinder", foot, LEG_DIAMETER_M, LEG_DIAMETER_M, height_m) for foot in feet)
         return (Solid(self.group.kind, self.pose, *self.group.sides_m, height_m),)
 
@@ -138,133 +104,55 @@ class Member:
         boxes = np.array([solid.bounding_box() for solid in self.solids()])
         return Box(*boxes[:, :2].min(axis=0).tolist(), *boxes[:, 2:].max(axis=0).tolist())
 
-    def _plan(self) -> None:
-        self._stop()
-        if self.goal is None:
-            return
-        potential = potential_to(self.goal, self._costs, self.place)
-        path = None if potential is None else potential.path_from(*self.place)
-        if path is None or len(path) < 2:
-            self.goal = None
-            return
-        sides = lengths(path[1:] - path[:-1])
-        path = path[np.concatenate(([True], sides > 0.0))]
-        self._arcs = np.concatenate(([0.0], np.cumsum(sides[sides > 0.0])))
-        if self._arcs[-1] < ARRIVED_M:
-            self.goal = None
-            return
-        self._path = path
-
-    def _stop(self) -> None:
-        self._path = None
-        self._arcs = np.zeros(1)
-        self._at_m = self.speed_mps = self._blocked_s = 0.0
-
-    def _turn(self, dt_s: float) -> bool:
-        """Turn on the spot towards the path; whether that took the time."""
-        missing = wrap_angle(self._heading(0.0) - self.pose.yaw)
-        most = TURN_RADPS * dt_s
-        turn = min(max(missing, -most), most)
-        self.pose = self.pose._replace(yaw=wrap_angle(self.pose.yaw + turn))
-        return abs(missing) > most
-
-    def _gap_m(self, others: Floats) -> float:
-        """How far it may go on until it has to stand for somebody; inf when nobody is in the way."""
-        if not len(others):
-            return math.inf
-        now_m = lengths(others[:, :2] - self.place)
-        rooms_m = others[:, 2] + self.group.radius_m
-        ahead_m = LOOK_STEP_M
-        while ahead_m < self.braking_m + 2.0 * KEEP_OFF_M:
-            gaps_m = lengths(others[:, :2] - self._point(self._at_m + ahead_m))
-            # whom it leaves behind is no reason to stand
-            if bool(((gaps_m < rooms_m) & (gaps_m < now_m)).any()):
-                return max(ahead_m - KEEP_OFF_M, 0.0)
-            ahead_m += LOOK_STEP_M
-        return math.inf
-
-    def _point(self, arc_m: float) -> Point:
-        """(x, y) that far along the path, or at its nearer end."""
-        assert self._path is not None
-        arcs, path = self._arcs, self._path
-        arc_m = min(max(arc_m, 0.0), float(arcs[-1]))
-        after = min(int(np.searchsorted(arcs, arc_m, side="right")), len(arcs) - 1)
-        share = (arc_m - float(arcs[after - 1])) / float(arcs[after] - arcs[after - 1])
-        (xa, ya), (xb, yb) = path[after - 1].tolist(), path[after].tolist()
-        return xa + share * (xb - xa), ya + share * (yb - ya)
-
-    def _heading(self, arc_m: float) -> float:
-        """Which way the path goes there, over a foot's length, radians."""
-        (xa, ya), (xb, yb) = self._point(arc_m - _TANGENT_M), self._point(arc_m + _TANGENT_M)
-        return self.pose.yaw if (xa, ya) == (xb, yb) else float(atan2(yb - ya, xb - xa))
-
-    def _feet(self) -> tuple[Point, Point]:
-        """The middles of the left and the right leg. Who stands has them side by side.
-
-        One leg stands while the other one overtakes it. Both go along the path, not straight ahead: so no leg
-        comes nearer to a wall than the path does, less half of what lies between the feet.
-        """
-        stride_m = step_length_m(self.speed_mps) if self._path is not None else 0.0
-        step, share = divmod(self._steps, 1.0)
-        standing_m = stride_m * (0.5 - share)
-        swinging_m = -stride_m * cos(math.pi * share) / 2.0
-        ahead_m = (swinging_m, standing_m) if int(step) % 2 == 0 else (standing_m, swinging_m)
-        feet = []
-        for along_m, side in zip(ahead_m, (0.5, -0.5), strict=True):
-            if self._path is None or self._at_m == 0.0:
-                x, y = self.place
-                yaw = self.pose.yaw
-            else:
-                x, y = self._point(self._at_m + along_m)
-                yaw = self._heading(self._at_m + along_m)
-            ((c, s),) = directions(np.array([yaw])).tolist()
-            feet.append((x - s * side * FEET_APART_M, y + c * side * FEET_APART_M))
-        return feet[0], feet[1]
-
 
 class Crowd:
     """All people and things of a layout."""
 
     def __init__(self, layout: Layout, step_s: float) -> None:
-        """Everybody at their starts; ``step_s``: a tick."""
+        """All at their starts; ``step_s``: a tick."""
         self._step_s = step_s
         spaces = {
-            other.group.radius_m: free_space(
-                layout.arena, other.group.radius_m + OTHERS_MARGIN_M, layout.stationary
-            )
-            for other in layout.others
+            radius_m: _space(layout, radius_m) for radius_m in {o.group.radius_m for o in layout.others}
         }
+        bodies = [(*other.pose, other.group.radius_m, other.group.speed_mps) for other in layout.others]
+        self._walkers = Walkers(np.array(bodies).reshape(-1, 5))
         counts: dict[str, int] = {}
         self.members: list[Member] = []
-        for other in layout.others:
+        for number, other in enumerate(layout.others):
             kind = other.group.kind
             counts[kind] = counts.get(kind, 0) + 1
-            self.members.append(Member(f"{kind} {counts[kind]}", other, spaces[other.group.radius_m]))
-        self._solids: tuple[Solid, ...] = self._standing()
+            name, space = f"{kind} {counts[kind]}", spaces[other.group.radius_m]
+            self.members.append(Member(name, other.group, space, self._walkers, number))
+        self._solids: tuple[Solid, ...] | None = None
 
     def step(self, robots: Floats) -> None:
         """Let one tick pass; ``robots``: (n, 3) x, y and radius of the robots that are there."""
-        for number, member in enumerate(self.members):
-            # who comes first here goes first: the others keep off by as much as it needs to stop
-            first = [
-                (*other.place, other.group.radius_m + other.braking_m) for other in self.members[:number]
-            ]
-            later = [(*other.place, other.group.radius_m) for other in self.members[number + 1 :]]
-            member.step(self._step_s, np.vstack((robots, np.array(first + later).reshape(-1, 3))))
-        self._solids = self._standing()
+        for number in self._walkers.step(robots, self._step_s):
+            self.members[number].plan()
+        self._solids = None
 
     def solids(self) -> tuple[Solid, ...]:
         """Legs and things as they are at this tick, always in the same order."""
+        if self._solids is None:
+            self._solids = tuple(solid for member in self.members for solid in member.solids())
         return self._solids
 
     def shorten(self, ranges: Floats, beams: Beams, far_m: float) -> None:
         """Shorten (m, beams) ``ranges`` in place where a leg or a thing is nearer than they and ``far_m``."""
-        for solid in self._solids:
-            met = ranges_to(solid, beams)
+        solids = self.solids()
+        sizes = np.array([(*one.pose, one.length_m, one.width_m) for one in solids]).reshape(-1, 5)
+        reaches_m = far_m + lengths(sizes[:, 3:]) / 2.0
+        near = (lengths(beams.axes[:, None] - sizes[:, :2]) < reaches_m).any(axis=0)
+        for number in np.flatnonzero(near).tolist():
+            met = ranges_to(solids[number], beams)
             np.minimum(ranges, np.where(met < far_m, met, np.inf), out=ranges)
 
-    def _standing(self) -> tuple[Solid, ...]:
-        return tuple(solid for member in self.members for solid in member.solids())
+
+def _space(layout: Layout, radius_m: float) -> tuple[FreeSpace, OccupancyGrid]:
+    """Where the middle of what has that radius may be, and that as costs for the planner."""
+    free = free_space(layout.arena, radius_m + OTHERS_MARGIN_M, layout.stationary)
+    costs = np.where(free.grid.data, 0, LETHAL).astype(np.uint8)
+    return free, OccupancyGrid(costs, free.grid.resolution, free.grid.origin)
 
 
 def ranges_to(solid: Solid, beams: Beams) -> Floats:
@@ -326,9 +214,9 @@ class CrowdedWorld:
 
     def step(self) -> None:
         """Let one tick pass: first for the crowd, which sees where the robots are, then for the robots."""
-        places = self._world.poses()[self._world.active, :2]
-        radii = np.full((len(places), 1), self.robot.body_reach_m)
-        self._crowd.step(np.hstack((places, radii)))
+        robots = self._world.poses()[self._world.active]
+        robots[:, 2] = self.robot.body_reach_m
+        self._crowd.step(robots)
         if self._obstruct is not None:
             self._obstruct(self._crowd.solids())
         self._world.step()

@@ -29,7 +29,7 @@ def test_a_trial_against_bare_pybullet(capsys: pytest.CaptureFixture[str]) -> No
 @pytest.mark.slow
 def test_both_engines_steps_and_scans(capsys: pytest.CaptureFixture[str]) -> None:
     physics.main(simulated_s=1)
-    assert len(capsys.readouterr().out.splitlines()) == 2 + 3 * 2
+    assert len(capsys.readouterr().out.splitlines()) == 2 + 3 * 2 + 1 + 3
 
 
 def test_midnet_against_bare_opencv(capsys: pytest.CaptureFixture[str]) -> None:

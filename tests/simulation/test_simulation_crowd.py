@@ -1,6 +1,7 @@
 """People and things that move by themselves: their gait, their paths, what beams and robots meet of them."""
 
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -11,16 +12,11 @@ from midnet_bench.arena.layout import Layout, Other, place
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.robots.burger import BURGER
-from midnet_bench.simulation.crowd import (
-    FEET_APART_M,
-    LEG_DIAMETER_M,
-    Crowd,
-    CrowdedWorld,
-    step_length_m,
-)
+from midnet_bench.simulation.crowd import LEG_DIAMETER_M, Crowd, CrowdedWorld
 from midnet_bench.simulation.engines import make_world
 from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.simulator import Beams
+from midnet_bench.simulation.walking import FEET_APART_M, step_length_m
 from tests.simulation.scenes import ENGINES
 
 STEP_S = 1.0 / 30.0
@@ -121,6 +117,25 @@ def test_a_person_stops_before_a_robot_and_goes_on_when_it_has_left() -> None:
     assert person.pose.x == pytest.approx(2.0, abs=0.02)
 
 
+def test_a_hundred_people_walk_in_a_tenth_of_real_time() -> None:
+    """They take a hundredth of it; looking at each other in plain Python they took a third."""
+    values = {**BIG, "plane_m": [22.0, 22.0], "enclosure_m": [20.0, 20.0]}
+    values["walls"] = [[[-10, -10], [10, -10], [10, 10], [-10, 10], [-10, -10]]]
+    values["other_intruders"] = [{"kind": "person", "count": 100}]
+    crowd = Crowd(place(checked_arena(values, "square"), 1, 1), STEP_S)
+    crowd.step(NOBODY)
+    rng = np.random.default_rng(1)
+    for person in crowd.members:
+        person.go_to(person.free.draw(rng))
+    before = time.process_time()
+    for _ in range(60):
+        crowd.step(NOBODY)
+        assert len(crowd.solids()) == 200
+    taken_s = time.process_time() - before
+    assert sum(person.speed_mps > 0.0 for person in crowd.members) > 50
+    assert taken_s < 0.2
+
+
 def test_beams_meet_legs_and_boxes_where_they_are() -> None:
     crowd = Crowd(
         layout_of(
@@ -169,3 +184,34 @@ def test_a_robot_runs_into_them_and_not_through_them(engine: str, kind: str) -> 
         world.step()
     assert world.pose(0).x < 0.5  # it is free to leave
     world.close()
+
+
+def track(engine: str, layout: Layout, seconds: float) -> tuple[float, float, float]:
+    """Where the one robot ends that drives ahead all the time; nothing else moves for it."""
+    crowd = Crowd(layout, STEP_S)
+    world = CrowdedWorld(make_world(layout, WorldSettings(engine=engine), BURGER), crowd)
+    there = crowd.solids()
+    for _ in range(round(seconds / STEP_S)):
+        world.drive(0, Command(0.2, 0.0))
+        world.step()
+    assert crowd.solids() == there
+    assert world.collisions()[0] == 1
+    pose = world.pose(0)
+    world.close()
+    return pose.x, pose.y, pose.yaw
+
+
+@pytest.mark.parametrize("aside_m", [0.1, 0.13])
+@pytest.mark.parametrize("kind", ["person", "cylinder"])
+def test_a_robot_slides_off_a_leg_as_off_a_stationary_intruder(kind: str, aside_m: float) -> None:
+    """Within 5 mm and 0.06 rad, and 45 mm and 0.55 rad of PyBullet. A robot that is held does not turn."""
+    shape = {} if kind == "person" else {"size_m": [LEG_DIAMETER_M, LEG_DIAMETER_M]}
+    middle_m = aside_m + (FEET_APART_M / 2.0 if kind == "person" else 0.0)
+    others = layout_of(({"kind": kind, **shape}, Pose2D(0.6, middle_m, 0.0)), robots=1)
+    legs = Crowd(others, STEP_S).solids()
+    still = replace(others, stationary=legs, others=())
+    ends = [track(engine, layout, 8.0) for engine in ("fast", "bullet") for layout in (others, still)]
+    assert np.ptp(ends, axis=0)[:2].max() < 0.045
+    assert np.ptp(ends, axis=0)[2] < 0.55
+    assert (np.abs(np.subtract(ends[0], ends[1])) < (0.005, 0.005, 0.06)).all()
+    assert min(yaw for _, _, yaw in ends) > 1.2

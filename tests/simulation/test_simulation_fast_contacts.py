@@ -140,6 +140,47 @@ def test_not_even_in_a_jam_and_a_jam_keeps_moving(side_m: float, rows: int, seed
     assert np.abs(world.poses()[:, :2]).max() < side_m / 2.0
 
 
+@pytest.mark.parametrize("size_m", [(0.12, 0.12), (0.3, 0.1)])
+def test_what_moves_by_itself_pushes_nobody_into_a_wall_or_another(size_m: tuple[float, float]) -> None:
+    """It goes round at 0.7 m/s among six robots on 1.4 square metres, where not all can make room for it."""
+    kind = "cylinder" if size_m[0] == size_m[1] else "box"
+    starts = [(x, y, 3.0 * x + y) for x in (-0.4, 0.0, 0.4) for y in (-0.3, 0.3)]
+    layout = scene(starts, arena=small_arena(1.2))
+    rng, deepest, squeezed = np.random.default_rng(3), 0.0, 0.0
+    with World(layout) as world:
+        for tick in range(600):
+            turn = tick / 15.0
+            at = Pose2D(0.35 * math.cos(turn), 0.35 * math.sin(turn), turn)
+            solid = Solid(kind, at, *size_m, 0.5)
+            world.obstruct([solid])
+            if tick % 30 == 0:
+                for index in range(len(starts)):
+                    world.drive(index, Command(rng.uniform(-0.3, 0.3), rng.uniform(-3.0, 3.0)))
+            world.step()
+            deepest = max(deepest, deepest_m(layout, world.poses()))
+            bodies = [Pose2D(*pose).transform(np.array(BURGER.body)) for pose in world.poses().tolist()]
+            squeezed = max(squeezed, *(-solid.distance_to(body).min() for body in bodies))
+    assert deepest < 1e-3
+    assert squeezed > 0.03
+
+
+@pytest.mark.parametrize("kind", ["cylinder", "box"])
+def test_a_slow_thing_moves_a_robot_out_of_its_way(kind: str) -> None:
+    """The robot's front stays at its own; PyBullet has it up to 40 mm deeper inside."""
+    ends = {}
+    for engine in ("fast", "bullet"):
+        with WORLDS[engine](scene([(0.0, 0.0, 0.0)])) as world:
+            for tick in range(360):
+                solid = Solid(kind, Pose2D(0.5 - 0.1 * tick / 30.0, 0.0, 0.0), 0.2, 0.2, 0.5)
+                world.obstruct([solid])
+                world.step()
+            ends[engine] = world.poses()[0]
+    front = solid.pose.x - 0.1
+    assert ends["fast"][0] + 0.038 == pytest.approx(front, abs=1e-3)
+    assert ends["bullet"][0] == pytest.approx(ends["fast"][0], abs=0.05)
+    assert ends["fast"][1:] == pytest.approx((0.0, 0.0), abs=0.1)
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("offset_m", [0.0, 0.02])
 def test_a_wedged_pair_comes_free(engine: str, offset_m: float) -> None:

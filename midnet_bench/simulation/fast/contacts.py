@@ -4,6 +4,10 @@ A body is the convex hull of its contour. In the plane two convex shapes always 
 to corner, so contacts are looked for as such pairs: corners of bodies before sides of walls, corners of walls
 before bodies, corners of bodies before bodies. A pair counts only where each corner points at the other
 shape, so that what slides along a wall does not catch on the far ends of its sides.
+
+Obstacles are what moves by itself, people above all: boxes, and discs, each a corner with a radius. No body
+moves them. One that has moved into a body pushes it out, and where a wall or another body is in the way of
+that, the body stays in the obstacle.
 """
 
 from typing import NamedTuple
@@ -30,6 +34,8 @@ from midnet_bench.simulation.fast.outlines import (
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
+OBSTACLE = -2
+"""in ``pairs``: what moves by itself"""
 GRAVITY_MPS2 = 9.81
 WHEEL_FRICTION, WALL_FRICTION, BODY_FRICTION = 1.0, 0.5, 0.25
 """Coulomb's coefficients of wheels on the floor, bodies on walls and bodies on bodies, as in PyBullet"""
@@ -37,12 +43,23 @@ SKIN_M = 1e-4
 """Bodies stop this far from what they touch, so that a rounding is no penetration."""
 DEEP_M = 0.02
 """A corner that is farther behind a side was never before it."""
+PUSHED_MPS = 0.3
+"""How fast an obstacle pushes a body out of itself, about as in PyBullet."""
 _TILT = 0.3
 """How far, as a sine, a corner may point past the other shape: both ends of a side that lies flat count."""
 
 # Columns of a body's hull: a corner, the unit vector and the length of the side from it, the unit vector of
 # the side before it.
 X, Y, ALONG_X, ALONG_Y, LENGTH, LAST_X, LAST_Y = range(7)
+_SQUARE = np.array(
+    [
+        (-1.0, -1.0, 1.0, 0.0, 0.0, 0.0, -1.0),
+        (1.0, -1.0, 0.0, 1.0, 0.0, 1.0, 0.0),
+        (1.0, 1.0, -1.0, 0.0, 0.0, 0.0, 1.0),
+        (-1.0, 1.0, 0.0, -1.0, 0.0, -1.0, 0.0),
+    ]
+)
+"""the hull of a square of side 2 m, its lengths left out"""
 
 # Columns of a contact: the unit normal towards the first body, the gap, the point as seen from both bodies'
 # base frames (map axes), and the impulses so far along normal and tangent, per mass.
@@ -71,7 +88,18 @@ class Room(NamedTuple):
     rows: Floats
     """(c, 9) contacts by the columns ``NORMAL_X`` to ``RUB``"""
     pairs: Ints
-    """(c, 2) whom each contact's normal points to, and from whom; -1 for what never moves"""
+    """(c, 2) whom each contact's normal points to, and from whom; -1 for what never moves, or ``OBSTACLE``"""
+
+
+class Obstacles(NamedTuple):
+    """What moves by itself, near bodies."""
+
+    hulls: Floats
+    """(k, 4, 7) of boxes in the map frame; of a disc, the first corner is its middle"""
+    radii_m: Floats
+    """(k,) of discs; 0 for boxes"""
+    circles_m: Floats
+    """(k, 3) x, y and radius of a circle about each"""
 
 
 def body_of(robot: RobotModel) -> Body:
@@ -117,6 +145,7 @@ def find_contacts(
     margin_m: float,
     ground: SideGrid,
     room: Room,
+    count: int = 0,
 ) -> int:
     """Writes the contacts of bodies at (n, 3) ``poses`` into ``room``, and says how many there are.
 
@@ -127,8 +156,8 @@ def find_contacts(
         margin_m: the widest gap that counts.
         ground: what never moves; its reach is no less than that of a body and ``margin_m`` together.
         room: where they go.
+        count: how many are there already.
     """
-    count = 0
     reach_m, frame = body.reach_m, ground.frame
     hulls, rows, pairs = room.hulls, room.rows, room.pairs
     is_placed = np.zeros(len(poses), dtype=np.bool_)
@@ -159,6 +188,116 @@ def find_contacts(
             count = _against_body(i, j, poses, hulls, margin_m, False, rows, pairs, count)
             count = _against_body(j, i, poses, hulls, margin_m, True, rows, pairs, count)
     return count
+
+
+@njit
+def obstacles_near(
+    solids: Floats, poses: Floats, present: npt.NDArray[np.bool_], within_m: float
+) -> Obstacles:
+    """Those of (k, 6) ``solids`` that a body's base frame is less than ``within_m`` from.
+
+    Their columns: x, y and yaw, metres and radians, length and width, and whether it is a disc.
+    """
+    hulls, radii = np.zeros((len(solids), 4, 7)), np.zeros(len(solids))
+    circles, hull = np.empty((len(solids), 3)), np.empty((4, 7))
+    count = 0
+    for x, y, yaw, length_m, width_m, is_disc in solids:
+        reach_m = length_m / 2.0 if is_disc else hypot(length_m, width_m) / 2.0
+        is_near, apart_m = False, within_m + reach_m
+        for i in range(len(poses)):
+            dx, dy = poses[i, 0] - x, poses[i, 1] - y
+            is_near |= present[i] and dx * dx + dy * dy < apart_m * apart_m
+        if not is_near:
+            continue
+        circles[count, 0], circles[count, 1], circles[count, 2] = x, y, reach_m
+        if is_disc:
+            hulls[count, 0, X], hulls[count, 0, Y], radii[count] = x, y, reach_m
+        else:
+            hull[:] = _SQUARE
+            hull[:, X] *= length_m / 2.0
+            hull[:, Y] *= width_m / 2.0
+            hull[0::2, LENGTH], hull[1::2, LENGTH] = length_m, width_m
+            _place(hull, np.array((x, y, yaw)), hulls[count])
+        count += 1
+    return Obstacles(hulls[:count], radii[:count], circles[:count])
+
+
+@njit
+def find_obstacle_contacts(
+    poses: Floats,
+    present: npt.NDArray[np.bool_],
+    body: Body,
+    margin_m: float,
+    obstacles: Obstacles,
+    room: Room,
+) -> int:
+    """The same as :func:`find_contacts` for contacts with obstacles alone, deep ones too.
+
+    An obstacle of 2 m/s may come far into a body before it has pushed it out. A box that lies across a body,
+    no corner of the one before a side of the other, has no contact: the body drives on until one has.
+    """
+    count = 0
+    for i in range(len(poses)):
+        x, y = poses[i, 0], poses[i, 1]
+        is_placed = False
+        for k in range(len(obstacles.radii_m)):
+            dx, dy = x - obstacles.circles_m[k, 0], y - obstacles.circles_m[k, 1]
+            if not present[i] or hypot(dx, dy) > body.reach_m + margin_m + obstacles.circles_m[k, 2]:
+                continue
+            if not is_placed:
+                _place(body.hull, poses[i], room.hulls[i])
+                is_placed = True
+            hull, radius_m = obstacles.hulls[k], obstacles.radii_m[k]
+            own = room.hulls[i]
+            for corner in hull[:1] if radius_m > 0.0 else hull:
+                count = _obstacle_contact(i, x, y, corner, own, margin_m, radius_m, False, room, count)
+            if radius_m == 0.0:
+                for corner in own:
+                    count = _obstacle_contact(i, x, y, corner, hull, margin_m, 0.0, True, room, count)
+    return count
+
+
+@njit
+def _obstacle_contact(
+    i: int,
+    x: float,
+    y: float,
+    corner: Floats,
+    hull: Floats,
+    margin_m: float,
+    radius_m: float,
+    is_own: bool,
+    room: Room,
+    count: int,
+) -> int:
+    """Adds the contact of an obstacle's corner, with a disc's radius, with body i, placed, if there is one.
+
+    ``is_own``: the corner is the body's, and the hull is the obstacle's.
+    """
+    if count >= len(room.rows):
+        return count
+    row = room.rows[count]
+    if not _corner_before_body(
+        corner[X],
+        corner[Y],
+        corner[ALONG_X],
+        corner[ALONG_Y],
+        corner[LAST_X],
+        corner[LAST_Y],
+        hull,
+        margin_m + radius_m,
+        is_own,
+        row,
+        np.inf,
+    ):
+        return count
+    if is_own:
+        row[NORMAL_X], row[NORMAL_Y] = -row[NORMAL_X], -row[NORMAL_Y]
+        row[ARM_X], row[ARM_Y] = corner[X], corner[Y]
+    row[GAP] -= radius_m
+    row[ARM_X], row[ARM_Y], row[OTHER_X], row[OTHER_Y] = row[ARM_X] - x, row[ARM_Y] - y, 0.0, 0.0
+    room.pairs[count, 0], room.pairs[count, 1] = i, OBSTACLE
+    return count + 1
 
 
 @njit
@@ -275,11 +414,13 @@ def _corner_before_body(
     margin_m: float,
     sides_only: bool,
     row: Floats,
+    deep_m: float = DEEP_M,
 ) -> bool:
     """Whether a corner is in contact with a body; fills normal, gap and the body's point, map frame.
 
     ``along`` and ``before`` are the unit vectors of the corner's two sides, counter-clockwise. The normal
     points into the body. ``sides_only``: leave out where it is nearest to one of the body's corners.
+    ``deep_m``: a corner that is deeper inside is in no contact.
     """
     sides = len(body)
     best, outermost = -np.inf, 0
@@ -309,7 +450,7 @@ def _corner_before_body(
                 nearest = distance
                 at_corner = k
         gap = nearest
-    if gap > margin_m or gap < -DEEP_M or (sides_only and at_corner >= 0):
+    if gap > margin_m or gap < -deep_m or (sides_only and at_corner >= 0):
         return False
     if at_corner >= 0 and gap > 1e-9:
         nx, ny = (body[at_corner, X] - px) / gap, (body[at_corner, Y] - py) / gap
@@ -338,6 +479,14 @@ def islands(count: int, pairs: Ints, n: int) -> Ints:
                 label[a] = label[b] = min(label[a], label[b])
                 changed = True
     return label
+
+
+@njit
+def least_speed(gap_m: float, b: int, step_s: float) -> float:
+    """How fast two points have to part at least, m/s: no gap closes within a step, and obstacles push."""
+    if b == OBSTACLE and gap_m < SKIN_M:
+        return min((SKIN_M - gap_m) / step_s, PUSHED_MPS)
+    return -max(gap_m - SKIN_M, 0.0) / step_s
 
 
 @njit
@@ -399,7 +548,7 @@ def hold_contacts(
             continue
         row = rows[c]
         nx, ny = row[NORMAL_X], row[NORMAL_Y]
-        least = -max(row[GAP] - SKIN_M, 0.0) / step_s
+        least = least_speed(row[GAP], b, step_s)
         missing = (least - parting_speed(row, a, b, nx, ny, moves)) / mobility(row, b, nx, ny, gyration2)
         more = max(row[PUSH] + missing, 0.0) - row[PUSH]
         row[PUSH] += more

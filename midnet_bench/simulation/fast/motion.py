@@ -19,10 +19,14 @@ from midnet_bench.simulation.fast.contacts import (
     SKIN_M,
     WHEEL_FRICTION,
     Body,
+    Obstacles,
     Room,
     find_contacts,
+    find_obstacle_contacts,
     hold_contacts,
     islands,
+    least_speed,
+    obstacles_near,
     part,
     parting_speed,
     stands_in,
@@ -90,6 +94,7 @@ def drive_of(robot: RobotModel, step_hz: int, rounds: int) -> Drive:
 def step_world(
     states: Floats,
     present: npt.NDArray[np.bool_],
+    solids: Floats,
     numbers: Floats,
     hull: Floats,
     sides: Floats,
@@ -100,10 +105,15 @@ def step_world(
     rows: Floats,
     pairs: Ints,
 ) -> None:
-    """:func:`advance` with everything from ``numbers`` on as :func:`taken_apart` gives it."""
+    """:func:`advance` with everything from ``numbers`` on as :func:`taken_apart` gives it.
+
+    ``solids``: (k, 6) what moves by itself, by the columns of :func:`~.contacts.obstacles_near`.
+    """
     drive = Drive(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], int(numbers[5]))
     body = Body(hull, numbers[6], numbers[7])
-    advance(states, present, drive, body, SideGrid(sides, frame, first, members), Room(hulls, rows, pairs))
+    obstacles = obstacles_near(solids, states[:, :3], present, body.reach_m + 2.0 * drive.most_m)
+    ground, room = SideGrid(sides, frame, first, members), Room(hulls, rows, pairs)
+    advance(states, present, drive, body, ground, room, obstacles)
 
 
 def taken_apart(drive: Drive, body: Body, ground: SideGrid, room: Room) -> tuple[Any, ...]:
@@ -113,7 +123,13 @@ def taken_apart(drive: Drive, body: Body, ground: SideGrid, room: Room) -> tuple
 
 @njit
 def advance(
-    states: Floats, present: npt.NDArray[np.bool_], drive: Drive, body: Body, ground: SideGrid, room: Room
+    states: Floats,
+    present: npt.NDArray[np.bool_],
+    drive: Drive,
+    body: Body,
+    ground: SideGrid,
+    room: Room,
+    obstacles: Obstacles,
 ) -> None:
     """Let one tick pass for (n, 13) ``states``, by the columns above, of the bodies that are ``present``."""
     n = len(states)
@@ -124,7 +140,10 @@ def advance(
             _turn_wheels(states[i], drive)
             _roll(states[i], drive, moves[i])
     # two bodies come nearer by as much as both can move
-    count = find_contacts(poses, present, body, 2.0 * drive.most_m, ground, room)
+    reach_m = 2.0 * drive.most_m
+    # obstacles first: in each of the solver's rounds walls and bodies have the last word
+    count = find_obstacle_contacts(poses, present, body, reach_m, obstacles, room)
+    count = find_contacts(poses, present, body, reach_m, ground, room, count)
     held = np.zeros(n, dtype=np.bool_)
     if count == 0:
         for i in range(n):
@@ -188,7 +207,7 @@ def _hold(
     is_hindered = np.zeros(n, dtype=np.bool_)
     for c in range(count):
         row, a, b = rows[c], pairs[c, 0], pairs[c, 1]
-        least = -max(row[GAP] - SKIN_M, 0.0) / step_s
+        least = least_speed(row[GAP], b, step_s)
         speed = parting_speed(row, a, b, row[NORMAL_X], row[NORMAL_Y], moves)
         if speed < least - 1e-12 or row[GAP] < 0.0:
             is_hindered[label[a]] = True
@@ -321,6 +340,7 @@ def count_collisions(
     last_touch: Ints,
     tick: int,
     gap_ticks: int,
+    solids: Floats,
     numbers: Floats,
     hull: Floats,
     sides: Floats,
@@ -333,11 +353,13 @@ def count_collisions(
 ) -> None:
     """Counts a collision of each body that touches something and has not for more than ``gap_ticks``.
 
-    Everything from ``numbers`` on as :func:`taken_apart` gives it.
+    ``solids`` as for :func:`step_world`, everything from ``numbers`` on as :func:`taken_apart` gives it.
     """
     body, room = Body(hull, numbers[6], numbers[7]), Room(hulls, rows, pairs)
     ground = SideGrid(sides, frame, first, members)
-    count = find_contacts(states[:, :3], present, body, TOUCH_M, ground, room)
+    obstacles = obstacles_near(solids, states[:, :3], present, body.reach_m + TOUCH_M)
+    count = find_obstacle_contacts(states[:, :3], present, body, TOUCH_M, obstacles, room)
+    count = find_contacts(states[:, :3], present, body, TOUCH_M, ground, room, count)
     for c in range(count):
         for i in pairs[c]:
             if i >= 0:

@@ -1,6 +1,5 @@
 """``World``: one trial's robots, walls and intruders in compiled loops of our own."""
 
-import math
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
@@ -9,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
-from midnet_bench.arena.solids import Solid, dense_outline
+from midnet_bench.arena.solids import Solid
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.robots.burger import BURGER
@@ -56,10 +55,7 @@ class World:
         self._collisions = np.zeros(len(starts), dtype=np.int64)
         self._last_touch = np.full(len(starts), -(10**9), dtype=np.int64)
         self._pose_array: Floats | None = None
-        self._contour = dense_outline(np.array(robot.body))
-        self._obstacles: Sequence[Solid] = ()
-        self._held = np.zeros(len(starts), dtype=np.bool_)
-        """(n,) who was held back by an obstacle since contacts were last counted"""
+        self._obstacles = np.zeros((0, 6))
 
     def __enter__(self) -> Self:
         return self
@@ -86,12 +82,9 @@ class World:
 
     def step(self) -> None:
         """Let one tick of 1 / ``step_hz`` seconds pass."""
-        before = self._states.copy() if self._obstacles else None
-        motion.step_world(self._states, self._present, *self._parts)
+        motion.step_world(self._states, self._present, self._obstacles, *self._parts)
         self.tick += 1
         self._pose_array = None
-        if before is not None:
-            self._hold_back(before)
         if self.tick % (self.step_hz // _CONTACT_HZ) == 0:
             motion.count_collisions(
                 self._states,
@@ -100,38 +93,14 @@ class World:
                 self._last_touch,
                 self.tick,
                 int(_EPISODE_GAP_S * self.step_hz),
+                self._obstacles,
                 *self._parts,
             )
-            self._count_held()
 
     def obstruct(self, solids: Sequence[Solid]) -> None:
         """Let ``solids`` stand in the robots' way from now on, in place of those before; beams pass them."""
-        self._obstacles = solids
-
-    def _hold_back(self, before: Floats) -> None:
-        """Let robots stand that would come deeper into an obstacle than they were; their wheels slip."""
-        for index in np.flatnonzero(self._present).tolist():
-            pose = Pose2D(*self._states[index, motion.POSE].tolist())
-            for solid in self._obstacles:
-                reach_m = self.robot.body_reach_m + math.hypot(solid.length_m, solid.width_m) / 2.0
-                if math.hypot(pose.x - solid.pose.x, pose.y - solid.pose.y) >= reach_m:
-                    continue
-                gap_m = solid.distance_to(pose.transform(self._contour)).min()
-                if gap_m >= 0.0:
-                    continue
-                then = Pose2D(*before[index, motion.POSE].tolist())
-                if gap_m < solid.distance_to(then.transform(self._contour)).min():
-                    self._states[index, motion.POSE] = before[index, motion.POSE]
-                    self._states[index, motion.SPEED_X : motion.TURN + 1] = 0.0
-                    self._held[index] = True
-                    break
-
-    def _count_held(self) -> None:
-        for index in np.flatnonzero(self._held).tolist():
-            if self.tick - self._last_touch[index] > _EPISODE_GAP_S * self.step_hz:
-                self._collisions[index] += 1
-            self._last_touch[index] = self.tick
-        self._held[:] = False
+        rows = [(*one.pose, one.length_m, one.width_m, one.kind == "cylinder") for one in solids]
+        self._obstacles = np.array(rows, dtype=np.float64).reshape(-1, 6)
 
     def pose(self, index: int) -> Pose2D:
         """A robot's true base_footprint (under the axle), map frame; NaN once it is removed."""
