@@ -2,14 +2,19 @@
 
 import json
 import re
-from dataclasses import fields
+from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from midnet_bench.analysis.frames import load_results
+from midnet_bench.campaign.definition import Campaign, resolve
+from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.detection.parameters import DetectionParameters
+from midnet_bench.experiments import registry
+from midnet_bench.experiments.detection.parameters import DetectionParameters, effective, motion
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
@@ -201,3 +206,34 @@ def test_settings_of_explorers_and_pursuers_reach_their_code() -> None:
         assert explorer.slam.settings.minimum_score == 20.0
     with LabyrinthTrial(LabyrinthParameters.of(pursuit_retarget_m=1.0, scan_to_map_min_beams=90), 1) as trial:
         assert trial.pursuit._settings.retarget_m == 1.0
+
+
+def test_a_preset_is_a_set_of_defaults_beside_which_what_is_given_comes_first() -> None:
+    paper, best = DetectionParameters.of(), DetectionParameters.of(preset="best")
+    assert (best.costmap.size_m, best.fusion, best.midnet.align) == (6.0, "components(iou=0.02)", "origin")
+    assert DetectionParameters.of(preset="best", local_size_m=5.0).costmap.size_m == 5.0
+    assert DetectionParameters.of(preset="best", fusion="paper").fusion == "paper"
+    assert DetectionParameters.from_flat(best.flat()) == best
+    spelt_out = DetectionParameters.of(local_size_m=6.0, fusion="components(iou=0.02)", align="origin")
+    assert effective(best) == effective(spelt_out) != effective(paper)
+    assert motion(best) == motion(paper)
+
+
+def test_a_preset_s_campaign_runs_in_a_grid(tmp_path: Path) -> None:
+    campaign = Campaign(
+        name="presets",
+        experiment="detection",
+        grid={"preset": ["paper", "best"]},
+        parameters={"robots": 1, "frames": 3, "engine": "fast"},
+    )
+    run_campaign(resolve(campaign, registry), tmp_path, jobs=1)
+    scores = load_results(tmp_path).table("scores")
+    assert scores["preset"].tolist() == ["paper", "best"]
+
+
+def test_hidden_intruders_count_in_the_paper_s_arenas_alone_unless_it_is_said() -> None:
+    assert DetectionParameters.of().counts_hidden
+    assert not DetectionParameters.of(require_line_of_sight=True).counts_hidden
+    office = DetectionParameters.of(arena="office", prior_map="exact")
+    assert not office.counts_hidden
+    assert replace(office, require_line_of_sight=False).counts_hidden
