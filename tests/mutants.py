@@ -49,13 +49,6 @@ MUTANTS = [
         "experiments/test_experiments_usable_range.py::test_usable_range_follows_obstacle_range",
     ),
     Mutant(
-        "the readings are not ranked",
-        "experiments/readings/rules.py",
-        "return not false > rule.clean_at_most",
-        "return True",
-        "experiments/test_readings_results.py::test_readings_are_ranked",
-    ),
-    Mutant(
         "golden bounds agree with anything",
         "workflows/smoke.py",
         "return abs(float(ours) - float(golden)) <= absolute + share * abs(float(golden))",

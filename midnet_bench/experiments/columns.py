@@ -147,6 +147,3 @@ SCALE: Tables = {
         one_row=True,
     )
 }
-READINGS: Tables = {
-    "readings": Columns({"reading": Column(str), "has_intruders": Column(bool), "frames": FRAMES, **COUNTS})
-}

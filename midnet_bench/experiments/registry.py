@@ -10,7 +10,6 @@ from midnet_bench.experiments.detection import DETECTION
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.experiments.labyrinth import LABYRINTH
 from midnet_bench.experiments.mapping import MAPPING
-from midnet_bench.experiments.readings import READINGS
 from midnet_bench.experiments.robustness import ROBUSTNESS
 from midnet_bench.experiments.scale import SCALE
 from midnet_bench.plugins import load_reference
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 ENTRY_POINTS = "midnet_bench.experiments"
 """the group under which an installed package offers experiments"""
 
-_OWN = {one.name: one for one in (DETECTION, LABYRINTH, MAPPING, READINGS, ROBUSTNESS, SCALE)}
+_OWN = {one.name: one for one in (DETECTION, LABYRINTH, MAPPING, ROBUSTNESS, SCALE)}
 
 
 def names() -> list[str]:

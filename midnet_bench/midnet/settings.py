@@ -1,7 +1,7 @@
 """What section IV leaves open. It stands apart from what works by it, whose imports take longer."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from midnet_bench.errors import InputError
@@ -69,18 +69,6 @@ class MIDNetSettings(Settings):
         gt=0,
         le=1,
     )
-
-    @property
-    def before_the_team(self) -> "MIDNetSettings":
-        """What one robot's boxes depend on: these settings, with defaults for what section IV.C goes by."""
-        plain = MIDNetSettings()
-        return replace(
-            self,
-            ally_diameter_m=plain.ally_diameter_m,
-            iou_ally=plain.iou_ally,
-            ally_remove=plain.ally_remove,
-            iou_fuse=plain.iou_fuse,
-        )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -46,11 +46,11 @@ class ReplaySettings(Settings):
     )
     deflate_boxes: bool = option(False, "Shrink each box by what the local costmap's inflation added to it.")
     local_size_m: float = option(
-        3.0, "Side of the local costmaps; 0: as much as the obstacle range needs.", ge=0, le=200
+        3.5, "Side of the local costmaps; 0: as much as the obstacle range needs.", ge=0, le=200
     )
     prior: PriorMapSettings = group(PriorMapSettings(), "prior map")
     costmap: CostmapSettings = group(
-        CostmapSettings(size_m=3.0, memory="decay", decay_s=0.5, inf_is_valid=True),
+        CostmapSettings(size_m=3.5, raytrace_range_m=3.5, inf_is_valid=True),
         "MIDNet's local costmaps",
         keys={"size_m": None, "centered": None, "track_unknown": None, "resolution": None},
     )

@@ -14,14 +14,15 @@ from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
-from midnet_bench.experiments.detection.parameters import DetectionParameters
+from midnet_bench.experiments.detection.parameters import DetectionParameters, effective
 from midnet_bench.experiments.detection.trial import run_detection
 from midnet_bench.experiments.robustness.figures import figures, panels
 from midnet_bench.experiments.robustness.parameters import RobustnessParameters
 from midnet_bench.experiments.robustness.tables import tables
 from midnet_bench.experiments.robustness.trial import run_robustness
 
-CAMPAIGN = Path(__file__).parents[2] / "campaigns" / "robustness.yaml"
+CAMPAIGNS = Path(__file__).parents[2] / "campaigns"
+CAMPAIGN = CAMPAIGNS / "robustness.yaml"
 SMALL = {"engine": "fast", "robots": 2, "frames": 8}
 
 
@@ -108,6 +109,15 @@ def test_the_campaign_disturbs_all_that_it_says_and_fits_in_half_an_hour() -> No
     assert max(name.count("\n") for panel in drawn.values() for name in panel.names) == 1
     assert drawn["prior map"].names == ["explored", "exact", "explored-worst"]
     assert drawn["intruders' size"].names[0] == "default"
+
+
+def test_each_open_value_of_the_campaign_readings_makes_other_trials_than_the_defaults() -> None:
+    definition = load_campaign(CAMPAIGNS / "readings.yaml")
+    names = [str(name) for name in definition.grid["disturbance"]]
+    given = {**definition.parameters, "robots": 5}
+    trials = [effective(RobustnessParameters.of(**given, disturbance=name).disturbed) for name in names]
+    assert names[0] == "none"
+    assert [name for name, trial in zip(names, trials, strict=True) if trial in trials[:1]] == ["none"]
 
 
 DROP = "lidar_dropout=0.2"

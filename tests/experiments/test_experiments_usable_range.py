@@ -7,8 +7,6 @@ import yaml
 
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
-from midnet_bench.experiments.readings.parameters import ReadingsParameters
-from midnet_bench.experiments.readings.trial import ReadingsTrial
 from midnet_bench.robots.burger import LDS_01
 
 SIDE_M = 0.4
@@ -65,14 +63,3 @@ def test_line_of_sight_reaches_as_far_as_the_usable_range(tmp_path: Path) -> Non
     exact = {"require_line_of_sight": True, "lidar_noise": "none"}
     assert is_in_range(tmp_path, 2.45, "edge", **exact)
     assert is_in_range(tmp_path, 2.95, "edge", **exact, **FARTHER)
-
-
-def test_each_reading_is_scored_within_its_own_usable_range(tmp_path: Path) -> None:
-    parameters = ReadingsParameters.of(
-        arena=hall(tmp_path, 2.75), prior_map="exact", readings="items", frames=1
-    )
-    with ReadingsTrial(parameters, 1) as trial:
-        counts = trial.counts()
-    farther = "obstacle_range_m=3.0 raytrace_range_m=3.5"
-    assert counts[farther].intruders_in_range == 1
-    assert [name for name, count in counts.items() if count.intruders_in_range] == [farther]

@@ -18,7 +18,7 @@ from midnet_bench.workflows.verify import power_report, verify
 REPOSITORY = Path(__file__).parents[2]
 REFERENCES = REPOSITORY / "results" / "reference"
 PAGE = (REPOSITORY / "docs" / "results.md").read_text(encoding="utf-8")
-OPTIONAL = {"variant", "noise_per_200_frames", "false_per_200_frames", "role", "gospa_m", "gospa_per_frame_m"}
+OPTIONAL = {"variant", "role", "gospa_m", "gospa_per_frame_m"}
 OPTIONAL |= {"targets", "ghost_targets", "left_at_s"}
 OPTIONAL |= {"fn_hidden", "fn_new", "fp_left", "overlapping", "reordered", "looked_at"}
 OPTIONAL |= {"fn_outside_window", "fn_hidden_in_window", "fn_new_in_window"}
@@ -70,11 +70,8 @@ def check_campaign(directory: Path) -> None:
     [
         "detection",
         "labyrinth",
-        "capture",
+        "pursuit",
         "mapping",
-        pytest.param("calibration", marks=pytest.mark.slow),
-        "calibration-sizes",
-        "readings",
         "robustness",
     ],
 )
