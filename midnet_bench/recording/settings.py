@@ -25,6 +25,7 @@ PRESETS: dict[Preset, dict[str, Scalar]] = {
         "unknown_in_prior": "occupied",
         "align": "origin",
         "ally_remove": "all",
+        "ally_diameter_m": 0.42,
         "iou_ally": 0.05,
     },
 }

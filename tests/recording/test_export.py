@@ -227,7 +227,7 @@ def test_stamps_tell_the_times_that_marks_are_forgotten_at(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # two scans later a mark is as old as decay_s, or older by the last bit of a time
-    parameters: dict[str, Scalar] = {**TEAM, "robots": 3, "frames": 20, "decay_s": 0.4}
+    parameters: dict[str, Scalar] = {**TEAM, "robots": 3, "frames": 20, "local_map": "decay", "decay_s": 0.4}
     export_trial("detection", parameters, 1, tmp_path / "trial.mcap")
     said, own = list(read(tmp_path / "trial.mcap")), trials_own(parameters, 1)
     assert Replayed(said).frames() == own
