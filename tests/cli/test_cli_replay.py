@@ -63,6 +63,8 @@ def test_an_exported_trial_gives_its_detections_again(tmp_path: Path, form: str,
         "--seed",
         7,
         "--set",
+        "local_map=decay",
+        "--set",
         "decay_s=0.4",
     )
     assert midnet_bench("export", *trial, "--format", form, "-o", name, folder=tmp_path).returncode == 0
