@@ -1,4 +1,4 @@
-"""Settings said once: default, range and help of every option stand at its field, in dataclasses that nest.
+"""Settings said once: default, source, range and help of an option stand at its field, in nested dataclasses.
 
 A settings class is a frozen dataclass of :class:`Settings` in the room of the code that obeys it, its fields
 made by :func:`option`. An experiment nests such classes by :func:`group`. The leaves of that tree have flat
@@ -18,6 +18,12 @@ from midnet_bench.errors import InputError, nearest_name
 Scalar = str | int | float | bool | None
 """What a flat key or a table cell may hold; NaN stands for an undefined number."""
 
+SOURCES = ("paper", "turtlebot3", "turtlebot3 1.0.0", "package", "ours")
+"""What a source begins with, before ``: ``. A default is the first of these that there is: the paper's words;
+TurtleBot3's navigation files of release 0.2.1; those of release 1.0.0 where the older value does not work; a
+ROS package's default, a data sheet or the robot's Gazebo description; our choice. ``ours: off`` is a choice
+that changes nothing unless another option does."""
+
 
 @dataclass(frozen=True)
 class Option:
@@ -31,6 +37,14 @@ class Option:
     gt: float | None
     le: float | None
     multiple_of: int | None
+    source: str = ""
+    """where the default is from, see ``SOURCES``; empty if nothing says so"""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError: a source that begins with none of ``SOURCES``."""
+        kind, colon, _ = self.source.partition(": ")
+        if self.source and not (colon and kind in SOURCES):
+            raise ValueError(f"'{self.source}': a source begins with one of: {', '.join(SOURCES)}")
 
     def holds(self, value: float) -> bool:
         """Whether a number is within range; no NaN is, nor an infinite number."""
@@ -61,6 +75,7 @@ class _Group:
     title: str
     prefix: str
     keys: Mapping[str, str | None]
+    sources: Mapping[str, str]
 
 
 def option(
@@ -72,8 +87,9 @@ def option(
     le: float | None = None,
     multiple_of: int | None = None,
     key: str | None = None,
+    source: str = "",
 ) -> Any:
-    """A dataclass field with a default, a range and a sentence of help.
+    """A dataclass field with a default, its source, a range and a sentence of help.
 
     Args:
         default: of the type that the field is annotated with: str, int, float, bool, a Literal, or one of
@@ -84,12 +100,21 @@ def option(
         le: the greatest number allowed.
         multiple_of: of an integer.
         key: the flat key if it is not the field's name.
+        source: where the default is from: one of ``SOURCES``, then file and key, section, or reason.
+
+    Raises:
+        ValueError: a source of another kind.
     """
-    return field(default=default, metadata={"option": Option(help, key, ge, gt, le, multiple_of)})
+    return field(default=default, metadata={"option": Option(help, key, ge, gt, le, multiple_of, source)})
 
 
 def group(
-    default: "Settings", title: str, *, prefix: str = "", keys: Mapping[str, str | None] | None = None
+    default: "Settings",
+    title: str,
+    *,
+    prefix: str = "",
+    keys: Mapping[str, str | None] | None = None,
+    sources: Mapping[str, str] | None = None,
 ) -> Any:
     """A dataclass field that nests the settings of one concern.
 
@@ -97,15 +122,17 @@ def group(
         default: an instance, whose values are the defaults here.
         title: what a list of options calls the concern here.
         prefix: stands before the flat keys of all its options.
-        keys: field name -> whole flat key for those that differ, None for one that nobody is to set here.
+        keys: field name -> whole flat key for those that differ, None for one that cannot be set here.
+        sources: field name -> source of the default here; in a group within this one ``group.field``.
     """
-    return field(default=default, metadata={"group": _Group(title, prefix, dict(keys or {}))})
+    nested = _Group(title, prefix, dict(keys or {}), dict(sources or {}))
+    return field(default=default, metadata={"group": nested})
 
 
-def like(owner: type["Settings"], name: str, default: Scalar) -> Any:
-    """The option ``name`` of the class ``owner`` again, for a subclass with another default."""
+def like(owner: type["Settings"], name: str, default: Scalar, source: str = "") -> Any:
+    """The option ``name`` of the class ``owner`` again, with another default and its source."""
     (found,) = (one for one in fields(cast(Any, owner)) if one.name == name)
-    return field(default=default, metadata=found.metadata)
+    return field(default=default, metadata={"option": replace(found.metadata["option"], source=source)})
 
 
 class Settings:
@@ -197,7 +224,7 @@ def leaves(settings: type[Settings]) -> Mapping[str, Leaf]:
 @functools.cache
 def _all_leaves(settings: type[Settings]) -> Mapping[str, Leaf]:
     found: dict[str, Leaf] = {}
-    for leaf in _leaves(settings, settings(), (), "", "", {}):
+    for leaf in _leaves(settings, settings(), (), _Group("", "", {}, {})):
         if leaf.key in found:
             raise ValueError(f"{settings.__name__}: two options have the flat key '{leaf.key}'")
         found[leaf.key] = leaf
@@ -210,26 +237,28 @@ def choices_of(kind: Any) -> tuple[Any, ...]:
     return get_args(base) if get_origin(base) is Literal else ()
 
 
-def _leaves(
-    settings: type[Settings],
-    defaults: Settings,
-    path: tuple[str, ...],
-    title: str,
-    prefix: str,
-    keys: Mapping[str, str | None],
-) -> list[Leaf]:
+def _leaves(settings: type[Settings], defaults: Settings, path: tuple[str, ...], here: _Group) -> list[Leaf]:
     kinds, found = get_type_hints(settings), []
     for one in fields(cast(Any, settings)):
         value, at = getattr(defaults, one.name), (*path, one.name)
         if "option" in one.metadata:
             said: Option = one.metadata["option"]
-            key = keys.get(one.name, prefix + (said.key or one.name))
+            if one.name in here.sources:
+                said = replace(said, source=here.sources[one.name])
+            key = here.keys.get(one.name, here.prefix + (said.key or one.name))
             if key is not None:
-                found.append(Leaf(key, at, said, kinds[one.name], value, title))
+                found.append(Leaf(key, at, said, kinds[one.name], value, here.title))
         elif "group" in one.metadata:
             nested: _Group = one.metadata["group"]
-            inner = ", ".join(part for part in (title, nested.title) if part)
-            found += _leaves(type(value), value, at, inner, prefix + nested.prefix, nested.keys)
+            title = ", ".join(part for part in (here.title, nested.title) if part)
+            start = f"{one.name}."
+            within = {
+                name.removeprefix(start): source
+                for name, source in here.sources.items()
+                if name.startswith(start)
+            }
+            inner = _Group(title, here.prefix + nested.prefix, nested.keys, {**nested.sources, **within})
+            found += _leaves(type(value), value, at, inner)
     return found
 
 

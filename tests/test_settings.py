@@ -120,7 +120,40 @@ def test_flat_keys_come_from_the_tree() -> None:
     assert known["tyre"].allowed == "solid | air"
     assert known["rear_pressure_bar"].allowed == "0 or more, or null"
     assert leaves(HeavyCart)["load_kg"].default == 500.0
-    assert leaves(HeavyCart)["load_kg"].option is known["load_kg"].option
+    assert leaves(HeavyCart)["load_kg"].option == known["load_kg"].option
+
+
+@dataclass(frozen=True)
+class Axle(Settings):
+    load_kg: float = option(20.0, "What the axle bears.", source="package: catalogue, radius")
+    wheel: Wheel = group(Wheel(), "wheel", sources={"tyre": "paper: II", "spokes": "paper: III"})
+
+
+@dataclass(frozen=True)
+class Trailer(Axle):
+    load_kg: float = like(Axle, "load_kg", 40.0, source="paper: IV")
+
+
+@dataclass(frozen=True)
+class Train(Settings):
+    front: Axle = group(Axle(), "front", prefix="front_", sources={"wheel.tyre": "ours: softer"})
+    rear: Trailer = group(Trailer(), "rear", prefix="rear_", sources={"load_kg": "ours: stronger"})
+
+
+def test_a_default_has_the_source_of_its_option_or_of_the_outermost_group_that_names_one() -> None:
+    plain = {key: leaf.option.source for key, leaf in leaves(Trailer).items()}
+    assert plain["load_kg"] == "paper: IV"
+    assert (plain["spokes"], plain["wheel_maker"]) == ("paper: III", "")
+    found = {key: leaf.option.source for key, leaf in leaves(Train).items()}
+    assert found["front_load_kg"] == "package: catalogue, radius"
+    assert (found["front_tyre"], found["front_spokes"]) == ("ours: softer", "paper: III")
+    assert (found["rear_load_kg"], found["rear_tyre"]) == ("ours: stronger", "paper: II")
+
+
+@pytest.mark.parametrize("source", ["somewhere", "ourselves: why not", "paper", "Paper: II"])
+def test_a_source_of_no_known_kind_is_a_fault_of_the_class(source: str) -> None:
+    with pytest.raises(ValueError, match="a source begins with one of: paper, turtlebot3, "):
+        option(1.0, "Load of the cart.", source=source)
 
 
 def test_two_options_of_one_key_are_a_fault_of_the_class() -> None:

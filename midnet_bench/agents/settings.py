@@ -19,6 +19,7 @@ class GoalSettings(Settings):
         gt=0,
         le=600,
         key="goal_timeout_s",
+        source="ours: the paper has no rule for goals that are not reached",
     )
 
 
@@ -33,6 +34,7 @@ class PatrolSettings(Settings):
         "Where guards go that have nothing to do: paper (random points of section V.B), cyclic, reactive, "
         "coordinated, or your own as package.module:NAME or file.py:NAME.",
         key="patrol",
+        source="paper: V.B",
     )
     z_factor: float = option(
         0.5,
@@ -40,6 +42,7 @@ class PatrolSettings(Settings):
         "robots (z = p / 2q in Eq. 12 is 0.5).",
         gt=0,
         le=2,
+        source="paper: V.B, Eq. 12",
     )
     clearance_m: float = option(
         0.4,
@@ -47,6 +50,7 @@ class PatrolSettings(Settings):
         ge=0,
         le=5,
         key="patrol_clearance_m",
+        source="paper: V.B, third condition",
     )
 
 
@@ -63,6 +67,7 @@ class PursuitSettings(Settings):
         "none, or your own as package.module:NAME or file.py:NAME. Targets are tracks of MIDNet's boxes; "
         "under oracle the referee names the intruder of each box instead, and tells who is caught or gone.",
         key="pursuit",
+        source="ours: the paper converges to intruders without a rule",
     )
     timeout_s: float = option(
         3.0,
@@ -70,6 +75,7 @@ class PursuitSettings(Settings):
         gt=0,
         le=600,
         key="pursuit_timeout_s",
+        source="ours: the paper has no rule of pursuit",
     )
     retarget_m: float = option(
         0.25,
@@ -78,4 +84,5 @@ class PursuitSettings(Settings):
         ge=0,
         le=5,
         key="pursuit_retarget_m",
+        source="ours: the paper has no rule of pursuit",
     )

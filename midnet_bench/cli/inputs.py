@@ -24,7 +24,7 @@ def parameters(
     ] = "detection",
     as_json: options.Json = False,
 ) -> None:
-    """List an experiment's parameters: default, range, meaning. Of one parameter, say more."""
+    """List an experiment's parameters: default, range, meaning, source. Of one parameter, say more."""
     from midnet_bench.errors import InputError, nearest_name
     from midnet_bench.experiments.registry import names, parameters_model
     from midnet_bench.settings import leaves
@@ -49,14 +49,15 @@ def _list(experiment: str, options: "list[Leaf]", as_json: bool) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    shown = Table("parameter", "default", "allowed", "meaning", title=experiment, title_justify="left")
+    shown = Table("parameter, default, allowed", "meaning, source", title=experiment, title_justify="left")
     group = ""
     for one in options:
         if one.group != group:
             shown.add_section()
             shown.add_row(f"[bold]{one.group}[/bold]")
             group = one.group
-        shown.add_row(one.key, _written(one.default), one.allowed, one.option.help)
+        meaning = "\n".join(part for part in (one.option.help, one.option.source) if part)
+        shown.add_row(f"{one.key}\n  {_written(one.default)}\n  {one.allowed}", meaning)
     Console().print(shown)
 
 
@@ -69,14 +70,20 @@ def _explain(name: str, users: "dict[str, Leaf]", as_json: bool) -> None:
         _dump({"schema": 1, "parameter": name, "experiments": rows, "readings": [*map(vars, readings)]})
         return
     typer.echo(name)
-    said: dict[tuple[str, str, str], list[str]] = {}
+    said: dict[tuple[str, ...], list[str]] = {}
     for experiment, leaf in users.items():
-        said.setdefault((leaf.option.help, _written(leaf.default), leaf.allowed), []).append(experiment)
-    for (help, default, allowed), experiments in said.items():
+        option = leaf.option
+        said.setdefault((option.help, _written(leaf.default), leaf.allowed, option.source), []).append(
+            experiment
+        )
+    for (help, default, allowed, source), experiments in said.items():
         _say(help)
         typer.echo(f"  default: {default}\n  allowed: {allowed}\n  experiments: {', '.join(experiments)}")
+        if source:
+            typer.echo(f"  source: {source}")
     for one in readings:
-        _say(f"The paper leaves open (item {one.item}): {one.open}. Our reading: {one.reading}.")
+        source = f" Source: {one.source}." if one.source else ""
+        _say(f"The paper leaves open (item {one.item}): {one.open}. Here: {one.reading}.{source}")
 
 
 def _say(text: str) -> None:
@@ -102,6 +109,7 @@ def _described(leaf: "Leaf") -> dict[str, Any]:
         "multiple_of": said.multiple_of,
         "group": leaf.group or None,
         "help": said.help,
+        "source": said.source or None,
     }
 
 

@@ -26,42 +26,105 @@ class UkfSettings(Settings):
         "Variance of odometry's forward velocity, (m/s)^2; null: 0 for world, 1e-4 for encoder.",
         ge=0,
         le=100,
+        source="package: gazebo_ros_diff_drive, which publishes 0; encoder's is ours",
     )
     vy_variance: float | None = option(
-        None, "Variance of the sideways velocity, which wheels hold to 0, (m/s)^2; null: as vx.", ge=0, le=100
+        None,
+        "Variance of the sideways velocity, which wheels hold to 0, (m/s)^2; null: as vx.",
+        ge=0,
+        le=100,
+        source="package: gazebo_ros_diff_drive, which publishes 0; encoder's is ours",
     )
     vyaw_variance: float | None = option(
         None,
         "Variance of odometry's turn rate, (rad/s)^2; null: 0 for world, 1e-2 for encoder.",
         ge=0,
         le=100,
+        source="package: gazebo_ros_diff_drive, which publishes 0; encoder's is ours",
     )
     twist_is_mean: bool = False
     """whether odometry's twist is the mean since the last step, as encoders give it, or of the instant"""
-    imu_yaw_variance: float = option(1e-6, "Variance of the IMU's heading, rad^2.", ge=0, le=100)
-    imu_yaw_rate_variance: float = option(
-        1e-6, "Variance of the gyroscope's turn rate, (rad/s)^2.", ge=0, le=100
+    imu_yaw_variance: float = option(
+        1e-6,
+        "Variance of the IMU's heading, rad^2.",
+        ge=0,
+        le=100,
+        source="ours: neither the paper nor TurtleBot3 gives one",
     )
-    process_noise_x: float = option(0.05, "Variance that x gains per second, m^2/s.", ge=0, le=100)
-    process_noise_y: float = option(0.05, "Variance that y gains per second, m^2/s.", ge=0, le=100)
+    imu_yaw_rate_variance: float = option(
+        1e-6,
+        "Variance of the gyroscope's turn rate, (rad/s)^2.",
+        ge=0,
+        le=100,
+        source="ours: neither the paper nor TurtleBot3 gives one",
+    )
+    process_noise_x: float = option(
+        0.05,
+        "Variance that x gains per second, m^2/s.",
+        ge=0,
+        le=100,
+        source="package: robot_localization, process_noise_covariance",
+    )
+    process_noise_y: float = option(
+        0.05,
+        "Variance that y gains per second, m^2/s.",
+        ge=0,
+        le=100,
+        source="package: robot_localization, process_noise_covariance",
+    )
     process_noise_yaw: float = option(
-        0.06, "Variance that the heading gains per second, rad^2/s.", ge=0, le=100
+        0.06,
+        "Variance that the heading gains per second, rad^2/s.",
+        ge=0,
+        le=100,
+        source="package: robot_localization, process_noise_covariance",
     )
     process_noise_vx: float = option(
-        0.025, "Variance that the forward velocity gains per second, m^2/s^3.", ge=0, le=100
+        0.025,
+        "Variance that the forward velocity gains per second, m^2/s^3.",
+        ge=0,
+        le=100,
+        source="package: robot_localization, process_noise_covariance",
     )
     process_noise_vy: float = option(
-        0.025, "Variance that the sideways velocity gains per second, m^2/s^3.", ge=0, le=100
+        0.025,
+        "Variance that the sideways velocity gains per second, m^2/s^3.",
+        ge=0,
+        le=100,
+        source="package: robot_localization, process_noise_covariance",
     )
     process_noise_vyaw: float = option(
-        0.02, "Variance that the turn rate gains per second, rad^2/s^3.", ge=0, le=100
+        0.02,
+        "Variance that the turn rate gains per second, rad^2/s^3.",
+        ge=0,
+        le=100,
+        source="package: robot_localization, process_noise_covariance",
     )
     initial_variance: float = option(
-        1e-9, "Variance of every state at the start, whose pose is known.", gt=0, le=100
+        1e-9,
+        "Variance of every state at the start, whose pose is known.",
+        gt=0,
+        le=100,
+        source="package: robot_localization, initial_estimate_covariance",
     )
-    alpha: float = option(1.0, "Spread of the sigma points.", gt=0, le=10)
-    beta: float = option(2.0, "Prior knowledge of the distribution; 2 is best for a normal one.", ge=0, le=10)
-    kappa: float = option(0.0, "Second spread of the sigma points.", ge=0, le=10)
+    alpha: float = option(
+        1.0,
+        "Spread of the sigma points.",
+        gt=0,
+        le=10,
+        source="ours: robot_localization's 0.001 weights the centre point by -1e6; the estimates are"
+        " the same",
+    )
+    beta: float = option(
+        2.0,
+        "Prior knowledge of the distribution; 2 is best for a normal one.",
+        ge=0,
+        le=10,
+        source="package: robot_localization, beta",
+    )
+    kappa: float = option(
+        0.0, "Second spread of the sigma points.", ge=0, le=10, source="package: robot_localization, kappa"
+    )
 
     @classmethod
     def for_odometry(cls, source: Literal["world", "encoder"]) -> "UkfSettings":
@@ -112,9 +175,14 @@ class ScanToMapSettings(Settings):
         "A scan with fewer beams on walls corrects nothing: a twelfth of the circle may be one wall.",
         ge=3,
         le=360,
+        source="ours: off unless localization=ukf+map",
     )
     min_share: float = option(
-        0.3, "A scan with a smaller share of its returns on walls corrects nothing.", ge=0, le=1
+        0.3,
+        "A scan with a smaller share of its returns on walls corrects nothing.",
+        ge=0,
+        le=1,
+        source="ours: off unless localization=ukf+map",
     )
     correlated_beams: float = option(
         10.0,
@@ -122,10 +190,12 @@ class ScanToMapSettings(Settings):
         "cells.",
         gt=0,
         le=360,
+        source="ours: off unless localization=ukf+map",
     )
     unseen_deviation: float = option(
         1.0,
         "Standard deviation along a direction of which the scan says nothing, metres and radians.",
         gt=0,
         le=100,
+        source="ours: off unless localization=ukf+map",
     )

@@ -31,12 +31,14 @@ class PriorMapSettings(Settings):
         ge=1,
         le=100,
         key="thresh_global",
+        source="ours: II.A and IV.A give no number; 0.12 m farther than thresh_local",
     )
     unknown: Unknown = option(
         "free",
         "What counts as lying in cells of the prior map that nobody has explored: nothing (free) or a wall "
         "(occupied).",
         key="unknown_in_prior",
+        source="paper: IV.A, white is a free or an unknown cell",
     )
 
 

@@ -24,24 +24,30 @@ class MIDNetSettings(Settings):
         "around a return, a lower one reaches farther.",
         ge=1,
         le=100,
+        source="ours: IV.A gives no number; 99 is a Burger's robot_radius around a return",
     )
     unknown: Unknown = option(
         "free",
         "What Eq. 1 makes of a cell of a local costmap that no beam has met yet.",
         key="unknown_in_local",
+        source="paper: IV.A, white is a free or an unknown cell",
     )
     align: Align = option(
         "floor",
         "Which part of the prior map a local costmap is compared with: by the robot's pose, rounded down to "
         "cells (floor, Eqs. 2 to 4), or by the costmap's own origin (origin).",
+        source="paper: IV.B.1, Eqs. 2 to 4, rounded down",
     )
-    min_area_cells: int = option(1, "Blobs of fewer cells are dropped.", ge=1, le=1000)
+    min_area_cells: int = option(
+        1, "Blobs of fewer cells are dropped.", ge=1, le=1000, source="paper: IV.B.4, each contour has a box"
+    )
     min_returns: int = option(
         0,
         "A box that holds fewer returns of its robot's last scan is dropped; 0 keeps all, boxes of marks "
         "without any return too.",
         ge=0,
         le=1000,
+        source="paper: IV.B.4, each contour has a box",
     )
     deflate_boxes_m: float = 0.0
     """taken off each side of a box as soon as it is found, >= 0; changes every later IoU (item 25)"""
@@ -51,23 +57,27 @@ class MIDNetSettings(Settings):
         "about the robot's length and width, of a Burger 0.138 x 0.178 m.",
         gt=0,
         le=2,
+        source="paper: IV.C.1, di; length and width are those of the Burger's data sheet",
     )
     iou_ally: float = option(
         0.1,
         "IoU with an ally's square from which a box is removed as that ally, t of Algorithm 2.",
         gt=0,
         le=1,
+        source="ours: IV.C.1 gives no number",
     )
     ally_remove: AllyRemove = option(
         "first",
         "Which boxes of one guard are removed for one ally: the first that overlaps enough, the one that "
         "overlaps most (best), or all that overlap enough.",
+        source="paper: IV.C.1, Algorithm 2 breaks after one box",
     )
     iou_fuse: float = option(
         0.1,
         "IoU from which boxes of two guards are fused into one detection, t of Algorithms 3 and 4.",
         gt=0,
         le=1,
+        source="ours: IV.C.2 gives no number; t of Algorithm 2",
     )
 
     def __post_init__(self) -> None:

@@ -54,7 +54,7 @@ class Navigator:
 
     A goal is a place and a heading, to which the robot turns when it is there. Call ``observe`` at every scan
     and ``control`` at ``controller_frequency_hz``. The states, clocks and the order of recoveries (clear all
-    but a 3 m square, turn once, clear all but 1.84 m, turn once) are move_base's. Departures: planning runs
+    but a square, turn once, clear all but a wider one, turn once) are move_base's. Departures: planning runs
     inside ``control``, not in a thread of its own; a goal that the map alone makes impossible (off the map,
     in or at a wall, walled off) is aborted at once; one that a scanned obstacle covers is approached as near
     as can be; one that the robot has been near for too long (``_NEAR_S``) is aborted, for something that

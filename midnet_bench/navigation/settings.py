@@ -52,54 +52,96 @@ class CostmapSettings(Settings):
     ``inscribed_radius_m`` is the Burger's robot_radius of 0.105 m as it stands. costmap_2d would pad a robot
     of that radius by 0.01 m: its circle of 16 corners then has an inscribed radius of 0.1127 m.
 
-    MIDNet's local costmaps depart from the defaults by calibration: a 3 m window (item 6), and marks that
-    are forgotten half a second after the last scan that met them (item 8). ``burger_local`` and
-    ``burger_global`` give what a TurtleBot3 navigates with.
+    MIDNet's local costmaps take window and ranges from TurtleBot3's files instead (items 6 and 7).
+    ``burger_local`` and ``burger_global`` give what a TurtleBot3 navigates with.
     """
 
     concern: ClassVar[str] = "costmap"
 
-    resolution: float = option(0.05, "Side of a cell, metres.", ge=0.01, le=0.2, key="resolution_m")
+    resolution: float = option(
+        0.05,
+        "Side of a cell, metres.",
+        ge=0.01,
+        le=0.2,
+        key="resolution_m",
+        source="package: costmap_2d, resolution",
+    )
     size_m: float = option(
         5.0,
         "Side of the square window around the robot; a costmap over a map has the map's size.",
         ge=1,
         le=200,
+        source="ours: holds the whole obstacle range; costmap_2d's 10 m would cost time",
     )
     centered: bool = option(
-        True, "Keep the robot's cell in the middle (Eqs. 2 to 4); costmap_2d's window may lag by a cell."
+        True,
+        "Keep the robot's cell in the middle (Eqs. 2 to 4); costmap_2d's window may lag by a cell.",
+        source="paper: IV.B.1, the robot is always in the middle of the window",
     )
     obstacle_range_m: float = option(
-        2.5, "Returns nearer than this mark obstacles; for MIDNet that is the usable range.", gt=0, le=10
+        2.5,
+        "Returns nearer than this mark obstacles; for MIDNet that is the usable range.",
+        gt=0,
+        le=10,
+        source="package: costmap_2d, obstacle_range",
     )
-    raytrace_range_m: float = option(3.0, "Beams clear obstacles up to this distance.", gt=0, le=100)
+    raytrace_range_m: float = option(
+        3.0,
+        "Beams clear obstacles up to this distance.",
+        gt=0,
+        le=100,
+        source="package: costmap_2d, raytrace_range",
+    )
     inflation_radius_m: float = option(
-        0.55, "Distance from an obstacle at which its inflated cost ends.", ge=0, le=3
+        0.55,
+        "Distance from an obstacle at which its inflated cost ends.",
+        ge=0,
+        le=3,
+        source="package: costmap_2d, inflation_radius",
     )
     cost_scaling_factor: float = option(
-        10.0, "How fast the cost falls with distance from an obstacle, 1/m.", gt=0, le=100, key="cost_scaling"
+        10.0,
+        "How fast the cost falls with distance from an obstacle, 1/m.",
+        gt=0,
+        le=100,
+        key="cost_scaling",
+        source="package: costmap_2d, cost_scaling_factor",
     )
     inscribed_radius_m: float = option(
         BURGER.radius_m,
         "Distance from an obstacle up to which a cell costs 99, as if the robot touched it.",
         gt=0,
         le=1,
+        source="ours: robot_radius, which costmap_common_params_burger.yaml has as a comment; the "
+        "footprint's inscribed radius would be 0.041 m",
     )
     footprint: Footprint = BURGER_PADDED
     """the polygon that is free because the robot stands there"""
-    footprint_clearing: bool = option(True, "Free the cells under the robot's own footprint at every scan.")
-    track_unknown: bool = option(False, "Tell cells that no beam has met from free ones.")
+    footprint_clearing: bool = option(
+        True,
+        "Free the cells under the robot's own footprint at every scan.",
+        source="package: costmap_2d, footprint_clearing_enabled",
+    )
+    track_unknown: bool = option(
+        False,
+        "Tell cells that no beam has met from free ones.",
+        source="package: costmap_2d, track_unknown_space",
+    )
     inf_is_valid: bool = option(
         False,
         "Let a beam without a return clear its way; in TurtleBot3's files it does not, and ghosts remain.",
+        source="package: costmap_2d, inf_is_valid",
     )
     memory: Memory = option(
         "persistent",
         "How long an obstacle stays marked: until a beam passes through it (persistent, as costmap_2d), "
         "until the next scan (single_scan), or for decay_s after the last scan that met it (decay).",
         key="local_map",
+        source="package: costmap_2d, a mark stays until a beam clears it",
     )
-    decay_s: float = option(1.0, "How long a mark lives under decay.", gt=0, le=60)
+    decay_s: float = option(
+        1.0, "How long a mark lives under decay.", gt=0, le=60, source="ours: off unless marks decay"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -141,23 +183,40 @@ LiDAR and not the 18 cm below it: with 0.03 and the footprint of release 0.2.1 b
 past a Burger that leaves, with 0.04 in none."""
 
 
+_COMMON = "costmap_common_params_burger.yaml"
+MIDNET_SOURCES = {
+    "size_m": "turtlebot3: local_costmap_params.yaml, width",
+    "obstacle_range_m": "paper: V.A, 2.5 metres",
+    "raytrace_range_m": f"turtlebot3: {_COMMON}, raytrace_range",
+    "inf_is_valid": "ours: the files' false leaves 4.6 false boxes a frame, IV.A little or none",
+}
+"""Sources of what MIDNet's local costmaps have instead of the defaults."""
+_STANDSTILL = "with 0.2.1's inflation and 2 Hz robots stand still for half of Map 2's time"
+BURGER_SOURCES = {
+    "resolution": "turtlebot3: local_costmap_params.yaml, resolution",
+    "size_m": "turtlebot3: local_costmap_params.yaml, width",
+    "centered": "package: costmap_2d, whose rolling window moves by whole cells",
+    "obstacle_range_m": f"turtlebot3: {_COMMON}, obstacle_range",
+    "raytrace_range_m": f"turtlebot3: {_COMMON}, raytrace_range",
+    "inflation_radius_m": f"turtlebot3 1.0.0: {_COMMON}, inflation_radius; {_STANDSTILL}",
+    "cost_scaling_factor": f"turtlebot3 1.0.0: {_COMMON}, cost_scaling_factor; {_STANDSTILL}",
+    "inscribed_radius_m": "ours: of the file's footprint, padded by 0.04 m so that bodies do not touch",
+    "inf_is_valid": "ours: with the files' false, marks before open space stay for ever and close the way",
+}
+"""Sources of the values of ``burger_local`` and ``burger_global``."""
+
+
 def burger_local() -> CostmapSettings:
     """The local costmap of turtlebot3_navigation 0.2.1: 3.5 x 3.5 m that roll with the robot, no static map.
 
-    Its inflation (0.15 m, factor 0.5) and rate (2 Hz) are those of release 1.0.0 (1.0 m, 3.0, each scan), for
-    with the older ones robots stand still for half of the time in Map 2. Two values depart from both: the
-    footprint's padding, and ``inf_is_valid``, which turtlebot3's frontier_exploration.yaml alone sets:
-    without it, a robot that passed in front of open space leaves marks that nothing clears, and the way
-    stays closed.
+    ``BURGER_SOURCES`` says where it departs from the files; the footprint's padding and the rate (each scan,
+    not 2 Hz) do too.
     """
     return _burger(size_m=3.5, centered=False)
 
 
 def burger_global(resolution: float = 0.05) -> CostmapSettings:
-    """The global costmap of turtlebot3_navigation: the static map's size, with an obstacle layer.
-
-    Departs from the vendor's values as ``burger_local`` does.
-    """
+    """The global costmap of turtlebot3_navigation 0.2.1: the static map's size, with an obstacle layer."""
     return _burger(resolution=resolution)
 
 
@@ -186,23 +245,75 @@ class LocalPlannerLimits(Settings):
 
     concern: ClassVar[str] = "local planner"
 
-    max_vel_x_mps: float = option(0.18, "Highest forward speed; a Burger reaches 0.22.", gt=0, le=1)
+    max_vel_x_mps: float = option(
+        0.18,
+        "Highest forward speed; a Burger reaches 0.22.",
+        gt=0,
+        le=1,
+        source="turtlebot3: dwa_local_planner_params.yaml, max_vel_x",
+    )
     min_vel_x_mps: float = option(
-        -0.18, "Lowest forward speed; a negative one lets the robot drive backwards.", ge=-1, le=1
+        -0.18,
+        "Lowest forward speed; a negative one lets the robot drive backwards.",
+        ge=-1,
+        le=1,
+        source="turtlebot3: dwa_local_planner_params.yaml, min_vel_x",
     )
-    max_vel_trans_mps: float = option(0.18, "Highest speed in any direction.", gt=0, le=1)
+    max_vel_trans_mps: float = option(
+        0.18,
+        "Highest speed in any direction.",
+        gt=0,
+        le=1,
+        source="turtlebot3: dwa_local_planner_params.yaml, max_trans_vel",
+    )
     min_vel_trans_mps: float = option(
-        0.05, "No command is slower than this and turns slower than min_vel_theta_radps too.", ge=0, le=1
+        0.05,
+        "No command is slower than this and turns slower than min_vel_theta_radps too.",
+        ge=0,
+        le=1,
+        source="turtlebot3: dwa_local_planner_params.yaml, min_trans_vel",
     )
-    max_vel_theta_radps: float = option(1.8, "Highest turn rate.", gt=0, le=10)
+    max_vel_theta_radps: float = option(
+        1.8,
+        "Highest turn rate.",
+        gt=0,
+        le=10,
+        source="turtlebot3: dwa_local_planner_params.yaml, max_rot_vel",
+    )
     min_vel_theta_radps: float = option(
-        0.7, "No command turns slower than this and drives slower than min_vel_trans_mps too.", ge=0, le=10
+        0.7,
+        "No command turns slower than this and drives slower than min_vel_trans_mps too.",
+        ge=0,
+        le=10,
+        source="turtlebot3: dwa_local_planner_params.yaml, min_rot_vel",
     )
-    acc_lim_x_mps2: float = option(2.0, "Highest forward acceleration.", gt=0, le=100)
-    acc_lim_theta_radps2: float = option(2.0, "Highest turn acceleration.", gt=0, le=100)
-    xy_goal_tolerance_m: float = option(0.05, "A goal is reached within this distance.", gt=0, le=1)
+    acc_lim_x_mps2: float = option(
+        2.0,
+        "Highest forward acceleration.",
+        gt=0,
+        le=100,
+        source="turtlebot3: dwa_local_planner_params.yaml, acc_lim_x",
+    )
+    acc_lim_theta_radps2: float = option(
+        2.0,
+        "Highest turn acceleration.",
+        gt=0,
+        le=100,
+        source="turtlebot3: dwa_local_planner_params.yaml, acc_lim_theta",
+    )
+    xy_goal_tolerance_m: float = option(
+        0.05,
+        "A goal is reached within this distance.",
+        gt=0,
+        le=1,
+        source="turtlebot3: dwa_local_planner_params.yaml, xy_goal_tolerance",
+    )
     yaw_goal_tolerance_rad: float = option(
-        0.15, "A goal is reached when the robot's heading is within this of the goal's.", gt=0, le=4
+        0.15,
+        "A goal is reached when the robot's heading is within this of the goal's.",
+        gt=0,
+        le=4,
+        source="turtlebot3: dwa_local_planner_params.yaml, yaw_goal_tolerance",
     )
 
     def __post_init__(self) -> None:
@@ -246,7 +357,7 @@ class LocalPlannerLimits(Settings):
 
 @dataclass(frozen=True)
 class DwaSettings(Settings):
-    """Parameters of DWAPlannerROS; the defaults are those of dwa_local_planner_params_burger.yaml.
+    """Parameters of DWAPlannerROS.
 
     What never acts on a Burger is left out: the y axis, footprint scaling above 0.25 m/s, twirling, and
     ``use_dwa: false`` (that is Trajectory Rollout's way of sampling).
@@ -255,34 +366,99 @@ class DwaSettings(Settings):
     concern: ClassVar[str] = "dwa"
 
     limits: LocalPlannerLimits = group(LocalPlannerLimits(), "limits")
-    sim_time_s: float = option(1.5, "How far ahead each velocity is simulated.", gt=0, le=10)
-    sim_granularity_m: float = option(0.025, "Distance between simulated points.", gt=0, le=1)
-    angular_sim_granularity_rad: float = option(0.1, "Turn between simulated points.", gt=0, le=1)
-    vx_samples: int = option(20, "Forward speeds tried.", ge=1, le=200)
-    vth_samples: int = option(40, "Turn rates tried.", ge=1, le=200)
-    path_distance_bias: float = option(32.0, "Weight of the distance from the plan.", ge=0, le=1000)
-    goal_distance_bias: float = option(20.0, "Weight of the distance from the local goal.", ge=0, le=1000)
-    occdist_scale: float = option(0.02, "Weight of the highest cost under the robot.", ge=0, le=1000)
+    sim_time_s: float = option(
+        1.5,
+        "How far ahead each velocity is simulated.",
+        gt=0,
+        le=10,
+        source="turtlebot3 1.0.0: dwa_local_planner_params_burger.yaml, sim_time; with 0.2.1's 3.5 s "
+        "guards give up 40 of 139 goals, not 0 of 188",
+    )
+    sim_granularity_m: float = option(
+        0.025,
+        "Distance between simulated points.",
+        gt=0,
+        le=1,
+        source="package: dwa_local_planner, sim_granularity",
+    )
+    angular_sim_granularity_rad: float = option(
+        0.1,
+        "Turn between simulated points.",
+        gt=0,
+        le=1,
+        source="package: dwa_local_planner, angular_sim_granularity",
+    )
+    vx_samples: int = option(
+        20,
+        "Forward speeds tried.",
+        ge=1,
+        le=200,
+        source="turtlebot3: dwa_local_planner_params.yaml, vx_samples",
+    )
+    vth_samples: int = option(
+        40,
+        "Turn rates tried.",
+        ge=1,
+        le=200,
+        source="turtlebot3: dwa_local_planner_params.yaml, vtheta_samples",
+    )
+    path_distance_bias: float = option(
+        32.0,
+        "Weight of the distance from the plan.",
+        ge=0,
+        le=1000,
+        source="turtlebot3: dwa_local_planner_params.yaml, path_distance_bias",
+    )
+    goal_distance_bias: float = option(
+        20.0,
+        "Weight of the distance from the local goal.",
+        ge=0,
+        le=1000,
+        source="turtlebot3 1.0.0: dwa_local_planner_params_burger.yaml, goal_distance_bias; with "
+        "0.2.1's 24 and occdist_scale an unmapped box ahead takes 87 s, not 30 s",
+    )
+    occdist_scale: float = option(
+        0.02,
+        "Weight of the highest cost under the robot.",
+        ge=0,
+        le=1000,
+        source="turtlebot3 1.0.0: dwa_local_planner_params_burger.yaml, occdist_scale; 0.2.1's 0.04 "
+        "as goal_distance_bias",
+    )
     forward_point_distance_m: float = option(
-        0.325, "How far ahead of the robot lies the point by which its heading is judged.", ge=0, le=5
+        0.325,
+        "How far ahead of the robot lies the point by which its heading is judged.",
+        ge=0,
+        le=5,
+        source="turtlebot3: dwa_local_planner_params.yaml, forward_point_distance",
     )
     oscillation_reset_dist_m: float = option(
-        0.05, "Moving this far allows the forbidden directions again.", ge=0, le=5
+        0.05,
+        "Moving this far allows the forbidden directions again.",
+        ge=0,
+        le=5,
+        source="turtlebot3: dwa_local_planner_params.yaml, oscillation_reset_dist",
     )
     oscillation_reset_angle_rad: float = option(
-        0.2, "Turning this far allows the forbidden directions again.", ge=0, le=7
+        0.2,
+        "Turning this far allows the forbidden directions again.",
+        ge=0,
+        le=7,
+        source="package: dwa_local_planner, oscillation_reset_angle",
     )
+
+
+_BASE = "base_local_planner_params.yaml"
+_UNUSED = "ours: off unless controller=trajectory_rollout"
 
 
 @dataclass(frozen=True)
 class TrajectoryRolloutSettings(Settings):
     """Parameters of TrajectoryPlannerROS (dwa false, meter_scoring false, no heading scoring).
 
-    Speeds, samples and tolerances are those of turtlebot3's base_local_planner_params.yaml, which no launch
-    file loads. The rest of that file does not carry a Burger round a corner: at 0.08 m/s a step of 0.05 m
-    looks no farther than the start, and 0.6 rad/s2 is a fifth of what the robot does. So horizon, step and
-    accelerations are those of the Burger's DWA file, and ``occdist_scale`` is 0.05, not the package's 0.01,
-    with which the robot cuts corners until it is stuck at them.
+    TurtleBot3's base_local_planner_params.yaml, which no launch file loads, does not carry a Burger round a
+    corner as it is: at 0.08 m/s a step of 0.05 m looks no farther than the start, and 0.6 rad/s2 is a fifth
+    of what the robot does.
     """
 
     concern: ClassVar[str] = "trajectory rollout"
@@ -299,44 +475,134 @@ class TrajectoryRolloutSettings(Settings):
             yaw_goal_tolerance_rad=0.05,
         ),
         "limits",
+        sources={
+            "max_vel_x_mps": f"turtlebot3: {_BASE}, max_vel_x",
+            "min_vel_x_mps": f"turtlebot3: {_BASE}, min_vel_x",
+            "max_vel_trans_mps": f"turtlebot3: {_BASE}, max_vel_x",
+            "min_vel_trans_mps": f"turtlebot3: {_BASE}, min_vel_x",
+            "max_vel_theta_radps": f"turtlebot3: {_BASE}, max_vel_theta",
+            "min_vel_theta_radps": f"turtlebot3: {_BASE}, min_in_place_vel_theta",
+            "acc_lim_x_mps2": f"{_UNUSED}; as DWA's",
+            "acc_lim_theta_radps2": f"{_UNUSED}; as DWA's, the file's 0.6 is too slow for corners",
+            "xy_goal_tolerance_m": f"turtlebot3: {_BASE}, xy_goal_tolerance",
+            "yaw_goal_tolerance_rad": f"turtlebot3: {_BASE}, yaw_goal_tolerance",
+        },
     )
     """``min_vel_theta_radps`` is min_in_place_vel_theta"""
-    sim_time_s: float = option(1.5, "How far ahead each velocity is simulated.", gt=0, le=10)
-    sim_granularity_m: float = option(0.025, "Distance between simulated points.", gt=0, le=1)
-    angular_sim_granularity_rad: float = option(0.025, "Turn between simulated points.", gt=0, le=1)
-    vx_samples: int = option(18, "Forward speeds tried.", ge=1, le=200)
-    vtheta_samples: int = option(20, "Turn rates tried.", ge=1, le=200)
-    path_distance_bias: float = option(0.6, "Weight of the distance from the plan.", ge=0, le=1000)
-    goal_distance_bias: float = option(0.8, "Weight of the distance from the local goal.", ge=0, le=1000)
-    occdist_scale: float = option(0.05, "Weight of the highest cost under the robot.", ge=0, le=1000)
+    sim_time_s: float = option(
+        1.5,
+        "How far ahead each velocity is simulated.",
+        gt=0,
+        le=10,
+        source=f"{_UNUSED}; as DWA's, with the file's 0.8 s a slow robot looks no farther than its start",
+    )
+    sim_granularity_m: float = option(
+        0.025,
+        "Distance between simulated points.",
+        gt=0,
+        le=1,
+        source="package: base_local_planner, sim_granularity; the file's 0.05 m as sim_time",
+    )
+    angular_sim_granularity_rad: float = option(
+        0.025,
+        "Turn between simulated points.",
+        gt=0,
+        le=1,
+        source="package: base_local_planner, angular_sim_granularity",
+    )
+    vx_samples: int = option(
+        18,
+        "Forward speeds tried.",
+        ge=1,
+        le=200,
+        source="turtlebot3: base_local_planner_params.yaml, vx_samples",
+    )
+    vtheta_samples: int = option(
+        20,
+        "Turn rates tried.",
+        ge=1,
+        le=200,
+        source="turtlebot3: base_local_planner_params.yaml, vtheta_samples",
+    )
+    path_distance_bias: float = option(
+        0.6,
+        "Weight of the distance from the plan.",
+        ge=0,
+        le=1000,
+        source="package: base_local_planner, pdist_scale",
+    )
+    goal_distance_bias: float = option(
+        0.8,
+        "Weight of the distance from the local goal.",
+        ge=0,
+        le=1000,
+        source="package: base_local_planner, gdist_scale",
+    )
+    occdist_scale: float = option(
+        0.05,
+        "Weight of the highest cost under the robot.",
+        ge=0,
+        le=1000,
+        source=f"{_UNUSED}; with the package's 0.01 a robot cuts corners until it is stuck",
+    )
     heading_lookahead_m: float = option(
-        0.325, "How far ahead of the robot lies the point by which a turn on the spot is judged.", ge=0, le=5
+        0.325,
+        "How far ahead of the robot lies the point by which a turn on the spot is judged.",
+        ge=0,
+        le=5,
+        source="package: base_local_planner, heading_lookahead",
     )
     oscillation_reset_dist_m: float = option(
-        0.05, "Moving this far allows turns on the spot to both sides again.", ge=0, le=5
+        0.05,
+        "Moving this far allows turns on the spot to both sides again.",
+        ge=0,
+        le=5,
+        source="package: base_local_planner, oscillation_reset_dist",
     )
-    escape_vel_mps: float = option(-0.1, "Speed at which a robot that is stuck backs up.", ge=-1, le=0)
-    escape_reset_dist_m: float = option(0.10, "Backing up ends after this distance.", ge=0, le=5)
+    escape_vel_mps: float = option(
+        -0.1,
+        "Speed at which a robot that is stuck backs up.",
+        ge=-1,
+        le=0,
+        source="package: base_local_planner, escape_vel",
+    )
+    escape_reset_dist_m: float = option(
+        0.10,
+        "Backing up ends after this distance.",
+        ge=0,
+        le=5,
+        source="package: base_local_planner, escape_reset_dist",
+    )
     escape_reset_theta_rad: float = option(
-        math.pi / 2, "Backing up ends after a turn by this angle.", ge=0, le=7
+        math.pi / 2,
+        "Backing up ends after a turn by this angle.",
+        ge=0,
+        le=7,
+        source="package: base_local_planner, escape_reset_theta",
     )
 
 
 @dataclass(frozen=True)
 class NavigatorSettings(Settings):
-    """move_base on a Burger; defaults: turtlebot3_navigation's files."""
+    """move_base on a Burger."""
 
     concern: ClassVar[str] = "navigator"
 
     controller: Literal["dwa", "trajectory_rollout"] = option(
-        "dwa", "Local planner: DWA, or the older Trajectory Rollout."
+        "dwa",
+        "Local planner: DWA, or the older Trajectory Rollout.",
+        source="turtlebot3: turtlebot3_navigation.launch, base_local_planner",
     )
     dwa: DwaSettings = group(DwaSettings(), "DWA", prefix="dwa_")
     trajectory_rollout: TrajectoryRolloutSettings = group(
         TrajectoryRolloutSettings(), "Trajectory Rollout", prefix="rollout_"
     )
     local_costmap: CostmapSettings = group(
-        burger_local(), "local costmap", prefix="nav_local_", keys={"memory": "nav_local_memory"}
+        burger_local(),
+        "local costmap",
+        prefix="nav_local_",
+        keys={"memory": "nav_local_memory"},
+        sources=BURGER_SOURCES,
     )
     global_costmap: CostmapSettings = group(
         burger_global(),
@@ -344,10 +610,16 @@ class NavigatorSettings(Settings):
         prefix="nav_global_",
         keys={"memory": "nav_global_memory", "resolution": None, "size_m": None, "centered": None}
         | {"track_unknown": None},
+        sources=BURGER_SOURCES,
     )
     bare_footprint: Footprint = BURGER.footprint
     """the robot's outline without padding: what a robot that is stuck may still move with"""
-    allow_unknown: bool = option(True, "Let plans cross cells that no beam has met.", key="nav_allow_unknown")
+    allow_unknown: bool = option(
+        True,
+        "Let plans cross cells that no beam has met.",
+        key="nav_allow_unknown",
+        source="package: navfn, allow_unknown",
+    )
     goal_tolerance_m: float = option(
         0.5,
         "A goal that a scanned obstacle covers is approached up to this distance (navfn's "
@@ -355,6 +627,7 @@ class NavigatorSettings(Settings):
         ge=0,
         le=5,
         key="nav_goal_tolerance_m",
+        source="ours: with navfn's 0 a robot stops wherever an intruder is on its goal",
     )
     controller_frequency_hz: float = 10.0
     """how often ``control`` is called; the fleet sets it"""
@@ -364,9 +637,16 @@ class NavigatorSettings(Settings):
         gt=0,
         le=100,
         key="nav_planner_frequency_hz",
+        source="turtlebot3 1.0.0: move_base_params.yaml, planner_frequency; with 0.2.1's 2 Hz bodies touch "
+        "12 times in 100 labyrinth trials",
     )
     planner_patience_s: float = option(
-        1.0, "Without a plan for this long, a recovery begins.", ge=0, le=600, key="nav_planner_patience_s"
+        1.0,
+        "Without a plan for this long, a recovery begins.",
+        ge=0,
+        le=600,
+        key="nav_planner_patience_s",
+        source="turtlebot3: move_base_params.yaml, planner_patience",
     )
     controller_patience_s: float = option(
         15.0,
@@ -374,6 +654,8 @@ class NavigatorSettings(Settings):
         ge=0,
         le=600,
         key="nav_controller_patience_s",
+        source="turtlebot3 1.0.0: move_base_params.yaml, controller_patience; after 0.2.1's 1.0 s a "
+        "recovery would come before DWA's way off",
     )
     oscillation_timeout_s: float = option(
         10.0,
@@ -381,9 +663,15 @@ class NavigatorSettings(Settings):
         ge=0,
         le=600,
         key="nav_oscillation_timeout_s",
+        source="turtlebot3: move_base_params.yaml, oscillation_timeout",
     )
     oscillation_distance_m: float = option(
-        0.2, "A robot that moves this far does not oscillate.", ge=0, le=5, key="nav_oscillation_distance_m"
+        0.2,
+        "A robot that moves this far does not oscillate.",
+        ge=0,
+        le=5,
+        key="nav_oscillation_distance_m",
+        source="turtlebot3: move_base_params.yaml, oscillation_distance",
     )
     conservative_reset_dist_m: float = option(
         0.1,
@@ -391,6 +679,7 @@ class NavigatorSettings(Settings):
         ge=0,
         le=50,
         key="nav_conservative_reset_dist_m",
+        source="turtlebot3: move_base_params.yaml, conservative_reset_dist",
     )
     aggressive_reset_dist_m: float = option(
         1.84,
@@ -399,6 +688,7 @@ class NavigatorSettings(Settings):
         ge=0,
         le=50,
         key="nav_aggressive_reset_dist_m",
+        source="package: move_base, 4 x circumscribed_radius",
     )
     wave_period_s: float = option(
         1.0,
@@ -406,6 +696,7 @@ class NavigatorSettings(Settings):
         ge=0,
         le=600,
         key="nav_replan_period_s",
+        source="ours: a plan from the costs takes time; changes near the plan call for one at once",
     )
     change_radius_m: float = option(
         0.3,
@@ -413,6 +704,7 @@ class NavigatorSettings(Settings):
         ge=0,
         le=5,
         key="nav_change_radius_m",
+        source="ours: move_base plans from the costs each time",
     )
 
     def of_robot(self, robot: RobotModel) -> "NavigatorSettings":

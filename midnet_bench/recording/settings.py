@@ -7,7 +7,7 @@ from typing import Literal
 
 from midnet_bench.midnet.binary_map import PriorMapSettings
 from midnet_bench.midnet.settings import MIDNetSettings
-from midnet_bench.navigation.settings import CostmapSettings
+from midnet_bench.navigation.settings import MIDNET_SOURCES, CostmapSettings
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.robots.seams import ROBOTS
@@ -38,22 +38,38 @@ class ReplaySettings(Settings):
     """All that lies between a map, poses and scans and the boxes; see ``DetectorSettings``."""
 
     detector: str = option(
-        "midnet", "Who makes boxes: midnet, subtraction, clusters, background, or your own as in a trial."
+        "midnet",
+        "Who makes boxes: midnet, subtraction, clusters, background, or your own as in a trial.",
+        source="paper: IV",
     )
-    fusion: str = option("paper", "Who makes one list of the robots' boxes, as in a trial.")
+    fusion: str = option(
+        "paper",
+        "Who makes one list of the robots' boxes, as in a trial.",
+        source="paper: IV.C.2, Algorithms 3 and 4",
+    )
     robot: str = option(
         "burger",
         "Whose footprint is freed and whose radius counts: burger, waffle, or your own as in a trial.",
+        source="paper: III, Turtlebot3 Burgers",
     )
-    deflate_boxes: bool = option(False, "Shrink each box by what the local costmap's inflation added to it.")
+    deflate_boxes: bool = option(
+        False,
+        "Shrink each box by what the local costmap's inflation added to it.",
+        source="paper: IV.B.4, boxes as boundingRect makes them",
+    )
     local_size_m: float = option(
-        3.5, "Side of the local costmaps; 0: as much as the obstacle range needs.", ge=0, le=200
+        3.5,
+        "Side of the local costmaps; 0: as much as the obstacle range needs.",
+        ge=0,
+        le=200,
+        source=MIDNET_SOURCES["size_m"],
     )
     prior: PriorMapSettings = group(PriorMapSettings(), "prior map")
     costmap: CostmapSettings = group(
         CostmapSettings(size_m=3.5, raytrace_range_m=3.5, inf_is_valid=True),
         "MIDNet's local costmaps",
         keys={"size_m": None, "centered": None, "track_unknown": None, "resolution": None},
+        sources=MIDNET_SOURCES,
     )
     midnet: MIDNetSettings = group(MIDNetSettings(), "MIDNet")
 

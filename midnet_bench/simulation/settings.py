@@ -26,9 +26,23 @@ class WorldSettings(Settings):
         "What moves the robots and casts their beams: PyBullet, with wheels on a floor (bullet), compiled "
         "loops of our own, planar and several times as fast (fast), MuJoCo, planar, with the extra "
         "midnet-bench[mujoco] (mujoco), or yours as package.module:NAME or file.py:NAME.",
+        source="ours: PyBullet, for the paper's Gazebo (III)",
     )
-    step_hz: int = option(30, "Physics steps per second.", ge=30, le=1000, multiple_of=10)
-    solver_iterations: int = option(50, "Iterations of the contact solver per physics step.", ge=1, le=1000)
+    step_hz: int = option(
+        30,
+        "Physics steps per second.",
+        ge=30,
+        le=1000,
+        multiple_of=10,
+        source="ours: Gazebo steps at 1000 Hz and its wheels' plugin at 30 Hz",
+    )
+    solver_iterations: int = option(
+        50,
+        "Iterations of the contact solver per physics step.",
+        ge=1,
+        le=1000,
+        source="package: pybullet, numSolverIterations",
+    )
 
 
 @dataclass(frozen=True)
@@ -41,12 +55,14 @@ class LidarSettings(Settings):
         "urdf",
         "What LiDAR beams meet of another robot: what is in their plane, of a Burger its LiDAR housing, "
         "11 cm wide (urdf), or a disc of the whole robot's radius, of a Burger 0.105 m (disc).",
+        source="package: turtlebot3_burger.urdf.xacro, collision",
     )
     noise: LidarNoise = option(
         "gazebo",
         "Range noise of the LDS-01: 10 mm at every range (gazebo), the maker's precision and accuracy, which "
         "grow with the range (datasheet), or none.",
         key="lidar_noise",
+        source="package: turtlebot3_burger.gazebo.xacro, lds_lfcd_sensor, noise",
     )
     dropout: float = option(
         0.0,
@@ -54,16 +70,19 @@ class LidarSettings(Settings):
         ge=0,
         le=1,
         key="lidar_dropout",
+        source="ours: off, the paper disturbs nothing",
     )
-    hz: Literal[1, 2, 5, 10] = option(5, "Scans per second of every robot's LiDAR.", key="lidar_hz")
+    hz: Literal[1, 2, 5, 10] = option(
+        5, "Scans per second of every robot's LiDAR.", key="lidar_hz", source="paper: V.A, 5 Hz"
+    )
 
 
 @dataclass(frozen=True)
 class OdometrySettings(Settings):
     """Where odometry comes from and, for ``encoder``, how wrong it is.
 
-    Nobody publishes the last three of a Burger. They are our choice: wheels true to a fifth of a
-    millimetre, a track true to 1.6 mm, and slip that leaves 2 mm after a metre.
+    The last three are our choice: wheels true to a fifth of a millimetre, a track true to 1.6 mm, and slip
+    that leaves 2 mm after a metre.
     """
 
     concern: ClassVar[str] = "odometry"
@@ -73,6 +92,7 @@ class OdometrySettings(Settings):
         "Odometry that is exact, as Gazebo publishes it for a Burger (world), or computed from wheel "
         "encoders with wheels that slip (encoder).",
         key="odometry",
+        source="package: turtlebot3_burger.gazebo.xacro, odometrySource",
     )
     radius_error: float = option(
         0.005,
@@ -81,6 +101,7 @@ class OdometrySettings(Settings):
         ge=0,
         le=0.2,
         key="wheel_radius_error",
+        source="ours: off unless odometry=encoder; no figure of a Burger is published",
     )
     separation_error: float = option(
         0.01,
@@ -89,6 +110,7 @@ class OdometrySettings(Settings):
         ge=0,
         le=0.2,
         key="wheel_separation_error",
+        source="ours: off unless odometry=encoder; no figure of a Burger is published",
     )
     slip_m_per_sqrt_m: float = option(
         0.002,
@@ -97,6 +119,7 @@ class OdometrySettings(Settings):
         ge=0,
         le=0.2,
         key="wheel_slip",
+        source="ours: off unless odometry=encoder; no figure of a Burger is published",
     )
 
 
@@ -111,13 +134,28 @@ class ImuSettings(Settings):
         "Errors of the IMU: those that the Burger's description states (gazebo), or none, as Gazebo's ROS 1 "
         "plugin published it.",
         key="imu_noise",
+        source="ours: the description states errors that Gazebo's ROS 1 plugin leaves out",
     )
-    gyro_stddev_radps: float = option(2e-4, "Standard deviation of the gyroscope's noise.", ge=0, le=1)
+    gyro_stddev_radps: float = option(
+        2e-4,
+        "Standard deviation of the gyroscope's noise.",
+        ge=0,
+        le=1,
+        source="package: turtlebot3_burger.gazebo.xacro, imu, rate, stddev",
+    )
     gyro_bias_radps: float = option(
-        7.5e-6, "Mean size of the gyroscope's bias, which may have either sign.", ge=0, le=1
+        7.5e-6,
+        "Mean size of the gyroscope's bias, which may have either sign.",
+        ge=0,
+        le=1,
+        source="package: turtlebot3_burger.gazebo.xacro, imu, rate, bias_mean",
     )
     gyro_bias_stddev_radps: float = option(
-        8e-7, "Standard deviation of the size of the gyroscope's bias, drawn once per robot.", ge=0, le=1
+        8e-7,
+        "Standard deviation of the size of the gyroscope's bias, drawn once per robot.",
+        ge=0,
+        le=1,
+        source="package: turtlebot3_burger.gazebo.xacro, imu, rate, bias_stddev",
     )
 
 
@@ -128,7 +166,12 @@ class NetworkSettings(Settings):
     concern: ClassVar[str] = "network"
 
     delay_s: float = option(
-        0.0, "Delay of each message from a guard to MIDNet, seconds.", ge=0, le=60, key="message_delay_s"
+        0.0,
+        "Delay of each message from a guard to MIDNet, seconds.",
+        ge=0,
+        le=60,
+        key="message_delay_s",
+        source="ours: off, the paper disturbs nothing",
     )
     jitter_s: float = option(
         0.0,
@@ -136,6 +179,7 @@ class NetworkSettings(Settings):
         ge=0,
         le=60,
         key="message_jitter_s",
+        source="ours: off, the paper disturbs nothing",
     )
     loss: float = option(
         0.0,
@@ -143,6 +187,7 @@ class NetworkSettings(Settings):
         ge=0,
         le=1,
         key="message_loss",
+        source="ours: off, the paper disturbs nothing",
     )
     timeout_s: float | None = option(
         None,
@@ -150,6 +195,7 @@ class NetworkSettings(Settings):
         gt=0,
         le=3600,
         key="message_timeout_s",
+        source="ours: off, the paper disturbs nothing",
     )
 
     @property
@@ -168,6 +214,7 @@ class SimulationSettings(Settings):
         "burger",
         "What guards, explorers and mobile intruders are: burger or waffle (TurtleBot3), or your own "
         "RobotModel as package.module:NAME or file.py:NAME.",
+        source="paper: III, Turtlebot3 Burgers",
     )
     world: WorldSettings = group(WorldSettings(), "world")
     lidar: LidarSettings = group(LidarSettings(), "LiDAR")

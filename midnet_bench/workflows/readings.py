@@ -17,6 +17,8 @@ class Reading:
     """what the paper leaves open"""
     reading: str
     """what midnet-bench does by default"""
+    source: str
+    """where that is from"""
 
 
 def readings_of(key: str) -> list[Reading]:
@@ -24,6 +26,6 @@ def readings_of(key: str) -> list[Reading]:
     found = []
     for line in READINGS.read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
-        if len(cells) == 4 and key in re.findall(r"`([^`]+)`", cells[3]):
-            found.append(Reading(*cells[:3]))
+        if len(cells) == 5 and key in re.findall(r"`([^`]+)`", cells[4]):
+            found.append(Reading(*cells[:4]))
     return found

@@ -319,7 +319,20 @@ def test_one_parameter_is_explained_with_the_papers_gap(tmp_path: Path) -> None:
     assert (
         "default: ukf allowed: ukf | ukf+map | truth experiments: detection, labyrinth, robustness" in words
     )
+    assert "source: paper: II.B, robot_localization" in words
     assert "The paper leaves open (item 10): which pose the crop uses." in words
+
+
+def test_a_list_of_parameters_has_their_sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    done = midnet_bench("parameters", "detection", folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    assert "paper: V.A, 1999 frames" in done.stdout
+    listed = json.loads(midnet_bench("parameters", "detection", "--json", folder=tmp_path).stdout)
+    sources = {one["key"]: one["source"] for one in listed["parameters"]}
+    assert sources["local_size_m"] == "turtlebot3: local_costmap_params.yaml, width"
+    assert sources["obstacle_range_m"] == "paper: V.A, 2.5 metres"
 
 
 def test_a_parameter_that_experiments_have_of_their_own_is_explained_for_each(tmp_path: Path) -> None:

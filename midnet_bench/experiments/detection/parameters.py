@@ -24,30 +24,44 @@ class DetectionParameters(GuardParameters):
         "truth_box",
     )
 
-    frames: int = option(1999, "Number of MIDNet frames that are scored, at 5 Hz.", ge=1, le=1_000_000)
+    frames: int = option(
+        1999,
+        "Number of MIDNet frames that are scored, at 5 Hz.",
+        ge=1,
+        le=1_000_000,
+        source="paper: V.A, 1999 frames",
+    )
     intruders: int | None = option(
-        None, "Number of Burgers that intrude; null: as many as the arena says.", ge=0, le=100
+        None,
+        "Number of Burgers that intrude; null: as many as the arena says.",
+        ge=0,
+        le=100,
+        source="paper: V.A, 8 intruders, 3 of them stationary",
     )
     in_range: InRange = option(
         "centre",
         "When an intruder counts as within a guard's usable range: when its nearest point is (edge), or "
         "when its centre is (centre).",
+        source="ours: V.A fits both; both are reported",
     )
     require_line_of_sight: bool | None = option(
         None,
         "Count an intruder as missed only if a beam of some guard could meet it; null: in every arena but "
         "the paper's, whose text counts hidden intruders too.",
+        source="paper: V.A, an intruder behind another is a false negative",
     )
     tp_boxes: TruePositives = option(
         "every",
         "Which boxes are true positives: all that overlap an intruder (every), or one for each intruder, "
         "further boxes on it then counting for nothing (one_per_intruder) or as false positives "
         "(surplus_false).",
+        source="paper: V.A, definition of tp",
     )
     truth_box: Literal["extent", "inflated"] = option(
         "extent",
         "An intruder's true box: the extent of its shape (extent), or that grown by the local costmap's "
         "inflation (inflated).",
+        source="paper: V.A, ground truth bounding boxes",
     )
 
     @property

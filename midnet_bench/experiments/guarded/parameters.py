@@ -18,7 +18,7 @@ from midnet_bench.io.parameters import Parameters
 from midnet_bench.localization.settings import ScanToMapSettings, UkfSettings
 from midnet_bench.midnet.binary_map import PriorMapSettings
 from midnet_bench.midnet.settings import MIDNetSettings
-from midnet_bench.navigation.settings import CostmapSettings, NavigatorSettings
+from midnet_bench.navigation.settings import MIDNET_SOURCES, CostmapSettings, NavigatorSettings
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS
 from midnet_bench.scoring.seams import NONE, pinned_metrics
 from midnet_bench.settings import Scalar, group, option
@@ -89,76 +89,109 @@ class GuardParameters(Parameters):
         "Which values are the defaults: the paper's by its own sources (paper), or those with the highest "
         "scores (best): local_size_m=6, fusion=components(iou=0.02), align=origin. What is set beside it "
         "comes first.",
+        source="ours: off, paper changes nothing",
     )
-    arena: str = option("map1", "Name of a packaged arena, or an arena's YAML file.")
+    arena: str = option(
+        "map1", "Name of a packaged arena, or an arena's YAML file.", source="paper: III, Map 1"
+    )
     prior_map: str = option(
         EXPLORED,
         "The map that is subtracted and driven by: explored by robots as the package has it, the best of 30 "
         "maps (explored) or the worst (explored-worst), drawn from the arena's walls (exact), or a "
         "map_server YAML file.",
+        source="paper: II.A, explored, and the best map saved",
     )
-    robots: int = option(1, "Number of security robots.", ge=1, le=20)
+    robots: int = option(
+        1, "Number of security robots.", ge=1, le=20, source="paper: V, teams from one robot"
+    )
     localization: Literal["ukf", "ukf+map", "truth"] = option(
         "ukf",
         "Which pose is used to crop the map and to drive: the pose filter's (ukf), the filter's corrected by "
         "matching scans to the prior map (ukf+map), or the true one (truth).",
+        source="paper: II.B, robot_localization",
     )
     detector: str = option(
         "midnet",
         "Who makes boxes of what the guards see: midnet, subtraction, clusters, background, or your own as "
         "package.module:NAME or file.py:NAME; options of its own stand behind it, such as "
         "clusters(noise_m=0.02).",
+        source="paper: IV",
     )
     fusion: str = option(
         "paper",
         "Who makes one list of the guards' boxes: paper (Algorithms 3 and 4), none, suppression, components, "
         "weighted, centres, tracks, or your own, given as a detector is.",
+        source="paper: IV.C.2, Algorithms 3 and 4",
     )
     metrics: str = option(
         NONE,
         "Further metrics, taken frame by frame: none, or ospa, first_detection, idleness, mot or your own as "
         "package.module:NAME or file.py:NAME; several with semicolons between them.",
+        source="ours: off, the paper has none beside Eqs. 8 to 12",
     )
     record: bool = option(
         False,
         "Keep every frame's boxes, poses and scans, and the cause of each error; with an oracle the errors "
         "alone. 'errors', 'explain' and the player of 'report' read them.",
+        source="ours: off, an output",
     )
     resolution_m: float = option(
-        0.05, "Side of a cell of the prior map and of the local costmaps.", ge=0.02, le=0.2
+        0.05,
+        "Side of a cell of the prior map and of the local costmaps.",
+        ge=0.02,
+        le=0.2,
+        source="turtlebot3: local_costmap_params.yaml, resolution",
     )
-    deflate_boxes: bool = option(False, "Shrink each box by what the local costmap's inflation added to it.")
+    deflate_boxes: bool = option(
+        False,
+        "Shrink each box by what the local costmap's inflation added to it.",
+        source="paper: IV.B.4, boxes as boundingRect makes them",
+    )
     stationary_scale: float = option(
-        1.0, "Size of the stationary intruders that are drawn, as a multiple of the arena's.", gt=0, le=3
+        1.0,
+        "Size of the stationary intruders that are drawn, as a multiple of the arena's.",
+        gt=0,
+        le=3,
+        source="ours: the paper gives no size; the arena's are 0.4 to 1.0 m",
     )
     intruder_speed_mps: float = option(
-        0.18, "Top speed of the mobile intruders, at most that of the robot.", gt=0, le=1
+        0.18,
+        "Top speed of the mobile intruders, at most that of the robot.",
+        gt=0,
+        le=1,
+        source="turtlebot3: dwa_local_planner_params.yaml, max_vel_x",
     )
     mobile_scale: float = option(
         1.0,
         "Factor on the diameter of what LiDAR beams meet of a mobile intruder; its body stays as it is.",
         ge=0.1,
         le=3,
+        source="paper: III, all mobile robots are Burgers",
     )
     start_error_m: float = option(
         0.0,
         "Distance from a guard's start to where it takes itself to be then, in a random direction.",
         ge=0,
         le=2,
+        source="ours: off, the paper disturbs nothing",
     )
     start_error_deg: float = option(
         0.0,
         "Error of the heading that a guard takes itself to have at the start, to either side.",
         ge=0,
         le=180,
+        source="ours: off, the paper disturbs nothing",
     )
     dying_guards: int = option(
         0,
         "Number of guards, from the first on, that die: they stop and fall silent, their bodies stay.",
         ge=0,
         le=20,
+        source="ours: off, the paper disturbs nothing",
     )
-    dying_after_s: float = option(60.0, "Simulated time at which guards die.", ge=0, le=36_000)
+    dying_after_s: float = option(
+        60.0, "Simulated time at which guards die.", ge=0, le=36_000, source="ours: off unless guards die"
+    )
     oracle: Oracle = option(
         "none",
         "Which cause of error is taken from the detector alone, with the guards' motion as it is: true poses "
@@ -167,6 +200,7 @@ class GuardParameters(Parameters):
         "guards void and no box removed (allies), intruders seen through (occlusion), that and window "
         "(sight), exact ranges (noise), "
         "align=origin (crop), boxes fused by whose intruder they touch (fusion).",
+        source="ours: off, the paper has none",
     )
 
     prior: PriorMapSettings = group(PriorMapSettings(), "prior map")
@@ -174,6 +208,7 @@ class GuardParameters(Parameters):
         CostmapSettings(size_m=3.5, raytrace_range_m=3.5, inf_is_valid=True),
         "MIDNet's local costmaps",
         keys={"resolution": None, "size_m": "local_size_m", "centered": None, "track_unknown": None},
+        sources=MIDNET_SOURCES,
     )
     midnet: MIDNetSettings = group(MIDNetSettings(), "MIDNet")
     simulation: SimulationSettings = group(SimulationSettings(), "simulation")

@@ -31,52 +31,80 @@ class LabyrinthParameters(GuardParameters):
         "time_limit_s",
     )
 
-    arena: str = like(GuardParameters, "arena", "map2")
-    intruders: int = option(1, "Number of mobile intruders.", ge=1, le=20)
+    arena: str = like(GuardParameters, "arena", "map2", source="paper: III, Map 2; the walls inside are ours")
+    intruders: int = option(
+        1, "Number of mobile intruders.", ge=1, le=20, source="paper: V.B, 1 to 5 intruders"
+    )
     capture: Literal["within", "detected", "contact"] = option(
         "within",
         "When a detected intruder is caught: when a guard is within capture_distance_m and no wall between "
         "them (within), at once (detected), or when a guard touches it (contact).",
+        source="ours: V.B counts caught intruders and does not say when one is",
     )
     capture_distance_m: float = option(
         0.5,
         "Distance from guard to intruder, centre to centre, at which capture: within catches.",
         gt=0,
         le=5,
+        source="ours: V.B does not say when an intruder is caught",
     )
     after_capture: Literal["leaves", "drives_on"] = option(
         "leaves",
         "What a caught intruder does: it leaves the arena (leaves), or goes on to its escape as a caught one "
         "and keeps the trial going (drives_on).",
+        source="ours: V.B does not say what a caught intruder does",
     )
     intruder_wait_s: float = option(
-        0.0, "How long intruders stand at their starts before they set out.", ge=0, le=600
+        0.0,
+        "How long intruders stand at their starts before they set out.",
+        ge=0,
+        le=600,
+        source="ours: off, V.B has no wait",
     )
     evasion: Literal["none", "flee"] = option(
         "none",
         "What an intruder does when a guard comes near: nothing (none), or flee to where no guard is (flee).",
+        source="ours: off, V.B has no evasion",
     )
     flee_radius_m: float = option(
-        1.5, "Distance of a guard at which evasion: flee makes an intruder flee.", gt=0, le=10
+        1.5,
+        "Distance of a guard at which evasion: flee makes an intruder flee.",
+        gt=0,
+        le=10,
+        source="ours: off unless evasion=flee",
     )
     escape_distance_m: float = option(
-        12.0, "Least distance from an intruder's start to its escape, in a straight line.", ge=0, le=100
+        12.0,
+        "Least distance from an intruder's start to its escape, in a straight line.",
+        ge=0,
+        le=100,
+        source="paper: V.B, at least 12 m",
     )
     escape_at: Literal["anywhere", "doors"] = option(
         "anywhere",
         "Where intruders escape to: any free point inside the walls (anywhere), or the middle of a gap in "
         "the outer wall (doors), the farthest if none is escape_distance_m away.",
+        source="paper: V.B, random escape locations",
     )
     escape_radius_m: float = option(
-        0.3, "An intruder has escaped when it is this near to its escape.", gt=0, le=5
+        0.3,
+        "An intruder has escaped when it is this near to its escape.",
+        gt=0,
+        le=5,
+        source="ours: V.B gives no number",
     )
     time_limit_s: float = option(
-        600.0, "Simulated time after which a trial ends with intruders still at large.", gt=0, le=36_000
+        600.0,
+        "Simulated time after which a trial ends with intruders still at large.",
+        gt=0,
+        le=36_000,
+        source="ours: V.B has no limit",
     )
     ends: Literal["nobody_left", "time_limit"] = option(
         "nobody_left",
         "When a trial ends: when no intruder is left in the arena or the time is up (nobody_left), or only "
         "when the time is up (time_limit).",
+        source="ours: V.B does not say when a trial ends",
     )
     pursuit: PursuitSettings = group(PursuitSettings(), "pursuit")
 

@@ -8,11 +8,13 @@ from midnet_bench.agents.settings import GoalSettings
 from midnet_bench.experiments.guarded.inputs import inline_arena
 from midnet_bench.io.parameters import Parameters
 from midnet_bench.localization.settings import UkfSettings
-from midnet_bench.mapping.gmapping.settings import BURGER_UKF, GmappingSettings
+from midnet_bench.mapping.gmapping.settings import BURGER_UKF, BURGER_UKF_SOURCES, GmappingSettings
 from midnet_bench.mapping.settings import FrontierSettings, MergeSettings
 from midnet_bench.navigation.settings import NavigatorSettings, burger_global
 from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.settings import OdometrySettings, SimulationSettings
+
+_UNPUBLISHED = "ours: no figure of a Burger is published"
 
 
 @dataclass(frozen=True)
@@ -32,29 +34,62 @@ class MappingParameters(Parameters):
         "time_limit_s",
     )
 
-    arena: str = option("map1", "Name of a packaged arena, or an arena's YAML file.")
-    robots: int = option(1, "Number of exploring robots.", ge=1, le=20)
+    arena: str = option(
+        "map1", "Name of a packaged arena, or an arena's YAML file.", source="paper: III, Map 1"
+    )
+    robots: int = option(
+        1, "Number of exploring robots.", ge=1, le=20, source="paper: II.A, single-robot exploration"
+    )
     resolution_m: float = option(
-        0.05, "Side of a cell of the maps and of the global costmaps.", ge=0.02, le=0.2
+        0.05,
+        "Side of a cell of the maps and of the global costmaps.",
+        ge=0.02,
+        le=0.2,
+        source="package: slam_gmapping, delta",
     )
     merge: Literal["start_poses", "features"] = option(
         "start_poses",
         "How the robots' maps are merged: by their known start poses while they explore (start_poses), or by "
         "matching features of the maps at the end (features).",
+        source="package: multirobot_map_merge, known_init_poses",
     )
-    time_limit_s: float = option(3600.0, "Simulated time after which an exploration ends.", gt=0, le=36_000)
+    time_limit_s: float = option(
+        3600.0,
+        "Simulated time after which an exploration ends.",
+        gt=0,
+        le=36_000,
+        source="ours: II.A has no limit",
+    )
 
     simulation: SimulationSettings = group(
-        SimulationSettings(odometry=OdometrySettings(source="encoder")), "simulation"
+        SimulationSettings(odometry=OdometrySettings(source="encoder")),
+        "simulation",
+        sources={
+            "odometry.source": "ours: Gazebo's exact odometry leaves GMapping nothing to correct",
+            "odometry.radius_error": _UNPUBLISHED,
+            "odometry.separation_error": _UNPUBLISHED,
+            "odometry.slip_m_per_sqrt_m": _UNPUBLISHED,
+        },
     )
-    ukf: UkfSettings = group(UkfSettings(), "pose filter", prefix="ukf_")
+    ukf: UkfSettings = group(
+        UkfSettings(),
+        "pose filter",
+        prefix="ukf_",
+        sources=dict.fromkeys(("vx_variance", "vy_variance", "vyaw_variance"), _UNPUBLISHED),
+    )
     gmapping: GmappingSettings = group(
-        BURGER_UKF, "GMapping", prefix="gmapping_", keys={"particles": "particles", "resolution_m": None}
+        BURGER_UKF,
+        "GMapping",
+        prefix="gmapping_",
+        keys={"particles": "particles", "resolution_m": None},
+        sources=BURGER_UKF_SOURCES,
     )
     frontier: FrontierSettings = group(FrontierSettings(), "frontier exploration", prefix="frontier_")
     merging: MergeSettings = group(MergeSettings(), "merging by features", prefix="merge_")
     navigator: NavigatorSettings = group(
-        NavigatorSettings(global_costmap=replace(burger_global(), track_unknown=True)), "navigator"
+        NavigatorSettings(global_costmap=replace(burger_global(), track_unknown=True)),
+        "navigator",
+        sources={"global_costmap.track_unknown": "package: explore_lite, which needs unknown cells"},
     )
     goals: GoalSettings = group(GoalSettings(), "goals")
 

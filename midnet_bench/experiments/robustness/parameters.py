@@ -24,6 +24,7 @@ class RobustnessParameters(DetectionParameters):
     disturbance: str = option(
         NONE,
         "What is disturbed: none, or changes of parameters such as 'lidar_dropout=0.2', separated by spaces.",
+        source="ours: off, the paper disturbs nothing",
     )
 
     @property

@@ -13,21 +13,34 @@ from midnet_bench.settings import group, option
 class ScaleParameters(Parameters):
     """Scenes of boxes as dense as Map 1 with five guards, whatever the team's size."""
 
-    robots: int = option(5, "Number of security robots.", ge=1, le=200)
+    robots: int = option(5, "Number of security robots.", ge=1, le=200, source="paper: V.A, 5-robot")
     fusion: str = option(
         "paper",
         "Who makes one list of the guards' boxes, as in the detection test; one that remembers earlier "
         "frames finds nothing to remember, since each scene is a new one.",
+        source="paper: IV.C.2, Algorithms 3 and 4",
     )
-    frames: int = option(20, "Number of scenes.", ge=1, le=100_000)
+    frames: int = option(20, "Number of scenes.", ge=1, le=100_000, source="ours: the paper has no such test")
     orders: int = option(
-        5, "Orders of the robots, beside their own, in which each scene is fused again.", ge=0, le=1000
+        5,
+        "Orders of the robots, beside their own, in which each scene is fused again.",
+        ge=0,
+        le=1000,
+        source="ours: the paper has no such test",
     )
     window_m: float = option(
-        3.0, "Side of the square around a robot in which it sees; that of MIDNet's costmap.", gt=0, le=20
+        3.5,
+        "Side of the square around a robot in which it sees; that of MIDNet's costmap.",
+        gt=0,
+        le=20,
+        source="turtlebot3: local_costmap_params.yaml, width",
     )
     pose_error_m: float = option(
-        0.02, "Standard deviation of each coordinate of a robot's believed place.", ge=0, le=1
+        0.02,
+        "Standard deviation of each coordinate of a robot's believed place.",
+        ge=0,
+        le=1,
+        source="ours: the paper gives no pose error",
     )
     midnet: MIDNetSettings = group(
         MIDNetSettings(),
