@@ -240,10 +240,9 @@ def _halls_bounds(deviations: Sequence[float], size: float, confidence: float) -
     if n < MIN_TRIALS or spread <= n * rounding * rounding:
         return math.nan, math.nan
     deviation = math.sqrt(spread / (n - 1))
-    skewness = 0.0
-    if n >= MIN_FOR_SKEWNESS:
-        cubes = [one * one * one for one in deviations]
-        skewness = exact_mean(cubes) / (deviation * deviation * deviation)
+    skewness, cubed = 0.0, deviation * deviation * deviation
+    if n >= MIN_FOR_SKEWNESS and cubed > 0.0:  # which underflows below 1e-108
+        skewness = exact_mean([one * one * one for one in deviations]) / cubed
     quantile = _student(confidence, n)
     return (
         deviation * _untransformed(quantile / math.sqrt(n), skewness, n),
