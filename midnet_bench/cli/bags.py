@@ -14,7 +14,7 @@ SEED = 1
 """of a trial that is no campaign's"""
 
 
-@command("Recordings", example="midnet-bench export detection --robots 5 --frames 400 --format mcap")
+@command(example="midnet-bench export detection --robots 5 --frames 400 --format mcap")
 def export(
     trial: Annotated[
         str,
@@ -97,7 +97,7 @@ def export(
     typer.echo(path)
 
 
-@command("Recordings", "ros1-node", example="midnet-bench ros1-node guard_1 guard_2 --set local_size_m=6")
+@command("ros1-node", example="midnet-bench ros1-node guard_1 guard_2 --set local_size_m=6")
 def ros1_node(
     robots: Annotated[
         list[str],

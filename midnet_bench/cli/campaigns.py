@@ -29,7 +29,7 @@ FirstSeed = Annotated[
 ]
 
 
-@command("Campaigns", example="midnet-bench detection --seeds 20 -o results/twenty")
+@command(example="midnet-bench detection --seeds 20 -o results/twenty")
 def detection(
     campaign: options.Campaign,
     robots: Annotated[
@@ -79,7 +79,7 @@ def detection(
     )
 
 
-@command("Campaigns", example="midnet-bench labyrinth --trials 5 --robots 1,3")
+@command(example="midnet-bench labyrinth --trials 5 --robots 1,3")
 def labyrinth(
     campaign: options.Campaign,
     trials: Annotated[
@@ -127,7 +127,7 @@ def labyrinth(
     )
 
 
-@command("Campaigns", example="midnet-bench run readings --trials 2 --set frames=500")
+@command(example="midnet-bench run readings --trials 2 --set frames=500")
 def run(
     campaign: options.Campaign,
     file: Annotated[
@@ -164,7 +164,7 @@ def run(
     _run(override(written, campaign.sweep({"pursuit": pursuit}), trials=trials, base_seed=seed), campaign)
 
 
-@command("Campaigns", example="midnet-bench campaigns")
+@command(example="midnet-bench campaigns")
 def campaigns(as_json: options.Json = False) -> None:
     """List the campaigns that come with the package; 'midnet-bench run NAME' runs one."""
     from midnet_bench.workflows.campaigns import packaged_campaigns, summary_of

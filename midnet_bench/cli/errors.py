@@ -29,7 +29,7 @@ def places(where: list[str] | None, robots: int | None) -> list[str]:
     return [*(where or ()), *([] if robots is None else [f"robots={robots}"])]
 
 
-@command("Results", example="midnet-bench errors results/detection --robots 5")
+@command(example="midnet-bench errors results/detection --robots 5")
 def errors(
     directory: Directory,
     robots: Robots = None,
@@ -46,7 +46,7 @@ def errors(
     show(None, of_campaign(directory, places(where, robots), seed), as_json)
 
 
-@command("Results", example="midnet-bench explain results/detection --robots 5 --seed 3 --frame 60")
+@command(example="midnet-bench explain results/detection --robots 5 --seed 3 --frame 60")
 def explain(
     directory: Directory,
     robots: Robots = None,

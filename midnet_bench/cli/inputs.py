@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 LISTED = "; 'midnet-bench parameters EXPERIMENT' lists an experiment's"
 
 
-@command("Inputs", example="midnet-bench parameters localization")
+@command(example="midnet-bench parameters localization")
 def parameters(
     name: Annotated[
         str,

@@ -10,7 +10,7 @@ from midnet_bench.cli.app import command
 from midnet_bench.cli.reports import show
 
 
-@command("Results", example="midnet-bench leaderboard results/rivals")
+@command(example="midnet-bench leaderboard results/rivals")
 def leaderboard(
     directory: Annotated[
         Path, typer.Argument(metavar="DIR", help="A campaign's folder.", show_default=False)

@@ -22,7 +22,7 @@ CLIP = "--clip/--no-clip"
 _ENDINGS = re.compile(r"(\.(yaml|yml|log|clf|carmen|txt|dat))?(\.gz)?$")
 
 
-@command("Inputs", "map", example="midnet-bench map map2 --robots 3")
+@command("map", example="midnet-bench map map2 --robots 3")
 def make_map(
     arena: Annotated[
         str | None,

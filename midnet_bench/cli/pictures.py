@@ -12,7 +12,7 @@ ROBOTS = 5
 """of a trial that is drawn, unless the user says otherwise"""
 
 
-@command("Results", example="midnet-bench render labyrinth --robots 3 --intruders 2 --seed 4")
+@command(example="midnet-bench render labyrinth --robots 3 --intruders 2 --seed 4")
 def render(
     experiment: Annotated[
         str, typer.Argument(help="detection or labyrinth.", autocompletion=completion.experiments)

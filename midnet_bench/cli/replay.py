@@ -16,7 +16,7 @@ def _text(metavar: str, help: str) -> typer.models.OptionInfo:
     return typer.Option(metavar=metavar, help=help, show_default=False)
 
 
-@command("Recordings", example="midnet-bench replay robot.bag --map map.yaml --pose /amcl_pose")
+@command(example="midnet-bench replay robot.bag --map map.yaml --pose /amcl_pose")
 def replay(
     files: Annotated[
         list[Path],

@@ -45,7 +45,7 @@ Directory = Annotated[
 ]
 
 
-@command("Results", example="midnet-bench report results/labyrinth")
+@command(example="midnet-bench report results/labyrinth")
 def report(directory: Directory, as_json: options.Json = False) -> None:
     """Rebuild all tables and figures from the stored trials, without simulating."""
     from midnet_bench.errors import InputError
@@ -57,7 +57,7 @@ def report(directory: Directory, as_json: options.Json = False) -> None:
         messages.tell_where(directory)
 
 
-@command("Results", example="midnet-bench plot results/labyrinth -o figures")
+@command(example="midnet-bench plot results/labyrinth -o figures")
 def plot(
     directory: Directory,
     output: Annotated[
@@ -86,7 +86,7 @@ def plot(
         typer.echo(file)
 
 
-@command("Results", example="midnet-bench verify results/labyrinth")
+@command(example="midnet-bench verify results/labyrinth")
 def verify(directory: Directory, as_json: options.Json = False) -> None:
     """Check each claim of the paper against your results.
 
@@ -99,7 +99,7 @@ def verify(directory: Directory, as_json: options.Json = False) -> None:
     raise typer.Exit(code)
 
 
-@command("Results", example="midnet-bench power results/labyrinth --difference 5 --robots 4 5")
+@command(example="midnet-bench power results/labyrinth --difference 5 --robots 4 5")
 def power(
     directory: Directory,
     difference: Annotated[
@@ -121,7 +121,7 @@ def power(
     show(name, [table], as_json)
 
 
-@command("Results", example="midnet-bench compare results/one results/other -o results/comparison")
+@command(example="midnet-bench compare results/one results/other -o results/comparison")
 def compare(
     directories: Annotated[
         list[Path],

@@ -15,7 +15,7 @@ TABLES = {
 """packaged campaign -> its tables that have expected numbers"""
 
 
-@command("Campaigns", example="midnet-bench smoke")
+@command(example="midnet-bench smoke")
 def smoke(
     update: Annotated[
         bool, typer.Option("--update", help="Make this run's numbers the expected ones; in a checkout.")
