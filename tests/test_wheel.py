@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).parents[1]
-SOURCES = ("midnet_bench", "campaigns", "results/reference/smoke")
+SOURCES = ("midnet_bench", "campaigns", "results/reference/smoke", "results/reference/detection")
 FILES = ("pyproject.toml", "setup.py", "README.md", "LICENSE")
 
 pytestmark = pytest.mark.slow

@@ -197,7 +197,7 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
     from midnet_bench.campaign.definition import resolve
     from midnet_bench.campaign.runner import plan, run_campaign
     from midnet_bench.cli.progress import CampaignProgress
-    from midnet_bench.cli.reports import present
+    from midnet_bench.cli.reports import present, tell_page
     from midnet_bench.experiments import registry
 
     directory = chosen.output or options.RESULTS / campaign.name
@@ -226,9 +226,9 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
         retry_failed=chosen.retry_failed,
         progress=CampaignProgress(),
     )
-    present(directory, chosen.as_json, drawn_from=2)  # a lone point is no curve, and takes seconds to draw
+    present(directory, chosen.as_json, 2, chosen.wide)  # a lone point is no curve, and takes seconds to draw
     if not chosen.as_json:
-        messages.tell_where(directory)
+        tell_page(directory)
     if outcome.failed:
         raise typer.Exit(_tell_of_failures(outcome, directory / "failures.csv"))
 

@@ -36,6 +36,7 @@ def errors(
     where: Where = None,
     seed: Annotated[int | None, typer.Option(help="Only this seed's trials.", show_default=False)] = None,
     as_json: options.Json = False,
+    wide: options.Wide = False,
 ) -> None:
     """Say why a recorded campaign missed intruders and found what is none: causes, shares, worst frames.
 
@@ -43,7 +44,7 @@ def errors(
     """
     from midnet_bench.workflows.errors import errors as of_campaign
 
-    show(None, of_campaign(directory, places(where, robots), seed), as_json)
+    show(None, of_campaign(directory, places(where, robots), seed), as_json, wide)
 
 
 @command(example="midnet-bench explain results/detection --robots 5 --seed 3 --frame 60")

@@ -46,18 +46,22 @@ def _list(experiment: str, options: "list[Leaf]", as_json: bool) -> None:
     if as_json:
         _dump({"schema": 1, "experiment": experiment, "parameters": [_described(one) for one in options]})
         return
-    from rich.console import Console
-    from rich.table import Table
+    from midnet_bench.cli.terminal import filled, width
 
-    shown = Table("parameter", "default", "allowed", "meaning", title=experiment, title_justify="left")
+    lines = [experiment]
     group = ""
     for one in options:
         if one.group != group:
-            shown.add_section()
-            shown.add_row(f"[bold]{one.group}[/bold]")
+            lines += ["", one.group]
             group = one.group
-        shown.add_row(one.key, _written(one.default), one.allowed, one.option.help)
-    Console().print(shown)
+        allowed = f" ({one.allowed})" if one.allowed else ""
+        for indent, text in (
+            (2, f"{one.key} = {_written(one.default)}{allowed}"),
+            (6, one.option.help),
+        ):
+            first, *more = filled(text, width() - indent) or [""]
+            lines += [" " * indent + first, *(" " * 6 + line for line in more)]
+    typer.echo("\n".join(lines))
 
 
 def _explain(name: str, users: "dict[str, Leaf]", as_json: bool) -> None:

@@ -75,6 +75,9 @@ Jobs = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
+Wide = Annotated[
+    bool, typer.Option("--wide", help="Print tables with all their columns, however long the lines.")
+]
 
 _MESSAGES = "Messages"
 Given = TypeVar("Given")
@@ -133,6 +136,7 @@ class Campaign:
         bool, typer.Option("--retry-failed", help="Run trials that failed once more.")
     ] = False
     as_json: Json = False
+    wide: Wide = False
 
     def sweep(self, named: "Mapping[str, Values]") -> "dict[str, Values]":
         """What the command line asks for by key; several values make a factor of the grid.

@@ -1,9 +1,9 @@
 """The commands that read a campaign's results: ``report``, ``plot``, ``verify``, ``power``, ``compare``."""
 
 import json
-import sys
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,11 +11,7 @@ from midnet_bench.cli import completion, messages, options
 from midnet_bench.cli.app import command
 
 if TYPE_CHECKING:
-    from rich.table import Table as RichTable
-
     from midnet_bench.analysis.tables import Table
-
-PIPE_WIDTH = 400
 
 
 def _campaigns_folder(directory: Path) -> Path:
@@ -46,15 +42,15 @@ Directory = Annotated[
 
 
 @command(example="midnet-bench report results/labyrinth")
-def report(directory: Directory, as_json: options.Json = False) -> None:
+def report(directory: Directory, as_json: options.Json = False, wide: options.Wide = False) -> None:
     """Rebuild all tables and figures from the stored trials, without simulating."""
     from midnet_bench.errors import InputError
 
-    if not present(directory, as_json):
+    if not present(directory, as_json, wide=wide):
         hint = "; see failures.csv there" if (directory / "failures.csv").exists() else ""
         raise InputError(f"{directory}: no finished trial yet{hint}")
     if not as_json:
-        messages.tell_where(directory)
+        tell_page(directory)
 
 
 @command(example="midnet-bench plot results/labyrinth -o figures")
@@ -87,7 +83,14 @@ def plot(
 
 
 @command(example="midnet-bench verify results/labyrinth")
-def verify(directory: Directory, as_json: options.Json = False) -> None:
+def verify(
+    directory: Directory,
+    everything: Annotated[
+        bool, typer.Option("--all", help="List the claims that are reproduced, too.")
+    ] = False,
+    as_json: options.Json = False,
+    wide: options.Wide = False,
+) -> None:
     """Check each claim of the paper against your results.
 
     Exit code: 0 all claims are reproduced, 3 some are inconclusive, 4 some are not reproduced.
@@ -95,7 +98,10 @@ def verify(directory: Directory, as_json: options.Json = False) -> None:
     from midnet_bench.workflows.verify import verify as check_claims
 
     name, table, code = check_claims(directory)
-    show(name, [table], as_json)
+    if as_json or wide:
+        show(name, [table], as_json, wide)
+    else:
+        _show_claims(directory, table, everything)
     raise typer.Exit(code)
 
 
@@ -160,76 +166,87 @@ def compare(
         typer.Option("-o", "--output", metavar="DIR", help="Also write tables and figures into this folder."),
     ] = None,
     as_json: options.Json = False,
+    wide: options.Wide = False,
 ) -> None:
     """Compare campaigns on the seeds they share: each score's difference, and the settings that differ."""
-    from midnet_bench.workflows.compare import compare as compare_campaigns
-    from midnet_bench.workflows.compare import worse
+    from midnet_bench.workflows.compare import comparison, worse
 
-    experiment, tables = compare_campaigns(directories, output, by, baseline)
-    found = [] if fail_if_worse is None else worse(experiment, tables, fail_if_worse)
-    show(experiment.name, tables, as_json)
+    found = comparison(directories, output, by, baseline)
+    regressions = [] if fail_if_worse is None else worse(found.experiment, found.tables, fail_if_worse)
+    if as_json or wide:
+        show(found.experiment.name, found.tables, as_json, wide)
+    else:
+        say([*found.lines, ""])
+        show(None, found.shown, as_json=False)
     if output is not None and not as_json:
         messages.tell_where(output)
-    for line in found:
+    for line in regressions:
         messages.log.error("%s", line)
-    if found:
+    if regressions:
         raise typer.Exit(1)
 
 
-def present(directory: Path, as_json: bool, drawn_from: int = 1) -> bool:
-    """Write a campaign's CSV files, tables and figures, and print the tables; whether any trial finished.
+def present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = False) -> bool:
+    """Write a campaign's CSV files, tables and figures, and print the result; whether any trial finished.
 
-    Figures are drawn from ``drawn_from`` finished trials on.
+    Figures are drawn from ``drawn_from`` finished trials on. ``wide``: print the main tables whole.
     """
-    from midnet_bench.workflows.report import printed, write_report
+    from midnet_bench.workflows.report import headline, printed, write_report
 
     results, tables = write_report(directory, drawn_from)
-    name = results.definition.experiment
-    if results.finished or as_json:
-        show(name, tables if as_json else printed(results, tables), as_json)
+    first = None if as_json or wide else headline(results)
+    if as_json:
+        show(results.definition.experiment, tables, as_json)
+    elif first is not None:
+        show(None, first.tables, as_json=False)
+        say([*first.sentences, "", first.following])
+    elif results.finished:
+        show(None, printed(results, tables), as_json, wide)
     return results.finished > 0
 
 
-def show(experiment: str | None, tables: "list[Table]", as_json: bool) -> None:
-    """Print tables for people, or as one JSON document."""
+def _show_claims(directory: Path, table: "Table", everything: bool) -> None:
+    """The counts first, then what is not reproduced and what is open."""
+    from midnet_bench.analysis.claims import shown_claims
+
+    summary, tables = shown_claims(table, everything)
+    say([summary, ""])
+    show(None, tables, as_json=False)
+    reproduced = sum(row["verdict"] == "reproduced" for row in table.rows)
+    if reproduced and not everything:
+        say([f"reproduced: {_counted(reproduced, 'claim')}; --all lists them."])
+    if (file := directory / "claims.csv").exists():
+        say([f"Each in {file}"])
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def tell_page(directory: Path) -> None:
+    """The last line of a command that wrote a campaign's page: what to open."""
+    page = directory / "report.html"
+    if page.exists():
+        messages.log.info("Open %s", page)
+    else:
+        messages.tell_where(directory)
+
+
+def show(experiment: str | None, tables: "Sequence[Table]", as_json: bool, wide: bool = False) -> None:
+    """Print tables for people, or as one JSON document; ``wide``: all columns, however long the lines."""
     if as_json:
         from midnet_bench.analysis.tables import to_json
 
         typer.echo(json.dumps(to_json(experiment, tables), indent=1, allow_nan=False))
         return
+    from midnet_bench.cli.terminal import drawn, width
+
     for table in tables:
-        _print(table)
+        typer.echo(drawn(table, None if wide else width()) + "\n")
 
 
-def _print(table: "Table") -> None:
-    from rich.console import Console
+def say(sentences: "Iterable[str]") -> None:
+    """Print sentences, each from the beginning of a line; an empty one is an empty line."""
+    from midnet_bench.cli.terminal import filled, width
 
-    # a pipe has no width; what reads it wants whole rows
-    console = Console(width=None if sys.stdout.isatty() else PIPE_WIDTH)
-    shown = _drawn(table, narrow=False)
-    if Console(width=PIPE_WIDTH).measure(shown).maximum > console.width:
-        shown = _drawn(table, narrow=True)
-    console.print(shown)
-    for note in table.notes:
-        console.print(note, highlight=False)
-
-
-def _drawn(table: "Table", narrow: bool) -> "RichTable":
-    """The table for a terminal; where that is ``narrow``, names and intervals take several lines."""
-    from rich import box
-    from rich.table import Table as RichTable
-
-    shown = RichTable(
-        title=table.title,
-        title_justify="left",
-        title_style="bold",
-        box=box.SIMPLE_HEAD if narrow else box.HEAVY_HEAD,
-        pad_edge=not narrow,
-        padding=(0, 1, 0, 0) if narrow else (0, 1),
-    )
-    for name in table.columns:
-        justify: Literal["left", "right"] = "left" if name == table.columns[0] else "right"
-        shown.add_column(name.replace("_", " ") if narrow else name, no_wrap=not narrow, justify=justify)
-    for cells in table.cells():
-        shown.add_row(*cells)
-    return shown
+    typer.echo("\n".join(line for sentence in sentences for line in filled(sentence, width()) or [""]))

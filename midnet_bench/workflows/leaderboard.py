@@ -5,10 +5,11 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from midnet_bench.analysis.differences import Difference, differences
+from midnet_bench.analysis.differences import differences, held_back_notes
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean, outlier_notes
 from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.analysis.words import in_words
 from midnet_bench.campaign.provenance import versions_note
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.experiment import Experiment, Measures
@@ -125,7 +126,7 @@ def _ranking(
                     "seeds": change.seeds,
                     "outlier_seed": change.outlier_seed,
                     "p_holm": change.p_holm,
-                    "verdict": "the first" if who == first else _verdict(change, sign),
+                    "verdict": "the first" if who == first else change.verdict(sign > 0.0),
                     **{
                         score: _mean(record, measured[who], world, score)
                         for score in beside
@@ -138,7 +139,12 @@ def _ranking(
         f"{' + '.join(first)} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
     )
     notes = outlier_notes(one.outlier_seed for one in compared.values())
-    return Table(f"leaderboard_{measure}", title, rows, {"p_holm": 4}, notes=notes)
+    named = [", ".join(filter(None, (" + ".join(who), world))) for world, who in compared]
+    notes += held_back_notes(named, list(compared.values()))
+    labels = {score: in_words(score) for score in (measure, *beside)}
+    others = ("seeds", "p_holm", "outlier_seed", *beside)
+    name = f"leaderboard_{measure}"
+    return Table(name, title, rows, {"p_holm": 4}, notes=notes, labels=labels, beside=others)
 
 
 def _without_repeats(
@@ -157,13 +163,6 @@ def _without_repeats(
 
 def _mean(record: Experiment, measures: Measures, world: str, measure: str) -> Estimate:
     return mean(list(measures[world, measure].values()), within=record.range_of(measure))
-
-
-def _verdict(change: Difference, sign: float) -> str:
-    """Better or worse than the first, by the interval and Holm's p."""
-    if change.verdict == "inconclusive":
-        return "inconclusive"
-    return "better" if (change.verdict == "higher") == (sign < 0.0) else "worse"
 
 
 def _page(results: Results, tables: Sequence[Table]) -> str:

@@ -11,8 +11,10 @@ from midnet_bench.analysis.frames import CONFIGURATION, PROVENANCE, Results, loa
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.store import FILE_NAME, open_store
 from midnet_bench.errors import InputError
+from midnet_bench.experiments.experiment import Headline
 from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.io.files import plain_name, write_atomically
+from midnet_bench.workflows.shipped import shipped_folder
 from midnet_bench.workflows.sweeps import sweep, sweeps
 
 if TYPE_CHECKING:
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
 
     from midnet_bench.page.page import Picture
 
+REFERENCE = "results/reference"
+"""where a checkout has the results that the package reports"""
 PAGE = "report.html"
 RECORDED = "recorded"
 """the table of trials that were recorded"""
@@ -98,6 +102,16 @@ def printed(results: Results, tables: Sequence[Table]) -> list[Table]:
     """Those of an experiment's tables that a terminal shows."""
     record = experiment_of(results)
     return [table for table in tables if not record.printed or table.name in record.printed]
+
+
+def headline(results: Results) -> Headline | None:
+    """What a terminal shows of a campaign first, beside the packaged reference; None: its printed tables."""
+    record = experiment_of(results)
+    if record.headline is None or not results.finished:
+        return None
+    folder = shipped_folder(f"reference/{record.name}", f"{REFERENCE}/{record.name}")
+    is_there = (folder / CONFIGURATION).is_file() and folder.resolve() != results.directory.resolve()
+    return record.headline(results, load_results(folder, tables_of) if is_there else None)
 
 
 def plot(

@@ -96,19 +96,18 @@ def test_the_options_help_names_the_defaults_of_the_packaged_campaigns(tmp_path:
 
 def test_a_run_ends_by_naming_its_folder_unless_it_is_quiet_or_prints_json(tmp_path: Path) -> None:
     done = midnet_bench(*TINY, folder=tmp_path)
-    files = sum(path.is_file() for path in (tmp_path / "results").rglob("*"))
-    assert done.stderr.splitlines()[-1] == f"results in results/detection ({files} files)"
-    assert "1-robot" in done.stdout
+    assert done.stderr.splitlines()[-1] == "Open results/detection/report.html"
+    assert "1 robot" in done.stdout
 
     quiet = midnet_bench(*TINY, "-q", folder=tmp_path)
     assert (quiet.stderr, quiet.stdout) == ("", done.stdout)
 
     as_json = midnet_bench(*TINY, "--json", folder=tmp_path)
     json.loads(as_json.stdout)
-    assert "results in" not in as_json.stderr
+    assert "Open" not in as_json.stderr
 
     again = midnet_bench("report", "results/detection", folder=tmp_path)
-    assert again.stderr == f"results in results/detection ({files} files)\n"
+    assert again.stderr == "Open results/detection/report.html\n"
 
 
 def test_verbose_and_the_log_file_tell_each_trial(tmp_path: Path) -> None:

@@ -106,7 +106,9 @@ def test_a_comparison_without_a_common_seed_says_so(tmp_path: Path, command: Com
     detection_store(tmp_path / "other", range(3, 5))
     code, out, (line,) = command("compare", "one", "other")
     assert (code, out) == (2, "")
-    assert "seed in common" in line
+    assert line == (
+        "error: nothing to pair: one has seeds 1 to 2, other has seeds 3 to 4; run other with --seed 1"
+    )
 
 
 def test_numbers_that_are_not_defined_are_null_in_json_and_names_stay(

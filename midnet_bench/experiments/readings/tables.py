@@ -48,19 +48,24 @@ def tables(results: Results) -> list[Table]:
     which = str(results.definition.parameters.get("readings", "items"))
     rule, *_ = choosing().rules
     rows = [judged[one.name].row for one in _ranked(rule, judged)]
+    scores = {f"{HEADINGS[score]}({team[0]})" for score in SCORES for team in PAPER}
+    beside = [name for row in rows[:1] for name in row if name not in {"reading", *scores}]
     title = f"Readings, the best by the rule '{rule.name}' first; counts are per frame"
     if which == "items":
-        return [Table("readings_table", title, rows)]
+        return [Table("readings_table", title, rows, beside=beside)]
     choice = [_chosen(one, judged) for one in choosing().rules]
     choices = Table(
-        "calibration_choice", "What each rule chooses; counts are per frame", [row for row in choice if row]
+        "calibration_choice",
+        "What each rule chooses; counts are per frame",
+        [row for row in choice if row],
+        beside=[*beside, *sorted(scores)],
     )
     if len(rows) <= LEADERS:
-        return [choices, Table("readings_table", title, rows)]
+        return [choices, Table("readings_table", title, rows, beside=beside)]
     note = f"The first {LEADERS} of {len(rows)} candidates; calibration_table has all."
     return [
         choices,
-        Table("readings_table", title, rows[:LEADERS], notes=[note]),
+        Table("readings_table", title, rows[:LEADERS], notes=[note], beside=beside),
         Table("calibration_table", title, rows),
     ]
 
