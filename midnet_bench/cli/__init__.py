@@ -17,15 +17,13 @@ from midnet_bench.cli import (
     check,
     errors,
     inputs,
-    leaderboard,
     maps,
     messages,
     pictures,
     replay,
     reports,
-    smoke,
 )
-from midnet_bench.cli.app import app, printing
+from midnet_bench.cli.app import MOVED_OPTIONS, app, printing
 from midnet_bench.errors import InputError, MidnetBenchError
 
 __all__ = [
@@ -35,13 +33,11 @@ __all__ = [
     "check",
     "errors",
     "inputs",
-    "leaderboard",
     "main",
     "maps",
     "pictures",
     "replay",
     "reports",
-    "smoke",
 ]
 
 NO_PATH = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES)
@@ -66,8 +62,10 @@ def main() -> None:
         with printing():
             code = _commands()(prog_name="midnet-bench", standalone_mode=False)
     except typer.TyperException as error:
-        # without a command the help is shown, and there is nothing to add
-        if message := error.format_message():
+        message = error.format_message()
+        if (option := getattr(error, "option_name", "")) in MOVED_OPTIONS:
+            message = f"{option}: now {MOVED_OPTIONS[option]}"
+        if message:
             messages.log.error("%s", messages.one_line(f"error: {message}"))
         code = error.exit_code
     except MidnetBenchError as error:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, get_type_hints
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from midnet_bench import __version__
 from midnet_bench.cli import messages, options
@@ -27,15 +27,55 @@ PANELS = {
     "Run": ("detection", "labyrinth", "run"),
     "Look": ("report", "compare", "verify", "errors", "render"),
     "Prepare": ("arena", "map", "check", "parameters"),
-    "Recordings": ("replay", "export", "ros1-node"),
+    "Recordings": ("replay", "export", "node"),
 }
 """heading of the help -> its commands, in the order in which people need them"""
+MOVED = {
+    "campaigns": "run, without a name",
+    "plot": "report DIR --x FACTOR --y COLUMN --format pdf,png,svg",
+    "leaderboard": "compare --rank DIR",
+    "explain": "errors DIR --frame N",
+    "power": "verify DIR --difference POINTS",
+    "smoke": "run smoke-detection, then compare --exact results/smoke-detection; make smoke does both tests",
+    "ros1-node": "node --ros 1",
+}
+"""command of an earlier version -> what does it now"""
+MOVED_OPTIONS = {"--robot": "--robot-model"}
+GROUPS = {
+    "What runs": "seeds seed robots intruders frames arena preset map_file settings record",
+    "What is swapped in": "engine robot_model detector fusion patrol pursuit metric",
+    "Where it goes": "output jobs backend scheduler dry_run fresh retry_failed as_json wide",
+}
+"""heading -> options of the commands that run campaigns; all others come last"""
 START = {
     "midnet-bench detection": "the paper's detection table, in about a minute",
     "midnet-bench labyrinth": "the paper's 500 trials; stop and continue any time",
     "midnet-bench detection --detector mine.py:Mine": "your detector, same seeds",
     "midnet-bench replay drive.bag --map map.yaml": "MIDNet on your recording",
 }
+
+
+class Command(TyperCommand):
+    """A command whose help has its options in groups where there are many."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the arguments, then the options by group."""
+        records: dict[str, list[tuple[str, str]]] = {"Arguments": [], **{group: [] for group in GROUPS}}
+        records["Options"] = []
+        group_of = {name: group for group, names in GROUPS.items() for name in names.split()}
+        is_grouped = any(one.name == "backend" for one in self.params)
+        for one in self.get_params(ctx):
+            if (record := one.get_help_record(ctx)) is None:
+                continue
+            if one.param_type_name == "argument":
+                group = "Arguments"
+            else:
+                group = group_of.get(one.name or "", "Options") if is_grouped else "Options"
+            records[group].append((record[0].replace(", --trials", ""), record[1]))
+        for group, rows in records.items():
+            if rows:
+                with formatter.section(group):
+                    formatter.write_dl(rows)
 
 
 class Commands(TyperGroup):
@@ -52,6 +92,12 @@ class Commands(TyperGroup):
 
 class AllCommands(Commands):
     """The whole program: its help begins with what to type first, then names the commands by heading."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """As usual; a command of an earlier version says where it went. Raises InputError."""
+        if args and args[0] in MOVED:
+            raise InputError(f"{args[0]}: now 'midnet-bench {MOVED[args[0]]}'")
+        return super().resolve_command(ctx, args)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Write the help of ``midnet-bench`` alone."""
@@ -112,6 +158,7 @@ def command(
         ]
         group.command(
             name,
+            cls=Command,
             help="\n\n".join((f"$ {example}", *paragraphs)),
             short_help=paragraphs[0],  # what the list of commands shows, under the heading
         )(_with_flat_options(function))

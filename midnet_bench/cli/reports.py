@@ -1,4 +1,4 @@
-"""The commands that read a campaign's results: ``report``, ``plot``, ``verify``, ``power``, ``compare``."""
+"""The commands that read a campaign's results: ``report``, ``compare``, ``verify``."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -41,27 +41,9 @@ Directory = Annotated[
 ]
 
 
-@command(example="midnet-bench report results/labyrinth")
-def report(directory: Directory, as_json: options.Json = False, wide: options.Wide = False) -> None:
-    """Rebuild all tables and figures from the stored trials, without simulating."""
-    from midnet_bench.errors import InputError
-
-    if not present(directory, as_json, wide=wide):
-        hint = "; see failures.csv there" if (directory / "failures.csv").exists() else ""
-        raise InputError(f"{directory}: no finished trial yet{hint}")
-    if not as_json:
-        tell_page(directory)
-
-
-@command(example="midnet-bench plot results/labyrinth -o figures")
-def plot(
+@command(example="midnet-bench report results/detection --x thresh_local --y f1 --format pdf")
+def report(
     directory: Directory,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", metavar="DIR", help="Folder for the figures [default: the campaign's]."
-        ),
-    ] = None,
     x: Annotated[
         str | None,
         typer.Option("--x", metavar="FACTOR", help="Draw scores over this numeric factor of the grid."),
@@ -74,57 +56,63 @@ def plot(
             help="Which score, such as f1, or another column (default the main scores).",
         ),
     ] = None,
-) -> None:
-    """Draw a campaign's figures as PNG and SVG from the stored trials, without simulating."""
-    from midnet_bench.workflows.report import plot as draw
-
-    for file in draw(directory, output, x, y):
-        typer.echo(file)
-
-
-@command(example="midnet-bench verify results/labyrinth")
-def verify(
-    directory: Directory,
-    everything: Annotated[
-        bool, typer.Option("--all", help="List the claims that are reproduced, too.")
-    ] = False,
+    formats: Annotated[
+        str | None,
+        typer.Option(
+            "--format", metavar="NAME,NAME", help="Formats of the figures: pdf, png, svg (default png,svg)."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="Draw the figures only, into this folder, or one figure into this .pdf, .png or .svg file.",
+        ),
+    ] = None,
     as_json: options.Json = False,
     wide: options.Wide = False,
 ) -> None:
-    """Check each claim of the paper against your results.
+    """Rebuild all tables, figures and the page from the stored trials, without simulating.
 
-    Exit code: 0 all claims are reproduced, 3 some are inconclusive, 4 some are not reproduced.
+    With --x, --y, --format or -o only figures are drawn.
     """
-    from midnet_bench.workflows.verify import verify as check_claims
+    from midnet_bench.errors import InputError
 
-    name, table, code = check_claims(directory)
-    if as_json or wide:
-        show(name, [table], as_json, wide)
-    else:
-        _show_claims(directory, table, everything)
-    raise typer.Exit(code)
+    if x or y or formats or output:
+        for file in _draw(directory, output, x, y, formats):
+            typer.echo(file)
+        return
+    if not present(directory, as_json, wide=wide):
+        hint = "; see failures.csv there" if (directory / "failures.csv").exists() else ""
+        raise InputError(f"{directory}: no finished trial yet{hint}")
+    if not as_json:
+        tell_page(directory)
 
 
-@command(example="midnet-bench power results/labyrinth --difference 5 --robots 4 5")
-def power(
-    directory: Directory,
-    difference: Annotated[
-        float, typer.Option(metavar="POINTS", help="Change of the success rate to detect, percentage points.")
-    ] = 5.0,
-    robots: Annotated[tuple[int, int], typer.Option(metavar="N N", help="The two team sizes to compare.")] = (
-        4,
-        5,
-    ),
-    probability: Annotated[
-        float, typer.Option("--power", metavar="P", help="Probability of detecting the change.")
-    ] = 0.8,
-    as_json: options.Json = False,
-) -> None:
-    """Estimate how many trials you need to detect a given change of the labyrinth's success rate."""
-    from midnet_bench.workflows.verify import power_report
+def _draw(
+    directory: Path, output: Path | None, x: str | None, y: str | None, formats: str | None
+) -> list[Path]:
+    """Draw figures; the files written."""
+    import tempfile
 
-    name, table = power_report(directory, difference, robots, probability)
-    show(name, [table], as_json)
+    from midnet_bench.errors import InputError
+    from midnet_bench.io.files import write_atomically
+    from midnet_bench.workflows.report import FORMATS, plot
+
+    wanted = FORMATS if formats is None else tuple(part.strip() for part in formats.split(","))
+    if output is None or output.suffix not in (".pdf", ".png", ".svg"):
+        return plot(directory, output, x, y, wanted)
+    ending = output.suffix.removeprefix(".")
+    if wanted not in (FORMATS, (ending,)):
+        raise InputError(f"-o {output}: --format {formats} is another format; leave it out")
+    with tempfile.TemporaryDirectory() as folder:
+        figures = [one for one in plot(directory, folder, x, y, (ending,)) if one.suffix == output.suffix]
+        if len(figures) > 1:
+            raise InputError(f"-o {output}: {len(figures)} figures do not go into one file; give a folder")
+        write_atomically(output, figures[0].read_bytes())
+    return [output]
 
 
 @command(example="midnet-bench compare results/one results/other -o results/comparison")
@@ -132,7 +120,7 @@ def compare(
     directories: Annotated[
         list[Path],
         typer.Argument(
-            help="Two or more folders of campaigns of one experiment, or one with --by.",
+            help="Two or more folders of campaigns of one experiment; one with --by, --rank or --exact.",
             callback=_campaigns_folders,
             autocompletion=completion.results,
         ),
@@ -161,16 +149,65 @@ def compare(
             show_default=False,
         ),
     ] = None,
+    rank: Annotated[
+        bool,
+        typer.Option(
+            "--rank", help="Rank what the only campaign compares, the best first, and write leaderboard.md."
+        ),
+    ] = False,
+    of: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FACTOR",
+            help="With --rank: a factor whose values are ranked; may be repeated (default: those that name "
+            "code, such as detector and fusion).",
+            show_default=False,
+        ),
+    ] = None,
+    rank_by: Annotated[
+        str | None,
+        typer.Option(metavar="SCORE", help="With --rank: the score, such as f1.", show_default=False),
+    ] = None,
+    exact: Annotated[
+        bool,
+        typer.Option(
+            "--exact",
+            help="Compare each number with those that are committed: of the packaged campaign of the "
+            "folder's name, or in a second folder. Exit code 1 if any is off.",
+        ),
+    ] = False,
+    update: Annotated[
+        bool,
+        typer.Option("--update", help="With --exact: commit this run's numbers instead; in a checkout."),
+    ] = False,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help="Also write tables and figures into this folder."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="Also write tables and figures into this folder; with --rank, the page into this file.",
+        ),
     ] = None,
     as_json: options.Json = False,
     wide: options.Wide = False,
 ) -> None:
-    """Compare campaigns on the seeds they share: each score's difference, and the settings that differ."""
+    """Compare campaigns on the seeds they share: each score's difference, and the settings that differ.
+
+    Numbers that are compared exactly have to agree in every byte on the platform that made them; elsewhere
+    they have to be near.
+    """
+    from midnet_bench.errors import InputError
     from midnet_bench.workflows.compare import comparison, worse
 
+    if exact or update:
+        _compare_exactly(directories, update)
+        return
+    if rank or of or rank_by:
+        if len(directories) != 1:
+            raise InputError("compare: --rank ranks one campaign; give one folder")
+        _rank(directories[0], of or [], rank_by, output, as_json, wide)
+        return
     found = comparison(directories, output, by, baseline)
     regressions = [] if fail_if_worse is None else worse(found.experiment, found.tables, fail_if_worse)
     if as_json or wide:
@@ -184,6 +221,90 @@ def compare(
         messages.log.error("%s", line)
     if regressions:
         raise typer.Exit(1)
+
+
+def _rank(
+    directory: Path, of: list[str], rank_by: str | None, output: Path | None, as_json: bool, wide: bool
+) -> None:
+    from midnet_bench.workflows.leaderboard import leaderboard as ranked
+
+    page = output or directory / "leaderboard.md"
+    show(None, ranked(directory, of, rank_by, page), as_json, wide)
+    if not as_json:
+        messages.tell_file(page)
+
+
+def _compare_exactly(directories: list[Path], update: bool) -> None:
+    from midnet_bench.errors import InputError
+    from midnet_bench.workflows.smoke import compare_exactly
+
+    if len(directories) > 2:
+        raise InputError("compare: --exact compares one folder with the committed numbers, or two folders")
+    lines, how = compare_exactly(*directories, update=update)
+    for line in lines:
+        typer.echo(line)
+    typer.echo("expected numbers updated" if update else f"{_counted(len(lines), 'difference')}, {how}")
+    if lines:
+        raise typer.Exit(1)
+
+
+@command(example="midnet-bench verify results/labyrinth")
+def verify(
+    directory: Directory,
+    everything: Annotated[
+        bool, typer.Option("--all", help="List the claims that are reproduced, too.")
+    ] = False,
+    difference: Annotated[
+        float | None,
+        typer.Option(
+            metavar="POINTS",
+            help="Instead, say how many trials show a change of the labyrinth's success rate by so many "
+            "percentage points.",
+            show_default=False,
+        ),
+    ] = None,
+    robots: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N,N", help="With --difference: the two team sizes (default 4,5).", show_default=False
+        ),
+    ] = None,
+    probability: Annotated[
+        float | None,
+        typer.Option(
+            "--power",
+            metavar="P",
+            help="With --difference: probability of detecting it (default 0.8).",
+            show_default=False,
+        ),
+    ] = None,
+    as_json: options.Json = False,
+    wide: options.Wide = False,
+) -> None:
+    """Check each claim of the paper against your results.
+
+    Exit code: 0 all claims are reproduced, 3 some are inconclusive, 4 some are not reproduced.
+    """
+    from midnet_bench.errors import InputError
+    from midnet_bench.workflows.verify import power_report
+    from midnet_bench.workflows.verify import verify as check_claims
+
+    if difference is not None:
+        sizes = options.whole_numbers(robots or "4,5", "--robots")
+        if not isinstance(sizes, list) or len(sizes) != 2:
+            raise InputError(f"--robots {robots}: give two team sizes, such as 4,5")
+        power = 0.8 if probability is None else probability
+        name, table = power_report(directory, difference, (sizes[0], sizes[1]), power)  # type: ignore[arg-type]
+        show(name, [table], as_json, wide)
+        return
+    if robots is not None or probability is not None:
+        raise InputError("verify: --robots and --power go with --difference; give it, such as --difference 5")
+    name, table, code = check_claims(directory)
+    if as_json or wide:
+        show(name, [table], as_json, wide)
+    else:
+        _show_claims(directory, table, everything)
+    raise typer.Exit(code)
 
 
 def present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = False) -> bool:

@@ -204,4 +204,4 @@ def test_a_table_for_a_paper_has_ours_the_paper_s_and_intervals(folder: Path) ->
     assert r"\begin{tabular}" in text
     assert "F1 one-to-one" in text
     assert text.count("paper") == 2
-    assert text.count("[") == 8
+    assert text.count("[") == 6, "F1 one-to-one is the same at every seed of this store"

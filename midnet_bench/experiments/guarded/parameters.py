@@ -122,7 +122,7 @@ class GuardParameters(Parameters):
     record: bool = option(
         False,
         "Keep every frame's boxes, poses and scans, and the cause of each error; with an oracle the errors "
-        "alone. 'errors', 'explain' and the player of 'report' read them.",
+        "alone. 'errors' and the player of 'report' read them.",
     )
     resolution_m: float = option(
         0.05, "Side of a cell of the prior map and of the local costmaps.", ge=0.02, le=0.2
