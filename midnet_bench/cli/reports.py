@@ -34,6 +34,7 @@ def _campaigns_folders(directories: list[Path]) -> list[Path]:
 Directory = Annotated[
     Path,
     typer.Argument(
+        metavar="DIR",
         help="A campaign's folder, such as results/labyrinth.",
         callback=_campaigns_folder,
         autocompletion=completion.results,
@@ -120,6 +121,7 @@ def compare(
     directories: Annotated[
         list[Path],
         typer.Argument(
+            metavar="DIR...",
             help="Two or more folders of campaigns of one experiment; one with --by, --rank or --exact.",
             callback=_campaigns_folders,
             autocompletion=completion.results,

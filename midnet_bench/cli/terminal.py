@@ -155,8 +155,9 @@ def _as_rows(columns: Sequence[_Column], most: int) -> list[str]:
     lines = []
     for number in range(len(columns[0].cells)):
         names = [
-            column.cells[number] if column.is_text else f"{column.header} {column.cells[number]}".strip()
+            f"{column.header} {cell}".strip() if _NUMBER.fullmatch(cell) else cell
             for column in of
+            for cell in (column.cells[number],)
         ]
         lines += filled(", ".join(filter(None, names)), most)
         for column in others:

@@ -88,6 +88,10 @@ def comparison(
     """
     if by is None and baseline is not None:
         raise InputError(f"compare: --baseline {baseline}: say by --by of which factor")
+    if by is None and len(directories) == 1:
+        factors = load_results(directories[0], tables_of).factors
+        hint = f", or --by {' or --by '.join(factors)}" if factors else ""
+        raise InputError(f"compare: give two or more different folders{hint}")
     campaigns = _load(directories) if by is None else _parts(directories, by, baseline)
     names = list(campaigns)
     kinds = sorted({results.definition.experiment for results in campaigns.values()})
@@ -180,7 +184,10 @@ def _settings_in_words(settings: Table, first: str, name: str) -> str:
     ]
     if not changed:
         return "" if settings.rows else "; no setting differs"
-    texts = [f"{row['setting']} ({row[first]} -> {row[name]})" for row in changed[:MOST_SETTINGS]]
+    texts = [
+        f"{row['setting']} ({row[first]} -> {row[name]})".replace("(not set)", "not set")
+        for row in changed[:MOST_SETTINGS]
+    ]
     more = len(changed) - len(texts)
     texts += [f"{more} more (--wide lists them)"] if more else []
     return f"; settings that differ: {', '.join(texts)}"
@@ -241,11 +248,20 @@ def _parts(directories: Sequence[str | Path], by: str, baseline: str | None) -> 
     if baseline is not None:
         # code of one's own has a digest or a version behind it, which nobody wants to type
         alike = [name for name in names if baseline in (name, re.split("[#@]", name)[0])]
+        alike = alike or [name for name in names if _is_number(baseline, name)]
         if len(alike) != 1:
             what = "several values are called so" if alike else "no such value"
             raise InputError(f"compare: --baseline {baseline}: {what} of {by}{nearest_name(baseline, names)}")
         names = [*alike, *(name for name in names if name not in alike)]
     return {f"{by}={name}": parts[name] for name in names}
+
+
+def _is_number(text: str, other: str) -> bool:
+    """Whether both texts are the same number, such as 3 and 3.0."""
+    try:
+        return float(text) == float(other)
+    except ValueError:
+        return False
 
 
 def names_of(directories: Sequence[Path]) -> list[str]:

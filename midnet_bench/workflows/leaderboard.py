@@ -70,8 +70,12 @@ def _compared(results: Results, of: Sequence[str]) -> list[str]:
     factors = [factor for factor in results.factors if factor in (of or NAMING_CODE)]
     if not factors:
         raise InputError(
-            f"{results.directory}: its grid compares no {', '.join(NAMING_CODE)}; name a factor by --of: "
-            f"{', '.join(results.factors) or 'it has none'}"
+            f"{results.directory}: its grid compares no {', '.join(NAMING_CODE)}; "
+            + (
+                f"name a factor: --of {' or --of '.join(results.factors)}"
+                if results.factors
+                else "it has none"
+            )
         )
     return factors
 
@@ -172,7 +176,7 @@ def _page(results: Results, tables: Sequence[Table]) -> str:
         f"# Leaderboard: {results.directory.name}",
         "",
         f"Experiment `{definition.experiment}`, seeds {definition.base_seed} to {last}, {results.finished} "
-        "trials finished. Written by `midnet-bench leaderboard`.",
+        "trials finished. Written by `midnet-bench compare --rank`.",
         *versions_note(results.provenance),
         "",
     ]
