@@ -20,7 +20,10 @@ labyrinth: .venv/ready
 	$(RUN) labyrinth
 
 smoke: .venv/ready
-	$(RUN) smoke
+	$(RUN) run smoke-detection --fresh -q -o results/smoke/smoke-detection
+	$(RUN) run smoke-labyrinth --fresh -q -o results/smoke/smoke-labyrinth
+	$(RUN) compare --exact results/smoke/smoke-detection
+	$(RUN) compare --exact results/smoke/smoke-labyrinth
 
 # what a quick check needs
 test: .venv/ready

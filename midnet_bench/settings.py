@@ -61,13 +61,18 @@ class Option:
         """The range in words: ``1 to 100``, ``above 0 and at most 1``, ``0 or more``; empty without any."""
         low, high = self.ge, self.le
         if self.gt is not None:
-            words = f"above {self.gt:g}" + (f" and at most {high:g}" if high is not None else "")
+            words = f"above {_plain(self.gt)}" + (f" and at most {_plain(high)}" if high is not None else "")
         elif low is not None:
-            words = f"{low:g} or more" if high is None else f"{low:g} to {high:g}"
+            words = f"{_plain(low)} or more" if high is None else f"{_plain(low)} to {_plain(high)}"
         else:
-            words = f"at most {high:g}" if high is not None else ""
+            words = f"at most {_plain(high)}" if high is not None else ""
         multiple = f"a multiple of {self.multiple_of}" if self.multiple_of else ""
         return ", ".join(part for part in (words, multiple) if part)
+
+
+def _plain(value: float) -> str:
+    """A bound without an exponent where it is a whole number below a thousand million."""
+    return f"{value:.0f}" if abs(value) < 1e9 and value == math.floor(value) else f"{value:g}"
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).parents[1]
-SOURCES = ("midnet_bench", "campaigns", "results/reference/smoke")
+SOURCES = ("midnet_bench", "campaigns", "results/reference/smoke", "results/reference/detection")
 FILES = ("pyproject.toml", "setup.py", "README.md", "LICENSE")
 
 pytestmark = pytest.mark.slow
@@ -53,7 +53,7 @@ def test_the_package_comes_from_the_wheel(installed: Path, tmp_path: Path) -> No
 
 
 def test_every_campaign_is_there(installed: Path, tmp_path: Path) -> None:
-    done = run(installed / "midnet-bench", "campaigns", "--json", folder=tmp_path)
+    done = run(installed / "midnet-bench", "run", "--json", folder=tmp_path)
     assert list(json.loads(done.stdout)) == sorted(
         path.stem for path in (REPOSITORY / "campaigns").glob("*.yaml")
     )
@@ -76,7 +76,10 @@ def test_a_command_runs_in_an_empty_folder(line: str, installed: Path, tmp_path:
 
 
 def test_expected_numbers_are_updated_in_a_checkout_only(installed: Path, tmp_path: Path) -> None:
-    done = run(installed / "midnet-bench", "smoke", "--update", folder=tmp_path)
+    (tmp_path / "smoke-detection").mkdir()
+    done = run(
+        installed / "midnet-bench", "compare", "--exact", "--update", "smoke-detection", folder=tmp_path
+    )
     assert (done.returncode, "checkout" in done.stderr) == (2, True)
 
 

@@ -16,6 +16,7 @@ from typing import NamedTuple
 from midnet_bench.analysis.statistics import (
     ANY,
     MEAN_METHOD,
+    MIN_TRIALS,
     Estimate,
     Interval,
     Range,
@@ -141,6 +142,43 @@ def verdict_table(findings: Sequence[Finding]) -> Table:
     digits = {"p_value": 4, "p_holm": 4}
     notes = outlier_notes(one.outlier_seed for one in findings)
     return Table("claims", title, rows, digits, bounds={"ours": ("low", "high", "n")}, notes=notes)
+
+
+def shown_claims(table: Table, everything: bool = False) -> tuple[str, list[Table]]:
+    """What a terminal shows of :func:`verdict_table`: the counts in a line, and a table for each verdict.
+
+    Claims that are reproduced are listed if ``everything`` is asked for.
+    """
+    found = {
+        verdict: [row for row in table.rows if row["verdict"] == verdict.value]
+        for verdict in (Verdict.NOT_REPRODUCED, Verdict.INCONCLUSIVE, Verdict.REPRODUCED)
+    }
+    counts = [
+        f"{len(found[Verdict.REPRODUCED])} of {len(table.rows)} claims reproduced",
+        *(f"{len(rows)} {verdict}" for verdict, rows in found.items() if verdict != Verdict.REPRODUCED),
+    ]
+    n = max((int(str(row["n"])) for row in table.rows), default=0)
+    summary = f"{', '.join(counts)} ({n} seed{'' if n == 1 else 's'}, Holm)"
+    if n < MIN_TRIALS:
+        summary += f"; fewer than {MIN_TRIALS} seeds give no interval and decide nothing: run --seeds 20"
+    listed = [verdict for verdict in found if everything or verdict != Verdict.REPRODUCED]
+    return summary, [
+        Table(
+            f"claims_{verdict}",
+            verdict.value,
+            [{"claim": row["statement"], "ours": row["ours"], "accepted": _accepted(row)} for row in rows],
+        )
+        for verdict in listed
+        if (rows := found[verdict])
+    ]
+
+
+def _accepted(row: Mapping[str, Cell]) -> str:
+    """The range in which a claim counts as reproduced, in words."""
+    above, below = row["reproduced_above"], row["reproduced_below"]
+    if above is None:
+        return f"below {below:.3g}"
+    return f"above {above:.3g}" if below is None else f"{above:.3g} to {below:.3g}"
 
 
 def _bound(value: float) -> float | None:

@@ -17,8 +17,20 @@ from midnet_bench.analysis.statistics import (
     paired_difference,
 )
 
+BETTER, WORSE, UNCLEAR, IDENTICAL = "better", "worse", "no clear difference", "identical"
 BySeed = Mapping[int, float]
 """seed -> a measure of the trial with that seed"""
+
+
+def held_back_notes(places: Sequence[str], found: Sequence["Difference"]) -> list[str]:
+    """A sentence on those whose interval leaves out 0 without a verdict; ``places`` says what each is of."""
+    names = [place for place, one in zip(places, found, strict=True) if one.is_held_back]
+    if not names:
+        return []
+    return [
+        f"{'; '.join(names)}: no clear difference, though the interval leaves out 0: of {len(found)} "
+        f"comparisons made together, Holm's adjusted p is above {LEVEL:g}."
+    ]
 
 
 class Difference(NamedTuple):
@@ -36,12 +48,25 @@ class Difference(NamedTuple):
     outlier_seed: int | None = None
     """the seed whose difference makes the interval wide, if one does"""
 
-    @property
-    def verdict(self) -> str:
-        """``higher`` or ``lower`` in the second cell, or ``inconclusive``."""
+    is_identical: bool = False
+    """whether both cells have the same number at every seed"""
+
+    def verdict(self, wants_less: bool = False) -> str:
+        """What the second cell is beside the first: better, worse, identical, or no clear difference.
+
+        ``wants_less``: whether less of the measure is better.
+        """
+        if self.is_identical:
+            return IDENTICAL
         if not self.p_holm <= LEVEL:
-            return "inconclusive"
-        return "higher" if self.change.low > 0.0 else "lower"
+            return UNCLEAR
+        return BETTER if (self.change.low > 0.0) != wants_less else WORSE
+
+    @property
+    def is_held_back(self) -> bool:
+        """Whether the interval leaves out 0 and yet Holm's adjusted p says no: one of many comparisons."""
+        leaves_out_0 = self.change.low > 0.0 or self.change.high < 0.0
+        return leaves_out_0 and not self.p_holm <= LEVEL
 
 
 def differences(
@@ -61,5 +86,7 @@ def differences(
         p_values.append(p_value(difference, 0.0, math.inf))
         means = exact_mean(before), exact_mean(after)
         outlier_seed = None if far is None else seeds[far]
-        found.append(Difference(*means, difference(1.0 - LEVEL), len(seeds), math.nan, outlier_seed))
+        change = difference(1.0 - LEVEL)
+        is_identical = all(a == b or (a != a and b != b) for a, b in zip(before, after, strict=True))
+        found.append(Difference(*means, change, len(seeds), math.nan, outlier_seed, is_identical))
     return [one._replace(p_holm=p) for one, p in zip(found, holm(p_values), strict=True)]

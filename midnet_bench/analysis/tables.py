@@ -37,11 +37,20 @@ class Table:
     """CSV columns of an estimate's low end, high end and n; ``x_low``, ``x_high``, ``x_n`` unless given"""
     notes: Sequence[str] = ()
     """sentences that a reader of the table needs, below it in the forms for people"""
+    beside: Sequence[str] = ()
+    """columns that a terminal may leave out, the last of them first"""
+    labels: Mapping[str, str] = field(default_factory=dict)
+    """what people read at the head of a column; its name unless given"""
 
     @property
     def columns(self) -> list[str]:
         """Names in order of first appearance, an estimate being one column."""
         return list(dict.fromkeys(name for row in self.rows for name in row))
+
+    @property
+    def heads(self) -> list[str]:
+        """What stands above the columns in the forms for people."""
+        return [self.labels.get(name, name) for name in self.columns]
 
     def cells(self) -> list[list[str]]:
         """The rows as text, ready to print; blank where a row has no such column."""
@@ -63,13 +72,13 @@ class Table:
     def to_markdown(self) -> str:
         """A pipe table, numbers to the right."""
         # a bar in a cell would begin another one
-        cells = [[cell.replace("|", "\\|") for cell in line] for line in [self.columns, *self.cells()]]
+        cells = [[cell.replace("|", "\\|") for cell in line] for line in [self.heads, *self.cells()]]
         text = self._tabulated(cells, "pipe") if self.rows else ""
         return "\n".join([text, *(f"{note}\n" for note in self.notes)])
 
     def to_latex(self) -> str:
         """A tabular that needs the package booktabs; estimates with their intervals."""
-        text = self._tabulated([self.columns, *self.cells()], "latex_booktabs") if self.rows else ""
+        text = self._tabulated([self.heads, *self.cells()], "latex_booktabs") if self.rows else ""
         return text + "".join("\n" + note.replace("%", "\\%") + "\n" for note in self.notes)
 
     def to_json(self) -> list[dict[str, Any]]:
@@ -115,7 +124,21 @@ class Table:
             return ""
         if isinstance(scalar, float) and math.isnan(scalar):
             return NOT_DEFINED
-        return f"{scalar:.{digits}f}" if isinstance(scalar, float) else str(scalar)
+        return rounded(scalar, digits) if isinstance(scalar, float) else str(scalar)
+
+
+def rounded(value: float, digits: int, sign: str = "") -> str:
+    """A number with so many digits after the point; zero has no sign. ``sign``: "+" before those above it."""
+    text = f"{value:{sign}.{digits}f}"
+    return text if text.strip("+-0.") else text.lstrip("+-")
+
+
+def signed(one: Estimate, digits: int = 3) -> str:
+    """A difference with its interval, each number with its sign; without an interval, the number alone."""
+    if math.isnan(one.value):
+        return NOT_DEFINED
+    value, low, high = (rounded(part, digits, "+") for part in one[:3])
+    return value if math.isnan(one.low) or math.isnan(one.high) else f"{value} [{low}, {high}]"
 
 
 def to_json(experiment: str | None, tables: Iterable[Table], **more: Any) -> dict[str, Any]:

@@ -14,6 +14,8 @@ from midnet_bench.geometry import lengths
 from midnet_bench.grid import OccupancyGrid, connected_to
 
 RESOLUTION_M = 0.05
+GOAL_CLEARANCE_M = 0.4
+"""From a mobile intruder's goal to walls and stationary intruders (item 49), or the robot's own reach."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +61,27 @@ class FreeSpace:
             raise InputError(f"arena: no free point is {at_least_m:g} m away{place}; lower escape_distance_m")
         choice = int(rng.integers(rows.size))
         return self.grid.center_of(int(columns[choice]), int(rows[choice]))
+
+
+@lru_cache(maxsize=16)
+def widest_pair_m(arena: Arena, clearance_m: float) -> float:
+    """The greatest distance in metres between two points where a robot's centre may be, walls alone.
+
+    Raises:
+        InputError: as :func:`free_space`.
+    """
+    free = free_space(arena, clearance_m).grid
+    # of a row of cells only the two ends can be the farthest from anything
+    ends = [
+        (free.x_centers[column], free.y_centers[row])
+        for row in np.flatnonzero(free.data.any(axis=1)).tolist()
+        for column in (
+            int(free.data[row].argmax()),
+            free.data.shape[1] - 1 - int(free.data[row][::-1].argmax()),
+        )
+    ]
+    points = np.array(ends)
+    return float(lengths(points[:, None] - points[None]).max())
 
 
 def doors(arena: Arena) -> list[tuple[float, float]]:

@@ -29,6 +29,8 @@ SEVERAL = " | "
 """between the values of a parameter that is not a factor of the grid and yet not the same in all cells"""
 LONGEST_NAME = 255
 """bytes; no file system has longer ones"""
+NOT_SET = "(not set)"
+"""what a message calls a parameter that a campaign leaves at its default"""
 MAX_CELLS = 10_000
 """of a grid; to check one takes some milliseconds"""
 RUN_ONCE = "they are run once, and their results stand under each"
@@ -546,7 +548,7 @@ def differences(old: Definition, new: Definition) -> list[str]:
     before, after = _flat(old), _flat(new)
     found = []
     for name in [*before, *(name for name in after if name not in before)]:
-        was, is_now = before.get(name, "(absent)"), after.get(name, "(absent)")
+        was, is_now = before.get(name, NOT_SET), after.get(name, NOT_SET)
         if name == "trials":
             extends = new.trials >= old.trials
         elif isinstance(was, list) and isinstance(is_now, list):

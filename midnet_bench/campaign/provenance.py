@@ -82,6 +82,11 @@ def versions_note(runs: Iterable[Provenance]) -> list[str]:
     return []
 
 
+def code_of(runs: Iterable[Provenance]) -> str:
+    """The version and commit that made these runs; several where the code changed in between."""
+    return " and ".join(dict.fromkeys(_code(run) for run in runs)) or "unknown code"
+
+
 def _code(run: Provenance) -> str:
     code = f"{run.get('midnet_bench', 'unknown')} {str(run.get('commit') or 'installed')[:12]}"
     digest = run.get("experiment_sha256")

@@ -3,6 +3,7 @@
 import errno
 import functools
 import os
+import re
 import sys
 import warnings
 from typing import Any
@@ -17,15 +18,13 @@ from midnet_bench.cli import (
     check,
     errors,
     inputs,
-    leaderboard,
     maps,
     messages,
     pictures,
     replay,
     reports,
-    smoke,
 )
-from midnet_bench.cli.app import app, printing
+from midnet_bench.cli.app import MOVED_OPTIONS, app, printing
 from midnet_bench.errors import InputError, MidnetBenchError
 
 __all__ = [
@@ -35,15 +34,23 @@ __all__ = [
     "check",
     "errors",
     "inputs",
-    "leaderboard",
     "main",
     "maps",
     "pictures",
     "replay",
     "reports",
-    "smoke",
 ]
 
+PLAIN = {
+    r" / '--trials'": "",
+    r"Invalid value for '(\S+)': ": r"\1: ",
+    r"Value error, ": "",
+    r"Input should be greater than or equal to (\S+)": r"must be at least \1",
+    r"Input should be less than or equal to (\S+)": r"must be at most \1",
+    r"Input should be a valid integer, unable to parse string as an integer": "a whole number is needed",
+    r"Input should be a valid number, unable to parse string as a number": "a number is needed",
+}
+"""what the parser of the command line says -> what a user reads"""
 NO_PATH = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES)
 """error numbers of a path that cannot even be asked for"""
 
@@ -66,8 +73,12 @@ def main() -> None:
         with printing():
             code = _commands()(prog_name="midnet-bench", standalone_mode=False)
     except typer.TyperException as error:
-        # without a command the help is shown, and there is nothing to add
-        if message := error.format_message():
+        message = error.format_message()
+        if (option := getattr(error, "option_name", "")) in MOVED_OPTIONS:
+            message = f"{option}: now {MOVED_OPTIONS[option]}"
+        for pattern, words in PLAIN.items():
+            message = re.sub(pattern, words, message)
+        if message:
             messages.log.error("%s", messages.one_line(f"error: {message}"))
         code = error.exit_code
     except MidnetBenchError as error:

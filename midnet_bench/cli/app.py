@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, get_type_hints
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from midnet_bench import __version__
 from midnet_bench.cli import messages, options
@@ -23,44 +23,113 @@ READER_GONE = 141
 CANNOT_WRITE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
 
+PANELS = {
+    "Run": ("detection", "labyrinth", "run"),
+    "Look": ("report", "compare", "verify", "errors", "render"),
+    "Prepare": ("arena", "map", "check", "parameters"),
+    "Recordings": ("replay", "export", "node"),
+}
+"""heading of the help -> its commands, in the order in which people need them"""
+MOVED = {
+    "campaigns": "run, without a name",
+    "plot": "report DIR --x FACTOR --y COLUMN --format pdf,png,svg",
+    "leaderboard": "compare --rank DIR",
+    "explain": "errors DIR --frame N",
+    "power": "verify DIR --difference POINTS",
+    "smoke": "run smoke-detection, then compare --exact results/smoke-detection; make smoke does both tests",
+    "ros1-node": "node --ros 1",
+}
+"""command of an earlier version -> what does it now"""
+MOVED_OPTIONS = {"--robot": "--robot-model"}
+GROUPS = {
+    "What runs": "seeds seed robots intruders frames arena preset map_file settings record",
+    "What is swapped in": "engine robot_model detector fusion patrol pursuit metric",
+    "Where it goes": "output jobs backend scheduler dry_run fresh retry_failed as_json wide",
+}
+"""heading -> options of the commands that run campaigns; all others come last"""
+START = {
+    "midnet-bench detection": "the paper's detection table, in about a minute",
+    "midnet-bench labyrinth": "the paper's 500 trials; stop and continue any time",
+    "midnet-bench detection --detector mine.py:Mine": "your detector, same seeds",
+    "midnet-bench replay drive.bag --map map.yaml": "MIDNet on your recording",
+}
+
+
+class Command(TyperCommand):
+    """A command whose help has its options in groups where there are many."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the arguments, then the options by group."""
+        records: dict[str, list[tuple[str, str]]] = {"Arguments": [], **{group: [] for group in GROUPS}}
+        records["Options"] = []
+        group_of = {name: group for group, names in GROUPS.items() for name in names.split()}
+        is_grouped = any(one.name == "backend" for one in self.params)
+        for one in self.get_params(ctx):
+            if (record := one.get_help_record(ctx)) is None:
+                continue
+            if one.param_type_name == "argument":
+                group = "Arguments"
+            else:
+                group = group_of.get(one.name or "", "Options") if is_grouped else "Options"
+            records[group].append((record[0].replace(", --trials", ""), record[1]))
+        for group, rows in records.items():
+            if rows:
+                with formatter.section(group):
+                    formatter.write_dl(rows)
+
+
 class Commands(TyperGroup):
-    """Lists the commands under their headings. Typer does so itself by rich, whose import takes longer."""
+    """Lists the commands of a group. Typer does so itself by rich, whose import takes longer."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write a section for each heading, in the order of the commands."""
-        sections: dict[str, list[tuple[str, str]]] = {}
-        for name, found in self.commands.items():
-            heading = getattr(found, "rich_help_panel", None) or "Commands"
-            sections.setdefault(heading, []).append((name, found.short_help or ""))
+        """Write each command with the first sentence of its help."""
         width = max(map(len, self.commands))
-        for heading, rows in sections.items():
-            with formatter.section(heading):
-                formatter.write_dl([(f"{name:{width}}", text) for name, text in rows])
+        with formatter.section("Commands"):
+            formatter.write_dl(
+                [(f"{name:{width}}", one.short_help or "") for name, one in self.commands.items()]
+            )
+
+
+class AllCommands(Commands):
+    """The whole program: its help begins with what to type first, then names the commands by heading."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """As usual; a command of an earlier version says where it went. Raises InputError."""
+        if args and args[0] in MOVED:
+            raise InputError(f"{args[0]}: now 'midnet-bench {MOVED[args[0]]}'")
+        return super().resolve_command(ctx, args)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help of ``midnet-bench`` alone."""
+        lines = ["midnet-bench: how well does a team of LiDAR robots guard a building?", "", "Start here"]
+        longest = max(map(len, START))
+        for text, meaning in START.items():
+            width = longest if len(text) > 30 else min(map(len, START))
+            line = f"  {text:{width}}   {meaning}"
+            # formatter.width is two less than the terminal's
+            lines += [line] if len(line) <= formatter.width + 2 else [f"  {text}", f"      {meaning}"]
+        width = max(map(len, PANELS))
+        lines += ["", *(f"{panel:{width}}   {'  '.join(names)}" for panel, names in PANELS.items()), ""]
+        lines += ["midnet-bench COMMAND -h explains a command, with an example."]
+        lines += ["--version prints the version; --install-completion sets up the tab key."]
+        formatter.write("\n".join(lines) + "\n")
 
 
 app = typer.Typer(
     name="midnet-bench",
-    cls=Commands,
-    no_args_is_help=True,
+    cls=AllCommands,
+    invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    help="""How well does a team of LiDAR robots guard a building?
-
-    \b
-    midnet-bench detection  prints the paper's detection table, in about a minute.
-    midnet-bench labyrinth  runs the paper's 500 labyrinth trials; again, it continues.
-    midnet-bench render     draws one trial: pictures and a film.
-    midnet-bench COMMAND -h explains a command, with an example.
-    """,
 )
 
 
-def add_group(panel: str, name: str, help: str) -> typer.Typer:
-    """A command that has commands of its own, under a heading of the help."""
+def add_group(name: str, help: str) -> typer.Typer:
+    """A command that has commands of its own."""
     group = typer.Typer(cls=Commands, invoke_without_command=True, rich_markup_mode=None)
     group.callback()(_help_without_command)
-    app.add_typer(group, name=name, help=help, short_help=help, rich_help_panel=panel)
+    app.add_typer(group, name=name, help=help, short_help=help)
     return group
 
 
@@ -71,14 +140,13 @@ def _help_without_command(context: typer.Context) -> None:
 
 
 def command(
-    panel: str, name: str | None = None, *, example: str, group: typer.Typer = app
+    name: str | None = None, *, example: str, group: typer.Typer = app
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Register a command under a heading of the help; it also takes the options of :class:`options.Messages`.
+    """Register a command; it also takes the options of :class:`options.Messages`.
 
     A parameter that is a dataclass of options becomes one option per field. The docstring is the help.
 
     Args:
-        panel: the heading.
         name: of the command; the function's unless given.
         example: a command line that the command's help opens with.
         group: whose command it is, if not the application's own.
@@ -90,7 +158,7 @@ def command(
         ]
         group.command(
             name,
-            rich_help_panel=panel,
+            cls=Command,
             help="\n\n".join((f"$ {example}", *paragraphs)),
             short_help=paragraphs[0],  # what the list of commands shows, under the heading
         )(_with_flat_options(function))
@@ -206,8 +274,10 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def _root(
+    context: typer.Context,
     version: bool = typer.Option(
         False, "--version", callback=_print_version, is_eager=True, help="Print the version."
     ),
 ) -> None:
-    pass
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())

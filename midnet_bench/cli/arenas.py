@@ -10,7 +10,7 @@ from midnet_bench.cli import completion, messages, options
 from midnet_bench.cli.app import add_group, command
 from midnet_bench.cli.check import BROKEN
 
-arena = add_group("Inputs", "arena", "Show, make and check arenas: floor plans with who starts where.")
+arena = add_group("arena", "Show, make and check arenas: floor plans with who starts where.")
 
 Output = Annotated[
     Path | None,
@@ -18,7 +18,7 @@ Output = Annotated[
 ]
 
 
-@command("Inputs", example="midnet-bench arena show map1 > mine.yaml", group=arena)
+@command(example="midnet-bench arena show map1 > mine.yaml", group=arena)
 def show(
     name: Annotated[
         str | None,
@@ -39,7 +39,6 @@ def show(
 
 
 @command(
-    "Inputs",
     "from-image",
     example="midnet-bench arena from-image plan.png --resolution 0.02 -o mine.yaml",
     group=arena,
@@ -68,7 +67,7 @@ def from_image(
     _give(made_from(image, resolution), output)
 
 
-@command("Inputs", "from-map", example="midnet-bench arena from-map map.yaml -o mine.yaml", group=arena)
+@command("from-map", example="midnet-bench arena from-map map.yaml -o mine.yaml", group=arena)
 def from_map(
     map_file: Annotated[
         Path,
@@ -88,7 +87,7 @@ def from_map(
     _give(made_from(map_file, unknown), output)
 
 
-@command("Inputs", "check", example="midnet-bench arena check mine.yaml -o mine.png", group=arena)
+@command("check", example="midnet-bench arena check mine.yaml -o mine.png", group=arena)
 def check(
     name: Annotated[
         str,

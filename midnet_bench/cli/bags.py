@@ -1,4 +1,4 @@
-"""The commands that speak ROS: ``export`` and ``ros1-node``."""
+"""The commands that speak ROS: ``export`` and ``node``."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -14,7 +14,7 @@ SEED = 1
 """of a trial that is no campaign's"""
 
 
-@command("Recordings", example="midnet-bench export detection --robots 5 --frames 400 --format mcap")
+@command(example="midnet-bench export detection --robots 5 --frames 400 --format mcap")
 def export(
     trial: Annotated[
         str,
@@ -52,7 +52,7 @@ def export(
         ),
     ] = None,
 ) -> None:
-    """Run one trial and write all that its robots and its detector say as a ROS bag.
+    """Run one trial and write every sensor and detector message to a ROS bag.
 
     Foxglove, RViz, 'ros2 bag play' and 'rosbag play' open it without midnet-bench; docs/export.md lists the
     topics. Of a campaign's folder --seed, --robots and --where name the trial.
@@ -80,8 +80,7 @@ def export(
         found = registry.experiment(trial)
         chosen = {"robots": robots, "frames": frames, "engine": engine}
         given = {key: value for key, value in chosen.items() if value is not None}
-        if "frames" in given and "frames" not in found.model.defaults():
-            raise InputError(f"export: --frames does not go with '{trial}', which has no such parameter")
+        options.check_values(trial, given, "--{key}")
         name, experiment, seed = found.name, trial, SEED if seed is None else seed
         parameters = {"robots": ROBOTS, **given, **options.settings_with(chosen, settings, map_file)}
     path = output or options.RESULTS / plain_name(f"export-{name}-{seed}{ending}")
@@ -97,14 +96,15 @@ def export(
     typer.echo(path)
 
 
-@command("Recordings", "ros1-node", example="midnet-bench ros1-node guard_1 guard_2 --set local_size_m=6")
-def ros1_node(
+@command(example="midnet-bench node guard_1 guard_2 --ros 1 --set local_size_m=6")
+def node(
     robots: Annotated[
         list[str],
         typer.Argument(
             metavar="NAME...", help="The robots; also ROS's remappings, such as /guard_1/scan:=/tb3_0/scan."
         ),
     ],
+    ros: Annotated[Literal["1"], typer.Option("--ros", help="The version of ROS; 1 so far.")] = "1",
     map_file: Annotated[
         Path | None,
         typer.Option("--map", metavar="FILE", help="The prior map: a map_server YAML (default topic /map)."),
@@ -137,12 +137,12 @@ def ros1_node(
 ) -> None:
     """Run MIDNet as a node of ROS 1: /map, /NAME/scan and poses in, /midnet/detections (MarkerArray) out.
 
-    It takes rospy from Debian's packages (docs/ros.md). A frame has all that was said up to its stamp,
-    however fast or late messages come.
+    It needs rospy from Debian's packages (docs/ros.md). Each frame uses exactly the messages stamped before
+    it, whatever the playback speed.
     """
     from midnet_bench.campaign.definition import parse_settings
     from midnet_bench.io.map_server import load_map
-    from midnet_bench.recording import ros1_node as node
+    from midnet_bench.recording import ros1_node
     from midnet_bench.recording.files.no_return import parsed
     from midnet_bench.recording.live import LiveOptions
     from midnet_bench.recording.plan import mount_of
@@ -160,4 +160,4 @@ def ros1_node(
         patience,
     )
     prior_map = None if map_file is None else load_map(map_file)
-    node.spin(chosen, prior_map, [name for name in robots if ":=" in name])
+    ros1_node.spin(chosen, prior_map, [name for name in robots if ":=" in name])

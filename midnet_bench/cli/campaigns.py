@@ -1,8 +1,7 @@
-"""The commands that run campaigns: ``detection``, ``labyrinth``, ``run``, ``campaigns``."""
+"""The commands that run campaigns: ``detection``, ``labyrinth``, ``run``."""
 
 import dataclasses
 import json
-from collections.abc import Mapping
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,191 +12,92 @@ from midnet_bench.cli import completion, messages, options
 from midnet_bench.cli.app import command
 
 if TYPE_CHECKING:
-    from midnet_bench.campaign.definition import Campaign, Values
+    from midnet_bench.campaign.definition import Campaign
     from midnet_bench.campaign.runner import CampaignOutcome, Plan
 
 MAX_REASONS = 5
 """different reasons that are told when trials fail; failures.csv has them all"""
 
-FirstSeed = Annotated[
-    int | None,
-    typer.Option(
-        min=0,
-        metavar="N",
-        help="First seed; further trials count up from it (default 1).",
-    ),
-]
 
-
-@command("Campaigns", example="midnet-bench detection --seeds 20 -o results/twenty")
-def detection(
-    campaign: options.Campaign,
-    robots: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N,N",
-            help="Team sizes, separated by commas (default 1,5).",
-        ),
-    ] = None,
-    frames: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="MIDNet frames per trial, 5 a second (default 1999).",
-        ),
-    ] = None,
-    seed: FirstSeed = None,
-    seeds: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="Trials per team size, one seed each (default 1).",
-        ),
-    ] = None,
-    intruders: Annotated[
-        int | None,
-        typer.Option(min=0, metavar="N", help="Burgers that intrude (default as in the arena)."),
-    ] = None,
-    arena: options.Arena = None,
-) -> None:
-    """Run the paper's detection test and print its table: precision, recall and F1, ours and the paper's.
+@command(example="midnet-bench detection --seeds 20 -o results/twenty")
+def detection(campaign: options.Campaign) -> None:
+    """Run the paper's detection test and print its table: precision, recall and F1 beside the paper's.
 
     The same command again continues where it stopped, or prints the table of what is there.
     """
-    _run_packaged(
-        "detection",
-        {
-            "robots": _integers(robots, "--robots"),
-            "frames": frames,
-            "intruders": intruders,
-            "arena": arena,
-        },
-        seeds,
-        seed,
-        campaign,
-    )
+    _run_packaged("detection", campaign)
 
 
-@command("Campaigns", example="midnet-bench labyrinth --trials 5 --robots 1,3")
-def labyrinth(
-    campaign: options.Campaign,
-    trials: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="Trials per cell, one seed each (default 20).",
-        ),
-    ] = None,
-    robots: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N,N",
-            help="Team sizes, separated by commas (default 1,2,3,4,5).",
-        ),
-    ] = None,
-    intruders: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N,N",
-            help="Numbers of intruders, separated by commas (default 1,2,3,4,5).",
-        ),
-    ] = None,
-    pursuit: options.Pursuit = None,
-    seed: FirstSeed = None,
-    arena: options.Arena = None,
-) -> None:
-    """Run the paper's labyrinth test: which share of the intruders is caught, by team size.
+@command(example="midnet-bench labyrinth --seeds 5 --robots 1,3")
+def labyrinth(campaign: options.Campaign) -> None:
+    """Run the paper's labyrinth test: the share of intruders that each team size catches.
 
-    One trial per team size and number of intruders is a cell. The same command again continues where it
-    stopped; more trials are added to those that are there.
+    Every team size meets every number of intruders. The same command again continues where it stopped; more
+    seeds are added to those that are there.
     """
-    _run_packaged(
-        "labyrinth",
-        {
-            "intruders": _integers(intruders, "--intruders"),
-            "robots": _integers(robots, "--robots"),
-            "arena": arena,
-            "pursuit": pursuit,
-        },
-        trials,
-        seed,
-        campaign,
-    )
+    _run_packaged("labyrinth", campaign)
 
 
-@command("Campaigns", example="midnet-bench run readings --trials 2 --set frames=500")
+@command(example="midnet-bench run readings --seeds 2 --set frames=500")
 def run(
     campaign: options.Campaign,
     file: Annotated[
-        str,
+        str | None,
         typer.Argument(
-            metavar="CAMPAIGN",
-            help="A campaign file, or the name of a packaged one; see 'midnet-bench campaigns'.",
+            metavar="[CAMPAIGN]",
+            help="A campaign file, or the name of a packaged campaign; without it, they are listed.",
             autocompletion=completion.campaigns,
-        ),
-    ],
-    trials: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="Trials per cell (default the campaign's).",
-        ),
-    ] = None,
-    pursuit: options.Pursuit = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            metavar="N",
-            help="First seed (default the campaign's).",
+            show_default=False,
         ),
     ] = None,
 ) -> None:
-    """Run a campaign; the same command again continues where it stopped."""
-    from midnet_bench.campaign.definition import load_campaign, override
+    """Run a campaign, or list those that come with the package.
+
+    The same command again continues where it stopped.
+    """
     from midnet_bench.workflows.campaigns import campaign_file
 
-    written = load_campaign(campaign_file(file))
-    _run(override(written, campaign.sweep({"pursuit": pursuit}), trials=trials, base_seed=seed), campaign)
+    if file is None:
+        _list_campaigns(campaign.as_json)
+    else:
+        _run_file(campaign_file(file), campaign)
 
 
-@command("Campaigns", example="midnet-bench campaigns")
-def campaigns(as_json: options.Json = False) -> None:
-    """List the campaigns that come with the package; 'midnet-bench run NAME' runs one."""
+def _list_campaigns(as_json: bool) -> None:
+    """The packaged campaigns, each with what it is for."""
+    from midnet_bench.cli.terminal import filled, width
     from midnet_bench.workflows.campaigns import packaged_campaigns, summary_of
 
     found = {name: summary_of(path) for name, path in packaged_campaigns().items()}
     if as_json:
         typer.echo(json.dumps(found, indent=1))
         return
-    width = max(map(len, found))
+    indent = max(map(len, found)) + 2
     for name, summary in found.items():
-        typer.echo(f"{name:{width}}  {summary}")
+        first, *more = filled(summary, max(20, width() - indent)) or [""]
+        typer.echo("\n".join([f"{name:{indent}}{first}", *(" " * indent + line for line in more)]))
 
 
-def _run_packaged(
-    name: str,
-    named: "Mapping[str, Values]",
-    trials: int | None,
-    seed: int | None,
-    chosen: options.Campaign,
-) -> None:
-    """Run a packaged campaign with what the command line changes."""
-    from midnet_bench.campaign.definition import load_campaign, override
+def _run_packaged(name: str, chosen: options.Campaign) -> None:
     from midnet_bench.workflows.campaigns import packaged_campaigns
 
-    written = load_campaign(packaged_campaigns()[name])
-    _run(override(written, chosen.sweep(named), trials=trials, base_seed=seed), chosen)
+    _run_file(packaged_campaigns()[name], chosen)
+
+
+def _run_file(file: Path, chosen: options.Campaign) -> None:
+    """Run the campaign in a file, with what the command line changes."""
+    from midnet_bench.campaign.definition import load_campaign, override
+
+    written = load_campaign(file)
+    changes = chosen.sweep(written.experiment)
+    _run(override(written, changes, trials=chosen.seeds, base_seed=chosen.seed), chosen)
 
 
 def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
     from midnet_bench.campaign.definition import resolve
     from midnet_bench.campaign.runner import plan, run_campaign
     from midnet_bench.cli.progress import CampaignProgress
-    from midnet_bench.cli.reports import present
+    from midnet_bench.cli.reports import present, tell_page
     from midnet_bench.experiments import registry
 
     directory = chosen.output or options.RESULTS / campaign.name
@@ -226,9 +126,9 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
         retry_failed=chosen.retry_failed,
         progress=CampaignProgress(),
     )
-    present(directory, chosen.as_json, drawn_from=2)  # a lone point is no curve, and takes seconds to draw
+    present(directory, chosen.as_json, 2, chosen.wide)  # a lone point is no curve, and takes seconds to draw
     if not chosen.as_json:
-        messages.tell_where(directory)
+        tell_page(directory)
     if outcome.failed:
         raise typer.Exit(_tell_of_failures(outcome, directory / "failures.csv"))
 
@@ -269,16 +169,3 @@ def _tell_of_failures(outcome: "CampaignOutcome", file: Path) -> int:
 
 def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
-
-
-def _integers(text: str | None, option: str) -> "Values":
-    from midnet_bench.errors import InputError
-
-    if text is None:
-        return None
-    try:
-        return [int(part) for part in text.split(",")]
-    except ValueError as error:
-        raise InputError(
-            f"{option} {text}: expected whole numbers separated by commas, such as 1,5"
-        ) from error

@@ -12,7 +12,7 @@ BROKEN = 1
 """exit code where something is wrong"""
 
 
-@command("Inputs", example="midnet-bench check my_detector.py:Mine")
+@command(example="midnet-bench check my_detector.py:Mine")
 def check(
     thing: Annotated[
         str,

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 LISTED = "; 'midnet-bench parameters EXPERIMENT' lists an experiment's"
 
 
-@command("Inputs", example="midnet-bench parameters localization")
+@command(example="midnet-bench parameters localization")
 def parameters(
     name: Annotated[
         str,
@@ -46,19 +46,22 @@ def _list(experiment: str, options: "list[Leaf]", as_json: bool) -> None:
     if as_json:
         _dump({"schema": 1, "experiment": experiment, "parameters": [_described(one) for one in options]})
         return
-    from rich.console import Console
-    from rich.table import Table
+    from midnet_bench.cli.terminal import filled, width
 
-    shown = Table("parameter, default, allowed", "meaning, source", title=experiment, title_justify="left")
+    lines = [experiment]
     group = ""
     for one in options:
         if one.group != group:
-            shown.add_section()
-            shown.add_row(f"[bold]{one.group}[/bold]")
+            lines += ["", one.group]
             group = one.group
-        meaning = "\n".join(part for part in (one.option.help, one.option.source) if part)
-        shown.add_row(f"{one.key}\n  {_written(one.default)}\n  {one.allowed}", meaning)
-    Console().print(shown)
+        allowed = f" ({one.allowed})" if one.allowed else ""
+        texts = [(2, f"{one.key} = {_written(one.default)}{allowed}"), (6, one.option.help)]
+        if one.option.source:
+            texts.append((6, f"source: {one.option.source}"))
+        for indent, text in texts:
+            first, *more = filled(text, width() - indent) or [""]
+            lines += [" " * indent + first, *(" " * 6 + line for line in more)]
+    typer.echo("\n".join(lines))
 
 
 def _explain(name: str, users: "dict[str, Leaf]", as_json: bool) -> None:

@@ -22,7 +22,7 @@ CLIP = "--clip/--no-clip"
 _ENDINGS = re.compile(r"(\.(yaml|yml|log|clf|carmen|txt|dat))?(\.gz)?$")
 
 
-@command("Inputs", "map", example="midnet-bench map map2 --robots 3")
+@command("map", example="midnet-bench map map2 --robots 3")
 def make_map(
     arena: Annotated[
         str | None,
@@ -58,7 +58,7 @@ def make_map(
         bool | None, typer.Option(CLIP, help="Make a film (MP4) of the growing map (default clip).")
     ] = None,
     engine: options.Engine = None,
-    robot: options.Robot = None,
+    robot_model: options.RobotModel = None,
     settings: options.Settings = None,
     output: Annotated[
         Path | None,
@@ -87,12 +87,12 @@ def make_map(
         "--seed": seed,
         CLIP: clip,
         "--engine": engine,
-        "--robot": robot,
+        "--robot-model": robot_model,
         "--set": settings,
     }
     chosen_seed, with_clip = SEED if seed is None else seed, clip is not False
     if from_log is not None:
-        unused = ("--exact", "--robots", "--engine", "--robot", "--set")
+        unused = ("--exact", "--robots", "--engine", "--robot-model", "--set")
         _refuse("--from-log", {"--exact": exact or None, **given}, unused)
         place = output or _folder(from_log.name)
         if slam == "graph":
@@ -116,7 +116,7 @@ def make_map(
     if slam == "graph":
         raise InputError("map: --slam graph maps recorded logs only; leave it out, or give --from-log FILE")
     wishes = {"arena": arena, "robots": robots, "particles": particles}
-    wishes |= {"engine": engine, "robot": robot}
+    wishes |= {"engine": engine, "robot": robot_model}
     values: dict[str, Scalar] = {name: value for name, value in wishes.items() if value is not None}
     _explore(_joined(values, settings or []), chosen_seed, with_clip, output or _folder(arena), as_json)
 

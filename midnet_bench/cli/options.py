@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
@@ -58,12 +58,19 @@ Engine = Annotated[
         show_default=False,
     ),
 ]
-Robot = Annotated[
+RobotModel = Annotated[
     str | None,
     typer.Option(
+        "--robot-model",
         metavar="NAME",
         help="What the robots are: burger, waffle, another by name, package.module:NAME or file.py:NAME.",
         show_default=False,
+    ),
+]
+Preset = Annotated[
+    Literal["paper", "best"] | None,
+    typer.Option(
+        help="Parameters to begin with: the paper's (default), or those that detect best.", show_default=False
     ),
 ]
 Jobs = Annotated[
@@ -75,7 +82,12 @@ Jobs = Annotated[
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
+Wide = Annotated[
+    bool, typer.Option("--wide", help="Print tables with all their columns, however long the lines.")
+]
 
+OPTION_OF = {"robot": "robot-model", "metrics": "metric"}
+"""key -> its option, where that is called otherwise"""
 _MESSAGES = "Messages"
 Given = TypeVar("Given")
 
@@ -86,25 +98,68 @@ def _part(help: str) -> Any:
     return typer.Option(metavar="NAME", help=f"{help}, {more}", show_default=False)
 
 
-Pursuit = Annotated[str | None, _part("Which guards pursue whom: nearest")]
+Pursuit = Annotated[str | None, _part("Which guard pursues which intruder: nearest")]
 
 
 @dataclass(frozen=True)
 class Campaign:
     """What every command that runs a campaign takes, besides what that campaign is."""
 
+    seeds: Annotated[
+        int | None,
+        typer.Option(
+            "--seeds",
+            "--trials",  # its name in earlier versions; the help leaves it out
+            min=1,
+            metavar="N",
+            help="Seeds: so many trials of each cell (default: detection 1, labyrinth 20, else the "
+            "campaign's).",
+        ),
+    ] = None
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0, metavar="N", help="First seed; the others count up from it (default 1, or the campaign's)."
+        ),
+    ] = None
+    robots: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N,N", help="Team sizes, such as 2,3,4 (default: detection 1,5, labyrinth 1,2,3,4,5)."
+        ),
+    ] = None
+    intruders: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N,N",
+            help="Numbers of robots that intrude, such as 1,2 (default: detection as in the arena, "
+            "labyrinth 1,2,3,4,5).",
+        ),
+    ] = None
+    frames: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N", help="Frames of a trial, 5 a second (default: detection 1999; not in the labyrinth)."
+        ),
+    ] = None
+    arena: Arena = None
+    preset: Preset = None
     engine: Engine = None
-    robot: Robot = None
-    detector: Annotated[str | None, _part("Who detects: midnet")] = None
-    fusion: Annotated[str | None, _part("Who fuses the robots' boxes: paper")] = None
+    robot_model: RobotModel = None
+    detector: Annotated[str | None, _part("Detector: midnet")] = None
+    fusion: Annotated[str | None, _part("Fusion of the robots' boxes: paper")] = None
     patrol: Annotated[str | None, _part("Where idle guards go: paper")] = None
+    pursuit: Pursuit = None
     metric: Annotated[
         list[str] | None,
-        _part("What else is measured: ospa, first_detection, idleness, mot; may be repeated"),
+        _part("Further metrics, may be repeated: ospa, first_detection, idleness, mot"),
     ] = None
     record: Annotated[
         bool,
-        typer.Option("--record", help="Keep each frame, and the cause of each error of the detection test."),
+        typer.Option(
+            "--record",
+            help="Keep each frame for the player, and the cause of each error of the detection test.",
+        ),
     ] = False
     map_file: Map = None
     settings: Sweep = None
@@ -133,35 +188,46 @@ class Campaign:
         bool, typer.Option("--retry-failed", help="Run trials that failed once more.")
     ] = False
     as_json: Json = False
+    wide: Wide = False
 
-    def sweep(self, named: "Mapping[str, Values]") -> "dict[str, Values]":
+    def sweep(self, experiment: str) -> "dict[str, Values]":
         """What the command line asks for by key; several values make a factor of the grid.
 
         Args:
-            named: what the command's own options gave; None if not given.
+            experiment: that the campaign is of; a value has to be one that it can have.
 
         Raises:
-            InputError: a setting is no ``key=value``, or is given in two ways.
+            InputError: a setting is no ``key=value``, is out of range, or is given in two ways.
         """
         from midnet_bench.campaign.definition import parse_sweep, values_of
 
         given: dict[str, Values] = {}
-        for key, value in {**named, **self._parts, "record": self.record or None}.items():
+        numbers = {"robots": self.robots, "intruders": self.intruders, "frames": self.frames}
+        for key, text in numbers.items():
+            if text is not None:
+                given[key] = whole_numbers(text, f"--{key}")
+        for key, value in {**self._parts, "record": self.record or None}.items():
             if isinstance(value, str) and "," in value:
                 given[key] = values_of(value, f"--{key}")
             elif value is not None:
                 given[key] = value
-        return given | _given_once(given, parse_sweep(self.settings or [], self.map_file))
+        settings = _given_once(given, parse_sweep(self.settings or [], self.map_file))
+        check_values(experiment, given, "--{key}")
+        check_values(experiment, settings, "--set {key}=")
+        return given | settings
 
     @property
     def _parts(self) -> dict[str, str | None]:
         """What stands behind the seams, by option; None if not given."""
         return {
+            "arena": self.arena,
+            "preset": self.preset,
             "engine": self.engine,
-            "robot": self.robot,
+            "robot": self.robot_model,
             "detector": self.detector,
             "fusion": self.fusion,
             "patrol": self.patrol,
+            "pursuit": self.pursuit,
             "metrics": "; ".join(self.metric) if self.metric else None,
         }
 
@@ -184,6 +250,46 @@ class Messages:
             metavar="FILE", help="Append every message with its time to this file.", rich_help_panel=_MESSAGES
         ),
     ] = None
+
+
+def whole_numbers(text: str, option: str) -> "Values":
+    """One whole number, or several between commas. Raises InputError."""
+    from midnet_bench.errors import InputError
+
+    try:
+        found = [int(part) for part in text.split(",")]
+    except ValueError as error:
+        raise InputError(f"{option} {text}: whole numbers are needed, such as 2 or 1,2,5") from error
+    return found[0] if len(found) == 1 else list(found)
+
+
+def check_values(experiment: str, given: "Mapping[str, Values]", option: str) -> None:
+    """Refuse an option that the experiment lacks, or a number outside its range.
+
+    Args:
+        experiment: its name or a reference.
+        given: the values by key.
+        option: what a message begins with, ``{key}`` being the key; ends in ``=`` where the value follows it.
+
+    Raises:
+        InputError: names the option, the value and what is allowed.
+    """
+    from midnet_bench.errors import InputError
+    from midnet_bench.experiments.registry import parameters_model
+    from midnet_bench.settings import leaves
+
+    known = leaves(parameters_model(experiment))
+    for key, values in given.items():
+        named = option.format(key=OPTION_OF.get(key, key))
+        if key not in known:
+            if option.endswith("="):
+                continue  # whoever resolves the campaign says which keys are near
+            raise InputError(f"{named} does not go with '{experiment}', which has no such parameter")
+        for value in values if isinstance(values, list) else [values]:
+            is_number = isinstance(value, int | float) and not isinstance(value, bool)
+            if is_number and not known[key].is_of_its_kind(value) and known[key].option.allowed:
+                gap = "" if option.endswith("=") else " "
+                raise InputError(f"{named}{gap}{value}: must be {known[key].option.allowed}")
 
 
 def settings_with(

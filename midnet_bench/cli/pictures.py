@@ -12,7 +12,7 @@ ROBOTS = 5
 """of a trial that is drawn, unless the user says otherwise"""
 
 
-@command("Results", example="midnet-bench render labyrinth --robots 3 --intruders 2 --seed 4")
+@command(example="midnet-bench render labyrinth --robots 3 --intruders 2 --seed 4")
 def render(
     experiment: Annotated[
         str, typer.Argument(help="detection or labyrinth.", autocompletion=completion.experiments)
@@ -36,7 +36,7 @@ def render(
     ] = 4.0,
     arena: options.Arena = None,
     engine: options.Engine = None,
-    robot: options.Robot = None,
+    robot_model: options.RobotModel = None,
     map_file: options.Map = None,
     settings: options.Settings = None,
     output: Annotated[
@@ -51,19 +51,16 @@ def render(
 ) -> None:
     """Draw one trial: the arena from above, each robot's grids A to D, the detections, and a film."""
     from midnet_bench.cli.progress import meter
-    from midnet_bench.errors import InputError
     from midnet_bench.experiments import registry
     from midnet_bench.workflows.render import render_trial
 
     chosen = {"robots": robots, "intruders": intruders, "frames": frames, "arena": arena}
-    chosen |= {"engine": engine, "robot": robot}
+    chosen |= {"engine": engine, "robot": robot_model}
     given = options.settings_with(chosen, settings, map_file)
     parameters = {key: value for key, value in chosen.items() if value is not None}
     found = registry.experiment(experiment)
     known = found.model.defaults()
-    for key in parameters:
-        if key not in known:
-            raise InputError(f"render: --{key} does not go with '{experiment}', which has no such parameter")
+    options.check_values(experiment, parameters, "--{key}")
     directory = output or options.RESULTS / f"render-{found.name}-{seed}"
     with meter() as shown:
         files = render_trial(

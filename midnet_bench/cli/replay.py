@@ -16,7 +16,7 @@ def _text(metavar: str, help: str) -> typer.models.OptionInfo:
     return typer.Option(metavar=metavar, help=help, show_default=False)
 
 
-@command("Recordings", example="midnet-bench replay robot.bag --map map.yaml --pose /amcl_pose")
+@command(example="midnet-bench replay robot.bag --map map.yaml --pose /amcl_pose")
 def replay(
     files: Annotated[
         list[Path],
@@ -143,6 +143,7 @@ def replay(
         ),
     ] = None,
     as_json: options.Json = False,
+    wide: options.Wide = False,
 ) -> None:
     """Say what MIDNet makes of a recording, why it errs, and whether the inputs fit together at all.
 
@@ -159,7 +160,7 @@ def replay(
     note = messages.log.info
     if map is None and background is None:
         tables, lines, faults = list_topics(files)
-        show(None, tables, as_json)
+        show(None, tables, as_json, wide)
         for line in lines:
             note("%s", line)
         if faults:
@@ -199,7 +200,7 @@ def replay(
         output=output,
     )
     if check:
-        show(None, workflow.check(wishes, lambda line: note("%s", line)), as_json)
+        show(None, workflow.check(wishes, lambda line: note("%s", line)), as_json, wide)
         return
     with meter() as shown:
         made = workflow.replay(
@@ -207,7 +208,7 @@ def replay(
             lambda line: note("%s", line),
             lambda share: shown.show(share, 1.0, f"{share:.0%} of the recording"),
         )
-    show(None, made.tables, as_json)
+    show(None, made.tables, as_json, wide)
     if not as_json:
         messages.tell_where(made.files[0].parent)
     if made.faults:

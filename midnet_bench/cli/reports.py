@@ -1,9 +1,9 @@
-"""The commands that read a campaign's results: ``report``, ``plot``, ``verify``, ``power``, ``compare``."""
+"""The commands that read a campaign's results: ``report``, ``compare``, ``verify``."""
 
 import json
-import sys
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,11 +11,7 @@ from midnet_bench.cli import completion, messages, options
 from midnet_bench.cli.app import command
 
 if TYPE_CHECKING:
-    from rich.table import Table as RichTable
-
     from midnet_bench.analysis.tables import Table
-
-PIPE_WIDTH = 400
 
 
 def _campaigns_folder(directory: Path) -> Path:
@@ -38,6 +34,7 @@ def _campaigns_folders(directories: list[Path]) -> list[Path]:
 Directory = Annotated[
     Path,
     typer.Argument(
+        metavar="DIR",
         help="A campaign's folder, such as results/labyrinth.",
         callback=_campaigns_folder,
         autocompletion=completion.results,
@@ -45,27 +42,9 @@ Directory = Annotated[
 ]
 
 
-@command("Results", example="midnet-bench report results/labyrinth")
-def report(directory: Directory, as_json: options.Json = False) -> None:
-    """Rebuild all tables and figures from the stored trials, without simulating."""
-    from midnet_bench.errors import InputError
-
-    if not present(directory, as_json):
-        hint = "; see failures.csv there" if (directory / "failures.csv").exists() else ""
-        raise InputError(f"{directory}: no finished trial yet{hint}")
-    if not as_json:
-        messages.tell_where(directory)
-
-
-@command("Results", example="midnet-bench plot results/labyrinth -o figures")
-def plot(
+@command(example="midnet-bench report results/detection --x thresh_local --y f1 --format pdf")
+def report(
     directory: Directory,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", metavar="DIR", help="Folder for the figures [default: the campaign's]."
-        ),
-    ] = None,
     x: Annotated[
         str | None,
         typer.Option("--x", metavar="FACTOR", help="Draw scores over this numeric factor of the grid."),
@@ -78,55 +57,72 @@ def plot(
             help="Which score, such as f1, or another column (default the main scores).",
         ),
     ] = None,
-) -> None:
-    """Draw a campaign's figures as PNG and SVG from the stored trials, without simulating."""
-    from midnet_bench.workflows.report import plot as draw
-
-    for file in draw(directory, output, x, y):
-        typer.echo(file)
-
-
-@command("Results", example="midnet-bench verify results/labyrinth")
-def verify(directory: Directory, as_json: options.Json = False) -> None:
-    """Check each claim of the paper against your results.
-
-    Exit code: 0 all claims are reproduced, 3 some are inconclusive, 4 some are not reproduced.
-    """
-    from midnet_bench.workflows.verify import verify as check_claims
-
-    name, table, code = check_claims(directory)
-    show(name, [table], as_json)
-    raise typer.Exit(code)
-
-
-@command("Results", example="midnet-bench power results/labyrinth --difference 5 --robots 4 5")
-def power(
-    directory: Directory,
-    difference: Annotated[
-        float, typer.Option(metavar="POINTS", help="Change of the success rate to detect, percentage points.")
-    ] = 5.0,
-    robots: Annotated[tuple[int, int], typer.Option(metavar="N N", help="The two team sizes to compare.")] = (
-        4,
-        5,
-    ),
-    probability: Annotated[
-        float, typer.Option("--power", metavar="P", help="Probability of detecting the change.")
-    ] = 0.8,
+    formats: Annotated[
+        str | None,
+        typer.Option(
+            "--format", metavar="NAME,NAME", help="Formats of the figures: pdf, png, svg (default png,svg)."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="Draw the figures only, into this folder, or one figure into this .pdf, .png or .svg file.",
+        ),
+    ] = None,
     as_json: options.Json = False,
+    wide: options.Wide = False,
 ) -> None:
-    """Estimate how many trials you need to detect a given change of the labyrinth's success rate."""
-    from midnet_bench.workflows.verify import power_report
+    """Rebuild all tables, figures and the page from the stored trials, without simulating.
 
-    name, table = power_report(directory, difference, robots, probability)
-    show(name, [table], as_json)
+    With --x, --y, --format or -o only figures are drawn.
+    """
+    from midnet_bench.errors import InputError
+
+    if x or y or formats or output:
+        for file in _draw(directory, output, x, y, formats):
+            typer.echo(file)
+        return
+    if not present(directory, as_json, wide=wide):
+        hint = "; see failures.csv there" if (directory / "failures.csv").exists() else ""
+        raise InputError(f"{directory}: no finished trial yet{hint}")
+    if not as_json:
+        tell_page(directory)
 
 
-@command("Results", example="midnet-bench compare results/one results/other -o results/comparison")
+def _draw(
+    directory: Path, output: Path | None, x: str | None, y: str | None, formats: str | None
+) -> list[Path]:
+    """Draw figures; the files written."""
+    import tempfile
+
+    from midnet_bench.errors import InputError
+    from midnet_bench.io.files import write_atomically
+    from midnet_bench.workflows.report import FORMATS, plot
+
+    wanted = FORMATS if formats is None else tuple(part.strip() for part in formats.split(","))
+    if output is None or output.suffix not in (".pdf", ".png", ".svg"):
+        return plot(directory, output, x, y, wanted)
+    ending = output.suffix.removeprefix(".")
+    if wanted not in (FORMATS, (ending,)):
+        raise InputError(f"-o {output}: --format {formats} is another format; leave it out")
+    with tempfile.TemporaryDirectory() as folder:
+        figures = [one for one in plot(directory, folder, x, y, (ending,)) if one.suffix == output.suffix]
+        if len(figures) > 1:
+            raise InputError(f"-o {output}: {len(figures)} figures do not go into one file; give a folder")
+        write_atomically(output, figures[0].read_bytes())
+    return [output]
+
+
+@command(example="midnet-bench compare results/one results/other -o results/comparison")
 def compare(
     directories: Annotated[
         list[Path],
         typer.Argument(
-            help="Two or more folders of campaigns of one experiment, or one with --by.",
+            metavar="DIR...",
+            help="Two or more folders of campaigns of one experiment; one with --by, --rank or --exact.",
             callback=_campaigns_folders,
             autocompletion=completion.results,
         ),
@@ -155,81 +151,225 @@ def compare(
             show_default=False,
         ),
     ] = None,
+    rank: Annotated[
+        bool,
+        typer.Option(
+            "--rank", help="Rank what the only campaign compares, the best first, and write leaderboard.md."
+        ),
+    ] = False,
+    of: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FACTOR",
+            help="With --rank: a factor whose values are ranked; may be repeated (default: those that name "
+            "code, such as detector and fusion).",
+            show_default=False,
+        ),
+    ] = None,
+    rank_by: Annotated[
+        str | None,
+        typer.Option(metavar="SCORE", help="With --rank: the score, such as f1.", show_default=False),
+    ] = None,
+    exact: Annotated[
+        bool,
+        typer.Option(
+            "--exact",
+            help="Compare each number with those that are committed: of the packaged campaign of the "
+            "folder's name, or in a second folder. Exit code 1 if any is off.",
+        ),
+    ] = False,
+    update: Annotated[
+        bool,
+        typer.Option("--update", help="With --exact: commit this run's numbers instead; in a checkout."),
+    ] = False,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="DIR", help="Also write tables and figures into this folder."),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="PATH",
+            help="Also write tables and figures into this folder; with --rank, the page into this file.",
+        ),
     ] = None,
     as_json: options.Json = False,
+    wide: options.Wide = False,
 ) -> None:
-    """Compare campaigns on the seeds they share: each score's difference, and the settings that differ."""
-    from midnet_bench.workflows.compare import compare as compare_campaigns
-    from midnet_bench.workflows.compare import worse
+    """Compare campaigns on the seeds they share: each score's difference, and the settings that differ.
 
-    experiment, tables = compare_campaigns(directories, output, by, baseline)
-    found = [] if fail_if_worse is None else worse(experiment, tables, fail_if_worse)
-    show(experiment.name, tables, as_json)
+    Numbers that are compared exactly have to agree in every byte on the platform that made them; elsewhere
+    they have to be near.
+    """
+    from midnet_bench.errors import InputError
+    from midnet_bench.workflows.compare import comparison, worse
+
+    if exact or update:
+        _compare_exactly(directories, update)
+        return
+    if rank or of or rank_by:
+        if len(directories) != 1:
+            raise InputError("compare: --rank ranks one campaign; give one folder")
+        _rank(directories[0], of or [], rank_by, output, as_json, wide)
+        return
+    found = comparison(directories, output, by, baseline)
+    regressions = [] if fail_if_worse is None else worse(found.experiment, found.tables, fail_if_worse)
+    if as_json or wide:
+        show(found.experiment.name, found.tables, as_json, wide)
+    else:
+        say([*found.lines, ""])
+        show(None, found.shown, as_json=False)
     if output is not None and not as_json:
         messages.tell_where(output)
-    for line in found:
+    for line in regressions:
         messages.log.error("%s", line)
-    if found:
+    if regressions:
         raise typer.Exit(1)
 
 
-def present(directory: Path, as_json: bool, drawn_from: int = 1) -> bool:
-    """Write a campaign's CSV files, tables and figures, and print the tables; whether any trial finished.
+def _rank(
+    directory: Path, of: list[str], rank_by: str | None, output: Path | None, as_json: bool, wide: bool
+) -> None:
+    from midnet_bench.workflows.leaderboard import leaderboard as ranked
 
-    Figures are drawn from ``drawn_from`` finished trials on.
+    page = output or directory / "leaderboard.md"
+    show(None, ranked(directory, of, rank_by, page), as_json, wide)
+    if not as_json:
+        messages.tell_file(page)
+
+
+def _compare_exactly(directories: list[Path], update: bool) -> None:
+    from midnet_bench.errors import InputError
+    from midnet_bench.workflows.smoke import compare_exactly
+
+    if len(directories) > 2:
+        raise InputError("compare: --exact compares one folder with the committed numbers, or two folders")
+    lines, how = compare_exactly(*directories, update=update)
+    for line in lines:
+        typer.echo(line)
+    typer.echo("expected numbers updated" if update else f"{_counted(len(lines), 'difference')}, {how}")
+    if lines:
+        raise typer.Exit(1)
+
+
+@command(example="midnet-bench verify results/labyrinth")
+def verify(
+    directory: Directory,
+    everything: Annotated[
+        bool, typer.Option("--all", help="List the claims that are reproduced, too.")
+    ] = False,
+    difference: Annotated[
+        float | None,
+        typer.Option(
+            metavar="POINTS",
+            help="Instead, say how many trials show a change of the labyrinth's success rate by so many "
+            "percentage points.",
+            show_default=False,
+        ),
+    ] = None,
+    robots: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N,N", help="With --difference: the two team sizes (default 4,5).", show_default=False
+        ),
+    ] = None,
+    probability: Annotated[
+        float | None,
+        typer.Option(
+            "--power",
+            metavar="P",
+            help="With --difference: probability of detecting it (default 0.8).",
+            show_default=False,
+        ),
+    ] = None,
+    as_json: options.Json = False,
+    wide: options.Wide = False,
+) -> None:
+    """Check each claim of the paper against your results.
+
+    Exit code: 0 all claims are reproduced, 3 some are inconclusive, 4 some are not reproduced.
     """
-    from midnet_bench.workflows.report import printed, write_report
+    from midnet_bench.errors import InputError
+    from midnet_bench.workflows.verify import power_report
+    from midnet_bench.workflows.verify import verify as check_claims
+
+    if difference is not None:
+        sizes = options.whole_numbers(robots or "4,5", "--robots")
+        if not isinstance(sizes, list) or len(sizes) != 2:
+            raise InputError(f"--robots {robots}: give two team sizes, such as 4,5")
+        power = 0.8 if probability is None else probability
+        name, table = power_report(directory, difference, (sizes[0], sizes[1]), power)  # type: ignore[arg-type]
+        show(name, [table], as_json, wide)
+        return
+    if robots is not None or probability is not None:
+        raise InputError("verify: --robots and --power go with --difference; give it, such as --difference 5")
+    name, table, code = check_claims(directory)
+    if as_json or wide:
+        show(name, [table], as_json, wide)
+    else:
+        _show_claims(directory, table, everything)
+    raise typer.Exit(code)
+
+
+def present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = False) -> bool:
+    """Write a campaign's CSV files, tables and figures, and print the result; whether any trial finished.
+
+    Figures are drawn from ``drawn_from`` finished trials on. ``wide``: print the main tables whole.
+    """
+    from midnet_bench.workflows.report import headline, printed, write_report
 
     results, tables = write_report(directory, drawn_from)
-    name = results.definition.experiment
-    if results.finished or as_json:
-        show(name, tables if as_json else printed(results, tables), as_json)
+    first = None if as_json or wide else headline(results)
+    if as_json:
+        show(results.definition.experiment, tables, as_json)
+    elif first is not None:
+        show(None, first.tables, as_json=False)
+        say([*first.sentences, "", first.following])
+    elif results.finished:
+        show(None, printed(results, tables), as_json, wide)
     return results.finished > 0
 
 
-def show(experiment: str | None, tables: "list[Table]", as_json: bool) -> None:
-    """Print tables for people, or as one JSON document."""
+def _show_claims(directory: Path, table: "Table", everything: bool) -> None:
+    """The counts first, then what is not reproduced and what is open."""
+    from midnet_bench.analysis.claims import shown_claims
+
+    summary, tables = shown_claims(table, everything)
+    say([summary, ""])
+    show(None, tables, as_json=False)
+    reproduced = sum(row["verdict"] == "reproduced" for row in table.rows)
+    if reproduced and not everything:
+        say([f"reproduced: {_counted(reproduced, 'claim')}; --all lists them."])
+    if (file := directory / "claims.csv").exists():
+        say([f"Each in {file}"])
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def tell_page(directory: Path) -> None:
+    """The last line of a command that wrote a campaign's page: what to open."""
+    page = directory / "report.html"
+    if page.exists():
+        messages.log.info("Open %s", page)
+    else:
+        messages.tell_where(directory)
+
+
+def show(experiment: str | None, tables: "Sequence[Table]", as_json: bool, wide: bool = False) -> None:
+    """Print tables for people, or as one JSON document; ``wide``: all columns, however long the lines."""
     if as_json:
         from midnet_bench.analysis.tables import to_json
 
         typer.echo(json.dumps(to_json(experiment, tables), indent=1, allow_nan=False))
         return
+    from midnet_bench.cli.terminal import drawn, width
+
     for table in tables:
-        _print(table)
+        typer.echo(drawn(table, None if wide else width()) + "\n")
 
 
-def _print(table: "Table") -> None:
-    from rich.console import Console
+def say(sentences: "Iterable[str]") -> None:
+    """Print sentences, each from the beginning of a line; an empty one is an empty line."""
+    from midnet_bench.cli.terminal import filled, width
 
-    # a pipe has no width; what reads it wants whole rows
-    console = Console(width=None if sys.stdout.isatty() else PIPE_WIDTH)
-    shown = _drawn(table, narrow=False)
-    if Console(width=PIPE_WIDTH).measure(shown).maximum > console.width:
-        shown = _drawn(table, narrow=True)
-    console.print(shown)
-    for note in table.notes:
-        console.print(note, highlight=False)
-
-
-def _drawn(table: "Table", narrow: bool) -> "RichTable":
-    """The table for a terminal; where that is ``narrow``, names and intervals take several lines."""
-    from rich import box
-    from rich.table import Table as RichTable
-
-    shown = RichTable(
-        title=table.title,
-        title_justify="left",
-        title_style="bold",
-        box=box.SIMPLE_HEAD if narrow else box.HEAVY_HEAD,
-        pad_edge=not narrow,
-        padding=(0, 1, 0, 0) if narrow else (0, 1),
-    )
-    for name in table.columns:
-        justify: Literal["left", "right"] = "left" if name == table.columns[0] else "right"
-        shown.add_column(name.replace("_", " ") if narrow else name, no_wrap=not narrow, justify=justify)
-    for cells in table.cells():
-        shown.add_row(*cells)
-    return shown
+    typer.echo("\n".join(line for sentence in sentences for line in filled(sentence, width()) or [""]))

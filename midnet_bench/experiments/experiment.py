@@ -29,6 +29,17 @@ Measures = Mapping[tuple[str, str], Mapping[int, float]]
 """(cell, measure) -> its value at each seed"""
 
 
+@dataclass(frozen=True)
+class Headline:
+    """What a terminal shows of a campaign's results, and a page first."""
+
+    tables: "Sequence[Table]"
+    sentences: Sequence[str]
+    """the result in words, made from the numbers"""
+    following: str
+    """the command to type next"""
+
+
 def _nothing(results: object) -> "Sequence[Any]":
     return ()
 
@@ -64,7 +75,10 @@ class Experiment:
     tables: "Callable[[Results], Sequence[Table]]" = _nothing
     """what ``report`` writes, prints (unless ``printed`` says otherwise) and gives as JSON"""
     printed: tuple[str, ...] = ()
-    """names of the tables that a terminal shows; all unless given"""
+    """names of the main tables; all unless given"""
+    headline: "Callable[[Results, Results | None], Headline] | None" = None
+    """(results, those of the packaged reference if there is one) -> what a terminal shows instead of
+    ``printed``, which ``--wide`` shows"""
     figures: "Callable[[Results], Mapping[str, Figure]]" = _no_figures
     """stem of its files -> a matplotlib figure"""
     claims: "Callable[[Results], Sequence[Finding]]" = _nothing

@@ -39,6 +39,9 @@ _SAME_PLACE = 1e-3
 """metres and radians by which a fixed laser may seem to move on the robot, for want of digits in the log"""
 
 
+IMAGES = (".bmp", ".gif", ".jpeg", ".jpg", ".pgm", ".png", ".tif", ".tiff", ".webp")
+
+
 def read_lines(path: Path) -> list[str]:
     """The lines of a text file, gzipped or plain. Raises InputError if it cannot be read or holds no text."""
     try:
@@ -46,6 +49,10 @@ def read_lines(path: Path) -> list[str]:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (EOFError, UnicodeDecodeError, zlib.error) as error:
+        if path.suffix.lower() in IMAGES:
+            raise InputError(
+                f"{path}: this is an image, not a log; 'midnet-bench arena from-image' takes a plan"
+            ) from error
         raise InputError(f"{path}: cannot be read as a text file, gzipped or plain: {error}") from error
     if not any(line.strip() for line in lines):
         raise InputError(f"{path}: the file is empty; give a log with laser scans and odometry")

@@ -1,5 +1,6 @@
 """``check``: whether code for a seam keeps to what is agreed, found by running it."""
 
+import ast
 import contextlib
 import tempfile
 from dataclasses import dataclass
@@ -40,6 +41,8 @@ def check(thing: str) -> Checked:
     Raises:
         InputError: there is no such code, or it is for no seam.
     """
+    if thing.endswith(".py"):
+        raise InputError(f"{thing}: which class? {_classes_in(Path(thing))}")
     contract = _contract_of(thing)
     option, name = contract.seam.option, contract.seam.pinned(thing)
     if contract.seam.is_made_here(name):  # it is what all else is measured with
@@ -58,6 +61,29 @@ def check(thing: str) -> Checked:
             "id, the clock or the environment?"
         )
     return Checked(option, name, faults, frame_ms)
+
+
+def _classes_in(path: Path) -> str:
+    """Which names a file of Python offers, without running it. Raises InputError if it cannot be read."""
+    try:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, SyntaxError) as error:
+        raise InputError(f"{path}: cannot be read as Python: {error}") from error
+    names = [
+        node.name
+        for node in tree.body
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_")
+    ]
+    names += [
+        target.id
+        for node in tree.body
+        if isinstance(node, ast.Assign)
+        for target in node.targets
+        if isinstance(target, ast.Name) and not target.id.startswith("_")
+    ]
+    if not names:
+        return "It defines none"
+    return f"It defines {', '.join(names)}: type {path}:{names[0]}"
 
 
 def _contract_of(thing: str) -> Contract:

@@ -4,12 +4,15 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-from midnet_bench.analysis.differences import differences
+from midnet_bench.analysis.differences import WORSE, differences, held_back_notes
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, outlier_notes
-from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.analysis.tables import Cell, Table, signed
+from midnet_bench.analysis.words import in_words, team_in_words
 from midnet_bench.campaign.definition import Definition
+from midnet_bench.campaign.provenance import code_of
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.experiment import Experiment, Measures
 from midnet_bench.experiments.registry import experiment_of, tables_of
@@ -30,8 +33,22 @@ COLUMNS = (
     "setting",
 )
 """of the tables, beside one for each campaign"""
+MOST_SETTINGS = 4
+"""that a line names"""
 MAX_SHOWN = 60
 """characters of a setting's value: an arena taken in from a file is long"""
+
+
+class Comparison(NamedTuple):
+    """Campaigns side by side."""
+
+    experiment: Experiment
+    tables: list[Table]
+    """for files and programs"""
+    lines: list[str]
+    """for a terminal: what was compared"""
+    shown: list[Table]
+    """for a terminal: the differences of each cell"""
 
 
 def compare(
@@ -40,6 +57,17 @@ def compare(
     by: str | None = None,
     baseline: str | None = None,
 ) -> tuple[Experiment, list[Table]]:
+    """The experiment and the tables of :func:`comparison`."""
+    found = comparison(directories, output, by, baseline)
+    return found.experiment, found.tables
+
+
+def comparison(
+    directories: Sequence[str | Path],
+    output: str | Path | None = None,
+    by: str | None = None,
+    baseline: str | None = None,
+) -> Comparison:
     """Two or more campaigns of one experiment, on the seeds that they share with the first.
 
     Args:
@@ -50,8 +78,8 @@ def compare(
         baseline: the value with which the others are compared; the first unless given.
 
     Returns:
-        The experiment, and its tables: those that the experiment adds, ``differences`` (of the main
-        scores) and ``settings`` (which ones differ).
+        Among its tables are those that the experiment adds, ``differences`` (of the main scores) and
+        ``settings`` (which ones differ).
 
     Raises:
         InputError: they are not of one experiment, it has no main scores, one folder is given twice, a
@@ -60,6 +88,10 @@ def compare(
     """
     if by is None and baseline is not None:
         raise InputError(f"compare: --baseline {baseline}: say by --by of which factor")
+    if by is None and len(directories) == 1:
+        factors = load_results(directories[0], tables_of).factors
+        hint = f", or --by {' or --by '.join(factors)}" if factors else ""
+        raise InputError(f"compare: give two or more different folders{hint}")
     campaigns = _load(directories) if by is None else _parts(directories, by, baseline)
     names = list(campaigns)
     kinds = sorted({results.definition.experiment for results in campaigns.values()})
@@ -75,15 +107,105 @@ def compare(
     changes = differences_table(record, measured)
     for name in names[1:]:
         if not any(name in row for row in changes.rows):
-            raise InputError(
-                f"compare: {names[0]} and {name} have no finished trials with a cell and a seed in common"
-            )
-    tables = [*record.comparison_tables(campaigns), changes, settings_table(campaigns)]
+            raise InputError(_nothing_to_pair(campaigns, measured, names[0], name))
+    settings = settings_table(campaigns)
+    tables = [*record.comparison_tables(campaigns), changes, settings]
     if output is not None:
         for table in tables:
             table.write(Path(output))
         write_figures_of(campaigns, Path(output))
-    return record, tables
+    return Comparison(record, tables, *_shown_differences(record, names, changes, campaigns, settings))
+
+
+def _nothing_to_pair(
+    campaigns: Mapping[str, Results], measured: Mapping[str, Measures], first: str, name: str
+) -> str:
+    """Why two campaigns have no trials to compare, and what to run."""
+    seeds = {
+        one: sorted({seed for by_seed in measured[one].values() for seed in by_seed}) for one in (first, name)
+    }
+    if not seeds[first] or not seeds[name]:
+        return f"compare: {name if seeds[first] else first} has no finished trial"
+    if not set(seeds[first]) & set(seeds[name]):
+        both = ", ".join(f"{one} has {_seeds(found)}" for one, found in seeds.items())
+        return f"nothing to pair: {both}; run {name} with --seed {seeds[first][0]}"
+    cells = {one: ", ".join(dict.fromkeys(cell for cell, _ in measured[one]))[:80] for one in (first, name)}
+    return f"nothing to pair: {first} has {cells[first]}; {name} has {cells[name]}"
+
+
+def _seeds(seeds: Sequence[int]) -> str:
+    return f"seed {seeds[0]}" if len(seeds) == 1 else f"seeds {seeds[0]} to {seeds[-1]}"
+
+
+def _shown_differences(
+    record: Experiment,
+    names: Sequence[str],
+    changes: Table,
+    campaigns: Mapping[str, Results],
+    settings: Table,
+) -> tuple[list[str], list[Table]]:
+    """What a terminal shows: lines on what was compared, and a table for each other campaign and cell."""
+    first, *others = names
+    lines: list[str] = []
+    tables: list[Table] = []
+    codes = {name: code_of(results.provenance) for name, results in campaigns.items()}
+    for name in others:
+        if codes[name] != codes[first]:
+            lines.append(f"Different code: {first} was run by {codes[first]}, {name} by {codes[name]}.")
+        rows = [row for row in changes.rows if name in row]
+        seeds = max(int(str(row["seeds"])) for row in rows)
+        shared = f"{seeds} shared seed{'' if seeds == 1 else 's'}"
+        lines.append(f"{name} against {first}: {shared}{_settings_in_words(settings, first, name)}")
+        if _are_the_same(campaigns[first], campaigns[name]):
+            lines.append(f"The trials of {name} and {first} are the same, byte for byte.")
+        for cell in dict.fromkeys(str(row["trial"]) for row in rows):
+            own: list[Mapping[str, Cell]] = [
+                {
+                    "measure": in_words(str(row["measure"])),
+                    first: row[first],
+                    name: row[name],
+                    "difference": signed(row["difference"]),  # type: ignore[arg-type]
+                    "verdict (Holm)": row["verdict"],
+                }
+                for row in rows
+                if row["trial"] == cell
+            ]
+            labels = {"measure": "", first: first, name: name}
+            tables.append(Table(f"differences_{cell}", team_in_words(cell), own, labels=labels))
+    return [*lines, *(note for note in changes.notes)], tables
+
+
+def _settings_in_words(settings: Table, first: str, name: str) -> str:
+    changed = [
+        row
+        for row in settings.rows
+        # of a campaign in parts by a factor, the names of the parts say it
+        if row[first] != row[name] and not name.startswith(f"{row['setting']}=")
+    ]
+    if not changed:
+        return "" if settings.rows else "; no setting differs"
+    texts = [
+        f"{row['setting']} ({row[first]} -> {row[name]})".replace("(not set)", "not set")
+        for row in changed[:MOST_SETTINGS]
+    ]
+    more = len(changed) - len(texts)
+    texts += [f"{more} more (--wide lists them)"] if more else []
+    return f"; settings that differ: {', '.join(texts)}"
+
+
+def _are_the_same(first: Results, other: Results) -> bool:
+    """Whether all tables of both campaigns' trials agree in the seeds that both have."""
+    if set(first.tables) != set(other.tables) or first.factors != other.factors:
+        return False
+    for name in first.tables:
+        one, two = first.tables[name], other.tables[name]
+        if "seed" not in one or "seed" not in two:
+            return False
+        seeds = set(one["seed"]) & set(two["seed"])
+        one, two = (each[each["seed"].isin(seeds)].reset_index(drop=True) for each in (one, two))
+        if not seeds or not one.equals(two):
+            return False
+    return True
 
 
 def worse(experiment: Experiment, tables: Sequence[Table], measure: str) -> list[str]:
@@ -96,10 +218,9 @@ def worse(experiment: Experiment, tables: Sequence[Table], measure: str) -> list
     known = list(dict.fromkeys(str(row["measure"]) for row in rows))
     if measure not in known:
         raise InputError(f"compare: --fail-if-worse {measure}: no such score{nearest_name(measure, known)}")
-    bad = "higher" if experiment.wants_less(measure) else "lower"
     found = []
     for row in rows:
-        if row["measure"] == measure and row["verdict"] == bad:
+        if row["measure"] == measure and row["verdict"] == WORSE:
             (name,) = [key for key in list(row)[3:] if key not in COLUMNS]
             change = row["difference"]
             assert isinstance(change, Estimate)
@@ -127,11 +248,20 @@ def _parts(directories: Sequence[str | Path], by: str, baseline: str | None) -> 
     if baseline is not None:
         # code of one's own has a digest or a version behind it, which nobody wants to type
         alike = [name for name in names if baseline in (name, re.split("[#@]", name)[0])]
+        alike = alike or [name for name in names if _is_number(baseline, name)]
         if len(alike) != 1:
             what = "several values are called so" if alike else "no such value"
             raise InputError(f"compare: --baseline {baseline}: {what} of {by}{nearest_name(baseline, names)}")
         names = [*alike, *(name for name in names if name not in alike)]
     return {f"{by}={name}": parts[name] for name in names}
+
+
+def _is_number(text: str, other: str) -> bool:
+    """Whether both texts are the same number, such as 3 and 3.0."""
+    try:
+        return float(text) == float(other)
+    except ValueError:
+        return False
 
 
 def names_of(directories: Sequence[Path]) -> list[str]:
@@ -174,14 +304,18 @@ def differences_table(record: Experiment, campaigns: Mapping[str, Measures]) -> 
             "seeds": one.seeds,
             "outlier_seed": one.outlier_seed,
             "p_holm": one.p_holm,
-            "verdict": one.verdict,
+            "verdict": one.verdict(record.wants_less(measure)),
         }
         for (name, (cell, measure), *_), one in zip(shared, changes, strict=True)
     ]
     notes = outlier_notes(one.outlier_seed for one in changes)
+    of = {name: f" ({name})" if len(others) > 1 else "" for name, _ in others}
+    places = [f"{cell} {in_words(measure)}{of[name]}" for name, (cell, measure), *_ in shared]
+    notes += held_back_notes(places, changes)
     title = f"Differences from {first_name} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
     bounds = {"difference": ("low", "high", "n")}
-    return Table("differences", title, rows, {"p_holm": 4}, bounds=bounds, notes=notes)
+    labels = {name: name for name in campaigns}
+    return Table("differences", title, rows, {"p_holm": 4}, bounds=bounds, notes=notes, labels=labels)
 
 
 def settings_table(campaigns: Mapping[str, Results]) -> Table:
@@ -193,7 +327,8 @@ def settings_table(campaigns: Mapping[str, Results]) -> Table:
         for key in keys
         if len({_shown(one.get(key, "(not set)")) for one in settings.values()}) > 1
     ]
-    return Table("settings", "Settings that differ" if rows else "No setting differs", rows)
+    title = "Settings that differ" if rows else "No setting differs"
+    return Table("settings", title, rows, labels={name: name for name in campaigns})
 
 
 def _settings(definition: Definition) -> dict[str, object]:

@@ -61,13 +61,21 @@ def explain(directory: str | Path, seed: int, frame: int, where: Sequence[str] =
         raise InputError(f"{directory}: several trials have seed {seed}; name one by --where: {several}")
     if chosen.empty:
         most = int(frames["frame"].max())
-        raise InputError(f"frame: {frame} is out of range; the trial has frames 1 to {most}")
+        raise InputError(f"--frame {frame}: the trial has frames 1 to {most}")
     recorded = RecordedFrame.from_row(records(chosen)[0])
     table = _errors_of(results)
     found = records(table[table["frame"] == frame])
     names = ("kind", "cause", "guard", "intruder")
     rows = [{"line": _sentence(row, recorded), **{name: row[name] for name in names}} for row in found]
     return Table("explanation", _summary(recorded, seed, found), rows)
+
+
+def only_seed(directory: str | Path, where: Sequence[str] = ()) -> int:
+    """The seed of a recorded campaign that has one alone. Raises InputError if there are several."""
+    seeds = sorted(set(_recorded(directory, where).table("frames")["seed"].tolist()))
+    if len(seeds) > 1:
+        raise InputError(f"--frame: which trial? {directory} has seeds {seeds[0]} to {seeds[-1]}; add --seed")
+    return int(seeds[0])
 
 
 def grids(directory: str | Path, seed: int, frame: int, where: Sequence[str], output: Path) -> list[Path]:
@@ -173,7 +181,8 @@ def _recorded(directory: str | Path, where: Sequence[str]) -> Results:
 def _of_seed(results: Results, seed: int) -> Results:
     known = sorted(set(results.table("frames")["seed"].tolist()))
     if seed not in known:
-        raise InputError(f"seed: {seed} was not recorded; {results.directory} has {known[0]} to {known[-1]}")
+        has = f"only seed {known[0]}" if len(known) == 1 else f"seeds {known[0]} to {known[-1]}"
+        raise InputError(f"--seed {seed}: was not recorded; {results.directory} has {has}")
     return results.of_seed(seed)
 
 

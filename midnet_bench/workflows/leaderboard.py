@@ -5,10 +5,11 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from midnet_bench.analysis.differences import Difference, differences
+from midnet_bench.analysis.differences import differences, held_back_notes
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean, outlier_notes
 from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.analysis.words import in_words
 from midnet_bench.campaign.provenance import versions_note
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.experiment import Experiment, Measures
@@ -69,8 +70,12 @@ def _compared(results: Results, of: Sequence[str]) -> list[str]:
     factors = [factor for factor in results.factors if factor in (of or NAMING_CODE)]
     if not factors:
         raise InputError(
-            f"{results.directory}: its grid compares no {', '.join(NAMING_CODE)}; name a factor by --of: "
-            f"{', '.join(results.factors) or 'it has none'}"
+            f"{results.directory}: its grid compares no {', '.join(NAMING_CODE)}; "
+            + (
+                f"name a factor: --of {' or --of '.join(results.factors)}"
+                if results.factors
+                else "it has none"
+            )
         )
     return factors
 
@@ -125,7 +130,7 @@ def _ranking(
                     "seeds": change.seeds,
                     "outlier_seed": change.outlier_seed,
                     "p_holm": change.p_holm,
-                    "verdict": "the first" if who == first else _verdict(change, sign),
+                    "verdict": "the first" if who == first else change.verdict(sign > 0.0),
                     **{
                         score: _mean(record, measured[who], world, score)
                         for score in beside
@@ -138,7 +143,12 @@ def _ranking(
         f"{' + '.join(first)} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
     )
     notes = outlier_notes(one.outlier_seed for one in compared.values())
-    return Table(f"leaderboard_{measure}", title, rows, {"p_holm": 4}, notes=notes)
+    named = [", ".join(filter(None, (" + ".join(who), world))) for world, who in compared]
+    notes += held_back_notes(named, list(compared.values()))
+    labels = {score: in_words(score) for score in (measure, *beside)}
+    others = ("seeds", "p_holm", "outlier_seed", *beside)
+    name = f"leaderboard_{measure}"
+    return Table(name, title, rows, {"p_holm": 4}, notes=notes, labels=labels, beside=others)
 
 
 def _without_repeats(
@@ -159,13 +169,6 @@ def _mean(record: Experiment, measures: Measures, world: str, measure: str) -> E
     return mean(list(measures[world, measure].values()), within=record.range_of(measure))
 
 
-def _verdict(change: Difference, sign: float) -> str:
-    """Better or worse than the first, by the interval and Holm's p."""
-    if change.verdict == "inconclusive":
-        return "inconclusive"
-    return "better" if (change.verdict == "higher") == (sign < 0.0) else "worse"
-
-
 def _page(results: Results, tables: Sequence[Table]) -> str:
     definition = results.definition
     last = definition.base_seed + definition.trials - 1
@@ -173,7 +176,7 @@ def _page(results: Results, tables: Sequence[Table]) -> str:
         f"# Leaderboard: {results.directory.name}",
         "",
         f"Experiment `{definition.experiment}`, seeds {definition.base_seed} to {last}, {results.finished} "
-        "trials finished. Written by `midnet-bench leaderboard`.",
+        "trials finished. Written by `midnet-bench compare --rank`.",
         *versions_note(results.provenance),
         "",
     ]

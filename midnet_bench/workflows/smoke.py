@@ -9,7 +9,13 @@ from pathlib import Path
 from midnet_bench.campaign.provenance import Provenance, collect
 from midnet_bench.errors import InputError
 from midnet_bench.io.files import write_atomically
+from midnet_bench.workflows.shipped import installed, shipped_folder
 
+TABLES = {
+    "smoke-detection": ("scores", "robots"),
+    "smoke-labyrinth": ("trial", "intruders", "robots"),
+}
+"""packaged campaign -> its tables that have committed numbers"""
 PLATFORM = "platform.json"
 SAME_PLATFORM = ("libm", "machine", "processor", "python", "libraries")
 BOUNDS = {
@@ -64,6 +70,40 @@ UNBOUNDED = {
 }
 """columns that say nothing on another platform: single events, and when they happened; what stands in neither
 of the two must be the same on every platform"""
+
+
+def compare_exactly(run: Path, golden: Path | None = None, *, update: bool = False) -> tuple[list[str], str]:
+    """What is off between a campaign's numbers and the committed ones, a line each; and how it was judged.
+
+    Args:
+        run: the campaign's folder.
+        golden: the committed numbers; those of the packaged campaign that the folder is called by unless
+            given.
+        update: make the campaign's numbers the committed ones instead.
+
+    Raises:
+        InputError: there are no such numbers, or an installed package is to be changed.
+    """
+    name = run.resolve().name
+    if golden is None:
+        if name not in TABLES:
+            raise InputError(
+                f"{run}: no numbers are committed for a campaign of this name; give their folder, or run "
+                f"{' or '.join(TABLES)}"
+            )
+        golden = shipped_folder(f"golden/{name}", f"results/reference/smoke/{name}")
+    if update and installed():
+        raise InputError("compare: --update changes the repository's numbers; run it in a checkout")
+    committed = tuple(sorted(path.stem for path in golden.glob("*.csv")))
+    tables = TABLES.get(name, committed)
+    if update:
+        update_golden(run, golden, tables)
+        return [], ""
+    if failures := _rows(run / "failures.csv") if (run / "failures.csv").exists() else []:
+        return [f"{name}: {len(failures)} trials failed"], "and no number was compared"
+    same_platform, off = differences_from_golden(run, golden, tables)
+    how = "compared to the byte" if same_platform else "within another platform's bounds"
+    return [f"{name}: {line}" for line in off], how
 
 
 def update_golden(run: Path, golden: Path, tables: tuple[str, ...]) -> None:

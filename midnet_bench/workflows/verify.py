@@ -51,5 +51,9 @@ def power_report(
     results = load_results(directory, tables_of)
     record = experiment_of(results)
     if record.power is None:
-        raise InputError(f"{directory}: a {record.name} campaign; 'power' works on labyrinth campaigns")
+        raise InputError(f"{directory}: a {record.name} campaign; --difference works on labyrinth campaigns")
+    if results.definition.trials < 2:
+        raise InputError(
+            f"{directory}: one trial per cell shows no spread; --difference needs 2, so --seeds 2"
+        )
     return results.definition.experiment, record.power(results, abs(difference), robots, power)

@@ -262,7 +262,7 @@ def test_more_trials_or_cells_extend_a_campaign(changes: dict[str, object]) -> N
         ({"grid": {"coins": [1, 3]}}, "grid.coins [1, 2] -> [1, 3]"),
         ({"parameters": {"bias": 0.2}}, "bias 0.1 -> 0.2"),
         ({"parameters": {}}, "bias 0.1 -> 0.5"),
-        ({"grid": {"coins": [1, 2], "table": ["wood"]}}, "table wood -> (absent)"),
+        ({"grid": {"coins": [1, 2], "table": ["wood"]}}, "table wood -> (not set)"),
     ],
 )
 def test_anything_else_is_another_campaign(changes: dict[str, object], difference: str) -> None:

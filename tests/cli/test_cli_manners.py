@@ -79,11 +79,8 @@ def test_the_options_help_names_the_defaults_of_the_packaged_campaigns(tmp_path:
         return {**values, **values["grid"], **values.get("parameters", {})}
 
     for name, options in (
-        ("detection", {"robots": "robots", "frames": "frames", "seeds": "trials", "seed": "base_seed"}),
-        (
-            "labyrinth",
-            {"robots": "robots", "intruders": "intruders", "trials": "trials", "seed": "base_seed"},
-        ),
+        ("detection", {"robots": "robots", "frames": "frames", "seeds": "trials"}),
+        ("labyrinth", {"robots": "robots", "intruders": "intruders", "seeds": "trials"}),
     ):
         command = typer.main.get_command(app).commands[name]
         helps = {parameter.name: parameter.help for parameter in command.params}
@@ -91,24 +88,23 @@ def test_the_options_help_names_the_defaults_of_the_packaged_campaigns(tmp_path:
         for option, key in options.items():
             value = values[key]
             said = ",".join(map(str, value)) if isinstance(value, list) else str(value)
-            assert f"(default {said})" in str(helps[option])
+            assert f"{name} {said}" in str(helps[option])
 
 
 def test_a_run_ends_by_naming_its_folder_unless_it_is_quiet_or_prints_json(tmp_path: Path) -> None:
     done = midnet_bench(*TINY, folder=tmp_path)
-    files = sum(path.is_file() for path in (tmp_path / "results").rglob("*"))
-    assert done.stderr.splitlines()[-1] == f"results in results/detection ({files} files)"
-    assert "1-robot" in done.stdout
+    assert done.stderr.splitlines()[-1] == "Open results/detection/report.html"
+    assert "1 robot" in done.stdout
 
     quiet = midnet_bench(*TINY, "-q", folder=tmp_path)
     assert (quiet.stderr, quiet.stdout) == ("", done.stdout)
 
     as_json = midnet_bench(*TINY, "--json", folder=tmp_path)
     json.loads(as_json.stdout)
-    assert "results in" not in as_json.stderr
+    assert "Open" not in as_json.stderr
 
     again = midnet_bench("report", "results/detection", folder=tmp_path)
-    assert again.stderr == f"results in results/detection ({files} files)\n"
+    assert again.stderr == "Open results/detection/report.html\n"
 
 
 def test_verbose_and_the_log_file_tell_each_trial(tmp_path: Path) -> None:
@@ -188,7 +184,7 @@ def test_the_shell_completes_names(tmp_path: Path) -> None:
 
 
 def test_a_long_message_keeps_what_it_is_about_and_what_is_wrong(tmp_path: Path) -> None:
-    complaint = one_line_of_complaint(midnet_bench("campaigns", "--log-file", "x" * 400, folder=tmp_path))
+    complaint = one_line_of_complaint(midnet_bench("run", "--log-file", "x" * 400, folder=tmp_path))
     assert len(complaint) <= 300
     assert complaint.startswith("error: --log-file xxx")
     assert complaint.endswith("xxx: cannot be written: File name too long")

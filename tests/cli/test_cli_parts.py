@@ -224,7 +224,7 @@ def test_a_part_that_is_not_there_is_one_line(
             ("scores.csv", "frames.csv"),
         ),
         (
-            "detection --engine fast --robot robot.py:ROBOT --frames 25 --robots 1 --seeds 6 --jobs 2",
+            "detection --engine fast --robot-model robot.py:ROBOT --frames 25 --robots 1 --seeds 6 --jobs 2",
             ("scores.csv", "frames.csv"),
         ),
         (

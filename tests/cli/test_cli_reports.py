@@ -62,7 +62,7 @@ def detection_store(folder: Path, seeds: range, failure: str | None = None) -> N
 
 def test_what_is_no_campaigns_folder_gets_a_hint(tmp_path: Path, command: Command) -> None:
     detection_store(tmp_path / "one", range(1, 3))
-    for name in ("report", "verify", "power", "compare"):
+    for name in ("report", "verify", "errors", "compare"):
         code, _, (line,) = command(name, "one/campaign.sqlite")
         assert (code, "give the campaign's folder, one" in line) == (2, True), line
         code, _, (line,) = command(name, "two")
@@ -90,7 +90,7 @@ def test_trials_of_two_versions_of_the_code_are_told_by_whatever_reads_them(
 
 def test_two_equal_team_sizes_are_refused(tmp_path: Path, command: Command) -> None:
     detection_store(tmp_path / "one", range(1, 3))
-    code, _, (line,) = command("power", "one", "--robots", 4, 4)
+    code, _, (line,) = command("verify", "one", "--difference", 5, "--robots", "4,4")
     assert (code, "--robots 4 4" in line) == (2, True), line
 
 
@@ -106,7 +106,9 @@ def test_a_comparison_without_a_common_seed_says_so(tmp_path: Path, command: Com
     detection_store(tmp_path / "other", range(3, 5))
     code, out, (line,) = command("compare", "one", "other")
     assert (code, out) == (2, "")
-    assert "seed in common" in line
+    assert line == (
+        "error: nothing to pair: one has seeds 1 to 2, other has seeds 3 to 4; run other with --seed 1"
+    )
 
 
 def test_numbers_that_are_not_defined_are_null_in_json_and_names_stay(

@@ -253,9 +253,9 @@ def _reported(rng: Random | None, folder: Path, name: str) -> Case:
         ("verify", name),
         ("compare", name, original.name),
         ("compare", name, "--by", "robots"),
-        ("power", name, "--robots", "1", "2"),
+        ("verify", name, "--difference", "5", "--robots", "1,2"),
     ]
-    drawn = [("report", name), ("plot", name, "-o", "out"), ("compare", name, original.name, "-o", "out")]
+    drawn = [("report", name), ("report", name, "-o", "out"), ("compare", name, original.name, "-o", "out")]
     return command(*_pick(rng, drawn if kind < DRAWN else lines), writes=writes, good_codes=(0, 3, 4))
 
 
@@ -301,7 +301,6 @@ def _as_json(text: bytes) -> bytes:
 
 _BOUNDED = {name: ("-n",) for name in ("detection", "labyrinth", "run")} | {
     "map": ("--exact", "--exact"),  # an option that lacks its value takes the first
-    "smoke": ("--jobs", "0"),
     "render": ("--frames", "2", "--robots", "1", "--no-clip", "--engine", "fast"),
 }
 """what ends a command line, so that its trials are few or none"""
@@ -312,15 +311,14 @@ _EXAMPLES = [
     ("run", "campaign.yaml", "--set", "engine=fast", "--trials", "2", "--jobs", "1"),
     ("run", "readings", "--backend", "loky", "--seed", "3"),
     ("map", "arena.yaml", "-o", "out"),
-    ("smoke",),
     ("report", "results/labyrinth/campaign.sqlite"),
-    ("plot", "results/detection/campaign.sqlite", "-o", "figures"),
+    ("report", "results/detection/campaign.sqlite", "-o", "figures"),
     ("verify", "results/labyrinth"),
-    ("power", "results/labyrinth", "--difference", "5", "--robots", "1", "2"),
+    ("verify", "results/labyrinth", "--difference", "5", "--robots", "1,2"),
     ("compare", "results/labyrinth", "--by", "robots"),
     ("compare", "results/detection", "results/detection-tables"),
     ("parameters", "detection"),
-    ("campaigns", "--json"),
+    ("run", "--json"),
 ]
 
 

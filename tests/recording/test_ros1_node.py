@@ -146,7 +146,7 @@ def test_a_played_trial_gives_the_detections_of_the_same_messages_offline(
         sys.executable,
         "-m",
         "midnet_bench",
-        "ros1-node",
+        "node",
         *NAMES,
         *renamed,
         "--preset",
@@ -203,7 +203,7 @@ def stamp_of_markers(message: object) -> int:
 @needs_ros
 def test_without_a_master_a_line_says_so(tmp_path: Path) -> None:
     nowhere = {"ROS_MASTER_URI": "http://127.0.0.1:9"}
-    done = in_its_own_process("ros1-node", "guard_1", folder=tmp_path, environment=nowhere)
+    done = in_its_own_process("node", "guard_1", folder=tmp_path, environment=nowhere)
     assert (done.returncode, done.stdout) == (2, "")
     assert "start roscore" in done.stderr
 
@@ -211,7 +211,7 @@ def test_without_a_master_a_line_says_so(tmp_path: Path) -> None:
 def test_without_rospy_a_line_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("midnet_bench.recording.ros1_node.DEBIANS", str(tmp_path))
     monkeypatch.setitem(sys.modules, "rospy", None)
-    assert "python3-rospy" in one_line_of_complaint(midnet_bench("ros1-node", "guard_1", folder=tmp_path))
+    assert "python3-rospy" in one_line_of_complaint(midnet_bench("node", "guard_1", folder=tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -227,4 +227,4 @@ def test_without_rospy_a_line_says_what_to_install(tmp_path: Path, monkeypatch: 
     ],
 )
 def test_what_cannot_be_is_one_line(arguments: tuple[object, ...], named: str, tmp_path: Path) -> None:
-    assert named in one_line_of_complaint(midnet_bench("ros1-node", *arguments, folder=tmp_path))
+    assert named in one_line_of_complaint(midnet_bench("node", *arguments, folder=tmp_path))

@@ -32,7 +32,7 @@ def test_detection_campaigns_are_paired_by_seed(tmp_path: Path) -> None:
     assert rows["precision"]["difference"] == pytest.approx(-0.35 / 3)
     assert rows["precision"]["low"] < -0.2
     assert rows["precision"]["high"] > 0.0
-    assert rows["precision"]["verdict"] == "inconclusive"
+    assert rows["precision"]["verdict"] == "no clear difference"
     assert rows["recall"]["difference"] == 0.0
     assert (math.isnan(rows["f1"]["difference"]), rows["f1"]["n"]) == (True, 0)
     assert (tmp_path / "out" / "differences.md").exists()
@@ -124,14 +124,14 @@ def test_a_baseline_that_is_not_there_is_refused(tmp_path: Path) -> None:
         compare([folder, folder], baseline="4")
 
 
-def test_a_verdict_says_which_campaign_is_higher(tmp_path: Path) -> None:
-    """Recall is 0.5 at every seed of both: no spread, no verdict."""
+def test_a_verdict_says_which_campaign_is_better(tmp_path: Path) -> None:
+    """Recall is 0.5 at every seed of both."""
     seeds = range(1, 11)
     low = one_robot(tmp_path / "low", {seed: 0.5 + 0.01 * (seed % 3) for seed in seeds})
     high = one_robot(tmp_path / "high", {seed: 0.6 + 0.01 * (seed % 4) for seed in seeds})
-    for first, second, verdict in ((low, high, "higher"), (high, low, "lower")):
+    for first, second, verdict in ((low, high, "better"), (high, low, "worse")):
         rows = {row["measure"]: row for row in compared(first, second)["differences"].flat_rows()}
-        assert (rows["precision"]["verdict"], rows["recall"]["verdict"]) == (verdict, "inconclusive")
+        assert (rows["precision"]["verdict"], rows["recall"]["verdict"]) == (verdict, "identical")
         assert 0.0 <= float(rows["precision"]["p_holm"] or 0.0) < 0.001
 
 
@@ -164,7 +164,9 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
 
 def test_nothing_in_common_is_told(tmp_path: Path) -> None:
     first, other = (one_robot(tmp_path / name, {seed: 0.9}) for name, seed in (("first", 1), ("other", 2)))
-    with pytest.raises(InputError, match="first and other have no finished trials with a cell and a seed"):
+    with pytest.raises(
+        InputError, match="nothing to pair: first has seed 1, other has seed 2; run other with --seed 1"
+    ):
         compare([first, other], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

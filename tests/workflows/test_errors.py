@@ -86,13 +86,13 @@ def test_recorded_frames_read_back_to_the_same_row(folder: Path) -> None:
         (["errors", "--where", "robots"], "--where robots: FACTOR=VALUE is needed, such as robots=5"),
         (["errors", "--robots", "3"], "--where robots=3: the grid has no such value"),
         (["errors", "--where", "frames=9"], "has frames=25 alone"),
-        (["errors", "--seed", "9"], "seed: 9 was not recorded"),
-        (["explain", "--seed", "1"], "--seed and --frame are needed"),
+        (["errors", "--seed", "9"], "--seed 9: was not recorded"),
+        (["errors", "--frame", "1"], "--frame: which trial? "),
         (
-            ["explain", "--seed", "1", "--frame", "3"],
+            ["errors", "--seed", "1", "--frame", "3"],
             "several trials have seed 1; name one by --where: robots=1 or",
         ),
-        (["explain", "--seed", "1", "--frame", "26", "--where", "robots=1"], "the trial has frames 1 to 25"),
+        (["errors", "--seed", "1", "--frame", "26", "--where", "robots=1"], "the trial has frames 1 to 25"),
     ],
 )
 def test_wrong_questions_are_answered_in_one_line(folder: Path, arguments: list[str], said: str) -> None:
@@ -118,7 +118,7 @@ def test_a_labyrinth_has_a_player_and_no_causes(tmp_path: Path) -> None:
 
 def test_the_grids_of_a_frame_are_drawn_from_the_same_trial(folder: Path, tmp_path: Path) -> None:
     frame = ["--robots", "1", "--seed", "2", "--frame", "4"]
-    done = midnet_bench("explain", folder, *frame, "--grids", "drawn", folder=tmp_path)
+    done = midnet_bench("errors", folder, *frame, "--grids", "drawn", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     names = ["arena.png", "detections.png", "grids.png"]
     assert sorted(path.name for path in (tmp_path / "drawn").iterdir()) == names
@@ -128,10 +128,10 @@ def test_the_grids_of_a_frame_are_drawn_from_the_same_trial(folder: Path, tmp_pa
         assert (tmp_path / "drawn" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
 
 
-def test_both_commands_print_json(folder: Path) -> None:
+def test_causes_and_one_frame_print_json(folder: Path) -> None:
     for options in (
         ["errors"],
-        ["explain", "--robots", "5", "--where", "frames=25", "--seed", "1", "--frame", "1"],
+        ["errors", "--robots", "5", "--where", "frames=25", "--seed", "1", "--frame", "1"],
     ):
         command, *rest = options
         done = midnet_bench(command, folder, *rest, "--json", folder=folder)

@@ -53,12 +53,17 @@ def test_the_best_comes_first_and_differences_are_from_the_first_of_the_grid() -
     assert [(row["detector"], row["fusion"], row["verdict"]) for row in by_f1.rows] == [
         ("mine", "paper", "better"),
         ("midnet", "paper", "the first"),
-        ("mine", "none", "inconclusive"),
+        ("mine", "none", "no clear difference"),
         ("midnet", "none", "worse"),
     ]
     assert [row["rank"] for row in by_f1.rows] == [1, 2, 3, 4]
     # gospa falls with each hit, so the same order comes out of the lowest first
-    assert [row["verdict"] for row in by_gospa.rows] == ["better", "the first", "inconclusive", "worse"]
+    assert [row["verdict"] for row in by_gospa.rows] == [
+        "better",
+        "the first",
+        "no clear difference",
+        "worse",
+    ]
     best = by_gospa.rows[0]["difference"]
     assert best.value == pytest.approx(-2.0, abs=0.2)  # type: ignore[union-attr]
 

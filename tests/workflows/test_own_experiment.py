@@ -108,7 +108,7 @@ def test_an_experiment_in_its_own_file_runs_reports_plots_and_verifies(project: 
     first = {path.name: path.read_bytes() for path in results.iterdir() if path.suffix != ".sqlite"}
     assert midnet_bench("report", results, folder=Path("/")).returncode == 0
     assert {path.name: path.read_bytes() for path in results.iterdir() if path.suffix != ".sqlite"} == first
-    drawn = midnet_bench("plot", results, "-o", project / "figures", folder=project)
+    drawn = midnet_bench("report", results, "-o", project / "figures", folder=project)
     assert (drawn.returncode, len(drawn.stdout.split())) == (0, 2)
     verified = midnet_bench("verify", results, "--json", folder=project)
     assert verified.returncode == 0, verified.stderr

@@ -387,7 +387,7 @@ def test_questions_that_make_no_sense_are_one_line(
 
 
 def test_power_is_about_labyrinths(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="a detection campaign; 'power' works on labyrinth"):
+    with pytest.raises(InputError, match="a detection campaign; --difference works on labyrinth"):
         power_report(detection_campaign(tmp_path, {1: (0.9, 0.9, 0.9)}), 5.0)
 
 

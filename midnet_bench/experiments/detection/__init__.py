@@ -17,6 +17,7 @@ DETECTION = Experiment(
     columns=columns.DETECTION,
     tables=later("midnet_bench.experiments.detection.tables:tables"),
     printed=("detection_summary", "detection_counting", "detection_matching", "metrics_summary"),
+    headline=later("midnet_bench.experiments.detection.headline:headline"),
     claims=later("midnet_bench.experiments.detection.claims:claims"),
     measures=later("midnet_bench.experiments.detection.tables:measures"),
     recordings=later("midnet_bench.experiments.guarded.recordings:recordings"),

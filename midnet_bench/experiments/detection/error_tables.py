@@ -57,7 +57,8 @@ def causes_table(results: Results, errors: pd.DataFrame) -> Table:
         unexplained = int((own["cause"] == UNEXPLAINED).sum())
         notes.append(f"{cell}: {unexplained} of {len(own)} errors ({unexplained / len(own):.1%}) unexplained")
     title = f"Causes of errors, by one-to-one matching ({statistics.MEAN_METHOD}, over seeds)"
-    return Table(CAUSES, title, rows, {"share": 3, "mean_share": 3}, notes=notes)
+    digits = {"share": 3, "mean_share": 3}
+    return Table(CAUSES, title, rows, digits, notes=notes, beside=("meaning", "paper_errors", "mean_share"))
 
 
 class Error(NamedTuple):
@@ -104,7 +105,7 @@ def counterfactuals_table(results: Results, errors: pd.DataFrame) -> Table:
                 rows.append({**row, "new_errors": new} if cause == "all errors" else row)
     title = "Counterfactuals: the same scenes, with one cause of errors taken away"
     digits = {"attributed_share": 3, "removed_share": 3}
-    return Table(COUNTERFACTUALS, title, rows, digits)
+    return Table(COUNTERFACTUALS, title, rows, digits, beside=("new_errors", "attributed_share"))
 
 
 def by_frame(errors: pd.DataFrame) -> dict[tuple[int, int], list[Error]]:

@@ -9,6 +9,7 @@ import pandas as pd
 from midnet_bench.analysis import statistics
 from midnet_bench.analysis.frames import Results, records
 from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.analysis.words import team_in_words
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.experiments.detection.counting import (
     PAPER,
@@ -26,6 +27,9 @@ from midnet_bench.scoring.frame_counts import Ratios, ratios
 
 BESIDE = ("f1_one_to_one", "gospa_per_frame_m")
 """measures that the paper does not have"""
+SHOWN = (*SCORES, "f1_one_to_one")
+HEADS = {"trial": "", "source": "", "f1": "F1", "f1_one_to_one": "F1 one-to-one"}
+"""the scores that a reader sees first, and what stands above them"""
 MANY_DUPLICATES = 0.05
 """share of the true positives from which a note says so"""
 
@@ -35,6 +39,7 @@ def tables(results: Results) -> list[Table]:
     cells = cells_of(results)
     return [
         summary_table(cells, window_notes(results.definition)),
+        table_to_paste(cells, results.definition.parameters.get("arena", "map1") == "map1"),
         scores_table(cells),
         matching_table(cells),
         comparison_table(cells),
@@ -105,6 +110,19 @@ def summary_table(cells: Cells, notes: Sequence[str] = ()) -> Table:
     both = ", ours and the paper's" if PAPER.keys() & cells.keys() else ""
     title = f"Detection scores{both} ({statistics.MEAN_METHOD}, over seeds)"
     return Table("detection_summary", title, rows, {"collisions_per_trial": 2}, notes=notes)
+
+
+def table_to_paste(cells: Cells, is_papers_arena: bool) -> Table:
+    """``detection_table``: ours with intervals and the paper's row, for a paper (LaTeX) or a page."""
+    rows: list[Mapping[str, Cell]] = []
+    for name, cell in cells.items():
+        means = {score: score_over_seeds(cell, score) for score in SHOWN}
+        rows.append({"trial": team_in_words(name), "source": "ours", "seeds": len(cell), **means})
+        if name in PAPER and is_papers_arena:
+            printed = {score: PAPER[name][score] for score in SCORES}
+            rows.append({"trial": "", "source": "paper", **printed})
+    title = "Detection scores, means over seeds with 95 % t intervals"
+    return Table("detection_table", title, rows, labels=HEADS)
 
 
 def _note_on_duplicates(name: str, cell: pd.DataFrame) -> list[str]:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
-from midnet_bench.arena.free_space import FreeSpace, free_space
+from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, FreeSpace, free_space
 from midnet_bench.arena.layout import place
 from midnet_bench.assembly.detector_node import DetectorNode, Sight, detector_nodes
 from midnet_bench.campaign.trial import Row
@@ -34,8 +34,6 @@ from midnet_bench.scoring.metric import MetricFrame
 
 FRAME_HZ = 5
 """One MIDNet frame per LiDAR period (items 9, 42)."""
-GOAL_CLEARANCE_M = 0.4
-"""From a mobile intruder's goal to walls and stationary intruders (item 49), or the robot's own reach."""
 
 
 class GuardedArena(RobotTrial):

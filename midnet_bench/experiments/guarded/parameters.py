@@ -132,7 +132,7 @@ class GuardParameters(Parameters):
     record: bool = option(
         False,
         "Keep every frame's boxes, poses and scans, and the cause of each error; with an oracle the errors "
-        "alone. 'errors', 'explain' and the player of 'report' read them.",
+        "alone. 'errors' and the player of 'report' read them.",
         source="ours: off, an output",
     )
     resolution_m: float = option(

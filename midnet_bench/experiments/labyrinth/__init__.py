@@ -15,6 +15,7 @@ LABYRINTH = Experiment(
     columns=columns.LABYRINTH,
     tables=later("midnet_bench.experiments.labyrinth.tables:tables"),
     printed=("success_rate", "labyrinth_health", "labyrinth_speed", "metrics_summary"),
+    headline=later("midnet_bench.experiments.labyrinth.headline:headline"),
     claims=later("midnet_bench.experiments.labyrinth.tables:claims"),
     measures=later("midnet_bench.experiments.labyrinth.tables:measures"),
     recordings=later("midnet_bench.experiments.labyrinth.recordings:recordings"),

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Self
 
 from midnet_bench.agents.settings import PursuitSettings
-from midnet_bench.arena.free_space import doors
+from midnet_bench.arena.arena import Arena
+from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, doors, widest_pair_m
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.inputs import arena_from
 from midnet_bench.experiments.guarded.parameters import GuardParameters
@@ -113,6 +114,21 @@ class LabyrinthParameters(GuardParameters):
         """See :class:`Parameters`: each robot costs time, and more intruders take longer to catch."""
         return (self.robots + self.intruders) * math.sqrt(self.intruders)
 
+    def _check_size(self, arena: Arena) -> None:
+        """Refuse an arena in which no escape can be far enough from any start. Raises InputError."""
+        usual = type(self)()
+        if self.arena == usual.arena and self.escape_distance_m <= usual.escape_distance_m:
+            return  # known to be large enough, and to look takes a while
+        clearance_m = max(GOAL_CLEARANCE_M, self.simulation.robot_model.footprint_reach_m)
+        widest_m = widest_pair_m(arena, clearance_m)
+        if widest_m < self.escape_distance_m:
+            name = arena.name if self.arena.startswith("{") else self.arena
+            raise InputError(
+                f"{name} cannot hold the labyrinth test: no two free points are {self.escape_distance_m:g} m "
+                f"apart (the widest pair is {widest_m:.1f} m); set escape_distance_m below "
+                f"{math.floor(widest_m)}"
+            )
+
     def with_files_read(self) -> Self:
         """See :class:`Parameters`; the arena has doors if intruders escape by them."""
         read = super().with_files_read()
@@ -123,4 +139,6 @@ class LabyrinthParameters(GuardParameters):
             )
         if read.escape_at == "doors":
             doors(arena_from(read.arena))
+        else:
+            self._check_size(arena_from(read.arena))
         return replace(read, pursuit=replace(read.pursuit, rule=PURSUITS.pinned(read.pursuit.rule)))

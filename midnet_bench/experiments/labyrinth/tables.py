@@ -60,7 +60,7 @@ def success_table(variants: Variants, name: str = "success_rate") -> Table:
             rows.append({**_named(variants, variant), **place, **rates, "n": least})
     title = f"Success rate, percent ({SHARE_METHOD}, over trials)"
     robots = {column: 1 for row in rows for column in row if column.endswith(("robot", "robots"))}
-    return Table(name, title, rows, robots)
+    return Table(name, title, rows, robots, beside=("n",))
 
 
 def cells_table(variants: Variants) -> Table:
@@ -90,6 +90,7 @@ def cells_table(variants: Variants) -> Table:
         f"Labyrinth cells ({SHARE_METHOD}; of times: Student's t, corrected for skewness)",
         rows,
         digits,
+        beside=("ghost_targets", "detected_not_caught", "time_to_detect_s"),
     )
 
 
@@ -105,7 +106,8 @@ def health_table(variants: Variants) -> Table:
                     rows.append({**place, **_health(robots)})
     digits = {"goals_reached": 2, "goals_given_up": 2, "recoveries": 2, "metres_per_minute": 1}
     digits |= {"stuck_percent": 1, "most_stuck_percent": 1}
-    return Table("labyrinth_health", "Health of the robots", rows, digits)
+    beside = ("recoveries", "walls_crossed", "robot_trials", "goals_given_up", "most_stuck_percent")
+    return Table("labyrinth_health", "Health of the robots", rows, digits, beside=beside)
 
 
 def _health(robots: pd.DataFrame) -> dict[str, Cell]:
@@ -143,7 +145,7 @@ def speed_table(variants: Variants) -> Table:
             }
         )
     digits = {"simulated_s": 0, "wall_s": 0, "real_time_factor": 1, "paper": 2}
-    return Table("labyrinth_speed", "Speed of one worker", rows, digits)
+    return Table("labyrinth_speed", "Speed of one worker", rows, digits, beside=("wall_s", "simulated_s"))
 
 
 def comparison_tables(campaigns: Mapping[str, Results]) -> list[Table]:
@@ -246,7 +248,8 @@ def power_table(results: Results, difference: float, robots: tuple[int, int], po
         f" (two-sided {ALPHA:.0%}, power {power:.0%})"
     )
     digits = {"sd": 1, "sd_paired": 1, "trials_needed": 0, "pairs_needed": 0, "mde": 1, "mde_paired": 1}
-    return Table("sample_size", title, rows, digits, notes=pilot_note(pilots, difference, power))
+    notes = pilot_note(pilots, difference, power)
+    return Table("sample_size", title, rows, digits, notes=notes, beside=("sd", "sd_paired"))
 
 
 def _named(variants: Variants, name: str) -> dict[str, Cell]:

@@ -91,7 +91,8 @@ def teams_table(maps: Maps) -> Table:
                 }
             )
     title = f"What explorers cover and what it takes ({MEAN_METHOD}, over seeds)"
-    return Table("mapping", title, rows, {"covered_percent": 2, "time_s": 1, "distance_m": 1})
+    digits = {"covered_percent": 2, "time_s": 1, "distance_m": 1}
+    return Table("mapping", title, rows, digits, beside=("distance_m", "finished", "trials"))
 
 
 def walls_table(maps: Maps) -> Table:
@@ -205,7 +206,8 @@ def health_table(robots: Maps) -> Table:
             row["most_pose_error_m"] = max(team["pose_error_m"])
             row |= {name: int(sum(team[name])) for name in COUNTED}
             rows.append(row)
-    return Table("mapping_health", "How the explorers fared", rows, {"distance_m": 1, "stuck_s": 1})
+    digits = {"distance_m": 1, "stuck_s": 1}
+    return Table("mapping_health", "How the explorers fared", rows, digits, beside=(*COUNTED, "robot_trials"))
 
 
 def mean_of(trials: pd.DataFrame, measure: str) -> Estimate:

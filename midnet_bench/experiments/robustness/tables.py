@@ -85,7 +85,7 @@ def differences_table(scores: Scores) -> Table:
             "seeds": one.seeds,
             "outlier_seed": one.outlier_seed,
             "p_holm": one.p_holm,
-            "verdict": one.verdict,
+            "verdict": one.verdict(),
         }
         for (team, name, measure), one in zip(places, changes, strict=True)
     ]
@@ -93,4 +93,6 @@ def differences_table(scores: Scores) -> Table:
     title = f"Differences from undisturbed trials on the same seeds ({how})"
     notes = statistics.outlier_notes(one.outlier_seed for one in changes)
     bounds = {"difference": ("low", "high", "n")}
-    return Table("robustness_differences", title, rows, {"p_holm": 4}, bounds=bounds, notes=notes)
+    others = ("seeds", "p_holm", "outlier_seed", "disturbed", "undisturbed")
+    name = "robustness_differences"
+    return Table(name, title, rows, {"p_holm": 4}, bounds=bounds, notes=notes, beside=others)

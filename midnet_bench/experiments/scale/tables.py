@@ -32,7 +32,15 @@ def tables(results: Results) -> list[Table]:
         per_frame = sum(cell["found"]) / sum(cell["frames"])
         rows.append({"trial": name, "seeds": len(cell), "found_per_frame": per_frame, **scores})
     title = f"Fusion of large teams ({statistics.MEAN_METHOD}, over seeds)"
-    return [Table("scale", title, rows, {"found_per_frame": 1})]
+    return [
+        Table(
+            "scale",
+            title,
+            rows,
+            {"found_per_frame": 1},
+            beside=("seeds", "found_per_frame", "overlapping_share", "gospa_per_intruder_m"),
+        )
+    ]
 
 
 def measures(results: Results) -> Measures:

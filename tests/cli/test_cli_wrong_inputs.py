@@ -1,0 +1,130 @@
+"""What a user is likely to mistype, each answered in one line that says what to type instead."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.cli.command import midnet_bench, one_line_of_complaint
+from tests.stores import detection_store, labyrinth_store
+
+TWO_CLASSES = "class Mine:\n    pass\n\n\nclass Helper:\n    pass\n"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("wrong")
+    row = (0.9, 0.5, 0.6)
+    detection_store(place / "results" / "detection", {1: dict.fromkeys(range(101, 121), row)})
+    detection_store(place / "results" / "mine", {1: {1: row}})
+    detection_store(place / "results" / "teams", {1: {1: row}, 5: {1: row}})
+    (place / "results" / "one-trial").mkdir()
+    grid = {"intruders": [1], "robots": [4, 5]}
+    labyrinth_store(
+        place / "results" / "one-trial" / "campaign.sqlite",
+        lambda i, r, s: 1,
+        seeds=1,
+        grid=grid,  # type: ignore[arg-type]
+    ).close()
+    (place / "mine.py").write_text(TWO_CLASSES)
+    (place / "empty.py").write_text("x = [\n")
+    (place / "plan.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
+    return place
+
+
+WRONG: list[tuple[str, str]] = [
+    ("detection --robots 0", "--robots 0: must be 1 to 20"),
+    ("detection --robots 99", "--robots 99: must be 1 to 20"),
+    ("labyrinth --robots 2,0", "--robots 0: must be 1 to 20"),
+    ("run labyrinth --robots 99", "--robots 99: must be 1 to 20"),
+    ("detection --robots one", "--robots one: whole numbers are needed, such as 2 or 1,2,5"),
+    ("detection --robots 1,", "--robots 1,: whole numbers are needed, such as 2 or 1,2,5"),
+    ("detection --robots 1.5", "--robots 1.5: whole numbers are needed, such as 2 or 1,2,5"),
+    ("detection --frames 0", "--frames 0: must be 1 to 1000000"),
+    ("detection --frames abc", "--frames abc: whole numbers are needed, such as 2 or 1,2,5"),
+    ("detection --intruders -1", "--intruders -1: must be 0 to 100"),
+    ("labyrinth --intruders 0", "--intruders 0: must be 1 to 20"),
+    ("labyrinth --frames 20", "--frames does not go with 'labyrinth', which has no such parameter"),
+    ("detection --pursuit nearest", "--pursuit does not go with 'detection', which has no such parameter"),
+    ("detection --set thresh_local=200", "--set thresh_local=200: must be 1 to 100"),
+    ("detection --set local_size_m=3,500", "--set local_size_m=500: must be "),
+    ("detection --set thresh_locl=9", "thresh_locl: unknown key; did you mean 'thresh_local'?"),
+    ("detection --set thresh_local", "--set thresh_local: expected key=value"),
+    ("detection --set seed=4", "give it by --seed"),
+    ("detection --robots 1 --set robots=2", "give it once"),
+    ("detection --seeds 0", "--seeds: must be at least 1"),
+    ("detection --robot waffle", "--robot: now --robot-model"),
+    ("detection --seed abc", "--seed: a whole number is needed"),
+    ("detection --jobs 0", "--jobs: must be at least 1"),
+    ("render --speed fast", "--speed: a number is needed"),
+    ("detection --sedes 3", "No such option: --sedes"),
+    ("detection --preset nearest", "'nearest' is not one of 'paper', 'best'"),
+    ("detection --arena map9", "no arena is called 'map9'; did you mean 'map2'?"),
+    ("detection --engine fst", "did you mean 'fast'?"),
+    ("detection --detector midnt", "did you mean 'midnet'?"),
+    ("detection --detector mine.py", "mine.py"),
+    ("detection --detector mine.py:Yours", "mine.py:Yours"),
+    ("detection --map absent.yaml", "absent.yaml"),
+    ("detection -q -v", "--quiet and --verbose"),
+    ("detect", "Did you mean 'detection'?"),
+    ("labyrinth --arena map1", "map1 cannot hold the labyrinth test: no two free points are 12 m apart"),
+    ("labyrinth --arena map1", "(the widest pair is 7.1 m); set escape_distance_m below 7"),
+    ("labyrinth --set escape_distance_m=40", "map2 cannot hold the labyrinth test"),
+    ("run absent.yaml", "absent.yaml: there is no such file"),
+    ("run reading", "did you mean 'readings'?"),
+    ("check mine.py", "mine.py: which class? It defines Mine, Helper: type mine.py:Mine"),
+    ("check absent.py", "absent.py: cannot be read as Python"),
+    ("check empty.py", "empty.py: cannot be read as Python"),
+    ("check midnt", "did you mean 'midnet'?"),
+    ("map --from-log plan.png", "plan.png: this is an image, not a log"),
+    ("map map1 --from-log plan.png", "give either an arena"),
+    ("map map1 --slam graph", "--slam graph maps recorded logs only"),
+    ("report results/absent", "there is no such folder"),
+    ("report results/detection/campaign.sqlite", "give the campaign's folder"),
+    ("report results/teams --y f1", "--y f1: say by --x"),
+    ("report results/teams --x robot", "did you mean 'robots'?"),
+    ("report results/teams --x robots --format gif", "figure format 'gif': use png, svg, pdf"),
+    ("report results/teams --x robots --format png -o f1.pdf", "--format png is another format"),
+    ("compare results/teams", "give two or more different folders, or --by robots"),
+    ("compare results/teams --by robot", "did you mean 'robots'?"),
+    ("compare results/teams --by robots --baseline 3", "--baseline 3: no such value of robots"),
+    (
+        "compare results/detection results/mine",
+        "nothing to pair: detection has seeds 101 to 120, mine has seed 1; run mine with --seed 101",
+    ),
+    ("compare --rank results/teams", "name a factor: --of robots"),
+    ("compare --rank results/teams results/mine", "--rank ranks one campaign"),
+    ("compare --exact results/mine", "no numbers are committed for a campaign of this name"),
+    ("verify results/one-trial --difference 5", "--difference needs 2, so --seeds 2"),
+    ("verify results/one-trial --difference 5 --robots 4", "give two team sizes, such as 4,5"),
+    ("verify results/one-trial --robots 4,5", "--robots and --power go with --difference"),
+    ("verify results/mine --difference 5", "--difference works on labyrinth campaigns"),
+    ("errors results/mine", "run them with --record"),
+    ("errors results/mine --grids out", "--grids draws one frame; give --frame"),
+    ("render labyrinth --frames 20", "--frames does not go with 'labyrinth'"),
+    ("render --robots 0", "--robots 0: must be 1 to 20"),
+    ("export detection --frames 0", "--frames 0: must be 1 to 1000000"),
+    ("node guard_1 --ros 2", "--ros: '2' is not one of '1'"),
+    ("parameters thresh_locl", "did you mean 'thresh_local'?"),
+]
+
+
+@pytest.mark.parametrize(("line", "said"), WRONG, ids=lambda one: str(one)[:60])
+def test_a_wrong_input_is_answered_in_one_line(line: str, said: str, folder: Path) -> None:
+    complaint = one_line_of_complaint(midnet_bench(*line.split(), folder=folder))
+    assert said in complaint
+    assert complaint.startswith("error: ")
+    assert "Input should be" not in complaint
+
+
+def test_a_number_is_a_baseline_however_it_is_written(tmp_path: Path) -> None:
+    detection_store(tmp_path / "teams", {1: {1: (0.9, 0.5, 0.6)}, 5: {1: (0.9, 0.5, 0.6)}})
+    done = midnet_bench("compare", "teams", "--by", "robots", "--baseline", "5.0", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "robots=1 against robots=5" in done.stdout
+
+
+def test_one_figure_goes_into_the_file_that_is_named(folder: Path) -> None:
+    line = "report results/teams --x robots --y f1 -o out/f1.pdf"
+    done = midnet_bench(*line.split(), folder=folder)
+    assert (done.returncode, done.stdout) == (0, "out/f1.pdf\n"), done.stderr
+    assert (folder / "out" / "f1.pdf").read_bytes().startswith(b"%PDF-")
