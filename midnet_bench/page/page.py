@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
-from midnet_bench.drawing import palette
+from midnet_bench.drawing import palette, signs
 from midnet_bench.page.funnel import MEANINGS, Funnel
 from midnet_bench.page.recording import COLUMNS, SCAN_COLUMNS, Recording, packed
 
@@ -39,8 +39,10 @@ LIGHT = {
     "guard-faint": palette.GUARD_FAINT,
     "intruder": palette.INTRUDER,
     "intruder-faint": palette.INTRUDER_FAINT,
+    "guard-range": palette.GUARD_RANGE,
     "detection": palette.DETECTION,
     "false-detection": palette.FALSE_DETECTION,
+    "missed": palette.MISSED,
 }
 DARK = {
     **LIGHT,
@@ -61,7 +63,9 @@ DARK = {
     "intruder": (240, 130, 50),
     "intruder-faint": (112, 66, 34),
     "detection": (30, 190, 145),
+    "guard-range": (38, 84, 112),
     "false-detection": (226, 120, 196),
+    "missed": (255, 255, 255),
 }
 """the same hues on a dark ground: each colour keeps its meaning"""
 
@@ -77,13 +81,28 @@ class Layer(NamedTuple):
 
 LAYERS = (
     Layer("boxes", "boxes and errors", "color: var(--detection)", True),
+    Layer("window", "local costmaps, LiDAR range", "color: var(--guard); border-width: 1px", True),
     Layer("found", "boxes before fusion", "color: var(--faint-ink)", False),
     Layer("truth", "true boxes", "color: var(--intruder)", True),
     Layer("scans", "scans", "color: var(--guard-faint); border-style: dotted", True),
     Layer("believed", "where guards take themselves to be", "color: var(--ink); border-style: dashed", True),
     Layer("goals", "goals, pursuits", "color: var(--guard); border-width: 2px 0 0", True),
-    Layer("names", "names and causes", "border: 0", True),
+    Layer("names", "numbers and causes", "color: var(--ink); border-width: 0 0 2px", True),
 )
+
+
+LEGEND = (
+    (signs.TRUE_POSITIVE, '<rect class="box" x="3" y="3" width="14" height="14"/>'),
+    (signs.DUPLICATE, '<rect class="box dashed" x="3" y="3" width="14" height="14"/>'),
+    (signs.FALSE_POSITIVE, '<path class="false" d="M3 3h14v14h-14zM3 3l14 14M17 3l-14 14"/>'),
+    (
+        signs.MISS,
+        '<path class="missed" d="M3 10v7h6M11 17h6v-6M17 9v-6h-6"/><circle class="disc" cx="4" cy="4" r="4"/>'
+        '<path class="mark" d="M4 1.5v3M4 5.6v1"/>',
+    ),
+    (signs.NO_ERROR, '<circle class="ring" cx="10" cy="10" r="7"/>'),
+)
+"""words and an SVG of 20 by 20 for each sign, those of the pictures"""
 
 
 class Picture(NamedTuple):
@@ -232,6 +251,7 @@ def _player(kept: Sequence[_Packed], with_scans: set[int], recorded: int) -> dic
         "head": htmlsafe_json_dumps(head, separators=(",", ":")),
         "data": list(data.items()),
         "layers": LAYERS,
+        "legend": LEGEND,
         "left_out": f"To keep the page below 10 MB: {told}." if told else "",
     }
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.drawing.scene import Detection, Floats, FloorPlan, Robot, Scene, Setup, Truth
+from midnet_bench.elementary import directions
 from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
 from midnet_bench.geometry import Pose2D
 from midnet_bench.midnet.pipeline import Frame
@@ -79,8 +80,7 @@ def _returns(guard: Guard, trial: GuardedArena) -> Floats:
         return np.empty((0, 2))
     ranges_m = np.asarray(scan.ranges_m)
     usable = (ranges_m > 0.0) & (ranges_m <= trial.parameters.costmap.obstacle_range_m)
-    angles = np.asarray(scan.lidar.angles_rad)[usable]
-    ends = ranges_m[usable, None] * np.stack((np.cos(angles), np.sin(angles)), axis=1)
+    ends = ranges_m[usable, None] * directions(np.asarray(scan.lidar.angles_rad)[usable])
     return scan.pose.compose(scan.lidar.mount).transform(ends)
 
 
