@@ -78,11 +78,14 @@ def plot(
             help="Which score, such as f1, or another column (default the main scores).",
         ),
     ] = None,
+    formats: Annotated[
+        str, typer.Option(metavar="NAME,NAME", help="Formats of the files: png, svg, pdf.")
+    ] = "png,svg",
 ) -> None:
-    """Draw a campaign's figures as PNG and SVG from the stored trials, without simulating."""
+    """Draw a campaign's figures as PNG, SVG or PDF from the stored trials, without simulating."""
     from midnet_bench.workflows.report import plot as draw
 
-    for file in draw(directory, output, x, y):
+    for file in draw(directory, output, x, y, [name.strip() for name in formats.split(",")]):
         typer.echo(file)
 
 

@@ -18,9 +18,18 @@ from matplotlib.ticker import MaxNLocator
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.drawing.plots import own_style
+from midnet_bench.errors import InputError
 
 DPI = 200
 FONT_PT = 9
+METADATA: Mapping[str, dict[str, None]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None},
+    "pdf": {"CreationDate": None},
+}
+"""format of a figure -> what is left out of its file, or its bytes would differ"""
+FORMATS = ("png", "svg")
+"""written unless others are asked for"""
 
 
 class Style(NamedTuple):
@@ -69,7 +78,13 @@ def add_estimates(
     )
 
 
-def add_series(axes: Axes, series: Mapping[str, Mapping[int, Estimate]], dodge: float, x_label: str) -> None:
+def add_series(
+    axes: Axes,
+    series: Mapping[str, Mapping[int, Estimate]],
+    dodge: float,
+    x_label: str,
+    styles: Sequence[Style] = STYLES,
+) -> None:
     """A line for each series over whole numbers along x.
 
     Args:
@@ -77,8 +92,9 @@ def add_series(axes: Axes, series: Mapping[str, Mapping[int, Estimate]], dodge: 
         series: label -> x -> what is drawn there.
         dodge: between neighbouring series along x, so that intervals do not cover each other.
         x_label: of the axis.
+        styles: of the series, in turn.
     """
-    for place, ((label, points), style) in enumerate(zip(series.items(), cycle(STYLES))):
+    for place, ((label, points), style) in enumerate(zip(series.items(), cycle(styles))):
         shift = dodge * (place - (len(series) - 1) / 2)
         add_estimates(axes, [x + shift for x in points], list(points.values()), style, label)
     axes.set_xlabel(x_label)
@@ -124,6 +140,14 @@ def drawn_data(name: str, figure: Figure) -> Table:
     return Table(f"{name}_data", f"Data of {name}", rows)
 
 
+def counted(estimates: Sequence[Estimate]) -> str:
+    """``20 trials`` or ``3 to 20 trials``: how many stand behind the points of a figure."""
+    counts = sorted({estimate.n for estimate in estimates})
+    if counts == [1]:
+        return "1 trial"
+    return f"{' to '.join(map(str, sorted({counts[0], counts[-1]})))} trials"
+
+
 def labelled(axes: Axes) -> tuple[list[Artist], list[str]]:
     """The handles and labels of a legend."""
     handles, labels = axes.get_legend_handles_labels()
@@ -131,13 +155,23 @@ def labelled(axes: Axes) -> tuple[list[Artist], list[str]]:
 
 
 @own_style()
-def chart_files(figure: Figure) -> dict[str, bytes]:
-    """The figure's files by ending, PNG and SVG; the same figure gives the same bytes."""
+def chart_files(figure: Figure, formats: Sequence[str] = FORMATS) -> dict[str, bytes]:
+    """The figure's files by ending; the same figure gives the same bytes.
+
+    Args:
+        figure: to be written.
+        formats: of ``METADATA``.
+
+    Raises:
+        InputError: there is no such format.
+    """
+    if unknown := [one for one in formats if one not in METADATA]:
+        raise InputError(f"figure format '{unknown[0]}': use {', '.join(METADATA)}")
     files = {}
-    # without a salt the ids in an SVG are random
-    with rc_context({"svg.hashsalt": "midnet-bench"}):
-        for ending, metadata in ((".png", {"Software": None}), (".svg", {"Date": None})):
+    # without a salt the ids in an SVG are random; type 42 keeps a PDF's text selectable
+    with rc_context({"svg.hashsalt": "midnet-bench", "pdf.fonttype": 42}):
+        for name in formats:
             buffer = io.BytesIO()
-            figure.savefig(buffer, format=ending[1:], dpi=DPI, metadata=metadata)
-            files[ending] = buffer.getvalue()
+            figure.savefig(buffer, format=name, dpi=DPI, metadata=METADATA[name])
+            files[f".{name}"] = buffer.getvalue()
     return files

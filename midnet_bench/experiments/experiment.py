@@ -67,6 +67,8 @@ class Experiment:
     """names of the tables that a terminal shows; all unless given"""
     figures: "Callable[[Results], Mapping[str, Figure]]" = _no_figures
     """stem of its files -> a matplotlib figure"""
+    sweeps_beside: bool = False
+    """whether scores over numeric factors are drawn beside ``figures``"""
     claims: "Callable[[Results], Sequence[Finding]]" = _nothing
     """what a paper states, checked against the results, for ``verify``"""
     measures: "Callable[[Results], Measures] | None" = None

@@ -85,7 +85,7 @@ LAYERS = (
     Layer("found", "boxes before fusion", "color: var(--faint-ink)", False),
     Layer("truth", "true boxes", "color: var(--intruder)", True),
     Layer("scans", "scans", "color: var(--guard-faint); border-style: dotted", True),
-    Layer("believed", "where guards take themselves to be", "color: var(--ink); border-style: dashed", True),
+    Layer("believed", "believed poses", "color: var(--ink); border-style: dashed", True),
     Layer("goals", "goals, pursuits", "color: var(--guard); border-width: 2px 0 0", True),
     Layer("names", "numbers and causes", "color: var(--ink); border-width: 0 0 2px", True),
 )
@@ -194,7 +194,7 @@ def _rendered(
         "funnel": sides,
         "counterfactuals": content.counterfactuals and _shown(content.counterfactuals),
         "player": _player(kept, with_scans, recorded) if kept else None,
-        "figures": [_figure(picture) for picture in content.pictures],
+        "figures": [_figure(one) for one in content.pictures if {".png", ".svg"} & one.files.keys()],
         "tables": [_shown(table) for table in content.tables],
         "provenance": [list(_flat(run)) for run in content.provenance],
         "configuration": list(_flat(content.configuration)),
@@ -319,8 +319,9 @@ def _verdicts(claims: Table) -> str:
 
 
 def _figure(picture: Picture) -> dict[str, Any]:
-    ending = min(picture.files, key=lambda one: len(picture.files[one]))
-    kind = {".svg": "image/svg+xml", ".png": "image/png"}[ending]
+    kinds = {".svg": "image/svg+xml", ".png": "image/png"}  # a browser shows no PDF as a picture
+    ending = min(kinds.keys() & picture.files, key=lambda one: len(picture.files[one]))
+    kind = kinds[ending]
     series = list(dict.fromkeys(str(row["series"]) for row in picture.data.rows if row.get("series")))
     alt = f"Figure {picture.name.replace('_', ' ')}"
     return {

@@ -79,7 +79,7 @@ class Recording:
     scans: Mapping[str, Sequence[Rows]]
     """likewise; see :data:`SCAN_COLUMNS`"""
     explained: bool
-    """whether errors have causes; else ``errors`` is empty and the player finds misses, false and second boxes"""
+    """whether errors have causes; else ``errors`` is empty and the player finds misses and false boxes"""
     window_m: float | None = None
     """side of a guard's local costmap, metres; None where it is not known"""
     range_m: float | None = None

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from midnet_bench.page.page import Picture
 
+FORMATS = ("png", "svg")
+"""of figures, unless others are asked for"""
 PAGE = "report.html"
 RECORDED = "recorded"
 """the table of trials that were recorded"""
@@ -27,7 +29,9 @@ COUNTERFACTUALS = "counterfactuals"
 """the table that has a chapter of its own"""
 
 
-def write_report(directory: str | Path, drawn_from: int = 1) -> tuple[Results, list[Table]]:
+def write_report(
+    directory: str | Path, drawn_from: int = 1, formats: Sequence[str] = FORMATS
+) -> tuple[Results, list[Table]]:
     """Write CSV files, tables, figures, verdicts, configuration, provenance and ``report.html``.
 
     All of them go into the campaign's folder.
@@ -36,6 +40,7 @@ def write_report(directory: str | Path, drawn_from: int = 1) -> tuple[Results, l
     Args:
         directory: of the campaign.
         drawn_from: how many trials have to be finished for figures to be drawn.
+        formats: of figures: png, svg, pdf.
 
     Returns:
         The results, and every table of the experiment; :func:`printed` are those for a terminal.
@@ -60,7 +65,8 @@ def write_report(directory: str | Path, drawn_from: int = 1) -> tuple[Results, l
     pictures: list[Picture] = []
     swept: list[Picture] = []
     if results.finished >= drawn_from:
-        pictures, swept = _drawn(record.figures(results)), _swept(sweeps(results))
+        pictures = _drawn(record.figures(results), formats)
+        swept = _swept(sweeps(results), formats)
         _write_pictures(pictures, directory)
         _write_swept(swept, directory)
     if results.finished:
@@ -101,7 +107,11 @@ def printed(results: Results, tables: Sequence[Table]) -> list[Table]:
 
 
 def plot(
-    directory: str | Path, output: str | Path | None = None, x: str | None = None, y: str | None = None
+    directory: str | Path,
+    output: str | Path | None = None,
+    x: str | None = None,
+    y: str | None = None,
+    formats: Sequence[str] = FORMATS,
 ) -> list[Path]:
     """Draw a campaign's figures anew, from its results alone; the files written.
 
@@ -110,19 +120,20 @@ def plot(
         output: a folder for the figures; the campaign's own unless given.
         x: a numeric factor of the grid, for a figure of scores over it; see :func:`sweeps.sweep`.
         y: the score.
+        formats: of the figures: png, svg, pdf.
 
     Raises:
-        InputError: there is no campaign, it is damaged, its experiment has no figures, or ``x`` and ``y``
-            are none.
+        InputError: there is no campaign, it is damaged, its experiment has no figures, or a format, ``x``
+            or ``y`` is none.
     """
     if y is not None and x is None:
         raise InputError(f"plot: --y {y}: say by --x over which factor of the grid")
     results = load_results(directory, tables_of)
     folder = Path(output or directory)
     if x is not None:
-        return _write_swept(_swept([sweep(results, x, y)]), folder)
-    written = _write_pictures(_drawn(experiment_of(results).figures(results)), folder)
-    written += _write_swept(_swept(sweeps(results)), folder)
+        return _write_swept(_swept([sweep(results, x, y)], formats), folder)
+    written = _write_pictures(_drawn(experiment_of(results).figures(results), formats), folder)
+    written += _write_swept(_swept(sweeps(results), formats), folder)
     if not written:
         raise InputError(
             f"{directory}: no figures: a campaign of '{results.definition.experiment}'"
@@ -131,11 +142,11 @@ def plot(
     return written
 
 
-def _swept(drawn: "Sequence[tuple[Table, Figure]]") -> "list[Picture]":
+def _swept(drawn: "Sequence[tuple[Table, Figure]]", formats: Sequence[str]) -> "list[Picture]":
     return [
         picture._replace(data=table)
         for table, figure in drawn
-        for picture in _drawn({plain_name(table.name): figure})
+        for picture in _drawn({plain_name(table.name): figure}, formats)
     ]
 
 
@@ -150,16 +161,16 @@ def _write_swept(pictures: "Sequence[Picture]", directory: Path) -> list[Path]:
 def write_figures_of(results: Mapping[str, Results], output: Path) -> list[Path]:
     """Draw the figures that several campaigns of one experiment have in common; the files written."""
     record = experiment_of(next(iter(results.values())))
-    return _write_pictures(_drawn(record.comparison_figures(results)), output)
+    return _write_pictures(_drawn(record.comparison_figures(results), FORMATS), output)
 
 
-def _drawn(figures: "Mapping[str, Figure]") -> "list[Picture]":
+def _drawn(figures: "Mapping[str, Figure]", formats: Sequence[str]) -> "list[Picture]":
     if not figures:
         return []
     from midnet_bench.drawing.charts import chart_files, drawn_data
     from midnet_bench.page.page import Picture
 
-    return [Picture(stem, chart_files(one), drawn_data(stem, one)) for stem, one in figures.items()]
+    return [Picture(stem, chart_files(one, formats), drawn_data(stem, one)) for stem, one in figures.items()]
 
 
 def _write_pictures(pictures: "Sequence[Picture]", directory: Path) -> list[Path]:
