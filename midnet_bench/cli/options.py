@@ -104,7 +104,11 @@ class Campaign:
     ] = None
     record: Annotated[
         bool,
-        typer.Option("--record", help="Keep each frame, and the cause of each error of the detection test."),
+        typer.Option(
+            "--record",
+            help="Keep each frame, and the cause of each error of the detection test, which does so "
+            "by itself for up to four trials.",
+        ),
     ] = False
     map_file: Map = None
     settings: Sweep = None

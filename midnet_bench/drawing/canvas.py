@@ -218,7 +218,11 @@ def _areas(low: Floats, high: Floats) -> Floats:
 def paint_floor_plan(canvas: Canvas, plan: FloorPlan) -> None:
     """Ground, floor, walls and stationary intruders, over the whole picture."""
     canvas.picture[:] = GROUND
-    canvas.fill(plan.enclosure, FLOOR)
+    if plan.ground is None:
+        canvas.fill(plan.enclosure, FLOOR)
+    else:  # unknown cells look like what is outside, not like floor
+        codes = plan.ground.with_data((plan.ground.data >= 0).astype(np.uint8))
+        canvas.cells(codes, np.array([GROUND, FLOOR], dtype=np.uint8))
     # edges first, so that pieces of wall that share an end look like one
     for wall in plan.walls:
         canvas.polygon(wall, None, WOOD_EDGE, 3)

@@ -41,6 +41,11 @@ class FloorPlan:
     """the outline of each wall, (n, 2)"""
     stationary: list[Floats]
     """the outline of each stationary intruder, (n, 2)"""
+    ground: OccupancyGrid | None = None
+    """int8: 100 occupied, 0 free, -1 unknown: the floor of a place known by its map alone; else all of
+    ``enclosure`` is floor"""
+    shown: Box | None = None
+    """what pictures show; unless given, all of the place"""
 
     @classmethod
     def of(cls, arena: Arena, layout: Layout, seed: int) -> "FloorPlan":
@@ -57,7 +62,9 @@ class FloorPlan:
         )
 
     def view(self, margin_m: float) -> Box:
-        """What a picture from above must show: the enclosure, all walls, and ``margin_m`` around them."""
+        """What a picture from above shows, ``margin_m`` around it: ``shown``, or enclosure and walls."""
+        if self.shown is not None:
+            return self.shown.shrunk(-margin_m)
         enclosure = np.array(self.enclosure).reshape(2, 2)
         corners = np.concatenate([enclosure, *self.walls, *self.stationary])
         return Box(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()).shrunk(-margin_m)

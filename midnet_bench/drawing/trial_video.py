@@ -34,6 +34,7 @@ from midnet_bench.drawing.palette import (
     DETECTION,
     FAINT_INK,
     FALSE_DETECTION,
+    GROUND,
     GUARD,
     GUARD_RANGE,
     INK,
@@ -252,6 +253,7 @@ def _draw_legend(page: Picture, setup: Setup) -> None:
         (_missed, MISS),
         (_out_of_range, NO_ERROR),
         (_paths if setup.mobile_intruders else _path, "path and goal"),
+        *([(_unknown, "unknown on the map")] if setup.plan.ground is not None else []),
         (_reach, f"costmap {setup.local_size_m:g} m, LiDAR {setup.usable_range_m:g} m"),
     ]
     of_map: list[tuple[Mark, str]] = [
@@ -309,6 +311,10 @@ def _missed(canvas: Canvas, x: float, y: float) -> None:
 
 def _out_of_range(canvas: Canvas, x: float, y: float) -> None:
     paint_sign(canvas, Truth([np.array([(x, y)])], False, False), 0.0, MARK_PX)
+
+
+def _unknown(canvas: Canvas, x: float, y: float) -> None:
+    canvas.polygon(_swatch(x, y), GROUND)
 
 
 def _reach(canvas: Canvas, x: float, y: float) -> None:

@@ -120,6 +120,8 @@ class Content:
 
     title: str
     lead: str
+    conclusion: str
+    """the result in words; empty if there are none"""
     headline: Sequence[Table]
     claims: Table | None
     """a row for each statement of the paper, with a column ``verdict``"""
@@ -184,17 +186,20 @@ def _rendered(
 
     places = {trial.place: number for number, trial in enumerate(kept)}
     sides = [_side(funnel, side, places) for side in MEANINGS if funnel.causes(side)]
+    figures = [_figure(one) for one in content.pictures if {".png", ".svg"} & one.files.keys()]
     claims = None if content.claims is None else _shown(content.claims)
     page = {
         "title": content.title,
         "lead": content.lead,
+        "conclusion": content.conclusion,
         "headline": [_shown(table) for table in content.headline],
         "claims": claims,
         "verdicts": "" if content.claims is None else _verdicts(content.claims),
         "funnel": sides,
         "counterfactuals": content.counterfactuals and _shown(content.counterfactuals),
         "player": _player(kept, with_scans, recorded) if kept else None,
-        "figures": [_figure(one) for one in content.pictures if {".png", ".svg"} & one.files.keys()],
+        "first_figure": figures[:1],
+        "figures": figures[1:],
         "tables": [_shown(table) for table in content.tables],
         "provenance": [list(_flat(run)) for run in content.provenance],
         "configuration": list(_flat(content.configuration)),
@@ -323,6 +328,7 @@ def _figure(picture: Picture) -> dict[str, Any]:
     ending = min(kinds.keys() & picture.files, key=lambda one: len(picture.files[one]))
     kind = kinds[ending]
     series = list(dict.fromkeys(str(row["series"]) for row in picture.data.rows if row.get("series")))
+    series = series or list(dict.fromkeys(str(row["panel"]) for row in picture.data.rows if row.get("panel")))
     alt = f"Figure {picture.name.replace('_', ' ')}"
     return {
         "name": picture.name,

@@ -19,6 +19,7 @@ DETECTION = Experiment(
     printed=("detection_summary", "detection_counting", "detection_matching", "metrics_summary"),
     claims=later("midnet_bench.experiments.detection.claims:claims"),
     measures=later("midnet_bench.experiments.detection.tables:measures"),
+    conclusion=later("midnet_bench.experiments.detection.tables:conclusion"),
     figures=later("midnet_bench.experiments.detection.figures:figures"),
     sweeps_beside=True,
     recordings=later("midnet_bench.experiments.guarded.recordings:recordings"),
