@@ -99,6 +99,7 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
     from midnet_bench.cli.progress import CampaignProgress
     from midnet_bench.cli.reports import present, tell_page
     from midnet_bench.experiments import registry
+    from midnet_bench.workflows.campaigns import recorded_if_small
 
     directory = chosen.output or options.RESULTS / campaign.name
     resolved = resolve(campaign, registry)
@@ -117,7 +118,7 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
         _tell_plan(resolved.definition.experiment, ahead, directory, chosen.as_json)
         return
     outcome = run_campaign(
-        resolved,
+        recorded_if_small(resolved),
         directory,
         jobs=chosen.jobs,
         backend=chosen.backend,

@@ -158,7 +158,8 @@ class Campaign:
         bool,
         typer.Option(
             "--record",
-            help="Keep each frame for the player, and the cause of each error of the detection test.",
+            help="Keep each frame for the player, and the cause of each error of the detection test, which "
+            "does so by itself for up to four trials.",
         ),
     ] = False
     map_file: Map = None

@@ -34,6 +34,7 @@ def render(
     speed: Annotated[
         float, typer.Option(metavar="FACTOR", help="How much faster than real time the film runs.")
     ] = 4.0,
+    scans: Annotated[bool, typer.Option(help="Show the returns of the robots' LiDARs.")] = False,
     arena: options.Arena = None,
     engine: options.Engine = None,
     robot_model: options.RobotModel = None,
@@ -72,6 +73,7 @@ def render(
             clip,
             progress=lambda done, most: shown.show(done, most, f"frame {done} of at most {most}"),
             speed=speed,
+            scans=scans,
         )
     for file in files:
         typer.echo(file)

@@ -1,6 +1,7 @@
 """``Canvas``: a view of the map frame on a numpy picture, and what is drawn on it; with OpenCV."""
 
 import math
+from collections.abc import Sequence
 from functools import cache, lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +17,9 @@ from midnet_bench.drawing.palette import (
     FALSE_DETECTION,
     FLOOR,
     GROUND,
+    GUARD,
+    GUARD_RANGE,
+    INK,
     INTRUDER,
     INTRUDER_FAINT,
     MISSED,
@@ -25,7 +29,16 @@ from midnet_bench.drawing.palette import (
     WOOD,
     WOOD_EDGE,
 )
-from midnet_bench.drawing.scene import BURGER_LENGTH_M, Floats, FloorPlan, Point, Truth, body_at
+from midnet_bench.drawing.scene import (
+    BURGER_LENGTH_M,
+    Floats,
+    FloorPlan,
+    Point,
+    Robot,
+    Setup,
+    Truth,
+    body_at,
+)
 from midnet_bench.drawing.signs import CORNERS, RING, place_of
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
@@ -40,6 +53,9 @@ SIGN_PX = 10.0
 """half a side of a sign about an intruder is no shorter"""
 BADGE_PX = 6.5
 """radius of the disc with the exclamation mark"""
+SCALES_M = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
+LEAST_SCALE_PX = 40.0
+"""a bar that shows the scale is no shorter, if one of ``SCALES_M`` is long enough"""
 MIN_BURGER_PX = 14.0
 """Robots in a large arena are drawn larger than they are, so that they stay visible."""
 _SHIFT = 4
@@ -49,8 +65,9 @@ _SHIFT = 4
 class Canvas:
     """A picture that shows ``view`` in its middle, as large as fits; drawing changes the picture."""
 
-    def __init__(self, picture: Picture, view: Box) -> None:
+    def __init__(self, picture: Picture, view: Box, label_px: int = LABEL_PX) -> None:
         self.picture = picture
+        self.label_px = label_px
         height, width = picture.shape[:2]
         self.scale = min(width / (view.x_max - view.x_min), height / (view.y_max - view.y_min))
         """pixels per metre"""
@@ -137,9 +154,9 @@ class Canvas:
     def label(self, at: Point, text: str, color: RGB, right_px: float = 0, down_px: float = 0) -> None:
         """Bold text with a white halo in the middle of a point that lies so far from (x, y)."""
         x, y = self.pixels(at)
-        mask = text_mask(text, LABEL_PX, True)
+        mask = text_mask(text, self.label_px, True)
         left, top = x + right_px - mask.shape[1] / 2.0, y + down_px - mask.shape[0] / 2.0
-        _blend(self.picture, _halo(text, LABEL_PX), round(left), round(top), (255, 255, 255))
+        _blend(self.picture, _halo(text, self.label_px), round(left), round(top), (255, 255, 255))
         _blend(self.picture, mask, round(left), round(top), color)
 
     def _fixed(self, points: npt.ArrayLike) -> npt.NDArray[np.int32]:
@@ -173,7 +190,7 @@ class Labels:
 
     def put(self, at: Point, text: str, color: RGB, gap_px: float) -> None:
         """A label whose middle is ``gap_px`` right or left of (x, y) and above or below; or farther off."""
-        rows, columns = text_mask(text, LABEL_PX, True).shape
+        rows, columns = text_mask(text, self._canvas.label_px, True).shape
         # a line of figures has no ink in its upper and lower fifth
         half = np.array([columns / 2.0, 0.3 * rows])
         aside = np.array([max(0.0, half[0] - 6.0), 0.0])  # of a longer text, its end is near
@@ -201,12 +218,21 @@ def _areas(low: Floats, high: Floats) -> Floats:
 def paint_floor_plan(canvas: Canvas, plan: FloorPlan) -> None:
     """Ground, floor, walls and stationary intruders, over the whole picture."""
     canvas.picture[:] = GROUND
-    canvas.fill(plan.enclosure, FLOOR)
+    if plan.ground is None:
+        canvas.fill(plan.enclosure, FLOOR)
+    else:  # unknown cells look like what is outside, not like floor
+        codes = plan.ground.with_data((plan.ground.data >= 0).astype(np.uint8))
+        canvas.cells(codes, np.array([GROUND, FLOOR], dtype=np.uint8))
     # edges first, so that pieces of wall that share an end look like one
     for wall in plan.walls:
         canvas.polygon(wall, None, WOOD_EDGE, 3)
     for wall in plan.walls:
         canvas.polygon(wall, WOOD)
+    paint_stationary(canvas, plan)
+
+
+def paint_stationary(canvas: Canvas, plan: FloorPlan) -> None:
+    """The stationary intruders."""
     for outline in plan.stationary:
         canvas.polygon(outline, INTRUDER_FAINT, INTRUDER, 2)
 
@@ -226,6 +252,28 @@ def paint_robot(
     canvas.polygon(body_at(pose, enlarged, model), color, WHITE)
     ahead = pose.compose(Pose2D(0.045 * enlarged, 0.0, 0.0))
     canvas.line([pose[:2], ahead[:2]], WHITE, 2)
+
+
+def paint_reach(canvas: Canvas, setup: Setup, guard: Robot) -> None:
+    """A guard's local costmap, a thin square, and the usable range of its LiDAR, a paler circle."""
+    canvas.circle(guard.sensor, setup.usable_range_m, GUARD_RANGE)
+    canvas.box(setup.window(guard), GUARD)
+
+
+def paint_scans(canvas: Canvas, scans: Sequence[Floats]) -> None:
+    """The returns of scans, (n, 2) each, as small dots."""
+    for points in scans:
+        for x, y in points.tolist():
+            canvas.circle((x, y), 0.7 / canvas.scale, GUARD, -1)
+
+
+def paint_scale(canvas: Canvas, view: Box) -> None:
+    """A bar of a round length at the lower right of ``view``, with that length in metres."""
+    length_m = next(one for one in SCALES_M if one * canvas.scale >= LEAST_SCALE_PX or one == SCALES_M[-1])
+    end, y = view.x_max - 8.0 / canvas.scale, view.y_min + 7.0 / canvas.scale
+    canvas.line([(end - length_m, y), (end, y)], WHITE, 6)
+    canvas.line([(end - length_m, y), (end, y)], INK, 3)
+    canvas.label((end - length_m / 2.0, y), f"{length_m:g} m", INK, down_px=-11.0)
 
 
 def paint_path(canvas: Canvas, goal: Point, plan: Floats | None, color: RGB, is_guard: bool) -> None:

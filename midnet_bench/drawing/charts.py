@@ -78,7 +78,13 @@ def add_estimates(
     )
 
 
-def add_series(axes: Axes, series: Mapping[str, Mapping[int, Estimate]], dodge: float, x_label: str) -> None:
+def add_series(
+    axes: Axes,
+    series: Mapping[str, Mapping[int, Estimate]],
+    dodge: float,
+    x_label: str,
+    styles: Sequence[Style] = STYLES,
+) -> None:
     """A line for each series over whole numbers along x.
 
     Args:
@@ -86,8 +92,9 @@ def add_series(axes: Axes, series: Mapping[str, Mapping[int, Estimate]], dodge: 
         series: label -> x -> what is drawn there.
         dodge: between neighbouring series along x, so that intervals do not cover each other.
         x_label: of the axis.
+        styles: of the series, in turn.
     """
-    for place, ((label, points), style) in enumerate(zip(series.items(), cycle(STYLES))):
+    for place, ((label, points), style) in enumerate(zip(series.items(), cycle(styles))):
         shift = dodge * (place - (len(series) - 1) / 2)
         add_estimates(axes, [x + shift for x in points], list(points.values()), style, label)
     axes.set_xlabel(x_label)
@@ -131,6 +138,14 @@ def drawn_data(name: str, figure: Figure) -> Table:
                     row |= {"low": float(low), "high": float(high)}
                 rows.append(row)
     return Table(f"{name}_data", f"Data of {name}", rows)
+
+
+def counted(estimates: Sequence[Estimate]) -> str:
+    """``20 trials`` or ``3 to 20 trials``: how many stand behind the points of a figure."""
+    counts = sorted({estimate.n for estimate in estimates})
+    if counts == [1]:
+        return "1 trial"
+    return f"{' to '.join(map(str, sorted({counts[0], counts[-1]})))} trials"
 
 
 def labelled(axes: Axes) -> tuple[list[Artist], list[str]]:

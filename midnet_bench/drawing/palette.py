@@ -13,6 +13,8 @@ FAINT_INK: RGB = (130, 130, 130)
 
 GUARD: RGB = (0, 114, 178)
 GUARD_FAINT: RGB = (86, 180, 233)
+GUARD_RANGE: RGB = (160, 208, 238)
+"""paler still: the usable range of LiDARs, which overlap"""
 INTRUDER: RGB = (213, 94, 0)
 INTRUDER_FAINT: RGB = (244, 190, 150)
 """stationary intruders, plans and escapes of mobile ones: the same family"""

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -40,6 +41,11 @@ class FloorPlan:
     """the outline of each wall, (n, 2)"""
     stationary: list[Floats]
     """the outline of each stationary intruder, (n, 2)"""
+    ground: OccupancyGrid | None = None
+    """int8: 100 occupied, 0 free, -1 unknown: the floor of a place known by its map alone; else all of
+    ``enclosure`` is floor"""
+    shown: Box | None = None
+    """what pictures show; unless given, all of the place"""
 
     @classmethod
     def of(cls, arena: Arena, layout: Layout, seed: int) -> "FloorPlan":
@@ -49,8 +55,16 @@ class FloorPlan:
         stationary = [solid.outline() for solid in layout.stationary]
         return cls(f"{arena.name}, seed {seed}", Box(-x, -y, x, y), walls, stationary)
 
+    def hides(self, point: Point) -> bool:
+        """Whether (x, y), metres, lies in a stationary intruder, under which goals are not drawn."""
+        return any(
+            cv2.pointPolygonTest(outline.astype(np.float32), point, False) >= 0 for outline in self.stationary
+        )
+
     def view(self, margin_m: float) -> Box:
-        """What a picture from above must show: the enclosure, all walls, and ``margin_m`` around them."""
+        """What a picture from above shows, ``margin_m`` around it: ``shown``, or enclosure and walls."""
+        if self.shown is not None:
+            return self.shown.shrunk(-margin_m)
         enclosure = np.array(self.enclosure).reshape(2, 2)
         corners = np.concatenate([enclosure, *self.walls, *self.stationary])
         return Box(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()).shrunk(-margin_m)
@@ -76,6 +90,19 @@ class Setup:
     """MIDNet frames per simulated second"""
     other_intruders: int = 0
     """people and things that move"""
+    shows_scans: bool = False
+    """whether pictures show the returns of the guards' LiDARs"""
+
+    def window(self, guard: "Robot") -> Box:
+        """A guard's local costmap: a square about its believed position, along the map's axes, metres."""
+        return Box.square(guard.believed.x, guard.believed.y, self.local_size_m)
+
+    @property
+    def reach(self) -> str:
+        """The legend's words for the local costmap and the usable range."""
+        return (
+            f"local costmap {self.local_size_m:g} m (square),\nLiDAR range {self.usable_range_m:g} m (circle)"
+        )
 
 
 @dataclass(frozen=True)
@@ -177,6 +204,10 @@ class Scene:
     """in a trial that is about catching"""
     so_far: Ratios | None = None
     """precision and recall of all frames up to this one, in a trial that is about finding"""
+    scans: Sequence[Floats] = ()
+    """(n, 2) of each guard: the returns of its last scan, from where it took itself to be; metres"""
+    is_labelled: bool = True
+    """whether it is known where intruders are"""
 
     @property
     def counter(self) -> str:
@@ -184,9 +215,11 @@ class Scene:
         if self.chase is not None:
             escaped = f", {self.chase.escaped} escaped" if self.chase.escaped else ""
             return f"caught {self.chase.caught} of {self.chase.intruders}{escaped}"
+        if not self.is_labelled:
+            return f"{len(self.detections)} detection{'s' * (len(self.detections) != 1)}, no labels"
         near = [truth for truth in self.truths if truth.in_range]
-        found = f"found {sum(truth.is_found for truth in near)} of {len(near)} in range"
-        return f"{found if near else 'nobody in range'}, {sum(one.is_false for one in self.detections)} false"
+        found = f"found {sum(truth.is_found for truth in near)} of {len(near)}" if near else "no intruder"
+        return f"{found} in range, {sum(one.is_false for one in self.detections)} false"
 
     @property
     def remark(self) -> str:

@@ -1,7 +1,9 @@
-"""The signs about intruders without a detection, as strokes that every kind of picture draws.
+"""Words and signs of right and wrong, the same in stills, films, storyboards and the page's player.
 
-A missed intruder has four corners about it, those of the box that is not there, and a disc with an
-exclamation mark. One that is out of range, which is no error, has a thin broken ring.
+A true positive is a green box. A second box on one intruder is a dashed green one. A false positive is a
+purple box with a cross in it. A missed intruder has four corners about it, those of the box that is not
+there, and a disc with an exclamation mark. One that is out of range, which is no error, has a thin broken
+ring. Shape tells them apart without colour.
 """
 
 import math
@@ -9,6 +11,12 @@ import math
 import numpy as np
 
 from midnet_bench.drawing.scene import Floats, Point, Truth
+
+TRUE_POSITIVE = "true positive"
+DUPLICATE = "second box on one intruder"
+FALSE_POSITIVE = "false positive"
+MISS = "missed intruder, in range"
+NO_ERROR = "out of range: no error"
 
 ARM = 0.45
 """of a corner, as a part of half the sign's side"""

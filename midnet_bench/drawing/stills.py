@@ -20,7 +20,7 @@ from midnet_bench.drawing.palette import (
     FLOOR,
     GROUND,
     GUARD,
-    GUARD_FAINT,
+    GUARD_RANGE,
     INK,
     INTRUDER,
     INTRUDER_FAINT,
@@ -44,7 +44,16 @@ from midnet_bench.drawing.plots import (
     show_metres,
 )
 from midnet_bench.drawing.scene import Floats, FloorPlan, Point, Robot, Scene, Setup, Truth
-from midnet_bench.drawing.signs import CORNERS, RING, place_of
+from midnet_bench.drawing.signs import (
+    CORNERS,
+    DUPLICATE,
+    FALSE_POSITIVE,
+    MISS,
+    NO_ERROR,
+    RING,
+    TRUE_POSITIVE,
+    place_of,
+)
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Explanation, RemovedAlly, RobotView
@@ -53,6 +62,7 @@ MARGIN_M = 0.4
 """around an arena"""
 OTHER_RING_M = 0.25
 """about a person or a thing, to be found by"""
+AT_GOAL_M = 0.35
 HATCH = "////"
 DASHED, ALLY_DASH = (0, (2, 1.5)), (0, (3, 2))
 SIGN_PT = 7.0
@@ -87,23 +97,20 @@ def draw_arena(setup: Setup, scene: Scene, faults: Mapping[int, Point] | None = 
     legend = _arena_legend(setup)
     if scene.others:
         legend.append(
-            Patch(facecolor=hexadecimal(INTRUDER), label="legs of a person, or a thing\nthat moves (P)")
+            (Patch(facecolor=hexadecimal(INTRUDER)), "legs of a person, or a thing\nthat moves (P)")
         )
     if faults:
         cross = Line2D([], [], color=hexadecimal(FALSE_DETECTION), marker="X", markersize=9)
-        cross.set(linestyle="none", label="fault, by its number")
-        legend.append(cross)
-    figure, axes = _plan_with_legend(plan, f"{plan.title}, t = {scene.time_s:.1f} s", legend)
+        cross.set(linestyle="none")
+        legend.append((cross, "fault, by its number"))
+    title = f"{plan.title}, t = {scene.time_s:.1f} s"
+    figure, axes = _plan_with_legend(plan, title, *map(list, zip(*legend, strict=True)))
     axes.set_facecolor(hexadecimal(GROUND))
     add_box(axes, plan.enclosure, FLOOR, fill=True, facecolor=hexadecimal(FLOOR), zorder=0)
-    faint = hexadecimal(GUARD_FAINT)
-    for robot in scene.guards:
-        at, range_m = robot.sensor, setup.usable_range_m
-        axes.add_patch(Circle(at, range_m, color=faint, alpha=0.05, zorder=1))
-        axes.add_patch(Circle(at, range_m, fill=False, color=faint, linewidth=0.7, zorder=1))
+    _add_reach(axes, setup, scene)
     _add_floor_plan(axes, plan)
     for robot in scene.robots:
-        _add_path(axes, robot)
+        _add_path(axes, robot, plan)
     for robot in scene.robots:
         _add_robot(axes, robot, scene)
     for number, outlines in enumerate(scene.others, 1):
@@ -151,7 +158,10 @@ def draw_grids(setup: Setup, scene: Scene, explanation: Explanation) -> Figure:
         )
         for one in row[1:]:
             one.tick_params(labelleft=False)  # one window, one scale a row
+        at, range_m = guard.sensor, setup.usable_range_m
+        row[0].add_patch(Circle(at, range_m, fill=False, color=hexadecimal(GUARD_RANGE), linewidth=0.9))
         for one in row:
+            one.spines[:].set(color=hexadecimal(GUARD), linewidth=1.4)  # the local costmap's edge
             one.plot(guard.believed.x, guard.believed.y, marker="+", color=hexadecimal(GUARD), markersize=8)
     for text, one in zip(COLUMNS, axes[0], strict=True):
         one.set_title(text, fontsize=9.5)
@@ -165,16 +175,25 @@ def draw_grids(setup: Setup, scene: Scene, explanation: Explanation) -> Figure:
         va="top",
         fontsize=11,
     )
-    removed_box = _empty_patch("box, removed as the ally of that number", GUARD, linestyle=ALLY_DASH)
+    removed_box = _empty_patch("box, removed as the\nally of that number", GUARD, linestyle=ALLY_DASH)
     cross = Line2D([], [], color=hexadecimal(GUARD), marker="+", markersize=8, linestyle="none")
-    cross.set_label("the guard's believed position")
-    handles: list[Artist] = [
-        _empty_patch("box, kept", DETECTION),
-        removed_box,
-        cross,
-        Patch(facecolor=OUTSIDE, label="outside the prior map"),
-    ]
-    figure.legend(handles=handles, loc="lower center", ncols=4, fontsize=9, frameon=False)
+    cross.set_label("the guard's believed\nposition")
+    is_within = setup.local_size_m < math.sqrt(2.0) * setup.usable_range_m
+    edge = (
+        f"local costmap, {setup.local_size_m:g} m; the LiDAR\nrange, {setup.usable_range_m:g} m, ends outside"
+    )
+    labels = ["box, kept", removed_box.get_label(), cross.get_label(), "outside the prior map"]
+    labels.append(edge if is_within else setup.reach)
+    handles = [_empty_patch("", DETECTION), removed_box, cross, Patch(facecolor=OUTSIDE), _reach_mark()]
+    figure.legend(
+        handles=handles,
+        labels=labels,
+        handler_map={tuple: HandlerTuple(ndivide=1, pad=0.0)},
+        loc="lower center",
+        ncols=5,
+        fontsize=9,
+        frameon=False,
+    )
     return figure
 
 
@@ -187,8 +206,9 @@ def draw_detections(setup: Setup, scene: Scene) -> Figure:
     """
     title = f"{setup.plan.title}: detections of frame {scene.frame}, t = {scene.time_s:.1f} s"
     title = f"{title}\n{scene.counter}"
-    figure, axes = _plan_with_legend(setup.plan, title, *_detections_legend(scene))
+    figure, axes = _plan_with_legend(setup.plan, title, *_detections_legend(setup, scene))
     show_grid(axes, setup.prior_map)
+    _add_reach(axes, setup, scene)
     for truth in scene.truths:
         for outline in truth.outlines:
             add_polygon(axes, outline, fill=False, edgecolor=hexadecimal(INTRUDER), linewidth=0.8)
@@ -271,13 +291,12 @@ def known_corners(grid: OccupancyGrid) -> tuple[tuple[float, float], tuple[float
 
 
 def _plan_with_legend(
-    plan: FloorPlan, title: str, handles: Sequence[Any], labels: Sequence[str] = ()
+    plan: FloorPlan, title: str, handles: Sequence[Any], labels: Sequence[str]
 ) -> tuple[Figure, Axes]:
     """A figure as high as the arena needs, its axes in metres, and a legend on their right.
 
-    ``handles`` are artists; or, with ``labels``, artists or tuples of them that are drawn over each other.
+    ``handles`` are artists or tuples of them that are drawn over each other.
     """
-    named = {"labels": labels} if labels else {}
     view = plan.view(MARGIN_M)
     top_in = 0.4 + 0.2 * title.count("\n")
     left_in, bottom_in, legend_in, side_in = 0.72, 0.55, 2.45, 6.5
@@ -297,7 +316,7 @@ def _plan_with_legend(
     show_metres(axes, view, title)
     figure.legend(
         handles=handles,
-        **named,
+        labels=labels,
         handler_map={tuple: HandlerTuple(ndivide=1, pad=0.0)},
         loc="upper left",
         bbox_to_anchor=((left_in + wide_in + 0.15) / figure_wide_in, 1.0 - top_in / figure_high_in),
@@ -329,15 +348,21 @@ def _add_floor_plan(axes: Axes, plan: FloorPlan) -> None:
         add_label(axes, (x, y), f"S{number}", INTRUDER, ha="center", va="center", xytext=(0, 0))
 
 
-def _add_path(axes: Axes, robot: Robot) -> None:
+def _add_path(axes: Axes, robot: Robot, plan: FloorPlan) -> None:
     if robot.goal is None:
         return
     color = GUARD if robot.is_guard else INTRUDER
     marker = "x" if robot.is_guard else "D"
-    axes.plot(*robot.goal, marker=marker, color=hexadecimal(color), markersize=5, fillstyle="none", zorder=4)
-    add_label(axes, robot.goal, str(robot.number), color, fontsize=7, xytext=(4, -7))
+    # robots do not know of stationary intruders: a goal under one is hidden, or it would look like a part
+    if not plan.hides(robot.goal):
+        is_near = math.dist(robot.goal, robot.pose[:2]) < AT_GOAL_M
+        axes.plot(
+            *robot.goal, marker=marker, color=hexadecimal(color), markersize=5, fillstyle="none", zorder=4
+        )
+        if not is_near:  # a robot at its goal has its number there already
+            add_label(axes, robot.goal, str(robot.number), color, fontsize=7, xytext=(4, -7))
     if robot.plan is not None:
-        axes.plot(*robot.plan.T, color=hexadecimal(color), linewidth=0.9, linestyle=":", zorder=3.5)
+        axes.plot(*robot.plan.T, color=hexadecimal(color), linewidth=0.9, linestyle=":", zorder=2.5)
 
 
 def _add_robot(axes: Axes, robot: Robot, scene: Scene) -> None:
@@ -372,26 +397,54 @@ def _away_from_others(robot: Robot, scene: Scene) -> tuple[float, float]:
     return (x - nearest.x) / gap, (y - nearest.y) / gap
 
 
-def _arena_legend(setup: Setup) -> list[Artist]:
+def _arena_legend(setup: Setup) -> list[tuple[Mark, str]]:
     """What the colours and marks of this very picture mean."""
     guard, intruder = hexadecimal(GUARD), hexadecimal(INTRUDER)
-    usable = Line2D([], [], color=hexadecimal(GUARD_FAINT), marker="o", markersize=9, fillstyle="none")
-    usable.set(linestyle="none", label=f"usable LiDAR range, {setup.usable_range_m:g} m")
-    handles: list[Artist] = [
-        Patch(facecolor=hexadecimal(WOOD), edgecolor=hexadecimal(WOOD_EDGE), label="wall"),
-        Patch(facecolor=guard, label="guard (the white notch is\nits front)"),
-        usable,
-        Line2D([], [], color=guard, marker="x", linestyle=":", label="a guard's path and goal"),
+    handles: list[tuple[Mark, str]] = [
+        (Patch(facecolor=hexadecimal(WOOD), edgecolor=hexadecimal(WOOD_EDGE)), "wall"),
+        (Patch(facecolor=guard), "guard (the white notch is\nits front)"),
+        (_reach_mark(), setup.reach),
+        (Line2D([], [], color=guard, marker="x", linestyle=":"), "a guard's path and goal"),
     ]
+    if setup.shows_scans:
+        handles.append((_returns_mark(), "LiDAR returns"))
     if setup.mobile_intruders:
         path = Line2D([], [], color=intruder, marker="D", fillstyle="none", linestyle=":")
-        path.set_label("an intruder's path and goal")
-        handles += [Patch(facecolor=intruder, label="mobile intruder"), path]
+        handles += [(Patch(facecolor=intruder), "mobile intruder"), (path, "an intruder's path and goal")]
     if setup.plan.stationary:
         stationary = Patch(facecolor=hexadecimal(INTRUDER_FAINT), edgecolor=intruder, hatch=HATCH)
-        stationary.set_label("stationary intruder")
-        handles.append(stationary)
+        handles.append((stationary, "stationary intruder"))
     return handles
+
+
+def _add_reach(axes: Axes, setup: Setup, scene: Scene) -> None:
+    """Each guard's local costmap and the usable range of its LiDAR; its scans if the setup shows them."""
+    pale = hexadecimal(GUARD_RANGE)
+    view = setup.plan.view(MARGIN_M)
+    for robot in scene.guards:
+        axes.add_patch(
+            Circle(robot.sensor, setup.usable_range_m, fill=False, color=pale, linewidth=0.8, zorder=1)
+        )
+        window = setup.window(robot)
+        add_box(axes, window, GUARD, linewidth=0.7, zorder=1.5)
+        if len(scene.guards) > 1:  # whose it is, at the corner that is in the picture
+            at = (max(window.x_min, view.x_min), min(window.y_max, view.y_max))
+            add_label(axes, at, f"{robot.number}", GUARD, fontsize=6, xytext=(2, -7), alpha=0.8)
+    if setup.shows_scans:
+        for points in scene.scans:
+            axes.scatter(*points.T, s=1.5, color=hexadecimal(GUARD), linewidths=0, zorder=3.6)
+
+
+def _reach_mark() -> Mark:
+    square = Line2D([], [], color=hexadecimal(GUARD), marker="s", markersize=11, fillstyle="none")
+    circle = Line2D([], [], color=hexadecimal(GUARD_RANGE), marker="o", markersize=8, fillstyle="none")
+    for one in (square, circle):
+        one.set(linestyle="none", markeredgewidth=0.9)
+    return square, circle
+
+
+def _returns_mark() -> Line2D:
+    return Line2D([], [], color=hexadecimal(GUARD), marker=".", markersize=3, linestyle=":")
 
 
 def _show_binary(axes: Axes, grid: OccupancyGrid, window: Box) -> None:
@@ -444,7 +497,7 @@ def _strokes(strokes: Sequence[Floats], color: RGB, size_pt: float, width_pt: fl
     return handle
 
 
-def _detections_legend(scene: Scene) -> tuple[list[Mark], list[str]]:
+def _detections_legend(setup: Setup, scene: Scene) -> tuple[list[Mark], list[str]]:
     """What is in this very picture, and what it means."""
     boxes, truths = scene.detections, scene.truths
     crossed = Line2D([], [], color=hexadecimal(FALSE_DETECTION), linestyle="none", marker="x", markersize=8)
@@ -452,21 +505,27 @@ def _detections_legend(scene: Scene) -> tuple[list[Mark], list[str]]:
     missed = (_strokes(CORNERS, MISSED, 14.0, 1.8), *_badge())
     entries: list[tuple[Mark, str, bool]] = [
         (Patch(facecolor="#404040"), "wall on the prior map", True),
-        (_empty_patch("", DETECTION), "detection, with the\nnumber of its guard", bool(boxes)),
+        (
+            _empty_patch("", DETECTION),
+            f"{TRUE_POSITIVE}, with the\nnumber of its guard",
+            any(not (found.is_false or found.is_further) for found in boxes),
+        ),
         (
             _empty_patch("", DETECTION, linestyle=DASHED),
-            "further detection on the\nsame intruder",
+            DUPLICATE,
             any(found.is_further for found in boxes),
         ),
-        (false, "detection that touches\nno intruder", any(found.is_false for found in boxes)),
+        (false, FALSE_POSITIVE, any(found.is_false for found in boxes)),
         (_empty_patch("", INTRUDER, linewidth=0.8), "intruder, true outline", bool(truths)),
-        (missed, "missed intruder, in range", any(truth.is_missed for truth in truths)),
+        (missed, MISS, any(truth.is_missed for truth in truths)),
         (
             _strokes(RING, OUT_OF_RANGE, 13.0, 0.8),
-            "intruder out of range:\nno error",
+            NO_ERROR,
             any(truth.is_out_of_range for truth in truths),
         ),
         (_empty_patch("", GUARD, linewidth=0.8), "guard, true outline", bool(scene.guards)),
+        (_reach_mark(), setup.reach, bool(scene.guards)),
+        (_returns_mark(), "LiDAR returns", setup.shows_scans),
     ]
     shown = [(mark, text) for mark, text, is_there in entries if is_there]
     return [mark for mark, _ in shown], [text for _, text in shown]

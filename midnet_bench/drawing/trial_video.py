@@ -10,6 +10,7 @@ import numpy as np
 
 from midnet_bench.drawing.canvas import (
     BADGE_PX,
+    LABEL_PX,
     Canvas,
     Labels,
     Picture,
@@ -18,8 +19,12 @@ from midnet_bench.drawing.canvas import (
     paint_detection,
     paint_floor_plan,
     paint_path,
+    paint_reach,
     paint_robot,
+    paint_scale,
+    paint_scans,
     paint_sign,
+    paint_stationary,
     png_of,
     text_mask,
     write,
@@ -29,14 +34,16 @@ from midnet_bench.drawing.palette import (
     DETECTION,
     FAINT_INK,
     FALSE_DETECTION,
+    GROUND,
     GUARD,
-    GUARD_FAINT,
+    GUARD_RANGE,
     INK,
     INTRUDER,
     INTRUDER_FAINT,
     WHITE,
 )
 from midnet_bench.drawing.scene import BURGER_LENGTH_M, Floats, Scene, Setup, Truth
+from midnet_bench.drawing.signs import DUPLICATE, FALSE_POSITIVE, MISS, NO_ERROR, TRUE_POSITIVE
 from midnet_bench.drawing.video import mp4_file
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.io.files import write_atomically
@@ -45,7 +52,9 @@ WIDTH, HEIGHT = 1280, 720
 MARGIN_M = 0.25
 COLUMN_LEFT, COLUMN_RIGHT = 744, 1264
 MAP_LEFT, MAP_TOP, MAP_PX = 786, 84, 436
-COUNTS_TOP, LEGEND_TOP, LEGEND_ROW_PX = 529, 570, 22
+COUNTS_TOP, LEGEND_TOP, LEGEND_ROW_PX = 529, 566, 20
+HOLD_S = 2.0
+"""for so long the film shows its last picture, which has the outcome"""
 LEG_PX = 8.0
 """half a side of what is kept free of labels about a leg"""
 AT_GOAL_PX = 24.0
@@ -75,21 +84,25 @@ def trial_video(setup: Setup, directory: Path, speed: float) -> Iterator[Callabl
     """
     painter, storyboard = ScenePainter(setup, speed), Storyboard(setup)
     with mp4_file(directory / "trial.mp4", WIDTH, HEIGHT, setup.frame_hz * speed) as append_picture:
+        last: list[Picture] = []
 
         def append(scene: Scene) -> None:
-            append_picture(painter.paint(scene))
+            last[:] = [painter.paint(scene)]
+            append_picture(last[0])
             storyboard.offer(scene)
 
         yield append
+        for picture in last * round(HOLD_S * setup.frame_hz * speed):
+            append_picture(picture)
     write_atomically(directory / "storyboard.png", png_of(storyboard.page()))
 
 
 class WorldPanel:
     """The true world on a square of pixels: guards, intruders, paths, goals and detections over the walls."""
 
-    def __init__(self, setup: Setup, side_px: int) -> None:
-        """``side_px``: of the square."""
-        self._usable_range_m = setup.usable_range_m
+    def __init__(self, setup: Setup, side_px: int, label_px: int = LABEL_PX) -> None:
+        """``side_px``: of the square; ``label_px``: height of its labels."""
+        self._setup, self._label_px = setup, label_px
         self.view = setup.plan.view(MARGIN_M)
         self._still = blank_page(side_px, side_px)
         canvas = Canvas(self._still, self.view)
@@ -101,15 +114,20 @@ class WorldPanel:
     def paint(self, picture: Picture, scene: Scene) -> None:
         """Fill ``picture``, (side, side, 3)."""
         picture[:] = self._still
-        canvas = Canvas(picture, self.view)
+        canvas = Canvas(picture, self.view, self._label_px)
         labels = Labels(canvas)
+        paint_scale(canvas, self.view)
         for robot in scene.guards:
-            canvas.circle(robot.sensor, self._usable_range_m, GUARD_FAINT)
+            paint_reach(canvas, self._setup, robot)
+        if self._setup.shows_scans:
+            paint_scans(canvas, scene.scans)
         for robot in scene.robots:
             color = GUARD if robot.is_guard else INTRUDER
             if robot.goal is not None:
                 paint_path(canvas, robot.goal, robot.plan, color, robot.is_guard)
                 labels.keep_free(robot.goal, 5.0)
+        # robots do not know of stationary intruders: a goal under one is hidden, or it would look like a part
+        paint_stationary(canvas, self._plan)
         for robot in scene.robots:
             color = GUARD if robot.is_guard else INTRUDER
             paint_robot(canvas, robot.pose, self.enlarged, color, robot.model)
@@ -130,8 +148,12 @@ class WorldPanel:
             x, y = np.concatenate(outlines).mean(axis=0).tolist()
             labels.put((x, y), f"P{number}", INTRUDER, 13.0)
         for robot in scene.robots:
-            # who is there has its number there already
-            if robot.goal is not None and math.dist(robot.goal, robot.pose[:2]) * canvas.scale > AT_GOAL_PX:
+            # a robot at its goal has its number there already
+            if (
+                robot.goal is not None
+                and math.dist(robot.goal, robot.pose[:2]) * canvas.scale > AT_GOAL_PX
+                and not self._plan.hides(robot.goal)
+            ):
                 labels.put(robot.goal, str(robot.number), GUARD if robot.is_guard else INTRUDER, 10.0)
 
 
@@ -139,7 +161,7 @@ class DetectionPanel:
     """What MIDNet makes of a frame: all guards' grids on the prior map, detections, and believed poses."""
 
     def __init__(self, setup: Setup) -> None:
-        self.view = setup.plan.view(MARGIN_M)
+        self._setup, self.view = setup, setup.plan.view(MARGIN_M)
         of_prior = [setup.prior_map.data >= 100, setup.prior.data == 0, setup.prior_map.data < 0]
         codes = np.select(of_prior, [WALL, INFLATED, UNKNOWN], FREE).astype(np.uint8)
         self._prior = setup.prior_map.with_data(codes)
@@ -154,6 +176,10 @@ class DetectionPanel:
             window[view.d.data != 0] = FOREGROUND
         canvas = Canvas(picture, self.view)
         canvas.cells(self._prior.with_data(codes), SHADES)
+        for robot in scene.guards:
+            paint_reach(canvas, self._setup, robot)
+        if self._setup.shows_scans:
+            paint_scans(canvas, scene.scans)
         for robot in scene.guards:
             canvas.circle(robot.believed[:2], 4.0 / canvas.scale, GUARD, -1)
         labels = Labels(canvas)
@@ -224,18 +250,22 @@ def _draw_legend(page: Picture, setup: Setup) -> None:
     if setup.other_intruders:
         of_world.append((_legs, "person (two legs) or thing"))
     of_world += [
-        (_missed, "missed intruder, in range"),
-        (_out_of_range, "out of range: no error"),
+        (_missed, MISS),
+        (_out_of_range, NO_ERROR),
         (_paths if setup.mobile_intruders else _path, "path and goal"),
+        *([(_unknown, "unknown on the map")] if setup.plan.ground is not None else []),
+        (_reach, f"costmap {setup.local_size_m:g} m, LiDAR {setup.usable_range_m:g} m"),
     ]
     of_map: list[tuple[Mark, str]] = [
-        (_detection, "detection, with its guard's number"),
-        (_further, "further one on the same intruder"),
-        (_false, "detection that touches no intruder"),
+        (_detection, f"{TRUE_POSITIVE}, with its guard's number"),
+        (_further, DUPLICATE),
+        (_false, FALSE_POSITIVE),
         (_shade(FOREGROUND), "seen, not on the prior map (D)"),
         (_shade(COMMON), "seen, on the prior map (C)"),
         (_shade(INFLATED), "margin of the prior map (Eq. 1)"),
     ]
+    if setup.shows_scans:
+        of_map.append((_returns, "LiDAR returns"))
     for left, marks in ((COLUMN_LEFT + 16, of_world), (COLUMN_LEFT + 262, of_map)):
         for row, (mark, text) in enumerate(marks):
             y = LEGEND_TOP + LEGEND_ROW_PX * row
@@ -283,6 +313,19 @@ def _out_of_range(canvas: Canvas, x: float, y: float) -> None:
     paint_sign(canvas, Truth([np.array([(x, y)])], False, False), 0.0, MARK_PX)
 
 
+def _unknown(canvas: Canvas, x: float, y: float) -> None:
+    canvas.polygon(_swatch(x, y), GROUND)
+
+
+def _reach(canvas: Canvas, x: float, y: float) -> None:
+    canvas.circle((x, y), MARK_PX - 2.0, GUARD_RANGE)
+    canvas.box(Box.square(x, y, 2.0 * MARK_PX), GUARD)
+
+
+def _returns(canvas: Canvas, x: float, y: float) -> None:
+    paint_scans(canvas, [np.array([(x - 6.0, y), (x, y), (x + 6.0, y)])])
+
+
 def _detection(canvas: Canvas, x: float, y: float) -> None:
     paint_detection(canvas, Box.square(x, y, 2.0 * MARK_PX), False)
 
@@ -307,58 +350,84 @@ def _swatch(x: float, y: float) -> Floats:
 class Storyboard:
     """A page of scenes that are evenly spread over a trial, however long it turns out to be."""
 
-    SCENES, COLUMNS = 12, 4
-    TILE_PX, GAP_PX, HEAD_PX, LINE_PX = 480, 12, 44, 21
-    TIME_PX = 70
+    SCENES, COLUMNS = 6, 3
+    TILE_PX, GAP_PX, LINE_PX = 400, 14, 23
+    TEXT_PX, LABEL_PX = 18, 16
+    """large enough for a page that is printed half as wide as paper"""
+    TIME_PX = 84
     """room for the time before a scene's counter"""
 
     def __init__(self, setup: Setup) -> None:
         self._title = setup.plan.title
         self._has_stationary = bool(setup.plan.stationary)
-        self._world = WorldPanel(setup, self.TILE_PX)
+        self._reach = setup.reach.replace("\n", " ")
+        self._world = WorldPanel(setup, self.TILE_PX, self.LABEL_PX)
         self._scenes: list[Scene] = []
+        self._turns: list[Scene] = []
+        """the scenes with something new in their remark, of a trial that is about catching"""
+        self._last: Scene | None = None
         self._every = 1
         self._offered = 0
 
     def offer(self, scene: Scene) -> None:
         """The next frame; most are not kept."""
+        scene = replace(scene, explanation=None)  # grids would fill the memory
+        if scene.chase and scene.remark and (self._last is None or self._last.remark != scene.remark):
+            self._turns.append(scene)
         if self._offered % self._every == 0:
-            self._scenes.append(replace(scene, explanation=None))  # grids would fill the memory
+            self._scenes.append(scene)
             # never more than four times what will be shown
             if len(self._scenes) > 4 * self.SCENES:
                 self._scenes, self._every = self._scenes[::2], 2 * self._every
+        self._last = scene
         self._offered += 1
 
     def chosen(self) -> list[Scene]:
-        """The first frame, the last one kept and those between at even distances; at most a dozen."""
-        last = len(self._scenes) - 1
-        picked = np.linspace(0, last, min(self.SCENES, last + 1)).round().astype(int)
-        return [self._scenes[index] for index in picked.tolist()]
+        """The first frame, the last one, the last catches and escapes, and others at even distances."""
+        if self._last is None:
+            return []
+        kept = {scene.frame: scene for scene in [*self._scenes, self._last]}
+        fixed = {scene.frame: scene for scene in self._turns[1 - self.SCENES :]}
+        frames = sorted(kept)
+        even = np.linspace(0, len(frames) - 1, min(self.SCENES, len(frames))).round().astype(int).tolist()
+        # from both ends inwards: the first and the last scene tell the most
+        fixed = {self._last.frame: self._last, **fixed}
+        for place in sorted(even, key=lambda place: min(place, len(frames) - 1 - place)):
+            if len(fixed) < self.SCENES:
+                fixed[frames[place]] = kept[frames[place]]
+        return [fixed[frame] for frame in sorted(fixed)]
 
     def page(self) -> Picture:
         """(height, width, 3) the chosen scenes in reading order."""
         chosen = self.chosen()
         step = self.TILE_PX + self.GAP_PX
+        width = self.COLUMNS * step + self.GAP_PX
+        legend = self._legend(chosen, width)
+        head_px = 44 + self.LINE_PX * (1 + max((row for _, _, _, row in legend), default=0)) + 4
         caption_px = self.LINE_PX * (2 if any(scene.remark for scene in chosen) else 1) + 4
         rows = -(-len(chosen) // self.COLUMNS)
-        page = blank_page(self.COLUMNS * step + self.GAP_PX, self.HEAD_PX + rows * (step + caption_px))
-        write(page, self.GAP_PX, 8, self._title, 20, INK, bold=True)
-        self._write_legend(page, chosen)
+        page = blank_page(width, head_px + rows * (step + caption_px))
+        write(page, self.GAP_PX, 8, self._title, 22, INK, bold=True)
+        canvas = Canvas(page, Box(0.0, -float(page.shape[0]), float(page.shape[1]), 0.0))
+        for mark, text, left, row in legend:
+            middle = 44 + self.LINE_PX * row + 10
+            mark(canvas, left + 8.0, -float(middle))
+            write(page, left + 28, middle - 11, text, 16, INK)
         told = ""
         for place, scene in enumerate(chosen):
-            top = self.HEAD_PX + place // self.COLUMNS * (step + caption_px)
+            top = head_px + place // self.COLUMNS * (step + caption_px)
             left = self.GAP_PX + place % self.COLUMNS * step
-            write(page, left, top, f"{scene.time_s:.1f} s", 16, INK, bold=True)
-            write(page, left + self.TIME_PX, top, scene.counter, 16, INK)
+            write(page, left, top, f"{scene.time_s:.1f} s", self.TEXT_PX, INK, bold=True)
+            write(page, left + self.TIME_PX, top, scene.counter, self.TEXT_PX, INK)
             if scene.remark != told:  # a catch is told once
                 told = scene.remark
-                write(page, left + self.TIME_PX, top + self.LINE_PX, told, 14, INK)
+                write(page, left, top + self.LINE_PX, told, 16, INK)
             top += caption_px
             self._world.paint(page[top : top + self.TILE_PX, left : left + self.TILE_PX], scene)
         return page
 
-    def _write_legend(self, page: Picture, scenes: Sequence[Scene]) -> None:
-        """What the marks mean that are in these scenes."""
+    def _legend(self, scenes: Sequence[Scene], width: int) -> list[tuple[Mark, str, int, int]]:
+        """What the marks mean that are in these scenes: mark, text, pixels from the left, row."""
         boxes = [found for scene in scenes for found in scene.detections]
         truths = [truth for scene in scenes for truth in scene.truths]
         some_intrude = any(scene.intruders for scene in scenes)
@@ -368,16 +437,19 @@ class Storyboard:
             (_stationary, "stationary intruder", self._has_stationary),
             (_legs, "person (two legs) or thing", any(scene.others for scene in scenes)),
             (_paths if some_intrude else _path, "path and goal", True),
-            (_detection, "detection", any(not (one.is_false or one.is_further) for one in boxes)),
-            (_further, "further one on the same intruder", any(one.is_further for one in boxes)),
-            (_false, "detection that touches no intruder", any(one.is_false for one in boxes)),
-            (_missed, "missed intruder, in range", any(truth.is_missed for truth in truths)),
-            (_out_of_range, "out of range: no error", any(truth.is_out_of_range for truth in truths)),
+            (_detection, TRUE_POSITIVE, any(not (one.is_false or one.is_further) for one in boxes)),
+            (_further, DUPLICATE, any(one.is_further for one in boxes)),
+            (_false, FALSE_POSITIVE, any(one.is_false for one in boxes)),
+            (_missed, MISS, any(truth.is_missed for truth in truths)),
+            (_out_of_range, NO_ERROR, any(truth.is_out_of_range for truth in truths)),
+            (_reach, self._reach, True),
         ]
-        canvas = Canvas(page, Box(0.0, -float(page.shape[0]), float(page.shape[1]), 0.0))
-        left = 2 * self.GAP_PX + 40 + text_mask(self._title, 20, True).shape[1]
+        placed, left, row = [], self.GAP_PX, 0
         for mark, text, is_there in entries:
+            wide = 28 + text_mask(text, 16).shape[1] + 24
             if is_there:
-                mark(canvas, left, -22.0)
-                write(page, left + 20, 13, text, 14, INK)
-                left += 20 + text_mask(text, 14).shape[1] + 30
+                if left + wide > width and left > self.GAP_PX:
+                    left, row = self.GAP_PX, row + 1
+                placed.append((mark, text, left, row))
+                left += wide
+        return placed

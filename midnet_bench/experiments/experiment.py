@@ -48,6 +48,10 @@ def _no_figures(results: object) -> "Mapping[str, Figure]":
     return {}
 
 
+def _no_words(results: object) -> str:
+    return ""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
     """An experiment: its parameters, one trial of it, and what is made of a campaign's results.
@@ -81,6 +85,10 @@ class Experiment:
     ``printed``, which ``--wide`` shows"""
     figures: "Callable[[Results], Mapping[str, Figure]]" = _no_figures
     """stem of its files -> a matplotlib figure"""
+    sweeps_beside: bool = False
+    """whether scores over numeric factors are drawn beside ``figures``"""
+    conclusion: "Callable[[Results], str]" = _no_words
+    """the result in a sentence or two, on top of ``report.html``; empty before a trial has finished"""
     claims: "Callable[[Results], Sequence[Finding]]" = _nothing
     """what a paper states, checked against the results, for ``verify``"""
     measures: "Callable[[Results], Measures] | None" = None

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
-from midnet_bench.drawing import palette
+from midnet_bench.drawing import palette, signs
 from midnet_bench.page.funnel import MEANINGS, Funnel
 from midnet_bench.page.recording import COLUMNS, SCAN_COLUMNS, Recording, packed
 
@@ -39,8 +39,10 @@ LIGHT = {
     "guard-faint": palette.GUARD_FAINT,
     "intruder": palette.INTRUDER,
     "intruder-faint": palette.INTRUDER_FAINT,
+    "guard-range": palette.GUARD_RANGE,
     "detection": palette.DETECTION,
     "false-detection": palette.FALSE_DETECTION,
+    "missed": palette.MISSED,
 }
 DARK = {
     **LIGHT,
@@ -61,7 +63,9 @@ DARK = {
     "intruder": (240, 130, 50),
     "intruder-faint": (112, 66, 34),
     "detection": (30, 190, 145),
+    "guard-range": (38, 84, 112),
     "false-detection": (226, 120, 196),
+    "missed": (255, 255, 255),
 }
 """the same hues on a dark ground: each colour keeps its meaning"""
 
@@ -77,13 +81,28 @@ class Layer(NamedTuple):
 
 LAYERS = (
     Layer("boxes", "boxes and errors", "color: var(--detection)", True),
+    Layer("window", "local costmaps, LiDAR range", "color: var(--guard); border-width: 1px", True),
     Layer("found", "boxes before fusion", "color: var(--faint-ink)", False),
     Layer("truth", "true boxes", "color: var(--intruder)", True),
     Layer("scans", "scans", "color: var(--guard-faint); border-style: dotted", True),
-    Layer("believed", "where guards take themselves to be", "color: var(--ink); border-style: dashed", True),
+    Layer("believed", "believed poses", "color: var(--ink); border-style: dashed", True),
     Layer("goals", "goals, pursuits", "color: var(--guard); border-width: 2px 0 0", True),
-    Layer("names", "names and causes", "border: 0", True),
+    Layer("names", "numbers and causes", "color: var(--ink); border-width: 0 0 2px", True),
 )
+
+
+LEGEND = (
+    (signs.TRUE_POSITIVE, '<rect class="box" x="3" y="3" width="14" height="14"/>'),
+    (signs.DUPLICATE, '<rect class="box dashed" x="3" y="3" width="14" height="14"/>'),
+    (signs.FALSE_POSITIVE, '<path class="false" d="M3 3h14v14h-14zM3 3l14 14M17 3l-14 14"/>'),
+    (
+        signs.MISS,
+        '<path class="missed" d="M3 10v7h6M11 17h6v-6M17 9v-6h-6"/><circle class="disc" cx="4" cy="4" r="4"/>'
+        '<path class="mark" d="M4 1.5v3M4 5.6v1"/>',
+    ),
+    (signs.NO_ERROR, '<circle class="ring" cx="10" cy="10" r="7"/>'),
+)
+"""words and an SVG of 20 by 20 for each sign, those of the pictures"""
 
 
 class Picture(NamedTuple):
@@ -101,6 +120,8 @@ class Content:
 
     title: str
     lead: str
+    conclusion: str
+    """the result in words; empty if there are none"""
     headline: Sequence[Table]
     claims: Table | None
     """a row for each statement of the paper, with a column ``verdict``"""
@@ -165,17 +186,20 @@ def _rendered(
 
     places = {trial.place: number for number, trial in enumerate(kept)}
     sides = [_side(funnel, side, places) for side in MEANINGS if funnel.causes(side)]
+    figures = [_figure(one) for one in content.pictures if {".png", ".svg"} & one.files.keys()]
     claims = None if content.claims is None else _shown(content.claims)
     page = {
         "title": content.title,
         "lead": content.lead,
+        "conclusion": content.conclusion,
         "headline": [_shown(table) for table in content.headline],
         "claims": claims,
         "verdicts": "" if content.claims is None else _verdicts(content.claims),
         "funnel": sides,
         "counterfactuals": content.counterfactuals and _shown(content.counterfactuals),
         "player": _player(kept, with_scans, recorded) if kept else None,
-        "figures": [_figure(picture) for picture in content.pictures],
+        "first_figure": figures[:1],
+        "figures": figures[1:],
         "tables": [_shown(table) for table in content.tables],
         "provenance": [list(_flat(run)) for run in content.provenance],
         "configuration": list(_flat(content.configuration)),
@@ -232,6 +256,7 @@ def _player(kept: Sequence[_Packed], with_scans: set[int], recorded: int) -> dic
         "head": htmlsafe_json_dumps(head, separators=(",", ":")),
         "data": list(data.items()),
         "layers": LAYERS,
+        "legend": LEGEND,
         "left_out": f"To keep the page below 10 MB: {told}." if told else "",
     }
 
@@ -299,9 +324,11 @@ def _verdicts(claims: Table) -> str:
 
 
 def _figure(picture: Picture) -> dict[str, Any]:
-    ending = min(picture.files, key=lambda one: len(picture.files[one]))
-    kind = {".svg": "image/svg+xml", ".png": "image/png"}[ending]
+    kinds = {".svg": "image/svg+xml", ".png": "image/png"}  # a browser shows no PDF as a picture
+    ending = min(kinds.keys() & picture.files, key=lambda one: len(picture.files[one]))
+    kind = kinds[ending]
     series = list(dict.fromkeys(str(row["series"]) for row in picture.data.rows if row.get("series")))
+    series = series or list(dict.fromkeys(str(row["panel"]) for row in picture.data.rows if row.get("panel")))
     alt = f"Figure {picture.name.replace('_', ' ')}"
     return {
         "name": picture.name,

@@ -6,8 +6,9 @@
   if (!data) return;
   const { trials, columns, scanColumns } = JSON.parse(data.textContent);
   const $ = (id) => document.getElementById(id);
-  const canvas = $("arena"), strip = $("strip"), scrub = $("scrub"), section = $("player");
+  const canvas = $("arena"), strip = $("strip"), curve = $("curve"), scrub = $("scrub"), section = $("player");
   const SECOND = 5; // frames an arrow key moves
+  const SCALES_M = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20];
   const LEAST_PX = 11; // a robot is drawn at least so long
   const now = { trial: -1, frame: 0, playing: false, since: 0, focus: null, head: null, shown: [], asked: 0 };
   let colours = {};
@@ -62,7 +63,9 @@
 
   function fillCauses() {
     const counts = new Map();
-    const kinds = [["all", "all errors"], ["miss", "all misses"], ["false", "all false boxes"]];
+    const kinds = [
+      ["all", "all errors"], ["miss", "all misses"], ["false", "all false positives"], ["fragment", "all second boxes"],
+    ];
     for (const one of now.episodes) if (one.cause) counts.set(one.cause, (counts.get(one.cause) || 0) + 1);
     const causes = [...counts].sort((a, b) => b[1] - a[1]).map(([name, n]) => [name, `${plain(name)} (${n})`]);
     const before = $("cause").value;
@@ -74,7 +77,7 @@
   function isChosen(one) {
     const cause = $("cause").value;
     if (cause === "all") return true;
-    if (cause === "miss" || cause === "false") return (one.kind === "miss") === (cause === "miss");
+    if (cause in KIND_NAMES) return one.kind === cause;
     return one.cause === cause;
   }
 
@@ -87,8 +90,8 @@
       time.textContent = `${((one.first + 1) / now.head.hz).toFixed(1)} s`;
       const lasts = (one.last - one.first + 1) / now.head.hz;
       const sign = document.createElement("span");
-      sign.className = one.kind === "miss" ? "sign miss" : "sign false";
-      sign.textContent = one.kind === "miss" ? "−" : "×";
+      sign.className = `sign ${one.kind}`;
+      sign.textContent = { miss: "!", false: "×", fragment: "2" }[one.kind];
       sign.setAttribute("aria-hidden", "true");
       const text = document.createElement("span");
       text.textContent = `${inWords(one)}; lasts ${lasts.toFixed(1)} s`;
@@ -133,6 +136,7 @@
     tell();
     draw();
     drawStrip();
+    drawCurve();
   }
 
   function play() {
@@ -215,9 +219,9 @@
     const time = `${((frame + 1) / head.hz).toFixed(1)} s`;
     const score = f1(totals, frame);
     const happened = head.events.filter(([at]) => at <= frame + 1);
-    const so_far = `${totals.found[frame]} found, ${totals.missed[frame]} missed, ${totals.false[frame]} false`;
+    const so_far = `${totals.found[frame]} found, ${totals.missed[frame]} missed, ${totals.false[frame]} false or second boxes`;
     $("where").textContent = `frame ${frame + 1} of ${head.frames} · ${time}`;
-    $("frame-counts").textContent = `now: ${counts.found} found, ${counts.missed} missed, ${counts.false} false`;
+    $("frame-counts").textContent = `now: ${counts.found} found, ${counts.missed} missed, ${counts.false} false or second boxes`;
     $("total-counts").textContent = `so far: ${so_far}${score === null ? "" : `, one-to-one F1 ${score.toFixed(3)}`}`;
     const whats = [...new Set(head.events.map(([, what]) => what))];
     const score_of = (what) => `${happened.filter((event) => event[1] === what).length} ${what}`;
@@ -248,7 +252,7 @@
   function readColours() {
     const style = getComputedStyle(document.documentElement);
     for (const name of ["floor", "ground", "wood", "wood-edge", "ink", "faint-ink", "guard", "guard-faint",
-      "intruder", "intruder-faint", "detection", "false-detection"]) {
+      "guard-range", "intruder", "intruder-faint", "detection", "false-detection", "missed", "line", "soft", "paper"]) {
       colours[name] = style.getPropertyValue(`--${name}`).trim();
     }
   }
@@ -259,7 +263,7 @@
     const width = Math.min(canvas.parentElement.clientWidth, 0.8 * window.innerHeight * ratio_of_sides);
     canvas.style.width = `${width}px`;
     canvas.style.height = `${width / ratio_of_sides}px`;
-    for (const one of [canvas, strip]) {
+    for (const one of [canvas, strip, curve]) {
       const ratio = window.devicePixelRatio || 1;
       one.width = Math.max(1, Math.round(one.clientWidth * ratio));
       one.height = Math.max(1, Math.round(one.clientHeight * ratio));
@@ -303,11 +307,17 @@
       box.width * STEP_M * view.scale, box.height * STEP_M * view.scale,
     ];
     const boxOf = (box, colour, width, dash) => { line(colour, width, dash); context.strokeRect(...sides(box)); };
-    const words = (text, x, y, colour, bold) => {
-      if (x < 0 || y < 0 || x > canvas.width || y > canvas.height) return;
-      context.font = `${bold ? "600 " : ""}${12 * ratio}px system-ui, sans-serif`;
-      const half = context.measureText(text).width / 2 + 2 * ratio;
-      const at = Math.max(half, Math.min(x, canvas.width - half));
+    const taken = []; // by labels: left, top, right, bottom
+    /** A label at the first of [[x, y], ...] where no other one is; without such a place it is left out. */
+    const words = (text, spots, colour) => {
+      context.font = `600 ${12 * ratio}px system-ui, sans-serif`;
+      const half = context.measureText(text).width / 2 + 2 * ratio, high = 8 * ratio;
+      const inside = (x) => Math.max(half, Math.min(x, canvas.width - half));
+      const free = spots.find(([x, y]) => x > 0 && x < canvas.width && y > high && y < canvas.height - high
+        && !taken.some(([l, t, r, b]) => inside(x) - half < r && l < inside(x) + half && y - high < b && t < y + high));
+      if (!free) return;
+      const at = inside(free[0]), y = free[1];
+      taken.push([at - half, y - high, at + half, y + high]);
       context.textAlign = "center";
       context.textBaseline = "middle";
       context.lineJoin = "round";
@@ -327,6 +337,7 @@
       line("intruder", 1);
       context.stroke();
     }
+    if (shows("window")) drawReach(context, rowsAt(lists.robots, frame), px, py, view.scale, line);
     if (shows("scans") && now.scans) drawScans(context, px, py, ratio);
     const robots = rowsAt(lists.robots, frame);
     if (shows("goals")) {
@@ -354,24 +365,28 @@
     robots.forEach((robot) => {
       if (robot.here) drawRobot(context, robot, px, py, view.scale, ratio, shows("believed"));
     });
+    const signed = []; // errors that may have their cause beside them
     if (shows("boxes")) {
-      for (const box of rowsAt(lists.detections, frame)) boxOf(box, "detection", 2);
       const errors = errorsAt(head, lists, frame);
-      errors.forEach((error, number) => {
+      for (const box of rowsAt(lists.detections, frame)) if (box.truth) boxOf(box, "detection", 2);
+      for (const truth of rowsAt(lists.truths, frame)) {
+        if (truth.counts || truth.detection) continue;
+        const [x, y, w, h] = sides(truth);
+        line("faint-ink", 1, [3, 3]);
+        context.beginPath();
+        context.arc(x + w / 2, y + h / 2, Math.max(9 * ratio, Math.hypot(w, h) / 2), 0, 2 * Math.PI);
+        context.stroke();
+      }
+      errors.forEach((error) => {
         const [x, y, w, h] = sides(error.box);
         const [cx, cy] = [x + w / 2, y + h / 2];
-        const isMiss = error.kind === "miss";
-        const colour = isMiss ? "intruder" : "false-detection";
-        const reach = Math.max(9 * ratio, Math.hypot(w, h) / 2 + 3 * ratio);
-        if (isMiss) {
-          line(colour, 2.5);
-          context.beginPath();
-          context.arc(cx, cy, reach, 0, 2 * Math.PI);
-          context.moveTo(cx - reach / 2, cy);
-          context.lineTo(cx + reach / 2, cy);
-          context.stroke();
+        const reach = Math.max(9 * ratio, h / 2 + 4 * ratio);
+        if (error.kind === "miss") {
+          drawMiss(context, cx, cy, Math.max(9 * ratio, w / 2 + 4 * ratio), reach, ratio, line);
+        } else if (error.kind === "fragment") {
+          boxOf(error.box, "detection", 2, [5, 4]);
         } else {
-          boxOf(error.box, colour, 2.5);
+          boxOf(error.box, "false-detection", 2);
           context.beginPath();
           context.moveTo(x, y);
           context.lineTo(x + w, y + h);
@@ -379,24 +394,79 @@
           context.lineTo(x, y + h);
           context.stroke();
         }
-        if (shows("names")) {
-          const below = cy + reach + 9 * ratio, above = cy - reach - 9 * ratio;
-          const label = plain(error.cause) || (isMiss ? "missed" : "false box");
-          words(label, cx, below > canvas.height - 6 * ratio || number % 2 ? above : below, "ink", true);
-        }
+        signed.push([causeOf(error), cx, cy, reach]);
       });
     }
+    drawScale(context, view.scale, ratio, words);
+    const late = head.events.filter(([at]) => at <= frame + 1 && frame + 1 < at + 3 * head.hz);
+    late.forEach(([, , text], number) => words(text, [[canvas.width / 2, (16 + 18 * number) * ratio]], "ink"));
+    if (!shows("names")) return;
     robots.forEach((robot) => {
       if (!robot.here) return;
       const { guard, name } = head.robots[robot.robot];
       const up = Math.max(LEAST_PX * ratio, 0.14 * view.scale) + 4 * ratio;
-      if (shows("names")) {
-        words(name.match(/\d+$/)?.[0] || name, px(robot.x * STEP_M) + up, py(robot.y * STEP_M) - up / 2,
-          guard ? "guard" : "intruder", true);
-      }
+      const [x, y] = [px(robot.x * STEP_M), py(robot.y * STEP_M)];
+      const spots = [[x + up, y - up / 2], [x - up, y - up / 2], [x + up, y + up / 2], [x - up, y + up / 2]];
+      words(name.match(/\d+$/)?.[0] || name, spots, guard ? "guard" : "intruder");
     });
-    const late = head.events.filter(([at]) => at <= frame + 1 && frame + 1 < at + 3 * head.hz);
-    late.forEach(([, , text], number) => words(text, canvas.width / 2, (16 + 18 * number) * ratio, "ink", true));
+    for (const [cause, x, y, reach] of signed) {
+      const off = reach + 9 * ratio;
+      if (cause) words(cause, [[x, y + off], [x, y - off], [x, y + 1.8 * off], [x, y - 1.8 * off]], "ink");
+    }
+  }
+
+  /** The four corners of the box that is not there, and a disc with an exclamation mark. */
+  function drawMiss(context, cx, cy, halfX, halfY, ratio, line) {
+    line("missed", 2);
+    context.beginPath();
+    for (const [x, y] of [[-1, -1], [1, -1], [1, 1], [-1, 1]]) {
+      context.moveTo(cx + x * 0.55 * halfX, cy + y * halfY);
+      context.lineTo(cx + x * halfX, cy + y * halfY);
+      context.lineTo(cx + x * halfX, cy + y * 0.55 * halfY);
+    }
+    context.stroke();
+    context.beginPath();
+    context.arc(cx - halfX, cy - halfY, 6 * ratio, 0, 2 * Math.PI);
+    context.fillStyle = colours.missed;
+    context.fill();
+    context.font = `800 ${10 * ratio}px system-ui, sans-serif`;
+    context.textAlign = "center";
+    context.textBaseline = "middle";
+    context.fillStyle = colours.floor;
+    context.fillText("!", cx - halfX, cy - halfY + 0.5 * ratio);
+  }
+
+  /** Each guard's local costmap about its believed position, and the usable range of its LiDAR. */
+  function drawReach(context, robots, px, py, scale, line) {
+    const { window: side, range, sensor } = now.head;
+    for (const robot of robots) {
+      if (!robot.here || !now.head.robots[robot.robot].guard) continue;
+      const [x, y, yaw] = [robot.x * STEP_M, robot.y * STEP_M, robot.yaw * STEP_M];
+      if (range) {
+        line("guard-range", 1);
+        context.beginPath();
+        const ahead = sensor[0] * Math.cos(yaw) - sensor[1] * Math.sin(yaw);
+        const aside = sensor[0] * Math.sin(yaw) + sensor[1] * Math.cos(yaw);
+        context.arc(px(x + ahead), py(y + aside), range * scale, 0, 2 * Math.PI);
+        context.stroke();
+      }
+      if (side) {
+        line("guard", 1);
+        const [left, top] = [x + robot.off_x * STEP_M - side / 2, y + robot.off_y * STEP_M + side / 2];
+        context.strokeRect(px(left), py(top), side * scale, side * scale);
+      }
+    }
+  }
+
+  /** A bar of a round length at the lower right. */
+  function drawScale(context, scale, ratio, words) {
+    const length = SCALES_M.find((one) => one * scale >= 44 * ratio) || SCALES_M.at(-1);
+    const [right, y] = [canvas.width - 10 * ratio, canvas.height - 8 * ratio];
+    for (const [colour, width] of [["floor", 6], ["ink", 3]]) {
+      context.fillStyle = colours[colour];
+      context.fillRect(right - length * scale, y - (width * ratio) / 2, length * scale, width * ratio);
+    }
+    words(`${length} m`, [[right - (length * scale) / 2, y - 12 * ratio]], "ink");
   }
 
   function drawScans(context, px, py, ratio) {
@@ -462,11 +532,54 @@
     context.clearRect(0, 0, width, height);
     for (const { one } of now.shown) {
       const isMiss = one.kind === "miss";
-      context.fillStyle = colours[isMiss ? "intruder" : "false-detection"];
+      context.fillStyle = colours[{ miss: "missed", false: "false-detection", fragment: "detection" }[one.kind]];
       context.globalAlpha = 0.6;
       context.fillRect(at(one.first), isMiss ? 0 : height / 2, Math.max(1, at(one.last + 1) - at(one.first)), height / 2 - 1);
     }
     context.globalAlpha = 1;
+    context.fillStyle = colours.ink;
+    context.fillRect(at(now.frame) - 1, 0, 2, height);
+  }
+
+  /** One-to-one F1 over the last ten seconds as a line, with that of all frames so far as a thicker one. */
+  function drawCurve() {
+    const context = curve.getContext("2d");
+    const ratio = window.devicePixelRatio || 1;
+    const { width, height } = curve;
+    const { head, totals } = now;
+    const top = 4 * ratio, base = height - 4 * ratio;
+    const at = (frame) => ((frame + 0.5) / head.frames) * width;
+    context.clearRect(0, 0, width, height);
+    context.strokeStyle = colours.line;
+    context.lineWidth = ratio;
+    context.beginPath();
+    for (const share of [0, 0.5, 1]) {
+      context.moveTo(0, base - share * (base - top));
+      context.lineTo(width, base - share * (base - top));
+    }
+    context.stroke();
+    const recent = Math.round(10 * head.hz);
+    for (const [score, colour, thick] of [
+      [(frame) => recentF1(totals, frame, recent), "guard", 1],
+      [(frame) => f1(totals, frame), "ink", 2],
+    ]) {
+      context.strokeStyle = colours[colour];
+      context.lineWidth = thick * ratio;
+      context.beginPath();
+      for (let frame = 0; frame < head.frames; frame++) {
+        const value = score(frame);
+        if (value !== null) context.lineTo(at(frame), base - value * (base - top));
+      }
+      context.stroke();
+    }
+    context.font = `${11 * ratio}px system-ui, sans-serif`;
+    context.textBaseline = "bottom";
+    context.lineWidth = 3 * ratio;
+    context.strokeStyle = colours.paper;
+    context.fillStyle = colours.soft;
+    const text = "one-to-one F1, 0 to 1: so far (thick), last 10 s (thin)";
+    context.strokeText(text, 3 * ratio, base - ratio);
+    context.fillText(text, 3 * ratio, base - ratio);
     context.fillStyle = colours.ink;
     context.fillRect(at(now.frame) - 1, 0, 2, height);
   }
@@ -508,14 +621,16 @@
   $("previous").addEventListener("click", KEYS.p);
   $("zoom").addEventListener("change", () => draw());
   scrub.addEventListener("input", () => { pause(); go(Number(scrub.value) - 1); });
-  strip.addEventListener("click", (event) => {
-    pause();
-    go(Math.floor((event.offsetX / strip.clientWidth) * now.head.frames));
-  });
+  for (const one of [strip, curve]) {
+    one.addEventListener("click", (event) => {
+      pause();
+      go(Math.floor((event.offsetX / one.clientWidth) * now.head.frames));
+    });
+  }
   for (const box of document.querySelectorAll("#layers input")) box.addEventListener("change", draw);
   document.addEventListener("keydown", onKey);
   window.addEventListener("hashchange", () => follow(location.hash));
-  const again = () => { if (now.head) { size(); draw(); drawStrip(); } };
+  const again = () => { if (now.head) { size(); draw(); drawStrip(); drawCurve(); } };
   window.addEventListener("resize", again);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { readColours(); again(); });
   follow(location.hash).then((found) => found || load(0, 0)).then(() => { section.dataset.ready = "true"; });

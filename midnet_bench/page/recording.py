@@ -80,6 +80,12 @@ class Recording:
     """likewise; see :data:`SCAN_COLUMNS`"""
     explained: bool
     """whether errors have causes; else ``errors`` is empty and the player finds misses and false boxes"""
+    window_m: float | None = None
+    """side of a guard's local costmap, metres; None where it is not known"""
+    range_m: float | None = None
+    """usable range of a guard's LiDAR, metres; None where it is not known"""
+    sensor: tuple[float, float] = (0.0, 0.0)
+    """x, y of the LiDAR about a robot's base frame, metres"""
     events: Sequence[Event] = field(default=())
     summary: str = ""
     """what came of the trial, in a line"""
@@ -93,6 +99,9 @@ class Recording:
             "robots": [{"name": name, "guard": is_guard} for name, is_guard in self.robots],
             "body": [list(point) for point in self.body],
             "beams": self.beams,
+            "window": self.window_m,
+            "range": self.range_m,
+            "sensor": self.sensor,
             "words": list(self.words),
             "explained": self.explained,
             "events": [list(event) for event in self.events],

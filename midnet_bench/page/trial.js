@@ -4,7 +4,7 @@
 const STEP_M = 0.005; // lengths and places are whole multiples of it, angles of as many radians
 const TEAM = 32;
 const KINDS = ["miss", "false", "fragment"];
-const KIND_NAMES = { miss: "missed", false: "false box", fragment: "further box" };
+const KIND_NAMES = { miss: "missed", false: "false positive", fragment: "second box on one intruder" };
 
 /** The other side of recording.py's packed(): bytes -> list -> {start, rows}, rows being one array per column. */
 function unpack(bytes, columns, frames) {
@@ -79,10 +79,19 @@ function errorsAt(head, lists, frame) {
   const missed = rowsAt(lists.truths, frame)
     .filter((truth) => truth.counts && !truth.detection)
     .map((truth) => ({ ...blank, kind: "miss", guard: 0, who: word(truth.name), box: truth }));
+  const truths = rowsAt(lists.truths, frame);
   const left = rowsAt(lists.detections, frame)
     .filter((box) => !box.truth)
-    .map((box) => ({ ...blank, kind: "false", guard: (box.track % TEAM) + 1, who: "", box }));
+    .map((box) => ({
+      ...blank, kind: truths.some((truth) => overlap(box, truth)) ? "fragment" : "false",
+      guard: (box.track % TEAM) + 1, who: "", box,
+    }));
   return [...missed, ...left];
+}
+
+/** Whether two boxes have a common area. */
+function overlap(a, b) {
+  return a.x < b.x + b.width && b.x < a.x + a.width && a.y < b.y + b.height && b.y < a.y + a.height;
 }
 
 /** Errors that go on from frame to frame, as one: [{...error, first, last}], by their first frames (from 0). */
@@ -130,6 +139,14 @@ function f1(totals, frame) {
   return all > 0 ? (2 * found) / all : null;
 }
 
+/** One-to-one F1 of the last `frames` frames up to one; null where nothing was there to be found. */
+function recentF1(totals, frame, frames) {
+  const first = frame - frames;
+  const of = (name) => totals[name][frame] - (first < 0 ? 0 : totals[name][first]);
+  const all = 2 * of("found") + of("missed") + of("false");
+  return all > 0 ? (2 * of("found")) / all : null;
+}
+
 /** The first frame of the next (or, for -1, the previous) episode from a frame on; null if there is none. */
 function neighbour(list, frame, direction) {
   const firsts = list.map((one) => one.first).filter((first) => (first - frame) * direction > 0);
@@ -138,10 +155,13 @@ function neighbour(list, frame, direction) {
 
 const plain = (name) => name.replaceAll("_", " ");
 
+/** Its cause in words; none of a second box, whose kind says it already. */
+const causeOf = (error) => (error.kind === error.cause ? "" : plain(error.cause));
+
 /** An error in words: "missed: intruder 3, outside window". */
 function inWords(error) {
   const whose = error.guard > 0 ? `guard ${error.guard}` : "";
-  const parts = [error.kind === "miss" ? error.who : whose, plain(error.cause)];
+  const parts = [error.kind === "miss" ? error.who : whose, causeOf(error)];
   if (error.by && error.by !== error.who) parts.push(error.by);
   if (error.kind === "miss" && whose) parts.push(`at ${whose}`);
   if (error.age_s >= 0.05) parts.push(`${error.age_s.toFixed(1)} s old`);
@@ -161,6 +181,6 @@ function parseHash(hash) {
 
 if (typeof module !== "undefined") {
   module.exports = {
-    unpack, rowsAt, errorsAt, episodes, tally, countsAt, f1, neighbour, inWords, parseHash,
+    unpack, rowsAt, errorsAt, episodes, tally, countsAt, f1, recentF1, neighbour, inWords, parseHash,
   };
 }

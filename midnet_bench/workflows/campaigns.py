@@ -1,12 +1,19 @@
 """Campaigns by file or by name: those of ``campaigns/`` come with the package."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from midnet_bench.campaign.definition import Campaign, resolve
+from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
 from midnet_bench.campaign.definition import load_campaign as load
+from midnet_bench.campaign.trial import RunTrials, TrialResult, TrialSpec
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments import registry
 from midnet_bench.workflows.shipped import shipped_folder
+
+RECORDED_TRIALS = 4
+"""a detection campaign of up to so many trials is recorded without being asked"""
 
 
 def packaged_campaigns() -> dict[str, Path]:
@@ -60,3 +67,29 @@ def load_campaign(name_or_path: str | Path) -> Campaign:
     campaign = load(campaign_file(name_or_path))
     resolve(campaign, registry)
     return campaign
+
+
+def recorded_if_small(campaign: ResolvedCampaign) -> ResolvedCampaign:
+    """The campaign, with frames and causes of errors kept if it is a small one of the detection test.
+
+    Parameters, trial ids and the store's definition are those of the campaign without recording, so that more
+    trials can be added to it; its tables are the same, with ``recorded`` and ``errors`` added.
+
+    Args:
+        campaign: of up to ``RECORDED_TRIALS`` trials; a larger one, one that is recorded anyway, and one that
+            cannot be recorded (a network between guards and MIDNet) is returned as it is.
+    """
+    definition = campaign.definition
+    if definition.experiment != "detection" or definition.cells * definition.trials > RECORDED_TRIALS:
+        return campaign
+    model = registry.experiment(definition.experiment).model
+    try:
+        for cell in campaign.cells:
+            model.parse({**cell, "record": True}, definition.experiment)
+    except InputError:
+        return campaign
+    return replace(campaign, run_trials=partial(_run_recorded, campaign.run_trials))
+
+
+def _run_recorded(run_trials: RunTrials, specs: Sequence[TrialSpec]) -> Sequence[TrialResult | Exception]:
+    return run_trials([replace(spec, parameters={**spec.parameters, "record": True}) for spec in specs])

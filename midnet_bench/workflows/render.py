@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 from midnet_bench.campaign.trial import Scalar
@@ -30,10 +31,11 @@ def render_trial(
     clip: bool = True,
     progress: Progress = lambda done, most: None,
     speed: float = 2.0,
+    scans: bool = False,
 ) -> list[Path]:
     """The files written: ``arena.png``, ``grids.png``, ``detections.png``; ``trial.mp4``, ``storyboard.png``.
 
-    The three pictures show one frame; the video, and its dozen scenes on one page, the whole trial. The
+    The three pictures show one frame; the video, and six of its scenes on one page, the whole trial. The
     same trial gives the same PNG bytes. A detector that does not explain its frames gets no ``grids.png``.
 
     Args:
@@ -46,6 +48,7 @@ def render_trial(
         clip: whether to make a video; without one the trial ends after the frame that is drawn.
         progress: told after each frame.
         speed: how much faster than the trial's own time the video runs.
+        scans: whether pictures show the returns of the guards' LiDARs.
 
     Raises:
         InputError: the experiment is unknown or cannot be drawn, a parameter is wrong, the trial has no such
@@ -62,22 +65,23 @@ def render_trial(
         if not 1 <= chosen <= demo.max_frames:
             raise InputError(f"frame: {chosen} is out of range; the trial has frames 1 to {demo.max_frames}")
         _make_folder(directory)
+        setup = replace(demo.setup, shows_scans=scans)
         written: list[Path] = []
         last: Scene | None = None
         video: AbstractContextManager[Callable[[Scene], None] | None] = nullcontext()
         if clip:
-            video = trial_video(demo.setup, directory, speed)
+            video = trial_video(setup, directory, speed)
         with video as append:
             for number, last in enumerate(demo.scenes, 1):
                 if number == chosen:
-                    written += _write_pictures(demo.setup, last, directory)
+                    written += _write_pictures(setup, last, directory)
                     if append is None:
                         break
                 if append is not None:
                     append(last)
                 progress(number, demo.max_frames)
         if not written and frame_number is None and last is not None:
-            written += _write_pictures(demo.setup, last, directory)
+            written += _write_pictures(setup, last, directory)
     if not written:
         ended = 0 if last is None else last.frame
         raise InputError(f"frame: {chosen} is out of range; this trial ended with frame {ended}")

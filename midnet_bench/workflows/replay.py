@@ -8,8 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
 
+import numpy as np
+
 from midnet_bench.analysis.tables import Table
 from midnet_bench.errors import InputError
+from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import cannot_be_written, draft_of, write_atomically
 from midnet_bench.io.map_server import save_map
@@ -157,6 +160,8 @@ def _replay(
                     frames_hz(surveys, robots, options),
                     labelled_at_once(table, label_topics),
                     folder,
+                    # corrected poses are known on the way alone
+                    None if wishes.localize else driven(Replay(sources, robots, [], prior_map, {}, options)),
                 )
             )
         try:
@@ -192,6 +197,20 @@ def _replay(
     if wishes.unmapped:
         files += write_unmapped(folder, counts, prior_map, played.nodes[first].prior, note)
     return Replayed(tables, files, faults)
+
+
+def driven(replay: Replay) -> Box | None:
+    """The box of all the positions of a replay's robots, map frame, metres; None if it has no frames.
+
+    A fault in a recording ends it here and is reported by the replay that follows.
+    """
+    places: list[tuple[float, float]] = []
+    with suppress(InputError):
+        for frame in replay.frames():
+            places += [(one.told.pose.x, one.told.pose.y) for one in frame.seen]
+    if not places:
+        return None
+    return Box(*np.min(places, axis=0).tolist(), *np.max(places, axis=0).tolist())
 
 
 def _labels(frame: ReplayFrame, table: LabelTable | None, max_age_s: float) -> Labels | None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -14,6 +15,7 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.recording.replay import Replay, ReplayFrame
 from midnet_bench.recording.scores import Judged, Score
 from midnet_bench.recording.settings import ReplaySettings
+from midnet_bench.robots.model import Outline
 from midnet_bench.scoring.frame_counts import ratios
 
 LEAST_WALL_CELLS = 3
@@ -33,6 +35,7 @@ def film(
     frames_hz: float,
     labels: int,
     folder: Path,
+    driven: Box | None = None,
 ) -> Iterator[Callable[[ReplayFrame, Judged | None, Score], None]]:
     """What appends a frame to ``trial.mp4`` and ``storyboard.png`` in a folder; they are there in the end.
 
@@ -45,15 +48,18 @@ def film(
         frames_hz: frames a second of the recording.
         labels: how many objects are labelled.
         folder: where to.
+        driven: the box of all the robots' positions, map frame, metres, to which pictures are cropped.
 
     Raises:
         InputError: the place cannot be written.
         MidnetBenchError: there is no room, or ffmpeg fails.
     """
     node = replay.nodes[look]
-    model = settings.robot_model
+    # of a recorded robot no more than its footprint is known
+    model = replace(settings.robot_model, body=boxed(settings.robot_model.footprint))
+    seen_m = max(settings.range_m, settings.costmap.size_m / 2.0)
     setup = Setup(
-        plan=plan_of(title, prior_map),
+        plan=plan_of(title, prior_map, None if driven is None else driven.shrunk(-seen_m)),
         prior_map=prior_map,
         prior=node.prior,
         guards=len(replay.robots),
@@ -98,6 +104,8 @@ def film(
                     truths=truths,
                     explanation=explanation,
                     others=others,
+                    is_labelled=judged is not None,
+                    scans=[one.returns for one in frame.seen],
                     so_far=ratios(counts.tp, counts.fp, counts.fn) if score.labelled else None,
                 )
             )
@@ -111,8 +119,20 @@ def film(
         yield take
 
 
-def plan_of(title: str, prior_map: OccupancyGrid) -> FloorPlan:
-    """The outlines of a map's walls, and the rectangle of what it knows."""
+def boxed(outline: Outline) -> Outline:
+    """The box around an outline, counter-clockwise, metres."""
+    (x0, y0), (x1, y1) = np.min(outline, axis=0).tolist(), np.max(outline, axis=0).tolist()
+    return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+
+
+def plan_of(title: str, prior_map: OccupancyGrid, shown: Box | None = None) -> FloorPlan:
+    """The outlines of a map's walls, its free and unknown cells, and the rectangle of what it knows.
+
+    Args:
+        title: of the recording.
+        prior_map: int8, 100 occupied, 0 free, -1 unknown.
+        shown: what of it pictures show, map frame, metres; all of it unless given.
+    """
     solid = (prior_map.data == 100).astype(np.uint8)
     contours, _ = cv2.findContours(solid, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     cell_m = prior_map.resolution
@@ -131,7 +151,12 @@ def plan_of(title: str, prior_map: OccupancyGrid) -> FloorPlan:
         x0 + float(columns.max() + 1) * cell_m,
         y0 + float(rows.max() + 1) * cell_m,
     )
-    return FloorPlan(title, enclosure, walls, [])
+    if shown is not None:
+        (x1, y1, x2, y2), (left, low, right, high) = shown, enclosure
+        shown = Box(max(x1, left), max(y1, low), min(x2, right), min(y2, high))
+        if shown.x_min >= shown.x_max or shown.y_min >= shown.y_max:  # a drive off the map
+            shown = None
+    return FloorPlan(title, enclosure, walls, [], ground=prior_map, shown=shown)
 
 
 def _square(x: float, y: float) -> Floats:

@@ -86,10 +86,13 @@ def _write_page(
     definition, record = results.definition, experiment_of(results)
     headline = printed(results, tables)
     grid = "".join(f"; {name}: {', '.join(map(str, values))}" for name, values in definition.grid.items())
-    seeds = f"seeds {definition.base_seed} to {definition.base_seed + definition.trials - 1}"
+    first, last = definition.base_seed, definition.base_seed + definition.trials - 1
+    seeds = f"seed {first}" if first == last else f"seeds {first} to {last}"
+    trials = f"{results.finished} finished trial{'s' * (results.finished != 1)}"
     content = Content(
-        title=f"{record.name}: {results.directory.resolve().name}",
-        lead=f"{record.summary} {results.finished} finished trials; {seeds}{grid}.",
+        title=f"{record.name.capitalize()} test",
+        lead=f"{record.summary} {trials}; {seeds}{grid}.",
+        conclusion=record.conclusion(results),
         headline=[table for table in headline if table.name != COUNTERFACTUALS],
         claims=claims,
         counterfactuals=next((table for table in tables if table.name == COUNTERFACTUALS), None),
@@ -105,9 +108,10 @@ def _write_page(
 
 
 def printed(results: Results, tables: Sequence[Table]) -> list[Table]:
-    """Those of an experiment's tables that a terminal shows."""
-    record = experiment_of(results)
-    return [table for table in tables if not record.printed or table.name in record.printed]
+    """Those of an experiment's tables that a terminal shows, in the order of its ``printed``."""
+    names = experiment_of(results).printed
+    shown = [table for table in tables if not names or table.name in names]
+    return sorted(shown, key=lambda table: names.index(table.name)) if names else shown
 
 
 def headline(results: Results) -> Headline | None:

@@ -10,6 +10,7 @@ from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.experiment import Experiment, Measures
 from midnet_bench.experiments.registry import experiment_of
+from midnet_bench.settings import leaves
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,17 +63,21 @@ def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figur
         for measure, curves in panels.items()
     }
     from midnet_bench.drawing.curves import curves_figure
+    from midnet_bench.drawing.labels import axis_label
 
-    return _table(x, f"{y or 'scores'}_by_{x}", means), curves_figure(x, panels, means)
+    leaf = leaves(record.model).get(x)
+    label = axis_label(x, leaf.option.help if leaf else "")
+    ranges = {measure: record.range_of(measure) for measure in means}
+    return _table(x, f"{y or 'scores'}_by_{x}", means), curves_figure(label, panels, means, ranges)
 
 
 def sweeps(results: Results) -> list[tuple[Table, "Figure"]]:
     """The figures of a campaign that nobody asks for: of each numeric factor with ``FEWEST`` values.
 
-    None where the experiment has figures of its own, or no main scores.
+    None where the experiment's own figures show the factors, or without main scores.
     """
     record = experiment_of(results)
-    if record.measures is None or record.has_figures or not results.finished:
+    if record.measures is None or (record.has_figures and not record.sweeps_beside) or not results.finished:
         return []
     return [
         sweep(results, factor)

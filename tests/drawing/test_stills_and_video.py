@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from midnet_bench.drawing.canvas import Canvas, Labels, Picture, paint_detection, text_mask, write
 from midnet_bench.drawing.palette import (
@@ -143,7 +144,8 @@ def test_grids_have_a_row_per_guard_with_y_up_and_their_boxes() -> None:
     for robot, view in enumerate(explanation.views):
         row = figure.axes[4 * robot : 4 * robot + 4]
         removed = [item for item in explanation.removed if item.detection.robot == robot]
-        assert len(row[0].patches) == len(view.kept) + len(removed) == len(view.found)
+        boxes = [patch for patch in row[0].patches if isinstance(patch, Rectangle)]
+        assert len(boxes) == len(view.kept) + len(removed) == len(view.found)
         # the middle of some cells of D, whichever are on and whichever are off
         for axes, grid in zip(row[1:], (view.b, view.c, view.d), strict=True):
             for line in range(3, grid.height - 3, 3):
@@ -168,16 +170,16 @@ def test_detections_show_their_guards_and_both_kinds_of_error() -> None:
     def legend(figure: Figure) -> str:
         return " ".join(text.get_text() for text in figure.legends[0].get_texts()).replace("\n", " ")
 
-    assert "detection that touches no intruder" in legend(figure)
+    assert "false positive" in legend(figure)
     assert "out of range" in legend(figure)
     assert "missed" not in legend(figure)
-    assert "further" not in legend(figure)
+    assert "second box" not in legend(figure)
     assert "missed" in legend(draw_detections(SETUP, with_errors(SCENE)))
-    assert "further" in legend(draw_detections(SETUP, with_errors(SCENE)))
+    assert "second box" in legend(draw_detections(SETUP, with_errors(SCENE)))
     found = replace(SCENE, truths=[replace(truth, is_found=True) for truth in SCENE.truths])
     right = replace(found, detections=[found for found in SCENE.detections if not found.is_false])
-    assert "touches" not in legend(draw_detections(SETUP, right))
-    assert "range" not in legend(draw_detections(SETUP, right))
+    assert "false positive" not in legend(draw_detections(SETUP, right))
+    assert "out of range" not in legend(draw_detections(SETUP, right))
 
 
 def with_errors(scene: Scene) -> Scene:
@@ -242,7 +244,10 @@ def test_a_further_box_is_dashed_and_a_false_one_crossed() -> None:
 def test_counters_say_how_it_stands() -> None:
     assert SCENE.counter == "found 6 of 6 in range, 1 false"
     assert with_errors(SCENE).counter == "found 0 of 6 in range, 1 false"
-    assert replace(SCENE, truths=[], detections=[]).counter == "nobody in range, 0 false"
+    assert replace(SCENE, truths=[], detections=[]).counter == "no intruder in range, 0 false"
+    unlabelled = replace(SCENE, truths=[], is_labelled=False)
+    assert unlabelled.counter == f"{len(SCENE.detections)} detections, no labels"
+    assert replace(unlabelled, detections=SCENE.detections[:1]).counter == "1 detection, no labels"
     assert SCENE.remark == ""
     assert replace(SCENE, so_far=Ratios(0.876, 0.5, 0.6)).remark == "so far: recall 0.50, precision 0.88"
     assert replace(SCENE, so_far=Ratios(math.nan, 0.5, math.nan)).remark == "so far: recall 0.50"
@@ -318,14 +323,75 @@ def test_a_storyboard_spreads_its_scenes_evenly(frames: int) -> None:
     for number in range(1, frames + 1):
         board.offer(Scene(number / 5.0, number, [], [], []))
     numbers = [scene.frame for scene in board.chosen()]
-    assert len(numbers) == min(frames, 12)
+    assert len(numbers) == min(frames, 6)
     assert numbers[0] == 1
-    assert numbers[-1] > 0.9 * frames
+    assert numbers[-1] == frames
     if len(numbers) > 1:
         gaps = np.diff(numbers)
-        assert 0 < gaps.max() <= 2 * gaps.min()
+        assert gaps.min() > 0
+        assert gaps.max() <= 0.4 * frames + 1
     if frames in (5, 13):
-        assert board.page().shape[0] == 44 + (2 if frames == 5 else 3) * (480 + 12 + 25)
+        assert board.page().shape[1] == 3 * (400 + 14) + 14
+        assert board.page().shape[0] > 2 * 400
+
+
+def test_a_storyboard_shows_each_catch_and_ends_with_the_outcome() -> None:
+    board = Storyboard(SETUP)
+    events = {78: "intruder 1 caught by guard 2, 15.6 s", 203: "intruder 2 escaped, 40.6 s"}
+    for number in range(1, 204):
+        told = [text for frame, text in events.items() if frame <= number]
+        board.offer(replace(SCENE, time_s=number / 5.0, frame=number, chase=Chase(2, 0, 0, told)))
+    chosen = board.chosen()
+    assert {78, 203} <= {scene.frame for scene in chosen}
+    assert chosen[-1].remark == events[203]
+    assert len(chosen) == 6
+
+
+def test_the_local_costmap_is_a_square_about_where_a_guard_takes_itself_to_be() -> None:
+    guard = replace(SCENE.guards[0], believed=Pose2D(0.3, -0.2, 1.0), pose=Pose2D(0.0, 0.0, 1.0))
+    scene = replace(SCENE, robots=[replace(guard, goal=None)], detections=[], truths=[], explanation=None)
+    box = SETUP.window(guard)
+    assert tuple(box) == pytest.approx((-1.7, -2.2, 2.3, 1.8))
+    for figure in (draw_arena(SETUP, scene), draw_detections(SETUP, scene)):
+        drawn = [patch.get_extents() for patch in figure.axes[0].patches]
+        axes = figure.axes[0]
+        (x0, y0), (x1, y1) = axes.transData.transform([(-1.7, -2.2), (2.3, 1.8)])
+        assert any(one.extents == pytest.approx((x0, y0, x1, y1), abs=0.01) for one in drawn)
+        assert "local costmap 4 m" in " ".join(text.get_text() for text in figure.legends[0].get_texts())
+    film = np.zeros((720, 720, 3), dtype=np.uint8)
+    WorldPanel(SETUP, 720).paint(film, scene)
+    world = Canvas(film, SETUP.plan.view(MARGIN_M))
+    column, row = world.pixels((-1.7, 1.2)).round().astype(int).tolist()
+    assert (film[row, column - 1 : column + 2, 2] > film[row, column - 1 : column + 2, 0] + 60).any()
+
+
+def test_scans_are_shown_if_the_setup_says_so() -> None:
+    points = np.array([(x, 0.9) for x in np.arange(-0.5, 0.5, 0.05)])
+    scene = replace(SCENE, robots=[], detections=[], truths=[], scans=[points])
+    pictures = []
+    for shows in (False, True):
+        film = np.zeros((720, 720, 3), dtype=np.uint8)
+        WorldPanel(replace(SETUP, shows_scans=shows), 720).paint(film, scene)
+        pictures.append(film)
+    column, row = Canvas(film, SETUP.plan.view(MARGIN_M)).pixels((0.0, 0.9)).round().astype(int).tolist()
+    assert (pictures[0] == pictures[1])[:300].mean() > 0.9
+    assert not (pictures[0] == pictures[1])[row - 2 : row + 3, column - 2 : column + 3].all()
+
+
+def test_a_goal_under_a_stationary_intruder_is_not_drawn() -> None:
+    x, y = SETUP.plan.stationary[0].mean(axis=0).tolist()
+    hidden = replace(SCENE.guards[0], goal=(x, y), plan=None)
+    scene = replace(SCENE, robots=[hidden], detections=[], truths=[])
+    assert SETUP.plan.hides((x, y))
+    assert not SETUP.plan.hides(hidden.pose[:2])
+    marked = [line for line in draw_arena(SETUP, scene).axes[0].lines if line.get_marker() == "x"]
+    assert marked == []
+    pictures = []
+    for goal in ((x, y), None):
+        film = np.zeros((720, 720, 3), dtype=np.uint8)
+        WorldPanel(SETUP, 720).paint(film, replace(scene, robots=[replace(hidden, goal=goal)]))
+        pictures.append(film)
+    assert (pictures[0] == pictures[1]).all()
 
 
 def test_the_known_part_of_a_map_is_what_a_picture_shows() -> None:

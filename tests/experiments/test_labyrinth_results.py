@@ -11,9 +11,17 @@ import numpy as np
 import pytest
 
 from midnet_bench.analysis.frames import Results, load_results, records
+from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.drawing.charts import chart_files
-from midnet_bench.experiments.labyrinth.figures import DODGE, figures, success_figure, success_panel
+from midnet_bench.experiments.labyrinth.figures import (
+    DODGE,
+    details_figure,
+    details_series,
+    figures,
+    success_figure,
+    success_panel,
+)
 from midnet_bench.experiments.labyrinth.tables import (
     cells_table,
     health_table,
@@ -206,7 +214,7 @@ def test_a_report_repeats_its_bytes_also_without_the_store(results: Results, tmp
 
 
 @pytest.mark.slow
-def test_a_second_factor_makes_variants_with_a_panel_each(tmp_path: Path) -> None:
+def test_a_second_factor_makes_variants_with_a_line_each(tmp_path: Path) -> None:
     found = made(tmp_path, alternating, seeds=4, grid={"capture": ["within", "detected"], **SMALL})
     variants = variants_of(found)
 
@@ -214,7 +222,9 @@ def test_a_second_factor_makes_variants_with_a_panel_each(tmp_path: Path) -> Non
     names = [row["variant"] for row in success_table(variants).rows]
     assert names == ["capture=within"] * 3 + ["capture=detected"] * 3
     drawn = figures(found)
-    assert [axes.get_title() for axes in drawn["success_rate"].axes] == list(variants)
+    panels = drawn["success_rate"].axes
+    assert [axes.get_title() for axes in panels] == ["1 intruder", "2 intruders"]
+    assert all([one.get_label() for one in axes.containers] == list(variants) for axes in panels)
     assert list(drawn)[1:] == ["labyrinth_details_capture-within", "labyrinth_details_capture-detected"]
 
 
@@ -235,22 +245,38 @@ def growing(intruders: int, robots: int, seed: int) -> int:
     return min(intruders, (seed * robots) % (intruders + 1))
 
 
-def test_the_figure_tells_its_lines_apart_in_three_ways(tmp_path: Path) -> None:
+def test_the_figure_has_a_panel_for_each_number_of_intruders(tmp_path: Path) -> None:
     labyrinth_store(tmp_path / "campaign.sqlite", growing, seeds=4).close()
     variant = only(load_results(tmp_path))
-    (axes,) = success_figure({"": success_panel(variant)}).axes
-    containers = axes.containers
-    lines = [container.lines[0] for container in containers]  # type: ignore[attr-defined]
+    panels = success_figure({"": success_panel(variant)}).axes
+    assert [axes.get_title() for axes in panels] == ["1 intruder", *(f"{k} intruders" for k in (2, 3, 4, 5))]
+    assert {axes.get_xlabel() for axes in panels} == {"security robots"}
+    assert {axes.get_ylim() for axes in panels} == {(-3.0, 103.0)}
+    for k, axes in enumerate(panels, 1):
+        (bars,) = axes.containers
+        line = bars.lines[0]  # type: ignore[attr-defined]
+        assert line.get_xdata() == pytest.approx(np.arange(1, 6))
+        assert line.get_ydata() == pytest.approx([variant.success(k, q).value for q in range(1, 6)])
 
-    assert [container.get_label() for container in containers] == [
-        "1 intruder",
-        *(f"{k} intruders" for k in (2, 3, 4, 5)),
-    ]
+
+def test_details_tell_their_lines_apart_in_three_ways_and_leave_out_what_is_0(tmp_path: Path) -> None:
+    labyrinth_store(tmp_path / "campaign.sqlite", growing, seeds=4).close()
+    variant = only(load_results(tmp_path))
+    by_intruders, by_role = details_series(variant)
+    label = "time to capture, s"
+    alike = {name: {q: Estimate(0.0, 0.0, 0.0, 4) for q in range(1, 6)} for name in ("guards", "intruders")}
+    figure = details_figure({label: by_intruders[label]}, {"time stuck, %": alike})
+    assert [axes.get_ylabel() for axes in figure.axes] == [label]
+    assert "time stuck, %" in figure.get_supxlabel()
+    shown = details_figure({label: by_intruders[label]}, {"driven": by_role["driven, m per minute"]})
+    colours = [{one.lines[0].get_color() for one in axes.containers} for axes in shown.axes]
+    assert not colours[0] & colours[1], "a role looks like a number of intruders"
+    (axes,) = figure.axes
+    lines = [container.lines[0] for container in axes.containers]  # type: ignore[attr-defined]
     for property_of in ("get_color", "get_marker", "get_linestyle"):
         looks = [str(getattr(line, property_of)()) for line in lines]
         assert len(set(looks)) >= (5 if property_of != "get_linestyle" else 4)
     for k, line in enumerate(lines, 1):
-        assert line.get_ydata() == pytest.approx([variant.success(k, q).value for q in range(1, 6)])
         assert line.get_xdata() == pytest.approx(np.arange(1, 6) + DODGE * (k - 3))
 
 

@@ -1,6 +1,7 @@
 """``report.html`` of real campaigns: complete in itself, and what it says is what the files say."""
 
 import base64
+import csv
 import json
 import re
 import shutil
@@ -122,7 +123,14 @@ def content(**changed: object) -> Content:
     table = Table(
         "scores", "Scores <of> two", [{"name": "a & b", "value": 0.5}, {"name": "paper", "value": 1.0}]
     )
-    parts = {"title": "t", "lead": "l", "headline": [table], "claims": None, "counterfactuals": None}
+    parts = {
+        "title": "t",
+        "lead": "l",
+        "conclusion": "c",
+        "headline": [table],
+        "claims": None,
+        "counterfactuals": None,
+    }
     parts |= {"tables": [], "pictures": [], "provenance": [], "configuration": {}, "version": "1"}
     return Content(**{**parts, **changed})  # type: ignore[arg-type]
 
@@ -179,10 +187,12 @@ def test_a_page_without_recorded_trials_has_figures_with_their_numbers(tmp_path:
     lines = base64.b64decode(links["success_rate_data.csv"].split("base64,")[1]).decode().splitlines()
     assert lines[0] == "panel,series,at,value,low,high"
     assert len(lines) == 1 + 25
-    rates = {tuple(line.split(",")[1:3]): line.split(",")[3:] for line in lines[1:]}
+    rates = {(row[0], row[2]): row[3:] for row in csv.reader(lines[1:])}
     value, low, high = map(float, rates["5 intruders", "2"])
     assert value == pytest.approx(50.0)
     assert low < value < high
+    assert "1 security robot catches" in page.texts["results"]
+    assert page.texts["results"].index("success_rate") < page.texts["results"].index("wall")
     statements = (tmp_path / "claims.csv").read_text().splitlines()[1:]
     assert f"Of {len(statements)} statements: " in page.texts["verdicts"]
 

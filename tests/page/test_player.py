@@ -104,7 +104,7 @@ def test_errors_that_go_on_are_one_with_their_words() -> None:
     )
     assert in_node(body, one_trial()) == [
         [1, 3, "missed: intruder 1, outside window, at guard 1"],
-        [2, 3, "false box: guard 2, ally trail, guard 2, 1.5 s old, 20 cm off"],
+        [2, 3, "false positive: guard 2, ally trail, guard 2, 1.5 s old, 20 cm off"],
         [5, 5, "missed: intruder 1, outside window, at guard 1"],
     ]
 
@@ -119,22 +119,37 @@ def test_where_errors_have_no_causes_they_are_found_from_truths_and_boxes() -> N
     )
     assert in_node(body, trial) == [
         [1, 3, "missed: intruder 1"],
-        [2, 3, "false box: guard 2"],
+        [2, 3, "false positive: guard 2"],
         [5, 5, "missed: intruder 1"],
     ]
+
+
+@needs_node
+def test_a_box_over_an_intruder_that_has_another_one_is_its_second() -> None:
+    trial = one_trial()
+    second = [33, 25, 25, 10, 10, 0]
+    frames = {name: [[]] for name in COLUMNS}
+    frames |= {"truths": [[[1, 10, 10, 20, 20, 1, 1]]], "detections": [[[32, 10, 10, 20, 20, 1], second]]}
+    head = trial["head"] | {"explained": False, "frames": 1}
+    given = {"packed": packed(COLUMNS, frames), "columns": COLUMNS, "frames": 1, "head": head}
+    body = UNPACK + "return trial.errorsAt(given.head, lists, 0).map((one) => trial.inWords(one))"
+    assert in_node(body, given) == ["second box on one intruder: guard 2"]
 
 
 @needs_node
 def test_counts_add_up() -> None:
     body = UNPACK + (
         "const totals = trial.tally(given.head, lists);"
-        "return [totals, trial.countsAt(totals, 2), trial.countsAt(totals, 0), trial.f1(totals, 5)]"
+        "return [totals, trial.countsAt(totals, 2), trial.countsAt(totals, 0), trial.f1(totals, 5), "
+        "trial.recentF1(totals, 5, 2), trial.recentF1(totals, 1, 10)]"
     )
-    totals, third, first, f1 = in_node(body, one_trial())
+    totals, third, first, f1, recent, at_first = in_node(body, one_trial())
     assert totals == {"found": [1, 1, 1, 1, 2, 2], "missed": [0, 1, 2, 3, 3, 4], "false": [0, 0, 1, 2, 2, 2]}
     assert third == {"found": 0, "missed": 1, "false": 1}
     assert first == {"found": 1, "missed": 0, "false": 0}
     assert f1 == pytest.approx(2 * 2 / (2 * 2 + 4 + 2))
+    assert recent == pytest.approx(2 * 1 / (2 * 1 + 1))
+    assert at_first == pytest.approx(2 * 1 / (2 * 1 + 1))
 
 
 @needs_node

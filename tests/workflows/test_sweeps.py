@@ -36,11 +36,13 @@ def test_a_curve_has_the_means_over_seeds_in_the_factor_s_order(folder: Path) ->
         assert found.low < found.value < found.high
         assert found.n == 4
     (axes,) = figure.axes
-    (line,) = axes.lines
-    assert line.get_xydata()[:, 0].tolist() == [1.0, 2.0, 4.0]
+    (bars,) = axes.containers
+    assert bars.lines[0].get_xydata()[:, 0].tolist() == [1.0, 2.0, 4.0]
     dots = axes.collections[-1].get_offsets()
     assert len(dots) == 12
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("robots", "f1")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("security robots", "F1")
+    assert axes.get_ylim() == (0.0, 1.03)
+    assert figure.get_suptitle() == "Scores by security robots"
 
 
 def test_a_column_of_a_table_can_be_drawn_and_stays_in_its_range(folder: Path) -> None:
@@ -56,7 +58,7 @@ def test_the_other_factors_have_a_line_each(tmp_path: Path) -> None:
     ).close()
     table, figure = sweep(load_results(tmp_path), "intruders", "success_rate")
     assert [row["cell"] for row in table.rows] == ["robots=1"] * 3 + ["robots=2"] * 3
-    assert len(figure.axes[0].lines) == 2
+    assert len(figure.axes[0].containers) == 2
     for row in table.rows:
         assert isinstance(row["mean"], Estimate)
         assert math.isnan(row["mean"].high) or row["mean"].high <= 100.0
@@ -72,8 +74,11 @@ def test_a_factor_of_three_values_is_drawn_by_itself_with_its_numbers(folder: Pa
     few = detection_store(tmp_path / "few", {size: SCORES[size] for size in (1, 2)})
     write_report(few)
     assert not list(few.glob("scores_by_robots*"))
-    with pytest.raises(InputError, match=r"no figures: .* --x draws scores over a factor"):
-        plot(few)
+    assert [path.name for path in plot(few)] == ["scores_by_team.png", "scores_by_team.svg"]
+    assert [path.name for path in plot(few, formats=("pdf",))] == ["scores_by_team.pdf"]
+    assert (few / "scores_by_team.pdf").read_bytes().startswith(b"%PDF-")
+    with pytest.raises(InputError, match="figure format 'jpg': use png, svg, pdf"):
+        plot(few, formats=("jpg",))
     names = [path.name for path in plot(few, tmp_path / "figures", "robots", "recall")]
     assert names[:3] == ["recall_by_robots.png", "recall_by_robots.svg", "recall_by_robots.csv"]
 

@@ -23,6 +23,7 @@ from midnet_bench.experiments.detection.counting import (
 from midnet_bench.experiments.detection.error_tables import error_tables
 from midnet_bench.experiments.experiment import Measures
 from midnet_bench.experiments.guarded.metric_tables import metric_measures, metric_tables
+from midnet_bench.scoring.error_causes import MISS_CAUSES
 from midnet_bench.scoring.frame_counts import Ratios, ratios
 
 BESIDE = ("f1_one_to_one", "gospa_per_frame_m")
@@ -30,6 +31,8 @@ BESIDE = ("f1_one_to_one", "gospa_per_frame_m")
 SHOWN = (*SCORES, "f1_one_to_one")
 HEADS = {"trial": "", "source": "", "f1": "F1", "f1_one_to_one": "F1 one-to-one"}
 """the scores that a reader sees first, and what stands above them"""
+MOST_IN_WORDS = 4
+"""cells that a sentence names one by one"""
 MANY_DUPLICATES = 0.05
 """share of the true positives from which a note says so"""
 
@@ -69,6 +72,38 @@ def cells_of(results: Results) -> Cells:
         scores = scores.assign(gospa_per_frame_m=scores["gospa_m"] / scores["frames"])
     cells = scores.drop(columns=results.factors).groupby(pd.Series(names, scores.index), sort=False)
     return {str(name): cell for name, cell in cells}
+
+
+def conclusion(results: Results) -> str:
+    """What the campaign came to, in words: recall and precision by team, or the best of many cells."""
+    cells = cells_of(results)
+    if not cells:
+        return ""
+    found = {name: score_over_seeds(cell, "f1_one_to_one").value for name, cell in cells.items()}
+    if len(cells) > MOST_IN_WORDS:
+        best = max(found, key=lambda name: (found[name] == found[name], found[name]))
+        return f"Of {len(cells)} cells, {best} has the highest one-to-one F1: {found[best]:.3f}."
+    has_paper = results.definition.parameters.get("arena", "map1") == "map1"
+    parts = []
+    for name, cell in cells.items():
+        counts = {key: sum(cell[key]) for key in ("tp", "fp", "fn")}
+        scored = ratios(counts["tp"], counts["fp"], counts["fn"])
+        beside = f" (paper {PAPER[name]['recall']:.1%})" if has_paper and name in PAPER else ""
+        parts.append(f"{name}: recall {scored.recall:.1%}{beside}, precision {scored.precision:.1%}")
+    return f"{'; '.join(parts)}.{_commonest_miss(results)}"
+
+
+def _commonest_miss(results: Results) -> str:
+    """A sentence with the commonest cause of misses, of recorded trials."""
+    errors = results.tables.get("errors")
+    if errors is None or errors.empty:
+        return ""
+    causes = errors.loc[errors["kind"] == "miss", "cause"].value_counts()
+    if not len(causes):
+        return ""
+    share = causes.iloc[0] / causes.sum()
+    cause = str(causes.index[0])
+    return f" Commonest cause of misses ({share:.0%}): {MISS_CAUSES.get(cause, cause).rstrip('.')}."
 
 
 def window_notes(definition: Definition) -> list[str]:

@@ -107,7 +107,16 @@ def _recording(
         if has_scans
         else {"sensors": [()] * len(numbers), "beams": [()] * len(numbers)},
         explained=explained,
+        window_m=_length(given, "local_size_m"),
+        range_m=_length(given, "obstacle_range_m"),
+        sensor=model.lidar.mount[:2],
     )
+
+
+def _length(given: Mapping[str, Scalar], name: str) -> float | None:
+    """A parameter in metres; None where results of an older version lack it, or cells differ in it."""
+    value = given.get(name)
+    return float(value) if isinstance(value, int | float) else None
 
 
 class _Words:

@@ -2,8 +2,11 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
-from midnet_bench.drawing.scene import Detection, FloorPlan, Robot, Scene, Setup, Truth
+from midnet_bench.drawing.scene import Detection, Floats, FloorPlan, Robot, Scene, Setup, Truth
+from midnet_bench.elementary import directions
 from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
 from midnet_bench.geometry import Pose2D
 from midnet_bench.midnet.pipeline import Frame
@@ -66,7 +69,19 @@ def scene_of(
         ],
         explanation=frame.explanation,
         others=list(others.values()),
+        scans=[_returns(guard, trial) for guard in trial.guards if active[guard.index]],
     )
+
+
+def _returns(guard: Guard, trial: GuardedArena) -> Floats:
+    """(n, 2) the returns of a guard's last scan in usable range, from where it took itself to be; metres."""
+    scan = guard.scan
+    if scan is None:
+        return np.empty((0, 2))
+    ranges_m = np.asarray(scan.ranges_m)
+    usable = (ranges_m > 0.0) & (ranges_m <= trial.parameters.costmap.obstacle_range_m)
+    ends = ranges_m[usable, None] * directions(np.asarray(scan.lidar.angles_rad)[usable])
+    return scan.pose.compose(scan.lidar.mount).transform(ends)
 
 
 def _robot(robot: MobileRobot, pose: Pose2D, trial: GuardedArena) -> Robot:

@@ -9,13 +9,17 @@ from matplotlib.figure import Figure
 
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import SHARE_METHOD, Estimate
-from midnet_bench.drawing.charts import FONT_PT, add_series, chart, labelled
+from midnet_bench.drawing.charts import FONT_PT, STYLES, Style, add_series, chart, labelled
+from midnet_bench.drawing.labels import axis_label
 from midnet_bench.drawing.plots import own_style
 from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, variants_of
 from midnet_bench.io.files import plain_name
 
 DODGE = 0.07
 """between neighbouring series, in security robots"""
+MOST_COLUMNS = 5
+ROLE_STYLES = (Style("#555555", "P", "-"), Style("#E69F00", "X", "--"))
+"""of guards and intruders, other colours and markers than those of numbers of intruders"""
 
 Series = Mapping[str, Mapping[int, Estimate]]
 """label -> team size -> what is drawn there"""
@@ -64,12 +68,12 @@ def success_panel(variant: Variant) -> Panel:
 def details_series(variant: Variant) -> tuple[dict[str, Series], dict[str, Series]]:
     """What lies behind the success rates, by label of its axis: by number of intruders, and by role."""
     by_intruders = {
-        "time to capture (s)": lambda k, q: variant.pooled_time(k, q, "capture_times"),
-        "detected but not caught (%)": variant.not_caught,
+        "time to capture, s": lambda k, q: variant.pooled_time(k, q, "capture_times"),
+        "detected but not caught, %": variant.not_caught,
     }
     by_role = {
-        "driven (m per minute)": "metres_per_minute",
-        "time stuck (%)": "stuck_percent",
+        "driven, m per minute": "metres_per_minute",
+        "time stuck, %": "stuck_percent",
         "goals given up per robot": "goals_given_up",
     }
     return {
@@ -88,52 +92,69 @@ def details_series(variant: Variant) -> tuple[dict[str, Series], dict[str, Serie
 
 @own_style()
 def success_figure(panels: Mapping[str, Panel]) -> Figure:
-    """Mean success rate over team size, a line per number of intruders; a panel per variant."""
-    columns = min(2, len(panels))
-    rows = ceil(len(panels) / columns)
-    figure = chart(6.0 * columns, 4.0 * rows)
-    for place, (name, panel) in enumerate(panels.items(), 1):
+    """Mean success rate over team size: a panel per number of intruders, a line per variant in each."""
+    counts = sorted({label for panel in panels.values() for label in panel.rates}, key=_leading_number)
+    columns = min(MOST_COLUMNS, len(counts))
+    rows = ceil(len(counts) / columns)
+    figure = chart(max(5.0, 2.4 * columns + 0.8), 3.0 * rows + 0.5)
+    for place, count in enumerate(counts, 1):
         axes = figure.add_subplot(rows, columns, place)
-        add_series(axes, panel.rates, DODGE, "security robots")
+        series = {name: panel.rates[count] for name, panel in panels.items() if count in panel.rates}
+        add_series(axes, series, DODGE, axis_label("robots"))
         axes.set_ylim(-3, 103)
-        axes.set_ylabel("success rate (%)")
-        axes.set_title(name, fontsize=FONT_PT + 1)
-        per_point = "-".join(map(str, panel.trials))
-        _note(axes, f"{per_point} trials per point, {SHARE_METHOD}")
-    figure.legend(*labelled(figure.axes[0]), fontsize=FONT_PT, frameon=False, loc="outside right upper")
+        axes.set_title(count, fontsize=FONT_PT + 1)
+        if place % columns == 1 or columns == 1:
+            axes.set_ylabel(axis_label("success_rate"))
+    if any(panels):
+        figure.legend(*labelled(figure.axes[0]), fontsize=FONT_PT, frameon=False, loc="outside right upper")
+    trials = sorted({number for panel in panels.values() for number in (panel.trials[0], panel.trials[-1])})
+    per_point = " to ".join(map(str, sorted({trials[0], trials[-1]})))
+    figure.suptitle("Intruders caught by size of the team", fontsize=FONT_PT + 2, x=0.01, ha="left")
+    figure.supxlabel(
+        f"mean of {per_point} trial{'s' * (trials[-1] > 1)}; {SHARE_METHOD}",
+        fontsize=FONT_PT - 2,
+        color="#555555",
+    )
     return figure
 
 
 @own_style()
 def details_figure(by_intruders: Mapping[str, Series], by_role: Mapping[str, Series]) -> Figure:
-    """Two panels with a line per number of intruders, three with a line per role, over team size."""
-    figure = chart(10.0, 6.0)
-    panels = [figure.add_subplot(2, 3, place) for place in range(1, 6)]
-    for axes, (label, series) in zip(panels, [*by_intruders.items(), *by_role.items()], strict=True):
-        add_series(axes, series, DODGE, "security robots")
+    """Panels with a line per number of intruders, and with a line per role, over team size.
+
+    What is 0 in every cell has no panel; the figure says so.
+    """
+    all_of = [(label, series, False) for label, series in by_intruders.items()]
+    all_of += [(label, series, True) for label, series in by_role.items()]
+    shown = [one for one in all_of if not _is_zero(one[1])] or all_of[:1]
+    columns = 2 if len(shown) in (2, 4) else min(3, len(shown))
+    figure = chart(3.6 * columns + 1.2, 3.0 * ceil(len(shown) / columns) + 0.4)
+    legends: dict[bool, Axes] = {}
+    for place, (label, series, is_role) in enumerate(shown, 1):
+        axes = figure.add_subplot(ceil(len(shown) / columns), columns, place)
+        # the two kinds of lines look different
+        add_series(axes, series, DODGE, axis_label("robots"), ROLE_STYLES if is_role else STYLES)
         axes.set_ylabel(label)
         top = 1.08 * axes.dataLim.y1 if axes.dataLim.y1 > 0.0 else 1.0
         axes.set_ylim(-0.03 * top, top)
-    legend = figure.add_subplot(2, 3, 6)
-    legend.set_axis_off()
-    upper = legend.legend(*labelled(panels[0]), fontsize=FONT_PT, frameon=False, loc="upper left")
-    legend.add_artist(upper)
-    legend.legend(*labelled(panels[2]), fontsize=FONT_PT, frameon=False, loc="lower left")
+        legends.setdefault(is_role, axes)
+    for axes, corner in zip(legends.values(), ("upper", "lower"), strict=False):
+        figure.legend(*labelled(axes), fontsize=FONT_PT, frameon=False, loc=f"outside right {corner}")
+    figure.suptitle("Behind the success rate", fontsize=FONT_PT + 2, x=0.01, ha="left")
+    if zeros := [label for label, series, _ in all_of if _is_zero(series) and len(shown) < len(all_of)]:
+        figure.supxlabel(f"0 in every cell: {'; '.join(zeros)}", fontsize=FONT_PT - 2, color="#555555")
     return figure
+
+
+def _is_zero(series: Series) -> bool:
+    """Whether nothing of it differs from 0, where it is known."""
+    values = [estimate.value for points in series.values() for estimate in points.values()]
+    return all(value == 0.0 or value != value for value in values)
+
+
+def _leading_number(label: str) -> int:
+    return int(label.partition(" ")[0])
 
 
 def _intruders(count: int) -> str:
     return f"{count} intruder{'s' if count > 1 else ''}"
-
-
-def _note(axes: Axes, text: str) -> None:
-    axes.text(
-        1.0,
-        -0.14,
-        text,
-        transform=axes.transAxes,
-        fontsize=FONT_PT - 2,
-        color="#555555",
-        horizontalalignment="right",
-        verticalalignment="top",
-    )
