@@ -213,7 +213,13 @@ def test_a_preset_is_a_set_of_defaults_beside_which_what_is_given_comes_first() 
     assert DetectionParameters.of(preset="best", local_size_m=5.0).costmap.size_m == 5.0
     assert DetectionParameters.of(preset="best", fusion="paper").fusion == "paper"
     assert DetectionParameters.from_flat(best.flat()) == best
-    spelt_out = DetectionParameters.of(local_size_m=6.0, fusion="components(iou=0.02)", align="origin")
+    spelt_out = DetectionParameters.of(
+        local_size_m=6.0,
+        local_map="decay",
+        decay_s=0.5,
+        fusion="components(iou=0.02)",
+        align="origin",
+    )
     assert effective(best) == effective(spelt_out) != effective(paper)
     assert motion(best) == motion(paper)
 

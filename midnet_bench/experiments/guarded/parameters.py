@@ -87,8 +87,8 @@ class GuardParameters(Parameters):
     preset: Preset = option(
         "paper",
         "Which values are the defaults: the paper's by its own sources (paper), or those with the highest "
-        "scores (best): local_size_m=6, fusion=components(iou=0.02), align=origin. What is set beside it "
-        "comes first.",
+        "scores (best): local_size_m=6, local_map=decay, decay_s=0.5, fusion=components(iou=0.02), "
+        "align=origin. What is set beside it comes first.",
         source="ours: off, paper changes nothing",
     )
     arena: str = option(
@@ -256,7 +256,7 @@ class GuardParameters(Parameters):
                 settings,
                 preset="best",
                 fusion="components(iou=0.02)",
-                costmap=replace(settings.costmap, size_m=6.0),
+                costmap=replace(settings.costmap, size_m=6.0, memory="decay", decay_s=0.5),
                 midnet=replace(settings.midnet, align="origin"),
             )
         simulation = settings.simulation.with_robot_of(values)
