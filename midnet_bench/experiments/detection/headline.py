@@ -137,7 +137,7 @@ def _in_words(number: int) -> str:
 def _verdicts(results: Results, cells: Cells) -> list[str]:
     """Which share of the intruders within range each team finds, beside the paper's."""
     arena, reach_m = (results.definition.parameters.get(name) for name in ("arena", "obstacle_range_m"))
-    parts = []
+    parts: list[str] = []
     for robots, cell in _plain_teams(results, cells).items():
         recall = score_over_seeds(cell, "recall").value
         if math.isnan(recall):
