@@ -137,8 +137,13 @@ def details_figure(by_intruders: Mapping[str, Series], by_role: Mapping[str, Ser
         top = 1.08 * axes.dataLim.y1 if axes.dataLim.y1 > 0.0 else 1.0
         axes.set_ylim(-0.03 * top, top)
         legends.setdefault(is_role, axes)
-    for axes, corner in zip(legends.values(), ("upper", "lower"), strict=False):
-        figure.legend(*labelled(axes), fontsize=FONT_PT, frameon=False, loc=f"outside right {corner}")
+    for is_role, axes in legends.items():
+        figure.legend(
+            *labelled(axes),
+            fontsize=FONT_PT,
+            frameon=False,
+            loc="outside right lower" if is_role else "outside right upper",
+        )
     figure.suptitle("Behind the success rate", fontsize=FONT_PT + 2, x=0.01, ha="left")
     if zeros := [label for label, series, _ in all_of if _is_zero(series) and len(shown) < len(all_of)]:
         figure.supxlabel(f"0 in every cell: {'; '.join(zeros)}", fontsize=FONT_PT - 2, color="#555555")
