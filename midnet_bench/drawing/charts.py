@@ -98,6 +98,9 @@ def add_series(
         shift = dodge * (place - (len(series) - 1) / 2)
         add_estimates(axes, [x + shift for x in points], list(points.values()), style, label)
     axes.set_xlabel(x_label)
+    places = sorted({x for points in series.values() for x in points})
+    if len(places) == 1:
+        axes.set_xlim(places[0] - 1.0, places[0] + 1.0)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     light_grid(axes)
 
@@ -140,12 +143,12 @@ def drawn_data(name: str, figure: Figure) -> Table:
     return Table(f"{name}_data", f"Data of {name}", rows)
 
 
-def counted(estimates: Sequence[Estimate]) -> str:
-    """``20 trials`` or ``3 to 20 trials``: how many stand behind the points of a figure."""
+def counted(estimates: Sequence[Estimate], method: str) -> str:
+    """``mean of 20 trials; 95 % intervals: ...``: what the points of a figure are made of, for its foot."""
     counts = sorted({estimate.n for estimate in estimates})
     if counts == [1]:
-        return "1 trial"
-    return f"{' to '.join(map(str, sorted({counts[0], counts[-1]})))} trials"
+        return "one trial each, without intervals"
+    return f"mean of {' to '.join(map(str, sorted({counts[0], counts[-1]})))} trials; {method}"
 
 
 def labelled(axes: Axes) -> tuple[list[Artist], list[str]]:

@@ -64,10 +64,10 @@ def curves_figure(
     handles, labels = labelled(figure.axes[0])
     if any(labels) and len(labels) > 1:
         figure.legend(handles, labels, fontsize=FONT_PT, frameon=False, loc="outside right upper")
-    trials_of = counted([e for curves in means.values() for one in curves.values() for e in one.values()])
+    each = [e for curves in means.values() for one in curves.values() for e in one.values()]
     figure.suptitle(f"Scores by {x}", fontsize=FONT_PT + 2, x=0.01, ha="left")
     figure.supxlabel(
-        f"line: mean of {trials_of}; dot: a trial; bar: {MEAN_METHOD}",
+        f"{counted(each, MEAN_METHOD)}; dot: a trial",
         fontsize=FONT_PT - 2,
         color="#555555",
     )

@@ -432,7 +432,9 @@ def _add_reach(axes: Axes, setup: Setup, scene: Scene) -> None:
             add_label(axes, at, f"{robot.number}", GUARD, fontsize=6, xytext=(2, -7), alpha=0.8)
     if setup.shows_scans:
         for points in scene.scans:
-            axes.scatter(*points.T, s=1.5, color=hexadecimal(GUARD), linewidths=0, zorder=3.6)
+            axes.scatter(
+                points[:, 0], points[:, 1], s=1.5, color=hexadecimal(GUARD), linewidths=0, zorder=3.6
+            )
 
 
 def _reach_mark() -> Mark:

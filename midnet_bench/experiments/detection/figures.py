@@ -63,13 +63,13 @@ def team_figure(points: Points, has_paper: bool) -> Figure:
         has_paper: whether the paper's scores are of this arena.
     """
     is_lines = len(points) <= len(STYLES)
-    trials = counted([e for scores in points.values() for each in scores.values() for _, e in each])
+    estimates = [e for scores in points.values() for each in scores.values() for _, e in each]
     if is_lines:
-        figure = chart(11.0, 3.6)
+        figure = chart(6.8, 5.4)
     else:
         cells = min(MOST_CELLS, sum(len(scores[SHOWN[0]]) for scores in points.values()))
         figure = chart(max(6.0, 1.6 + 0.24 * cells), 2.0 * len(SHOWN) + 1.5)
-    shape = (1, len(SHOWN)) if is_lines else (len(SHOWN), 1)
+    shape = (2, 2) if is_lines else (len(SHOWN), 1)
     panels = figure.subplots(*shape, sharex=True, sharey=True, squeeze=False).flat
     for axes, score in zip(panels, SHOWN, strict=True):
         (_add_lines if is_lines else _add_cells)(axes, points, score)
@@ -85,7 +85,7 @@ def team_figure(points: Points, has_paper: bool) -> Figure:
     figure.suptitle(
         f"Detection by {'size of the team' if is_lines else 'cell'}", fontsize=FONT_PT + 2, x=0.01, ha="left"
     )
-    figure.supxlabel(f"mean of {trials}; {MEAN_METHOD}", fontsize=FONT_PT - 2, color="#555555")
+    figure.supxlabel(counted(estimates, MEAN_METHOD), fontsize=FONT_PT - 2, color="#555555")
     return figure
 
 

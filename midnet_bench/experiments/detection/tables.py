@@ -88,9 +88,15 @@ def conclusion(results: Results) -> str:
     for name, cell in cells.items():
         counts = {key: sum(cell[key]) for key in ("tp", "fp", "fn")}
         scored = ratios(counts["tp"], counts["fp"], counts["fn"])
-        beside = f" (paper {PAPER[name]['recall']:.1%})" if has_paper and name in PAPER else ""
-        parts.append(f"{name}: recall {scored.recall:.1%}{beside}, precision {scored.precision:.1%}")
+        beside = f" (paper {_percent(PAPER[name]['recall'])})" if has_paper and name in PAPER else ""
+        precision = _percent(scored.precision)
+        team = name.replace("-", " ")
+        parts.append(f"{team}: recall {_percent(scored.recall)}{beside}, precision {precision}")
     return f"{'; '.join(parts)}.{_commonest_miss(results)}"
+
+
+def _percent(share: object) -> str:
+    return f"{100.0 * float(str(share)):.1f} %"
 
 
 def _commonest_miss(results: Results) -> str:
@@ -103,7 +109,7 @@ def _commonest_miss(results: Results) -> str:
         return ""
     share = causes.iloc[0] / causes.sum()
     cause = str(causes.index[0])
-    return f" Commonest cause of misses ({share:.0%}): {MISS_CAUSES.get(cause, cause).rstrip('.')}."
+    return f" Commonest cause of misses ({100 * share:.0f} %): {MISS_CAUSES.get(cause, cause).rstrip('.')}."
 
 
 def window_notes(definition: Definition) -> list[str]:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import SHARE_METHOD, Estimate
-from midnet_bench.drawing.charts import FONT_PT, STYLES, Style, add_series, chart, labelled
+from midnet_bench.drawing.charts import FONT_PT, STYLES, Style, add_series, chart, counted, labelled
 from midnet_bench.drawing.labels import axis_label
 from midnet_bench.drawing.plots import own_style
 from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, variants_of
@@ -17,7 +17,7 @@ from midnet_bench.io.files import plain_name
 
 DODGE = 0.07
 """between neighbouring series, in security robots"""
-MOST_COLUMNS = 5
+MOST_COLUMNS = 3
 ROLE_STYLES = (Style("#555555", "P", "-"), Style("#E69F00", "X", "--"))
 """of guards and intruders, other colours and markers than those of numbers of intruders"""
 
@@ -96,7 +96,7 @@ def success_figure(panels: Mapping[str, Panel]) -> Figure:
     counts = sorted({label for panel in panels.values() for label in panel.rates}, key=_leading_number)
     columns = min(MOST_COLUMNS, len(counts))
     rows = ceil(len(counts) / columns)
-    figure = chart(max(5.0, 2.4 * columns + 0.8), 3.0 * rows + 0.5)
+    figure = chart(max(5.0, 2.7 * columns + 0.8), 2.7 * rows + 0.6)
     for place, count in enumerate(counts, 1):
         axes = figure.add_subplot(rows, columns, place)
         series = {name: panel.rates[count] for name, panel in panels.items() if count in panel.rates}
@@ -107,11 +107,10 @@ def success_figure(panels: Mapping[str, Panel]) -> Figure:
             axes.set_ylabel(axis_label("success_rate"))
     if any(panels):
         figure.legend(*labelled(figure.axes[0]), fontsize=FONT_PT, frameon=False, loc="outside right upper")
-    trials = sorted({number for panel in panels.values() for number in (panel.trials[0], panel.trials[-1])})
-    per_point = " to ".join(map(str, sorted({trials[0], trials[-1]})))
+    each = [e for panel in panels.values() for rates in panel.rates.values() for e in rates.values()]
     figure.suptitle("Intruders caught by size of the team", fontsize=FONT_PT + 2, x=0.01, ha="left")
     figure.supxlabel(
-        f"mean of {per_point} trial{'s' * (trials[-1] > 1)}; {SHARE_METHOD}",
+        counted(each, SHARE_METHOD),
         fontsize=FONT_PT - 2,
         color="#555555",
     )
@@ -138,8 +137,13 @@ def details_figure(by_intruders: Mapping[str, Series], by_role: Mapping[str, Ser
         top = 1.08 * axes.dataLim.y1 if axes.dataLim.y1 > 0.0 else 1.0
         axes.set_ylim(-0.03 * top, top)
         legends.setdefault(is_role, axes)
-    for axes, corner in zip(legends.values(), ("upper", "lower"), strict=False):
-        figure.legend(*labelled(axes), fontsize=FONT_PT, frameon=False, loc=f"outside right {corner}")
+    for is_role, axes in legends.items():
+        figure.legend(
+            *labelled(axes),
+            fontsize=FONT_PT,
+            frameon=False,
+            loc="outside right lower" if is_role else "outside right upper",
+        )
     figure.suptitle("Behind the success rate", fontsize=FONT_PT + 2, x=0.01, ha="left")
     if zeros := [label for label, series, _ in all_of if _is_zero(series) and len(shown) < len(all_of)]:
         figure.supxlabel(f"0 in every cell: {'; '.join(zeros)}", fontsize=FONT_PT - 2, color="#555555")
