@@ -160,6 +160,8 @@ class ResolvedCampaign:
     """every cell's parameters, defaults filled in, the grid's last factor changing fastest"""
     efforts: list[float]
     """about how long a trial of each cell takes, compared with the others"""
+    expected_wall_s: list[float]
+    """how long a trial of each cell takes on one core, by the experiment's own rule, seconds"""
     sharing: list[Sharing]
     """what the trials of each cell share with those of other cells"""
     run_trials: RunTrials
@@ -408,6 +410,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
         ),
         cells=cells,
         efforts=[found.effort for _, found in once.values()],
+        expected_wall_s=[found.expected_wall_s for _, found in once.values()],
         sharing=sharing,
         run_trials=_with_files(experiments.run_trials, None if file is None else campaign.experiment, cells),
         experiment_file=file,

@@ -196,9 +196,10 @@ def _run_packaged(
 def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
     from midnet_bench.campaign.definition import resolve
     from midnet_bench.campaign.runner import plan, run_campaign
-    from midnet_bench.cli.progress import CampaignProgress
+    from midnet_bench.cli.progress import CampaignProgress, compiling
     from midnet_bench.cli.reports import present
     from midnet_bench.experiments import registry
+    from midnet_bench.experiments.warm_up import compile_ahead
 
     directory = chosen.output or options.RESULTS / campaign.name
     resolved = resolve(campaign, registry)
@@ -216,6 +217,12 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
         )
         _tell_plan(resolved.definition.experiment, ahead, directory, chosen.as_json)
         return
+
+    def prepare() -> None:
+        if chosen.backend == "loky":  # Dask's workers may be other machines
+            with compiling() as show:
+                compile_ahead(resolved, show)
+
     outcome = run_campaign(
         resolved,
         directory,
@@ -225,6 +232,7 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
         fresh=chosen.fresh,
         retry_failed=chosen.retry_failed,
         progress=CampaignProgress(),
+        prepare=prepare,
     )
     present(directory, chosen.as_json, drawn_from=2)  # a lone point is no curve, and takes seconds to draw
     if not chosen.as_json:

@@ -7,6 +7,7 @@ from midnet_bench.campaign.definition import Campaign
 from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.runner import CampaignOutcome
 from midnet_bench.experiments import registry
+from midnet_bench.experiments.warm_up import compile_ahead
 
 
 def run_campaign(
@@ -40,8 +41,14 @@ def run_campaign(
         StoreFull: the disk is full; what was finished is stored.
         Interrupted: Ctrl-C; what was finished is stored.
     """
+    resolved = definition.resolve(campaign, registry)
+
+    def prepare() -> None:
+        if backend == "loky":
+            compile_ahead(resolved)
+
     return runner.run_campaign(
-        definition.resolve(campaign, registry),
+        resolved,
         directory,
         jobs=jobs,
         backend=backend,
@@ -49,4 +56,5 @@ def run_campaign(
         fresh=fresh,
         retry_failed=retry_failed,
         progress=progress,
+        prepare=prepare,
     )

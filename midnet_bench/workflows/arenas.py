@@ -22,7 +22,7 @@ from midnet_bench.drawing.stills import draw_arena
 from midnet_bench.elementary import directions
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.experiments.guarded.arena import FRAME_HZ
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.geometry import Pose2D, lengths
 from midnet_bench.grid import FREE, OCCUPIED_FROM, OccupancyGrid, connected_to
 from midnet_bench.io.checked_yaml import parsed_yaml, read_text

@@ -11,8 +11,9 @@ from midnet_bench.assembly.detector_node import DetectorNode
 from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.elementary import directions
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
+from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.oracles import fused_by_identity
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.recorder import Recorder
 from midnet_bench.experiments.guarded.witness import Witness
 from midnet_bench.midnet.pipeline import Frame

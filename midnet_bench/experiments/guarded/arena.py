@@ -17,7 +17,7 @@ from midnet_bench.elementary import cos, sin
 from midnet_bench.experiments.guarded.inputs import EXACT, prior_map_from
 from midnet_bench.experiments.guarded.opponents import Opponents
 from midnet_bench.experiments.guarded.oracles import Oracles, ScanOnlooker, Trial
-from midnet_bench.experiments.guarded.parameters import FED, GuardParameters
+from midnet_bench.experiments.guarded.parameters import FED, FRAME_HZ, GuardParameters
 from midnet_bench.experiments.guarded.uplink import Uplink
 from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.geometry import Pose2D, wrap_angle
@@ -32,8 +32,6 @@ from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.scoring.metric import MetricFrame
 
-FRAME_HZ = 5
-"""One MIDNet frame per LiDAR period (items 9, 42)."""
 GOAL_CLEARANCE_M = 0.4
 """From a mobile intruder's goal to walls and stationary intruders (item 49), or the robot's own reach."""
 

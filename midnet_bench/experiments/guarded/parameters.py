@@ -14,6 +14,7 @@ from midnet_bench.experiments.guarded.inputs import (
     inline_arena,
     inline_prior_map,
 )
+from midnet_bench.experiments.trial_cost import trial_wall_s
 from midnet_bench.io.parameters import Parameters
 from midnet_bench.localization.settings import ScanToMapSettings, UkfSettings
 from midnet_bench.midnet.binary_map import PriorMapSettings
@@ -41,6 +42,8 @@ Oracle = Literal[
 FED: tuple[Oracle, ...] = ("pose", "delay", "allies", "occlusion", "sight", "noise")
 """oracles under which the referee, not the guards, takes scans into the detection costmaps"""
 Preset = Literal["paper", "best"]
+FRAME_HZ = 5
+"""One MIDNet frame per LiDAR period (items 9, 42)."""
 NO_SQUARE_M = 1e-6
 """side of an ally's square that no box can be equal to: a box has at least a cell"""
 
@@ -242,6 +245,16 @@ class GuardParameters(Parameters):
     def effort(self) -> float:
         """See :class:`Parameters`."""
         return float(self.robots)
+
+    @property
+    def simulated_s(self) -> float:
+        """About how long a trial lasts, simulated seconds. Experiments say it; here it is the paper's."""
+        return 400.0
+
+    @property
+    def expected_wall_s(self) -> float:
+        """See :class:`Parameters`."""
+        return trial_wall_s(self.simulation.world.engine, self.robots, self.simulated_s)
 
     @property
     def guarded_place(self) -> Arena:

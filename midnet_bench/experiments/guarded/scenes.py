@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.drawing.scene import Detection, FloorPlan, Robot, Scene, Setup, Truth
-from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
+from midnet_bench.experiments.guarded.arena import GuardedArena
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.geometry import Pose2D
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.scoring.frame_counts import TruthObject, match_frame

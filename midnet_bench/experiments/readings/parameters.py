@@ -32,6 +32,11 @@ class ReadingsParameters(DetectionParameters):
                     f"{name}: readings are MIDNet's, by the paper's counts; leave {name} at {own}"
                 )
 
+    @property
+    def expected_wall_s(self) -> float:
+        """See :class:`Parameters`: many detectors look on, which triples the cost of a detection trial."""
+        return 3.0 * super().expected_wall_s
+
     def with_files_read(self) -> Self:
         """See :class:`Parameters`; behind ``calibration`` a digest of its candidates and rules."""
         read = super().with_files_read()

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from midnet_bench.campaign.trial import Row, Scalar, TrialResult
 from midnet_bench.experiments.detection.trial import DetectionTrial
-from midnet_bench.experiments.guarded.arena import FRAME_HZ
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.readings.parameters import ReadingsParameters
 from midnet_bench.experiments.readings.rules import choosing, combined, name_of
 from midnet_bench.geometry import Box
