@@ -8,7 +8,6 @@ from midnet_bench.agents.settings import GoalSettings, PatrolSettings
 from midnet_bench.arena.arena import Arena
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.inputs import (
-    EXPLORED,
     arena_from,
     check_prior_map,
     inline_arena,
@@ -94,11 +93,12 @@ class GuardParameters(Parameters):
         "comes first.",
     )
     arena: str = option("map1", "Name of a packaged arena, or an arena's YAML file.")
-    prior_map: str = option(
-        EXPLORED,
+    prior_map: str | None = option(
+        None,
         "The map that is subtracted and driven by: explored by robots as the package has it, the best of 30 "
         "maps (explored) or the worst (explored-worst), drawn from the arena's walls (exact), or a "
-        "map_server YAML file.",
+        "map_server YAML file; null: explored where the package has such a map (map1, map2, empty), else "
+        "exact.",
     )
     robots: int = option(1, "Number of security robots.", ge=1, le=20)
     localization: Literal["ukf", "ukf+map", "truth"] = option(
