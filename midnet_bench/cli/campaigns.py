@@ -199,6 +199,7 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
     from midnet_bench.cli.progress import CampaignProgress, compiling
     from midnet_bench.cli.reports import present
     from midnet_bench.experiments import registry
+    from midnet_bench.experiments.campaigns import refuse_missing_engine
     from midnet_bench.experiments.warm_up import compile_ahead
 
     directory = chosen.output or options.RESULTS / campaign.name
@@ -217,6 +218,14 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
         )
         _tell_plan(resolved.definition.experiment, ahead, directory, chosen.as_json)
         return
+
+    if (
+        chosen.backend == "loky"
+        and plan(
+            resolved, directory, jobs=chosen.jobs, retry_failed=chosen.retry_failed, fresh=chosen.fresh
+        ).to_run
+    ):
+        refuse_missing_engine(resolved)
 
     def prepare() -> None:
         if chosen.backend == "loky":  # Dask's workers may be other machines

@@ -63,22 +63,24 @@ def test_every_experiment_of_ours_has_a_short_trial() -> None:
 
 
 def test_an_estimate_knows_frames_robots_and_engine(tmp_path: Path) -> None:
-    def wall_s(**grid: Any) -> float:
-        return plan(campaign(**grid), tmp_path, jobs=1).wall_s
+    def wall_s(*robots: int, **parameters: Any) -> float:
+        grid = {"robots": [*robots]}
+        asked = Campaign(experiment="detection", grid=grid, parameters=parameters)
+        return plan(resolve(asked, registry), tmp_path, jobs=1).wall_s
 
-    short = wall_s(frames=[5], engine=["fast"])
+    short = wall_s(1, frames=5, engine="fast")
     assert short == pytest.approx(trial_wall_s("fast", 1, 1.0))
     assert START_S < short < 2.0
-    long = wall_s(frames=[1999], engine=["fast"])
+    long = wall_s(1, engine="fast")
     assert 5.0 < long < 15.0
-    assert long < wall_s(frames=[1999], engine=["fast"], robots=[5]) < wall_s(robots=[5])
-    assert wall_s(frames=[5, 1999], engine=["fast"]) == pytest.approx(short + long)
+    assert long < wall_s(5, engine="fast") < wall_s(5)
+    assert wall_s(1, 5) == pytest.approx(wall_s(1) + wall_s(5))
 
 
 def test_a_dry_run_needs_no_compiler(tmp_path: Path) -> None:
     code = (
         "import sys; from midnet_bench.cli import main\n"
-        "sys.argv = ['midnet-bench', 'detection', '--dry-run']\n"
+        "sys.argv = ['midnet-bench', 'detection', '--robots', '1', '--dry-run']\n"
         "try: main()\n"
         "except SystemExit: pass\n"
         "heavy = {'numba', 'scipy', 'pandas', 'matplotlib'}\n"

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,14 @@ from midnet_bench.scoring.metric import MetricFrame
 
 GOAL_CLEARANCE_M = 0.4
 """From a mobile intruder's goal to walls and stationary intruders (item 49), or the robot's own reach."""
+
+
+@dataclass(frozen=True)
+class ObservedFrame(Frame):
+    """A frame of a simulated trial, with what MIDNet went by."""
+
+    observations: Sequence[Observation] = field(default=(), compare=False, repr=False)
+    """each guard's pose, costmap and last scan"""
 
 
 class GuardedArena(RobotTrial):
@@ -114,9 +122,11 @@ class GuardedArena(RobotTrial):
         self.advance()
         return self.detected(self.detector, explain)
 
-    def detected(self, node: DetectorNode, explain: bool = False) -> Frame:
+    def detected(self, node: DetectorNode, explain: bool = False) -> ObservedFrame:
         """What one of this trial's detectors says now; take each instant once, in order."""
-        frame = node.detect(self.observations(node), self.fleet.time_s, explain)
+        observations = self.observations(node)
+        frame = node.detect(observations, self.fleet.time_s, explain)
+        frame = ObservedFrame(frame.detections, frame.robots, frame.explanation, observations)
         if node is self.detector:
             for look in self.frame_onlookers:
                 look(frame)
