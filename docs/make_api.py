@@ -22,14 +22,26 @@ GROUPS = {
         "Pose2D",
         "Box",
     ),
-    "Trials and campaigns": ("simulate", "load_campaign", "run_campaign", "results", "Experiment"),
+    "Trials and campaigns": (
+        "simulate",
+        "run",
+        "results",
+        "compare",
+        "verify",
+        "error_causes",
+        "Campaign",
+        "load_campaign",
+        "run_campaign",
+        "Experiment",
+    ),
     "Errors": ("MidnetBenchError", "InputError"),
 }
 HEAD = """# Python API
 
-`import midnet_bench as mb` loads nothing heavy: each name is imported when it is first used. Only `simulate`
-and `run_campaign` need PyBullet. Paths are `str` or `pathlib.Path`. Lengths are in metres, angles in radians,
-times in seconds; poses and boxes are in the map frame unless their text says otherwise.
+`import midnet_bench as mb` loads nothing heavy: each name is imported when it is first used. Only `simulate`,
+`run` and `run_campaign` need PyBullet, and with `engine="fast"` neither do they. Paths are `str` or
+`pathlib.Path`. Lengths are in metres, angles in radians, times in seconds; poses and boxes are in the map
+frame unless their text says otherwise.
 `docs/midnet_bench.ipynb` shows all of it at work.
 
 This page is made from the docstrings by `make api`.
@@ -55,7 +67,9 @@ def _entry(name: str, value: Any) -> str:
     for key, member in vars(value).items():
         if key == "__init__" and member.__doc__ and "Initialize self" not in member.__doc__:
             lines += [_markdown(inspect.getdoc(member)), ""]
-        if key.startswith("_") or not (callable(member) or isinstance(member, property | classmethod)):
+        if key.startswith(("_", "model_")) or not (
+            callable(member) or isinstance(member, property | classmethod)
+        ):
             continue
         function = member.__func__ if isinstance(member, classmethod) else member
         is_property = isinstance(member, property)
@@ -88,7 +102,8 @@ def _fields(value: Any) -> list[tuple[str, str]]:
     if dataclasses.is_dataclass(value):
         helps = {one.name: _help(one) for one in dataclasses.fields(value)}
     else:
-        helps = dict.fromkeys(getattr(value, "_fields", ()), "")
+        described = {name: one.description or "" for name, one in getattr(value, "model_fields", {}).items()}
+        helps = dict.fromkeys(getattr(value, "_fields", ()), "") | described
     if not helps:
         return []
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(value))).body

@@ -1,8 +1,8 @@
 """midnet-bench: how well does a team of LiDAR robots guard a building?
 
 The names in ``__all__`` are the public API; ``docs/api.md`` describes them. Importing this package loads
-nothing heavy: each name is imported when it is first used. Only ``simulate`` and ``run_campaign`` need
-PyBullet.
+nothing heavy: each name is imported when it is first used. Only ``simulate``, ``run`` and ``run_campaign``
+need PyBullet, and with ``engine="fast"`` neither do they.
 
     >>> import midnet_bench as mb
     >>> detector = mb.MIDNet(mb.prior_map("map.yaml"))
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from midnet_bench.analysis.frames import load_results as results
+    from midnet_bench.campaign.definition import Campaign
     from midnet_bench.errors import InputError, MidnetBenchError
     from midnet_bench.experiments.campaigns import run_campaign
     from midnet_bench.experiments.experiment import Experiment
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from midnet_bench.io.map_server import load_map
     from midnet_bench.midnet.pipeline import MIDNet, MIDNetSettings, Observation
     from midnet_bench.workflows.campaigns import load_campaign
+    from midnet_bench.workflows.data_frames import compare, error_causes, run, verify
     from midnet_bench.workflows.prior_map import prior_map
     from midnet_bench.workflows.simulate import simulate
 
@@ -29,6 +31,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "Box": "midnet_bench.geometry:Box",
+    "Campaign": "midnet_bench.campaign.definition:Campaign",
     "Experiment": "midnet_bench.experiments.experiment:Experiment",
     "InputError": "midnet_bench.errors:InputError",
     "MIDNet": "midnet_bench.midnet.pipeline:MIDNet",
@@ -37,17 +40,22 @@ _HOMES = {
     "Observation": "midnet_bench.midnet.pipeline:Observation",
     "OccupancyGrid": "midnet_bench.grid:OccupancyGrid",
     "Pose2D": "midnet_bench.geometry:Pose2D",
+    "compare": "midnet_bench.workflows.data_frames:compare",
+    "error_causes": "midnet_bench.workflows.data_frames:error_causes",
     "load_campaign": "midnet_bench.workflows.campaigns:load_campaign",
     "load_map": "midnet_bench.io.map_server:load_map",
     "prior_map": "midnet_bench.workflows.prior_map:prior_map",
     "results": "midnet_bench.analysis.frames:load_results",
+    "run": "midnet_bench.workflows.data_frames:run",
     "run_campaign": "midnet_bench.experiments.campaigns:run_campaign",
     "simulate": "midnet_bench.workflows.simulate:simulate",
+    "verify": "midnet_bench.workflows.data_frames:verify",
 }
 """public name -> where it is defined"""
 
 __all__ = [
     "Box",
+    "Campaign",
     "Experiment",
     "InputError",
     "MIDNet",
@@ -56,12 +64,16 @@ __all__ = [
     "Observation",
     "OccupancyGrid",
     "Pose2D",
+    "compare",
+    "error_causes",
     "load_campaign",
     "load_map",
     "prior_map",
     "results",
+    "run",
     "run_campaign",
     "simulate",
+    "verify",
 ]
 
 

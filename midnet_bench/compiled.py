@@ -38,6 +38,8 @@ _IMPORTS = re.compile(
     rb"^\s*(?:from|import) (midnet_bench[\w.]*)(?: import (\([^)]*\)|[^\n]*))?", re.MULTILINE
 )
 _WITHOUT_EFFECT = (VARIABLE, "NUMBA_NUM_THREADS")
+after_compiling: list[Callable[[], None]] = []
+"""what is called each time that this process has compiled a loop for one signature"""
 
 
 @overload
@@ -75,7 +77,10 @@ def _compiled(options: dict[str, Any], function: F) -> F:
 
 
 def _forgive(loops: Any) -> None:
-    """What is kept only saves time: where it is damaged, or a disk is full, numba compiles."""
+    """What is kept only saves time: where it is damaged, or a disk is full, numba compiles.
+
+    ``after_compiling`` is called each time that numba has compiled.
+    """
     load, save = loops.load_overload, loops.save_overload
 
     def load_overload(*arguments: Any) -> Any:
@@ -89,6 +94,8 @@ def _forgive(loops: Any) -> None:
     def save_overload(*arguments: Any) -> None:
         with contextlib.suppress(OSError):
             save(*arguments)
+        for call in after_compiling:
+            call()
 
     loops.load_overload, loops.save_overload = load_overload, save_overload
 
@@ -147,6 +154,21 @@ def folder() -> Path | None:
     if not path.exists():
         _forget_old(root)
     return path
+
+
+def is_compiled(name: str) -> bool:
+    """Whether :func:`note_compiled` was called with ``name`` for these sources, by any process."""
+    path = folder()
+    return path is not None and (path / f"{name}.compiled").exists()
+
+
+def note_compiled(name: str) -> None:
+    """Remember that all the loops that ``name`` stands for are in the folder; it is a file there."""
+    path = folder()
+    if path is not None:
+        with contextlib.suppress(OSError):
+            path.mkdir(parents=True, exist_ok=True)
+            (path / f"{name}.compiled").touch()
 
 
 @cache

@@ -7,10 +7,13 @@ may run on another machine, and the file may change while they do.
 import hashlib
 import importlib
 import importlib.util
+import inspect
+import pickle
 import sys
+import textwrap
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any, NamedTuple
 
 from midnet_bench.errors import InputError, nearest_name
@@ -26,10 +29,15 @@ class Source(NamedTuple):
     name: str
     """without its folder"""
     content: bytes
+    pickled: bytes = b""
+    """of a class or function that is in no file, such as one of a notebook's cell; ``content`` is then its
+    source and that of what it calls there"""
 
 
 _KNOWN: dict[str, Source] = {}
 """digest -> file: those that this process has read, or was handed with a trial"""
+_MADE: dict[str, Any] = {}
+"""digest -> the class or function that was pickled"""
 
 
 def load_reference(reference: str) -> Any:
@@ -75,8 +83,70 @@ def from_source(digest: str, name: str, reference: str) -> Any:
     """
     if digest not in _KNOWN:
         raise InputError(f"{reference}: no file with the digest {digest} is known here; give its path")
-    file, content = _KNOWN[digest]
+    file, content, pickled = _KNOWN[digest]
+    if pickled:
+        if digest not in _MADE:
+            _MADE[digest] = pickle.loads(pickled)
+        return _MADE[digest]
     return _named(name, _executed(digest, file, content, reference), file, reference)
+
+
+def reference_to(value: Any) -> Any:
+    """The reference to a class or function, with a digest of its source; any other value as it is.
+
+    One in a package is referred to by its module, one in another file by that file. One of a notebook's cell
+    or of the program itself is pickled, and its digest is that of its source, of the functions and classes
+    beside it that it uses, and of the constants: a changed cell makes other trials.
+
+    Raises:
+        InputError: it has no source, as one typed at Python's own prompt, or it cannot be pickled.
+    """
+    if not (inspect.isclass(value) or inspect.isfunction(value)):
+        return value
+    name = value.__qualname__
+    try:
+        if value.__module__ != "__main__" and "<" not in name and "." not in name:
+            is_in_package = "." in value.__module__
+            return f"{value.__module__ if is_in_package else inspect.getsourcefile(value)}:{name}"
+        content = "\n".join(_sources_of(value, {})).encode()
+        import cloudpickle
+
+        pickled = cloudpickle.dumps(value)
+    except (OSError, TypeError, pickle.PicklingError) as error:
+        raise InputError(
+            f"{name}: cannot be handed to the workers: {error}; put it into a file and give 'file.py:{name}'"
+        ) from error
+    digest = hashlib.sha256(content).hexdigest()[:DIGITS]
+    file = f"{value.__module__.strip('_')}.py"
+    _KNOWN[digest], _MADE[digest] = Source(file, content, pickled), value
+    return f"{file}:{value.__name__}#{digest}"
+
+
+def _sources_of(value: Any, known: dict[str, str]) -> list[str]:
+    """The source of a class or function, and of what it uses of its own module, each once and in order."""
+    if value.__qualname__ in known:
+        return []
+    known[value.__qualname__] = ""
+    found = [textwrap.dedent(inspect.getsource(value))]
+    members = vars(value).values() if inspect.isclass(value) else [value]
+    functions = [getattr(one, "__func__", getattr(one, "fget", one)) for one in members]
+    used: list[Any] = [*value.__bases__] if inspect.isclass(value) else []
+    for function in filter(inspect.isfunction, functions):
+        for name in sorted(_names_in(function.__code__)):
+            other = function.__globals__.get(name)
+            if isinstance(other, str | int | float | tuple | bool):
+                found.append(f"{name} = {other!r}")
+            elif inspect.isclass(other) or inspect.isfunction(other):
+                used.append(other)
+    for other in used:
+        if other.__module__ == value.__module__:
+            found += _sources_of(other, known)
+    return found
+
+
+def _names_in(code: CodeType) -> set[str]:
+    inner = [const for const in code.co_consts if isinstance(const, CodeType)]
+    return {*code.co_names}.union(*map(_names_in, inner))
 
 
 def sources(digests: set[str]) -> dict[str, Source]:

@@ -76,7 +76,7 @@ class Seam:
     @property
     def wanted(self) -> str:
         """What values must name, in words."""
-        return f"a class with a method '{self.method}'"
+        return f"a class with a method '{self.method}', or a function that does what the method does"
 
     def names(self) -> list[str]:
         """The names that can be given, this package's first; beside them it takes references."""
@@ -196,6 +196,9 @@ class Seam:
 
     def _class(self, choice: Choice) -> Any:
         found = self._found(choice)
+        if inspect.isfunction(found) and not hasattr(found, self.method):  # it remembers nothing
+            members = {"__init__": lambda self, *arguments: None, self.method: staticmethod(found)}
+            found = type(found.__name__, (), members)
         if not callable(found) or not callable(getattr(found, self.method, None)):
             raise InputError(f"{self.option}: {choice}: expected {self.wanted}")
         for key in choice.options:

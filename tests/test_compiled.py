@@ -112,6 +112,22 @@ def test_sources_that_no_loop_uses_cost_no_compilation(package: Path, kept: Path
     assert compiled_files(kept) == before
 
 
+def test_each_compilation_is_counted_and_a_loop_that_is_kept_is_not(package: Path, tmp_path: Path) -> None:
+    more = (
+        "import numpy\n"
+        "calls = []\n"
+        "compiled.after_compiling.append(lambda: calls.append(1))\n"
+        "product(2.0); before = len(calls); product(numpy.ones(2))\n"
+        "print(before, len(calls), compiled.is_compiled('all'))\n"
+        "compiled.note_compiled('all')\n"
+        "print(compiled.is_compiled('all'))"
+    )
+    first = product(package, tmp_path / "kept", more).split()
+    assert first == ["6.0", "0", "2", "False", "True"]  # the second signature of both loops
+    again = product(package, tmp_path / "kept", more).split()
+    assert again == ["6.0", "0", "0", "True", "True"]
+
+
 def test_the_same_sources_elsewhere_share_what_is_compiled(package: Path, kept: Path) -> None:
     before = compiled_files(kept)  # of another folder
     product(package, kept)

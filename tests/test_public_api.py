@@ -79,6 +79,18 @@ def test_the_parameters_of_a_prior_map_move_its_walls() -> None:
         mb.prior_map(mb.OccupancyGrid(np.zeros((4, 4), np.uint8), 0.05, (0.0, 0.0)))
 
 
+def test_frames_carry_what_each_robot_told() -> None:
+    with mb.simulate("detection", robots=2, frames=3, engine="fast") as frames:
+        told = [frame.observations for frame in frames]
+    assert [len(one) for one in told] == [2, 2, 2]
+    for guard in told[-1]:
+        assert guard.costmap.data.dtype == np.int8
+        assert guard.scan.ranges_m.shape == (360,)
+    assert not np.array_equal(told[0][0].costmap.data, told[-1][0].costmap.data)
+    (view,) = next(mb.simulate("labyrinth", robots=1, engine="fast")).observations
+    assert abs(view.pose.x) < 10.0
+
+
 @pytest.mark.slow
 def test_simulated_frames_are_those_of_the_campaign(tmp_path: Path) -> None:
     (tmp_path / "one.yaml").write_text("experiment: detection\nparameters: {robots: 1, frames: 12}\n")

@@ -45,7 +45,7 @@ _EXACTLY: dict[str, Any] = {"float_precision": "round_trip"} if pd.__version__ <
 Made = TypeVar("Made")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Results:
     """A campaign and what its trials gave."""
 
@@ -63,6 +63,13 @@ class Results:
     failures: pd.DataFrame
     """a row for each trial that failed, with its ``reason``; no columns if none did"""
     _made: dict[object, object] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        grid = ", ".join(f"{name}={values}" for name, values in self.definition.grid.items())
+        return (
+            f"<Results of {self.definition.experiment} in {self.directory}: {self.finished} trials"
+            f"{f' over {grid}' if grid else ''}; tables: {', '.join(self.tables)}>"
+        )
 
     def once(self, make: Callable[["Results"], Made]) -> Made:
         """What ``make`` makes of these results: made when it is first asked for, by whoever it is."""
@@ -400,7 +407,15 @@ class _Lazily(Mapping[str, pd.DataFrame]):
         self._files = files
 
     def __getitem__(self, name: str) -> pd.DataFrame:
+        if name not in self._files:
+            raise KeyError(f"no table '{name}'; there are {', '.join(self._files) or 'none'}")
         return self._files[name].frame
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._files
+
+    def __repr__(self) -> str:
+        return f"<tables {', '.join(self._files)}>"
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._files)

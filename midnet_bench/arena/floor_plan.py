@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -44,6 +45,50 @@ def dark_cells(pixels: npt.NDArray[np.uint8], resolution_m: float) -> OccupancyG
     if pixels.shape[2] == 4:
         dark &= pixels[:, :, 3] >= 128
     return centred(np.ascontiguousarray(dark[::-1]), resolution_m)
+
+
+class Speck(NamedTuple):
+    """A small piece of wall that touches no other: dirt, lettering, or a pillar."""
+
+    size_m: float
+    """its longest side along an axis"""
+    at: tuple[float, float]
+    """its middle, metres"""
+
+
+def without_specks(dark: OccupancyGrid, most_m: float) -> OccupancyGrid:
+    """The same without pieces of wall that are at most ``most_m`` long along both axes."""
+    labels, small = _pieces_up_to(dark, most_m)
+    return dark.with_data(dark.data & ~np.isin(labels, small))
+
+
+def specks(dark: OccupancyGrid, most_m: float) -> list[Speck]:
+    """The pieces of wall that are at most ``most_m`` long along both axes, the largest first."""
+    labels, small = _pieces_up_to(dark, most_m)
+    found = []
+    for label in small:
+        rows, columns = np.nonzero(labels == label)
+        low, left, high, right = rows.min(), columns.min(), rows.max(), columns.max()
+        size_m = (1 + max(high - low, right - left)) * dark.resolution
+        x, y = (dark.x_centers[[left, right]].sum() / 2.0, dark.y_centers[[low, high]].sum() / 2.0)
+        found.append(Speck(float(size_m), (float(x), float(y))))
+    return sorted(found, key=lambda speck: -speck.size_m)
+
+
+def _pieces_up_to(dark: OccupancyGrid, most_m: float) -> tuple[npt.NDArray[np.int32], list[int]]:
+    """The number of each cell's piece, and the numbers of those that are small enough."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(dark.data.astype(np.uint8), connectivity=8)
+    sides = stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1) * dark.resolution
+    return labels, [label for label in range(1, len(stats)) if sides[label] <= most_m + 1e-9]
+
+
+def cropped(dark: OccupancyGrid) -> OccupancyGrid:
+    """The part with wall, centred again; all of it where there is none."""
+    rows, columns = np.nonzero(dark.data)
+    if not len(rows):
+        return dark
+    part = dark.data[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+    return centred(np.ascontiguousarray(part), dark.resolution)
 
 
 def centred(cells: Cells, resolution_m: float) -> OccupancyGrid:

@@ -35,10 +35,14 @@ class Solid:
 
         The overlength closes the corner where two walls share an end.
         """
-        from midnet_bench.elementary import atan2  # which needs a compiler
-
         dx, dy = end[0] - start[0], end[1] - start[1]
-        pose = Pose2D((start[0] + end[0]) / 2.0, (start[1] + end[1]) / 2.0, atan2(dy, dx))
+        if 0.0 in (dx, dy):
+            yaw = math.atan2(dy, dx)  # exact along an axis, and no compiler has to be loaded
+        else:
+            from midnet_bench.elementary import atan2
+
+            yaw = atan2(dy, dx)
+        pose = Pose2D((start[0] + end[0]) / 2.0, (start[1] + end[1]) / 2.0, yaw)
         return cls("box", pose, math.hypot(dx, dy) + thickness_m, thickness_m, height_m)
 
     @classmethod

@@ -22,7 +22,7 @@ from midnet_bench.campaign.trial import Cell, RunTrials, Scalar, Sharing, TrialR
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.checked_yaml import Spec, load_yaml, parse, read_yaml
 from midnet_bench.io.parameters import Parameters
-from midnet_bench.plugins import Source, take_sources
+from midnet_bench.plugins import Source, reference_to, take_sources
 from midnet_bench.seams import code_in
 
 SEVERAL = " | "
@@ -93,8 +93,14 @@ class Campaign(Spec):
 
     @field_validator("grid", "parameters", mode="before")
     @classmethod
-    def _empty_section_is_a_mapping(cls, value: object) -> object:
-        return {} if value is None else value
+    def _has_scalars(cls, section: object) -> object:
+        """Classes and functions by reference; nothing is an empty section."""
+        if not isinstance(section, Mapping):
+            return {} if section is None else section
+        return {
+            key: [*map(reference_to, value)] if isinstance(value, list) else reference_to(value)
+            for key, value in section.items()
+        }
 
     @field_validator("grid")
     @classmethod
@@ -162,6 +168,8 @@ class ResolvedCampaign:
     """every cell's parameters, defaults filled in, the grid's last factor changing fastest"""
     efforts: list[float]
     """about how long a trial of each cell takes, compared with the others"""
+    expected_wall_s: list[float]
+    """how long a trial of each cell takes on one core, by the experiment's own rule, seconds"""
     sharing: list[Sharing]
     """what the trials of each cell share with those of other cells"""
     run_trials: RunTrials
@@ -397,7 +405,9 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     for cell, found in checked:
         once.setdefault(TrialSpec(identity, cell, 0).trial_id, (cell, found))
     cells = [cell for cell, _ in once.values()]
-    sharing = [experiments.sharing(campaign.experiment, found) for _, found in once.values()]
+    sharing = [Sharing(None, None)]  # a lone cell shares nothing, and what others do takes a compiler
+    if len(once) > 1:
+        sharing = [experiments.sharing(campaign.experiment, found) for _, found in once.values()]
     grid = {factor: list(dict.fromkeys(cell[factor] for cell in cells)) for factor in campaign.grid}
     return ResolvedCampaign(
         campaign=campaign,
@@ -410,6 +420,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
         ),
         cells=cells,
         efforts=[found.effort for _, found in once.values()],
+        expected_wall_s=[found.expected_wall_s for _, found in once.values()],
         sharing=sharing,
         run_trials=_with_files(experiments.run_trials, None if file is None else campaign.experiment, cells),
         experiment_file=file,

@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import math
 import signal
 import time
 from collections import Counter
@@ -25,7 +26,6 @@ from midnet_bench.errors import InputError, MidnetBenchError
 
 MAX_LOSSES_IN_VAIN = 3
 """workers that die one after another before any of them has begun a trial"""
-RULE_OF_THUMB_WALL_S = 15.0
 RULE_OF_THUMB_BYTES = 20_000.0
 
 
@@ -89,7 +89,8 @@ def plan(
     check_options(backend, jobs, scheduler)
     definition = campaign.definition
     finished = failed = 0
-    measured_on, wall_s, size = 0, RULE_OF_THUMB_WALL_S, RULE_OF_THUMB_BYTES
+    measured_on, size = 0, RULE_OF_THUMB_BYTES
+    wall_s = math.fsum(campaign.expected_wall_s) / len(campaign.cells)
     path = Path(directory) / stores.FILE_NAME
     if path.exists() and not fresh:
         with stores.open_store(path) as store:
@@ -123,6 +124,7 @@ def run_campaign(
     fresh: bool = False,
     retry_failed: bool = False,
     progress: Progress | None = None,
+    prepare: Callable[[], None] = lambda: None,
 ) -> CampaignOutcome:
     """Runs the trials that ``directory``'s store lacks; the same call again continues.
 
@@ -135,6 +137,7 @@ def run_campaign(
         fresh: starts over and keeps the old store aside.
         retry_failed: runs failed trials again.
         progress: is told how the campaign goes.
+        prepare: called once before workers start, if there is a trial to run.
 
     Raises:
         InputError: a wrong option, or a store that is damaged, foreign, in use or another campaign's.
@@ -155,7 +158,7 @@ def run_campaign(
             missing = unfinished(campaign, inventory, retry_failed, pool.workers)
             ran = len(missing)
             if missing:
-                _add_trials(store, pool, campaign, missing, progress)
+                _add_trials(store, pool, campaign, missing, progress, prepare)
             finished, failed = store.counts()
             return CampaignOutcome(
                 store=path,
@@ -174,6 +177,7 @@ def _add_trials(
     campaign: ResolvedCampaign,
     missing: Unfinished,
     progress: Progress,
+    prepare: Callable[[], None],
 ) -> None:
     """Runs the missing trials and stores each as it ends. Raises Interrupted on Ctrl-C."""
     run_id = store.begin_run(_provenance(campaign))
@@ -183,9 +187,10 @@ def _add_trials(
         store.record(run_id, spec, outcome)
         progress.advance(outcome)
 
-    progress.begin(total, total - len(missing))
     try:
         with interruptible():
+            prepare()
+            progress.begin(total, total - len(missing))
             limit_s = campaign.campaign.trial_timeout_s
             _run(pool, campaign.run_trials, missing, limit_s, keep, progress.note)
     except KeyboardInterrupt as interrupt:

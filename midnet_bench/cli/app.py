@@ -181,6 +181,7 @@ def _with_flat_options(function: Callable[..., None]) -> Callable[..., None]:
 
     def run(**values: Any) -> None:
         messages.set_up(**_take(values, options.Messages))
+        messages.announce_compiling()
         for name, group in groups.items():
             values[name] = group(**_take(values, group))
         function(**values)

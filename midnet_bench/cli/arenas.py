@@ -1,6 +1,7 @@
 """The commands about arenas: ``arena show``, ``from-image``, ``from-map`` and ``check``."""
 
 import json
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,6 +13,8 @@ from midnet_bench.cli.check import BROKEN
 
 arena = add_group("arena", "Show, make and check arenas: floor plans with who starts where.")
 
+MOST_AREAS = 5
+"""that a line lists"""
 Output = Annotated[
     Path | None,
     typer.Option("-o", "--output", metavar="FILE", help="The arena's file (default: print it)."),
@@ -46,25 +49,41 @@ def show(
 def from_image(
     image: Annotated[
         Path,
-        typer.Argument(metavar="IMAGE", help="The plan, a PNG or PGM: dark is wall.", show_default=False),
+        typer.Argument(
+            metavar="IMAGE", help="The plan, a PNG, JPEG or PGM: dark is wall.", show_default=False
+        ),
     ],
     resolution: Annotated[
         float, typer.Option(metavar="METRES", help="Side of a pixel in metres.", show_default=False)
     ],
+    drop_specks: Annotated[
+        float,
+        typer.Option(
+            "--drop-specks",
+            metavar="METRES",
+            help="Pieces of wall that touch no other and are no longer than this are floor: dirt, lettering.",
+            show_default=False,
+        ),
+    ] = 0.0,
     output: Output = None,
 ) -> None:
     """Make an arena of a drawn plan.
 
-    Dark pixels become walls: rectangles that cover them exactly. The image's edges are the enclosure's. Where
-    the guards start and who intrudes gets values that you may edit.
+    Dark pixels become walls: rectangles that cover them exactly. A blank margin is cut off. Where the guards
+    start and how many robots intrude gets values that you may edit.
     """
     from midnet_bench.errors import InputError
 
     if not 0.0 < resolution <= 1.0:
         raise InputError(f"--resolution: {resolution:g} is out of range; allowed: above 0 and at most 1")
+    if not 0.0 <= drop_specks < math.inf:
+        raise InputError(f"--drop-specks: {drop_specks:g} is out of range; allowed: 0 or more")
     from midnet_bench.workflows.arenas import from_image as made_from
 
-    _give(made_from(image, resolution), output)
+    text, notes = made_from(image, resolution, drop_specks)
+    for note in notes:
+        messages.log.info("note: %s", note)
+    _give(text, output)
 
 
 @command("from-map", example="midnet-bench arena from-map map.yaml -o mine.yaml", group=arena)
@@ -107,16 +126,19 @@ def check(
 
     Starts that collide, rooms that no guard can reach, intruders that no guard can ever see, and layouts of
     five seeds for which there is no room. A picture numbers the faults. The exit code is 1 if there are any.
+    Floor that no robot can enter is named with its area; around a building that is no fault.
     """
     from midnet_bench.workflows.arenas import check as checked
-    from midnet_bench.workflows.arenas import write_picture
+    from midnet_bench.workflows.arenas import no_entry, write_picture
 
     found, faults = checked(name)
+    closed = no_entry(found)
     if output is not None:
         write_picture(found, faults, output)
     if as_json:
         told = [{"fault": text, "at_m": at and [round(part, 3) for part in at]} for text, at in faults]
-        typer.echo(json.dumps({"arena": found.name, "faults": told}))
+        areas = [{"m2": round(m2, 2), "at_m": [round(part, 3) for part in at]} for m2, at in closed]
+        typer.echo(json.dumps({"arena": found.name, "faults": told, "no_entry": areas}))
     elif not faults:
         width_m, height_m = found.enclosure_m
         walls = len(found.wall_solids())
@@ -124,6 +146,10 @@ def check(
     else:
         for number, fault in enumerate(faults, 1):
             typer.echo(f"{number}: {messages.shown(fault.text)}")
+    if closed and not as_json:
+        pieces = ", ".join(f"{m2:.1f} m2 at ({x:.2f}, {y:.2f})" for m2, (x, y) in closed[:MOST_AREAS])
+        more = ", ..." if len(closed) > MOST_AREAS else ""
+        typer.echo(f"no robot can enter {sum(m2 for m2, _ in closed):.1f} m2 of floor: {pieces}{more}")
     if faults:
         raise typer.Exit(BROKEN)
 

@@ -96,9 +96,11 @@ def _run_file(file: Path, chosen: options.Campaign) -> None:
 def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
     from midnet_bench.campaign.definition import resolve
     from midnet_bench.campaign.runner import plan, run_campaign
-    from midnet_bench.cli.progress import CampaignProgress
+    from midnet_bench.cli.progress import CampaignProgress, compiling
     from midnet_bench.cli.reports import present, tell_page
     from midnet_bench.experiments import registry
+    from midnet_bench.experiments.campaigns import refuse_missing_engine
+    from midnet_bench.experiments.warm_up import compile_ahead
     from midnet_bench.workflows.campaigns import recorded_if_small
 
     directory = chosen.output or options.RESULTS / campaign.name
@@ -117,6 +119,20 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
         )
         _tell_plan(resolved.definition.experiment, ahead, directory, chosen.as_json)
         return
+
+    if (
+        chosen.backend == "loky"
+        and plan(
+            resolved, directory, jobs=chosen.jobs, retry_failed=chosen.retry_failed, fresh=chosen.fresh
+        ).to_run
+    ):
+        refuse_missing_engine(resolved)
+
+    def prepare() -> None:
+        if chosen.backend == "loky":  # Dask's workers may be other machines
+            with compiling() as show:
+                compile_ahead(resolved, show)
+
     outcome = run_campaign(
         recorded_if_small(resolved),
         directory,
@@ -126,6 +142,7 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
         fresh=chosen.fresh,
         retry_failed=chosen.retry_failed,
         progress=CampaignProgress(),
+        prepare=prepare,
     )
     present(directory, chosen.as_json, 2, chosen.wide)  # a lone point is no curve, and takes seconds to draw
     if not chosen.as_json:

@@ -4,17 +4,20 @@ Every module speaks through ``logging.getLogger("midnet_bench")``: ``debug`` wha
 ``-q`` silences, ``warning`` and ``error`` always.
 """
 
+import itertools
 import logging
 import os
 import sys
 from pathlib import Path
 
-from midnet_bench import __version__
+from midnet_bench import __version__, compiled
 from midnet_bench.errors import InputError
 
 log = logging.getLogger("midnet_bench")
 
 
+FEW_LOOPS = 3
+"""compiled without a word: they take a second"""
 LONGEST = 300
 """letters of a line that says what is wrong"""
 _handlers: list[logging.Handler] = []
@@ -54,6 +57,17 @@ def set_up(*, quiet: bool = False, verbose: bool = False, log_file: Path | None 
         to_file.setLevel(logging.DEBUG)
         _add(to_file)
     log.debug("midnet-bench %s: %s", __version__, " ".join(sys.argv[1:]))
+
+
+def announce_compiling() -> None:
+    """Say so once when this process compiles several loops, as after an installation."""
+    done = itertools.count(1)
+
+    def count() -> None:
+        if next(done) == FEW_LOOPS:
+            log.info("compiling loops, once: up to a minute")
+
+    compiled.after_compiling[:] = [count]
 
 
 def shut_down() -> None:

@@ -44,7 +44,7 @@ Arena = Annotated[
     str | None,
     typer.Option(
         metavar="ARENA",
-        help="Packaged arena (map1, map2, empty) or a YAML file.",
+        help="Packaged arena (map1, map2, empty, office, people, people-pausing) or a YAML file.",
         show_default=False,
         autocompletion=completion.arenas,
     ),

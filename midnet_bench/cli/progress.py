@@ -7,7 +7,7 @@ import logging
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from typing import TextIO
@@ -17,6 +17,8 @@ from midnet_bench.campaign.worker import Outcome
 from midnet_bench.cli import messages
 
 SECONDS_BETWEEN_LINES = 10.0
+S_PER_LOOP = 0.5
+"""CPU seconds that numba needs for one of our loops in the mean"""
 
 
 class Meter:
@@ -108,6 +110,25 @@ def meter(done: float = 0.0, estimates: bool = True) -> Iterator[Meter]:
         yield opened
     finally:
         opened.close()
+
+
+@contextmanager
+def compiling() -> Iterator[Callable[[int, int], None]]:
+    """Shows how many loops are compiled, of about how many; says nothing where none has to be."""
+    opened: Meter | None = None
+
+    def show(done: int, total: int) -> None:
+        nonlocal opened
+        if opened is None:
+            messages.log.info("compiling %d loops, once, about %d s", total, round(total * S_PER_LOOP))
+            opened = _open()
+        opened.show(done, max(done, total), f"compiled {done} loops")
+
+    try:
+        yield show
+    finally:
+        if opened is not None:
+            opened.close()
 
 
 class CampaignProgress(Progress):

@@ -1,12 +1,24 @@
 """Campaigns of the registered experiments, from Python."""
 
+from importlib.util import find_spec
 from pathlib import Path
 
 from midnet_bench.campaign import definition, runner
 from midnet_bench.campaign.definition import Campaign
 from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.runner import CampaignOutcome
+from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
+from midnet_bench.experiments.warm_up import compile_ahead
+
+
+def refuse_missing_engine(campaign: definition.ResolvedCampaign) -> None:
+    """Raises InputError if a cell simulates by PyBullet and that is not installed on this machine."""
+    if any(cell.get("engine") == "bullet" for cell in campaign.cells) and find_spec("pybullet") is None:
+        raise InputError(
+            "engine: 'bullet' needs PyBullet, which is not installed (its wheels end at Python 3.11); take"
+            " 'fast': --engine fast, or engine=\"fast\" in Python"
+        )
 
 
 def run_campaign(
@@ -40,8 +52,16 @@ def run_campaign(
         StoreFull: the disk is full; what was finished is stored.
         Interrupted: Ctrl-C; what was finished is stored.
     """
+    resolved = definition.resolve(campaign, registry)
+
+    def prepare() -> None:
+        if backend == "loky":
+            compile_ahead(resolved)
+
+    if backend == "loky" and runner.plan(resolved, directory, retry_failed=retry_failed, fresh=fresh).to_run:
+        refuse_missing_engine(resolved)
     return runner.run_campaign(
-        definition.resolve(campaign, registry),
+        resolved,
         directory,
         jobs=jobs,
         backend=backend,
@@ -49,4 +69,5 @@ def run_campaign(
         fresh=fresh,
         retry_failed=retry_failed,
         progress=progress,
+        prepare=prepare,
     )

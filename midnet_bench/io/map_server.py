@@ -32,11 +32,12 @@ MOST_PIXELS = 25_000_000
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
-def read_image(path: Path, key: str) -> npt.NDArray[np.uint8]:
+def read_image(path: Path, key: str, takes_jpeg: bool = False) -> npt.NDArray[np.uint8]:
     """A PGM (plain or binary) or PNG as (height, width, channels) uint8, row 0 at the top.
 
-    Other depths are brought to 8 bits. ``key`` says in errors who asked for the image. Raises
-    InputError when the image is missing, of another kind, too large, or not whole.
+    Other depths are brought to 8 bits. ``key`` says in errors who asked for the image. ``takes_jpeg``: read
+    JPEG too, whose pixels are not exact, so that no map is made of it. Raises InputError when the image is
+    missing, of another kind, too large, or not whole.
     """
     where = f"{key}: {path}"
     try:
@@ -46,14 +47,15 @@ def read_image(path: Path, key: str) -> npt.NDArray[np.uint8]:
     except ValueError as error:
         raise InputError(f"{key}: {str(path)!r}: cannot be read: no file can have this name") from error
     is_png = data.startswith(_PNG_SIGNATURE)
-    if not is_png and data[:2] not in (b"P2", b"P5"):
-        raise InputError(f"{where}: not a PGM (P2, P5) or PNG image")
+    is_jpeg = takes_jpeg and data.startswith(b"\xff\xd8")
+    if not is_png and not is_jpeg and data[:2] not in (b"P2", b"P5"):
+        raise InputError(f"{where}: not a PGM (P2, P5){', JPEG' if takes_jpeg else ''} or PNG image")
     damaged = InputError(f"{where}: the image is truncated or damaged; save it again")
     try:
         with warnings.catch_warnings():
             # Pillow warns at half of the size that it refuses
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            image = Image.open(io.BytesIO(data), formats=["PNG" if is_png else "PPM"])
+            image = Image.open(io.BytesIO(data), formats=["PNG" if is_png else "JPEG" if is_jpeg else "PPM"])
             if image.width * image.height > MOST_PIXELS:
                 raise InputError(
                     f"{where}: too many pixels for a map ({image.width} x {image.height}); at most"

@@ -10,6 +10,8 @@ from midnet_bench.errors import InputError
 from midnet_bench.io.checked_yaml import Spec, parse
 from midnet_bench.settings import Scalar, Settings, leaves
 
+RULE_OF_THUMB_WALL_S = 15.0
+
 
 class Parameters(Settings):
     """Base of an experiment's parameters: a frozen dataclass of its own options and of nested settings."""
@@ -55,6 +57,11 @@ class Parameters(Settings):
     def effort(self) -> float:
         """About how long a trial takes, compared with the trials of other cells. Here: all the same."""
         return 1.0
+
+    @property
+    def expected_wall_s(self) -> float:
+        """About how long a trial takes on one core, seconds, for an estimate before any is measured."""
+        return RULE_OF_THUMB_WALL_S
 
     def flat(self) -> dict[str, Scalar]:
         """The parameters of a trial, from which ``from_flat`` makes these again; see ``recorded``.

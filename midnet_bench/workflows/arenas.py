@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from midnet_bench.agents.patrol import DRIVABLE_M, patrol_points
 from midnet_bench.arena.arena import Arena, arena_path, checked_arena, load_arena
-from midnet_bench.arena.floor_plan import arena_yaml, centred, dark_cells
+from midnet_bench.arena.floor_plan import arena_yaml, centred, cropped, dark_cells, specks, without_specks
 from midnet_bench.arena.free_space import cells_near
 from midnet_bench.arena.layout import ROBOT_CLEARANCE_M, TEAM, Layout, place, robot_starts
 from midnet_bench.arena.prior_maps import render_exact
@@ -22,7 +22,7 @@ from midnet_bench.drawing.stills import draw_arena
 from midnet_bench.elementary import directions
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.experiments.guarded.arena import FRAME_HZ
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.geometry import Pose2D, lengths
 from midnet_bench.grid import FREE, OCCUPIED_FROM, OccupancyGrid, connected_to
 from midnet_bench.io.checked_yaml import parsed_yaml, read_text
@@ -39,6 +39,9 @@ SEEDS = 5
 """whose layouts are tried"""
 ROOM_M2 = 0.25
 """Less floor than this, where a Burger's centre may be, is no room."""
+SPECK_M = 0.6
+"""up to this length a piece of wall that touches no other may be dirt or a letter"""
+SHOWN_SPECKS = 5
 _BEAMS = 180
 _STEP_M = 0.05
 
@@ -49,19 +52,38 @@ def shown(name_or_path: str) -> str:
     return read_text(arena_path(name_or_path))
 
 
-def from_image(path: Path, resolution_m: float) -> str:
-    """An arena's file out of a drawn plan: dark pixels are wall, the image's edges are the enclosure's.
+def from_image(path: Path, resolution_m: float, drop_specks_m: float = 0.0) -> tuple[str, list[str]]:
+    """An arena's file out of a drawn plan, and what to know about it, in lines.
+
+    Dark pixels are wall. A blank margin is cut off; what is left is the enclosure.
 
     Args:
-        path: a PNG or PGM.
+        path: a PNG, JPEG or PGM.
         resolution_m: side of a pixel, metres.
+        drop_specks_m: pieces of wall that touch no other and are no longer than this are floor.
 
     Raises:
         InputError: the image cannot be read, is all floor or all wall, or too large or ragged for an arena.
     """
-    grid = dark_cells(read_image(path, "arena from-image"), resolution_m)
+    drawn = dark_cells(read_image(path, "arena from-image", takes_jpeg=True), resolution_m)
+    grid = cropped(without_specks(drawn, drop_specks_m))
     heading = [f"From the plan {path.name}: {grid.width} x {grid.height} pixels of {resolution_m:g} m."]
-    return _text(grid, path, heading)
+    notes = []
+    if grid.data.shape != drawn.data.shape:
+        wide_m, high_m = (side * resolution_m for side in (drawn.width, drawn.height))
+        notes.append(
+            f"the blank margin of the plan is cut off: {grid.width * resolution_m:g} x"
+            f" {grid.height * resolution_m:g} m of {wide_m:g} x {high_m:g} m are left"
+        )
+    if small := specks(grid, SPECK_M):
+        places = ", ".join(_place(speck.at) for speck in small[:SHOWN_SPECKS])
+        more = ", ..." if len(small) > SHOWN_SPECKS else ""
+        size_m = math.ceil(small[0].size_m * 100.0 - 1e-6) / 100.0
+        notes.append(
+            f"{len(small)} small piece{'s' if len(small) > 1 else ''} of wall up to {size_m:g} m long, at"
+            f" {places}{more}: specks or lettering? --drop-specks {size_m:g} makes them floor"
+        )
+    return _text(grid, path, heading + notes), notes
 
 
 def from_map(path: Path, unknown: Unknown) -> str:
@@ -135,6 +157,42 @@ def check(name_or_path: str) -> tuple[Arena, list[Fault]]:
     return arena, faults + _never_seen(arena, reachable, layouts)
 
 
+def no_entry(arena: Arena) -> list[tuple[float, Point]]:
+    """The floor that no robot can enter from the guards' start, the largest piece first.
+
+    Of each piece of at least ``ROOM_M2`` its area, m2, where a Burger's centre could be, and a place in it,
+    metres, map frame. What lies around the building is among them.
+    """
+    reachable, closed = _floor(arena, arena.wall_solids() + arena.placed_solids())
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=4)
+    room = cv2.distanceTransform(np.pad(closed, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    areas_m2 = stats[:, cv2.CC_STAT_AREA] * reachable.resolution**2
+    return [
+        (float(areas_m2[label]), _widest(reachable, labels == label, room))
+        for label in sorted(range(1, len(stats)), key=lambda label: -areas_m2[label])
+        if areas_m2[label] >= ROOM_M2
+    ]
+
+
+def _floor(arena: Arena, solids: tuple[Solid, ...]) -> tuple[OccupancyGrid, npt.NDArray[np.uint8]]:
+    """Where a guard can drive, bool, and where it has room but cannot come, 0 or 1."""
+    near = cells_near(arena, solids, DRIVABLE_M)
+    floor = ~near.data & _inside(arena, near)
+    reachable = connected_to(*near.cell_at(*arena.robots.center_m), floor)
+    return near.with_data(reachable), (floor & ~reachable).astype(np.uint8)
+
+
+def _inside(arena: Arena, grid: OccupancyGrid) -> npt.NDArray[np.bool_]:
+    half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
+    return (np.abs(grid.x_centers) < half_x) & (np.abs(grid.y_centers) < half_y)[:, None]
+
+
+def _widest(grid: OccupancyGrid, part: npt.NDArray[np.bool_], room: npt.NDArray[Any]) -> Point:
+    """The cell of a part that is farthest from its edge."""
+    row, column = divmod(int(np.where(part, room, 0.0).argmax()), grid.width)
+    return grid.center_of(column, row)
+
+
 def _starts(arena: Arena, solids: tuple[Solid, ...]) -> list[Fault]:
     """Starts of teams that stand in or at something."""
     faults = []
@@ -155,25 +213,19 @@ def _starts(arena: Arena, solids: tuple[Solid, ...]) -> list[Fault]:
 
 def _rooms(arena: Arena, solids: tuple[Solid, ...]) -> tuple[OccupancyGrid, list[Fault]]:
     """Where a guard can drive, bool; and rooms where it cannot come."""
-    near = cells_near(arena, solids, DRIVABLE_M)
-    half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
-    inside = (np.abs(near.x_centers) < half_x) & (np.abs(near.y_centers) < half_y)[:, None]
-    floor = ~near.data & inside
-    reachable = connected_to(*near.cell_at(*arena.robots.center_m), floor)
-    closed = (floor & ~reachable).astype(np.uint8)
+    reachable, closed = _floor(arena, solids)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=4)
     room = cv2.distanceTransform(closed, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    rows, columns = np.nonzero(inside)
+    rows, columns = np.nonzero(_inside(arena, reachable))
     borders = {int(rows.min()), int(rows.max())}, {int(columns.min()), int(columns.max())}
     faults = []
     for label, (left, low, width, height, cells) in enumerate(stats.tolist()):
         # what reaches the enclosure's edge lies around the building
         is_outside = borders[0] & {low, low + height - 1} or borders[1] & {left, left + width - 1}
-        area_m2 = cells * near.resolution * near.resolution
+        area_m2 = cells * reachable.resolution**2
         if label == 0 or is_outside or area_m2 < ROOM_M2:
             continue
-        row, column = divmod(int(np.where(labels == label, room, 0.0).argmax()), near.width)
-        at = near.center_of(column, row)
+        at = _widest(reachable, labels == label, room)
         faults.append(
             Fault(
                 f"a room at {_place(at)} cannot be reached: no way to its {area_m2:.1f} m2 that a Burger "
@@ -181,7 +233,7 @@ def _rooms(arena: Arena, solids: tuple[Solid, ...]) -> tuple[OccupancyGrid, list
                 at,
             )
         )
-    return near.with_data(reachable), faults
+    return reachable, faults
 
 
 def _patrol(arena: Arena) -> list[Fault]:

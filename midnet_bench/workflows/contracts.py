@@ -23,7 +23,7 @@ from midnet_bench.elementary import directions
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
-from midnet_bench.experiments.guarded.arena import FRAME_HZ
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.geometry import lengths
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import STOP, Command

@@ -9,8 +9,9 @@ from midnet_bench.analysis.frames import load_results
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
-from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
+from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.exporter import Exporter
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.recording.files.writer import bag_writer
 from midnet_bench.workflows.errors import narrowed
 from midnet_bench.workflows.render import Progress

@@ -1,6 +1,6 @@
 """``simulate``: one trial, frame by frame."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Any, Self
@@ -8,6 +8,7 @@ from typing import Any, Self
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
+from midnet_bench.plugins import reference_to
 
 
 class Simulation(Iterator[Any]):
@@ -41,7 +42,11 @@ class Simulation(Iterator[Any]):
 
 
 def simulate(
-    experiment: str = "detection", *, seed: int = 1, explain: bool = False, **parameters: Scalar
+    experiment: str = "detection",
+    *,
+    seed: int = 1,
+    explain: bool = False,
+    **parameters: Scalar | Callable[..., Any],
 ) -> Simulation:
     """One trial, frame by frame, 5 frames per simulated second.
 
@@ -50,12 +55,13 @@ def simulate(
         seed: of everything random; the same seed gives the same frames.
         explain: keep each robot's grids A to D and what happened to each box, in ``frame.explanation``.
         parameters: those that are not to have their default, such as ``robots=5, frames=100``;
-            ``midnet-bench parameters`` describes them.
+            ``midnet-bench parameters`` describes them. A plug-in may be a class or a function.
 
     Returns:
         An iterator, which is also a context manager: ``with simulate(robots=1) as frames:``. ``detection``
         gives ``ScoredFrame``: ``midnet`` (the detections), ``truths``, ``in_range`` and ``counts``.
-        ``labyrinth`` gives MIDNet's ``Frame``. Boxes are in the map frame, metres. ``.trial`` is the trial.
+        ``labyrinth`` gives MIDNet's own. Both have ``observations``: each guard's pose, costmap and
+        last scan. Boxes are in the map frame, metres. ``.trial`` is the trial.
 
     Raises:
         InputError: an unknown experiment or parameter, a value out of range, or an experiment without frames.
@@ -64,5 +70,6 @@ def simulate(
     found = registry.experiment(experiment)
     if found.trial is None:
         raise InputError(f"simulate: '{experiment}' has no frames; detection and labyrinth have")
-    checked = found.model.parse(parameters, f"simulate: {experiment}")
+    given = {key: reference_to(value) for key, value in parameters.items()}
+    checked = found.model.parse(given, f"simulate: {experiment}")
     return Simulation(found.trial(checked, seed), explain)

@@ -6,7 +6,16 @@ from hypothesis import given, settings
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from midnet_bench.arena.arena import MOST_BLOCKS, Arena, checked_arena
-from midnet_bench.arena.floor_plan import arena_yaml, centred, dark_cells, rectangles, start_of_guards
+from midnet_bench.arena.floor_plan import (
+    arena_yaml,
+    centred,
+    cropped,
+    dark_cells,
+    rectangles,
+    specks,
+    start_of_guards,
+    without_specks,
+)
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.errors import InputError
 from midnet_bench.io.checked_yaml import parsed_yaml
@@ -120,3 +129,28 @@ def test_an_arena_without_blocks_is_written_as_ever() -> None:
     arena = checked_arena({**values, "blocks": [], "walls": [[[-1, 0], [1, 0]]]}, "drawn")
     assert "blocks" not in arena.model_dump_json()
     assert "blocks" in checked_arena(values, "drawn").model_dump_json()
+
+
+def test_specks_are_the_small_pieces_that_touch_no_other_the_largest_first() -> None:
+    dark = ROOM.copy()
+    dark[20, 30:34] = True  # 0.2 m
+    dark[30, 10] = dark[31, 11] = True  # one piece, corner to corner
+    dark[2:6, 50] = True  # part of the wall below
+    grid = centred(dark, 0.05)
+    found = specks(grid, 0.2)
+    assert [round(speck.size_m, 6) for speck in found] == [0.2, 0.1]
+    np.testing.assert_allclose(found[0].at, (-0.15, -0.225), atol=1e-9)
+    assert len(specks(grid, 0.15)) == 1
+    kept = without_specks(grid, 0.2).data
+    assert np.array_equal(
+        np.argwhere(dark & ~kept), [(20, 30), (20, 31), (20, 32), (20, 33), (30, 10), (31, 11)]
+    )
+    assert np.array_equal(without_specks(grid, 0.0).data, dark)
+
+
+def test_a_blank_margin_is_cropped_and_the_rest_is_centred() -> None:
+    grid = cropped(centred(np.pad(ROOM, ((3, 9), (20, 0))), 0.05))
+    assert np.array_equal(grid.data, ROOM)
+    assert grid.origin == pytest.approx((-70 * 0.025, -50 * 0.025))
+    blank = centred(np.zeros((4, 4), np.bool_), 0.05)
+    assert cropped(blank) is blank

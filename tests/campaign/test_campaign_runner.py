@@ -357,6 +357,13 @@ def test_a_wrong_option_is_refused_before_anything_is_touched(
     assert (tmp_path / "campaign.sqlite").read_bytes() == before
 
 
+def test_what_prepares_workers_is_called_once_and_only_where_a_trial_is_missing(tmp_path: Path) -> None:
+    called: list[int] = []
+    for _ in range(2):
+        run_campaign(coin_campaign(), tmp_path, jobs=1, prepare=lambda: called.append(1))
+    assert called == [1]
+
+
 def test_a_plan_counts_what_is_left(tmp_path: Path) -> None:
     ahead = plan(coin_campaign(), tmp_path, jobs=2)
     assert (ahead.cells, ahead.trials, ahead.to_run, ahead.measured_on) == (6, 18, 18, 0)

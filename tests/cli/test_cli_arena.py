@@ -63,6 +63,47 @@ def test_an_arena_of_a_plan_is_guarded(tmp_path: Path) -> None:
     assert kept.returncode == 0, kept.stderr
 
 
+def test_a_scanned_plan_loses_its_margin_and_its_specks_are_named(tmp_path: Path) -> None:
+    pixels = cv2.copyMakeBorder(
+        cv2.imread(str(plan(tmp_path)), cv2.IMREAD_GRAYSCALE), 40, 20, 30, 30, cv2.BORDER_CONSTANT, value=255
+    )
+    pixels[100:105, 60:65] = 0
+    pixels[10:14, 5:9] = 0  # a title in the margin
+    cv2.imwrite(str(tmp_path / "scan.jpg"), pixels, [cv2.IMWRITE_JPEG_QUALITY, 95])
+    scan = ("arena", "from-image", "scan.jpg", "--resolution", 0.04, "-o", "mine.yaml")
+    made = midnet_bench(*scan, folder=tmp_path)
+    assert made.returncode == 0, made.stderr
+    (margin, small) = made.stderr.splitlines()
+    assert "8.12 x" in margin
+    assert "2 small pieces of wall up to 0.2 m long, at (" in small
+    assert "--drop-specks 0.2 makes them floor" in small
+    made = midnet_bench(*scan, "--drop-specks", 0.2, folder=tmp_path)
+    assert "the blank margin of the plan is cut off: 6.4 x 4.8 m of 8.8 x 7.2 m are left" in made.stderr
+    arena = load_arena(tmp_path / "mine.yaml")
+    assert arena.enclosure_m == (6.4, 4.8)
+    assert len(arena.blocks) == 5
+    wrong = midnet_bench(*scan, "--drop-specks", -1, folder=tmp_path)
+    assert "--drop-specks: -1 is out of range" in one_line_of_complaint(wrong)
+
+
+def test_floor_that_no_robot_can_enter_is_named_with_its_area(tmp_path: Path) -> None:
+    pixels = np.full((120, 160), 255, np.uint8)
+    pixels[:4] = pixels[-4:] = pixels[:, :4] = pixels[:, 100:104] = 0
+    pixels[:40, -4:] = 0  # the yard is open at the plan's edge
+    cv2.imwrite(str(tmp_path / "plan.png"), pixels)
+    scan = ("arena", "from-image", "plan.png", "--resolution", 0.05, "-o", "mine.yaml")
+    assert midnet_bench(*scan, folder=tmp_path).returncode == 0
+    done = midnet_bench("arena", "check", "mine.yaml", folder=tmp_path)
+    first, last = done.stdout.splitlines()
+    assert first.startswith("ok (")
+    area_m2 = float(last.removeprefix("no robot can enter ").split()[0])
+    assert area_m2 == pytest.approx(2.5 * 5.3, rel=0.1)
+    told = json.loads(midnet_bench("arena", "check", "mine.yaml", "--json", folder=tmp_path).stdout)
+    (area,) = told["no_entry"]
+    assert area["m2"] == pytest.approx(area_m2, abs=0.05)
+    assert 1.0 < area["at_m"][0] < 4.0
+
+
 def test_an_arena_of_a_map_lies_where_its_heading_says(tmp_path: Path) -> None:
     plan(tmp_path)
     keys = {"resolution": 0.05, "origin": [7.0, -2.0, 0.0], "negate": 0, "occupied_thresh": 0.65}

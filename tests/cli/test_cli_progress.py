@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from midnet_bench import compiled
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.cli import messages, progress
 from midnet_bench.cli.progress import Bar, CampaignProgress, meter
@@ -47,6 +48,30 @@ def run_campaign(clock: Clock) -> None:
         clock.now_s += 1.0
         lines.advance(BAD if k == 3 else GOOD)
     lines.end()
+
+
+def test_compiling_says_how_many_loops_and_how_long_once_and_only_where_there_are_any(
+    capsys: pytest.CaptureFixture[str], clock: Clock
+) -> None:
+    with progress.compiling():
+        pass
+    assert capsys.readouterr().err == ""
+    with progress.compiling() as show:
+        for done in range(1, 41):
+            clock.now_s += 1.0
+            show(done, 80)
+    said = capsys.readouterr().err.splitlines()
+    assert said[0] == "compiling 80 loops, once, about 40 s"
+    assert said[1] == "compiled 11 loops, estimated 0:01:03 left"
+    assert len(said) == 1 + 4
+
+
+def test_a_command_that_compiles_several_loops_says_so_once(capsys: pytest.CaptureFixture[str]) -> None:
+    messages.announce_compiling()
+    (count,) = compiled.after_compiling
+    for _ in range(10):
+        count()
+    assert capsys.readouterr().err == "compiling loops, once: up to a minute\n"
 
 
 def test_lines_are_few_and_end_with_the_whole(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,6 +10,7 @@ from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.trial import Row, Scalar
+from midnet_bench.experiments.detection.claims import claims
 from midnet_bench.experiments.detection.counting import PAPER
 from midnet_bench.experiments.detection.tables import tables, window_notes
 from tests.stores import detection_store
@@ -174,3 +175,15 @@ def test_the_comparison_and_the_seeds_are_plain_numbers(made: dict[str, Table]) 
         ("2-robot", 3),
         ("2-robot", 4),
     ]
+
+
+def test_in_another_arena_the_papers_rows_and_claims_are_left_out(tmp_path: Path) -> None:
+    for arena, is_the_papers in (("map1", True), ("empty", True), ("office", False)):
+        folder = detection_store(tmp_path / arena, SCORES, parameters={"arena": arena})
+        results = load_results(folder)
+        made = {table.name: table for table in tables(results)}
+        for name, column in (("detection_summary", "source"), ("detection_counting", "counting")):
+            assert ("paper" in [row[column] for row in made[name].rows]) == is_the_papers
+        assert ("paper" in made["detection_summary"].title) == is_the_papers
+        assert math.isnan(made["detection_comparison"].rows[0]["paper"]) != is_the_papers  # type: ignore[arg-type]
+        assert bool(claims(results)) == is_the_papers

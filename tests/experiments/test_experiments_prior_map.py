@@ -16,6 +16,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import run_detection
+from midnet_bench.experiments.guarded import inputs
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.inputs import prior_map_from
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
@@ -124,3 +125,18 @@ def test_nobody_is_sent_where_nothing_is_known(packaged: Path) -> None:
         known = trial.prior_map
         cells = [known.cell_at(x, y) for x, y in trial.patrol.points]
         assert all(known.data[row, column] == 0 for column, row in cells)
+
+
+def test_the_default_map_is_the_explored_one_where_there_is_one_and_else_exact(
+    packaged: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "midnet_bench")
+    assert DetectionParameters.of().prior_map == DetectionParameters.of(prior_map="explored").prior_map
+    assert caplog.messages == []
+    inputs._note_exact.cache_clear()
+    for _ in range(2):
+        assert DetectionParameters.of(arena="people").prior_map == "exact"
+    (note,) = caplog.messages
+    assert note.startswith("note: no explored map of 'people'")
+    with pytest.raises(InputError, match="no map 'explored'"):
+        DetectionParameters.of(arena="people", prior_map="explored")

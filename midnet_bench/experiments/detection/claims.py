@@ -9,7 +9,7 @@ import pandas as pd
 from midnet_bench.analysis.claims import Finding, comparison, finding
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import Estimate, mean, ratio_of_sums
-from midnet_bench.experiments.detection.counting import COUNTS, PAPER, PAPER_FRAMES, SCORES
+from midnet_bench.experiments.detection.counting import COUNTS, PAPER, PAPER_FRAMES, SCORES, paper_of
 from midnet_bench.experiments.detection.tables import by_seed, cells_of, score_over_seeds
 
 TOLERANCE = 0.05
@@ -54,8 +54,11 @@ def claims(results: Results) -> list[Finding]:
     """The paper's table, which team is ahead in it, the causes that it names, its words on the fused list.
 
     Causes of misses are judged twice: over all misses, and over those of intruders that a local costmap
-    reaches, since the paper does not say how large its local costmap is.
+    reaches, since the paper does not say how large its local costmap is. Nothing is judged of a campaign in
+    another arena than the paper's.
     """
+    if not paper_of(results.definition):
+        return []
     cells = {
         name: cell.assign(fn_in_window=cell["fn"] - cell["fn_outside_window"])
         if "fn_outside_window" in cell

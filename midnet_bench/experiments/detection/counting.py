@@ -13,7 +13,9 @@ from midnet_bench.analysis.distance import distance
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import MEAN_METHOD, mean
 from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.trial import Row
+from midnet_bench.experiments.detection.parameters import PAPER_ARENAS
 from midnet_bench.scoring.frame_counts import TruePositives, ratios
 
 PAPER: Mapping[str, Row] = {
@@ -36,6 +38,12 @@ Cells = Mapping[str, pd.DataFrame]
 """The rows of the table ``scores`` by cell, named in the paper's manner (``5-robot``), seeds ascending"""
 
 
+def paper_of(definition: Definition) -> Mapping[str, Row]:
+    """The paper's table for a campaign in its arenas; nothing for one elsewhere, which it says nothing of."""
+    arenas = definition.grid.get("arena") or [definition.parameters.get("arena", "map1")]
+    return PAPER if set(arenas) <= {*PAPER_ARENAS} else {}
+
+
 def with_boxes(results: Results, scores: pd.DataFrame) -> pd.DataFrame:
     """The trials with ``boxes``, the team's boxes however ``tp_boxes`` counts them, and ``f1_one_to_one``."""
     fixed = results.definition.parameters.get("tp_boxes")
@@ -56,7 +64,7 @@ def counted(cell: pd.DataFrame, counting: TruePositives) -> pd.DataFrame:
     return cell.assign(**{score: [one[score] for one in scored] for score in SCORES})
 
 
-def counting_table(cells: Cells) -> Table:
+def counting_table(cells: Cells, paper: Mapping[str, Row] = PAPER) -> Table:
     """A row per cell and counting, and the paper's: means of the ratios over seeds, and counts per frame."""
     rows: list[Mapping[str, Cell]] = []
     for name, cell in cells.items():
@@ -67,10 +75,10 @@ def counting_table(cells: Cells) -> Table:
             rows.append(
                 {"trial": name, "counting": counting, **means, **_per_frame(sums, sum(cell["frames"]))}
             )
-        if name in PAPER:
-            printed = {score: PAPER[name][score] for score in SCORES}
+        if name in paper:
+            printed = {score: paper[name][score] for score in SCORES}
             row = {"trial": name, "counting": "paper", **printed}
-            rows.append({**row, **_per_frame(PAPER[name], PAPER_FRAMES)})
+            rows.append({**row, **_per_frame(paper[name], PAPER_FRAMES)})
     notes = [f"{counting}: {meaning}." for counting, meaning in COUNTINGS.items()]
     title = f"Two ways of counting second boxes on one intruder ({MEAN_METHOD}, over seeds)"
     return Table("detection_counting", title, rows, notes=notes)
@@ -81,7 +89,7 @@ def _per_frame(counts: Mapping[str, Cell], frames: float) -> dict[str, Cell]:
     return {"tp_per_frame": tp, "fp_per_frame": fp, "fn_per_frame": fn, "boxes_per_frame": tp + fp}
 
 
-def distance_tables(cells: Cells) -> list[Table]:
+def distance_tables(cells: Cells, paper: Mapping[str, Row] = PAPER) -> list[Table]:
     """``detection_distance``: how far both teams are from the paper's table, and how sure that is.
 
     The distance is the root mean square of differences, ours less the paper's, each a mean over the seeds
@@ -89,7 +97,7 @@ def distance_tables(cells: Cells) -> list[Table]:
     and tp, fp and fn per frame, whose differences are shares of the paper's tp + fn per frame of that team.
     The interval is the percentile bootstrap's over the seeds. No table without both of the paper's teams.
     """
-    if not PAPER.keys() <= cells.keys():
+    if not paper or not paper.keys() <= cells.keys():
         return []
     rows: list[Mapping[str, Cell]] = []
     for counting in COUNTINGS:

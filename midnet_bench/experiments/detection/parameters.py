@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 from midnet_bench.experiments.guarded import sharing
-from midnet_bench.experiments.guarded.parameters import GuardParameters
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameters
 from midnet_bench.scoring.frame_counts import InRange, TruePositives
 from midnet_bench.settings import option
 
@@ -63,6 +63,11 @@ class DetectionParameters(GuardParameters):
         "inflation (inflated).",
         source="paper: V.A, ground truth bounding boxes",
     )
+
+    @property
+    def simulated_s(self) -> float:
+        """How long a trial lasts, simulated seconds."""
+        return self.frames / FRAME_HZ
 
     @property
     def counts_hidden(self) -> bool:

@@ -11,6 +11,7 @@ from midnet_bench.analysis.frames import Results, records
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.analysis.words import team_in_words
 from midnet_bench.campaign.definition import Definition
+from midnet_bench.campaign.trial import Row
 from midnet_bench.experiments.detection.counting import (
     PAPER,
     PAPER_FRAMES,
@@ -18,6 +19,7 @@ from midnet_bench.experiments.detection.counting import (
     Cells,
     counting_table,
     distance_tables,
+    paper_of,
     with_boxes,
 )
 from midnet_bench.experiments.detection.error_tables import error_tables
@@ -39,15 +41,15 @@ MANY_DUPLICATES = 0.05
 
 def tables(results: Results) -> list[Table]:
     """The tables of a detection campaign."""
-    cells = cells_of(results)
+    cells, paper = cells_of(results), paper_of(results.definition)
     return [
-        summary_table(cells, window_notes(results.definition)),
-        table_to_paste(cells, results.definition.parameters.get("arena", "map1") == "map1"),
+        summary_table(cells, window_notes(results.definition), paper),
+        table_to_paste(cells, bool(paper)),
         scores_table(cells),
         matching_table(cells),
-        comparison_table(cells),
-        counting_table(cells),
-        *distance_tables(cells),
+        comparison_table(cells, paper),
+        counting_table(cells, paper),
+        *distance_tables(cells, paper),
         by_seed_table(cells),
         *metric_tables(results),
         *error_tables(results),
@@ -126,7 +128,7 @@ def window_notes(definition: Definition) -> list[str]:
     ]
 
 
-def summary_table(cells: Cells, notes: Sequence[str] = ()) -> Table:
+def summary_table(cells: Cells, notes: Sequence[str] = (), paper: Mapping[str, Row] = PAPER) -> Table:
     """The paper's table: counts and ratios over all frames, means over seeds, and the paper's row.
 
     One-to-one F1 and GOSPA stand beside them, since the paper's way of counting rewards boxes that should
@@ -145,10 +147,10 @@ def summary_table(cells: Cells, notes: Sequence[str] = ()) -> Table:
             beside = [score for score in BESIDE if score in cell]
             means = {score: score_over_seeds(cell, score) for score in (*SCORES, *beside)}
             rows.append({"trial": name, "source": "mean over seeds", "seeds": len(cell), **means})
-        if name in PAPER:
-            rows.append({"trial": name, "source": "paper", "frames": PAPER_FRAMES, **PAPER[name]})
+        if name in paper:
+            rows.append({"trial": name, "source": "paper", "frames": PAPER_FRAMES, **paper[name]})
         notes += _note_on_duplicates(name, cell)
-    both = ", ours and the paper's" if PAPER.keys() & cells.keys() else ""
+    both = ", ours and the paper's" if paper.keys() & cells.keys() else ""
     title = f"Detection scores{both} ({statistics.MEAN_METHOD}, over seeds)"
     return Table("detection_summary", title, rows, {"collisions_per_trial": 2}, notes=notes)
 
@@ -214,16 +216,16 @@ def by_seed_table(cells: Cells) -> Table:
     return Table("scores_by_seed", "Scores by seed", rows)
 
 
-def comparison_table(cells: Cells) -> Table:
+def comparison_table(cells: Cells, paper: Mapping[str, Row] = PAPER) -> Table:
     """Ours beside the paper's: means over seeds with 95 % intervals, and the difference."""
     rows: list[Mapping[str, Cell]] = []
     for name, cell in cells.items():
         for score in SCORES:
             ours = score_over_seeds(cell, score)
-            paper = float(PAPER[name][score] or 0.0) if name in PAPER else math.nan
-            difference = ours.value - paper
+            papers = float(paper[name][score] or 0.0) if name in paper else math.nan
+            difference = ours.value - papers
             rows.append(
-                {"trial": name, "score": score, "ours": ours, "paper": paper, "difference": difference}
+                {"trial": name, "score": score, "ours": ours, "paper": papers, "difference": difference}
             )
     title = f"Means over seeds and the paper's scores ({statistics.MEAN_METHOD})"
     return Table("detection_comparison", title, rows, bounds={"ours": ("low", "high", "seeds")})

@@ -11,11 +11,12 @@ from midnet_bench.assembly.detector_node import DetectorNode
 from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.elementary import directions
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
+from midnet_bench.experiments.guarded.arena import GuardedArena, ObservedFrame
 from midnet_bench.experiments.guarded.oracles import fused_by_identity
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.recorder import Recorder
 from midnet_bench.experiments.guarded.witness import Witness
-from midnet_bench.midnet.pipeline import Frame
+from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.rng import stream
 from midnet_bench.scoring.causes import CauseCounter, Causes, total_causes
 from midnet_bench.scoring.frame_counts import (
@@ -45,11 +46,16 @@ class ScoredFrame:
 
     number: int
     """counted from 1"""
-    midnet: Frame
+    midnet: ObservedFrame
     truths: list[TruthObject]
     in_range: list[bool]
     match: FrameMatch
     counts: FrameCounts
+
+    @property
+    def observations(self) -> Sequence[Observation]:
+        """What each guard told MIDNet: its pose, its costmap and its last scan."""
+        return self.midnet.observations
 
 
 class Judge:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from midnet_bench.elementary import cos, sin
 from midnet_bench.experiments.guarded.inputs import EXACT, prior_map_from
 from midnet_bench.experiments.guarded.opponents import Opponents
 from midnet_bench.experiments.guarded.oracles import Oracles, ScanOnlooker, Trial
-from midnet_bench.experiments.guarded.parameters import FED, GuardParameters
+from midnet_bench.experiments.guarded.parameters import FED, FRAME_HZ, GuardParameters
 from midnet_bench.experiments.guarded.uplink import Uplink
 from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.geometry import Pose2D, wrap_angle
@@ -32,8 +32,13 @@ from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.scoring.metric import MetricFrame
 
-FRAME_HZ = 5
-"""One MIDNet frame per LiDAR period (items 9, 42)."""
+
+@dataclass(frozen=True)
+class ObservedFrame(Frame):
+    """A frame of a simulated trial, with what MIDNet went by."""
+
+    observations: Sequence[Observation] = field(default=(), compare=False, repr=False)
+    """each guard's pose, costmap and last scan"""
 
 
 class GuardedArena(RobotTrial):
@@ -114,9 +119,11 @@ class GuardedArena(RobotTrial):
         self.advance()
         return self.detected(self.detector, explain)
 
-    def detected(self, node: DetectorNode, explain: bool = False) -> Frame:
+    def detected(self, node: DetectorNode, explain: bool = False) -> ObservedFrame:
         """What one of this trial's detectors says now; take each instant once, in order."""
-        frame = node.detect(self.observations(node), self.fleet.time_s, explain)
+        observations = self.observations(node)
+        frame = node.detect(observations, self.fleet.time_s, explain)
+        frame = ObservedFrame(frame.detections, frame.robots, frame.explanation, observations)
         if node is self.detector:
             for look in self.frame_onlookers:
                 look(frame)

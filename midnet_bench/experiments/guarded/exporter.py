@@ -7,8 +7,8 @@ import numpy as np
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.drawing.palette import FAINT_INK, GUARD_FAINT, INTRUDER
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
-from midnet_bench.experiments.guarded.parameters import GuardParameters
+from midnet_bench.experiments.guarded.arena import GuardedArena
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameters
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OCCUPIED, OccupancyGrid
 from midnet_bench.midnet.pipeline import Frame

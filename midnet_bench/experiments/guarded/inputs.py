@@ -8,16 +8,15 @@ an explored map holds a digest of its cells, so that the id changes with them he
 import base64
 import hashlib
 import json
+import logging
 import zlib
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
 from pydantic import Field
 
-from midnet_bench.agents.patrol import patrol_points
 from midnet_bench.arena.arena import Arena, arena_names, checked_arena, load_arena
-from midnet_bench.arena.layout import robot_starts
 from midnet_bench.arena.prior_maps import explored_map, render_exact
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
@@ -54,17 +53,22 @@ def _arena_of_text(value: str) -> Arena:
         raise InputError(f"{source} is no arena; give a name or a YAML file") from error
 
 
-def inline_prior_map(value: str, arena: str) -> str:
+def inline_prior_map(value: str | None, arena: str) -> str:
     """``exact`` as it is, explored maps with the arena's name and a digest; else a file's contents.
 
     Args:
         value: ``exact``, ``explored``, ``explored-worst``, a map_server YAML file, or what this function
-            made of one of them.
+            made of one of them; None: explored where the package has such a map, else exact.
         arena: as ``inline_arena`` wrote it down.
 
     Raises:
         InputError: there is no such map, or a digest is not that of this version's map.
     """
+    if value is None:
+        has_explored = not arena.startswith("{") and explored_map(arena) is not None
+        if not has_explored:
+            _note_exact(arena if not arena.startswith("{") else arena_from(arena).name)
+        value = EXPLORED if has_explored else EXACT
     if value == EXACT:
         return value
     if value.startswith("{"):
@@ -84,16 +88,26 @@ def inline_prior_map(value: str, arena: str) -> str:
         raise InputError(f"prior_map: {error}") from error
 
 
-def prior_map_from(value: str, arena: str, resolution_m: float) -> OccupancyGrid:
+@cache
+def _note_exact(arena: str) -> None:
+    """Once in a process."""
+    logging.getLogger("midnet_bench").info(
+        "note: no explored map of '%s' comes with midnet-bench: guards have the exact one; --map FILE gives"
+        " them another",
+        arena,
+    )
+
+
+def prior_map_from(value: str | None, arena: str, resolution_m: float) -> OccupancyGrid:
     """The prior map, int8, 100 occupied, 0 free, -1 unknown, map frame; arguments as ``inline_prior_map``.
 
     Raises:
         InputError: as ``inline_prior_map``; or its resolution is not that of the local costmaps (item 19), or
             it ends inside the arena.
     """
-    if value == EXACT:
-        return render_exact(arena_from(arena), resolution_m)
     taken = inline_prior_map(value, arena)
+    if taken == EXACT:
+        return render_exact(arena_from(arena), resolution_m)
     grid = _explored(taken.split(":")[0], arena) if taken.startswith(EXPLORED) else _from_text(taken)
     if abs(grid.resolution - resolution_m) > 1e-9:
         raise InputError(
@@ -114,6 +128,9 @@ def check_prior_map(
     """
     grid = prior_map_from(value, arena, resolution_m)
     if value.startswith("{"):
+        from midnet_bench.agents.patrol import patrol_points  # OpenCV, which a packaged map does not need
+        from midnet_bench.arena.layout import robot_starts
+
         place = arena_from(arena)
         start = robot_starts(place, robots)[0]
         patrol_points(grid, (start.x, start.y), place.enclosure_m, clearance_m, reach_m)

@@ -8,12 +8,12 @@ from midnet_bench.agents.settings import GoalSettings, PatrolSettings
 from midnet_bench.arena.arena import Arena
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.inputs import (
-    EXPLORED,
     arena_from,
     check_prior_map,
     inline_arena,
     inline_prior_map,
 )
+from midnet_bench.experiments.trial_cost import trial_wall_s
 from midnet_bench.io.parameters import Parameters
 from midnet_bench.localization.settings import ScanToMapSettings, UkfSettings
 from midnet_bench.midnet.binary_map import PriorMapSettings
@@ -41,6 +41,8 @@ Oracle = Literal[
 FED: tuple[Oracle, ...] = ("pose", "delay", "allies", "occlusion", "sight", "noise")
 """oracles under which the referee, not the guards, takes scans into the detection costmaps"""
 Preset = Literal["paper", "best"]
+FRAME_HZ = 5
+"""One MIDNet frame per LiDAR period (items 9, 42)."""
 NO_SQUARE_M = 1e-6
 """side of an ally's square that no box can be equal to: a box has at least a cell"""
 
@@ -94,11 +96,12 @@ class GuardParameters(Parameters):
     arena: str = option(
         "map1", "Name of a packaged arena, or an arena's YAML file.", source="paper: III, Map 1"
     )
-    prior_map: str = option(
-        EXPLORED,
+    prior_map: str | None = option(
+        None,
         "The map that is subtracted and driven by: explored by robots as the package has it, the best of 30 "
         "maps (explored) or the worst (explored-worst), drawn from the arena's walls (exact), or a "
-        "map_server YAML file.",
+        "map_server YAML file; null: explored where the package has such a map (map1, map2, empty), else "
+        "exact.",
         source="paper: II.A, explored, and the best map saved",
     )
     robots: int = option(
@@ -277,6 +280,16 @@ class GuardParameters(Parameters):
     def effort(self) -> float:
         """See :class:`Parameters`."""
         return float(self.robots)
+
+    @property
+    def simulated_s(self) -> float:
+        """About how long a trial lasts, simulated seconds. Experiments say it; here it is the paper's."""
+        return 400.0
+
+    @property
+    def expected_wall_s(self) -> float:
+        """See :class:`Parameters`."""
+        return trial_wall_s(self.simulation.world.engine, self.robots, self.simulated_s)
 
     @property
     def guarded_place(self) -> Arena:

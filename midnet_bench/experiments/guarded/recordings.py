@@ -15,8 +15,7 @@ from midnet_bench.campaign.definition import differs_between_cells, shown_cell
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.drawing.scene import FloorPlan
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.guarded.arena import FRAME_HZ
-from midnet_bench.experiments.guarded.parameters import GuardParameters
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameters
 from midnet_bench.experiments.guarded.record import BEAM_STEP, ERRORS, FRAMES, FrameNumbers
 from midnet_bench.page.recording import KINDS, STEP_MM, Recording, Rows, tracked
 from midnet_bench.robots.burger import BURGER

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from midnet_bench.drawing.scene import Chase, Demo, Scene
-from midnet_bench.experiments.guarded.arena import FRAME_HZ
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.scenes import scene_of, setup_of
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial

@@ -129,6 +129,11 @@ class LabyrinthParameters(GuardParameters):
                 f"{math.floor(widest_m)}"
             )
 
+    @property
+    def simulated_s(self) -> float:
+        """About how long a trial lasts, simulated seconds: 112 in the mean of the packaged campaign."""
+        return self.time_limit_s if self.ends == "time_limit" else min(112.0, self.time_limit_s)
+
     def with_files_read(self) -> Self:
         """See :class:`Parameters`; the arena has doors if intruders escape by them."""
         read = super().with_files_read()

@@ -182,7 +182,10 @@ def claims(results: Results) -> list[Finding]:
     The duration is judged where all 25 cells are there. The dips are those of 1 and 5 intruders, from 4 to 5.
     "Generally increase" is read as a rise from the smallest team to four robots for every number of
     intruders, and from each size to the next, up to four, over all of them. Differences are seed by seed.
+    Nothing is judged of a campaign in another arena than Map 2.
     """
+    if results.definition.parameters.get("arena", "map2") != "map2":
+        return []
     return [
         one._replace(statement=f"{name}: {one.statement}" if name else one.statement)
         for name, variant in variants_of(results).items()

@@ -10,7 +10,8 @@ from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.pursuit import Pursuit
 from midnet_bench.arena.free_space import doors
 from midnet_bench.campaign.trial import Row, TrialResult
-from midnet_bench.experiments.guarded.arena import FRAME_HZ, GuardedArena
+from midnet_bench.experiments.guarded.arena import GuardedArena
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.recorder import Recorder
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.geometry import Box, lengths

@@ -125,6 +125,11 @@ class MappingParameters(Parameters):
             settings, global_costmap=replace(settings.global_costmap, resolution=self.resolution_m)
         )
 
+    @property
+    def expected_wall_s(self) -> float:
+        """See :class:`Parameters`: 40 s for each team that explores Map 1, which takes one robot 400 s."""
+        return min(40.0, 0.1 * self.robots * self.time_limit_s)
+
     def with_files_read(self) -> Self:
         """See :class:`Parameters`: the arena by its contents."""
         return replace(self, arena=inline_arena(self.arena), simulation=self.simulation.with_files_read())

@@ -53,6 +53,11 @@ class ScaleParameters(Parameters):
         """See :class:`Parameters`."""
         return float(self.robots * self.robots)
 
+    @property
+    def expected_wall_s(self) -> float:
+        """See :class:`Parameters`: 0.3 s for one robot and 19 s for 200, of 20 frames each."""
+        return 0.3 + 0.0005 * self.robots**2 * self.frames / 20.0
+
     def with_files_read(self) -> Self:
         """See :class:`Parameters`: the fusion with its pin."""
         return replace(self, fusion=FUSIONS.pinned(self.fusion))
