@@ -79,7 +79,9 @@ def _pieces_up_to(dark: OccupancyGrid, most_m: float) -> tuple[npt.NDArray[np.in
     """The number of each cell's piece, and the numbers of those that are small enough."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(dark.data.astype(np.uint8), connectivity=8)
     sides = stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1) * dark.resolution
-    return labels, [label for label in range(1, len(stats)) if sides[label] <= most_m + 1e-9]
+    return np.asarray(labels, np.int32), [
+        label for label in range(1, len(stats)) if sides[label] <= most_m + 1e-9
+    ]
 
 
 def cropped(dark: OccupancyGrid) -> OccupancyGrid:

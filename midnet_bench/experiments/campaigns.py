@@ -14,7 +14,10 @@ from midnet_bench.experiments.warm_up import compile_ahead
 
 def refuse_missing_engine(campaign: definition.ResolvedCampaign) -> None:
     """Raises InputError if a cell simulates by PyBullet and that is not installed on this machine."""
-    if any(cell.get("engine") == "bullet" for cell in campaign.cells) and find_spec("pybullet") is None:
+    if find_spec("pybullet") is not None:
+        return
+    usual = registry.parameters_model(campaign.campaign.experiment).defaults().get("engine")
+    if any(cell.get("engine", usual) == "bullet" for cell in campaign.cells):
         raise InputError(
             "engine: 'bullet' needs PyBullet, which is not installed (its wheels end at Python 3.11); take"
             " 'fast': --engine fast, or engine=\"fast\" in Python"

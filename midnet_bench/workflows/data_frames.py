@@ -10,7 +10,7 @@ import pandas as pd
 
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.tables import Table
-from midnet_bench.campaign.definition import Campaign, Values, resolve
+from midnet_bench.campaign.definition import Campaign, Values, parse_campaign, resolve
 from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.campaigns import run_campaign
@@ -48,14 +48,16 @@ def run(
         MidnetBenchError: all trials failed; the message has the first reason.
     """
     if isinstance(campaign, str):
-        campaign = Campaign(
-            experiment=campaign,
-            name=campaign.rpartition(":")[2],
-            grid={key: value for key, value in parameters.items() if isinstance(value, list)},
-            parameters={key: value for key, value in parameters.items() if not isinstance(value, list)},  # type: ignore[misc]
-            trials=seeds,
-            base_seed=seed,
-        )
+        factors = {key: value for key, value in parameters.items() if isinstance(value, list)}
+        values = {
+            "experiment": campaign,
+            "name": campaign.rpartition(":")[2],
+            "grid": factors,
+            "parameters": {key: value for key, value in parameters.items() if key not in factors},
+            "trials": seeds,
+            "base_seed": seed,
+        }
+        campaign = parse_campaign(values, "run")
     elif parameters:
         raise InputError("run: a Campaign has its parameters; give none beside it")
     if output is None:

@@ -106,7 +106,8 @@ class DetectionTrial(GuardedArena):
         is_fused_anew = test.oracle == "fusion"
         midnet = self.detected(judge.node, explain or is_fused_anew or judge.recorder is not None)
         if is_fused_anew:
-            midnet = fused_by_identity(midnet, truths)
+            fused = fused_by_identity(midnet, truths)
+            midnet = replace(midnet, detections=fused.detections, robots=fused.robots)
         in_range = self.in_range(test, judge.sight)
         match = match_frame(midnet.detections, truths)
         counts = count_frame(midnet.detections, truths, in_range, test.tp_boxes, match)
