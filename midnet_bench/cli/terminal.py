@@ -73,6 +73,8 @@ def drawn(table: Table, most: int | None) -> str:
         )
         for index, name in enumerate(table.columns)
     }
+    if not columns:
+        return "\n".join([*filled(table.title, most or width()), "nothing", *table.notes])
     if most is None:
         widths = [column.widths(False)[2] for column in columns.values()]
         return "\n".join([table.title, *_laid_out(list(columns.values()), widths), *table.notes])

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -12,10 +13,12 @@ from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.layout import Layout
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.pipeline import Explanation
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.scoring.frame_counts import Ratios
+
+if TYPE_CHECKING:  # which takes a compiler
+    from midnet_bench.midnet.pipeline import Explanation
 
 Floats = npt.NDArray[np.float64]
 Point = tuple[float, float]
@@ -196,7 +199,7 @@ class Scene:
     detections: list[Detection]
     truths: list[Truth]
     """all intruders that the trial looks for, the stationary ones first"""
-    explanation: Explanation | None = None
+    explanation: "Explanation | None" = None
     """each guard's grids and boxes; without them, pictures show the detections alone"""
     others: Sequence[Sequence[Floats]] = ()
     """for each person or thing that intrudes, the outlines, (n, 2), of its legs or of itself"""

@@ -74,7 +74,7 @@ def test_a_scanned_plan_loses_its_margin_and_its_specks_are_named(tmp_path: Path
     made = midnet_bench(*scan, folder=tmp_path)
     assert made.returncode == 0, made.stderr
     (margin, small) = made.stderr.splitlines()
-    assert "8.12 x" in margin
+    assert "7.4 x 6 m of 8.8 x 7.2 m are left" in margin
     assert "2 small pieces of wall up to 0.2 m long, at (" in small
     assert "--drop-specks 0.2 makes them floor" in small
     made = midnet_bench(*scan, "--drop-specks", 0.2, folder=tmp_path)
@@ -144,7 +144,8 @@ def test_each_fault_is_a_line_with_its_place(tmp_path: Path) -> None:
     )
     done = midnet_bench("arena", "check", "rooms.yaml", "-o", "rooms.png", folder=tmp_path)
     assert done.returncode == 1
-    *starts, room, hidden = done.stdout.splitlines()
+    *starts, room, hidden, area = done.stdout.splitlines()
+    assert "no robot can enter" in area
     assert all("robots: guard" in line for line in starts)
     assert "guard 2 of 2 starts at (-2.80, 0.00)" in starts[0]
     assert "a room at (1.47, 1.48) cannot be reached" in room or "a room at (1.48, 1.48)" in room
@@ -152,7 +153,7 @@ def test_each_fault_is_a_line_with_its_place(tmp_path: Path) -> None:
     assert cv2.imread(str(tmp_path / "rooms.png")) is not None
     told = json.loads(midnet_bench("arena", "check", "rooms.yaml", "--json", folder=tmp_path).stdout)
     assert [one["fault"] for one in told["faults"]] == [
-        line.split(": ", 1)[1] for line in done.stdout.splitlines()
+        line.split(": ", 1)[1] for line in done.stdout.splitlines()[:-1]
     ]
     assert told["faults"][-1]["at_m"] == [2.0, 2.0]
 
@@ -163,7 +164,9 @@ def test_an_intruder_behind_a_barred_door_is_seen_and_one_beside_it_is_not(tmp_p
         placed = [{**SMALL, "size_m": [0.3, 0.3], "x_m": place[0], "y_m": place[1]}]
         write(tmp_path, walls=walls, stationary_intruders={"placed": placed})
         done = midnet_bench("arena", "check", "rooms.yaml", folder=tmp_path)
-        assert len(done.stdout.splitlines()) == faults, done.stdout
+        *lines, area = done.stdout.splitlines()
+        assert len(lines) == faults, done.stdout
+        assert area.startswith("no robot can enter 2.")
 
 
 def test_no_room_for_a_layout_and_no_place_to_patrol_are_faults(tmp_path: Path) -> None:
@@ -180,7 +183,7 @@ def test_no_room_for_a_layout_and_no_place_to_patrol_are_faults(tmp_path: Path) 
         (("show", "none.yaml"), "none.yaml: cannot be read"),
         (("check", "wrong.yaml"), "wrong.yaml: plane_m: Field required"),
         (("from-image", "none.png", "--resolution", 0.02), "none.png: cannot be read"),
-        (("from-image", "wrong.yaml", "--resolution", 0.02), "not a PGM (P2, P5) or PNG image"),
+        (("from-image", "wrong.yaml", "--resolution", 0.02), "not a PGM (P2, P5), JPEG or PNG image"),
         (("from-image", "plan.png", "--resolution", 0), "--resolution: 0 is out of range"),
         (("from-image", "plan.png", "--resolution", "nan"), "--resolution: nan is out of range"),
         (

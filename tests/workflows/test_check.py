@@ -207,7 +207,7 @@ def test_a_patrol_that_sends_guards_through_walls_is_told(folder: Path) -> None:
 
 
 def test_what_is_for_no_seam_is_one_line(folder: Path) -> None:
-    complaint = one_line_of_complaint(midnet_bench("check", "os.path:join", folder=folder))
-    assert "expected a class with a method 'detect' (detector), 'fuse' (fusion), " in complaint
+    complaint = one_line_of_complaint(midnet_bench("check", "os:sep", folder=folder))
+    assert "expected a class with a method 'detect', or a function" in complaint
     with pytest.raises(InputError, match="unknown name 'nix'"):
         check("nix")

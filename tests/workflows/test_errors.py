@@ -103,7 +103,7 @@ def test_wrong_questions_are_answered_in_one_line(folder: Path, arguments: list[
 
 
 def test_a_campaign_that_was_not_recorded_says_how_to(tmp_path: Path) -> None:
-    run = ["detection", "--frames", "2", "--engine", "fast", "-o", "plain"]
+    run = ["detection", "--frames", "2", "--seeds", "3", "--engine", "fast", "-o", "plain"]
     assert midnet_bench(*run, folder=tmp_path).returncode == 0
     with pytest.raises(InputError, match="its trials were not recorded; run them with --record"):
         errors(tmp_path / "plain")

@@ -8,6 +8,7 @@ from midnet_bench.agents.settings import GoalSettings, PatrolSettings
 from midnet_bench.arena.arena import Arena
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.inputs import (
+    EXPLORED,
     arena_from,
     check_prior_map,
     inline_arena,
@@ -381,7 +382,7 @@ class GuardParameters(Parameters):
             if self.prior_map == prior_map:
                 raise
             raise InputError(
-                f"prior_map: {self.prior_map}: {str(error).removeprefix('prior_map: ')}"
+                f"prior_map: {self.prior_map or EXPLORED}: {str(error).removeprefix('prior_map: ')}"
             ) from error
         return replace(
             self,
