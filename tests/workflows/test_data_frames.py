@@ -80,7 +80,7 @@ def test_differences_and_verdicts_are_data_frames(tmp_path: Path) -> None:
     differences = mb.compare(first, second)
     recall = differences[differences["measure"] == "recall"].set_index("trial")["difference"]
     assert recall["1-robot"] == pytest.approx(0.3)
-    assert {"difference_low", "difference_high", "verdict"} <= {*differences}
+    assert {"low", "high", "verdict"} <= {*differences}
     verdicts = mb.verify(second)
     assert len(verdicts) > 10
     assert "verdict" in verdicts
