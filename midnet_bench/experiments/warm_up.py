@@ -6,12 +6,10 @@ from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
-
 from midnet_bench import compiled
 from midnet_bench.campaign.definition import ResolvedCampaign
 from midnet_bench.experiments import registry
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Pose2D, lengths
 from midnet_bench.settings import Scalar
 
 LOOPS = 70
@@ -97,10 +95,8 @@ def _map_a_drive() -> None:
 
     geometry = half_circle(180)
     poses = [Pose2D(0.5 * k if k < 8 else 8.0 - 0.5 * k, 0.0, 0.0) for k in range(16)]
-    ranges = [
-        np.hypot(6.0 * np.cos(geometry.angles_rad) - pose.x, 4.0 * np.sin(geometry.angles_rad))
-        for pose in poses
-    ]
+    wall = geometry.directions * (6.0, 4.0)
+    ranges = [lengths(wall - (pose.x, pose.y)) for pose in poses]
     slip = Pose2D(0.3, 0.2, math.pi / 3.0)
     scans = [
         LoggedScan(float(k), slip.compose(pose) if k > 10 else pose, ranges[k])

@@ -43,7 +43,7 @@ class ScaleParameters(Parameters):
     @property
     def expected_wall_s(self) -> float:
         """See :class:`Parameters`: 0.3 s for one robot and 19 s for 200, of 20 frames each."""
-        return 0.3 + 0.0005 * self.robots**2 * self.frames / 20.0
+        return 0.3 + 0.0005 * self.robots * self.robots * self.frames / 20.0
 
     def with_files_read(self) -> Self:
         """See :class:`Parameters`: the fusion with its pin."""
