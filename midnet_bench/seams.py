@@ -196,7 +196,8 @@ class Seam:
 
     def _class(self, choice: Choice) -> Any:
         found = self._found(choice)
-        if inspect.isfunction(found) and not hasattr(found, self.method):  # it remembers nothing
+        # of a user's own; of any package's a name that is mistyped would be taken
+        if choice.mark == "#" and inspect.isfunction(found) and not hasattr(found, self.method):
             members = {"__init__": lambda self, *arguments: None, self.method: staticmethod(found)}
             found = type(found.__name__, (), members)
         if not callable(found) or not callable(getattr(found, self.method, None)):

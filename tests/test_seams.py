@@ -75,7 +75,7 @@ def test_an_installed_package_is_known_by_its_version() -> None:
         ("mine.py:Mine#000000000000", "no file with the digest"),
         ("mine.py:Mine(prior_map=1)", "no option 'prior_map'"),
         ("no_such_package.here:Mine", "ModuleNotFoundError"),
-        ("os:sep", "expected a class with a method 'detect'"),
+        ("os.path:join", "expected a class with a method 'detect'"),
     ],
 )
 def test_a_wrong_value_is_one_line_that_begins_with_the_option(value: str, says: str, mine: Path) -> None:

@@ -36,9 +36,9 @@ class Solid:
         The overlength closes the corner where two walls share an end.
         """
         dx, dy = end[0] - start[0], end[1] - start[1]
-        if dy == 0.0:  # along an axis no compiler has to be loaded
-            yaw = 0.0 if dx >= 0.0 else math.pi
-        elif dx == 0.0:
+        if dy == 0.0 != dx:  # along an axis no compiler has to be loaded
+            yaw = math.copysign(0.0 if dx > 0.0 else math.pi, dy)
+        elif dx == 0.0 != dy:
             yaw = math.copysign(math.pi / 2.0, dy)
         else:
             from midnet_bench.elementary import atan2

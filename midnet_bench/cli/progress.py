@@ -17,7 +17,7 @@ from midnet_bench.campaign.worker import Outcome
 from midnet_bench.cli import messages
 
 SECONDS_BETWEEN_LINES = 10.0
-S_PER_LOOP = 0.5
+S_PER_LOOP = 0.6
 """CPU seconds that numba needs for one of our loops in the mean"""
 
 

@@ -79,7 +79,7 @@ def compare(*campaigns: Folder, by: str | None = None, baseline: str | None = No
         baseline: its value with which the others are compared; the first unless given.
 
     Returns:
-        A row for each score and cell: ``difference`` with ``_low`` and ``_high`` (95 %), ``p_holm``,
+        A row for each score and cell: ``difference`` with ``low`` and ``high`` (95 %), ``p_holm``,
         ``verdict``.
 
     Raises:

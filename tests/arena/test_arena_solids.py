@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.arena.solids import Solid, gap_m
+from midnet_bench.elementary import atan2
 from midnet_bench.geometry import Pose2D
 
 places = st.floats(-5.0, 5.0)
@@ -69,3 +70,12 @@ def test_gaps_between_solids_known_by_hand() -> None:
     assert gap_m(one, (cylinder(0.0, 2.0, 1.0),)) == pytest.approx(1.0, abs=1e-3)
     assert gap_m(box(0, 0, 0, 2.0, 0.2), (box(0, 0, math.pi / 2, 2.0, 0.2),)) < 0.0, "a cross overlaps"
     assert gap_m(one, ()) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("dx", "dy"), [(2.0, 0.0), (2.0, -0.0), (-2.0, 0.0), (-2.0, -0.0), (0.0, 3.0), (0.0, -3.0), (-0.0, 3.0)]
+)
+def test_a_wall_along_an_axis_has_the_direction_that_any_other_is_given(dx: float, dy: float) -> None:
+    yaw = Solid.segment((0.0, 0.0), (dx, dy), 0.15, 1.0).pose.yaw
+    expected = atan2(dy - 0.0, dx - 0.0)
+    assert (yaw, math.copysign(1.0, yaw)) == (expected, math.copysign(1.0, expected))

@@ -61,7 +61,7 @@ def test_compiling_says_how_many_loops_and_how_long_once_and_only_where_there_ar
             clock.now_s += 1.0
             show(done, 80)
     said = capsys.readouterr().err.splitlines()
-    assert said[0] == "compiling 80 loops, once, about 40 s"
+    assert said[0] == "compiling 80 loops, once, about 48 s"
     assert said[1] == "compiled 11 loops, estimated 0:01:03 left"
     assert len(said) == 1 + 4
 
