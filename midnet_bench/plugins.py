@@ -127,7 +127,7 @@ def _sources_of(value: Any, known: dict[str, str]) -> list[str]:
     if value.__qualname__ in known:
         return []
     known[value.__qualname__] = ""
-    found = [textwrap.dedent(inspect.getsource(value))]
+    found = [textwrap.dedent(_source_of(value))]
     members = vars(value).values() if inspect.isclass(value) else [value]
     functions = [getattr(one, "__func__", getattr(one, "fget", one)) for one in members]
     used: list[Any] = [*value.__bases__] if inspect.isclass(value) else []
@@ -142,6 +142,24 @@ def _sources_of(value: Any, known: dict[str, str]) -> list[str]:
         if other.__module__ == value.__module__:
             found += _sources_of(other, known)
     return found
+
+
+def _source_of(value: Any) -> str:
+    """The source of a class or function; of a notebook's class the sources of its functions, by their lines.
+
+    Before Python 3.13 a class does not know its lines, and a cell's module has no file to look for it in.
+
+    Raises:
+        OSError, TypeError: it has none.
+    """
+    try:
+        return inspect.getsource(value)
+    except (OSError, TypeError):
+        functions = [one for one in vars(value).values() if inspect.isfunction(one)]
+        if not functions:
+            raise
+        plain = {name: one for name, one in vars(value).items() if isinstance(one, str | int | float | tuple)}
+        return f"class {value.__qualname__}: {plain!r}\n" + "".join(map(inspect.getsource, functions))
 
 
 def _names_in(code: CodeType) -> set[str]:

@@ -68,6 +68,7 @@ EXACTLY = {
     "prior_map": "exact",
     "localization": "truth",
     "lidar_noise": "none",
+    "require_line_of_sight": False,
     "frames": 3,
 }
 Options = Mapping[str, object]
@@ -201,7 +202,7 @@ def test_a_guard_that_drives_on_after_its_scan_shifts_walls_and_intruders() -> N
 
 
 def test_a_thin_intruder_is_off_by_the_noise_of_its_range() -> None:
-    thin = {**THIN, "align": "origin", "frames": 10}
+    thin = {**THIN, "align": "origin", "frames": 10, "local_size_m": 3.0}
     noisy = causes(room(box(1.3, 0.0, 0.02)), LATE_SCANS, lidar_noise="datasheet", **thin)
     assert {cause for cause, _ in noisy} == {"range_noise", "misplaced_by_noise", "outside_window"}
     exact = causes(room(box(1.3, 0.0, 0.02)), LATE_SCANS, **thin)
