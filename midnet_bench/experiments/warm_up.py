@@ -18,7 +18,6 @@ SHORT: dict[str, dict[str, Scalar]] = {
     "detection": {"frames": 10},
     "labyrinth": {"time_limit_s": 2.0},
     "mapping": {"time_limit_s": 5.0},
-    "readings": {"frames": 10},
     "robustness": {"frames": 10},
     "scale": {"frames": 1},
 }
