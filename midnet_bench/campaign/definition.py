@@ -247,14 +247,17 @@ def override(
 ) -> Campaign:
     """``campaign`` with settings of the command line on top.
 
-    Several values make a factor of the grid, behind those that it has; one value narrows a factor to it.
+    Several values make a factor of the grid, behind those that it has; one value narrows a factor to it. The
+    user's own code, such as ``mine.py:Returns``, joins a factor that compares values, as one more.
 
     Raises:
         InputError: ``trials`` or ``base_seed`` is out of range. The settings are :func:`resolve`'s to check.
     """
     values = campaign.model_dump()
     for key, value in settings.items():
-        if isinstance(value, list) or key in values["grid"]:
+        if key in values["grid"] and isinstance(value, str) and _file_and_name(value.partition("(")[0])[0]:
+            values["grid"][key] = [*values["grid"][key], value]
+        elif isinstance(value, list) or key in values["grid"]:
             values["grid"][key] = value if isinstance(value, list) else [value]
             values["parameters"].pop(key, None)
         else:

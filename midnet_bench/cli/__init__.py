@@ -48,6 +48,7 @@ PLAIN = {
     r"Input should be greater than or equal to (\S+)": r"must be at least \1",
     r"Input should be less than or equal to (\S+)": r"must be at most \1",
     r"Input should be a valid integer, unable to parse string as an integer": "a whole number is needed",
+    r"Missing argument 'DIR'\.": "give a campaign's folder, such as results/detection",
     r"Input should be a valid number, unable to parse string as a number": "a number is needed",
 }
 """what the parser of the command line says -> what a user reads"""

@@ -126,7 +126,7 @@ def check(
 
     Starts that collide, rooms that no guard can reach, intruders that no guard can ever see, and layouts of
     five seeds for which there is no room. A picture numbers the faults. The exit code is 1 if there are any.
-    Floor that no robot can enter is named with its area; around a building that is no fault.
+    Floor that no robot can enter is named with its area: no fault around a building, but look at it inside.
     """
     from midnet_bench.workflows.arenas import check as checked
     from midnet_bench.workflows.arenas import no_entry, write_picture
@@ -150,6 +150,8 @@ def check(
         pieces = ", ".join(f"{m2:.1f} m2 at ({x:.2f}, {y:.2f})" for m2, (x, y) in closed[:MOST_AREAS])
         more = ", ..." if len(closed) > MOST_AREAS else ""
         typer.echo(f"no robot can enter {sum(m2 for m2, _ in closed):.1f} m2 of floor: {pieces}{more}")
+        if not faults and output is None:
+            typer.echo("If it is inside the building, draw it by -o check.png; --drop-specks drops lettering")
     if faults:
         raise typer.Exit(BROKEN)
 

@@ -70,10 +70,8 @@ def export(
             raise InputError(
                 "export: a campaign's trial is as it was; leave out --frames, --engine, --map, --set"
             )
-        if seed is None:
-            raise InputError("export: name the campaign's trial by --seed, and by --robots or --where")
         name = Path(trial).resolve().name
-        experiment, parameters = trial_of(trial, seed, places(where, robots))
+        experiment, parameters, seed = trial_of(trial, seed, places(where, robots))
     else:
         if where:
             raise InputError("export: --where goes with a campaign's folder; set parameters by --set")

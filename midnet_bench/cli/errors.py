@@ -86,6 +86,9 @@ def errors(
         show(None, [table], as_json)
     else:
         say([table.title, *(str(row["line"]) for row in table.rows)])
+        if grids is None:
+            player = directory / "report.html"
+            say([f"To draw this frame add --grids DIR. The player in {player} shows all frames."])
     if grids is not None:
         workflow.grids(directory, seed, frame, own, grids)
         if not as_json:

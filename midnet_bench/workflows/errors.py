@@ -1,4 +1,4 @@
-"""``errors`` and ``explain``: why a recorded campaign's trials missed intruders and found what is none."""
+"""``errors``: the causes of a recorded campaign's misses and false positives."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -40,7 +40,7 @@ def errors(directory: str | Path, where: Sequence[str] = (), seed: int | None = 
 
 
 def explain(directory: str | Path, seed: int, frame: int, where: Sequence[str] = ()) -> Table:
-    """What went wrong in one frame of one trial: a row for each error, which says it in a ``line``.
+    """The errors of one frame of one trial, one row each; ``line`` is the row in words.
 
     Args:
         directory: of the campaign.
@@ -53,7 +53,7 @@ def explain(directory: str | Path, seed: int, frame: int, where: Sequence[str] =
     """
     results = _of_seed(_recorded(directory, where), seed)
     if "recorded" not in results.tables or results.tables["recorded"].empty:
-        raise InputError(f"{directory}: an oracle's frames are not kept; name oracle=none by --where")
+        raise InputError(f"{directory}: trials with an oracle record no frames; add --where oracle=none")
     frames = results.tables["recorded"]
     chosen = frames[frames["frame"] == frame]
     if len(chosen) > 1:
@@ -74,7 +74,7 @@ def only_seed(directory: str | Path, where: Sequence[str] = ()) -> int:
     """The seed of a recorded campaign that has one alone. Raises InputError if there are several."""
     seeds = sorted(set(_recorded(directory, where).table("frames")["seed"].tolist()))
     if len(seeds) > 1:
-        raise InputError(f"--frame: which trial? {directory} has seeds {seeds[0]} to {seeds[-1]}; add --seed")
+        raise InputError(f"--frame: {directory} has seeds {seeds[0]} to {seeds[-1]}; name one by --seed")
     return int(seeds[0])
 
 
@@ -218,9 +218,15 @@ def _summary(recorded: RecordedFrame, seed: int, found: Sequence[Row]) -> str:
     in_range = sum(truth.in_range for truth in recorded.truths)
     return (
         f"seed {seed}, frame {recorded.number} ({recorded.number * FRAME_S:.1f} s): "
-        f"{len(recorded.detections)} boxes, {in_range} intruders in range; {kinds.count('miss')} missed, "
-        f"{kinds.count('false')} false, {kinds.count('fragment')} further boxes"
+        f"{_counted(in_range, 'intruder')} in range, {_counted(len(recorded.detections), 'box', 'boxes')}: "
+        f"{_counted(kinds.count('miss'), 'miss', 'misses')}, "
+        f"{_counted(kinds.count('false'), 'false positive')}, "
+        f"{_counted(kinds.count('fragment'), 'second box', 'second boxes')} on an intruder"
     )
+
+
+def _counted(count: int, noun: str, plural: str | None = None) -> str:
+    return f"{count} {noun if count == 1 else plural or noun + 's'}"
 
 
 def _sentence(row: Row, recorded: RecordedFrame) -> str:
@@ -230,9 +236,10 @@ def _sentence(row: Row, recorded: RecordedFrame) -> str:
         float(str(row[name])) for name in ("x_min_m", "y_min_m", "x_max_m", "y_max_m")
     )
     if row["kind"] == "miss":
-        what, meaning = f"missed {row['intruder']}", MISS_CAUSES[cause]
+        what, meaning = f"missed: {row['intruder']}", MISS_CAUSES[cause]
     else:
-        what = f"{row['kind']} box, {100 * (x_max - x_min):.0f} x {100 * (y_max - y_min):.0f} cm"
+        name = "second box" if row["kind"] == "fragment" else "false positive"
+        what = f"{name}: {100 * (x_max - x_min):.0f} x {100 * (y_max - y_min):.0f} cm"
         meaning = FALSE_CAUSES[cause]
     what += f" at ({(x_min + x_max) / 2:.2f}, {(y_min + y_max) / 2:.2f}) m"
     details = [f"guard {guard}"] if guard else []
@@ -249,7 +256,7 @@ def _sentence(row: Row, recorded: RecordedFrame) -> str:
         error = robot.believed.relative_to(robot.pose)
         degrees = math.degrees(abs(error.yaw))
         details.append(
-            f"guard {guard} believes itself {100 * robot.pose.distance_to(robot.believed):.1f} cm "
-            f"and {degrees:.1f} degrees off"
+            f"pose estimate of guard {guard} off by {100 * robot.pose.distance_to(robot.believed):.1f} cm "
+            f"and {degrees:.1f} degrees"
         )
-    return f"{what}: {cause}, {meaning} ({'; '.join(details)})" if details else f"{what}: {cause}, {meaning}"
+    return f"{what}. Cause: {cause} ({meaning})" + (f". {'; '.join(details)}" if details else "")

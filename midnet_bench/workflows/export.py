@@ -64,22 +64,28 @@ def export_trial(
     return done
 
 
-def trial_of(directory: str | Path, seed: int, where: Sequence[str]) -> tuple[str, dict[str, Scalar]]:
-    """The experiment and the parameters of one of a campaign's trials, for :func:`export_trial`.
+def trial_of(
+    directory: str | Path, seed: int | None, where: Sequence[str]
+) -> tuple[str, dict[str, Scalar], int]:
+    """The experiment, the parameters and the seed of one of a campaign's trials, for :func:`export_trial`.
 
     Args:
         directory: of the campaign.
-        seed: one of its own.
+        seed: one of the campaign's; None for its only one.
         where: ``FACTOR=VALUE`` of the grid, as many as it takes to name one cell.
 
     Raises:
-        InputError: there is no such campaign, cell or seed, or several cells match.
+        InputError: there is no such campaign, cell or seed, or several cells or seeds match.
     """
     whole = load_results(Path(directory), registry.tables_of)
     definition = narrowed(whole, where).definition
-    if definition.grid:
-        raise InputError(f"{directory}: name one value of {', '.join(definition.grid)} by --where")
+    if several := [factor for factor, values in definition.grid.items() if len(values) > 1]:
+        raise InputError(f"{directory}: name one value of {', '.join(several)} by --where")
+    parameters = definition.parameters | {factor: values[0] for factor, values in definition.grid.items()}
     last = definition.base_seed + definition.trials - 1
+    if seed is None and definition.trials > 1:
+        raise InputError(f"{directory} has seeds {definition.base_seed} to {last}; name one by --seed")
+    seed = definition.base_seed if seed is None else seed
     if not definition.base_seed <= seed <= last:
         raise InputError(f"seed: {seed} is none of {directory}, which has {definition.base_seed} to {last}")
-    return definition.reference(Path(directory)), definition.parameters
+    return definition.reference(Path(directory)), parameters, seed

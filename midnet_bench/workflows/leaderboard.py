@@ -124,7 +124,7 @@ def _ranking(
                 {
                     **({"world": world} if len(worlds) > 1 else {}),
                     "rank": rank,
-                    **dict(zip(factors, who, strict=True)),
+                    **dict(zip(factors, map(_without_pin, who), strict=True)),
                     measure: means[who],
                     "difference": change.change,
                     "seeds": change.seeds,
@@ -139,8 +139,8 @@ def _ranking(
                 }
             )
     title = (
-        f"Ranked by {measure}, {'the lowest' if sign > 0 else 'the highest'} first; differences from "
-        f"{' + '.join(first)} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
+        f"Ranked by {in_words(measure)}, {'the lowest' if sign > 0 else 'the highest'} first; "
+        f"differences from {' + '.join(map(_without_pin, first))} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
     )
     notes = outlier_notes(one.outlier_seed for one in compared.values())
     named = [", ".join(filter(None, (" + ".join(who), world))) for world, who in compared]
@@ -149,6 +149,11 @@ def _ranking(
     others = ("seeds", "p_holm", "outlier_seed", *beside)
     name = f"leaderboard_{measure}"
     return Table(name, title, rows, {"p_holm": 4}, notes=notes, labels=labels, beside=others)
+
+
+def _without_pin(value: str) -> str:
+    """``mine.py:Returns`` for a value that a checksum of the file follows."""
+    return value.partition("#")[0]
 
 
 def _without_repeats(

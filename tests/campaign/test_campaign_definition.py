@@ -11,6 +11,7 @@ from midnet_bench.campaign.definition import (
     differences,
     load_campaign,
     override,
+    parse_campaign,
     parse_settings,
     parse_sweep,
     resolve,
@@ -267,3 +268,10 @@ def test_more_trials_or_cells_extend_a_campaign(changes: dict[str, object]) -> N
 )
 def test_anything_else_is_another_campaign(changes: dict[str, object], difference: str) -> None:
     assert difference in differences(defined(), defined(**changes))
+
+
+def test_code_of_the_user_joins_a_factor_that_the_grid_compares() -> None:
+    campaign = parse_campaign({"experiment": "coins", "grid": {"bias": ["midnet", "mine.py:First"]}}, "a")
+    added = override(campaign, {"bias": "mine.py:Second(gain=2)"})
+    assert added.grid["bias"] == ["midnet", "mine.py:First", "mine.py:Second(gain=2)"]
+    assert override(campaign, {"bias": "midnet"}).grid["bias"] == ["midnet"]

@@ -94,8 +94,9 @@ def test_floor_that_no_robot_can_enter_is_named_with_its_area(tmp_path: Path) ->
     scan = ("arena", "from-image", "plan.png", "--resolution", 0.05, "-o", "mine.yaml")
     assert midnet_bench(*scan, folder=tmp_path).returncode == 0
     done = midnet_bench("arena", "check", "mine.yaml", folder=tmp_path)
-    first, last = done.stdout.splitlines()
+    first, last, advice = done.stdout.splitlines()
     assert first.startswith("ok (")
+    assert "-o check.png" in advice
     area_m2 = float(last.removeprefix("no robot can enter ").split()[0])
     assert area_m2 == pytest.approx(2.5 * 5.3, rel=0.1)
     told = json.loads(midnet_bench("arena", "check", "mine.yaml", "--json", folder=tmp_path).stdout)

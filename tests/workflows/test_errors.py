@@ -87,7 +87,7 @@ def test_recorded_frames_read_back_to_the_same_row(folder: Path) -> None:
         (["errors", "--robots", "3"], "--where robots=3: the grid has no such value"),
         (["errors", "--where", "frames=9"], "has frames=25 alone"),
         (["errors", "--seed", "9"], "--seed 9: was not recorded"),
-        (["errors", "--frame", "1"], "--frame: which trial? "),
+        (["errors", "--frame", "1"], "--frame: "),
         (
             ["errors", "--seed", "1", "--frame", "3"],
             "several trials have seed 1; name one by --where: robots=1 or",
