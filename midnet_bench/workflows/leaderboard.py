@@ -140,7 +140,8 @@ def _ranking(
             )
     title = (
         f"Ranked by {in_words(measure)}, {'the lowest' if sign > 0 else 'the highest'} first; "
-        f"differences from {' + '.join(map(_without_pin, first))} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
+        f"differences from {' + '.join(map(_without_pin, first))} on the same seeds ({MEAN_METHOD}; "
+        "verdicts by Holm at 5 %)"
     )
     notes = outlier_notes(one.outlier_seed for one in compared.values())
     named = [", ".join(filter(None, (" + ".join(who), world))) for world, who in compared]
