@@ -13,7 +13,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from midnet_bench.analysis.frames import load_results as results
     from midnet_bench.campaign.definition import Campaign
     from midnet_bench.errors import InputError, MidnetBenchError
     from midnet_bench.experiments.campaigns import run_campaign
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from midnet_bench.io.map_server import load_map
     from midnet_bench.midnet.pipeline import MIDNet, MIDNetSettings, Observation
     from midnet_bench.workflows.campaigns import load_campaign
-    from midnet_bench.workflows.data_frames import compare, error_causes, run, verify
+    from midnet_bench.workflows.data_frames import compare, error_causes, results, run, verify
     from midnet_bench.workflows.prior_map import prior_map
     from midnet_bench.workflows.simulate import simulate
 
@@ -45,7 +44,7 @@ _HOMES = {
     "load_campaign": "midnet_bench.workflows.campaigns:load_campaign",
     "load_map": "midnet_bench.io.map_server:load_map",
     "prior_map": "midnet_bench.workflows.prior_map:prior_map",
-    "results": "midnet_bench.analysis.frames:load_results",
+    "results": "midnet_bench.workflows.data_frames:results",
     "run": "midnet_bench.workflows.data_frames:run",
     "run_campaign": "midnet_bench.experiments.campaigns:run_campaign",
     "simulate": "midnet_bench.workflows.simulate:simulate",

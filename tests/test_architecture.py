@@ -292,7 +292,6 @@ WHOLE_NUMBERS = {
     "sum(trials[count])",
     *(f"sum(cell['{name}'])" for name in ("boxes", "collisions", "found", "frames", "matched")),
     *(f"sum(cell['{name}'])" for name in ("missed", "tp")),
-    "causes.sum()",
     "fleet.groupby(place, sort=False)['collisions'].sum()",
     "map(sum, numbers)",
     "map(sum, zip(*frames, strict=True))",

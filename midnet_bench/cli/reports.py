@@ -322,7 +322,7 @@ def present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = Fa
         show(results.definition.experiment, tables, as_json)
     elif first is not None:
         show(None, first.tables, as_json=False)
-        say([*first.sentences, "", first.following])
+        say([*first.conclusion, *first.notes, "", first.following])
     elif results.finished:
         show(None, printed(results, tables), as_json, wide)
     return results.finished > 0

@@ -31,11 +31,13 @@ Measures = Mapping[tuple[str, str], Mapping[int, float]]
 
 @dataclass(frozen=True)
 class Headline:
-    """What a terminal shows of a campaign's results, and a page first."""
+    """What a terminal and a page show of a campaign's results first."""
 
     tables: "Sequence[Table]"
-    sentences: Sequence[str]
-    """the result in words, made from the numbers"""
+    conclusion: Sequence[str]
+    """the result in sentences, made from the numbers"""
+    notes: Sequence[str]
+    """how the numbers in ``tables`` are to be read, for a terminal"""
     following: str
     """the command to type next"""
 
@@ -46,10 +48,6 @@ def _nothing(results: object) -> "Sequence[Any]":
 
 def _no_figures(results: object) -> "Mapping[str, Figure]":
     return {}
-
-
-def _no_words(results: object) -> str:
-    return ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,14 +79,12 @@ class Experiment:
     printed: tuple[str, ...] = ()
     """names of the main tables; all unless given"""
     headline: "Callable[[Results, Results | None], Headline] | None" = None
-    """(results, those of the packaged reference if there is one) -> what a terminal shows instead of
-    ``printed``, which ``--wide`` shows"""
+    """(results with a finished trial, those of the packaged reference if there is one) -> what a terminal
+    shows instead of ``printed``, which ``--wide`` shows; ``report.html`` begins with its conclusion"""
     figures: "Callable[[Results], Mapping[str, Figure]]" = _no_figures
     """stem of its files -> a matplotlib figure"""
     sweeps_beside: bool = False
     """whether scores over numeric factors are drawn beside ``figures``"""
-    conclusion: "Callable[[Results], str]" = _no_words
-    """the result in a sentence or two, on top of ``report.html``; empty before a trial has finished"""
     claims: "Callable[[Results], Sequence[Finding]]" = _nothing
     """what a paper states, checked against the results, for ``verify``"""
     measures: "Callable[[Results], Measures] | None" = None

@@ -10,7 +10,8 @@ import pandas as pd
 
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.tables import Table
-from midnet_bench.campaign.definition import Campaign, Values, parse_campaign, resolve
+from midnet_bench.campaign.columns import Tables
+from midnet_bench.campaign.definition import Campaign, Definition, Values, parse_campaign, resolve
 from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.campaigns import run_campaign
@@ -68,6 +69,26 @@ def run(
     if outcome.failed and not outcome.finished:
         raise MidnetBenchError(f"{output}: all trials failed: {found.failures['reason'].iloc[0]}")
     return found
+
+
+def results(directory: str | Path) -> Results:
+    """The results in a campaign's folder; columns have the types that the experiment declares.
+
+    Args:
+        directory: with ``campaign.sqlite``, or with the files that a report wrote.
+
+    Raises:
+        InputError: neither is there, or it is damaged, foreign or of a newer version.
+    """
+
+    def declared(definition: Definition, folder: Path) -> Tables:
+        try:
+            registry.experiment(definition.reference(folder))
+        except InputError:  # its file has gone: the numbers can be read all the same
+            return {}
+        return registry.tables_of(definition, folder)
+
+    return load_results(directory, declared)
 
 
 def compare(*campaigns: Folder, by: str | None = None, baseline: str | None = None) -> pd.DataFrame:

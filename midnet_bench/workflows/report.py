@@ -92,7 +92,7 @@ def _write_page(
     content = Content(
         title=f"{record.name.capitalize()} test",
         lead=f"{record.summary} {trials}; {seeds}{grid}.",
-        conclusion=record.conclusion(results),
+        conclusion=" ".join(record.headline(results, None).conclusion) if record.headline else "",
         headline=[table for table in headline if table.name != COUNTERFACTUALS],
         claims=claims,
         counterfactuals=next((table for table in tables if table.name == COUNTERFACTUALS), None),

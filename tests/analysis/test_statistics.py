@@ -219,9 +219,17 @@ def test_a_range_is_decided_at_its_nearer_end() -> None:
     assert p_value(partial(mean, values), 2.0, 100.0) == pytest.approx(one_sided)
 
 
+def test_skewness_is_corrected_from_five_trials_on() -> None:
+    four, five = [0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 0.0, 1.0]
+    assert mean(four).high - mean(four).value == pytest.approx(mean(four).value - mean(four).low)
+    assert mean(five).high - mean(five).value > 1.5 * (mean(five).value - mean(five).low)
+
+
 def test_holm_by_hand() -> None:
     # 0.01 of four, then 0.02 of three, then 0.03 of two, and never less than the one before
     assert holm([0.03, 0.01, 0.5, 0.02]) == pytest.approx([0.06, 0.04, 0.5, 0.06])
+    # 2 x 0.03 is above 0.04: the larger p-value is adjusted to no less
+    assert holm([0.04, 0.03]) == pytest.approx([0.06, 0.06])
     adjusted = holm([0.02, math.nan, 0.9])
     assert adjusted[0] == pytest.approx(0.04)
     assert math.isnan(adjusted[1])

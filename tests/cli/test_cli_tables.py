@@ -176,7 +176,7 @@ def test_one_seed_stands_beside_the_reference_and_the_paper(tmp_path: Path) -> N
     assert float(value) == pytest.approx((0.7 + 0.72 + 0.75) / 3, abs=1e-3)
     assert 0.0 < float(f"0{half}") < 0.1
     said = headline(ours, reference)
-    assert said.sentences[0].startswith(
+    assert said.conclusion[0].startswith(
         "One robot finds 70 % of the intruders within 2.5 m (paper: 79 %), five"
     )
     assert said.following == "One seed says little: --seeds 20 gives intervals of your own."

@@ -103,6 +103,11 @@ def test_each_cause_in_a_scene_that_has_it_alone(name: str) -> None:
     assert_is(explained(scene), scene.expected)
 
 
+def test_a_miss_is_as_old_as_the_newest_of_its_returns() -> None:
+    old = returns(0, (1.0, 0.0), age_s=0.7)
+    assert_is(explained(one(ANY, returns(0, SEEN), old)), Cause("dropped_by_fusion", 0, age_s=0.1))
+
+
 def test_what_most_beams_meet_before_it_hides_it() -> None:
     beams = {-1.0: (0.5, WALL), 0.0: (0.5, ally(1)), 1.0: (0.5, ally(1))}
     assert explained(one(ANY, beams=beams)).by == "guard 2"

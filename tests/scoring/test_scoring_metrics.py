@@ -109,6 +109,14 @@ def test_idleness_of_ten_places_and_a_guard_that_visits_three_of_them() -> None:
     assert metric.trial() == {"longest_idleness_s": 14.0}
 
 
+def test_the_longest_idleness_stays_when_the_place_is_visited_at_last() -> None:
+    metric = Idleness(reach_m=20.0)
+    metric.frame(seen([], [], guards=[(-100.0, 0.0)], time_s=10.0))
+    metric.frame(seen([], [], guards=[(5.0, 0.0)], time_s=12.0))
+    metric.frame(seen([], [], guards=[(5.0, 0.0)], time_s=13.0))
+    assert metric.trial() == {"longest_idleness_s": 10.0}
+
+
 def test_places_nearer_than_the_spacing_count_once() -> None:
     # visited from x = 0 to 0.5: one of five places if there is one in two metres
     metric = Idleness(reach_m=0.5, spacing_m=2.0)

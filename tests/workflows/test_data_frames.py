@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import midnet_bench as mb
+from midnet_bench.workflows.report import write_report
 from tests.stores import detection_store
 
 SCORES = {1: {3: (0.9, 0.5, 0.6), 4: (0.7, 0.7, 0.7)}, 5: {3: (0.5, 0.6, 0.7), 4: (0.8, 0.9, 0.8)}}
@@ -108,3 +109,11 @@ def test_without_pybullet_the_engine_to_take_is_named_before_the_first_trial(
     with pytest.raises(mb.InputError, match="take 'fast': --engine fast"):
         mb.run("detection", tmp_path / "new")
     assert not (tmp_path / "new").exists()
+
+
+def test_results_have_the_declared_types_also_without_a_store(tmp_path: Path) -> None:
+    folder = detection_store(tmp_path / "one", SCORES)
+    write_report(folder)
+    (folder / "campaign.sqlite").unlink()
+    (folder / "metrics.csv").write_text("robots,seed,metric,value\n1,3,false,0.5\n")
+    assert mb.results(folder).tables["metrics"]["metric"].tolist() == ["false"]

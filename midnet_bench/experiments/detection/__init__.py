@@ -20,7 +20,6 @@ DETECTION = Experiment(
     headline=later("midnet_bench.experiments.detection.headline:headline"),
     claims=later("midnet_bench.experiments.detection.claims:claims"),
     measures=later("midnet_bench.experiments.detection.tables:measures"),
-    conclusion=later("midnet_bench.experiments.detection.tables:conclusion"),
     figures=later("midnet_bench.experiments.detection.figures:figures"),
     sweeps_beside=True,
     recordings=later("midnet_bench.experiments.guarded.recordings:recordings"),

@@ -15,7 +15,6 @@ from midnet_bench.analysis.statistics import MEAN_METHOD, mean
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.trial import Row
-from midnet_bench.experiments.detection.parameters import PAPER_ARENAS
 from midnet_bench.scoring.frame_counts import TruePositives, ratios
 
 PAPER: Mapping[str, Row] = {
@@ -24,6 +23,7 @@ PAPER: Mapping[str, Row] = {
 }
 """The paper's only table."""
 PAPER_FRAMES = 1999
+PAPER_ARENA = "map1"
 
 SCORES = ("precision", "recall", "f1")
 COUNTS = ("tp", "fp", "fn")
@@ -39,9 +39,9 @@ Cells = Mapping[str, pd.DataFrame]
 
 
 def paper_of(definition: Definition) -> Mapping[str, Row]:
-    """The paper's table for a campaign in its arenas; nothing for one elsewhere, which it says nothing of."""
-    arenas = definition.grid.get("arena") or [definition.parameters.get("arena", "map1")]
-    return PAPER if set(arenas) <= {*PAPER_ARENAS} else {}
+    """The paper's table for a campaign in Map 1; empty for any other arena: the paper scores none there."""
+    arenas = definition.grid.get("arena") or [definition.parameters.get("arena", PAPER_ARENA)]
+    return PAPER if {*arenas} == {PAPER_ARENA} else {}
 
 
 def with_boxes(results: Results, scores: pd.DataFrame) -> pd.DataFrame:

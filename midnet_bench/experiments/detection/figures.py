@@ -21,7 +21,7 @@ from midnet_bench.drawing.charts import (
 )
 from midnet_bench.drawing.labels import axis_label
 from midnet_bench.drawing.plots import own_style
-from midnet_bench.experiments.detection.counting import PAPER, SCORES
+from midnet_bench.experiments.detection.counting import PAPER, SCORES, paper_of
 from midnet_bench.experiments.detection.tables import cells_of, score_over_seeds
 
 SHOWN = (*SCORES, "f1_one_to_one")
@@ -39,8 +39,7 @@ def figures(results: Results) -> dict[str, Figure]:
     points = points_of(results)
     if not points:
         return {}
-    has_paper = results.definition.parameters.get("arena", "map1") == "map1"
-    return {"scores_by_team": team_figure(points, has_paper)}
+    return {"scores_by_team": team_figure(points, bool(paper_of(results.definition)))}
 
 
 def points_of(results: Results) -> Points:

@@ -10,8 +10,9 @@ from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import Estimate, exact_sum
 from midnet_bench.analysis.tables import Cell, Table, rounded
 from midnet_bench.analysis.words import team_in_words
+from midnet_bench.campaign.trial import Row
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.detection.counting import PAPER, SCORES, Cells
+from midnet_bench.experiments.detection.counting import SCORES, Cells, paper_of
 from midnet_bench.experiments.detection.parameters import DetectionParameters, effective
 from midnet_bench.experiments.detection.tables import HEADS, SHOWN, cells_of, score_over_seeds, window_notes
 from midnet_bench.experiments.experiment import Headline
@@ -19,6 +20,8 @@ from midnet_bench.experiments.guarded.metric_tables import metric_tables
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 DIGITS = 3
+MOST_IN_WORDS = 4
+"""teams that a sentence names one by one"""
 
 
 def headline(results: Results, reference: Results | None = None) -> Headline:
@@ -33,30 +36,31 @@ def headline(results: Results, reference: Results | None = None) -> Headline:
     known = {} if reference is None else reference_cells(results, reference, cells)
     definition = results.definition
     seeds = max(map(len, cells.values()))
-    table = headline_table(cells, known, definition.parameters.get("arena", "map1") == "map1")
+    paper = paper_of(definition)
+    table = headline_table(cells, known, paper)
     scored = definition.parameters.get("frames")
     frames = "" if scored is None else f", {scored} frames"
     arena = str(definition.parameters.get("arena", "{"))
     place = "" if arena.startswith("{") else f": {arena}"
     title = f"Detection test{place}{frames}, {_seeds(next(iter(cells.values())))}"
-    sentences = [*_verdicts(results, cells), *_misses(results, cells)]
-    sentences += ["F1 one-to-one counts a second box on an intruder as false, the paper as true."]
+    conclusion = [*_verdicts(results, cells, paper), *_misses(results, cells)]
+    notes = ["F1 one-to-one counts a second box on an intruder as false, the paper as true."]
     if seeds > 1 or known:
-        sentences += ["±: the wider side of the 95 % interval (t, over seeds)."]
+        notes += ["±: the wider side of the 95 % interval (t, over seeds)."]
     if seeds == 2:
-        sentences += ["Two seeds give no interval; three do."]
+        notes += ["Two seeds give no interval; three do."]
     if known:
         some = next(iter(known.values()))
-        sentences += [f'"{len(some)} seeds" is the packaged reference, {_seeds(some)}.']
+        notes += [f'"{len(some)} seeds" is the packaged reference, {_seeds(some)}.']
     following = (
         "One seed says little: --seeds 20 gives intervals of your own."
         if seeds == 1
         else f"Next: 'midnet-bench verify {results.directory}' checks each claim of the paper."
     )
-    return Headline([replace(table, title=title), *metric_tables(results)], sentences, following)
+    return Headline([replace(table, title=title), *metric_tables(results)], conclusion, notes, following)
 
 
-def headline_table(cells: Cells, reference: Cells, is_papers_arena: bool) -> Table:
+def headline_table(cells: Cells, reference: Cells, paper: Mapping[str, Row]) -> Table:
     """The scores of each cell: ours, the reference's and the paper's, as text for a terminal."""
     rows: list[Mapping[str, Cell]] = []
     for name, cell in cells.items():
@@ -67,9 +71,9 @@ def headline_table(cells: Cells, reference: Cells, is_papers_arena: bool) -> Tab
         texts = {
             source: {score: _text(one) for score, one in means.items()} for source, means in sources.items()
         }
-        if name in PAPER and is_papers_arena:
+        if name in paper:
             # blanks in place of an interval, so that digits stand above each other
-            texts["paper"] = {score: _text(_exactly(float(PAPER[name][score] or 0.0))) for score in SCORES}
+            texts["paper"] = {score: _text(_exactly(float(paper[name][score] or 0.0))) for score in SCORES}
         for source, scores in texts.items():
             label = team_in_words(name) if source == next(iter(texts)) else ""
             rows.append({"trial": label, "source": source, **dict.fromkeys(SHOWN, ""), **scores})
@@ -134,16 +138,21 @@ def _in_words(number: int) -> str:
     return NUMBERS[number] if number < len(NUMBERS) else str(number)
 
 
-def _verdicts(results: Results, cells: Cells) -> list[str]:
-    """Which share of the intruders within range each team finds, beside the paper's."""
-    arena, reach_m = (results.definition.parameters.get(name) for name in ("arena", "obstacle_range_m"))
+def _verdicts(results: Results, cells: Cells, paper: Mapping[str, Row]) -> list[str]:
+    """The share of the intruders within range that each team finds; of many cells, the best one."""
+    teams = _plain_teams(results, cells)
+    if not teams or len(teams) > MOST_IN_WORDS:
+        scores = {name: score_over_seeds(cell, "f1_one_to_one").value for name, cell in cells.items()}
+        best = max(scores, key=lambda name: (not math.isnan(scores[name]), scores[name]))
+        return [f"Of {len(cells)} cells, {best} has the highest one-to-one F1: {scores[best]:.3f}."]
+    reach_m = results.definition.parameters.get("obstacle_range_m")
     parts: list[str] = []
-    for robots, cell in _plain_teams(results, cells).items():
+    for robots, cell in teams.items():
         recall = score_over_seeds(cell, "recall").value
         if math.isnan(recall):
             continue
-        paper = PAPER.get(f"{robots}-robot") if arena in ("map1", None) else None
-        beside = "" if paper is None else f" ({'paper: ' if not parts else ''}{_percent(paper['recall'])})"
+        papers = paper.get(f"{robots}-robot")
+        beside = "" if papers is None else f" ({'paper: ' if not parts else ''}{_percent(papers['recall'])})"
         noun = "" if parts else f" robot{'' if robots == 1 else 's'}"
         verb = "finds" if robots == 1 else "find"
         within = "" if parts else f" of the intruders within {reach_m or 2.5:g} m"

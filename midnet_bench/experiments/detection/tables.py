@@ -25,7 +25,6 @@ from midnet_bench.experiments.detection.counting import (
 from midnet_bench.experiments.detection.error_tables import error_tables
 from midnet_bench.experiments.experiment import Measures
 from midnet_bench.experiments.guarded.metric_tables import metric_measures, metric_tables
-from midnet_bench.scoring.error_causes import MISS_CAUSES
 from midnet_bench.scoring.frame_counts import Ratios, ratios
 
 BESIDE = ("f1_one_to_one", "gospa_per_frame_m")
@@ -33,8 +32,6 @@ BESIDE = ("f1_one_to_one", "gospa_per_frame_m")
 SHOWN = (*SCORES, "f1_one_to_one")
 HEADS = {"trial": "", "source": "", "f1": "F1", "f1_one_to_one": "F1 one-to-one"}
 """the scores that a reader sees first, and what stands above them"""
-MOST_IN_WORDS = 4
-"""cells that a sentence names one by one"""
 MANY_DUPLICATES = 0.05
 """share of the true positives from which a note says so"""
 
@@ -44,7 +41,7 @@ def tables(results: Results) -> list[Table]:
     cells, paper = cells_of(results), paper_of(results.definition)
     return [
         summary_table(cells, window_notes(results.definition), paper),
-        table_to_paste(cells, bool(paper)),
+        table_to_paste(cells, paper),
         scores_table(cells),
         matching_table(cells),
         comparison_table(cells, paper),
@@ -74,44 +71,6 @@ def cells_of(results: Results) -> Cells:
         scores = scores.assign(gospa_per_frame_m=scores["gospa_m"] / scores["frames"])
     cells = scores.drop(columns=results.factors).groupby(pd.Series(names, scores.index), sort=False)
     return {str(name): cell for name, cell in cells}
-
-
-def conclusion(results: Results) -> str:
-    """What the campaign came to, in words: recall and precision by team, or the best of many cells."""
-    cells = cells_of(results)
-    if not cells:
-        return ""
-    found = {name: score_over_seeds(cell, "f1_one_to_one").value for name, cell in cells.items()}
-    if len(cells) > MOST_IN_WORDS:
-        best = max(found, key=lambda name: (found[name] == found[name], found[name]))
-        return f"Of {len(cells)} cells, {best} has the highest one-to-one F1: {found[best]:.3f}."
-    has_paper = results.definition.parameters.get("arena", "map1") == "map1"
-    parts = []
-    for name, cell in cells.items():
-        counts = {key: sum(cell[key]) for key in ("tp", "fp", "fn")}
-        scored = ratios(counts["tp"], counts["fp"], counts["fn"])
-        beside = f" (paper {_percent(PAPER[name]['recall'])})" if has_paper and name in PAPER else ""
-        precision = _percent(scored.precision)
-        team = name.replace("-", " ")
-        parts.append(f"{team}: recall {_percent(scored.recall)}{beside}, precision {precision}")
-    return f"{'; '.join(parts)}.{_commonest_miss(results)}"
-
-
-def _percent(share: object) -> str:
-    return f"{100.0 * float(str(share)):.1f} %"
-
-
-def _commonest_miss(results: Results) -> str:
-    """A sentence with the commonest cause of misses, of recorded trials."""
-    errors = results.tables.get("errors")
-    if errors is None or errors.empty:
-        return ""
-    causes = errors.loc[errors["kind"] == "miss", "cause"].value_counts()
-    if not len(causes):
-        return ""
-    share = causes.iloc[0] / causes.sum()
-    cause = str(causes.index[0])
-    return f" Commonest cause of misses ({100 * share:.0f} %): {MISS_CAUSES.get(cause, cause).rstrip('.')}."
 
 
 def window_notes(definition: Definition) -> list[str]:
@@ -155,14 +114,14 @@ def summary_table(cells: Cells, notes: Sequence[str] = (), paper: Mapping[str, R
     return Table("detection_summary", title, rows, {"collisions_per_trial": 2}, notes=notes)
 
 
-def table_to_paste(cells: Cells, is_papers_arena: bool) -> Table:
+def table_to_paste(cells: Cells, paper: Mapping[str, Row] = PAPER) -> Table:
     """``detection_table``: ours with intervals and the paper's row, for a paper (LaTeX) or a page."""
     rows: list[Mapping[str, Cell]] = []
     for name, cell in cells.items():
         means = {score: score_over_seeds(cell, score) for score in SHOWN}
         rows.append({"trial": team_in_words(name), "source": "ours", "seeds": len(cell), **means})
-        if name in PAPER and is_papers_arena:
-            printed = {score: PAPER[name][score] for score in SCORES}
+        if name in paper:
+            printed = {score: paper[name][score] for score in SCORES}
             rows.append({"trial": "", "source": "paper", **printed})
     title = "Detection scores, means over seeds with 95 % t intervals"
     return Table("detection_table", title, rows, labels=HEADS)

@@ -16,7 +16,6 @@ LABYRINTH = Experiment(
     tables=later("midnet_bench.experiments.labyrinth.tables:tables"),
     printed=("success_rate", "metrics_summary", "labyrinth_health", "labyrinth_speed"),
     headline=later("midnet_bench.experiments.labyrinth.headline:headline"),
-    conclusion=later("midnet_bench.experiments.labyrinth.tables:conclusion"),
     claims=later("midnet_bench.experiments.labyrinth.tables:claims"),
     measures=later("midnet_bench.experiments.labyrinth.tables:measures"),
     recordings=later("midnet_bench.experiments.labyrinth.recordings:recordings"),

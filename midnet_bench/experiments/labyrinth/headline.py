@@ -33,5 +33,5 @@ def headline(results: Results, reference: Results | None = None) -> Headline:
         if trials < 20
         else f"Next: 'midnet-bench verify {results.directory}' checks each claim of the paper."
     )
-    sentences.append("Times, health of the robots and speed: --wide.")
-    return Headline([success_table(variants), *metric_tables(results)], sentences, following)
+    notes = ["Times, health of the robots and speed: --wide."]
+    return Headline([success_table(variants), *metric_tables(results)], sentences, notes, following)

@@ -28,21 +28,6 @@ COUNTED = ("goals_reached", "goals_given_up", "collisions", "recoveries", "walls
 Variants = Mapping[str, Variant]
 
 
-def conclusion(results: Results) -> str:
-    """What the campaign came to, in words: the share caught by the smallest and the largest team."""
-    parts = []
-    for name, variant in variants_of(results).items():
-        sizes = variant.team_sizes
-        rates = [
-            f"{size} security robot{'s' * (size > 1)} catch{'es' * (size == 1)} {estimate.value:.0f} %"
-            for size in sorted({sizes[0], sizes[-1]})
-            if (estimate := variant.success(None, size)).value == estimate.value
-        ]
-        if rates:
-            parts.append(f"{name}: " * bool(name) + " of the intruders, ".join(rates))
-    return f"{'; '.join(parts)} of the intruders." if parts else ""
-
-
 def tables(results: Results) -> list[Table]:
     """The tables of a labyrinth campaign."""
     variants = variants_of(results)
