@@ -54,7 +54,7 @@ def export(
 ) -> None:
     """Run one trial and write every sensor and detector message to a ROS bag.
 
-    Foxglove, RViz, 'ros2 bag play' and 'rosbag play' open it without midnet-bench; docs/export.md lists the
+    Foxglove, RViz, 'ros2 bag play' and 'rosbag play' open it without midnet-bench; docs/ros.md lists the
     topics. Of a campaign's folder --seed, --robots and --where name the trial.
     """
     from midnet_bench.cli.progress import meter

@@ -84,7 +84,7 @@ def map_scans(
 
     Args:
         log: the scans.
-        particles: of GMapping; None: graph SLAM, which survives slips of the wheels (docs/slips.md).
+        particles: of GMapping; None: graph SLAM, which survives slips of the wheels (docs/studies/slips.md).
         seed: of GMapping's motion noise and resampling. Graph SLAM leaves nothing to chance.
         progress: called after each scan with the number of scans done and of all scans.
         look: called after the first scan, after the last and at even distances between them, 200 times at

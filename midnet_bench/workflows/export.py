@@ -27,7 +27,7 @@ def export_trial(
 ) -> int:
     """How many frames were written: the trial runs, and all that robots and detector say goes into a bag.
 
-    Topics, types and frames are those of ``docs/export.md``; stamps are the trial's own time. The trial's
+    Topics, types and frames are those of ``docs/ros.md``; stamps are the trial's own time. The trial's
     numbers are those that it has without.
 
     Args:

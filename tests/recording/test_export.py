@@ -63,7 +63,7 @@ def grid_of(message: Any, resolution_m: float) -> OccupancyGrid:
 
 
 class Replayed:
-    """A ``DetectorNode`` of its own, fed with what robots say in a bag, as docs/export.md describes it."""
+    """A ``DetectorNode`` of its own, fed with what robots say in a bag, as docs/ros.md describes it."""
 
     def __init__(self, said: list[Said]) -> None:
         texts = {one.topic: one.message for one in said if one.topic in ("/midnet/replay", "/map")}

@@ -18,6 +18,8 @@ from midnet_bench.workflows.verify import power_report, verify
 REPOSITORY = Path(__file__).parents[2]
 REFERENCES = REPOSITORY / "results" / "reference"
 PAGE = (REPOSITORY / "docs" / "results.md").read_text(encoding="utf-8")
+ONE_LINE_EACH = re.sub(r"(?<!\n)\n(?!\n)", " ", PAGE)
+"""the page with each paragraph on a line"""
 OPTIONAL = {"variant", "role", "gospa_m", "gospa_per_frame_m"}
 OPTIONAL |= {"targets", "ghost_targets", "left_at_s"}
 OPTIONAL |= {"fn_hidden", "fn_new", "fp_left", "overlapping", "reordered", "looked_at"}
@@ -26,10 +28,10 @@ OPTIONAL |= {"fn_outside_window", "fn_hidden_in_window", "fn_new_in_window"}
 
 
 def described(table: str) -> set[str]:
-    """The columns that the page has under the table's heading."""
-    (section,) = re.findall(rf"^### `{table}`\n(.*?)(?=^##|\Z)", PAGE, flags=re.S | re.M)
-    rows = re.findall(r"^\| (`.*?) \|", section, flags=re.M)
-    return {name for row in rows for name in re.findall(r"`([^`]+)`", row)}
+    """The columns that the page has in the table's paragraph, ``**`table`** ... Columns: `one`: ...; `two`: ...``."""
+    (section,) = re.findall(rf"^\*\*`{table}`\*\*.*? Columns: (.*?)$", ONE_LINE_EACH, flags=re.M)
+    keys = [item.partition(": ")[0] for item in section.split("; ")]
+    return {name for key in keys for name in re.findall(r"`([^`]+)`", key)}
 
 
 def check(table: str, columns: Iterable[str], own_names: Iterable[str] = ()) -> None:
@@ -57,7 +59,7 @@ def check_campaign(directory: Path) -> None:
     results = load_results(directory, tables_of)
     place = {*results.factors, "seed"}
     for name, frame in {**results.tables, "timing": results.timing}.items():
-        if name in dict.fromkeys(re.findall(r"^### `(\w+)`", PAGE, flags=re.M)):
+        if name in dict.fromkeys(re.findall(r"^\*\*`(\w+)`\*\*", PAGE, flags=re.M)):
             check(name, set(frame.columns) - place)
         else:
             pytest.fail(f"{name}.csv is not described")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 class GraphSlamSettings:
     """The parameters; as they stand, for a laser of 180 beams and more in a building.
 
-    Chosen on one log and on drawn buildings: docs/slips.md.
+    Chosen on one log and on drawn buildings: docs/studies/slips.md.
     """
 
     linear_update_m: float = 0.3
