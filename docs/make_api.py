@@ -42,7 +42,8 @@ HEAD = """# Python API
 frame unless their text says otherwise.
 `docs/midnet_bench.ipynb` shows all of it at work.
 
-`help(mb.MIDNet)` has arguments, shapes, units and errors of a name. This page is made from the docstrings by `make api`.
+`help(mb.MIDNet)` has arguments, shapes, units and errors of a name.
+This page is made from the docstrings by `make api`.
 """
 
 

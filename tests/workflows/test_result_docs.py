@@ -28,7 +28,7 @@ OPTIONAL |= {"fn_outside_window", "fn_hidden_in_window", "fn_new_in_window"}
 
 
 def described(table: str) -> set[str]:
-    """The columns that the page has in the table's paragraph, ``**`table`** ... Columns: `one`: ...; `two`: ...``."""
+    """The columns in the table's paragraph: ``**`table`** ... Columns: `one`: ...; `two`: ...``."""
     (section,) = re.findall(rf"^\*\*`{table}`\*\*.*? Columns: (.*?)$", ONE_LINE_EACH, flags=re.M)
     keys = [item.partition(": ")[0] for item in section.split("; ")]
     return {name for key in keys for name in re.findall(r"`([^`]+)`", key)}
