@@ -20,6 +20,8 @@ PAGES = [
     "results/README.md",
     *sorted(str(page.relative_to(ROOT)) for page in DOCS.rglob("*.md")),
 ]
+CAMPAIGN_FILES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "campaigns").rglob("*.yaml"))
+SCREENS = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "tests/cli/screens").glob("*.txt"))
 ROOMS = {path.stem for path in PACKAGE.iterdir()} - {"__pycache__"}
 ENTRY_POINTS = {
     group
@@ -41,6 +43,28 @@ WRONG = (
     r"what was (?:not )?fitted",
 )
 """sentences that measurements have refuted, or that defaults are no longer chosen by"""
+
+OLD_WORDS = re.compile(
+    r"\b(nobody|somebody|anybody|whom|whoever|who is who|(?:is|are|was|were) told"
+    r"|takes? (?:it|them)sel(?:f|ves) to be"
+    r"|go(?:es)? by (?:the|its|MIDNet|what|those)|what is none|had been seen|mend(?:s|ed)? it)\b",
+    re.IGNORECASE,
+)
+"""riddles, where the field has a word: no robot, the estimated pose, uses"""
+
+
+@pytest.mark.parametrize("page", [*PAGES, *CAMPAIGN_FILES, *SCREENS])
+def test_pages_comments_and_screens_are_in_plain_words(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    if page.endswith(".yaml"):
+        text = "\n".join(re.findall(r"^#.*", text, flags=re.M))
+    words = re.sub(r"```.*?```|`[^`]*`", "", " ".join(text.split()), flags=re.S)
+    assert OLD_WORDS.findall(words) == []
+
+
+@pytest.mark.parametrize("sentence", ["Nobody is there", "as they are told", "where it takes itself to be"])
+def test_an_old_sentence_is_recognized(sentence: str) -> None:
+    assert OLD_WORDS.search(sentence)
 
 
 def test_the_api_page_is_made_from_these_docstrings() -> None:

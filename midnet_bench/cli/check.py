@@ -25,10 +25,10 @@ def check(
     ],
     as_json: options.Json = False,
 ) -> None:
-    """Say what is wrong with a part of your own, a line for each fault, or 'ok'.
+    """Check that your plug-in follows the interface: a line for each fault, or 'ok'.
 
-    It is run in this process and in another, with nobody, with one robot and with twenty. Units, shapes,
-    untouched inputs and the same answer each time are looked at. The exit code is 1 if anything is wrong.
+    Runs your code with 0, 1 and 20 robots, in two processes, and checks units, shapes, unchanged inputs and
+    repeatable results. The exit code is 1 if anything is wrong.
     """
     from midnet_bench.workflows.check import check as checked_thing
 

@@ -66,7 +66,7 @@ def replay(
     ] = "map",
     clock: Annotated[
         Literal["header", "record"],
-        typer.Option(help="Go by the stamps in the headers, or by the record times."),
+        typer.Option(help="Use the stamps of the headers, or the record times."),
     ] = "header",
     scan_delay: Annotated[
         Texts, _text("[NAME=]S", "Seconds by which a robot's scans are stamped too late.")
@@ -92,9 +92,7 @@ def replay(
     max_pose_age: Annotated[
         float, typer.Option(min=0.0, metavar="S", help="Leave out scans farther from a pose than this.")
     ] = 0.5,
-    ally: Annotated[
-        Texts, _text("NAME=TOPIC[,SIZE_M]", "Somebody who belongs there, by its pose: no intruder.")
-    ] = None,
+    ally: Annotated[Texts, _text("NAME=TOPIC[,SIZE_M]", "The pose of an ally, which is no intruder.")] = None,
     max_ally_age: Annotated[
         float, typer.Option(min=0.0, metavar="S", help="Take no ally out by an older pose.")
     ] = 0.5,
@@ -127,7 +125,7 @@ def replay(
     ] = False,
     check: Annotated[
         bool,
-        typer.Option("--check", help="Only say whether scans, poses and map fit, and what would mend it."),
+        typer.Option("--check", help="Only check that scans, poses and map fit; propose corrections."),
     ] = False,
     film: Annotated[
         bool, typer.Option("--film", help="Draw the recording: trial.mp4 and storyboard.png.")

@@ -121,7 +121,7 @@ def verify(campaign: Folder) -> pd.DataFrame:
 
 
 def error_causes(campaign: Folder, seed: int | None = None) -> dict[str, pd.DataFrame]:
-    """Why a recorded campaign missed intruders and found what is none: tables by name.
+    """The causes of a recorded campaign's misses and false positives: tables by name.
 
     Args:
         campaign: with ``record=True``.

@@ -65,7 +65,7 @@ def write_exploration(
         output: where to, as ``MapFiles`` takes it; nothing is made there unless the robots fit, and no other
             run's map may be there.
         clip: whether to make an MP4 too.
-        progress: is told how far it is.
+        progress: called with how far it is.
 
     Raises:
         InputError: the robots do not fit into the arena, or nothing can be written.

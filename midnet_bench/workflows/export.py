@@ -36,7 +36,7 @@ def export_trial(
         seed: the trial's.
         path: a file; of ``ros2`` a folder, which must not be there.
         bag_format: ``mcap``, ``ros2`` (a folder with an SQLite file) or ``ros1``.
-        progress: told after each frame.
+        progress: called after each frame.
 
     Raises:
         InputError: the experiment or the format is unknown, a parameter is wrong, an oracle or a network

@@ -46,7 +46,7 @@ def render_trial(
         frame_number: of the frame to draw, counted from 1 (5 frames per simulated second); None for frame
             100, or the last of a shorter trial.
         clip: whether to make a video; without one the trial ends after the frame that is drawn.
-        progress: told after each frame.
+        progress: called after each frame.
         speed: how much faster than the trial's own time the video runs.
         scans: whether pictures show the returns of the guards' LiDARs.
 
