@@ -290,7 +290,7 @@ WHOLE_NUMBERS = {
     "sum(in_range)",
     "sum(cell[key])",
     "sum(trials[count])",
-    *(f"sum(cell['{name}'])" for name in ("boxes", "collisions", "found", "frames", "matched")),
+    *(f"sum(cell['{name}'])" for name in ("boxes", "collisions", "frames", "matched")),
     *(f"sum(cell['{name}'])" for name in ("missed", "tp")),
     "fleet.groupby(place, sort=False)['collisions'].sum()",
     "map(sum, numbers)",

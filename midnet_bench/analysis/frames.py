@@ -28,7 +28,7 @@ from midnet_bench.campaign.definition import Definition, shown_cell
 from midnet_bench.campaign.export import FAILURES, TIMING, TIMING_TABLE, cell_text, export_csv
 from midnet_bench.campaign.provenance import Provenance, versions_note
 from midnet_bench.campaign.store import FILE_NAME, Store, open_store
-from midnet_bench.campaign.trial import Row, Scalar
+from midnet_bench.campaign.trial import VARIANT, Row, Scalar, factor_text
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.files import read_bounded
 
@@ -102,17 +102,29 @@ class Results:
             )
         return pd.DataFrame()
 
-    def column(self, frame: pd.DataFrame, parameter: str) -> pd.Series:
+    def column(self, frame: pd.DataFrame, parameter: str, default: Scalar = None) -> pd.Series:
         """A parameter's value for each row of one of the tables, whether or not it is a factor of the grid.
 
+        Args:
+            frame: the table.
+            parameter: its flat key.
+            default: where the campaign has no such parameter.
+
         Raises:
-            InputError: the campaign has no such parameter.
+            InputError: the campaign has no such parameter, and there is no default.
         """
         if parameter in self.definition.grid:
             return frame[parameter]
-        if parameter not in self.definition.parameters:
+        if any(parameter in changes for changes in self.definition.variants.values()):
+            by_name = {
+                name: {**self.definition.parameters, **changes}.get(parameter)
+                for name, changes in self.definition.variants.items()
+            }
+            return frame[VARIANT].map(by_name)
+        if default is None and parameter not in self.definition.parameters:
             raise InputError(f"{self.directory / CONFIGURATION}: parameters.{parameter}: missing")
-        return pd.Series([self.definition.parameters[parameter]] * len(frame), index=frame.index)
+        value = self.definition.parameters.get(parameter, default)
+        return pd.Series([value] * len(frame), index=frame.index)
 
     def whole_numbers(self, frame: pd.DataFrame, parameter: str) -> pd.Series:
         """As :meth:`column`. Raises InputError too if they are no whole numbers."""
@@ -124,7 +136,7 @@ class Results:
     def others(self, frame: pd.DataFrame, *known: str, separator: str = ", ") -> list[str]:
         """``factor=value`` of the grid's factors but ``known``, for each row of one of the tables."""
         factors = [factor for factor in self.factors if factor not in known]
-        columns = [[f"{factor}={value}" for value in frame[factor]] for factor in factors]
+        columns = [[factor_text(factor, value) for value in frame[factor]] for factor in factors]
         return [separator.join(parts) for parts in zip(*columns, strict=True)] or [""] * len(frame)
 
     def teams(self, frame: pd.DataFrame, *known: str) -> list[str]:
@@ -157,10 +169,11 @@ class Results:
 
     def _part(self, factor: str, value: Scalar) -> "Results":
         grid = {name: values for name, values in self.definition.grid.items() if name != factor}
-        parameters = {**self.definition.parameters, factor: value}
+        parameters = self.definition.parameters_of({factor: value})
+        variants = {} if factor == VARIANT else self.definition.variants
         return replace(
             self,
-            definition=replace(self.definition, grid=grid, parameters=parameters),
+            definition=replace(self.definition, grid=grid, parameters=parameters, variants=variants),
             tables=_Part(self.tables, factor, value),
             timing=_rows_of(self.timing, factor, value),
             failures=_rows_of(self.failures, factor, value),

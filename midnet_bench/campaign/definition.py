@@ -10,7 +10,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Annotated, Protocol, TypeVar
@@ -18,7 +18,7 @@ from typing import Annotated, Protocol, TypeVar
 from pydantic import Field, PrivateAttr, Strict, TypeAdapter, field_validator
 
 from midnet_bench.campaign.columns import Tables
-from midnet_bench.campaign.trial import Cell, RunTrials, Scalar, Sharing, TrialResult, TrialSpec
+from midnet_bench.campaign.trial import VARIANT, Cell, RunTrials, Scalar, Sharing, TrialResult, TrialSpec
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.checked_yaml import Spec, load_yaml, parse, read_yaml
 from midnet_bench.io.parameters import Parameters
@@ -59,6 +59,18 @@ class Experiments(Protocol):
         """See ``RunTrials``; a module-level function, so that other processes can import it."""
 
 
+@dataclass(frozen=True)
+class Baseline:
+    """What a report of a campaign compares seed by seed."""
+
+    by: str = VARIANT
+    """a factor of the grid, or ``variant``"""
+    baseline: Scalar = None
+    """the factor's value that the others are compared with; its first unless given"""
+    measures: list[str] = field(default_factory=list)
+    """the scores that are compared; the experiment's main ones unless given"""
+
+
 class Campaign(Spec):
     """What decides every number of a campaign, as it was written. See ``campaigns/*.yaml`` for examples."""
 
@@ -70,6 +82,11 @@ class Campaign(Spec):
     grid: dict[str, list[Scalar]] = Field(
         default_factory=dict, description="factor -> values; a cell is one value of each"
     )
+    variants: dict[str, dict[str, Scalar]] = Field(
+        default_factory=dict,
+        description="name -> the parameters that it changes; an axis of cells before those of the grid",
+    )
+    compare: Baseline | None = Field(None, description="what the report compares seed by seed")
     trials: Annotated[int, Strict()] = Field(1, ge=1, le=1_000_000, description="seeds per cell")
     base_seed: Annotated[int, Strict()] = Field(
         1, ge=0, le=2**53, description="trial k of every cell has seed base_seed + k"
@@ -102,6 +119,19 @@ class Campaign(Spec):
             for key, value in section.items()
         }
 
+    @field_validator("variants", mode="before")
+    @classmethod
+    def _has_names(cls, variants: object) -> object:
+        """A variant that changes nothing may be left empty; YAML reads some names as numbers."""
+        if not isinstance(variants, Mapping):
+            return {} if variants is None else variants
+        return {str(name): {} if changes is None else changes for name, changes in variants.items()}
+
+    @property
+    def axes(self) -> dict[str, list[Scalar]]:
+        """The factors of the grid with their values, the names of the variants before them."""
+        return {**({VARIANT: [*self.variants]} if self.variants else {}), **self.grid}
+
     @field_validator("grid")
     @classmethod
     def _has_values(cls, grid: dict[str, list[Scalar]]) -> dict[str, list[Scalar]]:
@@ -124,13 +154,22 @@ class Definition:
     """every parameter that is not a factor of the grid, defaults filled in; files by their contents"""
     experiment_file: str | None = None
     """where that file is, as seen from the store's folder; None if the experiment is in no such file"""
+    variants: dict[str, dict[str, Scalar]] = field(default_factory=dict)
+    """variant -> those of its parameters that differ between variants"""
+    compare: Baseline | None = None
 
     def to_json(self) -> str:
         """The text that :meth:`from_json` reads."""
         values = asdict(self)
-        if self.experiment_file is None:
-            del values["experiment_file"]
+        for name in ("experiment_file", "variants", "compare"):
+            if not values[name]:
+                del values[name]
         return json.dumps(values, separators=(",", ":"))
+
+    def parameters_of(self, cell: Mapping[str, Scalar]) -> dict[str, Scalar]:
+        """The experiment's parameters in a cell, which is one value of each factor."""
+        changed = self.variants.get(str(cell.get(VARIANT)), {})
+        return {**self.parameters, **changed, **{key: cell[key] for key in cell if key != VARIANT}}
 
     @classmethod
     def from_json(cls, text: str) -> "Definition":
@@ -255,7 +294,10 @@ def override(
     """
     values = campaign.model_dump()
     for key, value in settings.items():
-        if key in values["grid"] and isinstance(value, str) and _file_and_name(value.partition("(")[0])[0]:
+        if key == VARIANT and campaign.variants:
+            names = map(str, value if isinstance(value, list) else [value])
+            values["variants"] = {name: _variant(campaign, name) for name in names}
+        elif key in values["grid"] and isinstance(value, str) and _file_and_name(value.partition("(")[0])[0]:
             values["grid"][key] = [*values["grid"][key], value]
         elif isinstance(value, list) or key in values["grid"]:
             values["grid"][key] = value if isinstance(value, list) else [value]
@@ -267,6 +309,14 @@ def override(
     changed = parse_campaign(values, "command line")
     changed._before_override = campaign
     return changed
+
+
+def _variant(campaign: Campaign, name: str) -> dict[str, Scalar]:
+    if name not in campaign.variants:
+        raise InputError(
+            f"variant: '{name}' is none of the campaign's{nearest_name(name, campaign.variants)}"
+        )
+    return campaign.variants[name]
 
 
 def parse_settings(settings: Iterable[str], map_file: Path | None = None) -> dict[str, Scalar]:
@@ -383,15 +433,14 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     _check_factors(campaign, experiments.columns(campaign.experiment))
     file, name = _file_and_name(campaign.experiment)
     identity = campaign.experiment if file is None else f"{file.name}:{name}"
-    count = math.prod(map(len, campaign.grid.values()))
+    axes = campaign.axes
+    count = math.prod(map(len, axes.values()))
     if count > MAX_CELLS:
         raise InputError(
             f"{source}: grid: {count} cells, and each is checked before the first trial;"
             f" give at most {MAX_CELLS}, in several campaigns if need be"
         )
-    products = [
-        dict(zip(campaign.grid, values, strict=True)) for values in itertools.product(*campaign.grid.values())
-    ]
+    products = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
     try:
         checked = [_cell(campaign, parameters, product) for product in products]
     except InputError:
@@ -411,7 +460,8 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     sharing = [Sharing(None, None)]  # a lone cell shares nothing, and what others do takes a compiler
     if len(once) > 1:
         sharing = [experiments.sharing(campaign.experiment, found) for _, found in once.values()]
-    grid = {factor: list(dict.fromkeys(cell[factor] for cell in cells)) for factor in campaign.grid}
+    grid = {factor: list(dict.fromkeys(cell[factor] for cell in cells)) for factor in axes}
+    in_all = [name for name in cells[0] if all(name in cell for cell in cells) and name not in grid]
     return ResolvedCampaign(
         campaign=campaign,
         definition=Definition(
@@ -419,7 +469,9 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
             base_seed=campaign.base_seed,
             trials=campaign.trials,
             grid=grid,
-            parameters={name: _in_all_cells(name, cells) for name in cells[0] if name not in grid},
+            parameters={name: _in_all_cells(name, cells) for name in in_all},
+            variants=_resolved_variants(cells, grid),
+            compare=None if campaign.compare is None else _baseline(campaign, campaign.compare, grid),
         ),
         cells=cells,
         efforts=[found.effort for _, found in once.values()],
@@ -434,8 +486,19 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
 def _check_keys(campaign: Campaign, parameters: type[Parameters]) -> None:
     """Raises InputError unless every key is a parameter of the experiment, and given in one place."""
     known = parameters.defaults()
-    for section in ("grid", "parameters"):
-        for key in getattr(campaign, section):
+    if VARIANT in known:
+        raise InputError(f"{campaign._source}: '{VARIANT}' is a campaign's own axis; rename that parameter")
+    sections: dict[str, Mapping[str, object]] = {"grid": campaign.grid, "parameters": campaign.parameters}
+    sections |= {f"variants.{name}": changes for name, changes in campaign.variants.items()}
+    for section, keys in sections.items():
+        for key in keys:
+            if key in campaign.grid and section.startswith("variants"):
+                raise InputError(f"{campaign._source}: {section}.{key}: also a factor of the grid")
+            if key == "disturbance":
+                raise InputError(
+                    f"{campaign._source}: {section}.{key}: disturbances are variants of a 'detection'"
+                    " campaign now; see campaigns/robustness.yaml"
+                )
             if key not in known:
                 where = f"; 'midnet-bench parameters {campaign.experiment}' lists them"
                 raise InputError(
@@ -450,7 +513,7 @@ def _check_keys(campaign: Campaign, parameters: type[Parameters]) -> None:
 
 def _check_factors(campaign: Campaign, tables: Tables) -> None:
     """Raises InputError if a factor has the name of a column, which would stand twice in that table."""
-    for factor in campaign.grid:
+    for factor in campaign.axes:
         for name, table in tables.items():
             if factor in table.columns:
                 raise InputError(
@@ -464,10 +527,44 @@ def _cell(
 ) -> tuple[dict[str, Scalar], Parameters]:
     """The parameters of a cell, defaults filled in, as a trial has them and checked."""
     source = f"{campaign._source}: cell {shown_cell(product)}"
-    checked = parameters.parse({**campaign.parameters, **product}, source)
+    changes = campaign.variants.get(str(product.get(VARIANT)), {})
+    given = {key: value for key, value in product.items() if key != VARIANT}
+    checked = parameters.parse({**campaign.parameters, **changes, **given}, source)
     flat, values = checked.flat(), checked.flat_values()
     # a newer option is left out at its default, but what the grid varies tells the cells apart
-    return flat | {key: values[key] for key in product if key not in flat}, checked
+    cell = flat | {key: values[key] for key in given if key not in flat}
+    return ({**cell, VARIANT: product[VARIANT]} if VARIANT in product else cell), checked
+
+
+def _resolved_variants(
+    cells: Sequence[Mapping[str, Scalar]], grid: Mapping[str, Sequence[Scalar]]
+) -> dict[str, dict[str, Scalar]]:
+    """Variant -> those of its parameters that are not the same in all variants."""
+    if VARIANT not in grid:
+        return {}
+    first = {str(cell[VARIANT]): cell for cell in reversed(cells)}
+    names = dict.fromkeys(name for cell in first.values() for name in cell if name not in grid)
+    differ = [name for name in names if len({cell.get(name, NOT_SET) for cell in first.values()}) > 1]
+    return {
+        str(variant): {name: first[str(variant)][name] for name in differ if name in first[str(variant)]}
+        for variant in grid[VARIANT]
+    }
+
+
+def _baseline(campaign: Campaign, compare: Baseline, grid: Mapping[str, Sequence[Scalar]]) -> Baseline:
+    """With the baseline filled in. Raises InputError if there is no such factor, or no such value of it."""
+    if compare.by not in grid:
+        raise InputError(
+            f"{campaign._source}: compare.by: '{compare.by}' is no factor{nearest_name(compare.by, grid)}"
+        )
+    baseline = grid[compare.by][0] if compare.baseline is None else compare.baseline
+    if baseline not in grid[compare.by]:
+        known = map(str, grid[compare.by])
+        raise InputError(
+            f"{campaign._source}: compare.baseline: '{baseline}' is no value of"
+            f" {compare.by}{nearest_name(str(baseline), known)}"
+        )
+    return replace(compare, baseline=baseline)
 
 
 def same_trials(
@@ -559,12 +656,20 @@ def differs_between_cells(value: Scalar) -> bool:
 
 def differences(old: Definition, new: Definition) -> list[str]:
     """What forbids ``new`` to go on where ``old`` stopped; empty if it only adds trials or grid values."""
-    before, after = _flat(old), _flat(new)
+    found: list[str] = []
+    for variant in old.variants or [""]:
+        found += [one for one in _differences(_flat(old, variant), _flat(new, variant)) if one not in found]
+    return found
+
+
+def _differences(
+    before: Mapping[str, Scalar | list[Scalar]], after: Mapping[str, Scalar | list[Scalar]]
+) -> list[str]:
     found = []
     for name in [*before, *(name for name in after if name not in before)]:
         was, is_now = before.get(name, NOT_SET), after.get(name, NOT_SET)
         if name == "trials":
-            extends = new.trials >= old.trials
+            extends = int(str(is_now)) >= int(str(was))
         elif isinstance(was, list) and isinstance(is_now, list):
             extends = all(value in is_now for value in was)
         else:
@@ -574,13 +679,14 @@ def differences(old: Definition, new: Definition) -> list[str]:
     return found
 
 
-def _flat(definition: Definition) -> dict[str, Scalar | list[Scalar]]:
+def _flat(definition: Definition, variant: str) -> dict[str, Scalar | list[Scalar]]:
     return {
         "experiment": definition.experiment,
         "base_seed": definition.base_seed,
         "trials": definition.trials,
         **{f"grid.{factor}": values for factor, values in definition.grid.items()},
         **definition.parameters,
+        **definition.variants.get(variant, {}),
     }
 
 

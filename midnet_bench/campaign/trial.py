@@ -10,6 +10,13 @@ from typing import NamedTuple
 from midnet_bench.settings import Scalar as Scalar
 
 Row = dict[str, Scalar]
+VARIANT = "variant"
+"""the factor whose values are the names of a campaign's variants; it is no parameter of an experiment"""
+
+
+def factor_text(name: str, value: object) -> str:
+    """``oracle=window``; of a variant its name alone."""
+    return str(value) if name == VARIANT else f"{name}={value}"
 
 
 @dataclass(frozen=True)
@@ -49,8 +56,13 @@ class TrialSpec:
     experiment: str
     """its name"""
     parameters: Mapping[str, Scalar]
-    """every parameter of the experiment, resolved (defaults filled in)"""
+    """every parameter of the experiment, resolved (defaults filled in), and the name of the variant if any"""
     seed: int
+
+    @property
+    def settings(self) -> dict[str, Scalar]:
+        """The parameters of the experiment alone."""
+        return {name: value for name, value in self.parameters.items() if name != VARIANT}
 
     @property
     def trial_id(self) -> str:

@@ -89,7 +89,6 @@ DETECTION: Tables = {
     "recorded": RECORDED,
     "errors": ERRORS,
 }
-ROBUSTNESS: Tables = {"scores": SCORES, "robots": ROBOTS, "metrics": METRICS}
 LABYRINTH: Tables = {
     "trial": Columns(
         {
@@ -135,15 +134,4 @@ MAPPING: Tables = {
         one_row=True,
     ),
     "robots": EXPLORERS,
-}
-SCALE: Tables = {
-    "scenes": Columns(
-        {
-            "frames": FRAMES,
-            **COUNTS,
-            **dict.fromkeys(("found", "overlapping", "orders"), COUNT),
-            "reordered": Column(int, at_most="orders"),
-        },
-        one_row=True,
-    )
 }

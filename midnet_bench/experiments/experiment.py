@@ -14,6 +14,7 @@ from midnet_bench.plugins import load_reference
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
     from midnet_bench.analysis.claims import Finding
     from midnet_bench.analysis.frames import Results
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 
 WANTED_LOW = ("_s", "_m", "_switches", "never_detected")
 """how names of metrics end of which less is better"""
-Measures = Mapping[tuple[str, str], Mapping[int, float]]
-"""(cell, measure) -> its value at each seed"""
 
 
 @dataclass(frozen=True)
@@ -87,8 +86,9 @@ class Experiment:
     """whether scores over numeric factors are drawn beside ``figures``"""
     claims: "Callable[[Results], Sequence[Finding]]" = _nothing
     """what a paper states, checked against the results, for ``verify``"""
-    measures: "Callable[[Results], Measures] | None" = None
-    """the main scores, for ``compare`` and ``plot --x``"""
+    measures: "Callable[[Results], DataFrame] | None" = None
+    """the main scores of each trial, for ``compare`` and ``report --x``: a data frame with the columns
+    ``seed``, ``measure`` and ``value`` beside those of the factors; ``analysis.compare.tidy`` makes one"""
     recordings: "Callable[[Results], Iterable[Recording]]" = _nothing
     """the recorded trials, for the player of ``report.html``: each is made when it is asked for; nobody asks
     where trials have no table ``recorded``"""

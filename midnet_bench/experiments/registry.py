@@ -5,13 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 from midnet_bench.campaign.columns import check_tables, shown
 from midnet_bench.campaign.payload import VERSION
+from midnet_bench.campaign.trial import VARIANT
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.detection import DETECTION
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.experiments.labyrinth import LABYRINTH
 from midnet_bench.experiments.mapping import MAPPING
-from midnet_bench.experiments.robustness import ROBUSTNESS
-from midnet_bench.experiments.scale import SCALE
 from midnet_bench.plugins import load_reference
 from midnet_bench.settings import leaves
 
@@ -28,7 +27,11 @@ if TYPE_CHECKING:
 ENTRY_POINTS = "midnet_bench.experiments"
 """the group under which an installed package offers experiments"""
 
-_OWN = {one.name: one for one in (DETECTION, LABYRINTH, MAPPING, ROBUSTNESS, SCALE)}
+_OWN = {one.name: one for one in (DETECTION, LABYRINTH, MAPPING)}
+_GONE = {
+    "robustness": "it is a 'detection' campaign with variants now: 'midnet-bench run robustness'",
+    "scale": "it simulates nothing: 'python -m benchmarks.scale' has its numbers",
+}
 
 
 def names() -> list[str]:
@@ -48,6 +51,8 @@ def experiment(name: str) -> Experiment:
     """
     if name in _OWN:
         return _OWN[name]
+    if name in _GONE:
+        raise InputError(f"experiment: '{name}': {_GONE[name]}")
     if ":" in name:
         return _checked(name, load_reference(name))
     for point in entry_points(group=ENTRY_POINTS, name=name):
@@ -83,7 +88,8 @@ def tables_of(definition: "Definition", directory: "Path") -> "Tables":
         for name, value in definition.parameters.items()
         if name in known and not differs_between_cells(value)
     }
-    for name, values in {**fixed, **definition.grid}.items():
+    grid = {name: values for name, values in definition.grid.items() if name != VARIANT}
+    for name, values in {**fixed, **grid}.items():
         if name not in known:
             raise InputError(f"{directory}: the grid's '{name}' is no parameter of '{found.name}'")
         for value in values:
@@ -121,7 +127,7 @@ def run_trials(specs: "Sequence[TrialSpec]") -> "list[TrialResult | Exception]":
     ``report`` would refuse them.
     """
     found, seed = experiment(specs[0].experiment), specs[0].seed
-    parameters = [found.model.from_flat(spec.parameters) for spec in specs]
+    parameters = [found.model.from_flat(spec.settings) for spec in specs]
     keys = [sharing(specs[0].experiment, one).same for one in parameters]
     different = dict(zip(reversed(keys), reversed(parameters), strict=True))
     results: Sequence[TrialResult | Exception]

@@ -18,8 +18,6 @@ SHORT: dict[str, dict[str, Scalar]] = {
     "detection": {"frames": 10},
     "labyrinth": {"time_limit_s": 2.0},
     "mapping": {"time_limit_s": 5.0},
-    "robustness": {"frames": 10},
-    "scale": {"frames": 1},
 }
 """experiment -> what makes a trial short; it still goes through all that a long one compiles"""
 DECIDING = ("engine", "localization", "odometry")

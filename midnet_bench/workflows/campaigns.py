@@ -85,7 +85,7 @@ def recorded_if_small(campaign: ResolvedCampaign) -> ResolvedCampaign:
     model = registry.experiment(definition.experiment).model
     try:
         for cell in campaign.cells:
-            model.parse({**cell, "record": True}, definition.experiment)
+            model.parse({**TrialSpec("", cell, 0).settings, "record": True}, definition.experiment)
     except InputError:
         return campaign
     return replace(campaign, run_trials=partial(_run_recorded, campaign.run_trials))

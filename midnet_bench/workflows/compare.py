@@ -6,7 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from midnet_bench.analysis.differences import WORSE, differences, held_back_notes
+import pandas as pd
+
+from midnet_bench.analysis import compare as analysis
+from midnet_bench.analysis.compare import BOUNDS, MEASURE, WORSE, columns_of, held_back_notes, joined, label
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, outlier_notes
 from midnet_bench.analysis.tables import Cell, Table, signed
@@ -14,11 +17,12 @@ from midnet_bench.analysis.words import in_words, team_in_words
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.provenance import code_of
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.experiments.experiment import Experiment, Measures
+from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.workflows.report import write_figures_of
-from midnet_bench.workflows.sweeps import scores_without
 
+CAMPAIGN = "campaign"
+"""the column of a frame of scores of several campaigns"""
 COLUMNS = (
     "trial",
     "measure",
@@ -89,7 +93,10 @@ def comparison(
     if by is None and baseline is not None:
         raise InputError(f"compare: --baseline {baseline}: say by --by of which factor")
     if by is None and len(directories) == 1:
-        factors = load_results(directories[0], tables_of).factors
+        only = load_results(directories[0], tables_of)
+        if (preset := only.definition.compare) is not None:
+            return comparison(directories, output, preset.by, str(preset.baseline))
+        factors = only.factors
         hint = f", or --by {' or --by '.join(factors)}" if factors else ""
         raise InputError(f"compare: give two or more different folders{hint}")
     campaigns = _load(directories) if by is None else _parts(directories, by, baseline)
@@ -101,13 +108,11 @@ def comparison(
             "compare: give campaigns of one experiment that has main scores, such as detection or labyrinth, "
             f"not {' and '.join(kinds)}"
         )
-    measured = {
-        name: scores_without(by or "", record.measures(results)) for name, results in campaigns.items()
-    }
-    changes = differences_table(record, measured)
+    frame = joined({(name,): record.measures(results) for name, results in campaigns.items()}, [CAMPAIGN])
+    changes = differences_table(record, frame.drop(columns=[by] if by in frame else []), names)
     for name in names[1:]:
         if not any(name in row for row in changes.rows):
-            raise InputError(_nothing_to_pair(campaigns, measured, names[0], name))
+            raise InputError(_nothing_to_pair(frame, names[0], name))
     settings = settings_table(campaigns)
     tables = [*record.comparison_tables(campaigns), changes, settings]
     if output is not None:
@@ -117,19 +122,18 @@ def comparison(
     return Comparison(record, tables, *_shown_differences(record, names, changes, campaigns, settings))
 
 
-def _nothing_to_pair(
-    campaigns: Mapping[str, Results], measured: Mapping[str, Measures], first: str, name: str
-) -> str:
+def _nothing_to_pair(frame: pd.DataFrame, first: str, name: str) -> str:
     """Why two campaigns have no trials to compare, and what to run."""
-    seeds = {
-        one: sorted({seed for by_seed in measured[one].values() for seed in by_seed}) for one in (first, name)
-    }
+    parts = {one: frame[frame[CAMPAIGN] == one] for one in (first, name)}
+    seeds = {one: sorted(set(part["seed"])) for one, part in parts.items()}
     if not seeds[first] or not seeds[name]:
         return f"compare: {name if seeds[first] else first} has no finished trial"
     if not set(seeds[first]) & set(seeds[name]):
         both = ", ".join(f"{one} has {_seeds(found)}" for one, found in seeds.items())
         return f"nothing to pair: {both}; run {name} with --seed {seeds[first][0]}"
-    cells = {one: ", ".join(dict.fromkeys(cell for cell, _ in measured[one]))[:80] for one in (first, name)}
+    names = [str(column) for column in frame if column not in (CAMPAIGN, MEASURE, "seed", "value")]
+    keys = {one: part[names].itertuples(index=False, name=None) for one, part in parts.items()}
+    cells = {one: ", ".join(dict.fromkeys(label(names, key) for key in keys[one]))[:80] for one in keys}
     return f"nothing to pair: {first} has {cells[first]}; {name} has {cells[name]}"
 
 
@@ -278,44 +282,37 @@ def names_of(directories: Sequence[Path]) -> list[str]:
     raise InputError("compare: give two or more different folders")
 
 
-def differences_table(record: Experiment, campaigns: Mapping[str, Measures]) -> Table:
+def differences_table(record: Experiment, frame: pd.DataFrame, campaigns: Sequence[str]) -> Table:
     """A row per cell, measure and further campaign: means of both, and their difference from the first.
 
     Over the seeds that both have; the seed is the unit. Verdicts go by p-values adjusted by Holm.
+
+    Args:
+        record: the campaigns' experiment.
+        frame: of scores, with the column ``campaign``.
+        campaigns: their names, the first one's first.
     """
-    (first_name, first), *others = campaigns.items()
-    shared = [
-        (name, key, values, other[key])
-        for name, other in others
-        for key, values in first.items()
-        if any(seed in other.get(key, {}) for seed in values)
-    ]
-    changes = differences(
-        [(before, after) for *_, before, after in shared],
-        [record.range_of(measure) for _, (_, measure), *_ in shared],
-    )
+    first = campaigns[0]
+    compared = analysis.compare(frame, [CAMPAIGN], record.range_of) if len(frame) else []
     rows: list[Mapping[str, Cell]] = [
         {
-            "trial": cell,
-            "measure": measure,
-            first_name: one.before,
-            name: one.after,
-            "difference": one.change,
-            "seeds": one.seeds,
-            "outlier_seed": one.outlier_seed,
-            "p_holm": one.p_holm,
-            "verdict": one.verdict(record.wants_less(measure)),
+            "trial": one.cell,
+            "measure": one.measure,
+            first: one.difference.before,
+            str(one.contestant[0]): one.difference.after,
+            **columns_of(one.difference, record.wants_less(one.measure)),
         }
-        for (name, (cell, measure), *_), one in zip(shared, changes, strict=True)
+        for one in compared
     ]
-    notes = outlier_notes(one.outlier_seed for one in changes)
-    of = {name: f" ({name})" if len(others) > 1 else "" for name, _ in others}
-    places = [f"{cell} {in_words(measure)}{of[name]}" for name, (cell, measure), *_ in shared]
-    notes += held_back_notes(places, changes)
-    title = f"Differences from {first_name} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
-    bounds = {"difference": ("low", "high", "n")}
+    notes = outlier_notes(one.difference.outlier_seed for one in compared)
+    places = [
+        f"{one.cell} {in_words(one.measure)}" + f" ({one.contestant[0]})" * (len(campaigns) > 2)
+        for one in compared
+    ]
+    notes += held_back_notes(places, [one.difference for one in compared])
+    title = f"Differences from {first} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
     labels = {name: name for name in campaigns}
-    return Table("differences", title, rows, {"p_holm": 4}, bounds=bounds, notes=notes, labels=labels)
+    return Table("differences", title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=notes, labels=labels)
 
 
 def settings_table(campaigns: Mapping[str, Results]) -> Table:

@@ -81,7 +81,7 @@ def trial_of(
     definition = narrowed(whole, where).definition
     if several := [factor for factor, values in definition.grid.items() if len(values) > 1]:
         raise InputError(f"{directory}: name one value of {', '.join(several)} by --where")
-    parameters = definition.parameters | {factor: values[0] for factor, values in definition.grid.items()}
+    parameters = definition.parameters_of({factor: values[0] for factor, values in definition.grid.items()})
     last = definition.base_seed + definition.trials - 1
     if seed is None and definition.trials > 1:
         raise InputError(f"{directory} has seeds {definition.base_seed} to {last}; name one by --seed")

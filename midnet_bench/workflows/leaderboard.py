@@ -5,14 +5,25 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from midnet_bench.analysis.differences import differences, held_back_notes
+import pandas as pd
+
+from midnet_bench.analysis.compare import (
+    MEASURE,
+    BySeed,
+    Key,
+    columns_of,
+    compare,
+    held_back_notes,
+    joined,
+    series,
+)
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean, outlier_notes
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.analysis.words import in_words
 from midnet_bench.campaign.provenance import versions_note
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.experiments.experiment import Experiment, Measures
+from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.io.files import write_atomically
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS, PURSUITS
@@ -45,15 +56,15 @@ def leaderboard(
     if record.measures is None:
         raise InputError(f"{directory}: the experiment '{record.name}' has no main scores to rank by")
     factors = _compared(results, of)
-    measured = {who: record.measures(part) for who, part in _parts(results, factors)}
-    measures = list(dict.fromkeys(measure for one in measured.values() for _, measure in one))
+    frame = joined({who: record.measures(part) for who, part in _parts(results, factors)}, factors)
+    measures = list(dict.fromkeys(frame["measure"])) if len(frame) else []
     if rank_by is not None and rank_by not in measures:
         raise InputError(f"{directory}: no score '{rank_by}'{nearest_name(rank_by, measures)}")
     ranked = (
         [measure for measure in record.ranked_by if measure in measures] if rank_by is None else [rank_by]
     )
     tables = [
-        _ranking(record, factors, measured, measure, [one for one in measures if one != measure])
+        _ranking(record, factors, frame, measure, [one for one in measures if one != measure])
         for measure in ranked
     ]
     if page is not None:
@@ -92,60 +103,47 @@ def _parts(results: Results, factors: Sequence[str]) -> Iterator[tuple[Contestan
 def _ranking(
     record: Experiment,
     factors: Sequence[str],
-    measured: Mapping[Contestant, Measures],
+    frame: pd.DataFrame,
     measure: str,
     beside: Sequence[str],
 ) -> Table:
     """The rows of every world, in the campaign's order of worlds."""
-    first = next(iter(measured))
-    worlds = list(
-        dict.fromkeys(world for one in measured.values() for world, score in one if score == measure)
-    )
-    worlds = _without_repeats(worlds, measured, measure)
-    places = [
-        (world, who)
-        for world, who in itertools.product(worlds, measured)
-        if any(
-            seed in measured[first].get((world, measure), {})
-            for seed in measured[who].get((world, measure), {})
-        )
-    ]
-    pairs = [(measured[first][world, measure], measured[who][world, measure]) for world, who in places]
-    ranges = [record.range_of(measure)] * len(pairs)
-    compared = dict(zip(places, differences(pairs, ranges), strict=True))
+    names = [str(name) for name in frame if name not in (*factors, MEASURE, "seed", "value")]
+    frame = _without_repeats(frame, factors, names, measure)
+    values = series(frame, [*factors, *names, MEASURE])
+    compared = compare(frame, factors, record.range_of, [measure], with_baseline=True)
+    worlds = list(dict.fromkeys(one.key for one in compared))
+    compared = sorted(compared, key=lambda one: worlds.index(one.key))
+    first = compared[0].contestant
     sign = 1.0 if record.wants_less(measure) else -1.0
     rows: list[Mapping[str, Cell]] = []
-    for world in worlds:
-        means = {who: _mean(record, measured[who], world, measure) for where, who in places if where == world}
-        order = sorted(means, key=lambda who: (math.isnan(means[who].value), sign * means[who].value, who))
-        for rank, who in enumerate(order, 1):
-            change = compared[world, who]
+    for _, world in itertools.groupby(compared, key=lambda one: one.key):
+        means = [(_mean(record, measure, one.values), one) for one in world]
+        means.sort(key=lambda of: (math.isnan(of[0].value), sign * of[0].value, _texts(of[1].contestant)))
+        for rank, (estimate, one) in enumerate(means, 1):
             rows.append(
                 {
-                    **({"world": world} if len(worlds) > 1 else {}),
+                    **({"world": one.cell} if len(worlds) > 1 else {}),
                     "rank": rank,
-                    **dict(zip(factors, map(_without_pin, who), strict=True)),
-                    measure: means[who],
-                    "difference": change.change,
-                    "seeds": change.seeds,
-                    "outlier_seed": change.outlier_seed,
-                    "p_holm": change.p_holm,
-                    "verdict": "the first" if who == first else change.verdict(sign > 0.0),
+                    **dict(zip(factors, map(_without_pin, _texts(one.contestant)), strict=True)),
+                    measure: estimate,
+                    **columns_of(one.difference, sign > 0.0),
+                    **({"verdict": "the first"} if one.contestant == first else {}),
                     **{
-                        score: _mean(record, measured[who], world, score)
+                        score: _mean(record, score, values[key])
                         for score in beside
-                        if (world, score) in measured[who]
+                        if (key := (*one.contestant, *one.key, score)) in values
                     },
                 }
             )
     title = (
         f"Ranked by {in_words(measure)}, {'the lowest' if sign > 0 else 'the highest'} first; "
-        f"differences from {' + '.join(map(_without_pin, first))} on the same seeds ({MEAN_METHOD}; "
+        f"differences from {' + '.join(map(_without_pin, _texts(first)))} on the same seeds ({MEAN_METHOD}; "
         "verdicts by Holm at 5 %)"
     )
-    notes = outlier_notes(one.outlier_seed for one in compared.values())
-    named = [", ".join(filter(None, (" + ".join(who), world))) for world, who in compared]
-    notes += held_back_notes(named, list(compared.values()))
+    notes = outlier_notes(one.difference.outlier_seed for one in compared)
+    named = [", ".join(filter(None, (" + ".join(_texts(one.contestant)), one.cell))) for one in compared]
+    notes += held_back_notes(named, [one.difference for one in compared])
     labels = {score: in_words(score) for score in (measure, *beside)}
     others = ("seeds", "p_holm", "outlier_seed", *beside)
     name = f"leaderboard_{measure}"
@@ -157,22 +155,30 @@ def _without_pin(value: str) -> str:
     return value.partition("#")[0]
 
 
+def _texts(values: Key) -> list[str]:
+    return [str(value) for value in values]
+
+
 def _without_repeats(
-    worlds: Sequence[str], measured: Mapping[Contestant, Measures], measure: str
-) -> list[str]:
-    """The worlds without those that are another one again: all cells together, where there is one."""
-    kept: list[list[Mapping[int, float] | None]] = []
-    found = []
-    for world in worlds:
-        values = [one.get((world, measure)) for one in measured.values()]
-        if values not in kept:
-            kept.append(values)
-            found.append(world)
-    return found
+    frame: pd.DataFrame, factors: Sequence[str], names: Sequence[str], measure: str
+) -> pd.DataFrame:
+    """The scores without those of worlds that repeat another one: all cells together, where there is one."""
+    values = series(frame[frame[MEASURE] == measure], [*names, *factors])
+    worlds: dict[Key, dict[Key, BySeed]] = {}
+    for key, by_seed in values.items():
+        worlds.setdefault(key[: len(names)], {})[key[len(names) :]] = by_seed
+    kept: list[dict[Key, BySeed]] = []
+    repeated = set()
+    for world, scores in worlds.items():
+        if scores in kept:
+            repeated.add(world)
+        kept.append(scores)
+    keys = frame[[*names]].itertuples(index=False, name=None)
+    return frame[[tuple(key) not in repeated for key in keys]]
 
 
-def _mean(record: Experiment, measures: Measures, world: str, measure: str) -> Estimate:
-    return mean(list(measures[world, measure].values()), within=record.range_of(measure))
+def _mean(record: Experiment, measure: str, values: BySeed) -> Estimate:
+    return mean(list(values.values()), within=record.range_of(measure))
 
 
 def _page(results: Results, tables: Sequence[Table]) -> str:

@@ -1,14 +1,28 @@
 """How scores go with a numeric factor of a campaign's grid."""
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import pandas as pd
+
+from midnet_bench.analysis.compare import (
+    BOUNDS,
+    MEASURE,
+    BySeed,
+    Key,
+    columns_of,
+    compare,
+    joined,
+    label,
+    series,
+    tidy,
+)
 from midnet_bench.analysis.frames import Results
-from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean
+from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean, outlier_notes
 from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.campaign.trial import factor_text
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.experiments.experiment import Experiment, Measures
+from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.experiments.registry import experiment_of
 from midnet_bench.settings import leaves
 
@@ -18,7 +32,6 @@ if TYPE_CHECKING:
 FEWEST = 3
 """values of a factor that is drawn without being asked for: two of them are as well read in a table"""
 
-BySeed = Mapping[int, float]
 Curves = Mapping[str, Mapping[float, BySeed]]
 """the other factors' values -> the value of the factor along x -> a score of each seed"""
 
@@ -72,11 +85,14 @@ def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figur
 
 
 def sweeps(results: Results) -> list[tuple[Table, "Figure"]]:
-    """The figures of a campaign that nobody asks for: of each numeric factor with ``FEWEST`` values.
+    """Figures of the factor that a campaign's key ``compare`` names; else of each long numeric factor.
 
     None where the experiment's own figures show the factors, or without main scores.
     """
     record = experiment_of(results)
+    compared = compared_values(results)
+    if compared is not None:
+        return [compared]
     if record.measures is None or (record.has_figures and not record.sweeps_beside) or not results.finished:
         return []
     return [
@@ -84,6 +100,46 @@ def sweeps(results: Results) -> list[tuple[Table, "Figure"]]:
         for factor, values in results.definition.grid.items()
         if len(values) >= FEWEST and _is_numeric(results, factor)
     ]
+
+
+def compared_values(results: Results) -> tuple[Table, "Figure"] | None:
+    """What the campaign's key ``compare`` asks for: a row for each value, cell and score; and its figure.
+
+    None without that key, main scores or finished trials.
+    """
+    record, preset = experiment_of(results), results.definition.compare
+    if preset is None or record.measures is None or not results.finished:
+        return None
+    baseline = str(preset.baseline)
+    parts = results.by_value(preset.by)
+    ordered = {name: parts[name] for name in [baseline, *parts]}
+    frame = joined({(name,): record.measures(part) for name, part in ordered.items()}, [preset.by])
+    compared = compare(frame, [preset.by], record.range_of, preset.measures, with_baseline=True)
+    rows: list[Mapping[str, Cell]] = [
+        {
+            preset.by: str(one.contestant[0]),
+            "trial": one.cell,
+            "measure": one.measure,
+            "baseline": one.difference.before,
+            "value": one.difference.after,
+            **columns_of(one.difference, record.wants_less(one.measure)),
+        }
+        for one in compared
+        if one.contestant[0] != baseline
+    ]
+    means: dict[str, dict[str, dict[str, Estimate]]] = {}
+    for one in compared:
+        estimate = mean(list(one.values.values()), within=record.range_of(one.measure))
+        means.setdefault(one.measure, {}).setdefault(one.cell, {})[str(one.contestant[0])] = estimate
+    changes = [one.difference for one in compared]
+    title = f"Differences from {baseline} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
+    name = f"differences_by_{preset.by}"
+    beside = ("seeds", "p_holm", "outlier_seed", "value", "baseline")
+    notes = outlier_notes(one.outlier_seed for one in changes)
+    table = Table(name, title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=notes, beside=beside)
+    from midnet_bench.drawing.values import values_figure
+
+    return table, values_figure(list(ordered), means, preset.by)
 
 
 def _is_numeric(results: Results, factor: str) -> bool:
@@ -94,40 +150,43 @@ def _is_numeric(results: Results, factor: str) -> bool:
 
 
 def _main_scores(record: Experiment, results: Results, x: str) -> Mapping[str, Curves]:
-    found: dict[str, dict[str, dict[float, BySeed]]] = {}
     if record.measures is None:
-        return found
-    for value in sorted(map(float, results.definition.grid[x])):  # type: ignore[arg-type]
-        part = next(one for name, one in results.by_value(x).items() if float(name) == value)
-        for (label, measure), by_seed in scores_without(x, record.measures(part)).items():
-            found.setdefault(measure, {}).setdefault(label, {})[value] = by_seed
+        return {}
+    parts: dict[Key, pd.DataFrame] = {
+        (float(name),): record.measures(part) for name, part in results.by_value(x).items()
+    }
+    return _curves(joined(parts, [x]), x, label)
+
+
+def _curves(frame: pd.DataFrame, x: str, label: Callable[[Sequence[str], Key], str]) -> Mapping[str, Curves]:
+    """A frame of scores as the curves of each measure; points from left to right."""
+    names = [str(name) for name in frame if name not in (x, MEASURE, "seed", "value")]
+    found: dict[str, dict[str, dict[float, BySeed]]] = {}
+    points = series(frame, [x, *names, MEASURE]) if len(frame) else {}
+    for (at, *others, measure), values in sorted(points.items(), key=_place):
+        curves = found.setdefault(str(measure), {})
+        curves.setdefault(label(names, tuple(others)), {})[float(str(at))] = values
     return found
 
 
-def scores_without(factor: str, scores: Measures) -> Measures:
-    """The scores of a part of a campaign that has one value of ``factor``, whose cells are called by others.
+def _place(point: tuple[Key, BySeed]) -> float:
+    return float(str(point[0][0]))
 
-    The size of the team stands first in a cell's name, whether or not it is a factor.
-    """
-    if factor != "robots":
-        return scores
-    return {(re.sub(r"^\d+-robot(, )?", "", cell), measure): one for (cell, measure), one in scores.items()}
+
+def _factors(names: Sequence[str], key: Key) -> str:
+    return ", ".join(map(factor_text, names, key))
 
 
 def _columns(results: Results, x: str) -> Mapping[str, Curves]:
-    found: dict[str, dict[str, dict[float, dict[int, float]]]] = {}
+    """Every number of the tables with a row for each trial."""
+    found: dict[str, Curves] = {}
     place = [*results.factors, "seed"]
     for frame in results.tables.values():
         if not set(place) <= set(frame) or frame.duplicated(place).any():
             continue
-        labels = results.others(frame, x)
-        for column in frame.columns.difference(place):
-            if frame[column].dtype.kind not in "iuf":
-                continue
-            rows = zip(labels, frame[x].tolist(), frame["seed"].tolist(), frame[column].tolist(), strict=True)
-            for label, at, seed, value in sorted(rows):
-                curves = found.setdefault(str(column), {})
-                curves.setdefault(label, {}).setdefault(float(at), {})[seed] = float(value)
+        numbers = [str(name) for name in frame if frame[name].dtype.kind in "iuf" and name not in place]
+        frame = frame.assign(**{x: frame[x].astype(float)})
+        found.update(_curves(joined({(): tidy(frame, results.factors, numbers)}, []), x, _factors))
     return found
 
 

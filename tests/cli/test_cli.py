@@ -316,9 +316,7 @@ def test_one_parameter_is_explained_with_the_papers_gap(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     words = " ".join(done.stdout.split())
     assert words.startswith("localization Which pose is used to crop the map")
-    assert (
-        "default: ukf allowed: ukf | ukf+map | truth experiments: detection, labyrinth, robustness" in words
-    )
+    assert "default: ukf allowed: ukf | ukf+map | truth experiments: detection, labyrinth" in words
     assert "source: paper: II.B, robot_localization" in words
     assert "The paper leaves open (item 10): which pose the crop uses." in words
 
@@ -345,7 +343,7 @@ def test_one_parameter_is_explained_to_programs(tmp_path: Path) -> None:
     told = json.loads(midnet_bench("parameters", "wheel_slip", "--json", folder=tmp_path).stdout)
     assert (told["schema"], told["parameter"]) == (1, "wheel_slip")
     assert {one["experiment"]: one["default"] for one in told["experiments"]} == dict.fromkeys(
-        ("detection", "labyrinth", "mapping", "robustness"), 0.002
+        ("detection", "labyrinth", "mapping"), 0.002
     )
     assert told["experiments"][0]["maximum"] == 0.2
     assert told["readings"] == []

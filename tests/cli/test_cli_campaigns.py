@@ -95,28 +95,28 @@ def test_smoke_agrees_with_the_expected_numbers(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_campaign_of_disturbances_from_end_to_end(tmp_path: Path) -> None:
+def test_a_campaign_of_variants_from_end_to_end(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text(
-        "experiment: robustness\n"
-        "grid:\n"
-        "  disturbance: [none, lidar_dropout=0.5, message_delay_s=0.4 message_loss=0.1]\n"
-        "  robots: [1, 2]\n"
-        "trials: 1\n"
+        "experiment: detection\n"
+        "variants:\n"
+        "  none:\n"
+        "  half the beams: {lidar_dropout: 0.5}\n"
+        "  slow network: {message_delay_s: 0.4, message_loss: 0.1}\n"
+        "grid: {robots: [1, 2]}\n"
+        "compare: {measures: [recall, f1_one_to_one]}\n"
         "base_seed: 2001\n"
         "parameters: {engine: fast, frames: 4}\n"
     )
     done = midnet_bench("run", "mine.yaml", "--jobs", "1", "-o", "out", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "Scores under each disturbance" in done.stdout
-    drawn = [tmp_path / "out" / f"robustness.{ending}" for ending in ("png", "svg")]
+    assert "2 robots, slow network" in done.stdout
+    drawn = [tmp_path / "out" / f"differences_by_variant.{ending}" for ending in ("png", "svg")]
+    assert midnet_bench("report", "out", "-q", folder=tmp_path).returncode == 0
     before = [file.read_bytes() for file in drawn]
     assert midnet_bench("report", "out", "--format", "png,svg", "-q", folder=tmp_path).returncode == 0
     assert [file.read_bytes() for file in drawn] == before
-    differences = rows(tmp_path / "out" / "robustness_differences.csv")
-    assert len(differences) == 2 * 2 * 3
-    assert {row["disturbance"] for row in differences} == {
-        "lidar_dropout=0.5",
-        "message_delay_s=0.4 message_loss=0.1",
-    }
-    wrong = midnet_bench("run", "mine.yaml", "--set", "disturbance=lidar_hz=7", "-n", folder=tmp_path)
-    assert "lidar_hz" in one_line_of_complaint(wrong)
+    differences = rows(tmp_path / "out" / "differences_by_variant.csv")
+    assert len(differences) == 2 * 2 * 2
+    assert {row["variant"] for row in differences} == {"half the beams", "slow network"}
+    wrong = midnet_bench("run", "mine.yaml", "--set", "variant=half", "-n", folder=tmp_path)
+    assert "half the beams" in one_line_of_complaint(wrong)

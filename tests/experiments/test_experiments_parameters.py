@@ -33,7 +33,6 @@ OF_GUARDS = (
 )
 KEYS = {
     "detection": f"{OF_GUARDS} frames in_range require_line_of_sight truth_box",
-    "robustness": f"{OF_GUARDS} frames in_range require_line_of_sight truth_box disturbance",
     "labyrinth": f"{OF_GUARDS} intruders capture capture_distance_m pursuit pursuit_timeout_s evasion "
     "flee_radius_m escape_distance_m escape_radius_m time_limit_s",
     "mapping": "arena robots odometry lidar_noise robot_profile resolution_m particles merge goal_timeout_s "

@@ -12,8 +12,6 @@ import pytest
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.mapping.parameters import MappingParameters
-from midnet_bench.experiments.robustness.parameters import RobustnessParameters
-from midnet_bench.experiments.scale.parameters import ScaleParameters
 from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.settings import SOURCES, Leaf, Settings, leaves
 from midnet_bench.workflows.readings import READINGS
@@ -23,8 +21,6 @@ PARTS: Mapping[str, tuple[type[Settings], ...]] = {
         DetectionParameters,
         LabyrinthParameters,
         MappingParameters,
-        RobustnessParameters,
-        ScaleParameters,
     ),
     "detection": (DetectionParameters,),
     "labyrinth": (LabyrinthParameters,),

@@ -26,7 +26,8 @@ def made(seed: int | None) -> dict[str, str]:
         return frame if seed is None else frame.sample(frac=1.0, random_state=seed)
 
     variants = {
-        name: Variant(rows(one.trials), rows(one.robots)) for name, one in variants_of(LABYRINTH).items()
+        name: Variant(one.factors, rows(one.trials), rows(one.robots))
+        for name, one in variants_of(LABYRINTH).items()
     }
     cells = {name: rows(cell) for name, cell in DETECTION.items()}
     maps, robots = (

@@ -31,7 +31,7 @@ NOTHING = 3
 
 
 def test_each_name_is_the_name_of_its_record() -> None:
-    assert names()[:5] == ["detection", "labyrinth", "mapping", "robustness", "scale"]
+    assert names()[:3] == ["detection", "labyrinth", "mapping"]
     for name in names():
         assert experiment(name).name == name
         assert parameters_model(name).defaults()

@@ -19,6 +19,7 @@ from functools import partial
 from matplotlib.figure import Figure
 
 from midnet_bench.analysis.claims import finding
+from midnet_bench.analysis.compare import tidy
 from midnet_bench.analysis.statistics import mean
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import TrialResult
@@ -65,11 +66,7 @@ def claims(results):
 
 
 def measures(results):
-    walks = results.table("walks")
-    return {
-        (f"{steps} steps", "drift_m"): dict(zip(rows["seed"].tolist(), rows["drift_m"].tolist()))
-        for steps, rows in walks.groupby("steps")
-    }
+    return tidy(results.table("walks"), results.factors, ["drift_m"])
 
 
 WALK = Experiment(

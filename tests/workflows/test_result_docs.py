@@ -10,9 +10,8 @@ from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
 from midnet_bench.experiments.registry import experiment, experiment_of, names, tables_of
-from midnet_bench.experiments.robustness.parameters import NONE
-from midnet_bench.experiments.robustness.tables import MEASURES, differences_table, scores_table
 from midnet_bench.workflows.compare import compare
+from midnet_bench.workflows.sweeps import compared_values
 from midnet_bench.workflows.verify import power_report, verify
 
 REPOSITORY = Path(__file__).parents[2]
@@ -89,14 +88,16 @@ def test_the_columns_that_cells_are_checked_by_are_those_described(name: str) ->
         assert {one for one, column in known.columns.items() if column.since > 1} <= OPTIONAL
 
 
-def test_every_column_of_the_tables_of_disturbances_is_described() -> None:
-    scores = {
-        ("1-robot", name, measure): {1: 0.5, 2: 0.6, 3: 0.8}
-        for name in (NONE, "lidar_hz=1")
-        for measure in MEASURES
+def test_every_column_of_the_comparison_of_variants_is_described() -> None:
+    made = compared_values(load_results(REFERENCES / "robustness", tables_of))
+    assert made is not None
+    table, _ = made
+    assert table.to_csv() == (REFERENCES / "robustness" / "differences_by_variant.csv").read_text(
+        encoding="utf-8"
+    )
+    assert {name for row in table.flat_rows() for name in row} == described("differences_by_FACTOR") | {
+        "variant"
     }
-    check_table(scores_table(scores))
-    check_table(differences_table(scores))
 
 
 @pytest.mark.slow

@@ -27,6 +27,8 @@ PAPER_ARENA = "map1"
 
 SCORES = ("precision", "recall", "f1")
 COUNTS = ("tp", "fp", "fn")
+TP_BOXES: TruePositives = "every"
+"""of results that do not say how boxes were counted"""
 COUNTINGS: Mapping[TruePositives, str] = {
     "every": "each box on an intruder is a true positive, as section V.A defines it",
     "surplus_false": "one box on each intruder is a true positive and a second one false, as section V.A "
@@ -46,8 +48,7 @@ def paper_of(definition: Definition) -> Mapping[str, Row]:
 
 def with_boxes(results: Results, scores: pd.DataFrame) -> pd.DataFrame:
     """The trials with ``boxes``, the team's boxes however ``tp_boxes`` counts them, and ``f1_one_to_one``."""
-    fixed = results.definition.parameters.get("tp_boxes")
-    is_in_fp = scores.get("tp_boxes", fixed) == "surplus_false"
+    is_in_fp = results.column(scores, "tp_boxes", TP_BOXES) == "surplus_false"
     boxes = scores["matched"] + scores["fp"] + scores["duplicates"] * (1 - is_in_fp)
     counts = zip(scores["matched"].tolist(), boxes.tolist(), scores["missed"].tolist(), strict=True)
     return scores.assign(

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from midnet_bench.analysis import statistics
+from midnet_bench.analysis.compare import tidy
 from midnet_bench.analysis.frames import Results, records
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.analysis.words import team_in_words
@@ -23,7 +24,6 @@ from midnet_bench.experiments.detection.counting import (
     with_boxes,
 )
 from midnet_bench.experiments.detection.error_tables import error_tables
-from midnet_bench.experiments.experiment import Measures
 from midnet_bench.experiments.guarded.metric_tables import metric_measures, metric_tables
 from midnet_bench.scoring.frame_counts import Ratios, ratios
 
@@ -59,18 +59,26 @@ def cells_of(results: Results) -> Cells:
     With them stand ``boxes``, ``f1_one_to_one``, ``gospa_per_frame_m`` (of results that have it) and
     ``collisions`` of the trial's robots.
     """
-    scores = results.table("scores")
+    scores = trials_of(results)
     if scores.empty:
         return {}
     names = results.teams(scores)
+    cells = scores.drop(columns=results.factors).groupby(pd.Series(names, scores.index), sort=False)
+    return {str(name): cell for name, cell in cells}
+
+
+def trials_of(results: Results) -> pd.DataFrame:
+    """The table ``scores`` with the columns that :func:`cells_of` names; empty without a finished trial."""
+    scores = results.table("scores")
+    if scores.empty:
+        return scores
     place = [*results.factors, "seed"]
     scores = with_boxes(results, scores)
     if not (fleet := results.table("robots")).empty:
         scores = scores.join(fleet.groupby(place, sort=False)["collisions"].sum(), on=place)
     if "gospa_m" in scores:  # not in results of versions up to 0.1.0
         scores = scores.assign(gospa_per_frame_m=scores["gospa_m"] / scores["frames"])
-    cells = scores.drop(columns=results.factors).groupby(pd.Series(names, scores.index), sort=False)
-    return {str(name): cell for name, cell in cells}
+    return scores
 
 
 def window_notes(definition: Definition) -> list[str]:
@@ -196,15 +204,15 @@ def score_over_seeds(cell: pd.DataFrame, score: str, confidence: float = 0.95) -
     return statistics.mean(cell[score].tolist(), confidence, within=(0.0, most))
 
 
-def measures(results: Results) -> Measures:
-    """Precision, recall and F1, one-to-one F1, GOSPA and further metrics of each cell by seed."""
-    scores = {
-        (name, score): by_seed(cell, score)
-        for name, cell in cells_of(results).items()
-        for score in (*SCORES, *BESIDE)
-        if score in cell
-    }
-    return {**scores, **metric_measures(results)}
+def measures(results: Results) -> pd.DataFrame:
+    """Precision, recall and F1, one-to-one F1, GOSPA and further metrics of each trial, a frame of scores."""
+    trials = trials_of(results)
+    if trials.empty:
+        return pd.DataFrame()
+    trials = trials.assign(robots=results.column(trials, "robots"))
+    names = [score for score in (*SCORES, *BESIDE) if score in trials]
+    scores = tidy(trials, [*dict.fromkeys([*results.factors, "robots"])], names)
+    return pd.concat([scores, metric_measures(results)])
 
 
 def by_seed(cell: pd.DataFrame, score: str) -> dict[int, float]:

@@ -43,7 +43,7 @@ def keyed_recordings(results: Results) -> Iterator[tuple[Key, Recording]]:
     """
     robots, errors = by_trial(results, "robots"), by_trial(results, ERRORS)
     for key, trial in by_trial(results, FRAMES).items():
-        given = {**results.definition.parameters, **dict(zip(results.factors, key[:-1], strict=True))}
+        given = results.definition.parameters_of(dict(zip(results.factors, key[:-1], strict=True)))
         cell = results.teams(trial.head(1))[0]
         try:
             yield key, _recording(cell, key[-1], given, trial, robots[key], errors.get(key), bool(errors))

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 import pandas as pd
 
 from midnet_bench.analysis.claims import Finding, comparison, finding
+from midnet_bench.analysis.compare import MEASURE, SCOPE
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.power import ALPHA, POWER, pilot_note, power_cells
 from midnet_bench.analysis.statistics import SHARE_METHOD, exact_mean, exact_sum, mean, ratio_of_sums
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.experiment import Measures
 from midnet_bench.experiments.guarded.metric_tables import metric_measures, metric_tables
 from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, variants_of
 
@@ -203,21 +203,25 @@ def _change(one: Variant, intruders: int | None, smaller: int, larger: int, *, r
     return comparison(statement, first, second, rises, within=(0.0, 100.0))
 
 
-def measures(results: Results) -> Measures:
-    """Percent caught by variant and team size, over all numbers of intruders; both and durations over all.
+def measures(results: Results) -> pd.DataFrame:
+    """Percent caught by team size, over all numbers of intruders; both and durations over all cells.
 
-    With them stand further metrics by cell.
+    With them stand further metrics by cell. A frame of scores.
     """
-    found: dict[tuple[str, str], Mapping[int, float]] = {}
-    for name, one in variants_of(results).items():
+    rows: list[dict[str, object]] = []
+
+    def add(one: Variant, over: Mapping[str, object], measure: str, by_seed: Mapping[int, float]) -> None:
+        for seed, value in by_seed.items():
+            rows.append({**over, **one.factors, "seed": seed, MEASURE: measure, "value": value})
+
+    for one in variants_of(results).values():
         for robots in one.team_sizes:
-            rates = one.rates_by_seed(None, robots)
-            found[", ".join(filter(None, (f"{robots}-robot", name))), "caught_percent"] = rates
-        everything = ", ".join(filter(None, ("all cells", name)))
-        found[everything, "caught_percent"] = one.all_cells_by_seed("success_rate")
-        found[everything, "duration_s"] = one.all_cells_by_seed("duration_s")
-        found[everything, "time_to_capture_s"] = one.capture_time_by_seed()
-    return {**found, **metric_measures(results)}
+            add(one, {"robots": robots}, "caught_percent", one.rates_by_seed(None, robots))
+        over = {SCOPE: "all cells"}
+        add(one, over, "caught_percent", one.all_cells_by_seed("success_rate"))
+        add(one, over, "duration_s", one.all_cells_by_seed("duration_s"))
+        add(one, over, "time_to_capture_s", one.capture_time_by_seed())
+    return pd.concat([pd.DataFrame(rows, dtype=object), metric_measures(results)])
 
 
 def power_table(results: Results, difference: float, robots: tuple[int, int], power: float = POWER) -> Table:

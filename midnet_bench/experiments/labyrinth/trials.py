@@ -20,6 +20,8 @@ TRIAL = [*CELL, "seed"]
 class Variant:
     """The finished trials under one choice of the grid's factors beside the two numbers."""
 
+    factors: dict[str, object]
+    """that choice"""
     trials: pd.DataFrame
     """A row per trial, by ``intruders``, ``robots`` (security robots) and ``seed``.
 
@@ -137,6 +139,7 @@ def _variants(results: Results) -> dict[str, Variant]:
     trials, robots = _trials(results, trials), _robots(results, trials)
     return {
         str(name): Variant(
+            {name: cell[name].tolist()[0] for name in results.factors if name not in CELL},
             cell.sort_values(CELL, kind="stable"),
             robots[robots["variant"] == name].sort_values(CELL, kind="stable"),
         )

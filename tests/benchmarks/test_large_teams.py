@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from midnet_bench.experiments.scale.parameters import ScaleParameters
-from midnet_bench.experiments.scale.trial import Scene, draw_scene, run_scale, seen_by_all
+from benchmarks.large_teams import Scene, Team, draw_scene, scenes_of, seen_by_all
 from midnet_bench.geometry import Box
+from midnet_bench.midnet.settings import MIDNetSettings
 from midnet_bench.rng import stream
 
 
@@ -52,17 +52,14 @@ def test_a_box_lies_where_the_robot_believes() -> None:
     assert box[0] == pytest.approx(1.35)
 
 
-def test_a_trial_is_the_same_again_and_finds_what_is_there() -> None:
-    parameters = ScaleParameters(robots=5, frames=4)
-    (row,) = run_scale(parameters, 3).tables["scenes"]
-    assert run_scale(parameters, 3).tables["scenes"] == [row]
+def test_scenes_are_the_same_again_and_have_what_is_there() -> None:
+    row = scenes_of(Team(5), 3, frames=4)
+    assert scenes_of(Team(5), 3, frames=4) == row
     assert row["orders"] == 20
     assert row["matched"] + row["missed"] == row["intruders_in_range"]  # type: ignore[operator]
 
 
 def test_nothing_depends_on_the_order_where_neither_part_looks_at_it() -> None:
-    blind = ScaleParameters.of(robots=30, frames=4, fusion="components", ally_remove="all")
-    (row,) = run_scale(blind, 3).tables["scenes"]
-    assert row["reordered"] == 0
-    (papers,) = run_scale(ScaleParameters(robots=30, frames=4), 3).tables["scenes"]
-    assert papers["reordered"] > 0  # type: ignore[operator]
+    blind = Team(30, "components", midnet=MIDNetSettings.from_flat({"ally_remove": "all"}))
+    assert scenes_of(blind, 3, frames=4)["reordered"] == 0
+    assert scenes_of(Team(30), 3, frames=4)["reordered"] > 0  # type: ignore[operator]

@@ -8,6 +8,7 @@ cells, and shifted by the robot's error of its own place.
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -15,13 +16,13 @@ import numpy.typing as npt
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import TEAM
-from midnet_bench.campaign.trial import Row, TrialResult
-from midnet_bench.experiments.scale.parameters import ScaleParameters
+from midnet_bench.campaign.trial import Row
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.binary_map import FREE
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import MIDNet
+from midnet_bench.midnet.settings import MIDNetSettings
 from midnet_bench.rivals.fusion import ious
 from midnet_bench.rivals.team import TeamFusion
 from midnet_bench.rng import standard_normals, stream
@@ -33,6 +34,19 @@ GROWN_M = 0.105
 """from a return to the edge of its cells above the default ``thresh_local``"""
 
 Places = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Team:
+    """What sees the scenes, and what is done with it."""
+
+    robots: int = 5
+    fusion: str = "paper"
+    window_m: float = 3.5
+    """side of the square around a robot in which it sees; that of MIDNet's costmap"""
+    pose_error_m: float = 0.02
+    """standard deviation of each coordinate of a robot's believed place"""
+    midnet: MIDNetSettings = field(default_factory=MIDNetSettings)
 
 
 class Scene(NamedTuple):
@@ -124,46 +138,48 @@ def _cells(boxes: BoxArray) -> BoxArray:
     return np.hstack((np.floor(low / CELL_M), np.ceil(high / CELL_M))) * CELL_M
 
 
-def make_fusion(parameters: ScaleParameters) -> TeamFusion:
+def make_fusion(team: Team) -> TeamFusion:
     """Algorithm 2 and the fusion, which have seen nothing yet."""
     # ally removal and fusion look at no map
     nowhere = OccupancyGrid(np.full((1, 1), FREE, np.uint8), CELL_M, (0.0, 0.0))
-    return TeamFusion(MIDNet(nowhere, parameters.midnet), parameters.fusion)
+    return TeamFusion(MIDNet(nowhere, team.midnet), team.fusion)
 
 
-def run_scale(parameters: ScaleParameters, seed: int) -> TrialResult:
-    """One trial: ``scenes``, one row."""
+def scenes_of(team: Team, seed: int, frames: int = 10, orders: int = 5) -> Row:
+    """Some scenes of one seed, each fused in the robots' own order and in others: counts over all of them.
+
+    ``orders`` counts the other orders, ``reordered`` those of them that give other boxes.
+    """
     counts, found, reordered, overlapping = [], 0, 0, 0
-    for frame in range(parameters.frames):
+    for frame in range(frames):
         rng = stream(seed, "scene", frame)
-        scene = draw_scene(parameters.robots, parameters.pose_error_m, rng)
-        seen = seen_by_all(scene, parameters.window_m)
+        scene = draw_scene(team.robots, team.pose_error_m, rng)
+        seen = seen_by_all(scene, team.window_m)
         found += sum(map(len, seen.boxes))
-        team = _fused(parameters, seen, range(parameters.robots))
+        boxes = _fused(team, seen, range(team.robots))
         truths = [
             TruthObject(f"intruder {i}", (box := Box(*row)), box.center)
             for i, row in enumerate(scene.intruders.tolist())
         ]
-        counts.append(count_frame([Box(*row) for row in team.tolist()], truths, seen.in_range.tolist()))
-        overlapping += _overlapping(team)
-        for _ in range(parameters.orders):
-            other = _fused(parameters, seen, rng.permutation(parameters.robots).tolist())
-            reordered += not np.array_equal(_sorted(team), _sorted(other))
-    row: Row = {
-        "frames": parameters.frames,
+        counts.append(count_frame([Box(*row) for row in boxes.tolist()], truths, seen.in_range.tolist()))
+        overlapping += _overlapping(boxes)
+        for _ in range(orders):
+            other = _fused(team, seen, rng.permutation(team.robots).tolist())
+            reordered += not np.array_equal(_sorted(boxes), _sorted(other))
+    return {
+        "frames": frames,
         **total(counts)._asdict(),
         "found": found,
         "overlapping": overlapping,
-        "orders": parameters.frames * parameters.orders,
+        "orders": frames * orders,
         "reordered": reordered,
     }
-    return TrialResult({"scenes": [row]}, simulated_s=0.0)
 
 
-def _fused(parameters: ScaleParameters, seen: Seen, order: Sequence[int]) -> BoxArray:
+def _fused(team: Team, seen: Seen, order: Sequence[int]) -> BoxArray:
     """(n, 4) the team's boxes if the robots come in that order."""
     boxes, poses = [seen.boxes[i] for i in order], [seen.poses[i] for i in order]
-    return make_fusion(parameters).fuse(boxes, poses, 0.0)[0]
+    return make_fusion(team).fuse(boxes, poses, 0.0)[0]
 
 
 def _sorted(boxes: BoxArray) -> BoxArray:

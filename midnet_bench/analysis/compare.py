@@ -1,0 +1,204 @@
+"""The one tidy frame of scores, and the one comparison: differences seed by seed, with verdicts by Holm.
+
+A frame of scores has a row for each score of each trial: the factors of its cell, ``seed``, ``measure`` and
+``value``. A factor is None in a row that is over all its values, and ``scope`` names what such a row is over.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import pandas as pd
+
+from midnet_bench.analysis.claims import LEVEL
+from midnet_bench.analysis.statistics import (
+    ANY,
+    Estimate,
+    Range,
+    exact_mean,
+    holm,
+    outlier,
+    p_value,
+    paired_difference,
+)
+from midnet_bench.analysis.tables import Cell
+from midnet_bench.campaign.trial import factor_text
+
+BETTER, WORSE, UNCLEAR, IDENTICAL = "better", "worse", "no clear difference", "identical"
+BySeed = Mapping[int, float]
+"""seed -> a measure of the trial with that seed"""
+Key = tuple[object, ...]
+"""a value of each of some columns"""
+SCOPE, MEASURE = "scope", "measure"
+BOUNDS = {"difference": ("low", "high", "n")}
+"""the columns of a table's differences"""
+
+
+def held_back_notes(places: Sequence[str], found: Sequence["Difference"]) -> list[str]:
+    """A sentence on those whose interval leaves out 0 without a verdict; ``places`` says what each is of."""
+    names = [place for place, one in zip(places, found, strict=True) if one.is_held_back]
+    if not names:
+        return []
+    return [
+        f"{'; '.join(names)}: no clear difference, though the interval leaves out 0: of {len(found)} "
+        f"comparisons made together, Holm's adjusted p is above {LEVEL:g}."
+    ]
+
+
+class Difference(NamedTuple):
+    """A measure in two cells on the seeds that they share."""
+
+    before: float
+    """mean in the first cell"""
+    after: float
+    """mean in the second cell"""
+    change: Estimate
+    """second less first, seed by seed"""
+    seeds: int
+    p_holm: float
+    """adjusted by Holm for all that were asked about together; NaN where there is no interval"""
+    outlier_seed: int | None = None
+    """the seed whose difference makes the interval wide, if one does"""
+
+    is_identical: bool = False
+    """whether both cells have the same number at every seed"""
+
+    def verdict(self, wants_less: bool = False) -> str:
+        """What the second cell is beside the first: better, worse, identical, or no clear difference.
+
+        ``wants_less``: whether less of the measure is better.
+        """
+        if self.is_identical:
+            return IDENTICAL
+        if not self.p_holm <= LEVEL:
+            return UNCLEAR
+        return BETTER if (self.change.low > 0.0) != wants_less else WORSE
+
+    @property
+    def is_held_back(self) -> bool:
+        """Whether the interval leaves out 0 and yet Holm's adjusted p says no: one of many comparisons."""
+        leaves_out_0 = self.change.low > 0.0 or self.change.high < 0.0
+        return leaves_out_0 and not self.p_holm <= LEVEL
+
+
+def tidy(frame: pd.DataFrame, factors: Sequence[str], measures: Sequence[str]) -> pd.DataFrame:
+    """The columns ``measures`` of a table with a row for each trial as a frame of scores, trial by trial."""
+    kept = frame[[*factors, "seed", *measures]].reset_index(drop=True)
+    melted = kept.melt([*factors, "seed"], var_name=MEASURE, ignore_index=False)
+    return melted.sort_index(kind="stable")
+
+
+def joined(parts: Mapping[Key, pd.DataFrame], by: Sequence[str]) -> pd.DataFrame:
+    """Frames of scores in one, with the columns ``by`` before the others; an absent factor is None."""
+    frames = []
+    for key, part in parts.items():
+        frame = part.drop(columns=[name for name in by if name in part]).astype(object)
+        for name, value in zip(by, key, strict=True):
+            frame[name] = pd.Series([value] * len(frame), frame.index, dtype=object)
+        frames.append(frame)
+    columns = dict.fromkeys([*by, *(str(name) for frame in frames for name in frame)])
+    whole = pd.concat(frames)[[*columns]]
+    keys = [name for name in columns if name != "value"]
+    return whole.assign(**{name: whole[name].where(whole[name].notna(), None) for name in keys})
+
+
+def series(frame: pd.DataFrame, keys: Sequence[str]) -> dict[Key, dict[int, float]]:
+    """The values of a frame of scores by seed for each combination of ``keys``, in the frame's order."""
+    found: dict[Key, dict[int, float]] = {}
+    rows = frame[[*keys, "seed", "value"]].itertuples(index=False, name=None)
+    for *key, seed, value in rows:
+        found.setdefault(tuple(key), {})[seed] = value
+    return found
+
+
+def label(names: Sequence[str], key: Key) -> str:
+    """A cell in words: ``5-robot, oracle=window``; ``key`` has the values of the columns ``names``."""
+    cell = {name: value for name, value in zip(names, key, strict=True) if value is not None}
+    parts = [str(cell.pop(SCOPE))] if SCOPE in cell else []
+    parts += [f"{cell.pop('robots')}-robot"] if "robots" in cell else []
+    return ", ".join([*parts, *(factor_text(name, value) for name, value in cell.items())])
+
+
+def columns_of(one: Difference, wants_less: bool) -> dict[str, Cell]:
+    """What each table of differences says of one."""
+    return {
+        "difference": one.change,
+        "seeds": one.seeds,
+        "outlier_seed": one.outlier_seed,
+        "p_holm": one.p_holm,
+        "verdict": one.verdict(wants_less),
+    }
+
+
+class Compared(NamedTuple):
+    """A score of one of the compared, beside the baseline's."""
+
+    contestant: Key
+    key: Key
+    """of the cell: the factors that are not compared"""
+    cell: str
+    """the same in words"""
+    measure: str
+    difference: Difference
+    values: BySeed
+
+
+def compare(
+    frame: pd.DataFrame,
+    by: Sequence[str],
+    range_of: Callable[[str], Range],
+    measures: Sequence[str] = (),
+    with_baseline: bool = False,
+) -> list[Compared]:
+    """Each score of each combination of ``by`` less that of the first, on the seeds that both have.
+
+    Args:
+        frame: of scores, with the columns ``by``; the baseline's rows stand first.
+        by: the columns that are compared; the others tell the cells apart.
+        range_of: the least and the greatest value of a measure.
+        measures: those that are compared; all unless given.
+        with_baseline: whether the baseline is compared with itself, too.
+    """
+    names = [name for name in frame.columns if name not in (*by, MEASURE, "seed", "value")]
+    values = series(frame, [*by, *names, MEASURE])
+    contestants = list(dict.fromkeys(key[: len(by)] for key in values))
+    first = {key[len(by) :]: one for key, one in values.items() if key[: len(by)] == contestants[0]}
+    shared = [
+        (who, cell, before, after)
+        for who in contestants[0 if with_baseline else 1 :]
+        for cell, before in first.items()
+        if not measures or cell[-1] in measures
+        for after in [values.get((*who, *cell), {})]
+        if any(seed in after for seed in before)
+    ]
+    changes = differences(
+        [(before, after) for *_, before, after in shared], [range_of(str(cell[-1])) for _, cell, *_ in shared]
+    )
+    return [
+        Compared(who, cell[:-1], label(names, cell[:-1]), str(cell[-1]), change, after)
+        for (who, cell, _, after), change in zip(shared, changes, strict=True)
+    ]
+
+
+def differences(
+    pairs: Sequence[tuple[BySeed, BySeed]], ranges: Sequence[Range] | None = None
+) -> list[Difference]:
+    """The difference of each pair, whose two cells share at least one seed; Holm goes over all pairs.
+
+    ``ranges``: of each pair's measure; an interval holds no difference that two such numbers cannot have.
+    """
+    found: list[Difference] = []
+    p_values: list[float] = []
+    for (first, second), within in zip(pairs, ranges or [ANY] * len(pairs), strict=True):
+        seeds = [seed for seed in first if seed in second]
+        before, after = [first[seed] for seed in seeds], [second[seed] for seed in seeds]
+        difference = partial(paired_difference, before, after, within=within)
+        far = outlier([b - a for a, b in zip(before, after, strict=True)])
+        p_values.append(p_value(difference, 0.0, math.inf))
+        means = exact_mean(before), exact_mean(after)
+        outlier_seed = None if far is None else seeds[far]
+        change = difference(1.0 - LEVEL)
+        is_identical = all(a == b or (a != a and b != b) for a, b in zip(before, after, strict=True))
+        found.append(Difference(*means, change, len(seeds), math.nan, outlier_seed, is_identical))
+    return [one._replace(p_holm=p) for one, p in zip(found, holm(p_values), strict=True)]
