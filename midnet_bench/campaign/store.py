@@ -383,7 +383,7 @@ def _called(row_id: int, row: rows.Row, cells: Mapping[int, Cell]) -> str:
 def _damaged(path: Path, what: str) -> InputError:
     return InputError(
         f"{path}: {what} cannot be read, the file is damaged there;"
-        " run the campaign's command again; the other trials are kept"
+        " run the campaign's command again to mend it; the other trials are kept"
     )
 
 
