@@ -8,6 +8,7 @@ from a file in the working folder; here it does not, since who can put a file th
 
 import atexit
 import contextlib
+import gc
 import hashlib
 import importlib
 import logging
@@ -22,6 +23,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from functools import cache, partial
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar, overload
@@ -84,6 +86,7 @@ def _forgive(loops: Any) -> None:
     load, save = loops.load_overload, loops.save_overload
 
     def load_overload(*arguments: Any) -> Any:
+        _load_array_functions()
         try:
             return load(*arguments)
         except Exception:  # whatever unpickling a damaged file raises
@@ -271,6 +274,27 @@ def numba() -> ModuleType:
             importlib.import_module("numba.core.config")
         sys.modules["numba.core.config"]._config_fname = os.devnull  # type: ignore[attr-defined]
     return importlib.import_module("numba")
+
+
+def collect_garbage_rarely() -> None:
+    """Let this process search cyclic garbage each 100 000 objects: imports make many, and few are garbage."""
+    gc.set_threshold(100_000, 50, 50)
+
+
+@cache
+def _load_array_functions() -> None:
+    """Load numba's array functions without SciPy's linear algebra, which they look for at once (0.15 s).
+
+    Loops that need it still find it.
+    """
+    with _without("scipy.linalg"):
+        module = importlib.import_module("numba.np.arraymath")
+    module._HAVE_BLAS = find_spec("scipy") is not None  # type: ignore[attr-defined]
+
+
+def has_loops() -> bool:
+    """Whether this process has loaded or compiled any loop; where none are kept, always."""
+    return _load_array_functions.cache_info().currsize > 0 or folder() is None
 
 
 @contextlib.contextmanager

@@ -12,11 +12,13 @@ Compiled loops may call these functions, and so may Python.
 """
 
 import math
+from types import FunctionType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.compiled import njit
+from midnet_bench.compiled import has_loops, njit
 
 Floats = npt.NDArray[np.float64]
 
@@ -260,3 +262,23 @@ def hypot(x: float, y: float) -> float:
     _, doublings = math.frexp(max(abs(x), abs(y)))
     x, y = math.ldexp(x, -doublings), math.ldexp(y, -doublings)
     return math.ldexp(math.sqrt(x * x + y * y), doublings)
+
+
+def _interpreted() -> SimpleNamespace:
+    """What is above as Python runs it."""
+    functions: dict[str, Any] = dict(globals())
+    for name, value in globals().items():
+        if hasattr(value, "py_func"):
+            functions[name] = FunctionType(value.py_func.__code__, functions, name)
+    return SimpleNamespace(**functions)
+
+
+_COMPILED, _INTERPRETED = SimpleNamespace(**globals()), _interpreted()
+
+
+def from_python() -> SimpleNamespace:
+    """These functions for calls from Python: compiled once this process has a loop, before that interpreted.
+
+    Both give the same bits; numba takes half a second for a process's first loop, which a report needs not.
+    """
+    return _COMPILED if has_loops() else _INTERPRETED

@@ -3,18 +3,18 @@
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
 
 @cache
-def _cos_sin() -> Callable[[float], tuple[float, float]]:
-    """``elementary.cos_sin``, once it is needed: numba takes long to import."""
-    from midnet_bench.elementary import cos_sin
+def _elementary() -> Callable[[], Any]:
+    """``elementary.from_python``, once it is needed: numba takes long to import."""
+    from midnet_bench.elementary import from_python
 
-    return cos_sin
+    return from_python
 
 
 def lengths(vectors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -46,7 +46,8 @@ class Pose2D(NamedTuple):
     @property
     def direction(self) -> tuple[float, float]:
         """Cosine and sine of the yaw: the way of this frame's x axis in the parent frame."""
-        return _cos_sin()(self.yaw)
+        cos_sin: tuple[float, float] = _elementary()().cos_sin(self.yaw)
+        return cos_sin
 
     def compose(self, local: "Pose2D") -> "Pose2D":
         """``local``, given in this pose's frame, in the parent frame; its yaw is not wrapped."""

@@ -181,3 +181,16 @@ def test_a_poorer_processor_gives_the_same_bits() -> None:
         check=True,
     )
     assert int(done.stdout) == bits()
+
+
+@given(st.floats(-1e9, 1e9), st.floats(-50.0, 50.0))
+def test_python_gives_the_bits_of_the_compiled_functions(angle: float, other: float) -> None:
+    compiled, interpreted = elementary._COMPILED, elementary._INTERPRETED
+    assert interpreted.cos_sin(angle) == compiled.cos_sin(angle)
+    assert interpreted.sin(angle) == compiled.sin(angle)
+    assert interpreted.cos(angle) == compiled.cos(angle)
+    assert interpreted.atan2(angle, other) == compiled.atan2(angle, other)
+    numbers = np.array([other, -other, 0.0])
+    assert interpreted.exponentials(numbers).tobytes() == compiled.exponentials(numbers).tobytes()
+    assert interpreted.directions(numbers).tobytes() == compiled.directions(numbers).tobytes()
+    assert not hasattr(interpreted.sin, "py_func")

@@ -96,9 +96,9 @@ def robot_starts(arena: Arena, robots: int) -> tuple[Pose2D, ...]:
     x, y = arena.robots.center_m
     if robots == 1:
         return (Pose2D(x, y, 0.0),)
-    from midnet_bench.elementary import sin  # which needs a compiler
+    from midnet_bench.elementary import from_python  # which needs a compiler
 
-    radius = arena.robots.spacing_m / 2.0 / sin(math.pi / robots)
+    radius = arena.robots.spacing_m / 2.0 / from_python().sin(math.pi / robots)
     center = Pose2D(x, y, 0.0)
     turns = (Pose2D(0.0, 0.0, 2.0 * math.pi * k / robots) for k in range(robots))
     return tuple(center.compose(turn.compose(Pose2D(radius, 0.0, 0.0))) for turn in turns)

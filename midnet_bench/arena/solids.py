@@ -41,9 +41,9 @@ class Solid:
         elif dx == 0.0 != dy:
             yaw = math.copysign(math.pi / 2.0, dy)
         else:
-            from midnet_bench.elementary import atan2
+            from midnet_bench.elementary import from_python
 
-            yaw = atan2(dy, dx)
+            yaw = from_python().atan2(dy, dx)
         pose = Pose2D((start[0] + end[0]) / 2.0, (start[1] + end[1]) / 2.0, yaw)
         return cls("box", pose, math.hypot(dx, dy) + thickness_m, thickness_m, height_m)
 
@@ -73,13 +73,13 @@ class Solid:
 
     @cached_property
     def _outline(self) -> npt.NDArray[np.float64]:
-        from midnet_bench.elementary import cos, directions  # which needs a compiler
+        from midnet_bench.elementary import from_python  # which needs a compiler
 
         if self.kind == "cylinder":
             half_side = math.pi / CYLINDER_SIDES
-            radius = self.length_m / (1.0 + cos(half_side))
+            radius = self.length_m / (1.0 + from_python().cos(half_side))
             angles = 2.0 * half_side * np.arange(CYLINDER_SIDES, dtype=np.float64)
-            corners = radius * directions(angles)
+            corners = radius * from_python().directions(angles)
         else:
             half = np.array([self.length_m, self.width_m]) / 2.0
             corners = half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from midnet_bench import compiled
 from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.signals import SIGNALS_TO_END
 from midnet_bench.campaign.trial import RunTrials, TrialResult, TrialSpec, run_alone
@@ -39,6 +40,7 @@ class TrialTimeout(BaseException):
 
 def prepare_worker(parent_pid: int) -> None:
     """Called once in a fresh worker: to end is the parent's business, and no worker outlives its parent."""
+    compiled.collect_garbage_rarely()
     for number in SIGNALS_TO_END:
         signal.signal(number, signal.SIG_IGN)
 

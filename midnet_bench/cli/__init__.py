@@ -11,6 +11,7 @@ from typing import Any
 import typer
 from typer.main import get_command
 
+from midnet_bench import compiled
 from midnet_bench.cli import (
     arenas,
     bags,
@@ -68,6 +69,7 @@ def main() -> None:
     A known error is one line on stderr; with MIDNET_BENCH_DEBUG set it keeps its traceback.
     """
     messages.set_up()
+    compiled.collect_garbage_rarely()
     # on a machine where no worker can be started; a command that needs one says so itself
     warnings.filterwarnings("ignore", ".*joblib will operate in serial mode", UserWarning)
     try:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
-from midnet_bench.elementary import cos_sin, exponentials, hypot
+from midnet_bench.elementary import cos_sin, from_python, hypot
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid
@@ -63,7 +63,7 @@ def inflation_costs(
     """
     distance_m = np.sqrt(np.arange(reach_cells * reach_cells + 1)) * resolution
     beyond_m = np.maximum(distance_m - inscribed_radius_m, 0.0)
-    graded = (252.0 * exponentials(-cost_scaling_factor * beyond_m)).astype(np.uint8)
+    graded = (252.0 * from_python().exponentials(-cost_scaling_factor * beyond_m)).astype(np.uint8)
     costs = np.where(beyond_m == 0.0, np.uint8(INSCRIBED), graded)
     costs[0] = LETHAL
     return costs
