@@ -163,9 +163,10 @@ def ratio_of_sums(
     if len(numerators) != len(denominators):
         raise ValueError(f"pairs are needed: {len(numerators)} values against {len(denominators)}")
     n, below = len(denominators), exact_sum(denominators)
-    if not below > 0.0:
+    each = below / n if n else 0.0
+    if not each > 0.0:  # the mean of a denormal sum is 0
         return Estimate(math.nan, math.nan, math.nan, n)
-    ratio, each = exact_sum(numerators) / below, below / n
+    ratio = exact_sum(numerators) / below
     deviations = [(one - ratio * other) / each for one, other in zip(numerators, denominators, strict=True)]
     down, up = _halls_bounds(deviations, max(map(abs, numerators)) / each, confidence)
     return Estimate(ratio, max(ratio - down, within[0]), min(ratio + up, within[1]), n)

@@ -11,7 +11,7 @@ from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.experiments.detection.claims import claims
-from midnet_bench.experiments.detection.counting import PAPER
+from midnet_bench.experiments.detection.counting import PAPER, Team
 from midnet_bench.experiments.detection.tables import tables, window_notes
 from tests.stores import detection_store
 
@@ -75,7 +75,7 @@ def test_the_distance_from_the_papers_table_is_what_its_numbers_say(tmp_path: Pa
     more = {1: 0, 2: 1, 3: 5}
 
     def counts(robots: int, seed: int) -> Row:
-        paper = PAPER[f"{robots}-robot"]
+        paper = PAPER[Team(robots)]
         tp, fp, fn = (int(str(paper[name])) for name in ("tp", "fp", "fn"))
         fp += 1999 * more[seed] * (robots == 5)
         return {"frames": 1999, "tp": tp, "fp": fp, "fn": fn, "matched": tp, "duplicates": 0}
@@ -89,7 +89,7 @@ def test_the_distance_from_the_papers_table_is_what_its_numbers_say(tmp_path: Pa
     assert rows["every", "all twelve"] == {**rows["surplus_false", "all twelve"], "counting": "every"}
 
     def by_hand(seeds: list[int], twelve: bool) -> float:
-        tp, fp, fn = (float(str(PAPER["5-robot"][name])) for name in ("tp", "fp", "fn"))
+        tp, fp, fn = (float(str(PAPER[Team(5)][name])) for name in ("tp", "fp", "fn"))
         off: list[float] = []
         precisions = [tp / (tp + fp + 1999 * more[seed]) for seed in seeds]
         recall = tp / (tp + fn)

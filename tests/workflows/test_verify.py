@@ -20,7 +20,7 @@ from midnet_bench.analysis.power import (
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.detection.counting import PAPER
+from midnet_bench.experiments.detection.counting import PAPER, Team
 from midnet_bench.experiments.labyrinth.tables import claims as labyrinth_claims
 from midnet_bench.workflows.verify import power_report, verify
 from tests.stores import detection_store, labyrinth_store
@@ -138,7 +138,7 @@ def test_comparisons_are_made_seed_by_seed(tmp_path: Path) -> None:
 
 def paper_counts(robots: int, seed: int) -> Row:
     """The paper's own counts, each seed a little off."""
-    paper = PAPER["1-robot" if robots == 1 else "5-robot"]
+    paper = PAPER[Team(1 if robots == 1 else 5)]
     factor = 1.0 + 0.02 * math.sin(7.0 * seed + robots)
     return {"frames": 1999} | {name: round(factor * float(paper[name] or 0.0)) for name in ("tp", "fp", "fn")}
 

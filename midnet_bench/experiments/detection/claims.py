@@ -9,7 +9,7 @@ import pandas as pd
 from midnet_bench.analysis.claims import Finding, comparison, finding
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import Estimate, mean, ratio_of_sums
-from midnet_bench.experiments.detection.counting import COUNTS, PAPER, PAPER_FRAMES, SCORES, paper_of
+from midnet_bench.experiments.detection.counting import COUNTS, PAPER, PAPER_FRAMES, SCORES, Team, paper_of
 from midnet_bench.experiments.detection.tables import by_seed, cells_of, score_over_seeds
 
 TOLERANCE = 0.05
@@ -90,7 +90,7 @@ def _misses(cell: pd.DataFrame) -> dict[str, tuple[str, str, str]]:
     return {which: columns for which, columns in MISSES.items() if set(columns) <= set(cell)}
 
 
-def _scores(name: str, cell: pd.DataFrame) -> list[Finding]:
+def _scores(name: Team, cell: pd.DataFrame) -> list[Finding]:
     """The three ratios of one team."""
     found = []
     for score in SCORES:
@@ -103,7 +103,7 @@ def _scores(name: str, cell: pd.DataFrame) -> list[Finding]:
     return found
 
 
-def _counts(name: str, cell: pd.DataFrame) -> list[Finding]:
+def _counts(name: Team, cell: pd.DataFrame) -> list[Finding]:
     """The three counts of one team, per frame (item 41)."""
     found = []
     for count in COUNTS:
@@ -117,7 +117,7 @@ def _counts(name: str, cell: pd.DataFrame) -> list[Finding]:
     return found
 
 
-def _delay(name: str, cell: pd.DataFrame) -> list[Finding]:
+def _delay(name: Team, cell: pd.DataFrame) -> list[Finding]:
     """What "is not expected to be significant": misses just come near, false boxes where one just was."""
     shares = {f"misses{which}": (new, misses) for which, (misses, _, new) in _misses(cell).items()}
     if "fp_left" in cell:

@@ -5,6 +5,7 @@ five robots by one intruder taken for several, whose boxes all intersect it: bot
 """
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -17,9 +18,21 @@ from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.trial import Row
 from midnet_bench.scoring.frame_counts import TruePositives, ratios
 
-PAPER: Mapping[str, Row] = {
-    "1-robot": {"tp": 6967, "fp": 176, "fn": 1889, "precision": 0.975, "recall": 0.787, "f1": 0.871},
-    "5-robot": {"tp": 14953, "fp": 1047, "fn": 619, "precision": 0.935, "recall": 0.960, "f1": 0.947},
+
+class Team(NamedTuple):
+    """The cell of a detection campaign: the team's size, and in words what else it differs by."""
+
+    robots: int
+    others: str = ""
+
+    def __str__(self) -> str:
+        """``5-robot, oracle=window``, as tables have it."""
+        return ", ".join(filter(None, (f"{self.robots}-robot", self.others)))
+
+
+PAPER: Mapping[Team, Row] = {
+    Team(1): {"tp": 6967, "fp": 176, "fn": 1889, "precision": 0.975, "recall": 0.787, "f1": 0.871},
+    Team(5): {"tp": 14953, "fp": 1047, "fn": 619, "precision": 0.935, "recall": 0.960, "f1": 0.947},
 }
 """The paper's only table."""
 PAPER_FRAMES = 1999
@@ -36,11 +49,11 @@ COUNTINGS: Mapping[TruePositives, str] = {
 }
 """value of ``tp_boxes`` -> what it says"""
 
-Cells = Mapping[str, pd.DataFrame]
-"""The rows of the table ``scores`` by cell, named in the paper's manner (``5-robot``), seeds ascending"""
+Cells = Mapping[Team, pd.DataFrame]
+"""The rows of the table ``scores`` by cell, seeds ascending"""
 
 
-def paper_of(definition: Definition) -> Mapping[str, Row]:
+def paper_of(definition: Definition) -> Mapping[Team, Row]:
     """The paper's table for a campaign in Map 1; empty for any other arena: the paper scores none there."""
     arenas = definition.grid.get("arena") or [definition.parameters.get("arena", PAPER_ARENA)]
     return PAPER if {*arenas} == {PAPER_ARENA} else {}
@@ -65,7 +78,7 @@ def counted(cell: pd.DataFrame, counting: TruePositives) -> pd.DataFrame:
     return cell.assign(**{score: [one[score] for one in scored] for score in SCORES})
 
 
-def counting_table(cells: Cells, paper: Mapping[str, Row] = PAPER) -> Table:
+def counting_table(cells: Cells, paper: Mapping[Team, Row] = PAPER) -> Table:
     """A row per cell and counting, and the paper's: means of the ratios over seeds, and counts per frame."""
     rows: list[Mapping[str, Cell]] = []
     for name, cell in cells.items():
@@ -74,11 +87,11 @@ def counting_table(cells: Cells, paper: Mapping[str, Row] = PAPER) -> Table:
             means = {score: mean(trials[score].tolist(), within=(0.0, 1.0)) for score in SCORES}
             sums = {count: sum(trials[count]) for count in COUNTS}
             rows.append(
-                {"trial": name, "counting": counting, **means, **_per_frame(sums, sum(cell["frames"]))}
+                {"trial": str(name), "counting": counting, **means, **_per_frame(sums, sum(cell["frames"]))}
             )
         if name in paper:
             printed = {score: paper[name][score] for score in SCORES}
-            row = {"trial": name, "counting": "paper", **printed}
+            row = {"trial": str(name), "counting": "paper", **printed}
             rows.append({**row, **_per_frame(paper[name], PAPER_FRAMES)})
     notes = [f"{counting}: {meaning}." for counting, meaning in COUNTINGS.items()]
     title = f"Two ways of counting second boxes on one intruder ({MEAN_METHOD}, over seeds)"
@@ -90,7 +103,7 @@ def _per_frame(counts: Mapping[str, Cell], frames: float) -> dict[str, Cell]:
     return {"tp_per_frame": tp, "fp_per_frame": fp, "fn_per_frame": fn, "boxes_per_frame": tp + fp}
 
 
-def distance_tables(cells: Cells, paper: Mapping[str, Row] = PAPER) -> list[Table]:
+def distance_tables(cells: Cells, paper: Mapping[Team, Row] = PAPER) -> list[Table]:
     """``detection_distance``: how far both teams are from the paper's table, and how sure that is.
 
     The distance is the root mean square of differences, ours less the paper's, each a mean over the seeds
@@ -114,7 +127,7 @@ def distance_tables(cells: Cells, paper: Mapping[str, Row] = PAPER) -> list[Tabl
     return [Table("detection_distance", title, rows, digits, bounds=bounds)]
 
 
-def _differences(team: str, trials: pd.DataFrame) -> pd.DataFrame:
+def _differences(team: Team, trials: pd.DataFrame) -> pd.DataFrame:
     """(seeds, 6) by seed: ours less the paper's, ratios before counts."""
     paper = {key: float(value or 0.0) for key, value in PAPER[team].items()}
     to_find = paper["tp"] + paper["fn"]

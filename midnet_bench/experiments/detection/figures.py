@@ -21,7 +21,7 @@ from midnet_bench.drawing.charts import (
 )
 from midnet_bench.drawing.labels import axis_label
 from midnet_bench.drawing.plots import own_style
-from midnet_bench.experiments.detection.counting import PAPER, SCORES, paper_of
+from midnet_bench.experiments.detection.counting import PAPER, SCORES, Team, paper_of
 from midnet_bench.experiments.detection.tables import cells_of, score_over_seeds
 
 SHOWN = (*SCORES, "f1_one_to_one")
@@ -46,10 +46,9 @@ def points_of(results: Results) -> Points:
     """The scores of each cell by what else is varied and by team size."""
     found: dict[str, dict[str, list[tuple[int, Estimate]]]] = {}
     for name, cell in cells_of(results).items():
-        team, _, others = name.partition(", ")
         for score in SHOWN:
-            at = (int(team.removesuffix("-robot")), score_over_seeds(cell, score))
-            found.setdefault(others, {}).setdefault(score, []).append(at)
+            at = (name.robots, score_over_seeds(cell, score))
+            found.setdefault(name.others, {}).setdefault(score, []).append(at)
     return found
 
 
@@ -118,7 +117,7 @@ def _add_paper(axes: Axes, points: Points, score: str, is_lines: bool) -> None:
     known = [
         (place, Estimate(float(str(PAPER[name][score])), math.nan, math.nan, 1))
         for place, team in zip(at, sorted(set(teams)) if is_lines else teams, strict=True)
-        if (name := f"{team}-robot") in PAPER
+        if (name := Team(team)) in PAPER
     ]
     if known:
         add_estimates(axes, [place for place, _ in known], [e for _, e in known], PAPER_STYLE, "paper")

@@ -12,7 +12,7 @@ from midnet_bench.analysis.tables import Cell, Table, rounded
 from midnet_bench.analysis.words import team_in_words
 from midnet_bench.campaign.trial import Row
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.detection.counting import SCORES, Cells, paper_of
+from midnet_bench.experiments.detection.counting import SCORES, Cells, Team, paper_of
 from midnet_bench.experiments.detection.parameters import DetectionParameters, effective
 from midnet_bench.experiments.detection.tables import HEADS, SHOWN, cells_of, score_over_seeds, window_notes
 from midnet_bench.experiments.experiment import Headline
@@ -60,7 +60,7 @@ def headline(results: Results, reference: Results | None = None) -> Headline:
     return Headline([replace(table, title=title), *metric_tables(results)], conclusion, notes, following)
 
 
-def headline_table(cells: Cells, reference: Cells, paper: Mapping[str, Row]) -> Table:
+def headline_table(cells: Cells, reference: Cells, paper: Mapping[Team, Row]) -> Table:
     """The scores of each cell: ours, the reference's and the paper's, as text for a terminal."""
     rows: list[Mapping[str, Cell]] = []
     for name, cell in cells.items():
@@ -75,7 +75,7 @@ def headline_table(cells: Cells, reference: Cells, paper: Mapping[str, Row]) -> 
             # blanks in place of an interval, so that digits stand above each other
             texts["paper"] = {score: _text(_exactly(float(paper[name][score] or 0.0))) for score in SCORES}
         for source, scores in texts.items():
-            label = team_in_words(name) if source == next(iter(texts)) else ""
+            label = team_in_words(str(name)) if source == next(iter(texts)) else ""
             rows.append({"trial": label, "source": source, **dict.fromkeys(SHOWN, ""), **scores})
     if len({row["source"] for row in rows}) == 1:  # said in the title
         rows = [{name: cell for name, cell in row.items() if name != "source"} for row in rows]
@@ -86,10 +86,9 @@ def reference_cells(results: Results, reference: Results, cells: Cells) -> Cells
     """The reference's cells that the same parameters made as ours, where it has more seeds."""
     found = {}
     for name, cell in cells_of(reference).items():
-        robots = int(name.partition("-")[0])
         if name not in cells or len(cells[name]) >= len(cell):
             continue
-        ours, theirs = (_effective(one, robots) for one in (results, reference))
+        ours, theirs = (_effective(one, name.robots) for one in (results, reference))
         if ours is not None and ours == theirs:
             found[name] = cell
     return found
@@ -131,14 +130,14 @@ def _plain_teams(results: Results, cells: Cells) -> dict[int, pd.DataFrame]:
     """The cells by team size, where nothing else differs between them."""
     if set(results.factors) - {"robots"}:
         return {}
-    return {int(name.partition("-")[0]): cell for name, cell in cells.items()}
+    return {name.robots: cell for name, cell in cells.items()}
 
 
 def _in_words(number: int) -> str:
     return NUMBERS[number] if number < len(NUMBERS) else str(number)
 
 
-def _verdicts(results: Results, cells: Cells, paper: Mapping[str, Row]) -> list[str]:
+def _verdicts(results: Results, cells: Cells, paper: Mapping[Team, Row]) -> list[str]:
     """The share of the intruders within range that each team finds; of many cells, the best one."""
     teams = _plain_teams(results, cells)
     if not teams or len(teams) > MOST_IN_WORDS:
@@ -151,7 +150,7 @@ def _verdicts(results: Results, cells: Cells, paper: Mapping[str, Row]) -> list[
         recall = score_over_seeds(cell, "recall").value
         if math.isnan(recall):
             continue
-        papers = paper.get(f"{robots}-robot")
+        papers = paper.get(Team(robots))
         beside = "" if papers is None else f" ({'paper: ' if not parts else ''}{_percent(papers['recall'])})"
         noun = "" if parts else f" robot{'' if robots == 1 else 's'}"
         verb = "finds" if robots == 1 else "find"

@@ -18,6 +18,7 @@ from midnet_bench.experiments.detection.counting import (
     PAPER_FRAMES,
     SCORES,
     Cells,
+    Team,
     counting_table,
     distance_tables,
     paper_of,
@@ -62,9 +63,10 @@ def cells_of(results: Results) -> Cells:
     scores = trials_of(results)
     if scores.empty:
         return {}
-    names = results.teams(scores)
-    cells = scores.drop(columns=results.factors).groupby(pd.Series(names, scores.index), sort=False)
-    return {str(name): cell for name, cell in cells}
+    robots, others = results.column(scores, "robots").tolist(), results.others(scores, "robots")
+    teams = [Team(*one) for one in zip(robots, others, strict=True)]
+    rows = scores.drop(columns=results.factors)
+    return {team: rows[[one == team for one in teams]] for team in dict.fromkeys(teams)}
 
 
 def trials_of(results: Results) -> pd.DataFrame:
@@ -95,7 +97,7 @@ def window_notes(definition: Definition) -> list[str]:
     ]
 
 
-def summary_table(cells: Cells, notes: Sequence[str] = (), paper: Mapping[str, Row] = PAPER) -> Table:
+def summary_table(cells: Cells, notes: Sequence[str] = (), paper: Mapping[Team, Row] = PAPER) -> Table:
     """The paper's table: counts and ratios over all frames, means over seeds, and the paper's row.
 
     One-to-one F1 and GOSPA stand beside them, since the paper's way of counting rewards boxes that should
@@ -109,25 +111,25 @@ def summary_table(cells: Cells, notes: Sequence[str] = (), paper: Mapping[str, R
             pooled["gospa_per_frame_m"] = statistics.exact_sum(cell["gospa_m"]) / sum(cell["frames"])
         if "collisions" in cell:
             pooled["collisions_per_trial"] = sum(cell["collisions"]) / len(cell)
-        rows.append({"trial": name, "source": "ours", "seeds": len(cell), **row, **pooled})
+        rows.append({"trial": str(name), "source": "ours", "seeds": len(cell), **row, **pooled})
         if len(cell) > 1:
             beside = [score for score in BESIDE if score in cell]
             means = {score: score_over_seeds(cell, score) for score in (*SCORES, *beside)}
-            rows.append({"trial": name, "source": "mean over seeds", "seeds": len(cell), **means})
+            rows.append({"trial": str(name), "source": "mean over seeds", "seeds": len(cell), **means})
         if name in paper:
-            rows.append({"trial": name, "source": "paper", "frames": PAPER_FRAMES, **paper[name]})
+            rows.append({"trial": str(name), "source": "paper", "frames": PAPER_FRAMES, **paper[name]})
         notes += _note_on_duplicates(name, cell)
     both = ", ours and the paper's" if paper.keys() & cells.keys() else ""
     title = f"Detection scores{both} ({statistics.MEAN_METHOD}, over seeds)"
     return Table("detection_summary", title, rows, {"collisions_per_trial": 2}, notes=notes)
 
 
-def table_to_paste(cells: Cells, paper: Mapping[str, Row] = PAPER) -> Table:
+def table_to_paste(cells: Cells, paper: Mapping[Team, Row] = PAPER) -> Table:
     """``detection_table``: ours with intervals and the paper's row, for a paper (LaTeX) or a page."""
     rows: list[Mapping[str, Cell]] = []
     for name, cell in cells.items():
         means = {score: score_over_seeds(cell, score) for score in SHOWN}
-        rows.append({"trial": team_in_words(name), "source": "ours", "seeds": len(cell), **means})
+        rows.append({"trial": team_in_words(str(name)), "source": "ours", "seeds": len(cell), **means})
         if name in paper:
             printed = {score: paper[name][score] for score in SCORES}
             rows.append({"trial": "", "source": "paper", **printed})
@@ -135,7 +137,7 @@ def table_to_paste(cells: Cells, paper: Mapping[str, Row] = PAPER) -> Table:
     return Table("detection_table", title, rows, labels=HEADS)
 
 
-def _note_on_duplicates(name: str, cell: pd.DataFrame) -> list[str]:
+def _note_on_duplicates(name: Team, cell: pd.DataFrame) -> list[str]:
     """A sentence if a good part of the true positives are further boxes on intruders that have one."""
     found = sum(cell["tp"])
     further = (found - sum(cell["matched"])) / found if found else 0.0
@@ -153,7 +155,7 @@ def scores_table(cells: Cells) -> Table:
     for name, cell in cells.items():
         counts = {key: sum(cell[key]) for key in ("frames", "tp", "fp", "fn")}
         scored = ratios(counts["tp"], counts["fp"], counts["fn"])
-        rows.append({"trial": name, **counts, **scored._asdict()})
+        rows.append({"trial": str(name), **counts, **scored._asdict()})
     return Table("detection_scores", "Detection scores", rows)
 
 
@@ -165,7 +167,7 @@ def matching_table(cells: Cells) -> Table:
         scored = matched_ratios(cell)
         error_m = statistics.exact_sum(cell["error_sum_m"]) / matched if matched else math.nan
         counts = {"matched": matched, "duplicates": duplicates, "missed": missed}
-        rows.append({"trial": name, **counts, **scored._asdict(), "mean_error_m": error_m})
+        rows.append({"trial": str(name), **counts, **scored._asdict(), "mean_error_m": error_m})
     return Table("detection_matching", "One-to-one matching: further boxes on one intruder are false", rows)
 
 
@@ -178,12 +180,12 @@ def matched_ratios(cell: pd.DataFrame) -> Ratios:
 def by_seed_table(cells: Cells) -> Table:
     """A row per cell and seed."""
     rows: list[Mapping[str, Cell]] = [
-        {"trial": name, **row} for name, cell in cells.items() for row in records(cell)
+        {"trial": str(name), **row} for name, cell in cells.items() for row in records(cell)
     ]
     return Table("scores_by_seed", "Scores by seed", rows)
 
 
-def comparison_table(cells: Cells, paper: Mapping[str, Row] = PAPER) -> Table:
+def comparison_table(cells: Cells, paper: Mapping[Team, Row] = PAPER) -> Table:
     """Ours beside the paper's: means over seeds with 95 % intervals, and the difference."""
     rows: list[Mapping[str, Cell]] = []
     for name, cell in cells.items():
@@ -192,7 +194,7 @@ def comparison_table(cells: Cells, paper: Mapping[str, Row] = PAPER) -> Table:
             papers = float(paper[name][score] or 0.0) if name in paper else math.nan
             difference = ours.value - papers
             rows.append(
-                {"trial": name, "score": score, "ours": ours, "paper": papers, "difference": difference}
+                {"trial": str(name), "score": score, "ours": ours, "paper": papers, "difference": difference}
             )
     title = f"Means over seeds and the paper's scores ({statistics.MEAN_METHOD})"
     return Table("detection_comparison", title, rows, bounds={"ours": ("low", "high", "seeds")})

@@ -12,10 +12,10 @@ from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.elementary import directions
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.arena import GuardedArena, ObservedFrame
-from midnet_bench.experiments.guarded.oracles import fused_by_identity
+from midnet_bench.experiments.guarded.frame_trace import FrameTrace
+from midnet_bench.experiments.guarded.ground_truth import fused_by_identity
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.recorder import Recorder
-from midnet_bench.experiments.guarded.witness import Witness
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.rng import stream
 from midnet_bench.scoring.causes import CauseCounter, Causes, total_causes
@@ -58,7 +58,7 @@ class ScoredFrame:
         return self.midnet.observations
 
 
-class Judge:
+class Scorer:
     """One detector of a trial, how its frames are scored, and what that remembers from frame to frame."""
 
     def __init__(self, test: DetectionParameters, node: DetectorNode, sight: NoiseBlocks) -> None:
@@ -86,9 +86,9 @@ class DetectionTrial(GuardedArena):
             for number, solid in enumerate(self.layout.stationary, 1)
         }
         self._goal_rngs = {robot.index: stream(seed, "goals", robot.name) for robot in self.intruders}
-        self.own = self._judge(parameters, self.detector)
+        self.own = self._scorer(parameters, self.detector)
         """of these ``parameters``"""
-        self.judges = list(map(self._judge, variants, self.variant_detectors))
+        self.scorers = list(map(self._scorer, variants, self.variant_detectors))
         """of each of the ``variants``"""
         if self.arena.mobile_intruders.behaviour == "wander" and not self.arena.mobile_intruders.pause_s:
             for robot in self.intruders:
@@ -100,35 +100,35 @@ class DetectionTrial(GuardedArena):
             self.advance()
             yield self.scored(number, self.own, explain)
 
-    def scored(self, number: int, judge: Judge, explain: bool = False) -> ScoredFrame:
+    def scored(self, number: int, scorer: Scorer, explain: bool = False) -> ScoredFrame:
         """What a detector finds at this instant, the frame of that number; take each frame once, in order."""
-        test, truths = judge.test, self.truths(judge.test)
+        test, truths = scorer.test, self.truths(scorer.test)
         is_fused_anew = test.oracle == "fusion"
-        midnet = self.detected(judge.node, explain or is_fused_anew or judge.recorder is not None)
+        midnet = self.detected(scorer.node, explain or is_fused_anew or scorer.recorder is not None)
         if is_fused_anew:
             fused = fused_by_identity(midnet, truths)
             midnet = replace(midnet, detections=fused.detections, robots=fused.robots)
-        in_range = self.in_range(test, judge.sight)
+        in_range = self.in_range(test, scorer.sight)
         match = match_frame(midnet.detections, truths)
         counts = count_frame(midnet.detections, truths, in_range, test.tp_boxes, match)
-        if judge.metrics:
-            judge.metrics.update(self.seen_by_metrics(midnet, truths, in_range))
-        if judge.recorder is not None:
-            judge.recorder.take(number, midnet, truths, in_range, match)
+        if scorer.metrics:
+            scorer.metrics.update(self.seen_by_metrics(midnet, truths, in_range))
+        if scorer.recorder is not None:
+            scorer.recorder.take(number, midnet, truths, in_range, match)
         return ScoredFrame(number, midnet, truths, in_range, match, counts)
 
-    def causes(self, frame: ScoredFrame, judge: Judge) -> Causes:
+    def causes(self, frame: ScoredFrame, scorer: Scorer) -> Causes:
         """Which of the paper's causes the errors of the newest frame had; take each frame once, in order."""
         opposite = None
-        if frame.number % OPPOSITE_EVERY == 0 and len(self.guards) > 1 and judge.test.oracle != "fusion":
-            opposite = judge.node.detect_in_opposite_order(self.observations(judge.node))
-        return judge.causes.count(
+        if frame.number % OPPOSITE_EVERY == 0 and len(self.guards) > 1 and scorer.test.oracle != "fusion":
+            opposite = scorer.node.detect_in_opposite_order(self.observations(scorer.node))
+        return scorer.causes.count(
             frame.midnet.detections,
             frame.truths,
             frame.match.touched,
             frame.in_range,
-            partial(self._all_in_sight, judge),
-            self._in_window(judge.node, frame.truths),
+            partial(self._all_in_sight, scorer),
+            self._in_window(scorer.node, frame.truths),
             opposite,
         )
 
@@ -163,7 +163,7 @@ class DetectionTrial(GuardedArena):
             TruthObject(name, box, box.center) for name, box in (self._stationary | mobile | others).items()
         ]
 
-    def result(self, frames: Sequence[FrameCounts], causes: Sequence[Causes], judge: Judge) -> TrialResult:
+    def result(self, frames: Sequence[FrameCounts], causes: Sequence[Causes], scorer: Scorer) -> TrialResult:
         """The tables of a trial that is over, from the counts of all its frames by one detector."""
         rows: list[Row] = [{"frame": i + 1, **counts._asdict()} for i, counts in enumerate(frames)]
         summed = total(frames)
@@ -178,26 +178,29 @@ class DetectionTrial(GuardedArena):
             "scores": [scores],
             "frames": rows,
             "robots": self.rows_of_robots(),
-            **judge.metrics.tables(),
-            **(judge.recorder.tables() if judge.recorder else {}),
+            **scorer.metrics.tables(),
+            **(scorer.recorder.tables() if scorer.recorder else {}),
         }
         return TrialResult(tables, simulated_s=len(frames) / FRAME_HZ)
 
-    def _judge(self, test: DetectionParameters, node: DetectorNode) -> Judge:
+    def _scorer(self, test: DetectionParameters, node: DetectorNode) -> Scorer:
         rngs = [stream(self.seed, "sight", guard.name) for guard in self.guards]
-        judge = Judge(test, node, self.lidars.noise(rngs))
+        scorer = Scorer(test, node, self.lidars.noise(rngs))
         if test.record:
             # the scene is that of the trial without an oracle, which has the frames
-            judge.recorder = Recorder(
-                self, test.costmap.obstacle_range_m, Witness(self, node), keeps_frames=test.oracle == "none"
+            scorer.recorder = Recorder(
+                self,
+                test.costmap.obstacle_range_m,
+                FrameTrace(self, node),
+                keeps_frames=test.oracle == "none",
             )
-        return judge
+        return scorer
 
-    def _all_in_sight(self, judge: Judge) -> list[bool]:
+    def _all_in_sight(self, scorer: Scorer) -> list[bool]:
         """For each truth, whether a beam meets it within range; True if others do not count."""
-        if not judge.test.counts_hidden:
+        if not scorer.test.counts_hidden:
             return [True] * (len(self._stationary) + len(self.intruders) + len(self.crowd.members))
-        return self._in_sight(judge.test.costmap.obstacle_range_m, judge.sight)
+        return self._in_sight(scorer.test.costmap.obstacle_range_m, scorer.sight)
 
     def _in_window(self, node: DetectorNode, truths: Sequence[TruthObject]) -> list[bool]:
         """For each truth, whether some guard's local costmap reaches it."""
@@ -246,21 +249,21 @@ def run_together(tests: Sequence[DetectionParameters], seed: int) -> list[TrialR
         failures: dict[int, Exception] = {}
         for number in range(1, moving.frames + 1):
             trial.advance()
-            for place, judge in enumerate(trial.judges):
+            for place, scorer in enumerate(trial.scorers):
                 if place in failures:
                     continue
                 try:
-                    frame = trial.scored(number, judge)
-                    causes[place].append(trial.causes(frame, judge))
+                    frame = trial.scored(number, scorer)
+                    causes[place].append(trial.causes(frame, scorer))
                     frames[place].append(frame.counts)
                 except Exception as error:  # other detectors' trials go on
                     failures[place] = error
             if len(failures) == len(tests):
                 break
         results: list[TrialResult | Exception] = []
-        for place, judge in enumerate(trial.judges):
+        for place, scorer in enumerate(trial.scorers):
             try:
-                results.append(failures.get(place) or trial.result(frames[place], causes[place], judge))
+                results.append(failures.get(place) or trial.result(frames[place], causes[place], scorer))
             except PluginError as error:  # of a metric, at the end
                 results.append(error)
         return results

@@ -14,10 +14,10 @@ from midnet_bench.arena.layout import place
 from midnet_bench.assembly.detector_node import DetectorNode, Sight, detector_nodes
 from midnet_bench.campaign.trial import Row
 from midnet_bench.elementary import cos, sin
+from midnet_bench.experiments.guarded.ground_truth import GroundTruthOverrides, ScanOnlooker, Trial
 from midnet_bench.experiments.guarded.inputs import EXACT, prior_map_from
 from midnet_bench.experiments.guarded.opponents import Opponents
-from midnet_bench.experiments.guarded.oracles import Oracles, ScanOnlooker, Trial
-from midnet_bench.experiments.guarded.parameters import FED, FRAME_HZ, GuardParameters
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ, OVERRIDING, GuardParameters, Oracle
 from midnet_bench.experiments.guarded.uplink import Uplink
 from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.geometry import Pose2D, wrap_angle
@@ -70,21 +70,8 @@ class GuardedArena(RobotTrial):
             else None
         )
         self.patrol = self._make_patrol()
-        tests = (parameters, *variants)
-        nodes = detector_nodes(self._sights(tests), parameters.robots)
-        self.detector, *self.variant_detectors = nodes
-        fed = {node: test.oracle for node, test in zip(nodes, tests, strict=True) if test.oracle in FED}
-        self._guards_costmaps = [node.costmaps for node in nodes if node not in fed]
-        self._pose_filter = parameters.pose_filter
-        self._guard_navigator, self._intruder_navigator = (
-            parameters.guard_navigator,
-            parameters.intruder_navigator,
-        )
-        self.guards = [self._make_guard(i, pose) for i, pose in enumerate(self.layout.robots)]
-        first = len(self.guards)
-        self.intruders = [
-            self._make_intruder(first + i, pose) for i, pose in enumerate(self.layout.intruders)
-        ]
+        overridden = self._make_nodes((parameters, *variants))
+        self._make_robots()
         super().__init__(
             self.layout,
             [*self.guards, *self.intruders],
@@ -98,9 +85,9 @@ class GuardedArena(RobotTrial):
         )
         self._onlookers: list[ScanOnlooker] = []
         known = Trial(seed, self.world, self.lidars, self.crowd, self.guards, self.intruders)
-        self._oracles = Oracles(fed, known)
-        for feed in self._oracles.feeds:
-            self._look_on(feed.scanned)
+        self._overrides = GroundTruthOverrides(overridden, known)
+        for override in self._overrides.overrides:
+            self._look_on(override.scanned)
         self.tick_onlookers: list[Callable[[Sequence[MobileRobot]], None]] = []
         """told of the robots that were due once a tick is over"""
         self.frame_onlookers: list[Callable[[Frame], None]] = []
@@ -139,10 +126,10 @@ class GuardedArena(RobotTrial):
                 look(due)
             if self._uplink is not None:
                 self._uplink.send(due, self.fleet.time_s)
-            self._oracles.stepped(due)
+            self._overrides.stepped(due)
             if self._dying and self.fleet.time_s >= self.parameters.dying_after_s - 1e-9:
                 self._let_die()
-        self._oracles.before_frame(self.guards_alive, self.fleet.time_s)
+        self._overrides.before_frame(self.guards_alive, self.fleet.time_s)
 
     def seen_by_metrics(
         self, frame: Frame, truths: Sequence[TruthObject], in_range: Sequence[bool]
@@ -160,20 +147,20 @@ class GuardedArena(RobotTrial):
 
     def observations(self, node: DetectorNode) -> list[Observation]:
         """What one of this trial's detectors goes by now, of each guard."""
-        feed = self._oracles.of(node)
-        if feed is not None:
-            return node.observations(feed.poses())
+        override = self._overrides.of(node)
+        if override is not None:
+            return node.observations(override.poses())
         if self._uplink is None:
             return node.observations(self.guards_poses(), [guard.scan for guard in self.guards])
         return self._uplink.received(node, self.fleet.time_s)
 
     def tell_of_scans(self, node: DetectorNode, look: ScanOnlooker) -> None:
         """From now on let ``look`` know of each scan that is taken into a node's costmaps."""
-        feed = self._oracles.of(node)
-        if feed is None:
+        override = self._overrides.of(node)
+        if override is None:
             self._look_on(look)
         else:
-            feed.onlookers.append(look)
+            override.onlookers.append(look)
 
     def guards_poses(self) -> list[Pose2D]:
         """Where the guards take themselves to be, map frame."""
@@ -239,7 +226,7 @@ class GuardedArena(RobotTrial):
             Sight(
                 test,
                 exact if test.oracle == "map" else self.prior_map,
-                test.oracle if test.oracle in FED else None,
+                test.oracle if test.oracle in OVERRIDING else None,
             )
             for test in tests
         ]
@@ -256,6 +243,27 @@ class GuardedArena(RobotTrial):
             start.y + off_m * sin(direction_rad),
             wrap_angle(start.yaw + float(side) * math.radians(off_deg)),
         )
+
+    def _make_nodes(self, tests: Sequence[GuardParameters]) -> dict[DetectorNode, Oracle]:
+        """Make the detector's node of each test; those whose oracle overrides what guards measure."""
+        nodes = detector_nodes(self._sights(tests), self.parameters.robots)
+        self.detector, *self.variant_detectors = nodes
+        pairs = zip(nodes, tests, strict=True)
+        overridden = {node: test.oracle for node, test in pairs if test.oracle in OVERRIDING}
+        self._guards_costmaps = [node.costmaps for node in nodes if node not in overridden]
+        return overridden
+
+    def _make_robots(self) -> None:
+        """Make guards and intruders where the layout has them, guards first."""
+        parameters = self.parameters
+        self._pose_filter = parameters.pose_filter
+        self._guard_navigator = parameters.guard_navigator
+        self._intruder_navigator = parameters.intruder_navigator
+        self.guards = [self._make_guard(i, pose) for i, pose in enumerate(self.layout.robots)]
+        first = len(self.guards)
+        self.intruders = [
+            self._make_intruder(first + i, pose) for i, pose in enumerate(self.layout.intruders)
+        ]
 
     def _make_patrol(self) -> Patrol | TeamPatrol:
         width_m, height_m = self.arena.enclosure_m

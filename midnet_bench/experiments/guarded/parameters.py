@@ -39,7 +39,7 @@ Oracle = Literal[
     "crop",
     "fusion",
 ]
-FED: tuple[Oracle, ...] = ("pose", "delay", "allies", "occlusion", "sight", "noise")
+OVERRIDING: tuple[Oracle, ...] = ("pose", "delay", "allies", "occlusion", "sight", "noise")
 """oracles under which the referee, not the guards, takes scans into the detection costmaps"""
 Preset = Literal["paper", "best"]
 FRAME_HZ = 5
@@ -241,7 +241,7 @@ class GuardParameters(Parameters):
                 f"intruder_speed_mps: {self.intruder_speed_mps} is out of range; "
                 f"a {self.simulation.robot_model.name} reaches {fastest_mps:g}"
             )
-        if self.oracle in FED and self.network.is_used:
+        if self.oracle in OVERRIDING and self.network.is_used:
             raise InputError(
                 f"oracle: {self.oracle} leaves no costmap for a network to carry; take map, window or marks, "
                 "or leave out the options of the network (message_delay_s and its like)"

@@ -6,6 +6,7 @@ from functools import partial
 from midnet_bench.agents.mobile_robot import Guard, Point
 from midnet_bench.campaign.trial import Row
 from midnet_bench.experiments.guarded.arena import GuardedArena
+from midnet_bench.experiments.guarded.frame_trace import FrameTrace
 from midnet_bench.experiments.guarded.record import (
     ERRORS,
     FRAMES,
@@ -16,7 +17,6 @@ from midnet_bench.experiments.guarded.record import (
     RecordedTruth,
     recorded_scan,
 )
-from midnet_bench.experiments.guarded.witness import Witness
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.scoring.errors import Cause, Kind
@@ -24,13 +24,13 @@ from midnet_bench.scoring.frame_counts import FrameMatch, TruthObject
 
 
 class Recorder:
-    """Of one detector of a trial: every frame, and with a witness each error and its cause."""
+    """Of one detector of a trial: every frame, and with a trace each error and its cause."""
 
     def __init__(
         self,
         trial: GuardedArena,
         range_m: float,
-        witness: Witness | None = None,
+        trace: FrameTrace | None = None,
         keeps_frames: bool = True,
     ) -> None:
         """From now on; ``range_m``: up to which an intruder has to be found.
@@ -39,7 +39,7 @@ class Recorder:
         """
         self._trial, self._range_m = trial, range_m
         self._keeps_frames = keeps_frames
-        self.witness = witness
+        self.trace = trace
         self._frames: list[Row] = []
         self._errors: list[Row] = []
 
@@ -56,9 +56,9 @@ class Recorder:
         if self._keeps_frames:
             recorded = self._recorded(number, frame, truths, in_range, match, pursuers)
             self._frames.append(recorded.to_row())
-        if self.witness is None:
+        if self.trace is None:
             return
-        missed, left_over = self.witness.causes(
+        missed, left_over = self.trace.causes(
             frame, truths, match, in_range, partial(self._guards_near, truths, self._trial.sensor_positions())
         )
         touched = {truth for each in match.touched for truth in each}

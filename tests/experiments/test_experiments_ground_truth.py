@@ -20,9 +20,9 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters, effective, motion
 from midnet_bench.experiments.detection.trial import DetectionTrial, ScoredFrame
+from midnet_bench.experiments.guarded.ground_truth import OVERRIDES
 from midnet_bench.experiments.guarded.inputs import arena_from
-from midnet_bench.experiments.guarded.oracles import FEEDS
-from midnet_bench.experiments.guarded.parameters import FED, Oracle
+from midnet_bench.experiments.guarded.parameters import OVERRIDING, Oracle
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
 from midnet_bench.io.map_server import save_map
@@ -125,14 +125,14 @@ def test_a_campaign_of_oracles_has_the_same_bytes_with_one_worker_and_with_two(t
 
 
 def test_motion_is_the_same_under_each_oracle() -> None:
-    assert set(FEEDS) == set(FED) < set(ORACLES)
+    assert set(OVERRIDES) == set(OVERRIDING) < set(ORACLES)
     assert {motion(of(oracle=oracle)) for oracle in ORACLES} == {motion(of())}
 
 
 def test_without_an_oracle_nobody_watches_the_scans() -> None:
     for oracle in ORACLES:
         with DetectionTrial(of(oracle=oracle), SEED) as made:
-            assert bool(made.fleet.onlookers) == (oracle in FED)
+            assert bool(made.fleet.onlookers) == (oracle in OVERRIDING)
 
 
 def test_with_true_poses_boxes_are_where_intruders_are() -> None:
@@ -385,7 +385,7 @@ def test_a_recorded_cause_goes_with_its_oracle() -> None:
 
 
 def test_a_network_goes_with_the_oracles_whose_scans_are_the_guards_own() -> None:
-    for oracle in FED:
+    for oracle in OVERRIDING:
         with pytest.raises(InputError, match=rf"oracle: {oracle} .*map, window or marks") as caught:
             of(oracle=oracle, message_loss=0.1)
         assert len(str(caught.value)) < 300

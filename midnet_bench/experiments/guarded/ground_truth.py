@@ -1,8 +1,8 @@
-"""``Oracles``: a detector sees what no guard could, so that one cause of its errors is gone.
+"""``GroundTruthOverrides``: a detector sees what no guard could, so that one cause of its errors is gone.
 
-Guards localise, drive and patrol by their own sensors as before. Under an oracle of ``FED`` the costmaps of a
-detector's node are not theirs: the referee, who knows the truth, takes scans into them. What it asks of the
-simulated world changes nothing there, and its noise comes from streams of its own.
+Guards localise, drive and patrol by their sensors as before. Under an oracle of ``OVERRIDING`` the referee,
+which has the ground truth, takes the scans into the costmaps of a detector's node. It changes nothing in the
+simulated world, and its noise has separate random streams.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -50,7 +50,7 @@ class Trial(NamedTuple):
         return self.world.pose(robot.index)
 
 
-class OracleFeed:
+class GroundTruthOverride:
     """Takes the guards' scans into the costmaps of a node, as the guards themselves would."""
 
     def __init__(self, node: DetectorNode, trial: Trial) -> None:
@@ -86,29 +86,29 @@ class OracleFeed:
         return [guard.pose for guard in self.trial.guards]
 
 
-class TruePoses(OracleFeed):
+class TruePoses(GroundTruthOverride):
     """``pose``: where a guard takes itself to be, it truly was at that instant, of a scan and of a frame.
 
     A pose stays as old as it is: a newer one would crop the prior map farther from where the costmap lies.
     """
 
     def scanned(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
-        """See :class:`OracleFeed`."""
+        """See :class:`GroundTruthOverride`."""
         self.take(guard, scan._replace(pose=self.trial.true_pose(guard)), true)
 
     def poses(self) -> list[Pose2D]:
-        """See :class:`OracleFeed`."""
+        """See :class:`GroundTruthOverride`."""
         return list(self.localised_at)
 
 
-class WithoutDelay(OracleFeed):
+class WithoutDelay(GroundTruthOverride):
     """``delay``: one more scan at each frame's instant, and poses of that instant.
 
     A guard errs about its pose as at its last control cycle: how it has truly moved since is added.
     """
 
     def __init__(self, node: DetectorNode, trial: Trial) -> None:
-        """See :class:`OracleFeed`."""
+        """See :class:`GroundTruthOverride`."""
         super().__init__(node, trial)
         names = [guard.name for guard in trial.guards]
         self._noise = trial.lidars.noise([stream(trial.seed, "oracle lidar", name) for name in names])
@@ -116,7 +116,7 @@ class WithoutDelay(OracleFeed):
         self._poses = super().poses()
 
     def before_frame(self, alive: Sequence[Guard], time_s: float) -> None:
-        """See :class:`OracleFeed`."""
+        """See :class:`GroundTruthOverride`."""
         self._poses = super().poses()
         if not alive:
             return
@@ -132,24 +132,24 @@ class WithoutDelay(OracleFeed):
             self.take(guard, Scan(ranges_m[row], lidar, pose, time_s), true.of(row))
 
     def poses(self) -> list[Pose2D]:
-        """See :class:`OracleFeed`."""
+        """See :class:`GroundTruthOverride`."""
         return self._poses
 
 
-class WithoutAllies(OracleFeed):
+class WithoutAllies(GroundTruthOverride):
     """``allies``: a beam that met a guard is void, so that it neither marks nor clears."""
 
     def scanned(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
-        """See :class:`OracleFeed`."""
+        """See :class:`GroundTruthOverride`."""
         is_ally = (true.bodies[0] >= 0) & (true.bodies[0] < len(self.trial.guards))
         self.take(guard, scan._replace(ranges_m=np.where(is_ally, np.nan, scan.ranges_m)), true)
 
 
-class WithoutNoise(OracleFeed):
+class WithoutNoise(GroundTruthOverride):
     """``noise``: the true ranges. What drops out, or stands too near to be measured, stays as it was."""
 
     def scanned(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
-        """See :class:`OracleFeed`."""
+        """See :class:`GroundTruthOverride`."""
         is_measured = np.isfinite(scan.ranges_m) & (scan.ranges_m >= scan.lidar.range_min_m)
         ranges_m = np.where(is_measured, true.ranges_m[0], scan.ranges_m)
         self.take(guard, scan._replace(ranges_m=ranges_m), true)
@@ -170,7 +170,7 @@ class MultiEchoLidar(LidarGeometry):
         return np.tile(super().angles_rad[: self.beams // self.echoes], self.echoes)
 
 
-class SeenThrough(OracleFeed):
+class TransparentIntruders(GroundTruthOverride):
     """``occlusion``: a beam that meets an intruder also returns what stands behind it.
 
     That is other intruders, each once, up to the first wall or guard. The first return is the scan's own. All
@@ -178,7 +178,7 @@ class SeenThrough(OracleFeed):
     """
 
     def __init__(self, node: DetectorNode, trial: Trial) -> None:
-        """See :class:`OracleFeed`."""
+        """See :class:`GroundTruthOverride`."""
         super().__init__(node, trial)
         self._noise = trial.lidars.noise(
             [stream(trial.seed, "oracle echoes", guard.name) for guard in trial.guards]
@@ -187,7 +187,7 @@ class SeenThrough(OracleFeed):
         self._lidars: dict[int, MultiEchoLidar] = {}
 
     def scanned(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
-        """See :class:`OracleFeed`."""
+        """See :class:`GroundTruthOverride`."""
         behind_m, bodies = self._behind(guard, true.beams)
         if len(behind_m):
             echoes = 1 + len(behind_m)
@@ -287,45 +287,45 @@ def fused_by_identity(frame: Frame, truths: Sequence[TruthObject]) -> Frame:
     return replace(frame, detections=boxes, robots=guards)
 
 
-FEEDS: Mapping[Oracle, type[OracleFeed]] = {
+OVERRIDES: Mapping[Oracle, type[GroundTruthOverride]] = {
     "pose": TruePoses,
     "delay": WithoutDelay,
     "allies": WithoutAllies,
-    "occlusion": SeenThrough,
-    "sight": SeenThrough,
+    "occlusion": TransparentIntruders,
+    "sight": TransparentIntruders,
     "noise": WithoutNoise,
 }
-"""of each oracle of ``FED``"""
+"""of each oracle of ``OVERRIDING``"""
 
 
-class Oracles:
-    """The feeds of all nodes of a trial that see by an oracle of ``FED``."""
+class GroundTruthOverrides:
+    """The overrides of all nodes of a trial that see by an oracle of ``OVERRIDING``."""
 
     def __init__(self, nodes: Mapping[DetectorNode, Oracle], trial: Trial) -> None:
-        """For a trial that has not begun; nodes that share their scans are fed once."""
-        self._feeds: list[OracleFeed] = []
-        self._feed_of: dict[DetectorNode, OracleFeed] = {}
+        """For a trial that has not begun; nodes that share their scans get one override."""
+        self._overrides: list[GroundTruthOverride] = []
+        self._override_of: dict[DetectorNode, GroundTruthOverride] = {}
         for node, oracle in nodes.items():
-            same = [feed for feed in self._feeds if feed.node.scans is node.scans]
+            same = [override for override in self._overrides if override.node.scans is node.scans]
             if not same:
-                self._feeds += (same := [FEEDS[oracle](node, trial)])
-            self._feed_of[node] = same[0]
+                self._overrides += (same := [OVERRIDES[oracle](node, trial)])
+            self._override_of[node] = same[0]
 
     @property
-    def feeds(self) -> Sequence[OracleFeed]:
+    def overrides(self) -> Sequence[GroundTruthOverride]:
         """All of them."""
-        return self._feeds
+        return self._overrides
 
-    def of(self, node: DetectorNode) -> OracleFeed | None:
-        """The feed of a node; None if it sees by none of these oracles."""
-        return self._feed_of.get(node)
+    def of(self, node: DetectorNode) -> GroundTruthOverride | None:
+        """The override of a node; None if it sees by none of these oracles."""
+        return self._override_of.get(node)
 
     def stepped(self, due: Sequence[MobileRobot]) -> None:
         """A tick is over, at which the robots ``due`` have localised."""
-        for feed in self._feeds:
-            feed.stepped(due)
+        for override in self._overrides:
+            override.stepped(due)
 
     def before_frame(self, alive: Sequence[Guard], time_s: float) -> None:
         """It is a frame's instant; ``alive``: the guards that have not died."""
-        for feed in self._feeds:
-            feed.before_frame(alive, time_s)
+        for override in self._overrides:
+            override.before_frame(alive, time_s)

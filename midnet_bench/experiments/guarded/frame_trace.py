@@ -1,4 +1,4 @@
-"""``Witness``: the referee beside the guards' LiDARs, who knows what each return came from.
+"""``FrameTrace``: the referee beside the guards' LiDARs, who knows what each return came from.
 
 It keeps each guard's scans and, for every cell, the beam that marked it last. What came of a beam is worked
 out only for frames with errors.
@@ -150,7 +150,7 @@ def sources_of(trial: GuardedArena, bodies: Ints, ends: Floats, solids: Sequence
     return found
 
 
-class Witness:
+class FrameTrace:
     """What one detector of a trial was shown, and from it the cause of each of its errors."""
 
     def __init__(self, trial: GuardedArena, node: DetectorNode) -> None:
@@ -247,7 +247,7 @@ class Witness:
         self._scans[guard] = kept
 
     def _cells(self, scan: NotedScan, beams: Ints) -> tuple[Ints, Ints]:
-        """(columns, rows) in the witness's own arrays of the ends of some beams of a scan.
+        """(columns, rows) in the trace's own arrays of the ends of some beams of a scan.
 
         Rounded step by step as the obstacle layer does it: a return may lie on the edge of a cell.
         """
@@ -370,13 +370,13 @@ NO_MARKS = Marks(
 class _Views:
     """Each guard's view of one frame, made when it is asked for."""
 
-    def __init__(self, witness: Witness, frame: Frame) -> None:
-        self._witness, self._frame = witness, frame
+    def __init__(self, trace: FrameTrace, frame: Frame) -> None:
+        self._trace, self._frame = trace, frame
         self._made: dict[int, GuardView] = {}
-        self._sensors = witness.sensors()
+        self._sensors = trace.sensors()
 
     def __iter__(self) -> Iterator[GuardView]:
-        return (self[guard] for guard in range(len(self._witness.guards)))
+        return (self[guard] for guard in range(len(self._trace.guards)))
 
     def __getitem__(self, guard: int) -> GuardView:
         if guard not in self._made:
@@ -384,17 +384,17 @@ class _Views:
         return self._made[guard]
 
     def _make(self, guard: int) -> GuardView:
-        witness, explanation = self._witness, self._frame.explanation
-        window, shift_m = witness.costmap_window(guard), (0.0, 0.0)
+        trace, explanation = self._trace, self._frame.explanation
+        window, shift_m = trace.costmap_window(guard), (0.0, 0.0)
         a = d = prior = None
         deflated_m = 0.0
         found: list[Box] = []
         taken: dict[Box, int] = {}
         if explanation is not None:
             view = explanation.views[guard]
-            a, d, prior, found = view.a, view.d, witness.prior, view.found
-            shift_m = witness.shift_m(guard, view.crop)
-            deflated_m = witness.deflated_m
+            a, d, prior, found = view.a, view.d, trace.prior, view.found
+            shift_m = trace.shift_m(guard, view.crop)
+            deflated_m = trace.deflated_m
             taken = {
                 removed.detection.box: removed.ally
                 for removed in explanation.removed
@@ -403,18 +403,18 @@ class _Views:
         return GuardView(
             guard=guard,
             sensor=self._sensors[guard],
-            lines=partial(witness.lines, guard),
-            returns=partial(witness.returns, guard),
-            marks=cache(partial(witness.marks, guard)),
+            lines=partial(trace.lines, guard),
+            returns=partial(trace.returns, guard),
+            marks=cache(partial(trace.marks, guard)),
             shift_m=shift_m,
             window=moved(window, shift_m),
-            reach_m=witness.reach_m,
+            reach_m=trace.reach_m,
             a=a,
             d=d,
             prior=prior,
-            disc=witness.disc,
+            disc=trace.disc,
             found=found,
             deflated_m=deflated_m,
             taken=[taken.get(box) for box in found],
-            centers_at_scan=partial(witness.centers_at_scan, guard),
+            centers_at_scan=partial(trace.centers_at_scan, guard),
         )
