@@ -36,6 +36,7 @@ lint: .venv/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/python -m tests.rooms
 
 # builds the package and runs its commands in an empty folder, without this checkout in sight
 wheel: .venv/ready

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import midnet_bench
+from tests.rooms import allowed, lines
 
 PACKAGE = Path(midnet_bench.__file__).parent
 
@@ -382,3 +383,8 @@ def test_importing_and_helping_load_nothing_heavy(arguments: list[str]) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     loaded = {line.rsplit("|", 1)[-1].strip() for line in done.stderr.splitlines() if "|" in line}
     assert not loaded & set(heavy)
+
+
+def test_no_room_has_more_lines_than_it_may() -> None:
+    """Who needs more takes it from another room, and says so in docs/architecture.md."""
+    assert {room: count for room, count in lines().items() if count > allowed().get(room, (0, 0))[0]} == {}

@@ -1,0 +1,69 @@
+"""Labels at an instant, and which box is right for which label."""
+
+from pathlib import Path
+
+import pytest
+
+from midnet_bench.geometry import Box
+from midnet_bench.recording.files.readings import NS
+from midnet_bench.recording.truth import Label, LabelTable, matched
+
+
+def table(tmp_path: Path, *rows: str) -> LabelTable:
+    path = tmp_path / "truth.csv"
+    path.write_text("\n".join(("t,id,x,y", *rows)) + "\n")
+    return LabelTable(path)
+
+
+def test_between_two_labels_half_a_second_apart_the_place_is_interpolated(tmp_path: Path) -> None:
+    labels = table(tmp_path, "0.0,car,0.0,0.0", "0.5,car,1.0,2.0").at(NS // 4, None)
+    assert labels is not None
+    assert labels.there == [Label("car", 0.5, 1.0)]
+    assert labels.gaps == []
+
+
+def test_a_longer_gap_stays_a_gap(tmp_path: Path) -> None:
+    known = table(tmp_path, "0.0,car,0.0,0.0", "0.51,car,1.0,2.0", "0.25,bus,4.0,4.0")
+    labels = known.at(NS // 4, None)
+    assert labels is not None
+    assert [label.name for label in labels.there] == ["bus"]
+    assert [label.name for label in labels.gaps] == ["car"]
+    assert known.at(NS // 8, None) is None, "no object is labelled there"
+
+
+def test_a_label_within_20_ms_belongs_to_the_scan(tmp_path: Path) -> None:
+    known = table(tmp_path, "1.0,car,3.0,4.0")
+    assert [known.at(round(time_s * NS), None) is not None for time_s in (0.981, 1.019, 1.021, 0.979)] == [
+        True,
+        True,
+        False,
+        False,
+    ]
+
+
+def test_a_row_without_id_is_a_scan_without_intruders(tmp_path: Path) -> None:
+    labels = table(tmp_path, "1.0,,,", "9.0,car,0.0,0.0").at(NS, None)
+    assert labels is not None
+    assert labels.there == []
+
+
+@pytest.mark.parametrize(("gap_m", "is_right"), [(0.349, True), (0.351, False)])
+def test_a_box_is_right_up_to_the_matching_distance(gap_m: float, is_right: bool) -> None:
+    match = matched([Box(0.0, 0.0, 0.1, 0.1)], [Label("car", 0.1 + gap_m, 0.05)], 0.35)
+    assert (match.truth_of, match.detection_of) == (([0], [0]) if is_right else ([None], [None]))
+    assert match.touched == ([[0]] if is_right else [[]])
+
+
+def test_of_two_boxes_on_a_label_the_one_with_the_nearer_centre_is_its_own() -> None:
+    wide, narrow = Box(-1.0, -1.0, 1.2, 1.2), Box(-0.1, -0.1, 0.1, 0.1)
+    for boxes, own in (([wide, narrow], 1), ([narrow, wide], 0)):
+        match = matched(boxes, [Label("car", 0.0, 0.0)], 0.35)
+        assert match.detection_of == [own]
+        assert match.touched == [[0], [0]]
+
+
+def test_as_many_pairs_as_can_be() -> None:
+    """The box that lies near both labels takes the one that no other box can have."""
+    shared, alone = Box(0.0, 0.0, 1.0, 0.1), Box(-0.4, 0.0, -0.3, 0.1)
+    match = matched([shared, alone], [Label("left", 0.0, 0.05), Label("right", 1.0, 0.05)], 0.35)
+    assert match.detection_of == [1, 0]
