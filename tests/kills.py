@@ -3,12 +3,11 @@
     python -m tests.kills [--kills 100] [--terms 20] [--seed 1]
 
 A small labyrinth campaign is begun, struck at a random moment, and begun again, until all blows are dealt;
-then it may finish. Blows are shared out over five scenes: processes that start, that run trials and store
-them, that export a finished campaign, that migrate a store of version 0.1.0, that compile into an empty
-cache. A kill (SIGKILL) hits the parent alone, one worker, or the whole group; SIGTERM the parent or the
-group. After each blow every exported file must be whole. At the end of each scene all files and the store's
-rows must be those of a run that nobody disturbed, and nothing else may be in the folder. Prints what was hit;
-exits with 1 if anything differs.
+then it may finish. Blows are shared out over four scenes: processes that start, that run trials and store
+them, that export a finished campaign, that compile into an empty cache. A kill (SIGKILL) hits the parent
+alone, one worker, or the whole group; SIGTERM the parent or the group. After each blow every exported file
+must be whole. At the end of each scene all files and the store's rows must be those of a run that nobody
+disturbed, and nothing else may be in the folder. Prints what was hit; exits with 1 if anything differs.
 """
 
 import argparse
@@ -29,10 +28,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from benchmarks.store import make_store
 from midnet_bench.campaign.store import FILE_NAME
 from tests.campaign.campaign_process import environment
-from tests.campaign.old_stores import as_schema_1
 
 CAMPAIGN = """
 experiment: labyrinth
@@ -40,8 +37,6 @@ grid: {robots: [1, 2]}
 trials: 4
 parameters: {engine: fast, intruders: 1, time_limit_s: 4, prior_map: exact}
 """
-OLD_TRIALS = 1000
-"""in the store that is migrated: fewer take too short a time to be hit"""
 TELL_TIMES = ("timing.csv", "provenance.json", "labyrinth_speed")
 """files of which no two runs have the same, by the beginnings of their names"""
 OWN_TIMES = "run_id, wall_s, finished_utc, checksum"
@@ -134,7 +129,7 @@ def make_scenes(folder: Path) -> Iterator[Scene]:
     """Runs everything undisturbed once, to know what must come out and how long each phase takes."""
     (folder / "small.yaml").write_text(CAMPAIGN)
     run = ("run", str(folder / "small.yaml"), "--jobs", "2", "-q", "-o")
-    finished, old = folder / "finished", folder / "old"
+    finished = folder / "finished"
 
     starts_s, runs_s, _ = measured(run, finished, runs, writes)
     fresh = contents(finished)
@@ -149,19 +144,6 @@ def make_scenes(folder: Path) -> Iterator[Scene]:
     _, exports_s = measured(run, again, writes)
     yield Scene("exporting", run, finished_store, writes, exports_s, contents(again, True), has_workers=False)
 
-    make_store(folder / "new", OLD_TRIALS)
-    old.mkdir()
-    as_schema_1(folder / "new" / FILE_NAME, old / FILE_NAME)
-
-    def old_store(at: Path) -> None:
-        shutil.copytree(old, at)
-
-    migrated = folder / "migrated"
-    old_store(migrated)
-    report = ("report", "-q")
-    _, migrates_s, _ = measured(report, migrated, migrates, lambda at, pid: not migrates(at, pid))
-    wanted = contents(migrated, True)
-    yield Scene("migrating", report, old_store, migrates, migrates_s, wanted, has_workers=False)
     yield Scene("running", run, Path.mkdir, runs, runs_s, fresh)
     # last, for the end of it compiles everything
     yield Scene("compiling", run, Path.mkdir, runs, starts_s, fresh, cache=folder / "compiled")
@@ -183,11 +165,6 @@ def parent_of(pid: int) -> int | None:
 def writes(at: Path, pid: int) -> bool:
     """Whether the process has drafts of files in the folder."""
     return any(at.glob(f".*.{pid}.new"))
-
-
-def migrates(at: Path, pid: int) -> bool:
-    """Whether a transaction is open in the folder's store."""
-    return (at / f"{FILE_NAME}-journal").exists()
 
 
 def measured(arguments: tuple[str, ...], at: Path, *signs: Began) -> list[float]:
@@ -271,8 +248,6 @@ def at_a_moment(
         return None
     if runs(at, process.pid):
         return "compiling" if scene.cache else "running"
-    if scene.phase == "migrating" and migrates(at, process.pid):
-        return "migrating"
     return "starting" if scene.phase == "starting" and not writes(at, process.pid) else "exporting"
 
 

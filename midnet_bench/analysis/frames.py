@@ -362,7 +362,6 @@ class _File:
             if name in frame and name not in grid and not known[name].may_be_empty:
                 frame[name] = frame[name].fillna("")
         if self.table is not None and not self.is_checked:
-            frame = frame.rename(columns=self.table.present_names(set(frame) - set(grid)))
             self._check(frame, self.table)
         return frame
 
@@ -374,7 +373,7 @@ class _File:
                 if (odd := first_odd(frame[name], column)) is not None:
                     got = shown(frame[name].tolist()[odd])
                     raise self._fault(frame, odd, f"column '{name}': {column.wanted} is needed (got {got})")
-            elif column.since == 1:
+            else:
                 raise InputError(f"{self.path}: the column '{name}' is missing; {RESTORE}")
         place = [*self.definition.grid, "seed"]
         if table.one_row and frame.duplicated(place).any():
@@ -395,19 +394,18 @@ class _File:
 
 def first_odd(cells: pd.Series, column: Column) -> int | None:
     """The place of the first cell that a column cannot have; None if there is none."""
-    may_be_empty = column.may_be_empty or column.since > 1  # rows of older payloads have none
     if column.kind in (int, float) and cells.dtype.kind in "iuf":
         values = cells.to_numpy(np.float64)
         odd = ~((values >= column.least) & (values <= column.most))
         if column.kind is int:
             odd |= values != np.floor(values)
-        if may_be_empty:
+        if column.may_be_empty:
             odd &= ~np.isnan(values)
     elif column.kind is bool and cells.dtype.kind == "b":
         return None
     else:
         plain = (column.of_text(one) if isinstance(one, str) else one for one in cells.tolist())
-        odd = np.array([not column.holds(one) and not (may_be_empty and one != one) for one in plain], bool)
+        odd = np.array([not column.holds(one) for one in plain], bool)
         if column.kind in (int, float) and len(odd) and not odd.any():
             return 0  # pandas has found a text that Python takes for a number, such as 1_000
     return int(odd.argmax()) if odd.any() else None

@@ -1,7 +1,7 @@
 """What the columns of the trials' tables hold, and in which words a cell is refused that holds none of it."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from midnet_bench.campaign.trial import Row, Scalar
@@ -30,10 +30,6 @@ class Column:
     """a column of the same row, or a parameter of the trial, that no cell is above"""
     longest: int = LONGEST_TEXT
     """characters of a text"""
-    since: int = 1
-    """the first version of payloads in which it stands; tables of earlier ones may lack it"""
-    formerly: str = ""
-    """its name in tables of earlier versions"""
 
     @property
     def wanted(self) -> str:
@@ -80,28 +76,16 @@ class Columns:
     optional: bool = False
     """whether a trial may lack it"""
 
-    def present_names(self, names: Iterable[str]) -> dict[str, str]:
-        """Of the names in a table of an earlier version, those that have changed -> what they are now."""
-        there = set(names)
-        return {
-            column.formerly: name
-            for name, column in self.columns.items()
-            if column.formerly in there and name not in there
-        }
-
 
 Tables = Mapping[str, Columns]
 """the tables of one trial by name; nothing is known of them where there are none"""
 
 
-def check_tables(
-    expected: Tables, version: int, tables: Mapping[str, Sequence[Row]], trial: Mapping[str, Scalar]
-) -> None:
+def check_tables(expected: Tables, tables: Mapping[str, Sequence[Row]], trial: Mapping[str, Scalar]) -> None:
     """Whether one trial's tables are those that its experiment has.
 
     Args:
         expected: if it is empty, only columns that every table begins with are looked at.
-        version: of the payload.
         tables: rows of plain values by name.
         trial: its parameters and its seed.
 
@@ -121,31 +105,15 @@ def check_tables(
             needed = "one is" if known.one_row else "some are"
             raise ValueError(f"table '{name}' has {len(rows)} rows; {needed} needed")
         for row in rows:
-            fault = _fault(known.columns, version, row, trial)
+            fault = _fault(known.columns, row, trial)
             if fault:
                 raise ValueError(f"table '{name}', {fault}")
 
 
-def with_present_names(expected: Tables, tables: Mapping[str, list[Row]]) -> dict[str, list[Row]]:
-    """The tables of a trial of an earlier version, under the names that their columns have now."""
-    renamed = dict(tables)
-    for table in expected.keys() & tables.keys():
-        known = expected[table]
-        if any(column.formerly for column in known.columns.values()):
-            renamed[table] = [
-                {now.get(name, name): value for name, value in row.items()}
-                for row in tables[table]
-                for now in (known.present_names(row),)
-            ]
-    return renamed
-
-
-def _fault(columns: Mapping[str, Column], version: int, row: Row, trial: Mapping[str, Scalar]) -> str | None:
+def _fault(columns: Mapping[str, Column], row: Row, trial: Mapping[str, Scalar]) -> str | None:
     """What is wrong with a row, beginning with the column; None if nothing is."""
     for name, column in columns.items():
         if name not in row:
-            if column.since > version:
-                continue
             return f"column '{name}': missing"
         if not column.holds(row[name]):
             return f"column '{name}': {column.wanted} is needed (got {shown(row[name])})"

@@ -8,39 +8,17 @@ half-written, in one file that can be copied as it is.
 import contextlib
 import sqlite3
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
-from midnet_bench.campaign.rows import keep_parameters_by_cell
+from midnet_bench.campaign.rows import SCHEMA
 from midnet_bench.errors import InputError, MidnetBenchError
 
 APPLICATION_ID = 0x4D49444E
 """``MIDN``: how SQLite marks whose file it is"""
 
-MIGRATIONS: list[tuple[str | Callable[[sqlite3.Connection], None], ...]] = [
-    (
-        "CREATE TABLE campaign (definition TEXT NOT NULL)",
-        """CREATE TABLE runs (
-            run_id INTEGER PRIMARY KEY,
-            provenance TEXT NOT NULL,
-            ended_utc TEXT
-        )""",
-        """CREATE TABLE trials (
-            trial_id TEXT PRIMARY KEY,
-            run_id INTEGER NOT NULL REFERENCES runs,
-            seed INTEGER NOT NULL,
-            parameters TEXT NOT NULL,
-            status TEXT NOT NULL CHECK (status IN ('finished', 'failed')),
-            simulated_s REAL,
-            wall_s REAL NOT NULL,
-            traceback TEXT CHECK ((traceback IS NOT NULL) = (status = 'failed')),
-            finished_utc TEXT NOT NULL,
-            result BLOB CHECK ((result IS NOT NULL) = (status = 'finished'))
-        )""",
-    ),
-    (keep_parameters_by_cell,),
-]
-"""Entry k turns schema version k into k + 1; version 0 is the empty file. Append, never edit."""
+FORMAT = 3
+"""of stores; it changes with their tables and with the columns of any experiment, and none reads another's"""
 
 
 class StoreFull(MidnetBenchError):
@@ -55,7 +33,10 @@ def create(path: Path, definition: str) -> sqlite3.Connection | None:
             _pragma(connection, "schema_version")  # reading takes back what a killed process left half-made
             if path.stat().st_size == 0:
                 with transaction(connection):
-                    _migrate(connection, 0)
+                    for statement in SCHEMA:
+                        connection.execute(statement)
+                    connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+                    connection.execute(f"PRAGMA user_version = {FORMAT}")
                     connection.execute("INSERT INTO campaign VALUES (?)", (definition,))
                 return connection
     connection.close()
@@ -63,10 +44,10 @@ def create(path: Path, definition: str) -> sqlite3.Connection | None:
 
 
 def open_existing(path: Path) -> sqlite3.Connection:
-    """A connection to the store at ``path``, brought to the present schema.
+    """A connection to the store at ``path``.
 
     Raises:
-        InputError: the file is another program's, damaged, or of a newer midnet-bench.
+        InputError: the file is another program's, damaged, or another version's.
     """
     with explained(path):
         connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=rw", 30, isolation_level=None, uri=True)
@@ -74,15 +55,6 @@ def open_existing(path: Path) -> sqlite3.Connection:
         connection.text_factory = lambda text: text.decode(errors="replace")
         with _closed_on_error(connection):
             _check(connection, path)
-            version = int(_pragma(connection, "user_version"))
-            if version < len(MIGRATIONS):
-                try:
-                    with transaction(connection):
-                        _migrate(connection, version)
-                except ValueError as error:
-                    raise unknown_campaign(path) from error
-                with contextlib.suppress(sqlite3.OperationalError):  # no room to make the file smaller
-                    connection.execute("VACUUM")
     return connection
 
 
@@ -94,14 +66,14 @@ def unknown_campaign(path: Path) -> InputError:
 
 
 def _check(connection: sqlite3.Connection, path: Path) -> None:
-    """Raises InputError unless the file is a sound store of a schema that this program knows."""
+    """Raises InputError unless the file is a sound store of this version."""
     if _pragma(connection, "application_id") != APPLICATION_ID:
         raise InputError(f"{path}: another program's SQLite file, not a campaign store; left as it is")
-    version = int(_pragma(connection, "user_version"))
-    if version > len(MIGRATIONS):
+    version = _pragma(connection, "user_version")
+    if version != FORMAT:
         raise InputError(
-            f"{path}: written by a newer midnet-bench (schema {version}, this one knows up to"
-            f" {len(MIGRATIONS)}); update midnet-bench"
+            f"{path}: another version of midnet-bench wrote it (format {version}, this one reads {FORMAT});"
+            " use that version, or --fresh to start over"
         )
     state = " ".join(str(_pragma(connection, "quick_check(1)")).split())
     if state != "ok":
@@ -139,18 +111,6 @@ def only_writer(directory: Path) -> Iterator[None]:
 def _pragma(connection: sqlite3.Connection, name: str) -> int | str:
     (value,) = connection.execute(f"PRAGMA {name}").fetchone()
     return value
-
-
-def _migrate(connection: sqlite3.Connection, version: int) -> None:
-    """Brings a schema of ``version`` to the present one; the caller holds the transaction."""
-    for steps in MIGRATIONS[version:]:
-        for step in steps:
-            if callable(step):
-                step(connection)
-            else:
-                connection.execute(step)
-    connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
-    connection.execute(f"PRAGMA user_version = {len(MIGRATIONS)}")
 
 
 @contextlib.contextmanager

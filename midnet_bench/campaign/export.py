@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from midnet_bench.campaign.columns import Column, Columns, Tables, check_tables, shown
-from midnet_bench.campaign.payload import OTHER_FILES, VERSION
+from midnet_bench.campaign.payload import OTHER_FILES
 from midnet_bench.campaign.store import Store
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.io.files import draft_of
@@ -65,7 +65,7 @@ def export_csv(store: Store, directory: Path, expected: Tables = MappingProxyTyp
                 "finished_utc": trial.finished_utc,
             }
             try:
-                check_tables(TIMING_TABLE, VERSION, {TIMING: [timing]}, place)
+                check_tables(TIMING_TABLE, {TIMING: [timing]}, place)
             except ValueError as error:
                 raise trial.fault(str(error), definition.grid) from error
             table(TIMING).add(place, [timing])

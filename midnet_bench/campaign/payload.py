@@ -4,7 +4,6 @@ import json
 import re
 import zlib
 from types import NoneType
-from typing import NamedTuple
 
 from midnet_bench.campaign.trial import Row, TrialResult
 
@@ -12,23 +11,10 @@ TABLE_NAME = re.compile("[a-z][a-z0-9_]{0,63}")
 """what a trial's table may be called; it becomes the name of a file"""
 OTHER_FILES = ("timing", "failures")
 """tables of the whole campaign, which no trial has"""
-VERSION = 3
-"""of payloads; those of version 1 do not say theirs, and are the tables alone"""
 _SCALAR = (bool, int, float, str, NoneType)
 UNPACKED_BYTES = 8_000_000
 UNPACKED_TIMES = 12
 """tables unpack to at most ``UNPACKED_BYTES`` and so many times their packed size; ours to 8 times"""
-
-
-class NewerPayload(ValueError):
-    """A newer midnet-bench wrote this."""
-
-
-class Payload(NamedTuple):
-    """The tables of a trial as a store has them."""
-
-    version: int
-    tables: dict[str, list[Row]]
 
 
 def encode_tables(result: TrialResult) -> bytes:
@@ -39,18 +25,17 @@ def encode_tables(result: TrialResult) -> bytes:
     """
     tables = {name: result.tables[name] for name in sorted(result.tables)}
     _check_tables(tables)
-    text = json.dumps({"version": VERSION, "tables": tables}, separators=(",", ":")).encode()
+    text = json.dumps(tables, separators=(",", ":")).encode()
     payload = zlib.compress(text, level=6)
     if len(text) > _most_unpacked(payload):
         raise ValueError(f"the tables of a trial take {len(text)} bytes, and say the same again and again")
     return payload
 
 
-def decode_tables(payload: bytes) -> Payload:
-    """The tables that :func:`encode_tables` packed, now or in an earlier version.
+def decode_tables(payload: bytes) -> dict[str, list[Row]]:
+    """The tables that :func:`encode_tables` packed.
 
     Raises:
-        NewerPayload: a newer midnet-bench wrote it.
         ValueError: ``payload`` is damaged, or somebody else made it. No table has a name with a path in it,
             and no more memory is taken than the tables of a trial need.
     """
@@ -62,16 +47,7 @@ def decode_tables(payload: bytes) -> Payload:
         tables = json.loads(text)
     except (TypeError, RecursionError, zlib.error) as error:
         raise ValueError(str(error)) from error
-    version = 1
-    # a table is a list, so a number under this name is none
-    if isinstance(tables, dict) and isinstance(tables.get("version"), int):
-        version, tables = tables["version"], tables.get("tables")
-        if version > VERSION:
-            raise NewerPayload(
-                f"written by a newer midnet-bench (tables of version {version},"
-                f" this one knows up to {VERSION}); update midnet-bench"
-            )
-    return Payload(version, _check_tables(tables))
+    return _check_tables(tables)
 
 
 def _most_unpacked(payload: bytes) -> int:

@@ -10,10 +10,10 @@ from types import TracebackType
 from typing import cast
 
 from midnet_bench.campaign import database, rows
-from midnet_bench.campaign.columns import Tables, check_tables, with_present_names
+from midnet_bench.campaign.columns import Tables, check_tables
 from midnet_bench.campaign.database import explained, transaction
 from midnet_bench.campaign.definition import Definition, differences, shown_cell
-from midnet_bench.campaign.payload import VERSION, NewerPayload, decode_tables
+from midnet_bench.campaign.payload import decode_tables
 from midnet_bench.campaign.provenance import Provenance, now_utc
 from midnet_bench.campaign.trial import Cell, Row, Scalar, TrialSpec
 from midnet_bench.campaign.worker import Outcome
@@ -72,13 +72,8 @@ class StoredTrial:
         if self.payload is None:
             raise ValueError(f"trial {self.trial_id} has failed and has no tables")
         try:
-            payload = decode_tables(self.payload)
-            tables = payload.tables
-            if payload.version < VERSION:
-                tables = with_present_names(expected, tables)
-            check_tables(expected, payload.version, tables, {**self.parameters, "seed": self.seed})
-        except NewerPayload as error:
-            raise InputError(f"{self._named(factors)}: {error}") from error
+            tables = decode_tables(self.payload)
+            check_tables(expected, tables, {**self.parameters, "seed": self.seed})
         except ValueError as error:
             raise self.fault(str(error), factors) from error
         return tables
@@ -413,10 +408,10 @@ def open_or_create(path: Path, definition: Definition) -> Store:
 
 
 def open_store(path: Path) -> Store:
-    """The store at ``path``, brought to the present schema.
+    """The store at ``path``.
 
     Raises:
-        InputError: there is none; the file is another program's, damaged, or of a newer midnet-bench.
+        InputError: there is none; the file is another program's, damaged, or another version's.
     """
     if not path.is_file():
         raise InputError(f"{path}: there is no campaign store here")

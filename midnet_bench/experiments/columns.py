@@ -1,7 +1,6 @@
 """The columns of each experiment's tables, which a store or a CSV file from elsewhere is held to.
 
-``docs/results.md`` says what they mean. A column of ``since=2`` or 3 is not in every older result.
-A parameter that has the name of a column can be no factor of a grid.
+``docs/results.md`` says what they mean. A parameter that has the name of a column can be no factor of a grid.
 """
 
 from midnet_bench.campaign.columns import LARGEST, Column, Columns, Tables
@@ -14,20 +13,17 @@ AMOUNT = Column(float)
 TIME_OR_NONE = Column(float, may_be_empty=True)
 SHARE = Column(float, most=1.0)
 SHARE_OR_NONE = Column(float, most=1.0, may_be_empty=True)
-LATER_COUNT = Column(int, since=2)
 
 FRAMES = Column(int, least=1)
 COUNTS = {
-    **dict.fromkeys(("tp", "fp", "fn"), COUNT),
-    "intruders_in_range": Column(int, formerly="in_range"),
-    **dict.fromkeys(("matched", "duplicates", "missed"), COUNT),
+    **dict.fromkeys(("tp", "fp", "fn", "intruders_in_range", "matched", "duplicates", "missed"), COUNT),
     "error_sum_m": AMOUNT,
-    "gospa_m": Column(float, since=2),
+    "gospa_m": AMOUNT,
 }
 """as ``scoring.frame_counts.FrameCounts`` has them"""
 CAUSES = {
-    **dict.fromkeys(("fn_hidden", "fn_new", "fp_left", "overlapping", "reordered", "looked_at"), LATER_COUNT),
-    **dict.fromkeys(("fn_outside_window", "fn_hidden_in_window", "fn_new_in_window"), Column(int, since=3)),
+    **dict.fromkeys(("fn_hidden", "fn_new", "fp_left", "overlapping", "reordered", "looked_at"), COUNT),
+    **dict.fromkeys(("fn_outside_window", "fn_hidden_in_window", "fn_new_in_window"), COUNT),
 }
 """as ``scoring.causes.Causes`` has them"""
 RATIOS = dict.fromkeys(("precision", "recall", "f1"), SHARE_OR_NONE)
@@ -99,8 +95,8 @@ LABYRINTH: Tables = {
             "duration_s": AMOUNT,
             "ended": Column(str),
             "patrol_relaxations": COUNT,
-            "targets": LATER_COUNT,
-            "ghost_targets": LATER_COUNT,
+            "targets": COUNT,
+            "ghost_targets": COUNT,
         },
         one_row=True,
     ),
@@ -111,7 +107,7 @@ LABYRINTH: Tables = {
             "detected_at_s": TIME_OR_NONE,
             "caught_at_s": TIME_OR_NONE,
             "escaped_at_s": TIME_OR_NONE,
-            "left_at_s": Column(float, may_be_empty=True, since=2),
+            "left_at_s": TIME_OR_NONE,
             "straight_m": AMOUNT,
         }
     ),

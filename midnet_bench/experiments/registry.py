@@ -4,7 +4,6 @@ from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
 from midnet_bench.campaign.columns import check_tables, shown
-from midnet_bench.campaign.payload import VERSION
 from midnet_bench.campaign.trial import VARIANT
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.detection import DETECTION
@@ -161,7 +160,7 @@ def _as_its_experiment_says(
     if isinstance(result, Exception):
         return result
     try:
-        check_tables(found.columns, VERSION, result.tables, spec.parameters)
+        check_tables(found.columns, result.tables, spec.parameters)
     except ValueError as error:
         return error
     return result

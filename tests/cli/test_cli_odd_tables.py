@@ -13,11 +13,10 @@ import pytest
 
 from midnet_bench.campaign import rows
 from midnet_bench.campaign.definition import Definition
-from midnet_bench.campaign.payload import VERSION
 from midnet_bench.experiments.registry import experiment, names
 from tests.cli.command import midnet_bench, one_line_of_complaint
 from tests.cli.test_cli_hostile_stores import tree, with_payload
-from tests.stores import NO_CAUSES, detection_store, labyrinth_result, labyrinth_store
+from tests.stores import detection_store, labyrinth_result, labyrinth_store
 
 Tables = dict[str, list[dict[str, Any]]]
 Spoil = Callable[[Tables], object]
@@ -58,11 +57,11 @@ def tables_of_last(folder: Path) -> Tables:
     connection = sqlite3.connect(folder / "campaign.sqlite")
     (payload,) = connection.execute("SELECT result FROM trials ORDER BY rowid DESC").fetchone()
     connection.close()
-    return dict(json.loads(zlib.decompress(payload))["tables"])
+    return dict(json.loads(zlib.decompress(payload)))
 
 
-def packed(tables: object, version: int = VERSION) -> bytes:
-    return zlib.compress(json.dumps({"version": version, "tables": tables}).encode())
+def packed(tables: object) -> bytes:
+    return zlib.compress(json.dumps(tables).encode())
 
 
 def refused(folder: Path, at: Path, *others: Path) -> set[str]:
@@ -95,48 +94,6 @@ def test_no_command_reads_past_a_wrong_trial(detection: Path, tmp_path: Path) ->
     folder = with_payload(detection, tmp_path / "c", packed(tables))
     (complaint,) = refused(folder, tmp_path, detection)
     assert "(robots=5, seed=2): table 'scores', column 'gospa_m': missing" in complaint
-
-
-def test_tables_of_the_first_version_may_lack_what_came_later(detection: Path, tmp_path: Path) -> None:
-    tables = tables_of_last(detection)
-    for later in ("gospa_m", *NO_CAUSES.keys() - {"patrol_relaxations"}):
-        del tables["scores"][0][later]
-    folder = with_payload(detection, tmp_path / "c", zlib.compress(json.dumps(tables).encode()))
-    for command in ("report", "verify"):
-        done = midnet_bench(command, folder, folder=tmp_path)
-        assert "Traceback" not in done.stderr
-        assert done.returncode in (0, 3, 4), done.stderr
-    (folder / "campaign.sqlite").unlink()  # the files that the report wrote can be read too
-    assert midnet_bench("verify", folder, folder=tmp_path).returncode in (3, 4)
-
-
-def test_a_column_of_an_earlier_version_is_read_under_its_name_of_today(
-    detection: Path, tmp_path: Path
-) -> None:
-    tables = tables_of_last(detection)
-    for name in ("scores", "frames"):
-        tables[name][0]["in_range"] = tables[name][0].pop("intruders_in_range")
-    folder = with_payload(detection, tmp_path / "c", packed(tables, VERSION - 1))
-    assert midnet_bench("report", folder, folder=tmp_path).returncode == 0
-    (folder / "campaign.sqlite").unlink()
-    for file in ("scores.csv", "frames.csv"):  # as an earlier version's report left them
-        header, *lines = table(folder / file)
-        place = header.index("intruders_in_range")
-        write(folder / file, [[*header[:place], "in_range", *header[place + 1 :]], *lines])
-    by_seed = (folder / "scores_by_seed.csv").read_bytes()
-    (folder / "scores_by_seed.csv").unlink()
-    assert midnet_bench("report", folder, folder=tmp_path).returncode == 0
-    assert (folder / "scores_by_seed.csv").read_bytes() == by_seed
-    assert b",intruders_in_range," in by_seed
-    new = with_payload(detection, tmp_path / "d", packed(tables))
-    complaint = one_line_of_complaint(midnet_bench("report", new, folder=tmp_path))
-    assert "column 'intruders_in_range': missing" in complaint
-
-
-def test_tables_of_a_newer_version_ask_for_an_update(detection: Path, tmp_path: Path) -> None:
-    folder = with_payload(detection, tmp_path / "c", packed(tables_of_last(detection), VERSION + 1))
-    (complaint,) = refused(folder, tmp_path, detection)
-    assert complaint.endswith("update midnet-bench")
 
 
 def test_more_caught_than_there_are_is_refused(tmp_path: Path) -> None:
@@ -261,16 +218,14 @@ def test_a_missing_column_or_file_is_named_by_every_command(
     timing.write_bytes(kept[timing])
 
 
-@pytest.mark.parametrize(
-    "column", ["looked_at", "fn_new", "gospa_m", "fn_hidden", "fn_outside_window", "fn_new_in_window"]
-)
-def test_a_file_of_an_older_version_may_lack_any_of_the_later_columns(column: str, exported: Path) -> None:
+@pytest.mark.parametrize("column", ["looked_at", "gospa_m", "fn_new_in_window"])
+def test_a_file_that_lacks_a_column_is_refused(column: str, exported: Path) -> None:
     scores = exported / "scores.csv"
     kept, lines = scores.read_bytes(), table(scores)
     place = lines[0].index(column)
     write(scores, [line[:place] + line[place + 1 :] for line in lines])
-    done = midnet_bench("verify", exported, folder=exported)
-    assert (done.returncode in (3, 4), done.stderr) == (True, "")
+    complaint = one_line_of_complaint(midnet_bench("verify", exported, folder=exported))
+    assert f"scores.csv: the column '{column}' is missing" in complaint
     scores.write_bytes(kept)
 
 
