@@ -67,3 +67,9 @@ def test_as_many_pairs_as_can_be() -> None:
     shared, alone = Box(0.0, 0.0, 1.0, 0.1), Box(-0.4, 0.0, -0.3, 0.1)
     match = matched([shared, alone], [Label("left", 0.0, 0.05), Label("right", 1.0, 0.05)], 0.35)
     assert match.detection_of == [1, 0]
+
+
+def test_a_box_too_far_from_every_label_stays_alone_beside_one_that_is_right() -> None:
+    boxes = [Box(0.0, 0.0, 0.1, 0.1), Box(5.0, 0.0, 5.1, 0.1)]
+    match = matched(boxes, [Label("car", 0.05, 0.05), Label("bus", 5.6, 0.05)], 0.35)
+    assert (match.truth_of, match.detection_of) == ([0, None], [0, None])
