@@ -18,6 +18,8 @@ from typing import Any, NamedTuple
 
 from midnet_bench.errors import InputError, nearest_name
 
+EXECUTED = "midnet_bench_reference_"
+"""what the names of modules begin with that are read from a user's file or cell"""
 DIGITS = 12
 """of the digests, hexadecimal"""
 FORMS = "expected package.module:NAME or path/file.py:NAME"
@@ -213,7 +215,7 @@ def _read(path: Path, reference: str) -> bytes:
 
 def _executed(digest: str, file: str, content: bytes, reference: str) -> ModuleType:
     """The module of a file, executed once."""
-    name = f"midnet_bench_reference_{digest}"
+    name = f"{EXECUTED}{digest}"
     if name in sys.modules:
         return sys.modules[name]
     module = ModuleType(name)
