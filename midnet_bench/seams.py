@@ -217,7 +217,7 @@ def several(value: str) -> list[str]:
 
 
 def _line_of(value: str, error: Exception) -> str:
-    """``mine.py:12 in detect: ``, the last line of a plug-in's code before its error; empty if there is none."""
+    """``mine.py:12 in detect: ``, the last line of a plug-in before its error; empty if none."""
     package = value.partition(":")[0].partition(".")[0]
     for frame, line in reversed([*traceback.walk_tb(error.__traceback__)]):
         module = str(frame.f_globals.get("__name__", ""))

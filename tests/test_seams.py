@@ -88,7 +88,5 @@ def test_a_wrong_value_is_one_line_that_begins_with_the_option(value: str, says:
 
 
 def test_one_that_cannot_be_made_is_named(mine: Path) -> None:
-    with pytest.raises(
-        PluginError, match=r"detector mine.py:Broken#\w+: mine.py:10 in __init__: KeyError: 'nothing'"
-    ):
+    with pytest.raises(PluginError, match=r"Broken#\w+: mine.py:10 in __init__: KeyError: 'nothing'"):
         DETECTORS.make(DETECTORS.pinned("mine.py:Broken"), None, 2.5)
