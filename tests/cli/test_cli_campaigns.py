@@ -28,7 +28,7 @@ def test_every_packaged_campaign_can_be_planned_from_any_folder(path: Path, tmp_
     done = midnet_bench("run", path.stem, "-n", "--json", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     written = yaml.safe_load(path.read_text())
-    cells = 1
+    cells = len(written.get("variants", {})) or 1
     for values in written["grid"].values():
         cells *= len(values)
     told = json.loads(done.stdout)

@@ -308,12 +308,12 @@ def test_of_every_mark_is_known_which_return_made_it(options: Options) -> None:
     values = {**EXACTLY, "arena": arena.model_dump_json(), **options}
     with DetectionTrial(DetectionParameters.of(**values).with_files_read(), 1) as trial:
         assert trial.own.recorder is not None
-        witness = trial.own.recorder.witness
-        assert witness is not None
+        trace = trial.own.recorder.trace
+        assert trace is not None
         for _ in trial.frames():
             for guard, costmap in enumerate(trial.detector.costmaps):
                 marked = np.count_nonzero(costmap.layer.cells == LETHAL)
-                assert len(witness.marks(guard).source) == marked > 0
+                assert len(trace.marks(guard).source) == marked > 0
 
 
 def test_each_error_is_one_of_those_that_are_counted() -> None:
