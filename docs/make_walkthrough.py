@@ -1,8 +1,10 @@
 """Makes the pictures of ``docs/walkthrough.md`` from one frame of a detection trial: ``python docs/make_walkthrough.py``."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -20,7 +22,7 @@ from midnet_bench.drawing.plots import (
 )
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.fusion import divide_and_conquer, overlaps
+from midnet_bench.midnet.fusion import divide_and_conquer, fuse_detections, overlaps
 from midnet_bench.midnet.pipeline import Explanation, Observation
 
 IMAGES = Path(__file__).with_name("images")
@@ -79,34 +81,52 @@ def draw_fusion(prior: OccupancyGrid, explanation: Explanation, threshold: float
         lists = divide_and_conquer(np.arange(len(boxes)), starts, first, last, seen, threshold)
         return [int(k) for k in lists]
 
+    def into(i: int, j: int) -> int:
+        """Algorithm 4 of two lists of one box: which is left, -1 if both are."""
+        one, other = (np.array([k], dtype=np.int64) for k in (i, j))
+        left: npt.NDArray[np.int64] = fuse_detections(one, other, seen, threshold)
+        return int(left[0]) if len(left) == 1 else -1
+
     figure = new_figure(11.0, 5.4)
     plan, tree = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
     show_grid(plan, prior)
-    show_metres(plan, Box(*np.array(prior.extent).tolist()), "Boxes before fusion; thick: those that are left")
+    show_metres(
+        plan, Box(*np.array(prior.extent).tolist()), "Boxes before fusion; thick: those that are left"
+    )
     left = fused(0, len(kept) - 1)
     for k, name in enumerate(names):
         color = EXPLORERS[int(name[0]) - 1]
         add_box(plan, Box(*boxes[k].tolist()), color, linewidth=2.2 if k in left else 0.8)
-        if k in left:
-            add_label(plan, (boxes[k, 2], boxes[k, 3]), name, color, fontweight="bold")
-    _draw_tree(tree, fused, names)
+        corner, at = ((2, 3), (2.0, 2.0)) if k in left else ((0, 1), (-9.0, -8.0))
+        add_label(plan, (boxes[k, corner[0]], boxes[k, corner[1]]), name, color, xytext=at)
+    _draw_tree(tree, fused, into, names)
     figure.tight_layout()
     return figure
 
 
-def _draw_tree(axes: Axes, fused, names: list[str]) -> None:  # type: ignore[no-untyped-def]
+def _draw_tree(
+    axes: Axes, fused: Callable[[int, int], list[int]], into: Callable[[int, int], int], names: list[str]
+) -> None:
     places, halves = {**NODES, (0, 4): 2.3}, {**HALVES, (0, 4): ((0, 2), (3, 4))}
     for (first, last), x in places.items():
         y = LEVELS.get((first, last), 0)
-        own, text = fused(first, last), f"guard {first + 1}" if first == last else f"guards {first + 1} to {last + 1}"
+        own, text = (
+            fused(first, last),
+            f"guard {first + 1}" if first == last else f"guards {first + 1} to {last + 1}",
+        )
         lost: list[str] = []
         for half in halves.get((first, last), ()):
             axes.plot([places[half], x], [LEVELS.get(half, 0) + 0.2, y - 0.25], color="#999999", zorder=1)
-            lost += [names[k] for k in fused(*half) if k not in own]
+        if first < last:
+            left, right = (fused(*half) for half in halves[first, last])
+            for i in right:
+                matches = ((j, into(i, j)) for j in left)
+                j, winner = next((match for match in matches if match[1] >= 0), (i, i))
+                lost += [] if winner == j == i else [f"{names[j if winner == i else i]} into {names[winner]}"]
         for start in range(0, len(own), 4):
             text += "\n" + " ".join(names[k] for k in own[start : start + 4])
         if lost:
-            text += f"\nfused away: {' '.join(lost)}"
+            text += f"\nfused: {', '.join(lost)}"
         axes.text(
             x, y, text, ha="center", va="center", fontsize=8.5, zorder=2,
             bbox={"facecolor": "white", "edgecolor": hexadecimal(GUARD), "boxstyle": "round,pad=0.35"},
@@ -122,6 +142,7 @@ def main() -> None:
         prior, threshold = frames.trial.prior_map, mb.MIDNetSettings().iou_fuse
         *_, frame = frames
     found = frame.midnet.explanation
+    assert found is not None
     guard = GUARD_SHOWN - 1
     pictures = {
         "walk-grids.png": draw_views(frame.observations[guard], found, guard),
