@@ -1,4 +1,4 @@
-"""Makes the pictures of ``docs/walkthrough.md`` from one frame of a detection trial: ``python docs/make_walkthrough.py``."""
+"""Makes the pictures of ``docs/walkthrough.md``: ``python docs/make_walkthrough.py``."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +20,7 @@ from midnet_bench.drawing.plots import (
     show_grid,
     show_metres,
 )
+from midnet_bench.experiments.guarded.arena import ObservedFrame
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.fusion import divide_and_conquer, fuse_detections, overlaps
@@ -89,9 +90,11 @@ def draw_fusion(prior: OccupancyGrid, explanation: Explanation, threshold: float
 
     figure = new_figure(11.0, 5.4)
     plan, tree = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
+    plan.set_anchor("N")
+    tree.set_anchor("N")
     show_grid(plan, prior)
     show_metres(
-        plan, Box(*np.array(prior.extent).tolist()), "Boxes before fusion; thick: those that are left"
+        plan, Box(*np.array(prior.extent).tolist()), "Boxes on the prior map; thick: left after fusion"
     )
     left = fused(0, len(kept) - 1)
     for k, name in enumerate(names):
@@ -136,17 +139,22 @@ def _draw_tree(
     axes.axis("off")
 
 
-def main() -> None:
-    """Run the trial up to the frame and write both pictures."""
+def shown_frame() -> tuple[OccupancyGrid, ObservedFrame]:
+    """The prior map, and the frame that the page shows."""
     with mb.simulate(seed=SEED, robots=5, frames=FRAME, engine="fast", explain=True) as frames:
-        prior, threshold = frames.trial.prior_map, mb.MIDNetSettings().iou_fuse
         *_, frame = frames
+    return frames.trial.prior_map, frame
+
+
+def main() -> None:
+    """Write both pictures."""
+    prior, frame = shown_frame()
     found = frame.midnet.explanation
     assert found is not None
     guard = GUARD_SHOWN - 1
     pictures = {
         "walk-grids.png": draw_views(frame.observations[guard], found, guard),
-        "walk-fusion.png": draw_fusion(prior, found, threshold),
+        "walk-fusion.png": draw_fusion(prior, found, mb.MIDNetSettings().iou_fuse),
     }
     for name, figure in pictures.items():
         (IMAGES / name).write_bytes(png_of_figure(figure))

@@ -4,12 +4,14 @@ import importlib
 import importlib.util
 import re
 from pathlib import Path
+from types import ModuleType
 
 import nbformat
 import pytest
 from nbclient import NotebookClient
 
 import midnet_bench
+import midnet_bench as mb
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -67,13 +69,34 @@ def test_an_old_sentence_is_recognized(sentence: str) -> None:
     assert OLD_WORDS.search(sentence)
 
 
-def test_the_api_page_is_made_from_these_docstrings() -> None:
-    spec = importlib.util.spec_from_file_location("make_api", DOCS / "make_api.py")
+def script(name: str) -> ModuleType:
+    """A module beside the pages."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
-    make_api = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(make_api)
-    assert (DOCS / "api.md").read_text(encoding="utf-8") == make_api.page(), "run 'make api'"
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_api_page_is_made_from_these_docstrings() -> None:
+    assert (DOCS / "api.md").read_text(encoding="utf-8") == script("make_api").page(), "run 'make api'"
+
+
+def test_the_walkthrough_has_the_numbers_of_its_trial() -> None:
+    walk = script("make_walkthrough")
+    prior, frame = walk.shown_frame()
+    found = frame.midnet.explanation
+    kept = [len(view.kept) for view in found.views]
+    removed = [one.detection.robot for one in found.removed]
+    found_by_each = [kept[robot] + removed.count(robot) for robot in range(5)]
+    words = " ".join((DOCS / "walkthrough.md").read_text(encoding="utf-8").split())
+    assert "have {}, {}, {}, {} and {} boxes".format(*found_by_each) in words
+    assert f"Of the {sum(found_by_each)} boxes {len(removed)} are removed and {sum(kept)} are left" in words
+    assert f"{len(frame.midnet.detections)} boxes are left" in words
+    assert removed.count(walk.GUARD_SHOWN - 1) == 2
+    assert len(walk.draw_fusion(prior, found, mb.MIDNetSettings().iou_fuse).axes) == 2
+    assert len(walk.draw_views(frame.observations[2], found, 2).axes) == 6
 
 
 def test_the_pages_are_found() -> None:

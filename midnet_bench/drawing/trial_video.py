@@ -431,13 +431,18 @@ class Storyboard:
         boxes = [found for scene in scenes for found in scene.detections]
         truths = [truth for scene in scenes for truth in scene.truths]
         some_intrude = any(scene.intruders for scene in scenes)
+        is_labelled = any(scene.is_labelled for scene in scenes)
         entries: list[tuple[Mark, str, bool]] = [
             (_guard, "guard", True),
             (_intruder, "mobile intruder", some_intrude),
             (_stationary, "stationary intruder", self._has_stationary),
             (_legs, "person (two legs) or thing", any(scene.others for scene in scenes)),
-            (_paths if some_intrude else _path, "path and goal", True),
-            (_detection, TRUE_POSITIVE, any(not (one.is_false or one.is_further) for one in boxes)),
+            (_paths if some_intrude else _path, "path and goal", is_labelled or some_intrude),
+            (
+                _detection,
+                TRUE_POSITIVE if is_labelled else "detection",
+                any(not (one.is_false or one.is_further) for one in boxes),
+            ),
             (_further, DUPLICATE, any(one.is_further for one in boxes)),
             (_false, FALSE_POSITIVE, any(one.is_false for one in boxes)),
             (_missed, MISS, any(truth.is_missed for truth in truths)),

@@ -85,7 +85,6 @@ def test_the_columns_that_cells_are_checked_by_are_those_described(name: str) ->
     for table, known in experiment(name).columns.items():
         without_role = {"role"} if (name, table) == ("mapping", "robots") else set()
         assert set(known.columns) == described(table) - without_role, table
-        assert {one for one, column in known.columns.items() if column.since > 1} <= OPTIONAL
 
 
 def test_every_column_of_the_comparison_of_variants_is_described() -> None:
