@@ -1,11 +1,14 @@
-"""The pages under docs/howto: every command on them runs, in a folder with the files that they show."""
+"""README and the pages under docs/howto: every command runs, in a folder with the files that they show."""
 
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from tests.cli.command import midnet_bench
@@ -34,3 +37,54 @@ def test_a_page_s_commands_run(page: Path, tmp_path: Path) -> None:
             assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
             commands += 1
     assert commands
+
+
+README = Path(__file__).parents[1] / "README.md"
+SHORT = {
+    "run rivals": ["--seeds", "2", "--frames", "10", "--engine", "fast", "--robots", "2"],
+    "detection": ["--seeds", "1", "--frames", "10", "--engine", "fast", "--robots", "2"],
+    "render": ["--frames", "10", "--engine", "fast", "--robots", "2"],
+}
+"""what makes a command short; whether it runs is the question, not what comes of it"""
+OF_THE_BAG = {"/pose": "/guard_1/pose", "-0.15,0.02,0.37": "-0.032,0,0.0"}
+"""README's names of a robot's topic and mount -> those of an exported trial"""
+
+
+def readme_commands() -> list[str]:
+    """The lines that README has in code blocks without their comments."""
+    blocks = re.findall(
+        r"^```(\w*)\n(.*?)^```$", README.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+    )
+    plain = [block for language, block in blocks if not language]
+    lines = [line.partition("#")[0].strip() for block in plain for line in block.splitlines()]
+    return [line for line in lines if line.startswith("midnet-bench")]
+
+
+@pytest.fixture
+def newcomer(tmp_path: Path) -> Path:
+    """A folder with the files that README names: a detector, a recording with map and labels, a plan."""
+    text = README.read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    (tmp_path / "mine.py").write_text(code)
+    walls = np.full((160, 200), 255, np.uint8)
+    walls[:6] = walls[-6:] = walls[:, :6] = walls[:, -6:] = 0
+    assert cv2.imwrite(str(tmp_path / "plan.png"), walls)
+    recorded = ("detection", "--engine", "fast", "--robots", 1, "--frames", 30, "--format", "ros1")
+    assert midnet_bench("export", *recorded, "-o", "drive.bag", folder=tmp_path).returncode == 0
+    assert midnet_bench("map", "--exact", "map1", "-o", "exact", folder=tmp_path).returncode == 0
+    for part in (tmp_path / "exact").glob("map.*"):
+        shutil.copy(part, tmp_path)
+    (tmp_path / "truth.csv").write_text("t,id,x,y\n1.0,car,1.0,1.0\n")
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_readme_s_commands_run(newcomer: Path) -> None:
+    commands = readme_commands()
+    assert len(commands) == 9
+    for command in commands:
+        words = [OF_THE_BAG.get(word, word) for word in shlex.split(command)[1:]]
+        short = next((more for start, more in SHORT.items() if " ".join(words).startswith(start)), [])
+        done = midnet_bench(*words, *short, folder=newcomer)
+        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+    assert "mine.py:Returns" in (newcomer / "results" / "rivals" / "leaderboard.md").read_text()
