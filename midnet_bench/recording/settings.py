@@ -155,8 +155,8 @@ class ReplaySettings(Settings):
         half_m = self.costmap.size_m / 2.0
         if half_m < self.range_m:
             lines.append(
-                f"the window ends {half_m:g} m ahead, the range at {self.range_m:g} m: what lies between is "
-                f"missed; --set local_size_m={2.0 * (self.range_m + 0.5):g} holds it"
+                f"sees {half_m:g} m ahead although the LiDAR range is {self.range_m:g} m: objects in "
+                f"between are missed; try --set local_size_m={2.0 * (self.range_m + 0.5):g}"
             )
         apart_m = self.range_m * abs(increment_rad)
         if self.costmap.memory != "single_scan" and apart_m > cell_m:

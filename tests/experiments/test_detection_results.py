@@ -136,8 +136,8 @@ def test_the_summary_has_ours_the_means_and_the_papers_row_where_there_is_one(ma
         (
             {"local_size_m": 3.5, "obstacle_range_m": 2.5},
             [
-                "The 3.5 m local costmap ends 1.75 m ahead; the usable range is 2.5 m: what lies between is "
-                "missed."
+                "The 3.5 m local costmap ends 1.75 m ahead; the usable range is 2.5 m: objects in between "
+                "are missed."
             ],
         ),
         ({"local_size_m": 5.0, "obstacle_range_m": 2.5}, []),

@@ -91,7 +91,7 @@ def window_notes(definition: Definition) -> list[str]:
         return []
     return [
         f"The {size_m:g} m local costmap ends {size_m / 2.0:g} m ahead; the usable range is {range_m:g} m: "
-        "what lies between is missed."
+        "objects in between are missed."
         for size_m, range_m in itertools.product(sizes, ranges)
         if isinstance(size_m, int | float) and isinstance(range_m, int | float) and size_m / 2.0 < range_m
     ]
@@ -168,7 +168,7 @@ def matching_table(cells: Cells) -> Table:
         error_m = statistics.exact_sum(cell["error_sum_m"]) / matched if matched else math.nan
         counts = {"matched": matched, "duplicates": duplicates, "missed": missed}
         rows.append({"trial": str(name), **counts, **scored._asdict(), "mean_error_m": error_m})
-    return Table("detection_matching", "One-to-one matching: further boxes on one intruder are false", rows)
+    return Table("detection_matching", "Same trials, counting one box per intruder", rows)
 
 
 def matched_ratios(cell: pd.DataFrame) -> Ratios:
