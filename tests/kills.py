@@ -16,6 +16,7 @@ import contextlib
 import itertools
 import os
 import random
+import re
 import shutil
 import signal
 import sqlite3
@@ -39,6 +40,8 @@ parameters: {engine: fast, intruders: 1, time_limit_s: 4, prior_map: exact}
 """
 TELL_TIMES = ("timing.csv", "provenance.json", "labyrinth_speed")
 """files of which no two runs have the same, by the beginnings of their names"""
+MEASURED = re.compile(rb"<h3>Speed of one worker</h3>.*?(?=<h[23])|<h2>Provenance.*", re.DOTALL)
+"""what of a page no two runs have the same: measured speeds, and when it was run"""
 OWN_TIMES = "run_id, wall_s, finished_utc, checksum"
 PARENT, WORKER, GROUP = "parent", "worker", "group"
 KILLED = ((signal.SIGKILL, PARENT), (signal.SIGKILL, GROUP), (signal.SIGKILL, WORKER))
@@ -336,7 +339,7 @@ def contents(at: Path, tells_times: bool = False) -> dict[str, object]:
 def exported(at: Path, tells_times: bool) -> dict[str, bytes]:
     """The files that are neither hidden nor the store."""
     return {
-        path.name: path.read_bytes()
+        path.name: path.read_bytes() if tells_times else MEASURED.sub(b"", path.read_bytes())
         for path in at.iterdir()
         if not path.name.startswith((".", FILE_NAME))
         if tells_times or not path.name.startswith(TELL_TIMES)
