@@ -1,17 +1,17 @@
-"""Trials on a Dask cluster, through joblib's Dask backend. Needs the extra ``midnet-bench[dask]``."""
+"""Trials on a Dask cluster. Needs the extra ``midnet-bench[dask]``."""
 
 import asyncio
 import contextlib
+import itertools
 import logging
-import threading
+import math
+import queue
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping
 from importlib import metadata
 from typing import Any
 
-import joblib
-
-from midnet_bench.campaign.pools import Group, WorkersLost, abandoning_quietly
+from midnet_bench.campaign.pools import Group, WorkersLost
 from midnet_bench.campaign.trial import RunTrials
 from midnet_bench.campaign.worker import Outcome, attempt_together
 from midnet_bench.errors import InputError, MidnetBenchError
@@ -21,52 +21,11 @@ try:
 except ImportError as error:
     raise InputError("--backend dask needs Dask's scheduler: pip install 'midnet-bench[dask]'") from error
 
-# private to joblib, which pyproject.toml bounds for it
-from joblib._dask import DaskDistributedBackend
-
 CONNECT_TIMEOUT_S = 5
 POLL_S = 0.5
 """how often the cluster is asked for its workers"""
 TELL_AFTER_S = 2.0
 """without any worker; one that died is started again in less"""
-
-
-class _Backend(DaskDistributedBackend):  # type: ignore[misc]
-    """joblib's backend without three surprises.
-
-    It calls back for results alone, so a task that Dask has given up would be waited for without end; when
-    one task fails, joblib drops the results of others that were not asked for yet; and with a single core
-    in the cluster joblib would run the trials in this very process.
-    """
-
-    def __init__(self, client: distributed.Client) -> None:
-        # with a time-out, joblib would end the campaign when it finds no worker for so long
-        super().__init__(client=client, wait_for_workers_timeout=0)
-        self.arrived: list[Outcome] = []
-        self.in_flight: dict[str, str] = {}
-        """the first trial of each group that the cluster has; joblib may hold some more that it has drawn"""
-
-    def submit(self, func: Any, callback: Callable[[object], None]) -> object:
-        self.in_flight |= {group[0].trial_id: "" for _, (_, group, *_), _ in func.items}
-
-        def keep(out: object) -> None:
-            if isinstance(out, list):  # the results of a batch
-                for outcomes in out:
-                    self.in_flight.pop(outcomes[0].trial_id)
-                    self.arrived += outcomes
-            callback(out)
-
-        future = super().submit(func, keep)
-        future.add_done_callback(lambda done: callback(done.exception()) if done.exception() else None)
-        return future
-
-    def retrieve_result_callback(self, out: object) -> object:
-        if isinstance(out, BaseException):
-            raise out
-        return super().retrieve_result_callback(out)
-
-    def effective_n_jobs(self, n_jobs: int) -> int:
-        return max(2, super().effective_n_jobs(n_jobs))
 
 
 class DaskPool:
@@ -85,6 +44,7 @@ class DaskPool:
     def __init__(self, scheduler: str, note: Callable[[str], None]) -> None:
         self._scheduler = scheduler
         self._note = note
+        self._absent_since_s: float | None = None
         self._logger = logging.getLogger("distributed.client")
         self._log_level = self._logger.level
         try:
@@ -129,27 +89,39 @@ class DaskPool:
     def outcomes(
         self, run_trials: RunTrials, groups: Iterator[Group], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
-        """See :meth:`Pool.outcomes`. Dask itself tries a task on several workers before it gives it up."""
-        backend = _Backend(self._client)
-        handed_out: set[str] = set()
-        tasks = (joblib.delayed(attempt_together)(run_trials, group, limit_s, None) for group in groups)
+        """See :meth:`Pool.outcomes`. Dask tries a group on several workers before it gives it up."""
+        finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        in_flight: dict[Any, str] = {}
+        given_up: dict[str, str] = {}
         try:
-            with self._telling_when_there_are_no_workers():
-                self._wait_for_a_worker()
-                with joblib.parallel_config(backend=backend, n_jobs=-1):
-                    parallel = joblib.Parallel(
-                        pre_dispatch=1 if one_at_a_time else "2 * n_jobs",
-                        batch_size=1,
-                        return_as="generator_unordered",
+            self._wait_for_a_worker()
+            while True:
+                most = 1 if one_at_a_time else 2 * max(1, self.workers)
+                for group in itertools.islice(groups, max(0, most - len(in_flight))):
+                    future = self._client.submit(
+                        attempt_together, run_trials, group, limit_s, None, pure=False
                     )
-                    for outcomes in abandoning_quietly(parallel(tasks)):
-                        handed_out |= {outcome.trial_id for outcome in outcomes}
-                        yield from outcomes
-        except distributed.KilledWorker as error:
-            for outcome in backend.arrived:
-                if outcome.trial_id not in handed_out:  # finished before the worker died of another one
-                    yield outcome
-            raise WorkersLost(str(error), dict(backend.in_flight)) from error
+                    in_flight[future] = group[0].trial_id
+                    future.add_done_callback(finished.put)  # type: ignore[no-untyped-call]
+                if not in_flight:
+                    break
+                try:
+                    future = finished.get(timeout=POLL_S)
+                except queue.Empty:
+                    self._note_absence()
+                    continue
+                try:
+                    outcomes = future.result(timeout=POLL_S)
+                except TimeoutError:  # the worker that had the result has left: Dask runs it again
+                    finished.put(future)
+                    self._note_absence()
+                    continue
+                except distributed.KilledWorker:
+                    given_up[in_flight.pop(future)] = ""
+                    continue
+                del in_flight[future]
+                self._absent_since_s = None
+                yield from outcomes
         except MidnetBenchError:
             raise
         except Exception as error:
@@ -157,45 +129,32 @@ class DaskPool:
                 f"--scheduler {self._scheduler}: the cluster stopped working: {type(error).__name__}:"
                 f" {' '.join(str(error).split())}; run the same command again to continue"
             ) from error
-
-    def _has_workers(self) -> bool:
-        return bool(self._client.ncores())  # type: ignore[no-untyped-call]
+        finally:
+            with contextlib.suppress(Exception):  # of a cluster that is lost
+                self._client.cancel(list(in_flight))  # type: ignore[no-untyped-call]
+        if given_up:
+            raise WorkersLost("workers of the cluster died", given_up)
 
     def _wait_for_a_worker(self) -> None:
-        """Returns when there is one. joblib keeps as many trials in flight as there are workers by then."""
-        if not self._has_workers():
-            while not self._has_workers():
+        """Returns when there is one."""
+        if not self.workers:
+            while not self.workers:
+                self._note_absence()
                 time.sleep(POLL_S)
             self._check_versions()
 
-    @contextlib.contextmanager
-    def _telling_when_there_are_no_workers(self) -> Iterator[None]:
-        """Notes it once each time that the last worker has gone, for as long as this is open."""
-        is_over = threading.Event()
-
-        def watch() -> None:
-            absent_since_s: float | None = None
-            was_told = False
-            with contextlib.suppress(Exception):  # of a cluster that is lost: the main thread meets it too
-                while not is_over.wait(POLL_S):
-                    if self._has_workers():
-                        absent_since_s, was_told = None, False
-                    elif absent_since_s is None:
-                        absent_since_s = time.monotonic()
-                    elif not was_told and time.monotonic() - absent_since_s > TELL_AFTER_S:
-                        was_told = True
-                        self._note(
-                            f"--scheduler {self._scheduler}: no workers there; the trials wait for one"
-                            " (Ctrl-C stops, and the same command continues)"
-                        )
-
-        thread = threading.Thread(target=watch, daemon=True)
-        thread.start()
-        try:
-            yield
-        finally:
-            is_over.set()
-            thread.join(CONNECT_TIMEOUT_S)
+    def _note_absence(self) -> None:
+        """Notes once each time that the last worker has gone for some seconds."""
+        if self.workers:
+            self._absent_since_s = None
+        elif self._absent_since_s is None:
+            self._absent_since_s = time.monotonic()
+        elif time.monotonic() - self._absent_since_s > TELL_AFTER_S:
+            self._absent_since_s = math.inf
+            self._note(
+                f"--scheduler {self._scheduler}: no workers there; the trials wait for one"
+                " (Ctrl-C stops, and the same command continues)"
+            )
 
     def close(self) -> None:
         """Leaves the cluster, which drops what it was still running for us."""

@@ -1,24 +1,24 @@
-"""Where trials run: worker processes of this machine, or a Dask cluster; both through what joblib has."""
+"""Where trials run: worker processes of this machine, by joblib, or a Dask cluster."""
 
 import contextlib
-import errno
 import itertools
+import multiprocessing
 import os
+import queue
 import shutil
 import signal
+import threading
 import time
 import warnings
-from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Protocol
 
-# private to joblib, which pyproject.toml bounds for it
-from joblib._parallel_backends import LokyBackend
-from joblib.externals.loky import get_reusable_executor
-from joblib.externals.loky.process_executor import BrokenProcessPool
+import joblib
 
-from midnet_bench.campaign.signals import held_back
+from midnet_bench.campaign.signals import SIGNALS_TO_END
 from midnet_bench.campaign.trial import RunTrials, TrialSpec
 from midnet_bench.campaign.worker import (
     HARD_LIMIT_S,
@@ -31,10 +31,12 @@ from midnet_bench.compiled import prepare_folder
 from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
 
 BACKENDS = ("loky", "dask")
-NO_SEMAPHORES = (errno.EROFS, errno.EACCES, errno.ENOSPC, errno.ENOENT, errno.ENOSYS)
-"""error numbers of a /dev/shm that cannot be used"""
 LOOK_S = 1.0
 """between two looks at how long trials have been running"""
+KILL_AGAIN_S = 0.05
+"""between two rounds of ending workers: one may be starting during the first"""
+NOTHING_BEGINS_S = 120.0
+"""without any running trial: the system has refused a new worker, of which joblib does not tell"""
 STALLED_S = 10.0
 """after the moment at which a worker should have ended itself"""
 IDLE_S = 300.0
@@ -109,80 +111,123 @@ class LokyPool:
         self, run_trials: RunTrials, groups: Iterator[Group], limit_s: float, one_at_a_time: bool
     ) -> Generator[Outcome, None, None]:
         """See :meth:`Pool.outcomes`."""
-        with _safe_path():
-            yield from self._outcomes(run_trials, groups, limit_s, one_at_a_time)
-
-    def _outcomes(
-        self, run_trials: RunTrials, groups: Iterator[Group], limit_s: float, one_at_a_time: bool
-    ) -> Generator[Outcome, None, None]:
+        if reason := _why_no_processes():
+            self._note(
+                f"no worker process can be started, since /dev/shm cannot be used ({reason}):"
+                " trials run in this process, one at a time"
+            )
+            for group in groups:
+                yield from attempt_together(run_trials, group, limit_s, None)
+            return
         prepare_folder()  # before the workers start, so that they share it
         shutil.rmtree(self._marks, ignore_errors=True)  # of a process that was killed
         self._marks.mkdir(parents=True)
         first = list(itertools.islice(groups, 1 if one_at_a_time else self._jobs))
-        workers, remaining = len(first), itertools.chain(first, groups)
-        # not joblib.Parallel: for one job it would run the trials inside this process, where a crash ends
-        # the campaign
-        try:
-            with held_back():
-                executor = get_reusable_executor(
-                    workers,
-                    timeout=IDLE_S,
-                    initializer=prepare_worker,
-                    initargs=(os.getpid(),),
-                    env=dict.fromkeys(LokyBackend.MAX_NUM_THREADS_VARS, "1"),
-                )
-        except OSError as error:
-            if error.errno not in NO_SEMAPHORES:
-                raise _no_process(error) from error
-            self._note(
-                f"no worker process can be started, since /dev/shm cannot be used ({error.strerror}):"
-                " trials run in this process, one at a time"
-            )
-            for group in remaining:
-                yield from attempt_together(run_trials, group, limit_s, None)
-            return
-        # A worker that has grown by 300 MB leaves after its trial, and loky starts another one. It warns of
-        # that in the thread that looks after the workers: noise for users, and where warnings are errors it
-        # ends that thread, and every trial waits for ever.
-        warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
-        running: set[Future[list[Outcome]]] = set()
-
-        def submit(count: int) -> None:
-            for group in itertools.islice(remaining, count):
-                try:
-                    with held_back():  # what is submitted is known, and it may start a worker
-                        running.add(
-                            executor.submit(attempt_together, run_trials, group, limit_s, self._marks)
-                        )
-                except (
-                    OSError,
-                    UnboundLocalError,
-                ) as error:  # the second is loky's, where it can make no pipe
-                    raise _no_process(error) from error
-
-        try:
-            submit(1 if one_at_a_time else 2 * workers)
+        tasks = (
+            joblib.delayed(attempt_together)(run_trials, group, limit_s, self._marks)
+            for group in itertools.chain(first, groups)
+        )
+        with _safe_path():
+            workers = _Workers(tasks, count=max(1, len(first)))
             watch = _Watch(self._marks, limit_s)
-            while running:
-                done, _ = wait(running, LOOK_S, FIRST_COMPLETED)
-                watch.look()
-                for future in done:
-                    outcomes = future.result()
-                    running.remove(future)
+            try:
+                while (outcomes := workers.next(LOOK_S)) is not None:
                     yield from outcomes
-                submit(len(done))
-        except BrokenProcessPool as error:
-            raise WorkersLost(str(error).splitlines()[0], marked(self._marks)) from error
-        finally:
-            if running:  # given up
-                # loky stumbles over a shutdown if it has yet to take in what was submitted
-                while any(not (future.running() or future.done()) for future in running):
-                    time.sleep(0.001)
-                executor.shutdown(kill_workers=True)
-            shutil.rmtree(self._marks, ignore_errors=True)
+                    watch.look()
+            except BrokenProcessPool as error:
+                raise WorkersLost(str(error).splitlines()[0], marked(self._marks)) from error
+            # the second is joblib's, where it can make no pipe
+            except (OSError, UnboundLocalError) as error:
+                raise _no_process(error) from error
+            finally:
+                workers.close()
+                shutil.rmtree(self._marks, ignore_errors=True)
 
     def close(self) -> None:
         """Nothing to let go of: idle workers end with this process."""
+
+
+class _Workers:
+    """Runs tasks by joblib, in a thread of its own.
+
+    Python raises KeyboardInterrupt in the main thread alone: inside joblib it could leave a lock behind that
+    every other thread waits for. Signals to end are blocked in joblib's thread and so in its workers.
+    """
+
+    def __init__(self, tasks: Iterable[object], count: int) -> None:
+        self._tasks = tasks
+        self._count = count
+        self._results: queue.SimpleQueue[list[Outcome] | BaseException | None] = queue.SimpleQueue()
+        self._is_over = False
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        resource_tracker.ensure_running()  # joblib would start it, and Python unblocks signals when it starts
+        if hasattr(signal, "pthread_sigmask"):  # not on Windows
+            signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS_TO_END)
+        # A worker that has grown by 300 MB leaves after its trial, and joblib starts another one and warns.
+        warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
+        end: BaseException | None = None
+        try:
+            with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+                parallel = joblib.Parallel(
+                    n_jobs=max(2, self._count),  # a single job would run in this process
+                    return_as="generator_unordered",
+                    pre_dispatch=1 if self._count == 1 else 2 * self._count,
+                    batch_size=1,
+                    max_nbytes=None,
+                    initializer=prepare_worker,
+                    initargs=(os.getpid(),),
+                    idle_worker_timeout=IDLE_S,
+                )
+                for outcomes in parallel(self._tasks):
+                    self._results.put(outcomes)
+        except BaseException as error:
+            end = error
+        self._is_over = True
+        self._results.put(end)
+
+    def next(self, wait_s: float) -> list[Outcome] | None:
+        """The outcomes of a task, empty if none has finished within ``wait_s``; None after the last one.
+
+        Raises what joblib raised.
+        """
+        try:
+            result = self._results.get(timeout=wait_s)
+        except queue.Empty:
+            return []
+        if isinstance(result, BaseException):
+            raise result
+        return result
+
+    def close(self) -> None:
+        """Kills workers that are still busy."""
+        while self._thread.is_alive():
+            if not self._is_over:
+                for pid in _worker_pids():
+                    _kill(pid)
+            self._thread.join(KILL_AGAIN_S)
+
+
+def _worker_pids() -> list[int]:
+    """Joblib's among the children of this process."""
+    children = multiprocessing.active_children()
+    return [child.pid for child in children if child.name.startswith("Loky") and child.pid is not None]
+
+
+def _kill(pid: int) -> None:
+    with contextlib.suppress(ProcessLookupError):  # it has just ended by itself
+        os.kill(pid, signal.SIGKILL)
+
+
+def _why_no_processes() -> str:
+    """Why this machine has no semaphores for worker processes; empty where it has."""
+    try:
+        multiprocessing.Lock()
+    except (OSError, ImportError) as error:
+        return getattr(error, "strerror", None) or str(error)
+    return ""
 
 
 class _Watch:
@@ -192,20 +237,32 @@ class _Watch:
         self._marks = marks
         self._limit_s = limit_s + HARD_LIMIT_S + STALLED_S
         self._ages_s: dict[Path, float] = {}
+        self._idle_s = 0.0
         self._last_s = time.monotonic()
 
     def look(self) -> None:
-        """Kill what has stalled: a process that is stopped, or waits for a file system, stays for ever."""
+        """Kills what has stalled: a process that is stopped, or waits for a file system, stays for ever.
+
+        Raises MidnetBenchError if nothing runs at all.
+        """
         # while this process was stopped itself, nobody's time went on
         passed_s = min(time.monotonic() - self._last_s, 2 * LOOK_S)
         self._last_s = time.monotonic()
         with contextlib.suppress(OSError):  # somebody has deleted the folder
             self._ages_s = {mark: self._ages_s.get(mark, 0.0) + passed_s for mark in self._marks.iterdir()}
+        self._idle_s = 0.0 if self._ages_s else self._idle_s + passed_s
+        if self._idle_s > NOTHING_BEGINS_S:
+            raise MidnetBenchError(
+                f"no worker process has begun a trial for {NOTHING_BEGINS_S:g} s; workers need memory, open"
+                " files and processes (ulimit -n, -u)"
+            )
         for mark, age_s in self._ages_s.items():
             if age_s > self._limit_s:
-                with contextlib.suppress(OSError):  # it has just ended by itself
-                    mark.write_text("its worker had stalled: stopped, or waiting for a file system")
-                    os.kill(int(mark.suffix[1:]), signal.SIGKILL)
+                pid = int(mark.suffix[1:])
+                if pid in _worker_pids():
+                    with contextlib.suppress(OSError):  # somebody has deleted the folder
+                        mark.write_text("its worker had stalled: stopped, or waiting for a file system")
+                    _kill(pid)
 
 
 def _no_process(error: Exception) -> MidnetBenchError:
@@ -229,16 +286,3 @@ def _safe_path() -> Iterator[None]:
             del os.environ["PYTHONSAFEPATH"]
         else:
             os.environ["PYTHONSAFEPATH"] = before
-
-
-def abandoning_quietly(
-    outcomes: Generator[list[Outcome], None, None],
-) -> Generator[list[Outcome], None, None]:
-    """``outcomes``; when closed early, its workers are stopped without joblib's warning about lost work."""
-    try:
-        for outcome in outcomes:  # noqa: UP028 - yield from would close them before the finally
-            yield outcome
-    finally:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)
-            outcomes.close()

@@ -274,7 +274,9 @@ def _run(
                     )
                     keep(spec, Outcome(trial_id, limit_s + HARD_LIMIT_S, failure=failure))
                 elif alone:
-                    failure = f"{stack}\nits worker died twice: it crashed, or was killed for want of memory"
+                    failure = (
+                        f"{stack}\nits worker died twice: it crashed, or lacked memory or, on a cluster, time"
+                    )
                     keep(spec, Outcome(trial_id, 0.0, failure=failure.strip()))
                 else:
                     suspects.add(spec)

@@ -4,7 +4,6 @@ import contextlib
 import signal
 import threading
 from collections.abc import Iterator
-from multiprocessing import resource_tracker
 from types import FrameType
 
 SIGNALS_TO_END = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
@@ -37,32 +36,3 @@ def interruptible() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-@contextlib.contextmanager
-def held_back() -> Iterator[None]:
-    """Signals to end wait for the end of this here, and are never heard in processes that begin inside.
-
-    A terminal sends Ctrl-C to the workers too, and one that is still loading its libraries would end with a
-    traceback: ``prepare_worker`` is called after that.
-    """
-    held: list[int] = []
-    handlers = {}
-    if threading.current_thread() is threading.main_thread():
-        found = {number: signal.getsignal(number) for number in SIGNALS_TO_END}
-        handlers = {number: handler for number, handler in found.items() if callable(handler)}
-    for number in handlers:
-        signal.signal(number, lambda number, _: held.append(number))
-    # joblib would start it inside, and with it Python lets signals through
-    resource_tracker.ensure_running()
-    has_masks = hasattr(signal, "pthread_sigmask")  # not on Windows
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS_TO_END) if has_masks else set()
-    try:
-        yield
-    finally:
-        if has_masks:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        for number in held:
-            handlers[number](number, None)

@@ -1,7 +1,6 @@
 """One trial inside a worker process: limited in time, its failure caught, its result made ready to store."""
 
 import contextlib
-import ctypes
 import faulthandler
 import os
 import signal
@@ -12,6 +11,7 @@ import traceback
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 from typing import IO
 
 from midnet_bench import compiled
@@ -147,32 +147,25 @@ def _mark(marks: Path | None, trial_id: str) -> Iterator[IO[str]]:
 
 @contextlib.contextmanager
 def _time_limit(limit_s: float, stack_file: IO[str]) -> Iterator[None]:
-    """Raises TrialTimeout in this thread when ``limit_s`` is over; later, ends the process by force.
+    """Raises TrialTimeout when ``limit_s`` is over; two seconds later, ends the process by force.
 
-    The interruption is CPython's asynchronous exception and not SIGALRM, because a Dask worker runs its
-    tasks outside the main thread, where signals do not arrive.
+    Python delivers signals to the main thread alone: in others, as on a Dask worker, force is all there is.
     """
-    thread_id = ctypes.c_ulong(threading.get_ident())
-    lock = threading.Lock()
-    is_over = False
 
-    def interrupt() -> None:
-        with lock:
-            if not is_over:
-                ctypes.pythonapi.PyThreadState_SetAsyncExc(thread_id, ctypes.py_object(TrialTimeout))
+    def interrupt(signum: int, frame: FrameType | None) -> None:
+        raise TrialTimeout
 
-    timer = threading.Timer(limit_s, interrupt)
-    timer.daemon = True
-    timer.start()
     faulthandler.dump_traceback_later(limit_s + HARD_LIMIT_S, exit=True, file=stack_file)
+    has_alarm = hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
+    if has_alarm:
+        signal.signal(signal.SIGALRM, interrupt)
+        signal.setitimer(signal.ITIMER_REAL, limit_s)
     try:
         yield
     finally:
+        if has_alarm:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
         faulthandler.cancel_dump_traceback_later()
-        with lock:
-            is_over = True
-        timer.cancel()
-        time.sleep(0)  # an interruption that was already on its way arrives here, inside attempt's try
 
 
 def _use_one_thread() -> None:

@@ -1,13 +1,10 @@
 import csv
-import importlib
-import inspect
 import os
 import re
 import sqlite3
 import subprocess
 import sys
 import time
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TypedDict
@@ -24,7 +21,7 @@ from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from tests.campaign import coin_experiments as coins
-from tests.campaign.campaign_process import REPOSITORY, environment, exported
+from tests.campaign.campaign_process import environment, exported
 
 GRID = {"coins": [1, 2, 3], "table": ["wood", "glass"]}
 
@@ -97,7 +94,10 @@ def test_one_worker_and_two_give_the_same_bytes(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc to find the workers")
 def test_as_many_workers_are_started_as_there_is_work_for(tmp_path: Path) -> None:
-    """One job or one trial is one worker. A program of its own, for this one's workers stay."""
+    """Two even for one job, since joblib runs a single job in this process, where a crash ends the campaign.
+
+    A program of its own, for this one's workers stay.
+    """
     program = (
         "import sys\n"
         "from pathlib import Path\n"
@@ -124,7 +124,7 @@ def test_as_many_workers_are_started_as_there_is_work_for(tmp_path: Path) -> Non
         check=True,
         env=environment(),
     )
-    assert done.stdout.splitlines() == ["1 1 1", "1", "2 2 2 2"]
+    assert done.stdout.splitlines() == ["2 2 2", "2", "2 2 2 2"]
 
 
 def begun(campaign: ResolvedCampaign, workers: int) -> list[tuple[int, int]]:
@@ -297,7 +297,7 @@ def test_a_trial_that_always_crashes_fails_alone(tmp_path: Path) -> None:
     ("trouble", "last_line", "where"),
     [
         ("spin", "its limit of 0.5 s", "while True"),
-        pytest.param("sleep", "in native code", "make_trouble", marks=pytest.mark.slow),
+        pytest.param("native", "in native code", "make_trouble", marks=pytest.mark.slow),
     ],
 )
 def test_a_trial_over_its_time_fails_and_the_rest_goes_on(
@@ -409,16 +409,3 @@ def test_a_missing_dask_names_the_extra(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(InputError, match=wanted):
         run(tmp_path, {"backend": "dask", "scheduler": "tcp://127.0.0.1:8786"})
     assert not (tmp_path / "campaign.sqlite").exists()
-
-
-def test_what_joblib_keeps_private_is_where_the_pools_look_for_it() -> None:
-    """joblib may move these in any release: adapt campaign/pools.py, dask_pool.py and the bound on joblib."""
-    executor = importlib.import_module("joblib.externals.loky.process_executor")
-    assert issubclass(executor.BrokenProcessPool, Exception)
-    backend = importlib.import_module("joblib._dask").DaskDistributedBackend
-    for method in ("submit", "retrieve_result_callback", "effective_n_jobs"):
-        assert callable(getattr(backend, method))
-    assert "wait_for_workers_timeout" in inspect.signature(backend.__init__).parameters
-    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
-    (joblib,) = (wanted for wanted in project["dependencies"] if wanted.startswith("joblib"))
-    assert "<" in joblib

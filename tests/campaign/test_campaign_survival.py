@@ -99,11 +99,13 @@ def test_a_kill_while_trials_are_stored_changes_nothing_and_the_workers_go_away(
 
 
 def children_of(process: subprocess.Popen[str]) -> list[int]:
-    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
-    if not children.exists():
+    """The worker processes; each belongs to the thread that started it."""
+    tasks = Path(f"/proc/{process.pid}/task")
+    if not tasks.exists():
         kill(process)
         pytest.skip("needs Linux's /proc to find the workers")
-    return [int(pid) for pid in children.read_text().split()]
+    children = [int(pid) for children in tasks.glob("*/children") for pid in children.read_text().split()]
+    return [pid for pid in children if "popen_loky" in Path(f"/proc/{pid}/cmdline").read_text()]
 
 
 @pytest.mark.slow
