@@ -203,11 +203,11 @@ class Leaf:
     """the titles of the groups it is in; empty for the root's own options"""
 
     def is_of_its_kind(self, value: Scalar) -> bool:
-        """Whether an option can have this value: of a text any, since other versions had other choices."""
+        """Whether an option can have this value; of a text, any."""
         base = _without_none(self.kind)
         if base in (bool, int, float) or value is None:
             return _checked(value, self.option, self.kind) is not _WRONG
-        return isinstance(value, str)
+        return isinstance(value, str) or value in choices_of(self.kind)
 
     @property
     def allowed(self) -> str:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from midnet_bench.errors import InputError
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.io.parameters import Parameters, flat_model
 from midnet_bench.settings import Settings, group, leaves, like, option
 
@@ -29,7 +30,6 @@ class Wheel(Settings):
 @dataclass(frozen=True)
 class Cart(Parameters):
     concern: ClassVar[str] = "cart"
-    recorded: ClassVar[tuple[str, ...] | None] = ("load_kg", "front_radius_m")
 
     load_kg: float = option(10.0, "Load of the cart.", ge=0)
     front: Wheel = group(Wheel(), "front wheel", prefix="front_", keys={"spokes": None})
@@ -189,15 +189,6 @@ def test_flat_values_make_the_same_settings_again(changes: dict[str, Any]) -> No
     assert Cart.resolve(changes, "here") == cart.flat()
 
 
-@given(CHANGES)
-def test_what_is_not_always_recorded_is_there_only_if_it_was_changed(changes: dict[str, Any]) -> None:
-    flat, defaults = Cart.from_flat(changes).flat(), Cart.defaults()
-    assert list(flat)[:2] == ["load_kg", "front_radius_m"]
-    assert set(flat) - {"load_kg", "front_radius_m"} == {
-        key for key, value in changes.items() if value != defaults[key] and key not in Cart.recorded
-    }
-
-
 def test_what_has_no_flat_key_is_not_lost_in_silence() -> None:
     with pytest.raises(InputError, match="cart: a setting that has no flat key was changed"):
         Cart(front=Wheel(spokes=4)).flat()
@@ -222,3 +213,9 @@ def test_what_a_user_wrote_wrong_is_told_by_its_flat_key(values: dict[str, Any],
 def test_an_unknown_key_of_a_trial_is_refused() -> None:
     with pytest.raises(InputError, match="lod_kg: unknown key; did you mean 'load_kg'"):
         Cart.from_flat({"lod_kg": 3})
+
+
+def test_a_number_among_choices_is_of_its_kind() -> None:
+    scans_per_second = leaves(DetectionParameters)["lidar_hz"]
+    assert scans_per_second.is_of_its_kind(5)
+    assert not scans_per_second.is_of_its_kind(3)

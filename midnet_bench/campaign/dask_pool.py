@@ -45,8 +45,8 @@ class DaskPool:
         self._scheduler = scheduler
         self._note = note
         self._absent_since_s: float | None = None
-        self._logger = logging.getLogger("distributed.client")
-        self._log_level = self._logger.level
+        self._loggers = [logging.getLogger(name) for name in ("distributed.client", "tornado.application")]
+        self._log_levels = [logger.level for logger in self._loggers]
         try:
             # the client itself would wait without end for a server that listens and says nothing
             answers = asyncio.run(_identity(scheduler)).get("type")
@@ -57,7 +57,8 @@ class DaskPool:
             ) from error
         if answers != "Scheduler":
             raise InputError(f"--scheduler {scheduler}: a Dask {answers} answers there, not a scheduler")
-        self._logger.setLevel(logging.CRITICAL)  # what it logs comes up as the error in outcomes
+        for logger in self._loggers:
+            logger.setLevel(logging.CRITICAL)  # what it logs comes up as the error in outcomes
         self._client = distributed.Client(  # type: ignore[no-untyped-call]
             scheduler, timeout=CONNECT_TIMEOUT_S, set_as_default=False
         )
@@ -159,7 +160,8 @@ class DaskPool:
     def close(self) -> None:
         """Leaves the cluster, which drops what it was still running for us."""
         self._client.close(timeout=CONNECT_TIMEOUT_S)  # type: ignore[no-untyped-call]
-        self._logger.setLevel(self._log_level)
+        for logger, level in zip(self._loggers, self._log_levels, strict=True):
+            logger.setLevel(level)
 
 
 async def _identity(address: str) -> dict[str, str]:

@@ -17,7 +17,7 @@ from midnet_bench.errors import InputError, MidnetBenchError
 APPLICATION_ID = 0x4D49444E
 """``MIDN``: how SQLite marks whose file it is"""
 
-FORMAT = 3
+FORMAT = 4
 """of stores; it changes with their tables and with the columns of any experiment, and none reads another's"""
 
 

@@ -461,7 +461,6 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     if len(once) > 1:
         sharing = [experiments.sharing(campaign.experiment, found) for _, found in once.values()]
     grid = {factor: list(dict.fromkeys(cell[factor] for cell in cells)) for factor in axes}
-    in_all = [name for name in cells[0] if all(name in cell for cell in cells) and name not in grid]
     return ResolvedCampaign(
         campaign=campaign,
         definition=Definition(
@@ -469,7 +468,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
             base_seed=campaign.base_seed,
             trials=campaign.trials,
             grid=grid,
-            parameters={name: _in_all_cells(name, cells) for name in in_all},
+            parameters={name: _in_all_cells(name, cells) for name in cells[0] if name not in grid},
             variants=_resolved_variants(cells, grid),
             compare=None if campaign.compare is None else _baseline(campaign, campaign.compare, grid),
         ),
@@ -530,9 +529,7 @@ def _cell(
     changes = campaign.variants.get(str(product.get(VARIANT)), {})
     given = {key: value for key, value in product.items() if key != VARIANT}
     checked = parameters.parse({**campaign.parameters, **changes, **given}, source)
-    flat, values = checked.flat(), checked.flat_values()
-    # a newer option is left out at its default, but what the grid varies tells the cells apart
-    cell = flat | {key: values[key] for key in given if key not in flat}
+    cell = checked.flat()
     return ({**cell, VARIANT: product[VARIANT]} if VARIANT in product else cell), checked
 
 
@@ -543,12 +540,9 @@ def _resolved_variants(
     if VARIANT not in grid:
         return {}
     first = {str(cell[VARIANT]): cell for cell in reversed(cells)}
-    names = dict.fromkeys(name for cell in first.values() for name in cell if name not in grid)
-    differ = [name for name in names if len({cell.get(name, NOT_SET) for cell in first.values()}) > 1]
-    return {
-        str(variant): {name: first[str(variant)][name] for name in differ if name in first[str(variant)]}
-        for variant in grid[VARIANT]
-    }
+    names = [name for name in cells[0] if name not in grid]
+    differ = [name for name in names if len({cell[name] for cell in first.values()}) > 1]
+    return {name: {key: first[name][key] for key in differ} for name in map(str, grid[VARIANT])}
 
 
 def _baseline(campaign: Campaign, compare: Baseline, grid: Mapping[str, Sequence[Scalar]]) -> Baseline:

@@ -17,9 +17,6 @@ class Parameters(Settings):
     """Base of an experiment's parameters: a frozen dataclass of its own options and of nested settings."""
 
     concern: ClassVar[str] = "parameters"
-    recorded: ClassVar[tuple[str, ...] | None] = None
-    """The flat keys that each trial's parameters have, in their order; None: all. A key beyond these is there
-    only where its value is not the default, so that a new option changes no trial id."""
 
     @classmethod
     def resolve(cls, values: Mapping[str, Any], source: str) -> dict[str, Scalar]:
@@ -64,7 +61,7 @@ class Parameters(Settings):
         return RULE_OF_THUMB_WALL_S
 
     def flat(self) -> dict[str, Scalar]:
-        """The parameters of a trial, from which ``from_flat`` makes these again; see ``recorded``.
+        """The parameters of a trial, from which ``from_flat`` makes these again.
 
         Raises:
             InputError: a setting was changed that has no flat key.
@@ -72,10 +69,7 @@ class Parameters(Settings):
         values = self.flat_values()
         if type(self).from_flat(values) != self:
             raise InputError(f"{self.concern}: a setting that has no flat key was changed")
-        always = tuple(values) if self.recorded is None else self.recorded
-        usual, decided = self.defaults(), self.defaults_with(values).flat_values()
-        added = {key: value for key, value in values.items() if not usual[key] == value == decided[key]}
-        return {key: values[key] for key in always} | added
+        return values
 
     @classmethod
     def defaults(cls) -> dict[str, Scalar]:

@@ -41,17 +41,17 @@ def resolved(**more: object) -> ResolvedCampaign:
 def test_each_variant_is_a_cell_of_each_cell_of_the_grid() -> None:
     made = resolved()
     assert made.definition.grid == {VARIANT: ["none", "dropout", "strict"], "robots": [1, 5]}
-    assert [(cell[VARIANT], cell["robots"], cell.get("lidar_dropout")) for cell in made.cells] == [
-        ("none", 1, None),
-        ("none", 5, None),
+    assert [(cell[VARIANT], cell["robots"], cell["lidar_dropout"]) for cell in made.cells] == [
+        ("none", 1, 0.0),
+        ("none", 5, 0.0),
         ("dropout", 1, 0.2),
         ("dropout", 5, 0.2),
         ("strict", 1, 0.2),
         ("strict", 5, 0.2),
     ]
     assert made.definition.variants == {
-        "none": {},
-        "dropout": {"lidar_dropout": 0.2},
+        "none": {"tp_boxes": "every", "lidar_dropout": 0.0},
+        "dropout": {"tp_boxes": "every", "lidar_dropout": 0.2},
         "strict": {"tp_boxes": "surplus_false", "lidar_dropout": 0.2},
     }
     assert made.definition.parameters_of({VARIANT: "dropout", "robots": 5})["lidar_dropout"] == 0.2

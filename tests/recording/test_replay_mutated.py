@@ -93,13 +93,13 @@ def try_all(cases, seed, folder):
 
 
 @pytest.mark.slow
-def test_1000_mutated_recordings(tmp_path):
+def test_200_mutated_recordings(tmp_path):
     # in a process of its own: a segmentation fault is to end no other test
     code = (
         "import resource, sys, warnings; from pathlib import Path; warnings.simplefilter('error'); "
         "resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30)); "
         "from tests.recording.test_replay_mutated import try_all; "
-        f"print(dict(try_all(1000, 1, Path({str(tmp_path)!r}))))"
+        f"print(dict(try_all(200, 1, Path({str(tmp_path)!r}))))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -111,8 +111,8 @@ def test_1000_mutated_recordings(tmp_path):
     )
     assert done.returncode == 0, done.stderr[-3000:]
     ends = ast.literal_eval(done.stdout.splitlines()[-1])
-    assert ends["played"] > 300
-    assert ends["refused"] > 300
+    assert ends["played"] > 60
+    assert ends["refused"] > 60
 
 
 @pytest.mark.slow

@@ -93,7 +93,7 @@ def test_measures_that_cannot_be_are_named(changes: dict[str, object], says: str
 
 def test_a_trial_s_settings_go_by_its_robot_unless_they_are_given() -> None:
     burger, waffle = DetectionParameters.of(), DetectionParameters.of(robot="waffle", dwa_max_vel_x_mps=0.22)
-    assert "robot" not in burger.flat()
+    assert burger.flat()["robot"] == "burger"
     assert waffle.flat()["robot"] == "waffle"
     assert waffle.navigator.bare_footprint == WAFFLE.footprint
     assert waffle.costmap.inscribed_radius_m == WAFFLE.radius_m

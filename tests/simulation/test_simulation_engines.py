@@ -6,7 +6,6 @@ import sys
 
 import pytest
 
-from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.engines import make_world
 from midnet_bench.simulation.settings import WorldSettings
@@ -18,12 +17,6 @@ def test_the_setting_picks_the_engine(engine: str) -> None:
     world = make_world(scene([(0.0, 0.0, 0.0)]), WorldSettings(engine=engine), BURGER)
     assert f".{engine}." in type(world).__module__
     world.close()
-
-
-def test_a_trials_parameters_name_the_engine_only_where_it_is_not_bullet() -> None:
-    assert "engine" not in DetectionParameters.of().flat()
-    assert "engine" not in DetectionParameters.of(engine="bullet").flat()
-    assert DetectionParameters.of(engine="fast").flat()["engine"] == "fast"
 
 
 @pytest.mark.slow

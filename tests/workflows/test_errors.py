@@ -81,7 +81,7 @@ def test_recorded_frames_read_back_to_the_same_row(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["errors", "--where", "robot=5"], "has no factor 'robot'; did you mean 'robots'?"),
+        (["errors", "--where", "robts=5"], "has no factor 'robts'; did you mean 'robots'?"),
         (["errors", "--where", "robots=3"], "--where robots=3: the grid has no such value"),
         (["errors", "--where", "robots"], "--where robots: FACTOR=VALUE is needed, such as robots=5"),
         (["errors", "--robots", "3"], "--where robots=3: the grid has no such value"),

@@ -1,7 +1,7 @@
 """What the detection test lets a user set."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import Literal
 
 from midnet_bench.experiments.guarded import sharing
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameters
@@ -15,14 +15,6 @@ PAPER_ARENAS = ("map1", "map2", "empty")
 @dataclass(frozen=True)
 class DetectionParameters(GuardParameters):
     """Map 1, section V.A: who is seen, frame by frame."""
-
-    recorded: ClassVar[tuple[str, ...] | None] = (
-        *(GuardParameters.recorded or ()),
-        "frames",
-        "in_range",
-        "require_line_of_sight",
-        "truth_box",
-    )
 
     frames: int = option(
         1999,

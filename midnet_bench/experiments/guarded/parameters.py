@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Self
+from typing import Literal, Self
 
 from midnet_bench.agents.settings import GoalSettings, PatrolSettings
 from midnet_bench.arena.arena import Arena
@@ -51,41 +51,6 @@ NO_SQUARE_M = 1e-6
 @dataclass(frozen=True)
 class GuardParameters(Parameters):
     """What the experiments with guards share. Item numbers are those of ``midnet_bench/docs/readings.md``."""
-
-    recorded: ClassVar[tuple[str, ...] | None] = (
-        "arena",
-        "prior_map",
-        "robots",
-        "localization",
-        "odometry",
-        "lidar_noise",
-        "robot_profile",
-        "thresh_local",
-        "thresh_global",
-        "cost_scaling",
-        "inscribed_radius_m",
-        "inflation_radius_m",
-        "unknown_in_prior",
-        "resolution_m",
-        "local_size_m",
-        "obstacle_range_m",
-        "raytrace_range_m",
-        "local_map",
-        "decay_s",
-        "inf_is_valid",
-        "footprint_clearing",
-        "align",
-        "min_area_cells",
-        "deflate_boxes",
-        "ally_diameter_m",
-        "iou_ally",
-        "iou_fuse",
-        "ally_remove",
-        "controller",
-        "z_factor",
-        "goal_timeout_s",
-        "intruder_speed_mps",
-    )
 
     preset: Preset = option(
         "paper",

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Self
+from typing import Literal, Self
 
 from midnet_bench.agents.settings import PursuitSettings
 from midnet_bench.arena.arena import Arena
@@ -17,20 +17,6 @@ from midnet_bench.settings import group, like, option
 @dataclass(frozen=True)
 class LabyrinthParameters(GuardParameters):
     """Map 2, section V.B: who is caught before he escapes."""
-
-    recorded: ClassVar[tuple[str, ...] | None] = (
-        *(GuardParameters.recorded or ()),
-        "intruders",
-        "capture",
-        "capture_distance_m",
-        "pursuit",
-        "pursuit_timeout_s",
-        "evasion",
-        "flee_radius_m",
-        "escape_distance_m",
-        "escape_radius_m",
-        "time_limit_s",
-    )
 
     arena: str = like(GuardParameters, "arena", "map2", source="paper: III, Map 2; the walls inside are ours")
     intruders: int = option(

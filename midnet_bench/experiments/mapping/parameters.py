@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Self
+from typing import Literal, Self
 
 from midnet_bench.agents.settings import GoalSettings
 from midnet_bench.experiments.guarded.inputs import inline_arena
@@ -20,19 +20,6 @@ _UNPUBLISHED = "ours: no figure of a Burger is published"
 @dataclass(frozen=True)
 class MappingParameters(Parameters):
     """How a team of robots explores an arena and merges what its robots see."""
-
-    recorded: ClassVar[tuple[str, ...] | None] = (
-        "arena",
-        "robots",
-        "odometry",
-        "lidar_noise",
-        "robot_profile",
-        "resolution_m",
-        "particles",
-        "merge",
-        "goal_timeout_s",
-        "time_limit_s",
-    )
 
     arena: str = option(
         "map1", "Name of a packaged arena, or an arena's YAML file.", source="paper: III, Map 1"
