@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from midnet_bench.campaign.trial import Row, Scalar
 
@@ -11,7 +12,20 @@ LARGEST = 1e12
 LONGEST_TEXT = 2000
 SHOWN = 40
 """characters of a cell in a message"""
+MOST_CHOICES = 3
+"""of a column, that a page lists beside it"""
 _WORDS = {bool: "True or False", int: "a whole number", float: "a number", str: "a text of one line"}
+
+
+class Drift(NamedTuple):
+    """How far another platform's number may lie off: absolutely, plus as a share of ours."""
+
+    absolute: float
+    share: float = 0.0
+
+
+ANY_DRIFT = Drift(math.inf)
+"""of single events and their times, which say nothing on another platform"""
 
 
 @dataclass(frozen=True)
@@ -19,6 +33,10 @@ class Column:
     """What each cell of a column holds."""
 
     kind: type[bool] | type[int] | type[float] | type[str]
+    about: str = ""
+    """what it means, for ``docs/results.md``"""
+    unit: str = ""
+    """of a number: ``m``, ``s``, ``%``; none of counts and shares"""
     least: float = 0.0
     """of a number; none is NaN or infinite"""
     most: float = LARGEST
@@ -30,6 +48,8 @@ class Column:
     """a column of the same row, or a parameter of the trial, that no cell is above"""
     longest: int = LONGEST_TEXT
     """characters of a text"""
+    drift: Drift | None = None
+    """what ``compare --exact`` allows on another platform; nothing unless given"""
 
     @property
     def wanted(self) -> str:
@@ -39,6 +59,15 @@ class Column:
         if self.kind not in (int, float):
             return _WORDS[self.kind]
         return f"{_WORDS[self.kind]} from {self.least:g} to {self.most:g}"
+
+    @property
+    def range(self) -> str:
+        """Its unit and the values that it may have, for ``docs/results.md``; blank if any."""
+        few = len(self.choices) <= MOST_CHOICES
+        text = "true, false" if self.kind is bool else ", ".join(self.choices) if few else ""
+        if self.kind in (int, float) and (self.least not in (0.0, -LARGEST) or self.most != LARGEST):
+            text = f"{self.least:g} to {self.most:g}" if self.most != LARGEST else f"from {self.least:g}"
+        return f"{self.unit} {text}".strip()
 
     def holds(self, value: object) -> bool:
         """Whether a cell may have this value."""
@@ -71,6 +100,8 @@ class Columns:
     """A table of one trial: its columns by name."""
 
     columns: Mapping[str, Column]
+    about: str = ""
+    """what a row is, for ``docs/results.md``"""
     one_row: bool = False
     """whether each trial has one row; else it has at least one"""
     optional: bool = False

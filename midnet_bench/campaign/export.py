@@ -18,10 +18,18 @@ TIMING_TABLE: Tables = {
     TIMING: Columns(
         {
             "status": Column(str, choices=("finished", "failed")),
-            "wall_s": Column(float),
-            "simulated_s": Column(float, may_be_empty=True),
-            "finished_utc": Column(str),
+            "wall_s": Column(
+                float,
+                "wall time of the trial in its worker process; of trials that share a simulation, each an "
+                "equal part",
+                "s",
+            ),
+            "simulated_s": Column(
+                float, "how long the trial lasted in its world; empty if it failed", "s", may_be_empty=True
+            ),
+            "finished_utc": Column(str, "when it was stored, ISO 8601"),
         },
+        "One row per trial. Wall times differ from run to run, hence a file for them alone.",
         one_row=True,
     )
 }

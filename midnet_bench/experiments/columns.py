@@ -1,85 +1,207 @@
-"""The columns of each experiment's tables, which a store or a CSV file from elsewhere is held to.
+"""The columns of each experiment's tables: meaning, unit, range, and how far another platform may lie off.
 
-``docs/results.md`` says what they mean. A parameter that has the name of a column can be no factor of a grid.
+A trial's tables are held to them when it ends and when a store or a CSV file is read. ``docs/results.md`` and
+the bounds of ``compare --exact`` are made of them. No factor of a grid may have the name of a column.
 """
 
-from midnet_bench.campaign.columns import LARGEST, Column, Columns, Tables
+from midnet_bench.campaign.columns import ANY_DRIFT, LARGEST, Column, Columns, Drift, Tables
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
 
 LONGEST_RECORD = 20_000
 """characters of what is kept of one frame in one column"""
-COUNT = Column(int)
-AMOUNT = Column(float)
-TIME_OR_NONE = Column(float, may_be_empty=True)
-SHARE = Column(float, most=1.0)
-SHARE_OR_NONE = Column(float, most=1.0, may_be_empty=True)
+FEW, LENGTH, FIFTH, TENTH, ONE = Drift(20.0, 0.5), Drift(0.0, 0.3), Drift(0.0, 0.2), Drift(0.1), Drift(1.0)
+"""physics in floating point parts ways between processors, and after a minute robots are elsewhere"""
 
-FRAMES = Column(int, least=1)
+
+def _count(about: str, drift: Drift | None = None) -> Column:
+    return Column(int, about, drift=drift)
+
+
+def _event(about: str) -> Column:
+    """A count that says nothing on another platform."""
+    return Column(int, about, drift=ANY_DRIFT)
+
+
+def _share(about: str, may_be_empty: bool = True, drift: Drift | None = None) -> Column:
+    return Column(float, about, most=1.0, may_be_empty=may_be_empty, drift=drift)
+
+
+def _metres(about: str, drift: Drift | None = None, may_be_empty: bool = False) -> Column:
+    return Column(float, about, "m", may_be_empty=may_be_empty, drift=drift)
+
+
+def _seconds(about: str, drift: Drift | None = None, may_be_empty: bool = False) -> Column:
+    return Column(float, about, "s", may_be_empty=may_be_empty, drift=drift)
+
+
+FRAME = Column(int, "counted from 1", least=1)
 COUNTS = {
-    **dict.fromkeys(("tp", "fp", "fn", "intruders_in_range", "matched", "duplicates", "missed"), COUNT),
-    "error_sum_m": AMOUNT,
-    "gospa_m": AMOUNT,
+    "tp": _count(
+        "boxes that overlap some intruder; with `tp_boxes=one_per_intruder` or `surplus_false` one box for "
+        "each, `matched`",
+        FIFTH,
+    ),
+    "fp": _count("boxes that overlap none; with `tp_boxes=surplus_false` the `duplicates` too", FEW),
+    "fn": _count("intruders in range that no box overlaps", FEW),
+    "intruders_in_range": _count("intruders within the usable range of some guard", FIFTH),
+    "matched": _count("one-to-one matching: pairs of an intruder and a box", FIFTH),
+    "duplicates": _count(
+        "one-to-one matching: further boxes on intruders that have theirs; `matched + duplicates` is `tp` "
+        "by default",
+        FEW,
+    ),
+    "missed": _count("one-to-one matching: intruders in range without a box", FEW),
+    "error_sum_m": _metres("distance from box centre to intruder centre, summed over the pairs", LENGTH),
+    "gospa_m": _metres(
+        "GOSPA: distances of pairs, and 0.5 m for each miss and each false or further box "
+        "(`docs/metrics.md`)",
+        FEW,
+    ),
 }
 """as ``scoring.frame_counts.FrameCounts`` has them"""
 CAUSES = {
-    **dict.fromkeys(("fn_hidden", "fn_new", "fp_left", "overlapping", "reordered", "looked_at"), COUNT),
-    **dict.fromkeys(("fn_outside_window", "fn_hidden_in_window", "fn_new_in_window"), COUNT),
+    "fn_hidden": _event(
+        "of `fn`: no beam of any guard meets the intruder within range at the frame's instant"
+    ),
+    "fn_new": _event("of `fn`: the intruder was out of range one frame (0.2 s) before"),
+    "fp_left": _event("of `fp`: the box lies where an intruder was one frame before"),
+    "overlapping": _event("frames in which two fused boxes overlap"),
+    "reordered": _event("frames of `looked_at` with other boxes if the robots come in opposite order"),
+    "looked_at": _count("each tenth frame, teams only"),
+    "fn_outside_window": _event("of `fn`: no part of the intruder lies in the local costmap of any guard"),
+    "fn_hidden_in_window": _event("of `fn_hidden`: those in the local costmap of some guard"),
+    "fn_new_in_window": _event(
+        "of `fn` in the local costmap of some guard: out of range, or of every costmap, one frame before"
+    ),
 }
 """as ``scoring.causes.Causes`` has them"""
-RATIOS = dict.fromkeys(("precision", "recall", "f1"), SHARE_OR_NONE)
+PATROL = {
+    "patrol_relaxations": _event(
+        "how often the least distance between patrol goals (Eq. 12) was shrunk by a tenth because no point "
+        "kept it"
+    )
+}
 
 SCORES = Columns(
-    {"frames": FRAMES, **COUNTS, **RATIOS, **CAUSES, "patrol_relaxations": COUNT},
+    {
+        "frames": Column(int, "how many", least=1),
+        **COUNTS,
+        "precision": _share("Eq. 8 of the sums", drift=TENTH),
+        "recall": _share("Eq. 9 of the sums", drift=TENTH),
+        "f1": _share("Eq. 10 of the sums", drift=TENTH),
+        **CAUSES,
+        **PATROL,
+    },
+    "One row per trial: the columns of `frames` summed over its frames, their ratios, and what the misses "
+    "come from.",
     one_row=True,
 )
 EXPLORERS = Columns(
     {
-        "robot": Column(str),
-        "distance_m": AMOUNT,
-        "goals_reached": COUNT,
-        "goals_given_up": COUNT,
-        "stuck_s": AMOUNT,
-        "collisions": COUNT,
-        "walls_crossed": COUNT,
-        "recoveries": COUNT,
-        "pose_error_m": TIME_OR_NONE,
-    }
+        "robot": Column(str, "its name, such as `guard 1`"),
+        "distance_m": _metres("path length driven", Drift(1.0, 0.3)),
+        "goals_reached": _event("how many"),
+        "goals_given_up": _event("how many"),
+        "stuck_s": _seconds("time without progress towards its goal", ANY_DRIFT),
+        "collisions": _event("contacts with walls, intruders or robots that began"),
+        "walls_crossed": _count(
+            "walls that its centre went through; anything but 0 is a failure of the physics"
+        ),
+        "recoveries": _event("recovery behaviours of its navigator"),
+        "pose_error_m": _metres(
+            "distance between believed and true position at the end; empty for a robot that has left",
+            TENTH,
+            True,
+        ),
+    },
+    "One row per trial and robot.",
 )
-ROBOTS = Columns({**EXPLORERS.columns, "role": Column(str, choices=("guard", "intruder"))})
+ROBOTS = Columns(
+    {**EXPLORERS.columns, "role": Column(str, "not in mapping", choices=("guard", "intruder"))},
+    EXPLORERS.about,
+)
 
-METRICS = Columns({"metric": Column(str), "value": Column(float, least=-LARGEST)}, optional=True)
+METRICS = Columns(
+    {
+        "metric": Column(str, "the value's name, such as `ospa_m`"),
+        "value": Column(
+            float, "its mean over the trial's frames, or what it is for the whole trial", least=-LARGEST
+        ),
+    },
+    "One row per trial and value of a further metric; only with `metrics` "
+    "([howto/metric.md](howto/metric.md)).",
+    optional=True,
+)
+
+
+def _packed(about: str) -> Column:
+    return Column(str, about, longest=LONGEST_RECORD)
+
 
 RECORDED = Columns(
     {
-        "frame": FRAMES,
-        **dict.fromkeys(
-            ("poses", "truths", "found", "detections", "scans"), Column(str, longest=LONGEST_RECORD)
+        "frame": FRAME,
+        "poses": _packed(
+            "for each row of `robots`: true x, y, yaw, believed x, y, yaw, and x, y of its goal if it has "
+            "one, then 1 if it pursues that; null for one that is gone"
+        ),
+        "truths": _packed(
+            "of each intruder: name, box, whether missing it counts, index of the detection paired with it"
+        ),
+        "found": _packed(
+            "of each box before fusion: index of the guard, box, index of the ally that it was removed for"
+        ),
+        "detections": _packed(
+            "of each box of the team: index of the guard, box, index of the intruder paired with it"
+        ),
+        "scans": _packed(
+            "of each guard in base64: a byte for each fourth beam, centimetres, 255 where nothing came back "
+            "within 2.54 m; after `@` x, y, yaw of the LiDAR as the guard believed it then"
         ),
     },
+    "One row per trial and frame, only with `record`: the trial as the player shows it. "
+    "`RecordedFrame.from_row` of `midnet_bench/experiments/guarded/record.py` reads one. Lists are JSON; "
+    "lengths are millimetres, angles milliradians, map frame.",
     optional=True,
 )
 """as ``guarded.record.RecordedFrame`` has them"""
-PLACE = Column(float, least=-LARGEST)
+
+
+def _corner(about: str) -> Column:
+    return Column(float, about, "m", least=-LARGEST)
+
+
 ERRORS = Columns(
     {
-        "frame": FRAMES,
-        "kind": Column(str, choices=("miss", "false", "fragment")),
-        "cause": Column(str, choices=(*MISS_CAUSES, *(set(FALSE_CAUSES) - set(MISS_CAUSES)))),
-        "guard": COUNT,
-        "intruder": Column(str),
-        "by": Column(str),
-        "age_s": AMOUNT,
-        "offset_m": AMOUNT,
-        **dict.fromkeys(("x_min_m", "y_min_m", "x_max_m", "y_max_m"), PLACE),
-        "paper": Column(bool),
+        "frame": FRAME,
+        "kind": Column(
+            str,
+            "`false`: a box on no intruder; `fragment`: a further box on one that has its own",
+            choices=("miss", "false", "fragment"),
+        ),
+        "cause": Column(
+            str,
+            "why ([errors.md](errors.md))",
+            choices=tuple({**MISS_CAUSES, **FALSE_CAUSES}),
+        ),
+        "guard": _count("number of the guard at which it came about, 0 for none"),
+        "intruder": Column(str, "of a miss, its name"),
+        "by": Column(str, "another that had a part: what stands before the intruder, whose trail it is"),
+        "age_s": _seconds("since the newest return that has a part"),
+        "offset_m": _metres("the error of position that did it, or how far an intruder has moved"),
+        "x_min_m": _corner("of the box, or of the missed intruder's true one"),
+        **dict.fromkeys(("y_min_m", "x_max_m", "y_max_m"), _corner("likewise")),
+        "paper": Column(bool, "whether the paper's counts, `tp_boxes=every`, have it too, as `fn` or `fp`"),
     },
+    "One row per trial and error, only with `record`: intruders in range without a box, boxes without an "
+    "intruder, by one-to-one matching.",
     optional=True,
 )
 """as ``guarded.recorder.Recorder`` has them"""
 
 DETECTION: Tables = {
     "scores": SCORES,
-    "frames": Columns({"frame": FRAMES, **COUNTS}),
+    "frames": Columns({"frame": FRAME, **COUNTS}, "One row per trial and frame (0.2 s)."),
     "robots": ROBOTS,
     "metrics": METRICS,
     "recorded": RECORDED,
@@ -88,28 +210,42 @@ DETECTION: Tables = {
 LABYRINTH: Tables = {
     "trial": Columns(
         {
-            "caught": Column(int, at_most="detected"),
-            "detected": Column(int, at_most="intruders"),
-            "escaped": Column(int, at_most="intruders"),
-            "success_rate": Column(float, most=100.0),
-            "duration_s": AMOUNT,
-            "ended": Column(str),
-            "patrol_relaxations": COUNT,
-            "targets": COUNT,
-            "ghost_targets": COUNT,
+            "caught": Column(int, "how many intruders", at_most="detected", drift=ONE),
+            "detected": Column(int, "how many intruders", at_most="intruders", drift=ONE),
+            "escaped": Column(int, "how many intruders", at_most="intruders", drift=ONE),
+            "success_rate": Column(
+                float, "Eq. 11: share of the intruders that were caught", "%", most=100.0, drift=Drift(50.0)
+            ),
+            "duration_s": _seconds("simulated", ANY_DRIFT),
+            "ended": Column(str, "`nobody left`, or `time limit`", drift=ANY_DRIFT),
+            **PATROL,
+            "targets": _event("tracks of boxes that guards could pursue, 0 under `pursuit=oracle`"),
+            "ghost_targets": _event("of these, tracks whose first box was on no intruder"),
         },
+        "One row per trial.",
         one_row=True,
     ),
     "intruders": Columns(
         {
-            "intruder": COUNT,
-            "outcome": Column(str, choices=("caught", "escaped", "at large")),
-            "detected_at_s": TIME_OR_NONE,
-            "caught_at_s": TIME_OR_NONE,
-            "escaped_at_s": TIME_OR_NONE,
-            "left_at_s": TIME_OR_NONE,
-            "straight_m": AMOUNT,
-        }
+            "intruder": _count("counted from 1"),
+            "outcome": Column(
+                str,
+                "`at large` when the time was up",
+                choices=("caught", "escaped", "at large"),
+                drift=ANY_DRIFT,
+            ),
+            **{
+                f"{what}_at_s": _seconds(about, ANY_DRIFT, may_be_empty=True)
+                for what, about in {
+                    "detected": "since the start of the trial; empty if it did not happen",
+                    "caught": "likewise",
+                    "escaped": "likewise",
+                    "left": "when it was caught or escaped; empty if it was there to the end",
+                }.items()
+            },
+            "straight_m": _metres("straight line from its start to its way out", Drift(1e-6)),
+        },
+        "One row per trial and intruder.",
     ),
     "robots": ROBOTS,
     "metrics": METRICS,
@@ -118,15 +254,29 @@ LABYRINTH: Tables = {
 MAPPING: Tables = {
     "maps": Columns(
         {
-            "coverage": SHARE,
-            "occupied_precision": SHARE_OR_NONE,
-            "occupied_recall": SHARE_OR_NONE,
-            "wall_error_m": TIME_OR_NONE,
-            "time_s": AMOUNT,
-            "distance_m": AMOUNT,
-            "finished": Column(bool),
-            "merge_confidence": TIME_OR_NONE,
+            "coverage": _share(
+                "of the free cells within a robot's reach, known in the map", may_be_empty=False
+            ),
+            "occupied_precision": _share("of the map's occupied cells, with a true one within one cell"),
+            "occupied_recall": _share(
+                "of the true occupied cells that face reachable space, with one of the map's within one cell"
+            ),
+            "wall_error_m": _metres(
+                "mean distance from the map's occupied cells to the nearest true one", may_be_empty=True
+            ),
+            "time_s": _seconds("simulated"),
+            "distance_m": _metres("driven by all robots together"),
+            "finished": Column(
+                bool, "whether no frontier was left before the time limit but those that were given up"
+            ),
+            "merge_confidence": Column(
+                float,
+                "of merging by features: the worst merged pair, or the best refused one; empty where starts "
+                "are known",
+                may_be_empty=True,
+            ),
         },
+        "One row per trial.",
         one_row=True,
     ),
     "robots": EXPLORERS,

@@ -6,8 +6,10 @@ import json
 from collections.abc import Iterator
 from pathlib import Path
 
+from midnet_bench.campaign.columns import ANY_DRIFT, Drift
 from midnet_bench.campaign.provenance import Provenance, collect
 from midnet_bench.errors import InputError
+from midnet_bench.experiments.registry import columns, names
 from midnet_bench.io.files import write_atomically
 from midnet_bench.workflows.shipped import installed, shipped_folder
 
@@ -18,58 +20,6 @@ TABLES = {
 """packaged campaign -> its tables that have committed numbers"""
 PLATFORM = "platform.json"
 SAME_PLATFORM = ("libm", "machine", "processor", "python", "libraries")
-BOUNDS = {
-    "tp": (0.0, 0.2),
-    "fp": (20.0, 0.5),
-    "fn": (20.0, 0.5),
-    "intruders_in_range": (0.0, 0.2),
-    "matched": (0.0, 0.2),
-    "missed": (20.0, 0.5),
-    "duplicates": (20.0, 0.5),
-    "error_sum_m": (0.0, 0.3),
-    "gospa_m": (20.0, 0.5),
-    "precision": (0.1, 0.0),
-    "recall": (0.1, 0.0),
-    "f1": (0.1, 0.0),
-    "caught": (1.0, 0.0),
-    "detected": (1.0, 0.0),
-    "escaped": (1.0, 0.0),
-    "success_rate": (50.0, 0.0),
-    "straight_m": (1e-6, 0.0),
-    "distance_m": (1.0, 0.3),
-    "pose_error_m": (0.1, 0.0),
-    "walls_crossed": (0.0, 0.0),
-}
-"""column -> how far another platform's number may lie off, absolutely plus as a share of the golden one:
-physics in floating point parts ways between processors, and after a minute robots are elsewhere; in the smoke
-labyrinth that may cost one intruder of two"""
-UNBOUNDED = {
-    "outcome",
-    "detected_at_s",
-    "caught_at_s",
-    "escaped_at_s",
-    "left_at_s",
-    "duration_s",
-    "ended",
-    "patrol_relaxations",
-    "targets",
-    "fn_hidden",
-    "fn_new",
-    "fp_left",
-    "fn_outside_window",
-    "fn_hidden_in_window",
-    "fn_new_in_window",
-    "overlapping",
-    "reordered",
-    "ghost_targets",
-    "goals_reached",
-    "goals_given_up",
-    "stuck_s",
-    "collisions",
-    "recoveries",
-}
-"""columns that say nothing on another platform: single events, and when they happened; what stands in neither
-of the two must be the same on every platform"""
 
 
 def compare_exactly(run: Path, golden: Path | None = None, *, update: bool = False) -> tuple[list[str], str]:
@@ -143,23 +93,26 @@ def _processor_flags() -> str:
 
 def _differences(run: Path, golden: Path, name: str, exactly: bool) -> Iterator[str]:
     ours, theirs = _rows(run / f"{name}.csv"), _rows(golden / f"{name}.csv")
+    drifts = {
+        (table, column): known.drift
+        for experiment in names()
+        for table, its in columns(experiment).items()
+        for column, known in its.columns.items()
+    }
     if len(ours) != len(theirs):
         yield f"{name}.csv: {len(ours)} rows, golden {len(theirs)}"
     for number, (row, wanted) in enumerate(zip(ours, theirs, strict=False), 1):
         for column in wanted:
-            if not _agree(column, row.get(column, ""), wanted[column], exactly):
+            drift = None if exactly else drifts.get((name, column))
+            if not _agree(row.get(column, ""), wanted[column], drift):
                 yield f"{name}.csv: row {number}: {column} {row.get(column)}, golden {wanted[column]}"
 
 
-def _agree(column: str, ours: str, golden: str, exactly: bool) -> bool:
-    if exactly:
-        return ours == golden
-    if column in UNBOUNDED:
-        return True
-    if column not in BOUNDS or not (ours and golden):
-        return ours == golden
-    absolute, share = BOUNDS[column]
-    return abs(float(ours) - float(golden)) <= absolute + share * abs(float(golden))
+def _agree(ours: str, golden: str, drift: Drift | None) -> bool:
+    """``drift``: how far apart they may be; None if not at all."""
+    if drift is None or drift == ANY_DRIFT or not (ours and golden):
+        return drift == ANY_DRIFT or ours == golden
+    return abs(float(ours) - float(golden)) <= drift.absolute + drift.share * abs(float(golden))
 
 
 def _rows(path: Path) -> list[dict[str, str]]:

@@ -9,7 +9,7 @@ import pytest
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
-from midnet_bench.experiments.registry import experiment, experiment_of, names, tables_of
+from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.workflows.compare import compare
 from midnet_bench.workflows.sweeps import compared_values
 from midnet_bench.workflows.verify import power_report, verify
@@ -19,15 +19,19 @@ REFERENCES = REPOSITORY / "results" / "reference"
 PAGE = (REPOSITORY / "docs" / "results.md").read_text(encoding="utf-8")
 ONE_LINE_EACH = re.sub(r"(?<!\n)\n(?!\n)", " ", PAGE)
 """the page with each paragraph on a line"""
-OPTIONAL = {"variant", "role", "gospa_m", "gospa_per_frame_m"}
-OPTIONAL |= {"targets", "ghost_targets", "left_at_s"}
-OPTIONAL |= {"fn_hidden", "fn_new", "fp_left", "overlapping", "reordered", "looked_at"}
-OPTIONAL |= {"fn_outside_window", "fn_hidden_in_window", "fn_new_in_window"}
+OPTIONAL = {"variant", "role"}
 """columns that not every campaign has"""
 
 
 def described(table: str) -> set[str]:
     """The columns in the table's paragraph: ``**`table`** ... Columns: `one`: ...; `two`: ...``."""
+    made = re.search(rf"^\*\*`{table}`\*\*(?:(?!\n\n).)*\n\n\| column .*?\n\n", PAGE, flags=re.M | re.S)
+    if made is not None:
+        return {
+            name
+            for cell in re.findall(r"^\| (`.*?`) \|", made[0], flags=re.M)
+            for name in re.findall(r"`(.*?)`", cell)
+        }
     (section,) = re.findall(rf"^\*\*`{table}`\*\*.*? Columns: (.*?)$", ONE_LINE_EACH, flags=re.M)
     keys = [item.partition(": ")[0] for item in section.split("; ")]
     return {name for key in keys for name in re.findall(r"`([^`]+)`", key)}
@@ -78,13 +82,6 @@ def check_campaign(directory: Path) -> None:
 )
 def test_every_column_of_a_reference_is_described(name: str) -> None:
     check_campaign(REFERENCES / name)
-
-
-@pytest.mark.parametrize("name", names())
-def test_the_columns_that_cells_are_checked_by_are_those_described(name: str) -> None:
-    for table, known in experiment(name).columns.items():
-        without_role = {"role"} if (name, table) == ("mapping", "robots") else set()
-        assert set(known.columns) == described(table) - without_role, table
 
 
 def test_every_column_of_the_comparison_of_variants_is_described() -> None:
