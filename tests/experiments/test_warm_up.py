@@ -12,7 +12,7 @@ from midnet_bench import compiled
 from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
 from midnet_bench.campaign.runner import plan
 from midnet_bench.experiments import registry, warm_up
-from midnet_bench.experiments.trial_cost import START_S, trial_wall_s
+from midnet_bench.experiments.guarded.parameters import SECONDS_PER_SIMULATED_SECOND, START_S
 
 
 def campaign(experiment: str = "detection", **grid: Any) -> ResolvedCampaign:
@@ -69,7 +69,7 @@ def test_an_estimate_knows_frames_robots_and_engine(tmp_path: Path) -> None:
         return plan(resolve(asked, registry), tmp_path, jobs=1).wall_s
 
     short = wall_s(1, frames=5, engine="fast")
-    assert short == pytest.approx(trial_wall_s("fast", 1, 1.0))
+    assert short == pytest.approx(START_S + sum(SECONDS_PER_SIMULATED_SECOND["fast"]))
     assert START_S < short < 2.0
     long = wall_s(1, engine="fast")
     assert 5.0 < long < 15.0

@@ -61,8 +61,6 @@ def claims(results: Results) -> list[Finding]:
         return []
     cells = {
         name: cell.assign(fn_in_window=cell["fn"] - cell["fn_outside_window"])
-        if "fn_outside_window" in cell
-        else cell
         for name, cell in cells_of(results).items()
     }
     found = []
@@ -71,23 +69,14 @@ def claims(results: Results) -> list[Finding]:
             found += [*_scores(name, cells[name]), *_counts(name, cells[name]), *_delay(name, cells[name])]
     if PAPER.keys() <= cells.keys():
         one, five = cells[ONE], cells[FIVE]
-        found += [
-            _change(one, five, column, rises)
-            for column, rises in RISES.items()
-            if column in one and column in five
-        ]
+        found += [_change(one, five, column, rises) for column, rises in RISES.items()]
     if ONE in cells:
-        for which, (misses, hidden, _) in _misses(cells[ONE]).items():
+        for which, (misses, hidden, _) in MISSES.items():
             statement = f"1 robot: most misses{which} are hidden intruders"
             found.append(finding(statement, _share(cells[ONE], hidden, misses), 0.5, math.inf))
-    if FIVE in cells and {"overlapping", "reordered", "looked_at"} <= set(cells[FIVE]):
+    if FIVE in cells:
         found += _fused_list(cells[FIVE])
     return found
-
-
-def _misses(cell: pd.DataFrame) -> dict[str, tuple[str, str, str]]:
-    """Those of ``MISSES`` that the results have; ones of earlier versions lack some."""
-    return {which: columns for which, columns in MISSES.items() if set(columns) <= set(cell)}
 
 
 def _scores(name: Team, cell: pd.DataFrame) -> list[Finding]:
@@ -119,9 +108,8 @@ def _counts(name: Team, cell: pd.DataFrame) -> list[Finding]:
 
 def _delay(name: Team, cell: pd.DataFrame) -> list[Finding]:
     """What "is not expected to be significant": misses just come near, false boxes where one just was."""
-    shares = {f"misses{which}": (new, misses) for which, (misses, _, new) in _misses(cell).items()}
-    if "fp_left" in cell:
-        shares = {"false positives": ("fp_left", "fp"), **shares}
+    shares = {"false positives": ("fp_left", "fp")}
+    shares |= {f"misses{which}": (new, misses) for which, (misses, _, new) in MISSES.items()}
     return [
         finding(
             f"{TEAMS[name]}: at most {100 * MINOR:.0f} % of the {errors} are due to scan delay",

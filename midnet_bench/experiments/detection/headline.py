@@ -161,10 +161,10 @@ def _verdicts(results: Results, cells: Cells, paper: Mapping[Team, Row]) -> list
 
 
 def _misses(results: Results, cells: Cells) -> list[str]:
-    """What most misses of the smallest team come from; where that was not counted, how far costmaps reach."""
+    """What most misses of the smallest team that has any come from; without teams, how far costmaps reach."""
     for robots, cell in _plain_teams(results, cells).items():
         missed = exact_sum(cell["fn"])
-        if not missed or not {"fn_outside_window", "fn_hidden_in_window"} <= set(cell):
+        if not missed:
             continue
         outside, hidden = (
             exact_sum(cell[name]) / missed for name in ("fn_outside_window", "fn_hidden_in_window")

@@ -57,7 +57,7 @@ def tables(results: Results) -> list[Table]:
 def cells_of(results: Results) -> Cells:
     """The scores of each cell's finished trials, in the campaign's order, without the grid's columns.
 
-    With them stand ``boxes``, ``f1_one_to_one``, ``gospa_per_frame_m`` (of results that have it) and
+    With them stand ``boxes``, ``f1_one_to_one``, ``gospa_per_frame_m`` and
     ``collisions`` of the trial's robots.
     """
     scores = trials_of(results)
@@ -78,9 +78,7 @@ def trials_of(results: Results) -> pd.DataFrame:
     scores = with_boxes(results, scores)
     if not (fleet := results.table("robots")).empty:
         scores = scores.join(fleet.groupby(place, sort=False)["collisions"].sum(), on=place)
-    if "gospa_m" in scores:  # not in results of versions up to 0.1.0
-        scores = scores.assign(gospa_per_frame_m=scores["gospa_m"] / scores["frames"])
-    return scores
+    return scores.assign(gospa_per_frame_m=scores["gospa_m"] / scores["frames"])
 
 
 def window_notes(definition: Definition) -> list[str]:
@@ -107,14 +105,12 @@ def summary_table(cells: Cells, notes: Sequence[str] = (), paper: Mapping[Team, 
     notes = [*notes] if cells else []
     for row, (name, cell) in zip(scores_table(cells).rows, cells.items(), strict=True):
         pooled: dict[str, Cell] = {"f1_one_to_one": matched_ratios(cell).f1}
-        if "gospa_m" in cell:
-            pooled["gospa_per_frame_m"] = statistics.exact_sum(cell["gospa_m"]) / sum(cell["frames"])
+        pooled["gospa_per_frame_m"] = statistics.exact_sum(cell["gospa_m"]) / sum(cell["frames"])
         if "collisions" in cell:
             pooled["collisions_per_trial"] = sum(cell["collisions"]) / len(cell)
         rows.append({"trial": str(name), "source": "ours", "seeds": len(cell), **row, **pooled})
         if len(cell) > 1:
-            beside = [score for score in BESIDE if score in cell]
-            means = {score: score_over_seeds(cell, score) for score in (*SCORES, *beside)}
+            means = {score: score_over_seeds(cell, score) for score in (*SCORES, *BESIDE)}
             rows.append({"trial": str(name), "source": "mean over seeds", "seeds": len(cell), **means})
         if name in paper:
             rows.append({"trial": str(name), "source": "paper", "frames": PAPER_FRAMES, **paper[name]})
@@ -212,8 +208,7 @@ def measures(results: Results) -> pd.DataFrame:
     if trials.empty:
         return pd.DataFrame()
     trials = trials.assign(robots=results.column(trials, "robots"))
-    names = [score for score in (*SCORES, *BESIDE) if score in trials]
-    scores = tidy(trials, [*dict.fromkeys([*results.factors, "robots"])], names)
+    scores = tidy(trials, [*dict.fromkeys([*results.factors, "robots"])], [*SCORES, *BESIDE])
     return pd.concat([scores, metric_measures(results)])
 
 

@@ -14,7 +14,7 @@ from midnet_bench.arena.layout import place
 from midnet_bench.assembly.detector_node import DetectorNode, Sight, detector_nodes
 from midnet_bench.campaign.trial import Row
 from midnet_bench.elementary import cos, sin
-from midnet_bench.experiments.guarded.ground_truth import GroundTruthOverrides, ScanOnlooker, Trial
+from midnet_bench.experiments.guarded.ground_truth import ScanOnlooker, Trial, overrides_of
 from midnet_bench.experiments.guarded.inputs import EXACT, prior_map_from
 from midnet_bench.experiments.guarded.opponents import Opponents
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ, OVERRIDING, GuardParameters, Oracle
@@ -85,8 +85,9 @@ class GuardedArena(RobotTrial):
         )
         self._onlookers: list[ScanOnlooker] = []
         known = Trial(seed, self.world, self.lidars, self.crowd, self.guards, self.intruders)
-        self._overrides = GroundTruthOverrides(overridden, known)
-        for override in self._overrides.overrides:
+        self._override_of = overrides_of(overridden, known)
+        self._overrides = list(dict.fromkeys(self._override_of.values()))
+        for override in self._overrides:
             self._look_on(override.scanned)
         self.tick_onlookers: list[Callable[[Sequence[MobileRobot]], None]] = []
         """told of the robots that were due once a tick is over"""
@@ -126,10 +127,12 @@ class GuardedArena(RobotTrial):
                 look(due)
             if self._uplink is not None:
                 self._uplink.send(due, self.fleet.time_s)
-            self._overrides.stepped(due)
+            for override in self._overrides:
+                override.stepped(due)
             if self._dying and self.fleet.time_s >= self.parameters.dying_after_s - 1e-9:
                 self._let_die()
-        self._overrides.before_frame(self.guards_alive, self.fleet.time_s)
+        for override in self._overrides:
+            override.before_frame(self.guards_alive, self.fleet.time_s)
 
     def seen_by_metrics(
         self, frame: Frame, truths: Sequence[TruthObject], in_range: Sequence[bool]
@@ -147,7 +150,7 @@ class GuardedArena(RobotTrial):
 
     def observations(self, node: DetectorNode) -> list[Observation]:
         """What one of this trial's detectors goes by now, of each guard."""
-        override = self._overrides.of(node)
+        override = self._override_of.get(node)
         if override is not None:
             return node.observations(override.poses())
         if self._uplink is None:
@@ -156,7 +159,7 @@ class GuardedArena(RobotTrial):
 
     def tell_of_scans(self, node: DetectorNode, look: ScanOnlooker) -> None:
         """From now on let ``look`` know of each scan that is taken into a node's costmaps."""
-        override = self._overrides.of(node)
+        override = self._override_of.get(node)
         if override is None:
             self._look_on(look)
         else:

@@ -298,34 +298,15 @@ OVERRIDES: Mapping[Oracle, type[GroundTruthOverride]] = {
 """of each oracle of ``OVERRIDING``"""
 
 
-class GroundTruthOverrides:
-    """The overrides of all nodes of a trial that see by an oracle of ``OVERRIDING``."""
+def overrides_of(
+    nodes: Mapping[DetectorNode, Oracle], trial: Trial
+) -> dict[DetectorNode, GroundTruthOverride]:
+    """The override of each node that sees by an oracle of ``OVERRIDING``; those that share scans share one.
 
-    def __init__(self, nodes: Mapping[DetectorNode, Oracle], trial: Trial) -> None:
-        """For a trial that has not begun; nodes that share their scans get one override."""
-        self._overrides: list[GroundTruthOverride] = []
-        self._override_of: dict[DetectorNode, GroundTruthOverride] = {}
-        for node, oracle in nodes.items():
-            same = [override for override in self._overrides if override.node.scans is node.scans]
-            if not same:
-                self._overrides += (same := [OVERRIDES[oracle](node, trial)])
-            self._override_of[node] = same[0]
-
-    @property
-    def overrides(self) -> Sequence[GroundTruthOverride]:
-        """All of them."""
-        return self._overrides
-
-    def of(self, node: DetectorNode) -> GroundTruthOverride | None:
-        """The override of a node; None if it sees by none of these oracles."""
-        return self._override_of.get(node)
-
-    def stepped(self, due: Sequence[MobileRobot]) -> None:
-        """A tick is over, at which the robots ``due`` have localised."""
-        for override in self._overrides:
-            override.stepped(due)
-
-    def before_frame(self, alive: Sequence[Guard], time_s: float) -> None:
-        """It is a frame's instant; ``alive``: the guards that have not died."""
-        for override in self._overrides:
-            override.before_frame(alive, time_s)
+    For a trial that has not begun.
+    """
+    made: dict[int, GroundTruthOverride] = {}
+    for node, oracle in nodes.items():
+        if id(node.scans) not in made:
+            made[id(node.scans)] = OVERRIDES[oracle](node, trial)
+    return {node: made[id(node.scans)] for node in nodes}

@@ -12,7 +12,13 @@ from midnet_bench.analysis.statistics import SHARE_METHOD, Estimate
 from midnet_bench.drawing.charts import FONT_PT, STYLES, Style, add_series, chart, counted, labelled
 from midnet_bench.drawing.labels import axis_label
 from midnet_bench.drawing.plots import own_style
-from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, variants_of
+from midnet_bench.experiments.labyrinth.trials import (
+    GUARD,
+    INTRUDER,
+    Variant,
+    variants_of,
+    variants_side_by_side,
+)
 from midnet_bench.io.files import plain_name
 
 DODGE = 0.07
@@ -47,11 +53,7 @@ def figures(results: Results) -> dict[str, Figure]:
 
 def comparison_figures(campaigns: Mapping[str, Results]) -> dict[str, Figure]:
     """Several campaigns' success rates, a panel for each."""
-    panels = {
-        f"{campaign}: {name}" if name else campaign: success_panel(variant)
-        for campaign, results in campaigns.items()
-        for name, variant in variants_of(results).items()
-    }
+    panels = {name: success_panel(variant) for name, variant in variants_side_by_side(campaigns).items()}
     return {"success_comparison": success_figure(panels)} if panels else {}
 
 

@@ -14,7 +14,13 @@ from midnet_bench.analysis.statistics import SHARE_METHOD, exact_mean, exact_sum
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.metric_tables import metric_measures, metric_tables
-from midnet_bench.experiments.labyrinth.trials import GUARD, INTRUDER, Variant, variants_of
+from midnet_bench.experiments.labyrinth.trials import (
+    GUARD,
+    INTRUDER,
+    Variant,
+    variants_of,
+    variants_side_by_side,
+)
 
 PAPER_REAL_TIME_FACTOR = 0.18
 """17 simulated hours in 92 hours, section V.B"""
@@ -79,10 +85,8 @@ def cells_table(variants: Variants) -> Table:
                 "time_to_capture_s": one.pooled_time(intruders, robots, "capture_times"),
                 "duration_s": mean(cell["simulated_s"].tolist(), within=(0.0, math.inf)),
             }
-            if {"targets", "ghost_targets"} <= set(cell):  # not in results of versions up to 0.1.0
-                row["ghost_targets"] = ratio_of_sums(
-                    (100.0 * cell["ghost_targets"]).tolist(), cell["targets"].tolist(), within=(0.0, 100.0)
-                )
+            ghosts = (100.0 * cell["ghost_targets"]).tolist()
+            row["ghost_targets"] = ratio_of_sums(ghosts, cell["targets"].tolist(), within=(0.0, 100.0))
             rows.append(row)
     digits = {"success_rate": 1, "detected_not_caught": 1, "duration_s": 1, "ghost_targets": 1}
     return Table(
@@ -150,15 +154,7 @@ def speed_table(variants: Variants) -> Table:
 
 def comparison_tables(campaigns: Mapping[str, Results]) -> list[Table]:
     """Several campaigns' success rates in one table, a variant for each."""
-    return [success_table(_side_by_side(campaigns), "success_comparison")]
-
-
-def _side_by_side(campaigns: Mapping[str, Results]) -> Variants:
-    return {
-        f"{campaign}: {name}" if name else campaign: variant
-        for campaign, results in campaigns.items()
-        for name, variant in variants_of(results).items()
-    }
+    return [success_table(variants_side_by_side(campaigns), "success_comparison")]
 
 
 def claims(results: Results) -> list[Finding]:

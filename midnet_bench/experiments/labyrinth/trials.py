@@ -1,7 +1,7 @@
 """The trials of a labyrinth campaign as data frames, sorted into cells, and their means with intervals."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -132,6 +132,15 @@ def variants_of(results: Results) -> dict[str, Variant]:
     return results.once(_variants)
 
 
+def variants_side_by_side(campaigns: Mapping[str, Results]) -> dict[str, Variant]:
+    """Those of several campaigns, named by both."""
+    return {
+        f"{campaign}: {name}" if name else campaign: variant
+        for campaign, results in campaigns.items()
+        for name, variant in variants_of(results).items()
+    }
+
+
 def _variants(results: Results) -> dict[str, Variant]:
     trials = results.table("trial")
     if trials.empty:
@@ -176,10 +185,7 @@ def _robots(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
     ends = fates[place].assign(
         role=INTRUDER,
         number=fates.groupby(place).cumcount(),
-        # not in results of versions up to 0.1.0, where whoever was caught left
-        present_s=fates["left_at_s"]
-        if "left_at_s" in fates
-        else fates[["caught_at_s", "escaped_at_s"]].min(axis=1),
+        present_s=fates["left_at_s"],
     )
     robots = robots.assign(number=robots.groupby([*place, "role"]).cumcount())
     robots = robots.merge(ends, how="left", on=[*place, "role", "number"])

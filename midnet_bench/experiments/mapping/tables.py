@@ -1,8 +1,8 @@
-"""What teams of explorers bring home: their maps' worth, how long it takes, and which map is to be kept."""
+"""The explorers' results: quality of their maps, how long they take, and the choice of a prior map."""
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from statistics import median
 
 import pandas as pd
@@ -68,28 +68,31 @@ def rows_of(results: Results, table: str) -> Maps:
     }
 
 
+def _teams(maps: Maps) -> Iterator[tuple[dict[str, Cell], pd.DataFrame]]:
+    """The columns that name each arena and team, and its rows."""
+    for arena, teams in maps.items():
+        for robots, rows in teams.items():
+            yield {"arena": arena, "robots": robots}, rows
+
+
 def teams_table(maps: Maps) -> Table:
     """A row per arena and team: how much it explored and what that took, means with 95 % intervals.
 
     ``finished`` and ``covered_98_percent`` count trials.
     """
-    rows: list[Mapping[str, Cell]] = []
-    for arena, teams in maps.items():
-        for robots, trials in teams.items():
-            rows.append(
-                {
-                    "arena": arena,
-                    "robots": robots,
-                    "trials": len(trials),
-                    "finished": int(trials["finished"].astype(bool).sum()),
-                    f"covered_{100 * ENOUGH_COVERAGE:.0f}_percent": int(
-                        (trials["coverage"] >= ENOUGH_COVERAGE).sum()
-                    ),
-                    "covered_percent": _times(100.0, mean_of(trials, "coverage")),
-                    "time_s": mean_of(trials, "time_s"),
-                    "distance_m": mean_of(trials, "distance_m"),
-                }
-            )
+    enough = f"covered_{100 * ENOUGH_COVERAGE:.0f}_percent"
+    rows: list[Mapping[str, Cell]] = [
+        {
+            **team,
+            "trials": len(trials),
+            "finished": int(trials["finished"].astype(bool).sum()),
+            enough: int((trials["coverage"] >= ENOUGH_COVERAGE).sum()),
+            "covered_percent": _times(100.0, mean_of(trials, "coverage")),
+            "time_s": mean_of(trials, "time_s"),
+            "distance_m": mean_of(trials, "distance_m"),
+        }
+        for team, trials in _teams(maps)
+    ]
     title = f"What explorers cover and what it takes ({MEAN_METHOD}, over seeds)"
     digits = {"covered_percent": 2, "time_s": 1, "distance_m": 1}
     return Table("mapping", title, rows, digits, beside=("distance_m", "finished", "trials"))
@@ -99,14 +102,12 @@ def walls_table(maps: Maps) -> Table:
     """A row per arena and team: how right the maps are, means with 95 % intervals."""
     rows: list[Mapping[str, Cell]] = [
         {
-            "arena": arena,
-            "robots": robots,
+            **team,
             "occupied_precision": mean_of(trials, "occupied_precision"),
             "occupied_recall": mean_of(trials, "occupied_recall"),
             "wall_error_cm": _times(100.0, mean_of(trials, "wall_error_m")),
         }
-        for arena, teams in maps.items()
-        for robots, trials in teams.items()
+        for team, trials in _teams(maps)
     ]
     title = f"Occupied cells of their maps, within one cell ({MEAN_METHOD}, over seeds)"
     return Table("mapping_walls", title, rows, {"wall_error_cm": 2})
@@ -115,23 +116,14 @@ def walls_table(maps: Maps) -> Table:
 def measures_table(maps: Maps) -> Table:
     """A row per arena, team and measure: mean with its interval, median, and the worst seed."""
     rows: list[Mapping[str, Cell]] = []
-    for arena, teams in maps.items():
-        for robots, trials in teams.items():
-            for measure, more_is_better in MEASURES.items():
-                defined = trials.dropna(subset=[measure])
-                values = sorted(zip(defined[measure].tolist(), defined["seed"].tolist(), strict=True))
-                worst, seed = (values[0] if more_is_better else values[-1]) if values else (math.nan, None)
-                rows.append(
-                    {
-                        "arena": arena,
-                        "robots": robots,
-                        "measure": measure,
-                        "mean": mean_of(trials, measure),
-                        "median": median([value for value, _ in values]) if values else math.nan,
-                        "worst": worst,
-                        "worst_seed": seed,
-                    }
-                )
+    for team, trials in _teams(maps):
+        for measure, more_is_better in MEASURES.items():
+            defined = trials.dropna(subset=[measure])
+            values = sorted(zip(defined[measure].tolist(), defined["seed"].tolist(), strict=True))
+            worst, seed = (values[0] if more_is_better else values[-1]) if values else (math.nan, None)
+            middle = median([value for value, _ in values]) if values else math.nan
+            row: dict[str, Cell] = {**team, "measure": measure, "mean": mean_of(trials, measure)}
+            rows.append({**row, "median": middle, "worst": worst, "worst_seed": seed})
     digits = dict.fromkeys(("mean", "median", "worst"), 4)
     bounds = {"mean": ("low", "high", "n")}
     return Table("mapping_measures", "Each measure of the maps", rows, digits, bounds)
@@ -148,20 +140,10 @@ def speedup_table(maps: Maps) -> Table:
         baseline, *larger = teams
         for robots in larger:
             pairs = teams[baseline].merge(teams[robots], on="seed", suffixes=("_alone", ""))
-            ratio = statistics.ratio_of_sums(
-                pairs["time_s"].tolist(),
-                pairs["time_s_alone"].tolist(),
-            )
-            rows.append(
-                {
-                    "arena": arena,
-                    "robots": robots,
-                    "baseline": baseline,
-                    "time_ratio": ratio,
-                    "faster_seeds": int((pairs["time_s"] < pairs["time_s_alone"]).sum()),
-                    "seeds": len(pairs),
-                }
-            )
+            ratio = statistics.ratio_of_sums(pairs["time_s"].tolist(), pairs["time_s_alone"].tolist())
+            faster = int((pairs["time_s"] < pairs["time_s_alone"]).sum())
+            row: dict[str, Cell] = {"arena": arena, "robots": robots, "baseline": baseline}
+            rows.append({**row, "time_ratio": ratio, "faster_seeds": faster, "seeds": len(pairs)})
     title = f"Time of a team over that of the smallest ({MEAN_METHOD}, over seeds)"
     return Table("mapping_speedup", title, rows, bounds={"time_ratio": ("low", "high", "n")})
 
@@ -199,13 +181,11 @@ def choice_table(maps: Maps) -> Table:
 def health_table(robots: Maps) -> Table:
     """A row per arena and team: how its robots drove, and how wrong they were about where they ended."""
     rows: list[Mapping[str, Cell]] = []
-    for arena, teams in robots.items():
-        for size, team in teams.items():
-            row: dict[str, Cell] = {"arena": arena, "robots": size, "robot_trials": len(team)}
-            row |= {name: exact_mean(team[name]) for name in ("distance_m", "stuck_s", "pose_error_m")}
-            row["most_pose_error_m"] = max(team["pose_error_m"])
-            row |= {name: int(sum(team[name])) for name in COUNTED}
-            rows.append(row)
+    for team, each in _teams(robots):
+        row: dict[str, Cell] = {**team, "robot_trials": len(each)}
+        row |= {name: exact_mean(each[name]) for name in ("distance_m", "stuck_s", "pose_error_m")}
+        row["most_pose_error_m"] = max(each["pose_error_m"])
+        rows.append(row | {name: int(sum(each[name])) for name in COUNTED})
     digits = {"distance_m": 1, "stuck_s": 1}
     return Table("mapping_health", "How the explorers fared", rows, digits, beside=(*COUNTED, "robot_trials"))
 
