@@ -478,7 +478,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
         sharing=sharing,
         run_trials=_with_files(experiments.run_trials, None if file is None else campaign.experiment, cells),
         experiment_file=file,
-        notes=[*notes, *same_trials(grid, cells, [one.same for one in sharing])],
+        notes=[*notes, *same_trials(grid, cells, [shared.result_key for shared in sharing])],
     )
 
 

@@ -99,7 +99,7 @@ def run_alone(run_trials: RunTrials, spec: TrialSpec) -> TrialResult:
 class Sharing(NamedTuple):
     """What tells which trials of one seed have work in common."""
 
-    together: Hashable
+    simulation_key: Hashable
     """trials that agree in it share one simulation"""
-    same: Hashable
-    """trials that agree in it give the same numbers; they agree in ``together`` too"""
+    result_key: Hashable
+    """trials that agree in it give the same numbers; they agree in ``simulation_key`` too"""

@@ -100,7 +100,7 @@ def unfinished(
     ]
     shared: dict[Hashable, list[tuple[Cell, float, set[int]]]] = {}
     for (cell, effort, sharing), seeds in zip(ranked, done, strict=True):
-        shared.setdefault(sharing.together, []).append((cell, effort, seeds))
+        shared.setdefault(sharing.simulation_key, []).append((cell, effort, seeds))
     together = [
         cells[first : first + MOST_TOGETHER]
         for cells in shared.values()

@@ -64,10 +64,10 @@ class Experiment:
     """the class of its parameters, a subclass of ``io.parameters.Parameters``; or a reference to it"""
     run: "Callable[[Any, int], TrialResult]"
     """(parameters, seed) -> the tables of one trial: a pure function, no file, no clock, no global state"""
-    effective: Callable[[Any], Hashable] | None = None
+    result_key: Callable[[Any], Hashable] | None = None
     """parameters -> what of them a trial's numbers depend on: trials of one seed that agree in it are run
     once; all of them unless given"""
-    motion: Callable[[Any], Hashable] | None = None
+    simulation_key: Callable[[Any], Hashable] | None = None
     """parameters -> what trials of one seed have to agree in for ``run_together``"""
     run_together: "Callable[[Sequence[Any], int], Sequence[TrialResult | Exception]] | None" = None
     """([parameters], seed) -> of each what ``run`` gives, or raises, in one simulation"""

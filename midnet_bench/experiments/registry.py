@@ -113,9 +113,10 @@ def sharing(name: str, parameters: "Parameters") -> "Sharing":
     from midnet_bench.campaign.trial import Sharing
 
     found = experiment(name)
-    same = parameters if found.effective is None else found.effective(parameters)
-    together = same if found.motion is None or found.run_together is None else found.motion(parameters)
-    return Sharing(together, same)
+    result_key = parameters if found.result_key is None else found.result_key(parameters)
+    if found.simulation_key is None or found.run_together is None:
+        return Sharing(result_key, result_key)
+    return Sharing(found.simulation_key(parameters), result_key)
 
 
 def run_trials(specs: "Sequence[TrialSpec]") -> "list[TrialResult | Exception]":
@@ -127,8 +128,8 @@ def run_trials(specs: "Sequence[TrialSpec]") -> "list[TrialResult | Exception]":
     """
     found, seed = experiment(specs[0].experiment), specs[0].seed
     parameters = [found.model.from_flat(spec.settings) for spec in specs]
-    keys = [sharing(specs[0].experiment, one).same for one in parameters]
-    different = dict(zip(reversed(keys), reversed(parameters), strict=True))
+    keys = [sharing(specs[0].experiment, each).result_key for each in parameters]
+    different = dict(zip(reversed(keys), reversed(parameters), strict=True))  # the first of equal ones
     results: Sequence[TrialResult | Exception]
     if len(different) == 1 or found.run_together is None:
         results = [_caught(found.run, one, seed) for one in different.values()]

@@ -18,7 +18,7 @@ from midnet_bench.campaign.store import FILE_NAME, open_store
 from midnet_bench.campaign.trial import TrialResult, TrialSpec, run_alone
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
-from midnet_bench.experiments.detection.parameters import DetectionParameters, effective, motion
+from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key, simulation_key
 from midnet_bench.experiments.detection.trial import DetectionTrial, ScoredFrame
 from midnet_bench.experiments.guarded.ground_truth import OVERRIDES
 from midnet_bench.experiments.guarded.inputs import arena_from
@@ -126,7 +126,7 @@ def test_a_campaign_of_oracles_has_the_same_bytes_with_one_worker_and_with_two(t
 
 def test_motion_is_the_same_under_each_oracle() -> None:
     assert set(OVERRIDES) == set(OVERRIDING) < set(ORACLES)
-    assert {motion(of(oracle=oracle)) for oracle in ORACLES} == {motion(of())}
+    assert {simulation_key(of(oracle=oracle)) for oracle in ORACLES} == {simulation_key(of())}
 
 
 def test_without_an_oracle_nobody_watches_the_scans() -> None:
@@ -201,7 +201,7 @@ def test_a_window_holds_the_range() -> None:
 def test_marks_and_window_are_what_options_can_say() -> None:
     size_m = of(oracle="window").local_costmap.size_m
     for oracle, options in (("marks", {"local_map": "single_scan"}), ("window", {"local_size_m": size_m})):
-        assert effective(of(oracle=oracle)) == effective(of(**options))
+        assert result_key(of(oracle=oracle)) == result_key(of(**options))
         one, other = (
             run_alone(registry.run_trials, TrialSpec("detection", of(frames=3, **said).flat(), SEED))
             for said in ({"oracle": oracle}, options)
@@ -237,8 +237,8 @@ def test_allies_are_known_by_identity() -> None:
         points = own.pose.compose(own.lidar.mount).transform(ends)
         others = np.array([guard.pose[:2] for guard in made.guards[1:]])
         assert np.linalg.norm(points[:, None] - others, axis=2).min(axis=1).max() < 0.15
-    alone = [effective(of(robots=1, oracle=oracle)) for oracle in ("allies", "map")]
-    assert alone == [effective(of(robots=1))] * 2
+    alone = [result_key(of(robots=1, oracle=oracle)) for oracle in ("allies", "map")]
+    assert alone == [result_key(of(robots=1))] * 2
 
 
 def test_algorithm_2_takes_no_intruder_beside_a_guard() -> None:
@@ -279,7 +279,7 @@ def test_without_noise_ranges_are_true() -> None:
 
 
 def test_crop_is_what_an_option_can_say() -> None:
-    assert effective(of(oracle="crop")) == effective(of(align="origin"))
+    assert result_key(of(oracle="crop")) == result_key(of(align="origin"))
 
 
 def test_boxes_are_fused_by_whose_intruder_they_touch() -> None:

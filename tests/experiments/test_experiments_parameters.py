@@ -14,7 +14,7 @@ from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
-from midnet_bench.experiments.detection.parameters import DetectionParameters, effective, motion
+from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key, simulation_key
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
@@ -198,8 +198,8 @@ def test_a_preset_is_a_set_of_defaults_beside_which_what_is_given_comes_first() 
         fusion="components(iou=0.02)",
         align="origin",
     )
-    assert effective(best) == effective(spelt_out) != effective(paper)
-    assert motion(best) == motion(paper)
+    assert result_key(best) == result_key(spelt_out) != result_key(paper)
+    assert simulation_key(best) == simulation_key(paper)
 
 
 def test_a_preset_s_campaign_runs_in_a_grid(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.trial import TrialResult, TrialSpec, run_alone
-from midnet_bench.experiments.detection.parameters import DetectionParameters, effective, motion
+from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key, simulation_key
 from midnet_bench.experiments.guarded import sharing
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.registry import run_trials
@@ -91,7 +91,7 @@ def test_what_moves_robots_is_not_shared() -> None:
     exact = {"prior_map": "exact"}
     base = DetectionParameters.of(**exact)
     for changes in VARIANTS:
-        assert motion(DetectionParameters.of(**exact, **changes)) == motion(base), changes
+        assert simulation_key(DetectionParameters.of(**exact, **changes)) == simulation_key(base), changes
     for key, value in {
         "robots": 2,
         "patrol": "cyclic",
@@ -99,7 +99,7 @@ def test_what_moves_robots_is_not_shared() -> None:
         "resolution_m": 0.1,
         "message_loss": 0.1,
     }.items():
-        assert motion(DetectionParameters.of(**exact, **{key: value})) != motion(base), key
+        assert simulation_key(DetectionParameters.of(**exact, **{key: value})) != simulation_key(base), key
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_options_that_change_nothing_give_the_same_trial(
 ) -> None:
     one, other = (DetectionParameters.of(**common, **changes) for changes in same)
     assert one != other
-    assert effective(one) == effective(other)
+    assert result_key(one) == result_key(other)
     wanted = specs(same, **{"robots": 1, **common})
     first, second = (payload(run_alone(run_trials, spec)) for spec in wanted)
     assert first == second
@@ -140,13 +140,13 @@ def test_options_that_may_change_something_do_not(
     first: dict[str, Any], second: dict[str, Any], common: dict[str, Any]
 ) -> None:
     one, other = (DetectionParameters.of(**common, **changes) for changes in (first, second))
-    assert effective(one) != effective(other)
+    assert result_key(one) != result_key(other)
 
 
 def test_a_threshold_stands_for_the_least_cost_from_there_on() -> None:
     """Cells 5 cm apart cost 100, 99 up to 0.105 m from an obstacle, then 91 at 0.112 m, then 82 at 0.12 m."""
     found = [
-        sharing.effective(LabyrinthParameters.of(thresh_local=thresh)).midnet.thresh_local
+        sharing.result_key(LabyrinthParameters.of(thresh_local=thresh)).midnet.thresh_local
         for thresh in (100, 99, 98, 92, 91, 90, 83)
     ]
     assert found == [100, 99, 99, 99, 91, 91, 91]

@@ -13,10 +13,11 @@ from midnet_bench.analysis.words import team_in_words
 from midnet_bench.campaign.trial import Row
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.counting import SCORES, Cells, Team, paper_of
-from midnet_bench.experiments.detection.parameters import DetectionParameters, effective
+from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key
 from midnet_bench.experiments.detection.tables import HEADS, SHOWN, cells_of, score_over_seeds, window_notes
 from midnet_bench.experiments.experiment import Headline
 from midnet_bench.experiments.guarded.metric_tables import metric_tables
+from midnet_bench.experiments.guarded.sharing import with_defaults
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 DIGITS = 3
@@ -88,20 +89,20 @@ def reference_cells(results: Results, reference: Results, cells: Cells) -> Cells
     for name, cell in cells_of(reference).items():
         if name not in cells or len(cells[name]) >= len(cell):
             continue
-        ours, theirs = (_effective(one, name.robots) for one in (results, reference))
+        ours, theirs = (_result_key(campaign, name.robots) for campaign in (results, reference))
         if ours is not None and ours == theirs:
             found[name] = cell
     return found
 
 
-def _effective(results: Results, robots: int) -> DetectionParameters | None:
+def _result_key(results: Results, robots: int) -> DetectionParameters | None:
     """What numbers depend on; None where this version has no such parameters."""
     values = {**results.definition.parameters, "robots": robots}
     try:
         parameters = DetectionParameters.from_flat(values)
     except InputError:
         return None
-    return replace(effective(parameters), record=False, metrics=DetectionParameters().metrics)
+    return with_defaults(result_key(parameters), ("record", "metrics"))
 
 
 def _named(seeds: int) -> str:

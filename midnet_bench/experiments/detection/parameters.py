@@ -69,21 +69,14 @@ class DetectionParameters(GuardParameters):
         return not self.require_line_of_sight
 
 
-def motion(parameters: DetectionParameters) -> DetectionParameters:
-    """What a world moves by: the parameters without those of detector, fusion and scoring."""
-    plain = DetectionParameters()
-    return replace(
-        sharing.motion(parameters),
-        in_range=plain.in_range,
-        require_line_of_sight=plain.require_line_of_sight,
-        tp_boxes=plain.tp_boxes,
-        truth_box=plain.truth_box,
-        metrics=plain.metrics,
-    )
+def simulation_key(parameters: DetectionParameters) -> DetectionParameters:
+    """What the world moves by: the parameters without those of detector, fusion and scoring."""
+    scoring = ("in_range", "require_line_of_sight", "tp_boxes", "truth_box", "metrics")
+    return sharing.simulation_key(parameters, scoring)
 
 
-def effective(parameters: DetectionParameters) -> DetectionParameters:
-    """What a trial's numbers depend on; see :func:`sharing.effective`."""
-    parameters = replace(parameters, require_line_of_sight=not parameters.counts_hidden)
+def result_key(parameters: DetectionParameters) -> DetectionParameters:
+    """What a trial's numbers depend on; see :func:`sharing.result_key`."""
     # an inflated true box reaches as far as the threshold says, whatever cells there are
-    return sharing.effective(parameters, keep_thresh_local=parameters.truth_box == "inflated")
+    key = sharing.result_key(parameters, keep_thresh_local=parameters.truth_box == "inflated")
+    return replace(key, require_line_of_sight=not parameters.counts_hidden)

@@ -240,7 +240,7 @@ def run_detection(parameters: DetectionParameters, seed: int) -> TrialResult:
 
 
 def run_together(tests: Sequence[DetectionParameters], seed: int) -> list[TrialResult | Exception]:
-    """Trials of equal ``motion`` in one simulation: the tables of each, or what its detector failed by."""
+    """Trials of one ``simulation_key`` in one simulation: the tables of each, or its detector's exception."""
     # the motion is anybody's; with the first one's costmap there is one less to keep
     moving = replace(tests[0], detector="midnet", fusion="paper", record=False)
     with DetectionTrial(moving, seed, tests) as trial:

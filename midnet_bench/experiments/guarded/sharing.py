@@ -1,38 +1,42 @@
 """Which trials have something in common: the same motion, or all their numbers."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from midnet_bench.experiments.guarded.inputs import EXACT
 from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.midnet.binary_map import PriorMapSettings
-from midnet_bench.midnet.settings import MIDNetSettings
 from midnet_bench.navigation.settings import CostmapSettings
 
+AnySettings = TypeVar("AnySettings", bound=Any)
 Guarded = TypeVar("Guarded", bound=GuardParameters)
 
-
-def motion(parameters: Guarded) -> Guarded:
-    """The parameters without those of detector and fusion, where nobody moves by what is detected."""
-    plain = GuardParameters()
-    return replace(
-        parameters,
-        detector=plain.detector,
-        fusion=plain.fusion,
-        deflate_boxes=plain.deflate_boxes,
-        preset=plain.preset,
-        prior=plain.prior,
-        costmap=plain.costmap,
-        midnet=plain.midnet,
-        record=plain.record,
-        oracle=plain.oracle,
-    )
+DETECTION_ONLY = ("detector", "fusion", "deflate_boxes", "preset", "prior", "costmap", "midnet")
+"""parameters that no robot drives by, unless it drives by what is detected"""
+ALLIES_ONLY = ("ally_diameter_m", "iou_ally", "ally_remove", "iou_fuse")
+"""MIDNet's settings without a use in a team of one"""
+GRIDS_ONLY = ("align", "min_area_cells", "min_returns")
+"""MIDNet's settings without a use in another detector, which has costmaps and no binary grids"""
 
 
-def effective(parameters: Guarded, keep_thresh_local: bool = False) -> Guarded:
+def with_defaults(settings: AnySettings, names: Iterable[str]) -> AnySettings:
+    """The settings with those of these names at their defaults."""
+    return replace(settings, **{name: getattr(type(settings), name) for name in names})
+
+
+def simulation_key(parameters: Guarded, names: Sequence[str] = ()) -> Guarded:
+    """What the robots' motion depends on, where nobody moves by what is detected.
+
+    ``names``: of further parameters that have no part in it.
+    """
+    return with_defaults(parameters, (*DETECTION_ONLY, "record", "oracle", *names))
+
+
+def result_key(parameters: Guarded, keep_thresh_local: bool = False) -> Guarded:
     """The parameters with those at their defaults that change nothing: trials of equal ones are the same.
 
     A threshold stands for the least cost that a costmap can have from there on. In cells of 5 cm there is
@@ -42,51 +46,44 @@ def effective(parameters: Guarded, keep_thresh_local: bool = False) -> Guarded:
         parameters: of a trial.
         keep_thresh_local: whether it has another use than to select cells.
     """
-    parameters = replace(_without_idle_oracle(parameters), preset=GuardParameters().preset)
+    parameters = _without_idle_oracle(parameters)
     prior, midnet, costmap = parameters.prior, parameters.midnet, parameters.costmap
-    plain, deflate_boxes = MIDNetSettings(), parameters.deflate_boxes
-    if parameters.detector != "midnet":  # another one has costmaps, and no binary grids
+    deflate_boxes, unused = parameters.deflate_boxes, set[str]()
+    if parameters.detector != "midnet":
         prior, deflate_boxes = PriorMapSettings(), False
-        midnet = replace(
-            midnet,
-            align=plain.align,
-            min_area_cells=plain.min_area_cells,
-            min_returns=plain.min_returns,
-        )
-        if not keep_thresh_local:
-            midnet = replace(midnet, thresh_local=plain.thresh_local)
+        unused.update(GRIDS_ONLY, () if keep_thresh_local else ("thresh_local",))
     else:
-        local = parameters.local_costmap
         prior = replace(prior, thresh=_least_cost(parameters.prior_costmap, prior.thresh))
         if not (keep_thresh_local or deflate_boxes):
-            midnet = replace(midnet, thresh_local=_least_cost(local, midnet.thresh_local))
+            least = _least_cost(parameters.local_costmap, midnet.thresh_local)
+            midnet = replace(midnet, thresh_local=least)
     if parameters.fusion != "paper":
-        midnet = replace(midnet, iou_fuse=plain.iou_fuse)
-    if parameters.robots == 1:  # nobody's ally, and nobody's boxes to fuse with its own
-        midnet = replace(
-            midnet,
-            ally_diameter_m=plain.ally_diameter_m,
-            iou_ally=plain.iou_ally,
-            ally_remove=plain.ally_remove,
-            iou_fuse=plain.iou_fuse,
-        )
+        unused.add("iou_fuse")
+    if parameters.robots == 1:
+        unused.update(ALLIES_ONLY)
     if costmap.memory != "decay":
-        costmap = replace(costmap, decay_s=CostmapSettings().decay_s)
-    return replace(parameters, prior=prior, midnet=midnet, costmap=costmap, deflate_boxes=deflate_boxes)
+        costmap = with_defaults(costmap, ("decay_s",))
+    return replace(
+        parameters,
+        preset=GuardParameters.preset,
+        prior=prior,
+        midnet=with_defaults(midnet, unused),
+        costmap=costmap,
+        deflate_boxes=deflate_boxes,
+    )
 
 
 def _without_idle_oracle(parameters: Guarded) -> Guarded:
     """The same without an oracle where it changes nothing, or where options say what it changes."""
-    if parameters.oracle in ("window", "marks"):
+    oracle, changes = parameters.oracle, dict[str, Any]()
+    if oracle in ("window", "marks"):
         local = parameters.local_costmap
-        costmap = replace(parameters.costmap, size_m=local.size_m, memory=local.memory)
-        return replace(parameters, costmap=costmap, oracle="none")
-    if parameters.oracle == "crop":
-        return replace(parameters, midnet=replace(parameters.midnet, align="origin"), oracle="none")
-    is_idle = (parameters.oracle == "allies" and parameters.robots == 1) or (
-        parameters.oracle == "map" and parameters.prior_map == EXACT
-    )
-    return replace(parameters, oracle="none") if is_idle else parameters
+        changes = {"costmap": replace(parameters.costmap, size_m=local.size_m, memory=local.memory)}
+    elif oracle == "crop":
+        changes = {"midnet": replace(parameters.midnet, align="origin")}
+    elif (oracle, parameters.robots) != ("allies", 1) and (oracle, parameters.prior_map) != ("map", EXACT):
+        return parameters
+    return replace(parameters, oracle="none", **changes)
 
 
 def _least_cost(settings: CostmapSettings, thresh: int) -> int:
