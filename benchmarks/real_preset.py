@@ -21,15 +21,14 @@ from pathlib import Path
 
 import numpy as np
 
-from midnet_bench.recording.inputs import ReplayWishes
-from midnet_bench.recording.plan import Wishes
 from midnet_bench.recording.settings import PRESETS, ReplaySettings
-from midnet_bench.workflows.replay import replay
+from midnet_bench.recording.setup import RecordingSetup
+from midnet_bench.workflows.replay import Replayed, replay
 
 THRESHOLDS = (30, 20, 10, 5)
 RETURNS = (2, 3)
 UNKNOWN = ("free", "occupied")
-MOUNT = f"-0.153,0.021,{math.degrees(0.0065)}"
+MOUNT = [-0.153, 0.021, math.degrees(0.0065)]
 
 
 def intel_halves(data: Path, folder: Path) -> tuple[Path, Path]:
@@ -49,6 +48,11 @@ def intel_halves(data: Path, folder: Path) -> tuple[Path, Path]:
         halves.append(folder / f"intel_{name}.csv")
         halves[-1].write_text("\n".join(lines) + "\n")
     return halves[0], halves[1]
+
+
+def played(files: list[Path], setup: RecordingSetup, folder: Path) -> Replayed:
+    """The results of a replay whose lines are not shown."""
+    return replay(files, setup, lambda _: None, lambda _: None, output=folder / "out")
 
 
 def main() -> None:
@@ -71,22 +75,21 @@ def main() -> None:
             scores = []
             for name in ("overtake_red", "intersection"):
                 place = data / "recordings" / name
-                wishes = ReplayWishes(
-                    files=[place / f"{name}.bag"],
-                    recording=Wishes(pose=["/ego_pose"], mount=[MOUNT]),
-                    map=str(place / "map.yaml"),
-                    clock="record",
-                    truth=[str(place / "truth.csv")],
-                    presets=("paper",),
-                    settings=values,
-                    output=folder / "out",
+                setup = RecordingSetup().changed(
+                    {
+                        "pose": "/ego_pose",
+                        "mount": MOUNT,
+                        "map": str(place / "map.yaml"),
+                        "clock": "record",
+                        "truth": str(place / "truth.csv"),
+                        "preset": "paper",
+                        "settings": values,
+                    }
                 )
-                (row,) = replay(wishes, lambda _: None, lambda _: None).tables[2].rows
+                (row,) = played([place / f"{name}.bag"], setup, folder).tables[2].rows
                 scores += [float(str(row["precision"])), float(str(row["recall"]))]
-            wishes = ReplayWishes(
-                files=[odd], background=str(even), presets=("paper",), settings=values, output=folder / "out"
-            )
-            (row,) = replay(wishes, lambda _: None, lambda _: None).tables[0].rows
+            setup = RecordingSetup().changed({"background": str(even), "preset": "paper", "settings": values})
+            (row,) = played([odd], setup, folder).tables[0].rows
             boxes = float(str(row["boxes_per_frame"]))
             wall_m = ReplaySettings.of("paper", values, 0.05).prior_reach_m
             print(

@@ -1,6 +1,6 @@
 """How much faster than real time ``replay`` is, from the file to the scores; start-up and memory apart.
 
-    python -m benchmarks.replay_speed RECORDING --map map.yaml [--pose TOPIC] [--range M] [--preset real]
+    python -m benchmarks.replay_speed RECORDING --setup setup.yaml [--range M] [--preset real]
 
 CPU seconds count. The first pass loads what was compiled and is left out; of the others the quickest
 counts, since other work on the machine slows all of them.
@@ -16,9 +16,8 @@ from pathlib import Path
 
 from midnet_bench.recording.files.survey import survey
 from midnet_bench.recording.inputs import opened
-from midnet_bench.recording.plan import Wishes
-from midnet_bench.settings import Scalar
-from midnet_bench.workflows.replay import ReplayWishes, replay
+from midnet_bench.recording.setup import RecordingSetup
+from midnet_bench.workflows.replay import replay
 
 PASSES = 3
 
@@ -36,32 +35,20 @@ def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("recording", type=Path)
-    parser.add_argument("--map", required=True)
-    parser.add_argument("--pose", default="")
-    parser.add_argument("--mount", default="")
-    parser.add_argument("--truth", default="")
+    parser.add_argument("--setup", type=Path, required=True)
     parser.add_argument("--range", type=float, default=2.5)
     parser.add_argument("--preset", default="real", choices=["real", "paper"])
     given = parser.parse_args()
-    settings: dict[str, Scalar] = {"obstacle_range_m": given.range}
     with opened([given.recording]) as sources:
         duration_s = survey(sources[0]).duration_s
     with tempfile.TemporaryDirectory() as folder:
-        wishes = ReplayWishes(
-            files=[given.recording],
-            recording=Wishes(
-                pose=[given.pose] if given.pose else [], mount=[given.mount] if given.mount else []
-            ),
-            map=given.map,
-            presets=(given.preset,),
-            settings=settings,
-            truth=[given.truth] if given.truth else [],
-            output=Path(folder),
-        )
+        setup = RecordingSetup.load(given.setup)
+        values = {**setup.settings, "obstacle_range_m": given.range}
+        setup = setup.changed({"preset": given.preset, "settings": values})
         spent = []
         for _ in range(PASSES + 1):
             began = time.process_time()
-            replay(wishes, lambda line: None, lambda share: None)
+            replay([given.recording], setup, lambda line: None, lambda share: None, output=Path(folder))
             spent.append(time.process_time() - began)
     best_s = min(spent[1:])
     memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0

@@ -48,8 +48,8 @@ SHORT = {
     "render": ["--frames", "10", "--engine", "fast", "--robots", "2"],
 }
 """what makes a command short; whether it runs is the question, not what comes of it"""
-OF_THE_BAG = {"/pose": "/guard_1/pose", "-0.15,0.02,0.37": "-0.032,0,0.0"}
-"""README's names of a robot's topic and mount -> those of an exported trial"""
+OF_THE_BAG = {"/pose": "/guard_1/pose"}
+"""README's name of a topic -> that of an exported trial"""
 
 
 def readme_commands() -> list[str]:

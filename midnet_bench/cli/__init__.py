@@ -25,7 +25,7 @@ from midnet_bench.cli import (
     replay,
     reports,
 )
-from midnet_bench.cli.app import MOVED_OPTIONS, app, printing
+from midnet_bench.cli.app import MOVED_OPTIONS, REPLAY_KEYS, app, printing
 from midnet_bench.errors import InputError, MidnetBenchError
 
 __all__ = [
@@ -77,7 +77,12 @@ def main() -> None:
             code = _commands()(prog_name="midnet-bench", standalone_mode=False)
     except typer.TyperException as error:
         message = error.format_message()
-        if (option := getattr(error, "option_name", "")) in MOVED_OPTIONS:
+        option, context = getattr(error, "option_name", ""), getattr(error, "ctx", None)
+        if option in REPLAY_KEYS and context is not None and context.info_name == "replay":
+            message = (
+                f"{option}: write '{REPLAY_KEYS[option]}: ...' into setup.yaml and give --setup setup.yaml"
+            )
+        elif option in MOVED_OPTIONS:
             message = f"{option}: now {MOVED_OPTIONS[option]}"
         for pattern, words in PLAIN.items():
             message = re.sub(pattern, words, message)

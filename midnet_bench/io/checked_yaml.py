@@ -184,7 +184,7 @@ def parse(model: type[SpecT], values: Any, source: str) -> SpecT:
             is_number = isinstance(first["input"], float)
             wanted = "a finite number" if is_number else "one number, word or true/false"
             location, message = location[:-1], f"{wanted} is needed"
-        key = ".".join(str(part) for part in location) or "(top level)"
+        key = ".".join(str(part) for part in location if part != "") or "(top level)"
         if first["type"] == "extra_forbidden":
             valid = _fields_at(model, location[:-1])
             hint = nearest_name(str(location[-1]), valid)

@@ -106,12 +106,6 @@ class Track:
         if gone > FORGET_EVERY:
             del self._times[:gone], self._poses[:gone]
 
-    def around(self, time_ns: int, reach_ns: int) -> tuple[list[int], list[Pose2D]]:
-        """The poses from ``reach_ns`` before an instant to as long after it."""
-        first = max(bisect.bisect_left(self._times, time_ns - reach_ns) - 1, 0)
-        last = bisect.bisect_right(self._times, time_ns + reach_ns) + 1
-        return self._times[first:last], self._poses[first:last]
-
 
 class Whereabouts:
     """Where one thing is: one track, or a chain of tf from the map down to it, with fixed links."""

@@ -1,73 +1,117 @@
-"""What ``replay`` is given: recordings opened, robots, maps and labels found, wishes filled in."""
+"""Inputs of ``replay``: recordings opened, robots, map and labels found by a setup."""
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from midnet_bench.analysis.tables import Table
-from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import load_map
-from midnet_bench.recording.clock import Clock
 from midnet_bench.recording.files.bags import Bag, is_bag
 from midnet_bench.recording.files.readings import NS, GridReading, Source
 from midnet_bench.recording.files.survey import Survey, listing, survey
 from midnet_bench.recording.files.tables import read_text
-from midnet_bench.recording.plan import (
-    AllyPlan,
-    RobotPlan,
-    Wishes,
-    allies_of,
-    named,
-    number_of,
-    robots_of,
-)
+from midnet_bench.recording.plan import AllyPlan, RobotPlan, followed_topics, number_of, robots_of
 from midnet_bench.recording.ray_counts import RayCounts
-from midnet_bench.recording.replay import Replay, ReplayOptions
-from midnet_bench.recording.settings import Preset, ReplaySettings
+from midnet_bench.recording.replay import Replay
+from midnet_bench.recording.settings import ReplaySettings
+from midnet_bench.recording.setup import EVERY, RecordingSetup
 from midnet_bench.recording.truth import LabelTable
 
 EXPORTED = "/midnet/replay"
-"""the topic in which ``export`` says how a trial is replayed"""
-HIT_THRESHOLD = 0.1
+"""topic in which ``export`` says how a trial is replayed"""
 FIRST = "first-"
 Note = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class ReplayWishes:
-    """What a user asks for; see the options of the command."""
+class ReplayInputs:
+    """Open recordings, and what a setup makes of them."""
 
-    files: Sequence[Path]
-    recording: Wishes = field(default_factory=Wishes)
-    map: str | None = None
-    background: str | None = None
-    hit_threshold: float = HIT_THRESHOLD
-    resolution_m: float = 0.05
-    presets: Sequence[Preset] = ("real", "paper")
-    settings: Mapping[str, Scalar] = field(default_factory=dict)
-    clock: Clock = "header"
-    offsets: Sequence[str] = ()
-    rate_hz: float | None = None
-    tick_hz: float | None = None
-    max_pose_age_s: float = 0.5
-    max_ally_age_s: float = 0.5
-    deskew: bool = False
-    truth: Sequence[str] = ()
-    distance_m: float = 0.35
-    sector: str | None = None
-    window_m: float | None = None
-    localize: bool = False
-    film: bool = False
-    unmapped: bool = False
-    output: Path | None = None
+    setup: RecordingSetup
+    """completed by what an exported trial says of itself"""
+    sources: list[Source]
+    surveys: list[Survey]
+    """one of each source"""
+    names: list[str]
+    """one of each source"""
+    robots: list[RobotPlan]
+    prior_map: OccupancyGrid
+    """int8, 100 occupied, 0 free, -1 unknown, map frame"""
+    scored_from_ns: int | None
+    """end of the seconds that the background was made from, record time; None if it is of no such seconds"""
+
+    @property
+    def offsets_ns(self) -> list[int]:
+        """Added to the times of each source. Raises InputError: no source has a name that is there."""
+        given = self.setup.of_each("offset_s", self.names)
+        return [round(given.get(name, 0.0) * NS) for name in self.names]
+
+    def settings(self) -> dict[str, ReplaySettings]:
+        """The detector options by preset. Raises InputError: an unknown key, or a value out of range."""
+        values, cell_m = dict(self.setup.settings), self.prior_map.resolution
+        given_m = values.pop("resolution_m", cell_m)
+        if not isinstance(given_m, float | int) or abs(given_m - cell_m) > 1e-5:
+            raise InputError(
+                f"--set resolution_m={given_m}: cells are as large as the map's, {cell_m:g} m; "
+                "'midnet-bench map --from-map' makes a map of others"
+            )
+        return {preset: ReplaySettings.of(preset, values, cell_m) for preset in self.setup.presets}
+
+    def allies(self, diameter_m: float) -> list[AllyPlan]:
+        """The allies; ``diameter_m`` of those without one. Raises InputError: no such topic."""
+        allies = self.setup.allies
+        return followed_topics(
+            self.surveys,
+            {name: ally.topic for name, ally in allies.items()},
+            {name: ally.diameter_m or diameter_m for name, ally in allies.items()},
+            "allies",
+        )
+
+    def labels(self) -> tuple[LabelTable | None, list[AllyPlan]]:
+        """The table of labels, or the topics with poses of intruders. Raises InputError: there are none."""
+        truth = self.setup.truth
+        if EVERY not in truth:
+            return None, followed_topics(self.surveys, truth, dict.fromkeys(truth, 1.0), "truth")
+        if len(truth) > 1:
+            raise InputError("truth: give either a table or topics")
+        table = LabelTable(Path(truth[EVERY]))
+        if table.by_index and len(self.robots) > 1:
+            raise InputError(
+                f"truth: {truth[EVERY]}: scan_index does not say of which of {len(self.robots)} robots; "
+                "label by t"
+            )
+        return table, []
+
+
+@contextmanager
+def prepared(files: Sequence[Path], setup: RecordingSetup, note: Note) -> Iterator[ReplayInputs]:
+    """The inputs of a replay, closed in the end; ``note`` gets remarks on the files and the map.
+
+    Raises:
+        InputError: the recordings or the map cannot be used.
+    """
+    with opened(files) as sources, ExitStack() as stack:
+        for text in setup.pose.values():
+            if Path(text).suffix in (".csv", ".tum", ".txt"):
+                table = read_text(Path(text)).called(text)
+                stack.callback(table.close)
+                sources.append(table)
+        surveys = [survey(source) for source in sources]
+        for source in sources:
+            for remark in source.remarks:
+                note(remark)
+        setup = with_exported(setup, surveys)
+        names = file_names([Path(source.path) for source in sources])
+        robots = robots_of(surveys, setup, names)
+        prior_map, scored_from_ns = prior_map_of(setup, surveys, robots, note)
+        yield ReplayInputs(setup, sources, surveys, names, robots, prior_map, scored_from_ns)
 
 
 def open_source(path: Path) -> Source:
@@ -96,7 +140,7 @@ def opened(paths: Sequence[Path]) -> Iterator[list[Source]]:
 
 
 def list_topics(files: Sequence[Path]) -> tuple[list[Table], list[str], list[str]]:
-    """What recordings hold: a table of topics for each, the flags that are proposed, and what is damaged.
+    """What recordings hold: a table of topics for each, the command that is proposed, and what is damaged.
 
     Raises:
         InputError: a recording cannot be read.
@@ -117,25 +161,17 @@ def list_topics(files: Sequence[Path]) -> tuple[list[Table], list[str], list[str
 def proposal(files: Sequence[Path], surveys: Sequence[Survey]) -> list[str]:
     """The command that would replay these, and what has to be added to it."""
     words = ["midnet-bench replay", *map(str, files)]
-    given = exported(surveys[0])
-    if given is not None:
+    if exported(surveys[0]) is not None:
         return [f"proposed: {' '.join(words)} --map /map"]
     try:
-        robots = robots_of(surveys, Wishes(), file_names(files))
+        robots = robots_of(surveys, RecordingSetup(), file_names(files))
     except InputError as error:
         return [f"to replay it: {error}"]
     for robot in robots:
-        lead = f"{robot.name}=" if len(robots) > 1 else ""
-        words.append(f"--scan {lead}{robot.scan_topic}")
-        words.append(
-            f"--pose {lead}{robot.pose.in_words if not robot.pose.in_words.startswith('tf') else 'tf'}"
-        )
-        if robot.mount != Pose2D(0.0, 0.0, 0.0):
-            x, y, yaw = robot.mount
-            words.append(f"--mount {lead}{x:.3f},{y:.3f},{math.degrees(yaw):.2f}")
+        words.append(f"--pose {f'{robot.name}=' if len(robots) > 1 else ''}{robot.pose_key}")
     grids = [name for one in surveys for name, topic in one.source.topics.items() if topic.kind == "grid"]
     words.append(f"--map {grids[0] if '/map' in grids else 'MAP.yaml'}")
-    return [f"proposed: {' '.join(words)}"]
+    return [f"proposed: {' '.join(words)}", "--check besides finds the mount and writes a setup.yaml"]
 
 
 def file_names(files: Sequence[Path]) -> list[str]:
@@ -156,66 +192,55 @@ def exported(one: Survey) -> dict[str, object] | None:
     return said if isinstance(said, dict) else None
 
 
-def with_exported(wishes: ReplayWishes, surveys: Sequence[Survey]) -> ReplayWishes:
-    """The wishes, filled in with what the file itself says if ``export`` wrote it."""
-    said = exported(surveys[0]) if len(surveys) == 1 else None
-    if said is None or wishes.recording.scan:
-        return wishes
+def with_exported(setup: RecordingSetup, surveys: Sequence[Survey]) -> RecordingSetup:
+    """The setup, completed by what the file itself says if ``export`` wrote it."""
+    written = exported(surveys[0]) if len(surveys) == 1 else None
+    if written is None or setup.scan:
+        return setup
+    path = surveys[0].source.path
     try:
-        robots = said["robots"]
+        robots, settings = written["robots"], written["settings"]
         assert isinstance(robots, list)
-        settings = said["settings"]
         assert isinstance(settings, dict)
-        mounts = [
-            f"{one['name']}={one['mount'][0]},{one['mount'][1]},{math.degrees(one['mount'][2])!r}"
-            for one in robots
-        ]
-        recording = replace(
-            wishes.recording,
-            scan=[f"{one['name']}={one['scan']}" for one in robots],
-            pose=[f"{one['name']}={one['pose']}" for one in robots],
-            mount=mounts,
-        )
-        rate_hz = wishes.rate_hz or float(str(said["rate_hz"]))
-        tick_hz = float(str(said["tick_hz"]))
+        values = {
+            "scan": {one["name"]: one["scan"] for one in robots},
+            "pose": {one["name"]: one["pose"] for one in robots},
+            "mount": {
+                one["name"]: [one["mount"][0], one["mount"][1], math.degrees(one["mount"][2])]
+                for one in robots
+            },
+            "settings": {**settings, **setup.settings},
+            "preset": "paper",
+            "rate_hz": setup.rate_hz or written["rate_hz"],
+            "tick_hz": written["tick_hz"],
+            "map": setup.map or (None if setup.background else "/map"),
+        }
     except (AssertionError, KeyError, TypeError, IndexError, ValueError) as error:
-        raise InputError(
-            f"{surveys[0].source.path}: {EXPORTED}: {error!r}; export the trial again"
-        ) from error
-    return replace(
-        wishes,
-        recording=recording,
-        settings={**settings, **wishes.settings},
-        presets=("paper",),
-        rate_hz=rate_hz,
-        tick_hz=tick_hz,
-        map=wishes.map or "/map",
-    )
+        raise InputError(f"{path}: {EXPORTED}: {error!r}; export the trial again") from error
+    return setup.changed(values, f"{path}: {EXPORTED}")
 
 
 def prior_map_of(
-    wishes: ReplayWishes, surveys: Sequence[Survey], robots: Sequence[RobotPlan], note: Note
+    setup: RecordingSetup, surveys: Sequence[Survey], robots: Sequence[RobotPlan], note: Note
 ) -> tuple[OccupancyGrid, int | None]:
     """The map that is subtracted, and until when its background was taken, ns of the record time.
 
     Raises:
         InputError: no map, or none that can be used.
     """
-    if wishes.map is not None and wishes.background is not None:
-        raise InputError("replay: --map and --background both give the map; leave one out")
-    if wishes.background is not None:
-        return _background(wishes, surveys, robots, note)
-    if wishes.map is None:
-        raise InputError(
-            "replay: a map is needed: --map MAP.yaml, --map TOPIC, --background FILE or --background first-S"
-        )
-    if any(wishes.map in one.source.topics for one in surveys):
-        return map_of_topic(surveys, wishes.map), None
-    if wishes.map.startswith("/") and not Path(wishes.map).exists():
+    if setup.map is not None and setup.background is not None:
+        raise InputError("replay: map and background both give the map; leave one out")
+    if setup.background is not None:
+        return _background(setup, setup.background, surveys, robots, note)
+    if setup.map is None:
+        raise InputError("replay: a map is needed: --map MAP.yaml, --map TOPIC, or background in setup.yaml")
+    if any(setup.map in one.source.topics for one in surveys):
+        return map_of_topic(surveys, setup.map), None
+    if setup.map.startswith("/") and not Path(setup.map).exists():
         grids = [name for one in surveys for name, topic in one.source.topics.items() if topic.kind == "grid"]
         if grids:
-            raise InputError(f"--map {wishes.map}: no such topic{nearest_name(wishes.map, grids)}")
-    return load_map(Path(wishes.map)), None
+            raise InputError(f"map: {setup.map}: no such topic{nearest_name(setup.map, grids)}")
+    return load_map(Path(setup.map)), None
 
 
 def map_of_topic(surveys: Sequence[Survey], topic: str) -> OccupancyGrid:
@@ -227,51 +252,47 @@ def map_of_topic(surveys: Sequence[Survey], topic: str) -> OccupancyGrid:
             if not isinstance(reading, GridReading):
                 break
             return reading.as_map()
-    raise InputError(f"--map {topic}: holds no map (nav_msgs/OccupancyGrid)")
+    raise InputError(f"map: {topic}: holds no map (nav_msgs/OccupancyGrid)")
 
 
 def _background(
-    wishes: ReplayWishes, surveys: Sequence[Survey], robots: Sequence[RobotPlan], note: Note
+    setup: RecordingSetup, background: str, surveys: Sequence[Survey], robots: Sequence[RobotPlan], note: Note
 ) -> tuple[OccupancyGrid, int | None]:
     """A map by ray counting over another recording, or over the first seconds of this one."""
-    assert wishes.background is not None
-    said = f"--background {wishes.background}"
-    counts = RayCounts(wishes.resolution_m)
-    until_ns: int | None = None
-    options = options_of(wishes, None)
-    taken = 0
-    if wishes.background.startswith(FIRST) and not Path(wishes.background).exists():
-        seconds = number_of(wishes.background.removeprefix(FIRST), said)
+    counts = RayCounts(setup.resolution_m)
+    scored_from_ns: int | None = None
+    each_scan = setup.model_copy(update={"rate_hz": None})
+    if background.startswith(FIRST) and not Path(background).exists():
+        seconds = number_of(background.removeprefix(FIRST), f"background: {background}")
         if seconds <= 0.0:
-            raise InputError(f"{said}: {seconds:g} s is no time; give such as first-10")
+            raise InputError(f"background: {background}: {seconds:g} s is no time; give such as first-10")
         sources = [one.source for one in surveys]
-        taken, until_ns = _count(counts, sources, robots, options, round(seconds * NS))
+        taken, scored_from_ns = _count(counts, sources, robots, each_scan, round(seconds * NS))
     else:
-        path = Path(wishes.background)
+        path = Path(background)
         with opened([path]) as sources:
-            own = [survey(sources[0])]
-            recorded = robots_of(own, replace(wishes.recording, ally=()), file_names([path]))
-            taken, _ = _count(counts, sources, recorded, replace(options, offsets_ns=()), None)
+            recorded = robots_of([survey(sources[0])], setup, file_names([path]))
+            taken, _ = _count(counts, sources, recorded, each_scan, None)
     if not taken:
-        raise InputError(f"{said}: no scan of it has a pose; the map would be empty")
-    grid = counts.map(wishes.hit_threshold)
+        raise InputError(f"background: {background}: no scan of it has a pose; the map would be empty")
+    grid = counts.map(setup.hit_threshold)
     note(
         f"map: {grid.width} x {grid.height} cells of {grid.resolution:g} m by counting the rays of {taken} "
-        f"scans, occupied from {wishes.hit_threshold:g} of the beams on"
+        f"scans, occupied from {setup.hit_threshold:g} of the beams on"
     )
-    return grid, until_ns
+    return grid, scored_from_ns
 
 
 def _count(
     counts: RayCounts,
     sources: Sequence[Source],
     robots: Sequence[RobotPlan],
-    options: ReplayOptions,
+    setup: RecordingSetup,
     lasts_ns: int | None,
 ) -> tuple[int, int | None]:
     """Count the rays of the scans, or of the first ``lasts_ns``; how many scans they were, and until when."""
     empty = OccupancyGrid(np.zeros((1, 1), np.int8), counts.resolution_m, (0.0, 0.0))
-    replay = Replay(sources, robots, [], empty, {}, options)
+    replay = Replay(sources, robots, [], empty, {}, setup)
     taken, until_ns = 0, None
     for frame in replay.frames():
         if until_ns is None and lasts_ns is not None:
@@ -283,66 +304,3 @@ def _count(
                 counts.take(one.scan, one.returns)
                 taken += 1
     return taken, until_ns
-
-
-def options_of(wishes: ReplayWishes, offsets: Sequence[int] | None) -> ReplayOptions:
-    """How time is gone by; without ``offsets`` (ns, of each source) frames come at each scan."""
-    return ReplayOptions(
-        clock=wishes.clock,
-        rate_hz=None if offsets is None else wishes.rate_hz,
-        tick_hz=wishes.tick_hz,
-        max_pose_age_s=wishes.max_pose_age_s,
-        max_ally_age_s=wishes.max_ally_age_s,
-        deskew=wishes.deskew,
-        offsets_ns=offsets or (),
-    )
-
-
-def settings_of(wishes: ReplayWishes, resolution_m: float) -> dict[str, ReplaySettings]:
-    """The settings by preset, for a map of cells of this side, metres. Raises InputError: a wrong option."""
-    values = dict(wishes.settings)
-    asked_m = values.pop("resolution_m", resolution_m)
-    if not isinstance(asked_m, float | int) or abs(asked_m - resolution_m) > 1e-5:
-        raise InputError(
-            f"--set resolution_m={asked_m}: cells are as large as the map's, {resolution_m:g} m; "
-            "'midnet-bench map --from-map' makes a map of others"
-        )
-    return {preset: ReplaySettings.of(preset, values, resolution_m) for preset in wishes.presets}
-
-
-def offsets_of(wishes: ReplayWishes, names: Sequence[str]) -> list[int]:
-    """What is added to the times of each recording, by its name, ns. Raises InputError: no number or name."""
-    given = named(wishes.offsets, names, "--offset")
-    texts = [given.get(name, "0") for name in names]
-    return [round(number_of(text, f"--offset {text}") * NS) for text in texts]
-
-
-def labels_of(wishes: ReplayWishes, surveys: Sequence[Survey]) -> tuple[LabelTable | None, list[AllyPlan]]:
-    """The labels: of a table, or topics with the poses of what is to be found, as ``NAME=TOPIC``.
-
-    Raises:
-        InputError: no such file or topic.
-    """
-    tables = [text for text in wishes.truth if "=" not in text]
-    if len(tables) > 1:
-        raise InputError(f"--truth {tables[1]}: one table of labels is taken; put all labels into it")
-    topics = allies_of(surveys, [text for text in wishes.truth if "=" in text], 1.0)
-    if tables and topics:
-        raise InputError("--truth: give either a table or topics")
-    return (LabelTable(Path(tables[0])) if tables else None), topics
-
-
-@contextmanager
-def prepared(wishes: ReplayWishes) -> Iterator[tuple[ReplayWishes, list[Source]]]:
-    """The wishes and the recordings, files of poses among them."""
-    with opened(wishes.files) as sources, ExitStack() as stack:
-        poses = []
-        for text in wishes.recording.pose:
-            name, sign, value = text.rpartition("=")
-            if Path(value).suffix in (".csv", ".tum", ".txt"):
-                table = read_text(Path(value)).called(value)
-                stack.callback(table.close)
-                sources.append(table)
-            poses.append(f"{name}{sign}{value}")
-        recording = replace(wishes.recording, pose=poses)
-        yield replace(wishes, recording=recording), sources

@@ -3,20 +3,19 @@
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Pose2D
-from midnet_bench.recording.files.no_return import Meaning, NoReturn, found_in
+from midnet_bench.recording.files.no_return import NoReturn, found_in
 from midnet_bench.recording.files.readings import NO_MOTION, NS, POSE, SCAN, PoseReading, Transform
 from midnet_bench.recording.files.survey import Stream, Survey
-
-T = TypeVar("T")
+from midnet_bench.recording.setup import RecordingSetup
 
 TF_POSE = "tf"
-"""what ``--pose`` says for transforms"""
-MAP_FRAME = "map"
+"""value of key ``pose`` for transforms"""
+ONE_ROBOT = "robot"
+"""name of the only robot of a recording"""
 
 
 class Link(NamedTuple):
@@ -63,6 +62,11 @@ class RobotPlan(NamedTuple):
     beam_s: float
     """from one beam to the next"""
 
+    @property
+    def pose_key(self) -> str:
+        """Its pose as key ``pose`` of a setup takes it."""
+        return TF_POSE if self.pose.in_words.startswith(("tf", "a fixed")) else self.pose.in_words
+
 
 class AllyPlan(NamedTuple):
     """Somebody who belongs there and is not to be told as an intruder."""
@@ -72,126 +76,92 @@ class AllyPlan(NamedTuple):
     diameter_m: float
 
 
-@dataclass(frozen=True)
-class Wishes:
-    """What the command line says of a recording; empty where it says nothing."""
-
-    scan: Sequence[str] = ()
-    pose: Sequence[str] = ()
-    mount: Sequence[str] = ()
-    is_mirrored: bool = False
-    scan_delay: Sequence[str] = ()
-    ally: Sequence[str] = ()
-    map_frame: str = MAP_FRAME
-    no_return: Mapping[str, Meaning] = field(default_factory=dict)
-
-
-def named(texts: Sequence[str], names: Sequence[str], option: str) -> dict[str, str]:
-    """``NAME=VALUE`` by name; without a name it is the only robot's, or everybody's if given once.
-
-    Raises:
-        InputError: no robot has that name, or one is named twice.
-    """
-    found: dict[str, str] = {}
-    everybody: str | None = None
-    for text in texts:
-        name, sign, value = text.partition("=")
-        if not sign:
-            everybody = text if everybody is None else everybody
-            continue
-        if name not in names:
-            raise InputError(f"{option} {text}: no robot is called '{name}'{nearest_name(name, names)}")
-        if name in found:
-            raise InputError(f"{option} {text}: robot '{name}' is named twice")
-        found[name] = value
-    return found if everybody is None else dict.fromkeys(names, everybody) | found
-
-
-def robots_of(surveys: Sequence[Survey], wishes: Wishes, names_of_files: Sequence[str]) -> list[RobotPlan]:
+def robots_of(surveys: Sequence[Survey], setup: RecordingSetup, file_names: Sequence[str]) -> list[RobotPlan]:
     """Each robot of the recordings.
 
     Args:
         surveys: of each source.
-        wishes: of the command line.
-        names_of_files: a name for each source, for robots of several files.
+        setup: topics, mounts and delays, as far as they are given.
+        file_names: a name for each source, for robots of several files.
 
     Raises:
         InputError: a topic or transforms are missing, do not fit, or it is not clear which to take.
     """
-    scans = _scan_topics(surveys, wishes, names_of_files)
-    names = list(scans)
-    poses = named(wishes.pose, names, "--pose")
-    mounts = {name: mount_of(text, "--mount") for name, text in named(wishes.mount, names, "--mount").items()}
-    delays = named(wishes.scan_delay, names, "--scan-delay")
-    found = []
+    scans = _scan_topics(surveys, setup, file_names)
+    poses, mounts, mirrored, delays_s = (
+        setup.of_each(key, list(scans)) for key in ("pose", "mount", "mirrored", "delay_s")
+    )
+    robots = []
     for name, (source, topic) in scans.items():
-        seen = surveys[source].streams[topic].scans
-        frame = seen[0].frame
-        chain, mount, upside_down = _where(surveys, source, frame, poses.get(name), wishes.map_frame, name)
+        stream = surveys[source].streams[topic]
+        chain, mount, upside_down = _where(
+            surveys, source, stream.scans[0].frame, poses.get(name), setup.map_frame, name
+        )
         own = surveys[source].source.mount
-        if own is not None and name not in mounts and mount == Pose2D(0.0, 0.0, 0.0):
+        if name in mounts:
+            x, y, yaw_deg = mounts[name]
+            mount = Pose2D(x, y, math.radians(yaw_deg))
+        elif own is not None and mount == Pose2D(0.0, 0.0, 0.0):
             mount = own
-        found.append(
+        robots.append(
             RobotPlan(
                 name,
                 source,
                 topic,
                 chain,
-                mounts.get(name, mount),
-                upside_down != wishes.is_mirrored,
-                round(number_of(delays[name], f"--scan-delay {delays[name]}") * 1e9) if name in delays else 0,
-                found_in(seen, wishes.no_return),
-                beam_time(surveys[source].streams[topic])[0],
+                mount,
+                upside_down != mirrored.get(name, False),
+                round(delays_s.get(name, 0.0) * NS),
+                found_in(stream.scans, setup.no_return),
+                beam_time(stream)[0],
             )
         )
-    return found
+    return robots
 
 
 def _scan_topics(
-    surveys: Sequence[Survey], wishes: Wishes, names_of_files: Sequence[str]
+    surveys: Sequence[Survey], setup: RecordingSetup, file_names: Sequence[str]
 ) -> dict[str, tuple[int, str]]:
     """Robot's name -> source and topic of its scans."""
-    there = [(number, one) for number, survey in enumerate(surveys) for one in survey.of_kind(SCAN)]
-    if not wishes.scan:
-        good = [(number, one) for number, one in there if any(len(scan.ranges_m) for scan in one.scans)]
-        if not good:
-            raise InputError(f"{_paths(surveys)}: {_no_scans(surveys, bool(there))}")
-        if len(surveys) > 1:
-            by_file: dict[str, tuple[int, str]] = {}
-            for number, one in good:
-                if names_of_files[number] in by_file:
-                    raise InputError(
-                        f"{surveys[number].source.path}: several topics have scans; choose with --scan: "
-                        f"{', '.join(other.topic.name for at, other in good if at == number)}"
-                    )
-                by_file[names_of_files[number]] = (number, one.topic.name)
-            return by_file
-        topics = [one.topic.name for _, one in good]
-        return dict(zip(_names(topics), [(0, topic) for topic in topics], strict=True))
-    found: dict[str, tuple[int, str]] = {}
-    topics = [text.partition("=")[2] or text for text in wishes.scan]
-    for text, topic, name in zip(wishes.scan, topics, _names(topics), strict=True):
-        if "=" in text:
-            name = text.partition("=")[0]
-        at = [number for number, survey in enumerate(surveys) if topic in survey.streams]
-        if len(surveys) > 1 and name in names_of_files and names_of_files.index(name) in at:
-            at = [names_of_files.index(name)]
-        source = at[0] if at else 0
-        check_topic(surveys, source, topic, SCAN, f"--scan {text}")
+    if not setup.scan:
+        return _all_scan_topics(surveys, file_names)
+    topics = {}
+    for name, topic in setup.scan.items():
+        sources = [number for number, survey in enumerate(surveys) if topic in survey.streams]
+        if len(surveys) > 1 and name in file_names and file_names.index(name) in sources:
+            sources = [file_names.index(name)]
+        source = sources[0] if sources else 0
+        check_topic(surveys, source, topic, SCAN, "scan")
         if not any(len(scan.ranges_m) for scan in surveys[source].streams[topic].scans):
-            raise InputError(f"--scan {text}: no scan of it holds a range; give another topic")
-        if name in found:
+            raise InputError(f"scan: {topic}: no scan of it holds a range; give another topic")
+        topics[name or ONE_ROBOT] = (source, topic)
+    return topics
+
+
+def _all_scan_topics(surveys: Sequence[Survey], file_names: Sequence[str]) -> dict[str, tuple[int, str]]:
+    streams = [(number, one) for number, survey in enumerate(surveys) for one in survey.of_kind(SCAN)]
+    filled = [(number, one) for number, one in streams if any(len(scan.ranges_m) for scan in one.scans)]
+    if not filled:
+        raise InputError(f"{_paths(surveys)}: {_no_scans(surveys, bool(streams))}")
+    if len(surveys) == 1:
+        topics = [one.topic.name for _, one in filled]
+        return dict(zip(_names(topics), [(0, topic) for topic in topics], strict=True))
+    by_file: dict[str, tuple[int, str]] = {}
+    for number, one in filled:
+        if file_names[number] in by_file:
             raise InputError(
-                f"--scan {text}: robot '{name}' is named twice; give each a name: --scan NAME=TOPIC"
+                f"{surveys[number].source.path}: several topics have scans; choose in setup.yaml, "
+                f"'scan: {{NAME: TOPIC}}': "
+                f"{', '.join(other.topic.name for source, other in filled if source == number)}"
             )
-        found[name] = (source, topic)
-    return found
+        by_file[file_names[number]] = (number, one.topic.name)
+    return by_file
 
 
 def _names(topics: Sequence[str]) -> list[str]:
     """A name for each robot by its topic: the first part in which they differ; ``robot`` for one alone."""
     if len(topics) == 1:
-        return ["robot"]
+        return [ONE_ROBOT]
     first = [topic.strip("/").split("/")[0] for topic in topics]
     return (
         first if len(set(first)) == len(first) else [topic.strip("/").replace("/", "_") for topic in topics]
@@ -248,10 +218,10 @@ def _where(
             fixed.is_upside_down,
         )
     if wish.startswith("at:"):
-        pose = mount_of(wish[3:], "--pose")
-        return PoseChain((pose,), "at rest"), Pose2D(fixed.x, fixed.y, fixed.yaw), fixed.is_upside_down
+        pose = mount_of(wish[3:], "pose")
+        return PoseChain((pose,), wish), Pose2D(fixed.x, fixed.y, fixed.yaw), fixed.is_upside_down
     topic_at = source_of(surveys, wish, source)
-    check_topic(surveys, topic_at, wish, POSE, f"--pose {wish}")
+    check_topic(surveys, topic_at, wish, POSE, "pose")
     child = surveys[topic_at].streams[wish].poses[0].child
     if child and child in above:
         fixed = _composed(survey, above[: above.index(child) + 1])
@@ -302,14 +272,18 @@ def _tf_chain(survey: Survey, source: int, base: str, map_frame: str) -> PoseCha
 def _missing_link(survey: Survey, laser: str, map_frame: str, name: str) -> str:
     path, chain = survey.source.path, survey.chain(laser)
     if not survey.transforms:
-        return f"{path}: robot '{name}': no transforms: there is no /tf; give --pose TOPIC or FILE.csv"
+        return (
+            f"{path}: robot '{name}': no transforms: there is no /tf; give --pose TOPIC, FILE.csv, "
+            "or at:X,Y,YAW_DEG if it is at rest"
+        )
     said = f"{path}: robot '{name}': tf does not lead from '{map_frame}' to '{laser}'"
     if map_frame not in survey.parents().values():
         return (
-            f"{said}: no transform begins at '{map_frame}', the chain ends at '{chain[-1]}'; give --map-frame"
+            f"{said}: no transform begins at '{map_frame}', the chain ends at '{chain[-1]}'; give "
+            f"map_frame in setup.yaml"
         )
     if len(chain) == 1:
-        return f"{said}: no transform ends at '{laser}'; give --pose TOPIC and --mount X,Y,YAW_DEG"
+        return f"{said}: no transform ends at '{laser}'; give --pose TOPIC, and mount in setup.yaml"
     return f"{said}: nothing links '{chain[-1]}' to '{map_frame}'; give --pose TOPIC or FILE.csv"
 
 
@@ -331,27 +305,16 @@ def _proposed_pose(survey: Survey, laser: str, map_frame: str, name: str) -> str
     raise InputError(_missing_link(survey, laser, map_frame, name))
 
 
-def allies_of(surveys: Sequence[Survey], texts: Sequence[str], diameter_m: float) -> list[AllyPlan]:
-    """``NAME=TOPIC`` or ``NAME=TOPIC,SIZE_M`` each.
-
-    Raises:
-        InputError: no such topic, or the size is none.
-    """
-    found = []
-    for text in texts:
-        name, sign, value = text.partition("=")
-        topic, _, size = value.partition(",")
-        if not sign or not topic:
-            raise InputError(f"--ally {text}: NAME=TOPIC or NAME=TOPIC,SIZE_M is needed")
-        size_m = number_of(size, f"--ally {text}: size") if size else diameter_m
-        if not 0.0 < size_m <= 20.0:
-            raise InputError(
-                f"--ally {text}: size: {size_m:g} m is out of range; allowed: above 0 and at most 20"
-            )
-        at = source_of(surveys, topic, 0)
-        check_topic(surveys, at, topic, POSE, f"--ally {text}")
-        found.append(AllyPlan(name, PoseChain((Link(at, topic),), topic), size_m))
-    return found
+def followed_topics(
+    surveys: Sequence[Survey], topics: Mapping[str, str], diameters_m: Mapping[str, float], key: str
+) -> list[AllyPlan]:
+    """Objects whose poses are recorded, by name. Raises InputError: no such topic; ``key`` is named."""
+    plans = []
+    for name, topic in topics.items():
+        source = source_of(surveys, topic, 0)
+        check_topic(surveys, source, topic, POSE, f"{key}: {name}")
+        plans.append(AllyPlan(name, PoseChain((Link(source, topic),), topic), diameters_m[name]))
+    return plans
 
 
 def beam_time(stream: Stream) -> tuple[float, str]:

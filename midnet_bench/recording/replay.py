@@ -20,7 +20,7 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry, Scan
 from midnet_bench.midnet.pipeline import Ally, Frame, Observation
-from midnet_bench.recording.clock import Clock, Told, Track, Whereabouts, time_of
+from midnet_bench.recording.clock import Told, Track, Whereabouts, time_of
 from midnet_bench.recording.files.readings import (
     NS,
     ExactReading,
@@ -32,6 +32,7 @@ from midnet_bench.recording.files.readings import (
 )
 from midnet_bench.recording.plan import AllyPlan, Link, PoseChain, RobotPlan
 from midnet_bench.recording.settings import ReplaySettings
+from midnet_bench.recording.setup import RecordingSetup
 
 PATIENCE_NS = NS
 """a scan waits so long for the pose after it"""
@@ -132,23 +133,6 @@ class _Pending(NamedTuple):
     """of the scan among those of its topic"""
 
 
-@dataclass(frozen=True)
-class ReplayOptions:
-    """How time is gone by."""
-
-    clock: Clock = "header"
-    rate_hz: float | None = None
-    """of frames; None: one at each scan"""
-    tick_hz: float | None = None
-    """of a trial's clock, by whose whole ticks marks are forgotten; None of a real recording"""
-    max_pose_age_s: float = 0.5
-    """a scan whose pose lies between readings that are farther off is skipped"""
-    max_ally_age_s: float = 0.5
-    deskew: bool = False
-    offsets_ns: Sequence[int] = ()
-    """added to the times of each source"""
-
-
 class Replay:
     """One pass over the recordings."""
 
@@ -159,7 +143,8 @@ class Replay:
         allies: Sequence[AllyPlan],
         prior_map: OccupancyGrid,
         settings: Mapping[str, ReplaySettings],
-        options: ReplayOptions,
+        setup: RecordingSetup,
+        offsets_ns: Sequence[int] = (),
         correctors: Sequence[Corrector] = (),
         followed: Sequence[AllyPlan] = (),
     ) -> None:
@@ -171,7 +156,8 @@ class Replay:
             allies: whom the detectors are told of.
             prior_map: int8, 100 occupied, map frame.
             settings: by preset; each gets a detector of its own.
-            options: how time is gone by.
+            setup: clock, rate, largest ages of poses, and whether motion during a scan is corrected.
+            offsets_ns: added to the times of each source; none if empty.
             correctors: one for each robot, or none.
             followed: whose poses frames tell, and no detector knows: labels.
         """
@@ -179,7 +165,7 @@ class Replay:
         self._correctors = correctors
         self._corrections: list[Pose2D | None] = [None] * len(robots)
         self.robots, self.allies, self.tally = list(robots), list(allies), Tally()
-        self._sources, self._options, self._map = sources, options, prior_map
+        self._sources, self._setup, self._offsets_ns = sources, setup, offsets_ns
         self._tracks: dict[Link, Track] = {}
         self._where = [self._whereabouts(robot.pose) for robot in robots]
         self._where_allies = [self._whereabouts(ally.pose) for ally in allies]
@@ -212,7 +198,7 @@ class Replay:
         Raises:
             InputError: a file is damaged; the frames before were given.
         """
-        options = self._options
+        setup = self._setup
         pending: list[_Pending] = []
         exact: dict[int, Floats] = {}
         indices = Counter[int]()
@@ -220,7 +206,7 @@ class Replay:
         now_ns: int | None = None
         passed_ns: int | None = None
         due_ns: int | None = None
-        period_ns = None if options.rate_hz is None else NS / options.rate_hz
+        period_ns = None if setup.rate_hz is None else NS / setup.rate_hz
         hold_ns = HOLD_NS if len(self.robots) > 1 or period_ns is not None else 0
         damage: InputError | None = None
         readings = self._readings()
@@ -241,7 +227,7 @@ class Replay:
                 time_ns = self._take_pose(source, reading)
             else:
                 robot = self._by_scan[source, reading.topic]
-                time_ns = time_of(reading, options.clock) + self._offset(source) - self.robots[robot].delay_ns
+                time_ns = time_of(reading, setup.clock) + self._offset(source) - self.robots[robot].delay_ns
                 item = _Pending(time_ns, next(order), robot, reading, exact.pop(robot, None), indices[robot])
                 indices[robot] += 1
                 if passed_ns is not None and time_ns < passed_ns:
@@ -274,7 +260,7 @@ class Replay:
 
     def _jumps(self, source: int, reading: ScanReading | PoseReading) -> bool:
         """Whether a stamp lies hours off where the last one of its topic leaves it; that is counted."""
-        if self._options.clock == "record":
+        if self._setup.clock == "record":
             return False
         lag_ns = reading.record_ns - reading.stamp_ns
         pair = (reading.frame, reading.child) if isinstance(reading, PoseReading) else ("", "")
@@ -294,19 +280,18 @@ class Replay:
             return False
         wanted = self._where if item.robot is None or len(self._where) > 1 else [self._where[item.robot]]
         until_ns = item.time_ns
-        if self._options.deskew and item.robot is not None and item.scan is not None:
+        if self._setup.deskew and item.robot is not None and item.scan is not None:
             until_ns += round(self.robots[item.robot].beam_s * NS * len(item.scan.ranges_m))
         return all(where.is_known_at(until_ns) for where in (*wanted, *self._others))
 
     def _offset(self, source: int) -> int:
-        offsets = self._options.offsets_ns
-        return offsets[source] if offsets else 0
+        return self._offsets_ns[source] if self._offsets_ns else 0
 
     def _take_pose(self, source: int, reading: PoseReading) -> int:
         link = Link(source, reading.topic)
         if link not in self._tracks:
             link = Link(source, "", reading.frame, reading.child)
-        time_ns = time_of(reading, self._options.clock) + self._offset(source)
+        time_ns = time_of(reading, self._setup.clock) + self._offset(source)
         track = self._tracks.get(link)
         if track is None:
             return time_ns - PATIENCE_NS  # of no concern here, also not to say what time it is
@@ -344,7 +329,7 @@ class Replay:
             made = self._frame(item, None)
             if made is not None:
                 yield made
-        elif self._observe(item) and self._options.rate_hz is None:
+        elif self._observe(item) and self._setup.rate_hz is None:
             made = self._frame(item, item.robot)
             if made is not None:
                 yield made
@@ -352,7 +337,7 @@ class Replay:
             where.forget(item.time_ns)
 
     def _seconds(self, time_ns: int) -> float:
-        tick_hz = self._options.tick_hz
+        tick_hz = self._setup.tick_hz
         return time_ns / NS if tick_hz is None else round(time_ns * tick_hz / NS) / tick_hz
 
     def _told_where(self, item: _Pending) -> str:
@@ -377,9 +362,9 @@ class Replay:
             self.tally.skip(f"has no pose of {link} before it", self._told_where(item))
             self.tally.without_pose += 1
             return False
-        if told.age_s > self._options.max_pose_age_s:
+        if told.age_s > self._setup.max_pose_age_s:
             link = self._called(robot, self._where[robot].oldest(item.time_ns))
-            why = f"lies more than {self._options.max_pose_age_s:g} s from a pose of {link}"
+            why = f"lies more than {self._setup.max_pose_age_s:g} s from a pose of {link}"
             self.tally.skip(why, self._told_where(item))
             self.tally.without_pose += 1
             return False
@@ -389,7 +374,7 @@ class Replay:
             self.tally.skip(str(error), self._told_where(item))
             return False
         ranges_m = plan.no_return.cleaned(scan) if item.exact is None else item.exact[4:]
-        if self._options.deskew:
+        if self._setup.deskew:
             ranges_m = self._deskewed(robot, item, ranges_m, lidar)
         scan_taken = Scan(ranges_m, lidar, told.pose, self._seconds(item.time_ns))
         if self._correctors:
@@ -426,7 +411,7 @@ class Replay:
         where, plan = self._where[robot], self.robots[robot]
         last = where.at(item.time_ns + round(plan.beam_s * NS * lidar.beams))
         first = where.at(item.time_ns)
-        if first is None or last is None or last.age_s > self._options.max_pose_age_s:
+        if first is None or last is None or last.age_s > self._setup.max_pose_age_s:
             return ranges_m
         share = np.arange(lidar.beams) / lidar.beams
         step = last.pose.relative_to(first.pose)
@@ -448,14 +433,14 @@ class Replay:
 
     def _frame(self, item: _Pending, scanned: int | None) -> ReplayFrame | None:
         """What the team makes of what it knows at an instant."""
-        options, tally = self._options, self.tally
+        setup, tally = self._setup, self.tally
         seen: list[Seen] = []
         for robot, where in enumerate(self._where):
             told = where.at(item.time_ns) if scanned is not None else where.latest(item.time_ns)
             heard = self._last[robot]
             if told is None or (scanned is not None and heard is None):
                 continue
-            if scanned is not None and told.age_s > options.max_pose_age_s:
+            if scanned is not None and told.age_s > setup.max_pose_age_s:
                 continue
             correction = self._corrections[robot]
             if correction is not None:
@@ -469,7 +454,7 @@ class Replay:
             allies.append((plan, told))
             age_s = math.inf if told is None else told.age_s
             tally.oldest_ally_s[plan.name] = max(tally.oldest_ally_s.get(plan.name, 0.0), age_s)
-            if told is not None and age_s <= options.max_ally_age_s:
+            if told is not None and age_s <= setup.max_ally_age_s:
                 told_allies.append(Ally(told.pose, plan.diameter_m))
             else:
                 tally.late_allies[plan.name] += 1

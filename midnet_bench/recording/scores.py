@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D, wrap_angle
 from midnet_bench.messages import Scan
 from midnet_bench.recording.causes import Explainer
 from midnet_bench.recording.replay import ReplayFrame, Seen
+from midnet_bench.recording.setup import RecordingSetup
 from midnet_bench.recording.truth import Label, Labels, matched
 from midnet_bench.scoring.frame_counts import (
     NOTHING,
@@ -24,18 +24,6 @@ from midnet_bench.scoring.frame_counts import (
 OFF_WALLS_CELLS = 1.5
 """a return this far from a mapped wall is none of its"""
 FULL_CIRCLE_RAD = math.tau - 1e-6
-
-
-@dataclass(frozen=True)
-class ScoreOptions:
-    """Which labels count, and how near a box must be."""
-
-    distance_m: float = 0.35
-    """from the label to the nearest point of the box"""
-    sector_rad: tuple[float, float] | None = None
-    """in which labels count, from the robot's x axis, counter-clockwise from the first to the second"""
-    window_m: float | None = None
-    """side of the square about the robot, along the map's axes, in which labels count"""
 
 
 @dataclass
@@ -140,8 +128,8 @@ class View(NamedTuple):
 class Scorer:
     """Scores frame after frame of one detector."""
 
-    def __init__(self, look: str, explainer: Explainer, range_m: float, options: ScoreOptions) -> None:
-        self._look, self._explainer, self._range_m, self._options = look, explainer, range_m, options
+    def __init__(self, look: str, explainer: Explainer, range_m: float, setup: RecordingSetup) -> None:
+        self._look, self._explainer, self._range_m, self._setup = look, explainer, range_m, setup
         self.score = Score()
 
     def take(self, frame: ReplayFrame, labels: Labels | None) -> Judged | None:
@@ -154,15 +142,14 @@ class Scorer:
             self._explainer.boxes(frame, range(len(boxes)), None, everyone, [[]] * len(boxes), 0.0)
             return None
         score.labelled += 1
-        there, options = labels.there, self._options
-        match = matched(boxes, there, options.distance_m)
+        there, distance_m = labels.there, self._setup.match_distance_m
+        match = matched(boxes, there, distance_m)
         views = [View.of(one, one.scan) for one in frame.seen if one.scan is not None]
         sights = [self._sight(views, label) for label in there]
         in_range = [one.counts and one.is_visible for one in sights]
         score.not_visible += sum(one.counts and not one.is_visible for one in sights)
         truths = [
-            TruthObject(one.name, Box.square(one.x, one.y, 2.0 * options.distance_m), (one.x, one.y))
-            for one in there
+            TruthObject(one.name, Box.square(one.x, one.y, 2.0 * distance_m), (one.x, one.y)) for one in there
         ]
         counts = count_frame(boxes, truths, in_range, match=match)
         score.counts = total([score.counts, counts])
@@ -174,44 +161,32 @@ class Scorer:
         missed = [k for k, found in enumerate(match.detection_of) if found is None and in_range[k]]
         wrong = [k for k, truth in enumerate(match.truth_of) if truth is None]
         if missed:
-            self._explainer.misses(frame, there, missed, options.distance_m)
+            self._explainer.misses(frame, there, missed, distance_m)
         if wrong:
-            self._explainer.boxes(frame, wrong, labels, match.truth_of, match.touched, options.distance_m)
+            self._explainer.boxes(frame, wrong, labels, match.truth_of, match.touched, distance_m)
         return Judged(there, in_range, match)
 
     def _sight(self, views: Sequence[View], label: Label) -> Sight:
-        options, counts, visible = self._options, False, False
+        setup, counts, visible = self._setup, False, False
         for one, scan, sensor, first, sweep in views:
             if math.hypot(label.x - sensor.x, label.y - sensor.y) > self._range_m:
                 continue
-            if options.window_m is not None and (
-                max(abs(label.x - scan.pose.x), abs(label.y - scan.pose.y)) > options.window_m / 2.0
+            if setup.window_m is not None and (
+                max(abs(label.x - scan.pose.x), abs(label.y - scan.pose.y)) > setup.window_m / 2.0
             ):
                 continue
             bearing = math.atan2(label.y - sensor.y, label.x - sensor.x)
             if sweep < FULL_CIRCLE_RAD and (bearing - sensor.yaw - first) % math.tau > sweep:
                 continue
-            if options.sector_rad is not None:
-                begin, end = options.sector_rad
+            if setup.sector_deg is not None:
+                begin, end = map(math.radians, setup.sector_deg)
                 if (wrap_angle(bearing - scan.pose.yaw) - begin) % math.tau > (end - begin) % math.tau:
                     continue
             counts = True
             dx, dy = one.returns[:, 0] - label.x, one.returns[:, 1] - label.y
-            near = dx * dx + dy * dy <= options.distance_m * options.distance_m
+            near = dx * dx + dy * dy <= setup.match_distance_m * setup.match_distance_m
             wall_m = self._explainer.surroundings(one.returns).wall_m
             visible = visible or bool(
                 (wall_m[near] > OFF_WALLS_CELLS * self._explainer.counts.resolution_m).any()
             )
         return Sight(counts, visible)
-
-
-def sector_of(text: str) -> tuple[float, float]:
-    """``FROM_DEG,TO_DEG`` in radians. Raises InputError: these are no two numbers."""
-    parts = text.split(",")
-    try:
-        begin, end = (math.radians(float(part)) for part in parts)
-    except ValueError:
-        raise InputError(f"--sector {text}: two numbers with a comma are needed: FROM_DEG,TO_DEG") from None
-    if not (math.isfinite(begin) and math.isfinite(end)):
-        raise InputError(f"--sector {text}: finite numbers are needed")
-    return begin, end

@@ -18,49 +18,35 @@ from midnet_bench.io.files import cannot_be_written, draft_of, write_atomically
 from midnet_bench.io.map_server import save_map
 from midnet_bench.messages import Scan
 from midnet_bench.recording import causes
-from midnet_bench.recording.files.readings import NS, Source
-from midnet_bench.recording.files.survey import Survey, survey
+from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.fitting.localize import Localizer
 from midnet_bench.recording.fitting.samples import samples_of
-from midnet_bench.recording.fitting.setup_check import SetBy, find_setup, line_of
-from midnet_bench.recording.inputs import (
-    Note,
-    ReplayWishes,
-    file_names,
-    labels_of,
-    offsets_of,
-    options_of,
-    prepared,
-    prior_map_of,
-    settings_of,
-    with_exported,
-)
-from midnet_bench.recording.plan import (
-    AllyPlan,
-    RobotPlan,
-    allies_of,
-    robots_of,
-)
+from midnet_bench.recording.fitting.setup_check import Proposal, SetBy, find_setup, line_of
+from midnet_bench.recording.inputs import Note, ReplayInputs, prepared
+from midnet_bench.recording.plan import AllyPlan
 from midnet_bench.recording.ray_counts import RayCounts
-from midnet_bench.recording.replay import Replay, ReplayFrame, ReplayOptions
-from midnet_bench.recording.scores import ScoreOptions, Scorer, sector_of
-from midnet_bench.recording.told import (
+from midnet_bench.recording.replay import Replay, ReplayFrame
+from midnet_bench.recording.scores import Scorer
+from midnet_bench.recording.setup import EVERY, RecordingSetup
+from midnet_bench.recording.summary import (
     cause_table,
+    input_summary,
     lag_lines,
+    replay_faults,
+    report_fit,
     score_tables,
     setup_table,
-    told_after,
-    told_before,
-    told_of_fit,
     unlabelled,
 )
 from midnet_bench.recording.truth import Label, Labels, LabelTable
 from midnet_bench.recording.unmapped import csv_of, unmapped
 
+SETUP_FILE = "setup.yaml"
+
 
 @dataclass
 class Replayed:
-    """What came of it."""
+    """Results of ``replay`` or ``check``."""
 
     tables: list[Table]
     files: list[Path]
@@ -68,135 +54,155 @@ class Replayed:
     """what does not fit or could not be read; results are there all the same"""
 
 
-def replay(wishes: ReplayWishes, note: Note, progress: Callable[[float], None]) -> Replayed:
+def replay(
+    files: Sequence[Path],
+    setup: RecordingSetup,
+    note: Note,
+    progress: Callable[[float], None],
+    film: bool = False,
+    output: Path | None = None,
+) -> Replayed:
     """Play recordings into the detectors of the presets; score and explain, and write the tables.
 
     Args:
-        wishes: what is asked for.
+        files: of one recording each.
+        setup: topics, frames, clocks, map, labels and detector options.
         note: gets each line that a user is to see before the scores, as soon as it is known.
         progress: gets the share that is done, 0 to 1.
+        film: whether ``trial.mp4`` and ``storyboard.png`` are drawn.
+        output: the folder of the results, default ``results/replay-NAME``.
 
     Raises:
-        InputError: the recordings, the map or an option cannot be used.
+        InputError: the recordings, the map or a key of the setup cannot be used.
     """
-    with prepared(wishes) as (filled, sources), ExitStack() as stack:
-        return _replay(filled, sources, stack, note, progress)
+    with prepared(files, setup, note) as inputs, ExitStack() as stack:
+        run = _Run(inputs, _folder(inputs, output), stack)
+        for line in input_summary(inputs, run.settings):
+            note(line)
+        faults = [line for robot in inputs.robots for line in report_fit(inputs, robot, note)]
+        run.play(film, progress, faults)
+        progress(1.0)
+        faults += replay_faults(run.played, inputs.setup, note)
+        if not run.played.tally.frames:
+            raise InputError("; ".join(faults) or f"{files[0]}: no frame came of it")
+        faults += unlabelled(inputs.setup, run.label_table, run.scorers, run.played)
+        return run.results(film, faults, note)
 
 
-def _replay(
-    wishes: ReplayWishes,
-    sources: Sequence[Source],
-    stack: ExitStack,
-    note: Note,
-    progress: Callable[[float], None],
-) -> Replayed:
-    surveys = [survey(source) for source in sources]
-    for source in sources:
-        for remark in source.remarks:
-            note(remark)
-    wishes = with_exported(wishes, surveys)
-    names = file_names([Path(source.path) for source in sources])
-    robots = robots_of(surveys, wishes.recording, names)
-    prior_map, until_ns = prior_map_of(wishes, surveys, robots, note)
-    settings = settings_of(wishes, prior_map.resolution)
-    main = settings[wishes.presets[0]]
-    allies = allies_of(surveys, wishes.recording.ally, main.midnet.ally_diameter_m)
-    table, label_topics = labels_of(wishes, surveys)
-    if table is not None and table.by_index and len(robots) > 1:
-        raise InputError(
-            f"--truth {wishes.truth[0]}: scan_index does not say of which of {len(robots)} robots; label by t"
-        )
-    options = options_of(wishes, offsets_of(wishes, names))
-    score_options = ScoreOptions(
-        wishes.distance_m, None if wishes.sector is None else sector_of(wishes.sector), wishes.window_m
-    )
-    for line in told_before(surveys, robots, settings, wishes):
-        note(line)
-    faults: list[str] = []
-    for robot in robots:
-        faults += told_of_fit(surveys, robot, prior_map, options, note)
-    correctors = [Localizer(prior_map) for _ in robots] if wishes.localize else []
-    played = Replay(
-        sources,
-        robots,
-        allies,
-        prior_map,
-        settings,
-        options,
-        followed=label_topics,
-        correctors=correctors,
-    )
-    counts = RayCounts(prior_map.resolution, prior_map.origin, (prior_map.height, prior_map.width))
-    explainers = {
-        name: causes.Explainer(
-            name,
+def _folder(inputs: ReplayInputs, output: Path | None) -> Path:
+    return output or Path("results") / f"replay-{inputs.names[0]}"
+
+
+class _Run:
+    """One pass over the recordings with a scorer for each preset."""
+
+    def __init__(self, inputs: ReplayInputs, folder: Path, stack: ExitStack) -> None:
+        """``stack`` closes the files of the explanations. Raises InputError: settings, allies or labels."""
+        self.inputs, self.folder, self.settings = inputs, folder, inputs.settings()
+        setup, prior_map = inputs.setup, inputs.prior_map
+        self.first = setup.presets[0]
+        self.main = self.settings[self.first]
+        self.label_table, self.label_topics = inputs.labels()
+        self.played = Replay(
+            inputs.sources,
+            inputs.robots,
+            inputs.allies(self.main.midnet.ally_diameter_m),
             prior_map,
-            played.nodes[name],
-            one,
-            counts,
-            stack.enter_context(TemporaryFile()),  # noqa: SIM115
+            self.settings,
+            setup,
+            inputs.offsets_ns,
+            correctors=[Localizer(prior_map) for _ in inputs.robots] if setup.localize else [],
+            followed=self.label_topics,
         )
-        for name, one in settings.items()
-    }
-    scorers = {
-        name: Scorer(name, explainers[name], one.range_m, score_options) for name, one in settings.items()
-    }
-    reach_m = 2.0 * max(one.range_m for one in settings.values())
-    last: dict[int, Scan] = {}
-    folder = wishes.output or Path("results") / f"replay-{names[0]}"
-    first = wishes.presets[0]
-    with _boxes_file(folder) as boxes, ExitStack() as drawn:
-        append = None
-        if wishes.film:
-            from midnet_bench.workflows.replay_film import film  # drawing takes a while to import
-
-            append = drawn.enter_context(
-                film(
-                    f"{names[0]}, preset {first}",
-                    first,
-                    played,
-                    prior_map,
-                    main,
-                    frames_hz(surveys, robots, options),
-                    labelled_at_once(table, label_topics),
-                    folder,
-                    # corrected poses are known on the way alone
-                    None if wishes.localize else driven(Replay(sources, robots, [], prior_map, {}, options)),
-                )
+        self.counts = RayCounts(prior_map.resolution, prior_map.origin, (prior_map.height, prior_map.width))
+        self.explainers = {
+            name: causes.Explainer(
+                name,
+                prior_map,
+                self.played.nodes[name],
+                settings,
+                self.counts,
+                stack.enter_context(TemporaryFile()),  # noqa: SIM115
             )
-        try:
-            for frame in played.frames():
-                if until_ns is not None and frame.time_ns < until_ns:
-                    continue
-                for one in frame.seen:
-                    if one.scan is not None and one.scan is not last.get(one.robot):
-                        last[one.robot] = one.scan
-                        with suppress(InputError):  # a pose far off any map, of which boxes know nothing
-                            counts.take(one.scan, one.returns, reach_m)
-                labels = _labels(frame, table, wishes.max_pose_age_s)
-                for name, scorer in scorers.items():
-                    judged = scorer.take(frame, labels)
-                    _write_boxes(boxes, frame, name)
-                    if append is not None and name == first:
-                        append(frame, judged, scorer.score)
-                progress(played.done)
-        except InputError as error:
-            faults.append(str(error))
-    progress(1.0)
-    faults += told_after(played, wishes, note)
-    if not played.tally.frames:
-        raise InputError("; ".join(faults) or f"{wishes.files[0]}: no frame came of it")
-    faults += unlabelled(wishes, table, scorers, played)
-    counted = _write_errors(folder / "errors.csv", explainers)
-    tables = [*score_tables(scorers, bool(wishes.truth)), cause_table(counted)]
-    files = [folder / "boxes.csv", folder / "errors.csv"]
-    for made in tables:
-        files += made.write(folder)
-    if wishes.film:
-        files += [folder / "trial.mp4", folder / "storyboard.png"]
-    if wishes.unmapped:
-        files += write_unmapped(folder, counts, prior_map, played.nodes[first].prior, note)
-    return Replayed(tables, files, faults)
+            for name, settings in self.settings.items()
+        }
+        self.scorers = {
+            name: Scorer(name, self.explainers[name], settings.range_m, setup)
+            for name, settings in self.settings.items()
+        }
+
+    def play(self, film: bool, progress: Callable[[float], None], faults: list[str]) -> None:
+        """Score frame after frame and write the boxes; a damaged file is added to the faults."""
+        reach_m = 2.0 * max(settings.range_m for settings in self.settings.values())
+        scored_from_ns, newest = self.inputs.scored_from_ns, dict[int, Scan]()
+        with _boxes_file(self.folder) as boxes, ExitStack() as drawn:
+            append = self._film(drawn) if film else None
+            try:
+                for frame in self.played.frames():
+                    if scored_from_ns is not None and frame.time_ns < scored_from_ns:
+                        continue
+                    for one in frame.seen:
+                        if one.scan is not None and one.scan is not newest.get(one.robot):
+                            newest[one.robot] = one.scan
+                            with suppress(InputError):  # a pose far off any map, of which boxes know nothing
+                                self.counts.take(one.scan, one.returns, reach_m)
+                    labels = self._labels(frame)
+                    for name, scorer in self.scorers.items():
+                        judged = scorer.take(frame, labels)
+                        _write_boxes(boxes, frame, name)
+                        if append is not None and name == self.first:
+                            append(frame, judged, scorer.score)
+                    progress(self.played.done)
+            except InputError as error:
+                faults.append(str(error))
+
+    def _film(self, stack: ExitStack) -> Callable[..., None]:
+        from midnet_bench.workflows.replay_film import film  # drawing takes a while to import
+
+        inputs, setup = self.inputs, self.inputs.setup
+        route = None
+        if not setup.localize:  # corrected poses are known on the way alone
+            route = driven(
+                Replay(inputs.sources, inputs.robots, [], inputs.prior_map, {}, setup, inputs.offsets_ns)
+            )
+        return stack.enter_context(
+            film(
+                f"{inputs.names[0]}, preset {self.first}",
+                self.first,
+                self.played,
+                inputs.prior_map,
+                self.main,
+                frames_hz(inputs),
+                labelled_at_once(self.label_table, self.label_topics),
+                self.folder,
+                route,
+            )
+        )
+
+    def _labels(self, frame: ReplayFrame) -> Labels | None:
+        if self.label_table is not None:
+            return self.label_table.at(frame.time_ns, frame.scan_index)
+        labels = [
+            Label(plan.name, told.pose.x, told.pose.y)
+            for plan, told in frame.followed
+            if told is not None and told.age_s <= self.inputs.setup.max_pose_age_s
+        ]
+        return Labels(labels, []) if labels else None
+
+    def results(self, film: bool, faults: list[str], note: Note) -> Replayed:
+        """Write errors and tables."""
+        folder, setup = self.folder, self.inputs.setup
+        counted = _write_errors(folder / "errors.csv", self.explainers)
+        tables = [*score_tables(self.scorers, bool(setup.truth)), cause_table(counted)]
+        files = [folder / "boxes.csv", folder / "errors.csv"]
+        for table in tables:
+            files += table.write(folder)
+        if film:
+            files += [folder / "trial.mp4", folder / "storyboard.png"]
+        if setup.unmapped:
+            prior = self.played.nodes[self.first].prior
+            files += write_unmapped(folder, self.counts, self.inputs.prior_map, prior, note)
+        return Replayed(tables, files, faults)
 
 
 def driven(replay: Replay) -> Box | None:
@@ -213,22 +219,12 @@ def driven(replay: Replay) -> Box | None:
     return Box(*np.min(places, axis=0).tolist(), *np.max(places, axis=0).tolist())
 
 
-def _labels(frame: ReplayFrame, table: LabelTable | None, max_age_s: float) -> Labels | None:
-    if table is not None:
-        return table.at(frame.time_ns, frame.scan_index)
-    there = [
-        Label(plan.name, told.pose.x, told.pose.y)
-        for plan, told in frame.followed
-        if told is not None and told.age_s <= max_age_s
-    ]
-    return Labels(there, []) if there else None
-
-
-def frames_hz(surveys: Sequence[Survey], robots: Sequence[RobotPlan], options: ReplayOptions) -> float:
-    """How many frames a second the recording gives."""
-    if options.rate_hz is not None:
-        return options.rate_hz
-    scans = sum(surveys[one.source].streams[one.scan_topic].topic.messages for one in robots)
+def frames_hz(inputs: ReplayInputs) -> float:
+    """Frames a second that the recording gives."""
+    if inputs.setup.rate_hz is not None:
+        return inputs.setup.rate_hz
+    surveys = inputs.surveys
+    scans = sum(surveys[one.source].streams[one.scan_topic].topic.messages for one in inputs.robots)
     return max(scans / max(max(one.duration_s for one in surveys), 0.1), 0.5)
 
 
@@ -251,31 +247,60 @@ def write_unmapped(
     return [folder / "unmapped.csv", folder / "map_with_unmapped.yaml"]
 
 
-def check(wishes: ReplayWishes, note: Note) -> list[Table]:
-    """Search for the setup by which scans lie best on the map; a table of its parameters for each robot.
+def check(files: Sequence[Path], setup: RecordingSetup, note: Note, output: Path | None = None) -> Replayed:
+    """Search for the setup by which scans lie best on the map, and write it as ``setup.yaml``.
+
+    The tables have its parameters for each robot. An earlier ``setup.yaml`` in the folder is kept as
+    ``setup.yaml.old``.
 
     Raises:
-        InputError: the recordings, the map or an option cannot be used.
+        InputError: the recordings, the map or a key of the setup cannot be used.
     """
-    tables = []
-    with prepared(wishes) as (filled, sources):
-        surveys = [survey(source) for source in sources]
-        filled = with_exported(filled, surveys)
-        robots = robots_of(surveys, filled.recording, file_names([Path(source.path) for source in sources]))
-        prior_map, _ = prior_map_of(filled, surveys, robots, note)
-        for robot in robots:
-            for line in lag_lines(surveys, robot, filled.clock):
+    tables, found = [], {}
+    with prepared(files, setup, note) as inputs:
+        setup = inputs.setup
+        for robot in inputs.robots:
+            for line in lag_lines(inputs.surveys, robot, setup.clock):
                 note(line)
-            samples = samples_of(surveys, robot, filled.clock, filled.max_pose_age_s, ())
+            samples = samples_of(inputs.surveys, robot, setup.clock, setup.max_pose_age_s, inputs.offsets_ns)
             if not samples:
                 raise InputError(f"{robot.name}: no scan of it has a pose; see 'midnet-bench replay FILE'")
-            found = find_setup(samples, prior_map)
+            proposal = found[robot.name] = find_setup(samples, inputs.prior_map)
             set_by = SetBy(robot.is_mirrored, robot.delay_ns / NS)
-            note(f"{robot.name}: {line_of(found, prior_map, set_by)}")
-            for line in found.cannot_tell:
+            note(f"{robot.name}: {line_of(proposal, inputs.prior_map, set_by)}")
+            for line in proposal.cannot_tell:
                 note(f"{robot.name}: {line}")
-            tables.append(setup_table(robot.name, found))
-    return tables
+            tables.append(setup_table(robot.name, proposal))
+        path = _folder(inputs, output) / SETUP_FILE
+        text = proposed_setup(inputs, found).to_yaml(path.parent)
+    if path.exists() and path.read_text(encoding="utf-8") != text:
+        path.replace(path.with_name(f"{SETUP_FILE}.old"))
+    write_atomically(path, text)
+    return Replayed(tables, [path], [])
+
+
+def proposed_setup(inputs: ReplayInputs, found: Mapping[str, Proposal]) -> RecordingSetup:
+    """The setup with every robot's topics, mount and delay, corrected where that fits the map better.
+
+    ``found``: by robot. A map that lies elsewhere is corrected in its own file, not here.
+    """
+    setup, given = inputs.setup, inputs.setup.of_each("mirrored", list(found))
+    values: dict[str, dict[str, object]] = {
+        key: {} for key in ("scan", "pose", "mount", "mirrored", "delay_s")
+    }
+    for robot in inputs.robots:
+        proposal = found[robot.name]
+        kinds = set(proposal.kinds) if proposal.is_good else set()
+        name = robot.name if len(inputs.robots) > 1 else EVERY
+        x, y, yaw = proposal.setup.mount if kinds & {"mount", "turn"} else robot.mount
+        delay_s = robot.delay_ns / NS + (proposal.setup.delay_s if "delay" in kinds else 0.0)
+        values["scan"][name] = robot.scan_topic
+        values["pose"][name] = robot.pose_key
+        values["mount"][name] = [round(x, 3), round(y, 3), round(float(np.degrees(yaw)), 2)]
+        values["mirrored"][name] = given.get(robot.name, False) != ("mirror" in kinds)
+        if delay_s:
+            values["delay_s"][name] = round(delay_s, 3)
+    return setup.changed(values)
 
 
 @contextmanager

@@ -8,11 +8,12 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.io.map_server import load_map
+from midnet_bench.recording.setup import EVERY, RecordingSetup
 from tests.cli.command import REPOSITORY, Done, midnet_bench, rows
 from tests.recording.test_export import read
 
 RECORDINGS = REPOSITORY.parent / "shared" / "data" / "recordings"
-MOUNT = "-0.153,0.021,0.3724"
+MOUNT = [-0.153, 0.021, 0.3724]
 NS = 1_000_000_000
 
 Sides = tuple[float, ...]
@@ -81,28 +82,19 @@ def test_an_exported_trial_gives_its_detections_again(tmp_path: Path, form: str,
     assert {time: boxes for time, boxes in wanted.items() if boxes} == got
 
 
-def played(folder: Path, name: str, *more: object) -> Done:
+def played(folder: Path, name: str, *more: object, **keys: object) -> Done:
     if not RECORDINGS.exists():
         pytest.skip("needs ../shared/data/recordings, bags that others recorded and that are no part of this")
     place = RECORDINGS / name
-    return midnet_bench(
-        "replay",
-        place / f"{name}.bag",
-        "--map",
-        place / "map.yaml",
-        "--pose",
-        "/ego_pose",
-        "--clock",
-        "record",
-        *more,
-        folder=folder,
-    )
+    keys = {"map": str(place / "map.yaml"), "pose": "/ego_pose", "clock": "record", **keys}
+    (folder / "setup.yaml").write_text(json.dumps(keys))
+    return midnet_bench("replay", place / f"{name}.bag", "--setup", "setup.yaml", *more, folder=folder)
 
 
 @pytest.mark.parametrize(("name", "labels"), [("overtake_red", 130), ("intersection", 24)])
 def test_cars_in_a_room_are_found_and_each_error_has_a_cause(tmp_path: Path, name: str, labels: int) -> None:
     truth = RECORDINGS / name / "truth.csv"
-    done = played(tmp_path, name, "--mount", MOUNT, "--truth", truth, "-o", "out")
+    done = played(tmp_path, name, "--truth", truth, "-o", "out", mount=MOUNT)
     assert done.returncode == 0, done.stderr
     assert "scans, poses and map fit" in done.stderr
     assert "ms before it was recorded" in done.stderr
@@ -120,15 +112,15 @@ def test_cars_in_a_room_are_found_and_each_error_has_a_cause(tmp_path: Path, nam
 
 
 @pytest.mark.parametrize(
-    ("more", "said"),
+    ("keys", "said"),
     [
-        ((), "--mount -0.1"),
-        (("--mount", MOUNT, "--mirror"), "the scans are mirrored"),
-        (("--mount", "-0.153,0.021,180.37"), "the scans are turned by 180 degrees"),
+        ({}, "mount: [-0.1"),
+        ({"mount": MOUNT, "mirrored": True}, "the scans are mirrored: mirrored: false"),
+        ({"mount": [-0.153, 0.021, 180.37]}, "the scans are turned by 180 degrees"),
     ],
 )
-def test_a_wrong_setup_is_told_before_any_score(tmp_path: Path, more: tuple[str, ...], said: str) -> None:
-    done = played(tmp_path, "overtake_red", *more, "--preset", "real", "-o", "out")
+def test_a_wrong_setup_is_named_before_any_score(tmp_path: Path, keys: dict[str, object], said: str) -> None:
+    done = played(tmp_path, "overtake_red", "--preset", "real", "-o", "out", **keys)
     assert done.returncode == 2
     first = next(line for line in done.stderr.splitlines() if line.startswith("does not fit: "))
     assert said in first
@@ -143,11 +135,23 @@ def test_a_check_finds_the_mount(tmp_path: Path) -> None:
     assert abs(found["mount x"] + 0.153) < 0.03
     assert abs(found["mount y"] - 0.021) < 0.03
     assert abs(found["mount yaw"] - 0.372) < 1.0
+    written = tmp_path / "results" / "replay-intersection" / "setup.yaml"
+    setup = RecordingSetup.load(written)
+    assert setup.mount[EVERY] == pytest.approx(
+        (found["mount x"], found["mount y"], found["mount yaw"]), abs=0.01
+    )
+    assert (setup.scan, setup.pose, setup.clock) == ({EVERY: "/scan"}, {EVERY: "/ego_pose"}, "record")
+    assert Path(setup.map or "").resolve() == (RECORDINGS / "intersection" / "map.yaml").resolve()
+    # what a user has changed there is kept
+    written.write_text("clock: header\n")
+    assert played(tmp_path, "intersection", "--check").returncode == 0
+    assert written.with_name("setup.yaml.old").read_text() == "clock: header\n"
+    assert RecordingSetup.load(written) == setup
 
 
 @pytest.mark.slow
 def test_a_film_and_what_the_map_lacks(tmp_path: Path) -> None:
-    done = played(tmp_path, "intersection", "--mount", MOUNT, "--film", "--unmapped", "-o", "out")
+    done = played(tmp_path, "intersection", "--film", "-o", "out", mount=MOUNT, unmapped=True)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "trial.mp4").stat().st_size > 10_000
     assert (tmp_path / "out" / "storyboard.png").stat().st_size > 10_000
@@ -157,7 +161,14 @@ def test_a_film_and_what_the_map_lacks(tmp_path: Path) -> None:
 
 def test_a_declared_ally_is_no_intruder(tmp_path: Path) -> None:
     done = played(
-        tmp_path, "overtake_red", "--mount", MOUNT, "--ally", "red=/red_pose", "--preset", "real", "-o", "out"
+        tmp_path,
+        "overtake_red",
+        "--preset",
+        "real",
+        "-o",
+        "out",
+        mount=MOUNT,
+        allies={"red": {"topic": "/red_pose"}},
     )
     assert done.returncode == 0, done.stderr
     frames = {row["frame"] for row in rows(tmp_path / "out" / "boxes.csv")}
@@ -173,7 +184,8 @@ def test_a_laser_at_rest_makes_its_own_map(tmp_path: Path) -> None:
         ranges = [2.0 if tenth >= 60 and k in range(5) else walls[k] for k in range(360)]
         lines.append(",".join(map(str, (0.1 * tenth, 0.0, math.radians(1.0), 0.1, 8.0, *ranges))))
     (tmp_path / "still.csv").write_text("\n".join(lines) + "\n")
-    options = ("--pose", "at:0,0,0", "--background", "first-5", "--preset", "real", "-o", "out")
+    (tmp_path / "setup.yaml").write_text("background: first-5\npose: at:0,0,0\n")
+    options = ("--setup", "setup.yaml", "--preset", "real", "-o", "out")
     done = midnet_bench("replay", "still.csv", *options, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     boxes = rows(tmp_path / "out" / "boxes.csv")

@@ -5,7 +5,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,7 +27,7 @@ from midnet_bench.recording.files.ros_messages import (
     transforms,
 )
 from midnet_bench.recording.files.writer import BagWriter, bag_writer
-from midnet_bench.recording.inputs import ReplayWishes
+from midnet_bench.recording.setup import RecordingSetup
 from midnet_bench.workflows.replay import Replayed, replay
 from tests.cli.command import rows
 from tests.recording.recorded_drives import BARE, MOUNT, WALLS, room, way
@@ -389,22 +389,15 @@ class Result(NamedTuple):
         ]
 
 
-def replayed(files: Path | Sequence[Path], folder: Path, **wishes: Any) -> Result:
-    """``replay`` with the wishes of a command line; those of ``Wishes`` may be among them."""
-    from midnet_bench.recording.plan import Wishes
-
+def replayed(files: Path | Sequence[Path], folder: Path, output: Path | None = None, **keys: Any) -> Result:
+    """``replay`` with the keys of a setup, preset ``real`` unless given."""
     every = [files] if isinstance(files, Path) else list(files)
-    own = {name: wishes.pop(name) for name in list(wishes) if name in Wishes.__dataclass_fields__}
-    wishes.setdefault("output", folder / "out")
-    wishes.setdefault("presets", ("real",))
+    setup = RecordingSetup().changed({"preset": "real", **keys})
     notes: list[str] = []
-    done = replay(
-        ReplayWishes(files=every, recording=replace(Wishes(), **own), **wishes),
-        notes.append,
-        lambda share: None,
-    )
-    tables = [rows(wishes["output"] / name) for name in ("boxes.csv", "errors.csv")]
-    return Result(done, notes, *tables, wishes["output"])
+    output = output or folder / "out"
+    done = replay(every, setup, notes.append, lambda share: None, output=output)
+    tables = [rows(output / name) for name in ("boxes.csv", "errors.csv")]
+    return Result(done, notes, *tables, output)
 
 
 def apart_m(one: Result, other: Result) -> float:

@@ -67,15 +67,11 @@ def test_returns_are_counted_on_walls_in_the_free_and_in_unknown_cells():
     # from (0.55, 1.05): along x onto the wall's cell and 1 m beyond its face; along y into the free
     hit = resting(0.55, 1.05, 0.0, [1.5, 0.5], (0.0, math.pi / 2.0))
     through = resting(0.55, 1.05, 0.0, [2.2, np.inf], (0.0, math.pi / 2.0))
-    fit = fit_of([hit, through], walls, side_m=0.5)
-    assert fit.over_time[0] == (2, 0.5, 0.0)
-    assert fit.over_time[1] == (1, 0.0, 1.0)
+    fit = fit_of([hit, through], walls)
+    assert fit_of([hit], walls).total == (2, 0.5, 0.0)
+    assert fit_of([through], walls).total == (1, 0.0, 1.0)
     assert fit.total == (3, 1.0 / 3.0, 1.0 / 3.0)
     assert fit.total.in_the_free == pytest.approx(1.0 / 3.0)
-    assert fit.over_map.returns.sum() == 3
-    x, y = fit.over_map.origin
-    row, column = math.floor((1.05 - y) / 0.5), math.floor((2.05 - x) / 0.5)
-    assert fit.over_map.shares[row, column] == 1.0
     assert fit.robot_off_map == 0.0
 
 
@@ -150,7 +146,7 @@ def test_a_mount_that_was_left_out_is_told_and_found(turning, map_of_room):
     told = verdict(turning, map_of_room)
     assert not told.fits
     assert told.kinds == ("mount",)
-    assert "--mount 0." in told.lines[0]
+    assert "mount: [0." in told.lines[0]
     proposal = find_setup(turning, map_of_room)
     assert proposal.kinds == ("mount",)
     assert not proposal.alike  # the drive turns
@@ -168,9 +164,9 @@ def test_a_scan_delay_of_100_ms_is_found_where_the_drive_turns(view, mount, map_
     proposal = find_setup(samples, map_of_room)
     assert proposal.kinds == ("delay",)
     assert proposal.setup.delay_s == pytest.approx(0.1, abs=0.02)
-    assert f"--scan-delay {proposal.setup.delay_s:.3f}" in line_of(proposal, map_of_room)
+    assert f"delay_s: {proposal.setup.delay_s:.3f}" in line_of(proposal, map_of_room)
     already = line_of(proposal, map_of_room, SetBy(delay_s=0.2))
-    assert f"--scan-delay {0.2 + proposal.setup.delay_s:.3f}" in already
+    assert f"delay_s: {0.2 + proposal.setup.delay_s:.3f}" in already
 
 
 def test_a_delay_and_a_mount_that_was_left_out_are_found_together(map_of_room):
@@ -201,8 +197,8 @@ def test_a_mirrored_scan_is_told(map_of_room):
     samples = mounted(drive(mirrored=True), MOUNT)
     told = verdict(samples, map_of_room)
     assert told.kinds == ("mirror", "mount")
-    assert "--mirror --mount 0." in told.lines[0]
-    assert "drop --mirror" in verdict(samples, map_of_room, SetBy(mirrored=True)).lines[0]
+    assert "mirrored: true; mount: [0." in told.lines[0]
+    assert "mirrored: false" in verdict(samples, map_of_room, SetBy(mirrored=True)).lines[0]
 
 
 @pytest.mark.parametrize("degrees", [90, 180])

@@ -10,7 +10,7 @@ from tests.recording import recordings as made
 from tests.recording.recordings import Drive, replayed
 
 pytestmark = pytest.mark.slow
-MOUNT = ["0.1,0.02,2.864789"]
+MOUNT = [0.1, 0.02, 2.864789]
 LASERS = {
     "180 half circle": made.lidar_of(181, math.pi, 30.0),
     "270 degrees": made.lidar_of(541, math.radians(270.0), 30.0),
@@ -30,10 +30,10 @@ def map_file(tmp_path_factory):
     return str(made.write_map(tmp_path_factory.mktemp("map")))
 
 
-def scored(tmp_path, map_file, drive, **wishes):
+def scored(tmp_path, map_file, drive, **keys):
     bag = made.write_bag(tmp_path, [*made.scan_messages(drive), *made.pose_messages(drive)])
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels()))
-    found = replayed(bag, tmp_path, map=map_file, mount=MOUNT, truth=[truth], **wishes)
+    found = replayed(bag, tmp_path, map=map_file, mount=MOUNT, truth=truth, **keys)
     return found.score(), found
 
 
@@ -78,7 +78,7 @@ def test_a_background_of_the_first_seconds_and_of_another_recording(tmp_path):
     truth = str(made.write_labels(tmp_path / "truth.csv", [one for one in drive.labels() if one[0] >= 100]))
     at = f"at:{REST.x},{REST.y},{math.degrees(REST.yaw)}"
     for background in ("first-10", str(other)):
-        found = replayed(bag, tmp_path, background=background, pose=[at], mount=MOUNT, truth=[truth])
+        found = replayed(bag, tmp_path, background=background, pose=at, mount=MOUNT, truth=truth)
         score = found.score()
         assert score["in_range"] > 50, background
         assert score["recall"] >= 0.95, (background, score, found.causes())

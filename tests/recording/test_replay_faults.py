@@ -1,5 +1,6 @@
 """What cannot be, in a recording or said of it: one line, exit code 2, results where there are any."""
 
+import json
 import math
 import sqlite3
 from dataclasses import replace
@@ -7,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from midnet_bench.cli.app import REPLAY_KEYS
 from midnet_bench.geometry import Pose2D
 from midnet_bench.recording.files.ros_messages import Message
+from midnet_bench.recording.setup import RecordingSetup
 from tests.cli.command import midnet_bench, one_line_of_complaint, rows
 from tests.recording import recordings as made
 from tests.recording.recordings import Drive
@@ -17,7 +20,7 @@ DRIVE = Drive(seconds=3.0, lidar=made.lidar_of(60), movers={"red": made.on_the_w
 SCANS = made.scan_messages(DRIVE)
 POSES = made.pose_messages(DRIVE)
 BEHIND = Pose2D(-0.5, 0.0, 0.0)
-MOUNT = "--mount=0.1,0.02,2.86"
+MOUNT = [0.1, 0.02, 2.86]
 
 
 @pytest.fixture(scope="module")
@@ -29,8 +32,11 @@ def map_file(tmp_path_factory):
 def replay(tmp_path, map_file):
     """``midnet-bench replay`` with the map; says what a listing of the same file says as well."""
 
-    def run(*arguments, use_map=True):
+    def run(*arguments, use_map=True, **keys):
         words = ["--map", map_file, "-o", tmp_path / "out", "--preset", "real"] if use_map else []
+        if keys:
+            (tmp_path / "setup.yaml").write_text(json.dumps(keys))
+            words += ["--setup", tmp_path / "setup.yaml"]
         return midnet_bench("replay", *arguments, *words, folder=tmp_path)
 
     return run
@@ -70,8 +76,8 @@ def test_a_truncated_bag(container, share, tmp_path, replay):
     bag = made.write_bag(tmp_path, [*SCANS, *POSES], container)
     file = next(bag.glob("*.db3")) if container == "ros2" else bag
     file.write_bytes(file.read_bytes()[: int(share * file.stat().st_size)])
-    for use_map in (True, False):
-        line = complaint(replay(bag, MOUNT, use_map=use_map))
+    for done in (replay(bag, mount=MOUNT), replay(bag, use_map=False)):
+        line = complaint(done)
         assert file.name in line or f"{bag.name}: damaged" in line
         assert any(word in line for word in ("reindex", "recover", "empty", "damaged"))
 
@@ -82,12 +88,12 @@ def test_a_bag_that_was_cut_off_gives_what_it_still_has(packed, tmp_path, replay
     whole = bag.read_bytes()
     index = whole.rindex(b"chunk_pos=")  # in the first of the records behind all messages
     bag.write_bytes(whole[: index - 100])
-    done = replay(bag, MOUNT)
+    done = replay(bag, mount=MOUNT)
     assert "its index is missing" in done.stderr
     assert kept(tmp_path) >= 5
     if packed == "ros1":
         bag.write_bytes(whole[: len(whole) // 2])
-        assert "s after its start" in complaint(replay(bag, MOUNT))
+        assert "s after its start" in complaint(replay(bag, mount=MOUNT))
         assert kept(tmp_path) >= 2
 
 
@@ -99,7 +105,7 @@ def test_a_bag_that_is_damaged_in_the_middle_keeps_what_came_before(tmp_path, re
     at = data.index(count, len(data) // 2)
     data[at : at + 4] = np.array([2**31], "<u4").tobytes()
     bag.write_bytes(bytes(data))
-    line = complaint(replay(bag, MOUNT))
+    line = complaint(replay(bag, mount=MOUNT))
     assert "damaged" in line
     assert "s after its start" in line
     assert kept(tmp_path) >= 5
@@ -115,7 +121,7 @@ def test_an_sqlite_file_that_is_damaged_in_the_middle(tmp_path, replay):
             (made.ns_of(2.0), made.ns_of(2.2)),
         )
     file.close()
-    line = complaint(replay(bag, MOUNT))
+    line = complaint(replay(bag, mount=MOUNT))
     assert "damaged 2.0" in line
     assert kept(tmp_path) >= 5
 
@@ -169,14 +175,14 @@ def test_a_missing_transform_is_named(frames, begin_s, end_s, expected, tmp_path
 def test_stamps_that_stand_still(tmp_path, replay):
     still = [stamped(said, made.ns_of(0.0)) for said in SCANS]
     bag = made.write_bag(tmp_path, [*still, *POSES])
-    assert "the stamps of the scans stand still" in complaint(replay(bag, MOUNT))
-    assert replay(bag, MOUNT, "--clock", "record").returncode == 0
-    assert "--clock record" in replay(bag, use_map=False).stdout
+    assert "the stamps of the scans stand still" in complaint(replay(bag, mount=MOUNT))
+    assert replay(bag, mount=MOUNT, clock="record").returncode == 0
+    assert "clock: record" in replay(bag, use_map=False).stdout
     bag = made.write_bag(
         tmp_path, [*SCANS, *[stamped(said, made.ns_of(0.0)) for said in POSES]], name="poses"
     )
-    assert "/pose: the stamps of the poses stand still" in complaint(replay(bag, MOUNT))
-    assert replay(bag, MOUNT, "--clock", "record").returncode == 0
+    assert "/pose: the stamps of the poses stand still" in complaint(replay(bag, mount=MOUNT))
+    assert replay(bag, mount=MOUNT, clock="record").returncode == 0
 
 
 @pytest.mark.slow
@@ -196,7 +202,7 @@ def test_clocks_that_run_apart(tmp_path, replay):
     apart = [
         stamped(said, said.record_ns - round(0.05 * (said.record_ns - made.ns_of(0.0)))) for said in SCANS
     ]
-    done = replay(made.write_bag(tmp_path, [*apart, *POSES]), MOUNT)
+    done = replay(made.write_bag(tmp_path, [*apart, *POSES]), mount=MOUNT)
     assert "the clocks run apart" in done.stderr
 
 
@@ -204,9 +210,9 @@ def test_clocks_that_run_apart(tmp_path, replay):
 def test_scans_and_poses_that_never_meet(tmp_path, replay):
     boot = [stamped(said, said.record_ns - made.ns_of(0.0)) for said in SCANS]
     bag = made.write_bag(tmp_path, [*boot, *POSES])
-    line = complaint(replay(bag, MOUNT))
-    assert "--clock record" in line
-    assert replay(bag, MOUNT, "--clock", "record").returncode == 0
+    line = complaint(replay(bag, mount=MOUNT))
+    assert "clock: record" in line
+    assert replay(bag, mount=MOUNT, clock="record").returncode == 0
 
 
 @pytest.mark.slow
@@ -214,7 +220,7 @@ def test_a_stamp_that_jumps_is_left_out(tmp_path, replay):
     scans, poses = list(SCANS), list(POSES)
     scans[5] = stamped(scans[5], made.ns_of(1e8))
     poses[30] = stamped(poses[30], 0)
-    line = complaint(replay(made.write_bag(tmp_path, [*scans, *poses]), MOUNT, "--rate", "10"))
+    line = complaint(replay(made.write_bag(tmp_path, [*scans, *poses]), mount=MOUNT, rate_hz=10))
     assert "stamp that jumps by more than an hour" in line
     assert kept(tmp_path) > 15
 
@@ -222,11 +228,11 @@ def test_a_stamp_that_jumps_is_left_out(tmp_path, replay):
 def test_scans_without_ranges(tmp_path, replay):
     none = [edited(said, ranges=np.zeros(0, np.float32)) for said in SCANS]
     bag = made.write_bag(tmp_path, [*none, *POSES])
-    assert "no range at all" in complaint(replay(bag, MOUNT))
+    assert "no range at all" in complaint(replay(bag, mount=MOUNT))
     listed = replay(bag, use_map=False)
     assert listed.returncode == 0, listed.stderr
     some = [none[k] if k in (0, 7) else SCANS[k] for k in range(len(SCANS))]
-    line = complaint(replay(made.write_bag(tmp_path, [*some, *POSES], name="some"), MOUNT))
+    line = complaint(replay(made.write_bag(tmp_path, [*some, *POSES], name="some"), mount=MOUNT))
     assert f"2 of {len(SCANS)} scans were left out: each has no range at all" in line
     assert kept(tmp_path) > 15
 
@@ -238,7 +244,7 @@ def test_ranges_and_poses_that_are_no_numbers(tmp_path, replay):
         ranges = said.message.fields["ranges"].copy()
         ranges[rng.integers(0, len(ranges), 6)] = [np.nan, -np.inf, np.inf, -1.0, 1e30, 0.0]
         odd.append(edited(said, ranges=ranges))
-    done = replay(made.write_bag(tmp_path, [*odd, *POSES]), MOUNT)
+    done = replay(made.write_bag(tmp_path, [*odd, *POSES]), mount=MOUNT)
     assert done.returncode == 0, done.stderr
     poses = list(POSES)
     poses[40] = posed(poses[40], x=math.nan)
@@ -247,7 +253,7 @@ def test_ranges_and_poses_that_are_no_numbers(tmp_path, replay):
         poses[70], pose={**poses[70].message.fields["pose"], "orientation": {"z": math.nan, "w": math.inf}}
     )
     poses[80] = edited(poses[80], pose={**poses[80].message.fields["pose"], "orientation": {"w": 0.0}})
-    line = complaint(replay(made.write_bag(tmp_path, [*odd, *poses], name="poses"), MOUNT))
+    line = complaint(replay(made.write_bag(tmp_path, [*odd, *poses], name="poses"), mount=MOUNT))
     assert "/pose: 4 poses are not finite or no rotation" in line
     assert kept(tmp_path) > 15
 
@@ -264,29 +270,56 @@ def test_geometries_that_cannot_be(tmp_path, replay):
         bag = made.write_bag(
             tmp_path, [*[edited(said, **fields) for said in SCANS], *POSES], name=f"b{number}"
         )
-        assert expected in complaint(replay(bag, MOUNT)), expected
+        assert expected in complaint(replay(bag, mount=MOUNT)), expected
         assert replay(bag, use_map=False).returncode == 0
 
 
 @pytest.mark.slow
 def test_names_that_are_not_there(tmp_path, replay):
     bag = made.write_bag(tmp_path, [*SCANS, *POSES, *made.pose_messages(DRIVE, topic="/other")])
-    assert "no topic '/scam'; did you mean '/scan'?" in complaint(replay(bag, "--scan", "/scam"))
+    assert "no topic '/scam'; did you mean '/scan'?" in complaint(replay(bag, scan="/scam"))
     assert "no topic '/posse'; did you mean '/pose'?" in complaint(replay(bag, "--pose", "/posse"))
     assert "choose with --pose" in complaint(replay(bag))
     assert "'/scan' is sensor_msgs/msg/LaserScan, which gives no pose" in complaint(
         replay(bag, "--pose", "/scan")
     )
-    assert "gives no scan" in complaint(replay(bag, "--scan", "/pose", "--pose", "/pose"))
-    assert "no topic '/rde'" in complaint(replay(bag, "--pose", "/pose", "--ally", "red=/rde"))
+    assert "gives no scan" in complaint(replay(bag, "--pose", "/pose", scan="/pose"))
+    assert "no topic '/rde'" in complaint(replay(bag, "--pose", "/pose", allies={"red": {"topic": "/rde"}}))
     assert "nowhere.bag: there is no such recording" in one_line_of_complaint(replay("nowhere.bag"))
     assert "poses.csv" in complaint(replay(bag, "--pose", "poses.csv"))
     assert "truth.csv" in complaint(replay(bag, "--pose", "/pose", "--truth", "truth.csv"))
     assert "no topic '/tuth'" in complaint(replay(bag, "--pose", "/pose", "--truth", "red=/tuth"))
-    # nothing of the file's own was asked for twice
-    assert "named twice" in complaint(
-        replay(bag, "--pose", "/pose", "--mount", "robot=0,0,0", "--mount", "robot=1,0,0")
+    assert "'robot' is given twice" in complaint(replay(bag, "--pose", "robot=/pose", "--pose", "robot=tf"))
+    assert "mount: rbot: no robot is called 'rbot'; did you mean 'robot'?" in complaint(
+        replay(bag, "--pose", "/pose", mount={"rbot": MOUNT})
     )
+
+
+def test_an_option_that_went_names_its_key_of_the_setup(tmp_path):
+    assert set(REPLAY_KEYS.values()) <= set(RecordingSetup.model_fields)
+    for words in (["--mount", "1,2,3"], ["--unmapped"]):
+        line = one_line_of_complaint(midnet_bench("replay", "a.bag", *words, folder=tmp_path))
+        assert f"{words[0]}: write '{REPLAY_KEYS[words[0]]}: ...' into setup.yaml" in line
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ({"mont": MOUNT}, "setup.yaml: mont: unknown key; did you mean 'mount'?"),
+        ({"mount": [0.1, "two", 0.0]}, "setup.yaml: mount.1: "),
+        ({"mount": {"front": [0.1, 0.0]}}, "setup.yaml: mount.front.2: "),
+        ({"clock": "wall"}, "setup.yaml: clock: "),
+        ({"rate_hz": True}, "setup.yaml: rate_hz: "),
+        ({"no_return": {"infi": "clears"}}, "no_return: no such code 'infi'; did you mean 'inf'?"),
+        ({"allies": {"red": "/red"}}, "setup.yaml: allies.red: "),
+        ({"map": "map.yaml", "background": "first-3"}, "leave one out"),
+    ],
+)
+def test_a_setup_that_cannot_be(keys, expected, tmp_path):
+    made.write_bag(tmp_path, [*SCANS, *POSES])
+    (tmp_path / "setup.yaml").write_text(json.dumps(keys))
+    done = midnet_bench("replay", "bag.mcap", "--setup", "setup.yaml", folder=tmp_path)
+    assert expected in one_line_of_complaint(done)
 
 
 @pytest.mark.slow
@@ -340,7 +373,7 @@ def test_labels_that_lie_nowhere(tmp_path, replay):
     shifted = [(index + 1000, t + 500.0, *more) for index, t, *more in DRIVE.labels()]
     for by in ("t", "scan_index"):
         truth = made.write_labels(tmp_path / f"{by}.csv", shifted, by)
-        line = complaint(replay(bag, MOUNT, "--truth", truth))
+        line = complaint(replay(bag, "--truth", truth, mount=MOUNT))
         assert "nothing is scored" in line
         assert f"labels have {by} " in line
         assert kept(tmp_path) > 15

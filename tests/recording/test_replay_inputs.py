@@ -27,12 +27,12 @@ def expected(tmp_path_factory, map_file):
     """The boxes of the drive as a table of scans with poses."""
     folder = tmp_path_factory.mktemp("expected")
     table = made.write_scan_table(folder / "drive.csv", DRIVE, with_poses=True)
-    found = replayed(table, folder, map=map_file, mount=["0.1,0.02,2.8647889756541160"])
+    found = replayed(table, folder, map=map_file, mount=[0.1, 0.02, 2.8647889756541160])
     assert len(found.boxes) > 30
     return found
 
 
-MOUNT = ["0.1,0.02,2.8647889756541160"]
+MOUNT = [0.1, 0.02, 2.8647889756541160]
 
 
 @pytest.mark.parametrize("container", ["ros1", slow("ros1-bz2"), slow("ros1-lz4"), slow("ros2"), "mcap"])
@@ -45,23 +45,23 @@ def test_every_container(container, tmp_path, map_file, expected):
     "kind", [*map(slow, ["odometry", "covariance", "tum", "separate csv", "map topic"]), "tf", "csv"]
 )
 def test_every_source_of_poses(kind, tmp_path, map_file, expected):
-    scans, wishes, poses = made.scan_messages(DRIVE), {"mount": MOUNT}, []
+    scans, keys, poses = made.scan_messages(DRIVE), {"mount": MOUNT}, []
     if kind in ("odometry", "covariance"):
         poses = made.pose_messages(DRIVE, kind)
     elif kind == "tf":
-        poses, wishes = made.tf_messages(DRIVE), {}
+        poses, keys = made.tf_messages(DRIVE), {}
     elif kind == "csv":
-        wishes["pose"] = [str(made.write_pose_table(tmp_path / "poses.csv", DRIVE.poses()))]
+        keys["pose"] = str(made.write_pose_table(tmp_path / "poses.csv", DRIVE.poses()))
     elif kind == "tum":
-        wishes["pose"] = [str(made.write_tum(tmp_path / "poses.tum", DRIVE.poses()))]
+        keys["pose"] = str(made.write_tum(tmp_path / "poses.tum", DRIVE.poses()))
     elif kind == "map topic":
         poses, map_file = [*made.pose_messages(DRIVE), made.map_message()], "/map"
     if kind == "separate csv":
-        wishes["pose"] = [str(made.write_pose_table(tmp_path / "poses.csv", DRIVE.poses()))]
+        keys["pose"] = str(made.write_pose_table(tmp_path / "poses.csv", DRIVE.poses()))
         bag = made.write_scan_table(tmp_path / "scans.csv", DRIVE)
     else:
         bag = made.write_bag(tmp_path, [*scans, *poses], "ros1" if kind == "tf" else "mcap")
-    found = replayed(bag, tmp_path, map=map_file, **wishes)
+    found = replayed(bag, tmp_path, map=map_file, **keys)
     # an odometry that drifts is not quite between its neighbours
     assert apart_m(found, expected) < (CELL_M * 1.01 if kind == "tf" else 1e-9)
 
@@ -71,11 +71,11 @@ def test_a_laser_upside_down_is_mirrored(tmp_path, map_file, expected):
     turned = replace(DRIVE, upside_down=True)
     bag = made.write_bag(tmp_path, [*made.scan_messages(turned), *made.tf_messages(turned)])
     truth = str(made.write_labels(tmp_path / "truth.csv", turned.labels()))
-    by_tf = replayed(bag, tmp_path, map=map_file, truth=[truth])
+    by_tf = replayed(bag, tmp_path, map=map_file, truth=truth)
     assert any("mirrored" in line for line in by_tf.notes)
     plain = [*made.scan_messages(turned), *made.pose_messages(turned)]
     by_flag = replayed(
-        made.write_bag(tmp_path, plain, name="flag"), tmp_path, map=map_file, mount=MOUNT, is_mirrored=True
+        made.write_bag(tmp_path, plain, name="flag"), tmp_path, map=map_file, mount=MOUNT, mirrored=True
     )
     assert apart_m(by_tf, by_flag) < CELL_M * 1.01
     assert by_tf.score()["recall"] == 1.0
@@ -92,7 +92,7 @@ def test_several_robots_in_one_bag_and_in_several_are_the_same(tmp_path, map_fil
         ]
         for name, drive in (("back", other), ("front", DRIVE))
     ]
-    mounts = {"mount": [f"front={MOUNT[0]}", f"back={MOUNT[0]}"]}
+    mounts = {"mount": {"front": MOUNT, "back": MOUNT}}
     together = made.write_bag(tmp_path, messages[0] + messages[1])
     one = replayed(together, tmp_path, map=map_file, **mounts)
     each = [
@@ -115,7 +115,7 @@ def test_several_robots_in_one_bag_and_in_several_are_the_same(tmp_path, map_fil
     ]
     each[0] = made.write_bag(tmp_path, late, "ros1", "later")
     several = replayed(
-        each, tmp_path, map=map_file, mount=[f"front={MOUNT[0]}", f"later={MOUNT[0]}"], offsets=["later=-100"]
+        each, tmp_path, map=map_file, mount={"front": MOUNT, "later": MOUNT}, offset_s={"later": -100}
     )
     assert without_order(one) == without_order(several)
 
@@ -138,7 +138,7 @@ def test_a_geometry_that_changes_in_mid_bag_is_told_and_read(tmp_path, map_file)
     ]
     truth = made.write_labels(tmp_path / "truth.csv", DRIVE.labels())
     found = replayed(
-        made.write_bag(tmp_path, messages), tmp_path, map=map_file, mount=MOUNT, truth=[str(truth)]
+        made.write_bag(tmp_path, messages), tmp_path, map=map_file, mount=MOUNT, truth=str(truth)
     )
     assert any("180 to 240 beams" in line for line in found.notes)
     assert found.score()["recall"] == 1.0

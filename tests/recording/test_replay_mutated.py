@@ -53,13 +53,13 @@ def mutated(original, folder, rng):
     return path
 
 
-def taken(path, case, seed, listing, folder, **wishes):
+def taken(path, case, seed, listing, folder, **keys):
     """Whether a recording was played or refused."""
     try:
         if listing:
             list_topics([path])
         else:
-            replayed(path, folder, **wishes)
+            replayed(path, folder, **keys)
     except InputError as error:
         if len(str(error).splitlines()) != 1:
             raise
@@ -79,13 +79,13 @@ def try_all(cases, seed, folder):
         place = folder / f"case{case}"
         place.mkdir()
         path = mutated(every[case % len(every)], place, rng)
-        wishes = {} if path.suffix == ".csv" else {"pose": [rng.choice(["/pose", "tf"])]}
+        keys = {} if path.suffix == ".csv" else {"pose": rng.choice(["/pose", "tf"])}
         if rng.random() < 0.3:
-            wishes |= {"rate_hz": 20.0, "deskew": True}
+            keys |= {"rate_hz": 20.0, "deskew": True}
         if rng.random() < 0.3:
-            wishes["clock"] = "record"
+            keys["clock"] = "record"
         for listing in (True, False):
-            ends[taken(path, case, seed, listing, place, map=map_file, **wishes)] += 1
+            ends[taken(path, case, seed, listing, place, map=map_file, **keys)] += 1
         for file in sorted(place.rglob("*"), reverse=True):
             file.rmdir() if file.is_dir() else file.unlink()
         place.rmdir()

@@ -13,7 +13,7 @@ from tests.recording import recordings as made
 from tests.recording.recorded_drives import room
 from tests.recording.recordings import Drive, apart_m, replayed
 
-MOUNT = ["0.1,0.02,2.864789"]
+MOUNT = [0.1, 0.02, 2.864789]
 RED = {"red": made.on_the_way(6.0)}
 DRIVE = Drive(seconds=4.0, lidar=made.lidar_of(180, range_m=2.0), movers=RED)
 """its range ends before most walls: half of the beams meet nothing"""
@@ -41,12 +41,12 @@ def coded(drive, value, least=None):
 @pytest.mark.slow
 def test_no_return_in_any_code_gives_the_same_boxes(tmp_path, map_file):
     truth = str(made.write_labels(tmp_path / "truth.csv", DRIVE.labels()))
-    wishes = {
+    keys = {
         "map": map_file,
         "mount": MOUNT,
         "settings": {"local_map": "persistent"},
-        "truth": [truth],
-        "distance_m": 0.35,
+        "truth": truth,
+        "match_distance_m": 0.35,
     }
     results = {}
     for value, expected in (
@@ -58,7 +58,7 @@ def test_no_return_in_any_code_gives_the_same_boxes(tmp_path, map_file):
         (0.05, "below range_min"),
     ):
         bag = made.write_bag(tmp_path, [*coded(DRIVE, value), *made.pose_messages(DRIVE)], name=f"b{value}")
-        results[value] = replayed(bag, tmp_path, **wishes)
+        results[value] = replayed(bag, tmp_path, **keys)
         line = results[value].notes[0]
         assert f"{expected} " in line, line
         assert line.count("clears") == 1, line
@@ -66,7 +66,7 @@ def test_no_return_in_any_code_gives_the_same_boxes(tmp_path, map_file):
     assert results[0.0].score()["recall"] == 1.0
     # told to say nothing, it clears nothing, and marks of the mover stay behind it
     bag = made.write_bag(tmp_path, [*coded(DRIVE, 0.0), *made.pose_messages(DRIVE)], name="told")
-    told = replayed(bag, tmp_path, no_return={"zero": "nothing"}, **wishes)
+    told = replayed(bag, tmp_path, no_return={"zero": "nothing"}, **keys)
     assert told.notes[0].endswith("(says nothing)")
     assert told.plain_boxes != results[0.0].plain_boxes
 
@@ -92,11 +92,11 @@ def test_scan_delay(tmp_path, map_file):
         for said in made.scan_messages(DRIVE)
     ]
     poses = made.pose_messages(replace(DRIVE, seconds=4.5))
-    wishes = {"map": map_file, "mount": MOUNT}
-    right = replayed(made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *poses]), tmp_path, **wishes)
+    keys = {"map": map_file, "mount": MOUNT}
+    right = replayed(made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *poses]), tmp_path, **keys)
     bag = made.write_bag(tmp_path, [*late, *poses], name="late")
-    assert apart_m(replayed(bag, tmp_path, **wishes), right) > 0.0
-    mended = replayed(bag, tmp_path, scan_delay=["0.2"], **wishes)
+    assert apart_m(replayed(bag, tmp_path, **keys), right) > 0.0
+    mended = replayed(bag, tmp_path, delay_s=0.2, **keys)
     assert mended.plain_boxes == right.plain_boxes
 
 
@@ -112,7 +112,7 @@ TURNING = Drive(
 @pytest.mark.slow
 def test_deskew_and_rubbish_in_time_increment(tmp_path, map_file):
     truth = str(made.write_labels(tmp_path / "truth.csv", TURNING.labels()))
-    wishes = {"map": map_file, "mount": MOUNT, "truth": [truth], "settings": {"unknown_in_prior": "free"}}
+    keys = {"map": map_file, "mount": MOUNT, "truth": truth, "settings": {"unknown_in_prior": "free"}}
     poses = made.pose_messages(TURNING)
     scores, lines = {}, {}
     for name, increment, is_on in (
@@ -126,7 +126,7 @@ def test_deskew_and_rubbish_in_time_increment(tmp_path, map_file):
     ):
         scans = made.scan_messages(TURNING, time_increment=increment)
         bag = made.write_bag(tmp_path, [*scans, *poses], name=name)
-        found = replayed(bag, tmp_path, deskew=is_on, **wishes)
+        found = replayed(bag, tmp_path, deskew=is_on, **keys)
         scores[name] = found.score()
         lines[name] = [line for line in found.notes if "time_increment" in line]
     assert scores["as it is"]["fp"] >= 5
@@ -141,7 +141,7 @@ def test_deskew_and_rubbish_in_time_increment(tmp_path, map_file):
 def test_frames_at_a_rate(tmp_path, map_file):
     bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *made.pose_messages(DRIVE)])
     truth = str(made.write_labels(tmp_path / "truth.csv", DRIVE.labels()))
-    found = replayed(bag, tmp_path, map=map_file, mount=MOUNT, rate_hz=4.0, truth=[truth])
+    found = replayed(bag, tmp_path, map=map_file, mount=MOUNT, rate_hz=4.0, truth=truth)
     score = found.score()
     assert score["frames"] == 14  # of 3.4 s of scans, at 4 Hz, both ends included
     assert score["recall"] == 1.0
@@ -159,6 +159,11 @@ def friend_poses(drive, rate_hz=20.0, **said):
     return made.track_messages(
         [(t, Pose2D(*made.middle(drive.movers["friend"](t)), 0.0)) for t in times], topic="/friend", **said
     )
+
+
+def friend(diameter_m):
+    """The declared ally."""
+    return {"friend": {"topic": "/friend", "diameter_m": diameter_m}}
 
 
 def friend_track(poses):
@@ -183,10 +188,10 @@ def test_a_declared_ally_is_gone_and_the_other_is_not(radius_m, tmp_path, map_fi
     messages = [*made.scan_messages(drive), *made.pose_messages(drive), *friend_poses(drive)]
     bag = made.write_bag(tmp_path, messages)
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels("red")))
-    wishes = {"map": map_file, "mount": MOUNT, "truth": [truth], "pose": ["/pose"]}
-    without = replayed(bag, tmp_path, **wishes)
+    keys = {"map": map_file, "mount": MOUNT, "truth": truth, "pose": "/pose"}
+    without = replayed(bag, tmp_path, **keys)
     assert len(near_friend(drive, without)) > 0.9 * without.score()["frames"]
-    declared = replayed(bag, tmp_path, ally=[f"friend=/friend,{2.0 * radius_m}"], **wishes)
+    declared = replayed(bag, tmp_path, allies=friend(2.0 * radius_m), **keys)
     assert len(near_friend(drive, declared)) <= 0.01 * declared.score()["frames"]
     assert declared.score()["recall"] == 1.0
     assert any("ally friend: oldest pose at a frame: 0.0" in line for line in declared.notes)
@@ -198,9 +203,7 @@ def test_an_ally_that_is_late_is_told_with_its_age(tmp_path, map_file):
     silent = [one for one in friend_poses(drive) if one.record_ns < made.ns_of(2.5)]
     bag = made.write_bag(tmp_path, [*made.scan_messages(drive), *made.pose_messages(drive), *silent])
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels("red")))
-    found = replayed(
-        bag, tmp_path, map=map_file, mount=MOUNT, pose=["/pose"], truth=[truth], ally=["friend=/friend,0.3"]
-    )
+    found = replayed(bag, tmp_path, map=map_file, mount=MOUNT, pose="/pose", truth=truth, allies=friend(0.3))
     (line,) = (line for line in found.notes if line.startswith("ally friend"))
     assert "oldest pose at a frame: 3.4" in line
     assert "30 of 55 frames over 0.5 s" in line
@@ -223,8 +226,8 @@ def test_labels_by_time_by_index_and_by_topic_score_alike(tmp_path, map_file):
     by_t = str(made.write_labels(tmp_path / "t.csv", DRIVE.labels()))
     by_index = str(made.write_labels(tmp_path / "index.csv", DRIVE.labels(), "scan_index"))
     scores = [
-        replayed(bag, tmp_path, map=map_file, mount=MOUNT, pose=["/pose"], truth=[truth]).score()
-        for truth in (by_t, by_index, "red=/red")
+        replayed(bag, tmp_path, map=map_file, mount=MOUNT, pose="/pose", truth=truth).score()
+        for truth in (by_t, by_index, {"red": "/red"})
     ]
     for score in scores:
         assert (score["labelled"], score["in_range"], score["matched"]) == (35, 35, 35)
@@ -241,25 +244,25 @@ def test_sector_and_window_and_who_is_not_seen(tmp_path, map_file):
     drive = replace(DRIVE, pose=lambda time_s: Pose2D(4.2, 3.0, 0.0), lidar=made.lidar_of(360), movers=still)
     bag = made.write_bag(tmp_path, [*made.scan_messages(drive), *made.pose_messages(drive)])
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels()))
-    wishes = {"map": map_file, "mount": MOUNT, "truth": [truth]}
-    every = replayed(bag, tmp_path, **wishes).score()
+    keys = {"map": map_file, "mount": MOUNT, "truth": truth}
+    every = replayed(bag, tmp_path, **keys).score()
     frames = every["frames"]
     assert (every["in_range"], every["not_visible"], every["missed"]) == (2 * frames, frames, 0)
-    ahead = replayed(bag, tmp_path, sector="-30,30", **wishes).score()
+    ahead = replayed(bag, tmp_path, sector_deg=[-30, 30], **keys).score()
     assert (ahead["in_range"], ahead["not_visible"], ahead["fp"]) == (frames, 0, 0)
-    small = replayed(bag, tmp_path, window_m=2.0, **wishes).score()
+    small = replayed(bag, tmp_path, window_m=2.0, **keys).score()
     assert (small["in_range"], small["not_visible"], small["fp"]) == (frames, 0, 0)
     # half a circle ahead
     half = replace(drive, lidar=made.lidar_of(181, math.pi))
     bag = made.write_bag(tmp_path, [*made.scan_messages(half), *made.pose_messages(half)], name="half")
-    seen = replayed(bag, tmp_path, **wishes).score()
+    seen = replayed(bag, tmp_path, **keys).score()
     assert seen["not_visible"] == 0
     assert seen["recall"] == 1.0
 
 
-def caused(tmp_path, map_file, drive, **wishes):
+def caused(tmp_path, map_file, drive, **keys):
     bag = made.write_bag(tmp_path, [*made.scan_messages(drive), *made.pose_messages(drive)])
-    return replayed(bag, tmp_path, map=map_file, mount=MOUNT, **wishes)
+    return replayed(bag, tmp_path, map=map_file, mount=MOUNT, **keys)
 
 
 def at_rest(x=4.2, y=3.0, yaw=0.0, **movers):
@@ -300,7 +303,7 @@ def test_each_cause_of_a_miss(cause, tmp_path, map_file):
     drive, off, settings, distance_m = MISSES[cause]
     labels = [(*said, x + off[0], y + off[1]) for *said, x, y in drive.labels()]
     truth = str(made.write_labels(tmp_path / "truth.csv", labels))
-    result = caused(tmp_path, map_file, drive, settings=settings, distance_m=distance_m, truth=[truth])
+    result = caused(tmp_path, map_file, drive, settings=settings, match_distance_m=distance_m, truth=truth)
     assert result.score()["missed"] > 5
     misses = [row["cause"] for row in result.errors if row["kind"] == "miss"]
     assert misses.count(cause) >= 0.95 * len(misses), misses
@@ -322,9 +325,9 @@ def test_a_label_within_a_declared_ally_is_taken_for_it(tmp_path, map_file):
         tmp_path,
         map=map_file,
         mount=MOUNT,
-        pose=["/pose"],
-        truth=[truth],
-        ally=["friend=/friend,0.3"],
+        pose="/pose",
+        truth=truth,
+        allies=friend(0.3),
     )
     assert set(result.causes()) == {"taken_for_ally"}
     assert len(result.errors) == result.score()["missed"] == result.score()["frames"]
@@ -337,7 +340,7 @@ def test_a_label_off_the_map(tmp_path):
     small = OccupancyGrid(grid.data[:, : round(6.5 / grid.resolution)], grid.resolution, grid.origin)
     map_file = str(made.write_map(tmp_path, small))
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels()))
-    misses = caused(tmp_path, map_file, drive, truth=[truth])
+    misses = caused(tmp_path, map_file, drive, truth=truth)
     assert misses.score()["missed"] > 5
     assert set(misses.causes()) == {"outside_map"}
 
@@ -360,19 +363,19 @@ def expect(result, cause, least=10):
 def test_false_box_of_somebody_without_a_label(tmp_path, map_file):
     drive = at_rest(a=MOVER, b=OTHER)
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels("a")))
-    expect(caused(tmp_path, map_file, drive, truth=[truth]), "somebody", 50)
+    expect(caused(tmp_path, map_file, drive, truth=truth), "somebody", 50)
 
 
 def test_false_box_of_what_stands_there_and_is_not_on_the_map(tmp_path, map_file):
     drive = at_rest(a=MOVER, b=made.standing(3.2, 3.8, 0.15))
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels("a")))
-    expect(caused(tmp_path, map_file, drive, truth=[truth]), "unmapped", 50)
+    expect(caused(tmp_path, map_file, drive, truth=truth), "unmapped", 50)
 
 
 def test_an_intruder_that_stands_still_is_found(tmp_path, map_file):
     drive = at_rest(a=made.standing(4.9, 3.3))
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels("a")))
-    result = caused(tmp_path, map_file, drive, truth=[truth])
+    result = caused(tmp_path, map_file, drive, truth=truth)
     assert (result.score()["recall"], result.errors) == (1.0, [])
 
 
@@ -381,7 +384,7 @@ def test_false_box_where_labels_have_a_gap(tmp_path, map_file):
     drive = at_rest(a=MOVER, b=OTHER)
     labels = [one for one in drive.labels() if one[2] == "a" or not 1.0 < one[1] - made.BEGIN_S < 3.0]
     truth = str(made.write_labels(tmp_path / "truth.csv", labels))
-    expect(caused(tmp_path, map_file, drive, truth=[truth]), "label_gap", 15)
+    expect(caused(tmp_path, map_file, drive, truth=truth), "label_gap", 15)
 
 
 @pytest.mark.slow
@@ -389,7 +392,7 @@ def test_false_box_of_a_label_that_is_off(tmp_path, map_file):
     drive = at_rest(a=MOVER)
     labels = [(*said, x + 0.7, y) for *said, x, y in drive.labels()]
     truth = str(made.write_labels(tmp_path / "truth.csv", labels))
-    expect(caused(tmp_path, map_file, drive, truth=[truth]), "displaced", 40)
+    expect(caused(tmp_path, map_file, drive, truth=truth), "displaced", 40)
 
 
 @pytest.mark.slow
@@ -397,7 +400,7 @@ def test_false_boxes_of_one_object_in_parts(tmp_path, map_file):
     legs = lambda time_s: [made.Disc(4.9, 3.0 + s * 0.25 + 0.05 * time_s, 0.06) for s in (-1.0, 1.0)]  # noqa: E731
     drive = at_rest(a=legs)
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels()))
-    result = caused(tmp_path, map_file, drive, truth=[truth])
+    result = caused(tmp_path, map_file, drive, truth=truth)
     expect(result, "fragment", 50)
     assert result.score()["recall"] == 1.0
 
@@ -417,9 +420,9 @@ def test_false_box_of_an_ally_that_is_not_taken_out(tmp_path, map_file):
         tmp_path,
         map=map_file,
         mount=MOUNT,
-        pose=["/pose"],
-        truth=[truth],
-        ally=["friend=/friend,0.02"],
+        pose="/pose",
+        truth=truth,
+        allies=friend(0.02),
         settings={"iou_ally": 0.9},
     )
     expect(result, "ally_left", 50)
@@ -436,10 +439,10 @@ def test_false_box_of_marks_that_nothing_clears(tmp_path, map_file):
         tmp_path,
         map=map_file,
         mount=MOUNT,
-        truth=[truth],
+        truth=truth,
         no_return={"zero": "nothing"},
         settings={"local_map": "persistent", "min_returns": 0, "align": "origin"},
-        distance_m=0.1,
+        match_distance_m=0.1,
     )
     ghosts = [row for row in result.errors if row["cause"] == "ghost"]
     assert len(ghosts) >= 10
@@ -460,9 +463,9 @@ def test_false_box_of_a_single_return(tmp_path, map_file):
         )
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels()))
     bag = made.write_bag(tmp_path, [*scans, *made.pose_messages(drive)])
-    wishes = {"map": map_file, "mount": MOUNT, "truth": [truth]}
-    expect(replayed(bag, tmp_path, settings={"min_returns": 0}, **wishes), "single_return", 45)
-    assert of_false_boxes(replayed(bag, tmp_path, **wishes)) == []
+    keys = {"map": map_file, "mount": MOUNT, "truth": truth}
+    expect(replayed(bag, tmp_path, settings={"min_returns": 0}, **keys), "single_return", 45)
+    assert of_false_boxes(replayed(bag, tmp_path, **keys)) == []
 
 
 @pytest.mark.slow
@@ -474,7 +477,7 @@ def test_false_box_where_the_map_knows_nothing(tmp_path):
     map_file = str(made.write_map(tmp_path, OccupancyGrid(data, grid.resolution, grid.origin)))
     drive = at_rest(a=MOVER, b=OTHER)
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels("a")))
-    result = caused(tmp_path, map_file, drive, truth=[truth], settings={"unknown_in_prior": "free"})
+    result = caused(tmp_path, map_file, drive, truth=truth, settings={"unknown_in_prior": "free"})
     expect(result, "unknown_cells", 40)
 
 

@@ -132,11 +132,11 @@ class GridReading(NamedTuple):
         """The prior map that it is, int8: 100 occupied, 0 free, -1 unknown. Raises InputError: it is none."""
         if abs(self.origin.yaw) > 1e-6:
             raise InputError(
-                f"--map {self.topic}: its origin is turned by {self.origin.yaw:g} rad; only 0 is taken"
+                f"map: {self.topic}: its origin is turned by {self.origin.yaw:g} rad; only 0 is taken"
             )
         if not (0.0 < self.resolution_m < math.inf and self.cells.size):
             raise InputError(
-                f"--map {self.topic}: {self.cells.size} cells of {self.resolution_m:g} m cannot be"
+                f"map: {self.topic}: {self.cells.size} cells of {self.resolution_m:g} m cannot be"
             )
         # messages round to 32 bits; saved maps have six digits
         resolution_m = round(self.resolution_m, 6)

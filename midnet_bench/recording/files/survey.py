@@ -221,7 +221,7 @@ def _what(stream: Stream) -> str:
     if len(lags_s) and stream.topic.type != "text":
         parts.append(lag_in_words(lags_s))
     if stream.stamps_stand_still:
-        parts.append("its stamps stand still: use --clock record")
+        parts.append("its stamps stand still: use 'clock: record' in setup.yaml")
     return "; ".join(parts)
 
 

@@ -1,4 +1,4 @@
-"""How well scans lie on a map: the share of their returns on its walls, over time and over the map."""
+"""How well scans lie on a map: the share of their returns on its walls."""
 
 import math
 from collections.abc import Sequence
@@ -111,69 +111,26 @@ class Shares(NamedTuple):
         return 1.0 - self.on_walls - self.unmapped
 
 
-class FitMap(NamedTuple):
-    """The shares over the map, in coarse square cells."""
-
-    returns: npt.NDArray[np.int64]
-    """(H, W) how many returns fell there; row 0 has the lowest y"""
-    on_walls: npt.NDArray[np.int64]
-    """(H, W) how many of them lie on mapped walls"""
-    origin: tuple[float, float]
-    """(x, y) of the lower left corner, metres, map frame"""
-    side_m: float
-
-    @property
-    def shares(self) -> Floats:
-        """(H, W) float64, NaN where no return fell."""
-        some = self.returns > 0
-        return np.where(some, self.on_walls / np.maximum(self.returns, 1), np.nan)
-
-
 class Fit(NamedTuple):
     """How the scans of a recording lie on a map."""
 
-    times_s: Floats
-    """(m,) of the samples"""
-    over_time: list[Shares]
-    """of each sample"""
-    over_map: FitMap
     total: Shares
     """of all returns"""
     robot_off_map: float
     """share of the samples in which the robot itself is outside the map or in a cell that it does not know"""
 
 
-def fit_of(samples: Sequence[Sample], walls: Walls, side_m: float = 0.5) -> Fit:
-    """How the scans lie on the walls as everything is set now; ``side_m``: of a cell of the shares' map.
-
-    A return that lies off the shares' map, which ends a metre beyond the occupancy grid, counts in all the
-    others.
-    """
-    height, width = walls.distances_m.shape
-    coarse = walls.grid.resolution / side_m
-    shape = math.ceil(height * coarse), math.ceil(width * coarse)
-    fell, hit = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int64)
-    over_time, off = [], 0
-    returns = on = unknown = 0
+def fit_of(samples: Sequence[Sample], walls: Walls) -> Fit:
+    """How the scans lie on the walls as everything is set now."""
+    off = returns = on = unknown = 0
     for sample in samples:
         pose = sample.pose
         points = pose.compose(sample.lidar.mount).transform(sample.ends()[1])
         on_walls = walls.on_walls(points)
-        unmapped = walls.unmapped(points) & ~on_walls
-        over_time.append(_shares(len(points), int(on_walls.sum()), int(unmapped.sum())))
-        returns, on, unknown = returns + len(points), on + int(on_walls.sum()), unknown + int(unmapped.sum())
-        columns, rows = np.floor((points - walls.corner) / side_m).astype(np.int64).T
-        there = (columns >= 0) & (rows >= 0) & (columns < shape[1]) & (rows < shape[0])
-        np.add.at(fell, (rows[there], columns[there]), 1)
-        np.add.at(hit, (rows[there & on_walls], columns[there & on_walls]), 1)
+        returns, on = returns + len(points), on + int(on_walls.sum())
+        unknown += int((walls.unmapped(points) & ~on_walls).sum())
         off += bool(walls.unmapped(np.array([pose[:2]]))[0])
-    return Fit(
-        np.array([sample.time_s for sample in samples]),
-        over_time,
-        FitMap(fell, hit, walls.corner, side_m),
-        _shares(returns, on, unknown),
-        off / len(samples) if samples else math.nan,
-    )
+    return Fit(_shares(returns, on, unknown), off / len(samples) if samples else math.nan)
 
 
 def _shares(returns: int, on_walls: int, unmapped: int) -> Shares:

@@ -390,26 +390,24 @@ def line_of(proposal: Proposal, grid: OccupancyGrid, set_by: SetBy | None = None
 
 
 def mend_of(proposal: Proposal, grid: OccupancyGrid, set_by: SetBy | None = None) -> str:
-    """The flags, and what to change in the map's YAML file, that make a proposal's setup."""
-    set_by, setup, flags = set_by or SetBy(), proposal.setup, []
+    """The keys of ``setup.yaml``, and what to change in the map's YAML file, that make a proposal's setup."""
+    set_by, setup, keys = set_by or SetBy(), proposal.setup, []
     if setup.is_mirrored:
-        flags.append("drop --mirror," if set_by.mirrored else "--mirror")
+        keys.append(f"mirrored: {'false' if set_by.mirrored else 'true'}")
     if {"mount", "turn"} & {*proposal.kinds}:
         x, y, yaw = setup.mount
-        flags.append(f"--mount {x:z.3f},{y:z.3f},{math.degrees(yaw):z.1f}")
+        keys.append(f"mount: [{x:z.3f}, {y:z.3f}, {math.degrees(yaw):z.1f}]")
     if "delay" in proposal.kinds:
-        flags.append(f"--scan-delay {set_by.delay_s + setup.delay_s:z.3f}")
+        keys.append(f"delay_s: {set_by.delay_s + setup.delay_s:z.3f}")
     if "map" in proposal.kinds:
         # the map's own frame in that of the poses: where the YAML's origin would have to lie
         back = setup.map_moved.inverse()
         x, y = back.transform(np.array([grid.origin]))[0].tolist()
         if abs(back.yaw) < math.radians(2.0):
-            flags.append(f"in the map's YAML 'origin: [{x:z.2f}, {y:z.2f}, 0]'")
+            keys.append(f"in the map's YAML 'origin: [{x:z.2f}, {y:z.2f}, 0]'")
         else:
-            flags.append(
-                f"turn the map's image by {math.degrees(back.yaw):.0f} degrees, or use another --map"
-            )
-    return " ".join(flags)
+            keys.append(f"turn the map's image by {math.degrees(back.yaw):.0f} degrees, or use another --map")
+    return "; ".join(keys)
 
 
 def _what(proposal: Proposal) -> str:

@@ -1,4 +1,4 @@
-"""What ``replay`` says: whether scans, poses and map fit, what went wrong on the way, and its tables."""
+"""Lines and tables of ``replay``: how inputs are read, whether they fit, what was left out, the scores."""
 
 import math
 from collections import Counter
@@ -9,32 +9,24 @@ import numpy as np
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
-from midnet_bench.grid import OccupancyGrid
 from midnet_bench.recording import causes
 from midnet_bench.recording.clock import Clock
 from midnet_bench.recording.files.readings import NS
-from midnet_bench.recording.files.survey import Survey
+from midnet_bench.recording.files.survey import Survey, lag_in_words
 from midnet_bench.recording.fitting.samples import samples_of
 from midnet_bench.recording.fitting.setup_check import QUICK_SAMPLES, Proposal, SetBy, verdict
-from midnet_bench.recording.inputs import Note, ReplayWishes
-from midnet_bench.recording.plan import (
-    Link,
-    RobotPlan,
-    beam_time,
-)
-from midnet_bench.recording.replay import Replay, ReplayOptions
+from midnet_bench.recording.inputs import Note, ReplayInputs
+from midnet_bench.recording.plan import Link, RobotPlan, beam_time
+from midnet_bench.recording.replay import Replay
 from midnet_bench.recording.scores import Scorer
 from midnet_bench.recording.settings import ReplaySettings
+from midnet_bench.recording.setup import RecordingSetup
 from midnet_bench.recording.truth import LabelTable
 
 
-def told_before(
-    surveys: Sequence[Survey],
-    robots: Sequence[RobotPlan],
-    settings: Mapping[str, ReplaySettings],
-    wishes: ReplayWishes,
-) -> list[str]:
-    """What a user has to know before any score: how each robot is read, and what thresholds mean."""
+def input_summary(inputs: ReplayInputs, settings: Mapping[str, ReplaySettings]) -> list[str]:
+    """How each robot's scans are read, and what thresholds mean, a line each."""
+    surveys, robots, setup = inputs.surveys, inputs.robots, inputs.setup
     lines = []
     for robot in robots:
         stream = surveys[robot.source].streams[robot.scan_topic]
@@ -44,9 +36,9 @@ def told_before(
             f"{robot.name}: scans {robot.scan_topic}, pose {robot.pose.in_words}, mount {x:.3f},{y:.3f},"
             f"{math.degrees(yaw):.2f}{mirrored}; no return: {robot.no_return.in_words}"
         )
-        lines += lag_lines(surveys, robot, wishes.clock)
-        if wishes.deskew and (said := beam_time(stream)[1]):
-            lines.append(f"{robot.name}: --deskew: {said}")
+        lines += lag_lines(surveys, robot, setup.clock)
+        if setup.deskew and (fault := beam_time(stream)[1]):
+            lines.append(f"{robot.name}: deskew: {fault}")
         beams = {len(scan.ranges_m) for scan in stream.scans}
         if len(beams) > 1:
             lines.append(
@@ -58,16 +50,11 @@ def told_before(
     return lines
 
 
-def told_of_fit(
-    surveys: Sequence[Survey],
-    robot: RobotPlan,
-    prior_map: OccupancyGrid,
-    options: ReplayOptions,
-    note: Note,
-) -> list[str]:
-    """Note whether a robot's scans lie on the map; what does not fit."""
+def report_fit(inputs: ReplayInputs, robot: RobotPlan, note: Note) -> list[str]:
+    """Note whether a robot's scans lie on the map; the lines that say what does not fit."""
+    setup, prior_map = inputs.setup, inputs.prior_map
     samples = samples_of(
-        surveys, robot, options.clock, options.max_pose_age_s, options.offsets_ns, QUICK_SAMPLES
+        inputs.surveys, robot, setup.clock, setup.max_pose_age_s, inputs.offsets_ns, QUICK_SAMPLES
     )
     if not samples or not (prior_map.data == 100).any():
         note(f"{robot.name}: nothing can be said of how scans and map fit: no scan with a pose, or no wall")
@@ -117,8 +104,6 @@ LAG_S = 0.02
 
 def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list[str]:
     """Whether scans and poses were stamped alike. Raises InputError: the stamps stand still."""
-    from midnet_bench.recording.files.survey import lag_in_words
-
     scans = surveys[robot.source].streams[robot.scan_topic]
     links = [link for link in robot.pose.links if isinstance(link, Link)]
     poses = []
@@ -128,14 +113,14 @@ def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list
     if clock == "header" and scans.stamps_stand_still:
         raise InputError(
             f"{path}: {robot.scan_topic}: the stamps of the scans stand still at "
-            f"{scans.scans[0].stamp_ns / NS:g} s; use --clock record"
+            f"{scans.scans[0].stamp_ns / NS:g} s; use 'clock: record' in setup.yaml"
         )
     for link in links if clock == "header" else ():
         seen = link.seen(surveys)
         if len(seen) > 1 and len({one.stamp_ns for one in seen}) == 1:
             raise InputError(
                 f"{path}: {link.in_words}: the stamps of the poses stand still at "
-                f"{seen[0].stamp_ns / NS:g} s; use --clock record"
+                f"{seen[0].stamp_ns / NS:g} s; use 'clock: record' in setup.yaml"
             )
     lags_s = scans.lags_s
     if not len(lags_s) or not poses:
@@ -146,7 +131,7 @@ def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list
     if abs(apart_s) > LAG_S:
         lines.append(
             f"{robot.name}: each scan is {lag_in_words(lags_s)}, a pose {1000.0 * pose_lag_s:.3g} ms: "
-            f"--clock header puts a scan {1000.0 * apart_s:.0f} ms earlier by the poses than --clock record "
+            f"'clock: header' puts a scan {1000.0 * apart_s:.0f} ms earlier than 'clock: record' "
             f"(now: {clock})"
         )
     half = len(lags_s) // 2
@@ -163,8 +148,8 @@ AT_THE_START, AT_THE_START_SHARE = 3, 0.02
 """so many scans that no pose comes before are told, and are no fault"""
 
 
-def told_after(played: Replay, wishes: ReplayWishes, note: Note) -> list[str]:
-    """What went wrong on the way, a line each; what is no fault is noted."""
+def replay_faults(played: Replay, setup: RecordingSetup, note: Note) -> list[str]:
+    """What was left out, a line each; what is no fault is noted."""
     lines = []
     tally = played.tally
     taken, left = sum(tally.scans.values()), sum(tally.skipped.values())
@@ -186,7 +171,7 @@ def told_after(played: Replay, wishes: ReplayWishes, note: Note) -> list[str]:
     if not tally.frames and tally.skipped:
         lines.append(
             "scans and poses never meet in time: compare their stamps with 'midnet-bench replay FILE', "
-            "and try --clock record or --offset"
+            "and try 'clock: record' or offset_s in setup.yaml"
         )
     for name, age_s in tally.oldest_ally_s.items():
         oldest = "none yet" if math.isinf(age_s) else f"{age_s:.3f} s"
@@ -194,7 +179,7 @@ def told_after(played: Replay, wishes: ReplayWishes, note: Note) -> list[str]:
         note(
             f"ally {name}: oldest pose at a frame: {oldest}"
             + (
-                f"; in {late} of {tally.frames} frames over {wishes.max_ally_age_s:g} s: not taken out there"
+                f"; in {late} of {tally.frames} frames over {setup.max_ally_age_s:g} s: not taken out there"
                 if late
                 else ""
             )
@@ -203,16 +188,16 @@ def told_after(played: Replay, wishes: ReplayWishes, note: Note) -> list[str]:
 
 
 def unlabelled(
-    wishes: ReplayWishes, table: LabelTable | None, scorers: Mapping[str, Scorer], played: Replay
+    setup: RecordingSetup, table: LabelTable | None, scorers: Mapping[str, Scorer], played: Replay
 ) -> list[str]:
-    """A line if no label lies at any frame, and nothing is scored."""
-    if not wishes.truth or any(scorer.score.labelled for scorer in scorers.values()):
+    """A line if there are labels, and none at the time of any frame."""
+    if not setup.truth or any(scorer.score.labelled for scorer in scorers.values()):
         return []
     first_s, last_s = played.tally.first_ns / NS, played.tally.last_ns / NS
     held = "no pose of it lies at a frame" if table is None else f"its labels have {table.span}"
     return [
-        f"--truth {wishes.truth[0]}: nothing is scored: {held}, {played.tally.frames} frames "
-        f"t {first_s:.3f} to {last_s:.3f} (--clock {wishes.clock})"
+        f"truth: {next(iter(setup.truth.values()))}: nothing is scored: {held}, {played.tally.frames} frames "
+        f"t {first_s:.3f} to {last_s:.3f} (clock: {setup.clock})"
     ]
 
 

@@ -1,0 +1,202 @@
+"""``setup.yaml``: which topics, frames, clocks and labels of a recording are used, and how."""
+
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, field_validator
+
+from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.io.checked_yaml import Spec, parse, read_yaml
+from midnet_bench.recording.clock import Clock
+from midnet_bench.recording.files.no_return import CODES, MEANINGS, Meaning
+from midnet_bench.recording.settings import Preset
+from midnet_bench.settings import Scalar
+
+EVERY = ""
+"""key of a value that holds for every robot"""
+
+
+def _by_name(value: Any) -> Any:
+    return value if isinstance(value, Mapping) or value is None else {EVERY: value}
+
+
+ByName = BeforeValidator(_by_name)
+"""Takes one value for every robot, or a mapping from robot names to values; kept as a mapping."""
+Text = Annotated[str, Field(min_length=1)]
+Mount = tuple[float, float, float]
+
+
+class AllySetup(Spec):
+    """One ally."""
+
+    topic: Text
+    diameter_m: float | None = Field(default=None, gt=0.0, le=20.0)
+    """None: option ``ally_diameter_m`` of the detector"""
+
+
+class RecordingSetup(Spec):
+    """What a recording needs beside its files; each key of ``setup.yaml`` with its default."""
+
+    map: Text | None = Field(default=None, description="prior map: a map_server YAML, or a topic")
+    background: Text | None = Field(
+        default=None,
+        description="in place of map: another recording, or first-10 for the first 10 s of this one",
+    )
+    hit_threshold: float = Field(
+        default=0.1,
+        ge=0.0,
+        le=1.0,
+        description="share of beams that end in an occupied cell of the background",
+    )
+    resolution_m: float = Field(default=0.05, ge=0.01, le=0.2, description="side of a cell of the background")
+    scan: Annotated[dict[str, Text], ByName] = Field(
+        default={}, description="topic of the scans, or {NAME: TOPIC} for each robot; default all LaserScans"
+    )
+    pose: Annotated[dict[str, Text], ByName] = Field(
+        default={},
+        description="pose of the robot: a topic, tf, a CSV or TUM file, or at:X,Y,YAW_DEG for one at rest",
+    )
+    mount: Annotated[dict[str, Mount], ByName] = Field(
+        default={}, description="laser on the robot: [x, y, yaw_deg]; default from tf, else [0, 0, 0]"
+    )
+    mirrored: Annotated[dict[str, bool], ByName] = Field(
+        default={EVERY: False}, description="true: reverse the order of the beams, as of a laser upside down"
+    )
+    map_frame: Text = Field(default="map", description="frame of tf that the map is in")
+    clock: Clock = Field(default="header", description="header or record: which time stamps are used")
+    delay_s: Annotated[dict[str, float], ByName] = Field(
+        default={}, description="seconds by which the scans are stamped too late"
+    )
+    offset_s: dict[str, float] = Field(
+        default={}, description="{FILE: SECONDS} to add to all times of one of several files"
+    )
+    no_return: dict[str, Meaning] = Field(
+        default={},
+        description="{inf|nan|zero|below|above: clears|nothing|invalid}; default found from the scans",
+    )
+    deskew: bool = Field(default=False, description="true: correct the robot's motion during a scan")
+    rate_hz: float | None = Field(
+        default=None, ge=0.01, le=1000.0, description="frames a second; default one at each scan"
+    )
+    tick_hz: float | None = Field(
+        default=None, gt=0.0, description="simulation steps a second of an exported trial"
+    )
+    max_pose_age_s: float = Field(
+        default=0.5, ge=0.0, description="scans farther in time from a pose are left out"
+    )
+    allies: dict[str, AllySetup] = Field(
+        default={},
+        description="{NAME: {topic: TOPIC, diameter_m: 0.3}}: moving objects that are no intruders",
+    )
+    max_ally_age_s: float = Field(default=0.5, ge=0.0, description="an older pose of an ally is not used")
+    truth: Annotated[dict[str, Text], ByName] = Field(
+        default={},
+        description="labels: a CSV (t or scan_index, id, x, y), or {NAME: TOPIC} with poses of intruders",
+    )
+    match_distance_m: float = Field(default=0.35, ge=0.0, description="a box may be this far from its label")
+    sector_deg: tuple[float, float] | None = Field(
+        default=None, description="[from, to]: only labels in this part of the robot's view are scored"
+    )
+    window_m: float | None = Field(
+        default=None, ge=0.1, description="only labels in a square of this side about the robot are scored"
+    )
+    preset: Literal["real", "paper", "both"] = Field(
+        default="both", description="detector options: real, paper or both"
+    )
+    settings: dict[str, Scalar] = Field(
+        default={}, description="detector options by key, as --set gives them"
+    )
+    localize: bool = Field(default=False, description="true: correct the poses by matching scans to the map")
+    unmapped: bool = Field(
+        default=False, description="true: write stationary objects missing on the map, and a map with them"
+    )
+
+    @field_validator("no_return", mode="before")
+    @classmethod
+    def _invalid_is_nothing(cls, value: Any) -> Any:
+        if not isinstance(value, Mapping):
+            return value
+        for code in value:
+            if code not in CODES:
+                raise ValueError(f"no such code '{code}'{nearest_name(str(code), CODES)}")
+        return {code: MEANINGS.get(str(meaning), meaning) for code, meaning in value.items()}
+
+    @property
+    def presets(self) -> tuple[Preset, ...]:
+        """The first is drawn in films."""
+        return ("real", "paper") if self.preset == "both" else (self.preset,)
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """The setup of a YAML file; files it names are looked for in its folder first.
+
+        Raises:
+            InputError: the file cannot be read; or file, key and what is wrong.
+        """
+        return parse(cls, read_yaml(path), str(path)).with_paths(
+            lambda text: str(path.parent / text) if (path.parent / text).is_file() else text
+        )
+
+    def changed(self, values: Mapping[str, Any], source: str = "replay") -> Self:
+        """The same with other values, checked. Raises InputError: source, key and what is wrong."""
+        return parse(type(self), {**self.model_dump(), **values}, source)
+
+    def with_paths(self, path_of: Callable[[str], str]) -> Self:
+        """The same with ``path_of`` applied to every value that may name a file."""
+        named = {
+            key: {name: path_of(text) for name, text in getattr(self, key).items()}
+            for key in ("pose", "truth")
+        }
+        single = {key: path_of(text) for key in ("map", "background") if (text := getattr(self, key))}
+        return self.model_copy(update={**named, **single})
+
+    def of_each(self, key: str, names: Sequence[str]) -> dict[str, Any]:
+        """The values of a key by robot (by file of ``offset_s``); names without a value are left out.
+
+        Raises:
+            InputError: no robot or file has a name that is there.
+        """
+        values = getattr(self, key)
+        for name in values:
+            if name not in (EVERY, *names):
+                raise InputError(
+                    f"{key}: {name}: no {'file' if key == 'offset_s' else 'robot'} is called '{name}'"
+                    f"{nearest_name(name, names)}"
+                )
+        default = values.get(EVERY)
+        found = {name: values.get(name, default) for name in names}
+        return {name: value for name, value in found.items() if value is not None}
+
+    def to_yaml(self, folder: Path) -> str:
+        """The text of a ``setup.yaml`` in a folder: every key with its meaning, defaults commented out."""
+        relative = self.with_paths(
+            lambda text: os.path.relpath(text, folder) if Path(text).is_file() else text
+        )
+        default, lines = (
+            type(self)(),
+            ["# how 'midnet-bench replay FILE --setup setup.yaml' reads a recording"],
+        )
+        for key, field in type(self).model_fields.items():
+            value = relative.model_dump(exclude_none=True).get(key)
+            if isinstance(value, dict) and set(value) == {EVERY}:
+                value = value[EVERY]
+            mark = "# " if getattr(self, key) == getattr(default, key) else ""
+            lines += ["", f"# {field.description}", f"{mark}{key}: {json.dumps(value)}"]
+        return "\n".join(lines) + "\n"
+
+
+def by_name(texts: Sequence[str] | None, option: str) -> dict[str, str]:
+    """``NAME=VALUE`` or ``VALUE`` of an option, by name. Raises InputError: a name is there twice."""
+    values: dict[str, str] = {}
+    for text in texts or ():
+        name, sign, value = text.partition("=")
+        key, value = (name, value) if sign else (EVERY, text)
+        if key in values:
+            raise InputError(
+                f"{option} {text}: {repr(key) if key else 'a value for all robots'} is given twice"
+            )
+        values[key] = value
+    return values
