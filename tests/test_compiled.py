@@ -104,6 +104,7 @@ def test_a_change_in_a_callee_or_in_a_number_changes_the_result_and_back(package
     assert compiled_files(kept) == before  # the first machine code was found again
 
 
+@pytest.mark.slow
 def test_sources_that_no_loop_uses_cost_no_compilation(package: Path, kept: Path) -> None:
     before = compiled_files(kept)
     (package / "other.py").write_text("x = 1\n")
@@ -112,6 +113,7 @@ def test_sources_that_no_loop_uses_cost_no_compilation(package: Path, kept: Path
     assert compiled_files(kept) == before
 
 
+@pytest.mark.slow
 def test_each_compilation_is_counted_and_a_loop_that_is_kept_is_not(package: Path, tmp_path: Path) -> None:
     more = (
         "import numpy\n"
@@ -128,6 +130,7 @@ def test_each_compilation_is_counted_and_a_loop_that_is_kept_is_not(package: Pat
     assert again == ["6.0", "0", "0", "True", "True"]
 
 
+@pytest.mark.slow
 def test_the_same_sources_elsewhere_share_what_is_compiled(package: Path, kept: Path) -> None:
     before = compiled_files(kept)  # of another folder
     product(package, kept)

@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 
 from midnet_bench.agents.explorer import Explorer, hand_out_frontiers
 from midnet_bench.geometry import Pose2D
@@ -65,6 +66,7 @@ def room_scan(
     return np.asarray(ranges)
 
 
+@pytest.mark.slow
 def test_before_its_first_scan_it_believes_its_odometry_and_then_gmapping_too() -> None:
     start = Pose2D(0.5, -0.3, 1.0)
     robot = explorer(start)

@@ -148,6 +148,7 @@ def test_an_arena_in_a_file_is_read_once_for_each_cell(
     assert read.count(arena) == 25
 
 
+@pytest.mark.slow
 def test_the_engine_runs_an_experiment_of_its_own_without_any_of_the_packages(tmp_path: Path) -> None:
     program = (
         "import sys\n"

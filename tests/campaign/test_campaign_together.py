@@ -82,6 +82,7 @@ def test_any_subset_may_be_there_already(tmp_path: Path, seed: int) -> None:
     assert {trial_id: trial.payload for trial_id, trial in stored(tmp_path).items()} == alone(resolved)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trouble", ["raise", "refuse", "odd", "exit", "segfault"])
 def test_one_that_fails_takes_no_other_along(tmp_path: Path, trouble: str) -> None:
     resolved = campaign(("", trouble))

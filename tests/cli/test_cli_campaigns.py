@@ -37,6 +37,7 @@ def test_every_packaged_campaign_can_be_planned_from_any_folder(path: Path, tmp_
     assert told["directory"] == f"results/{path.stem}"
 
 
+@pytest.mark.slow
 def test_a_sweep_over_both_ranges_is_reported_and_compared(tmp_path: Path) -> None:
     options = ("--frames", 5, "--engine", "fast", "--robots", 1, "--set", "in_range=centre,edge")
     done = midnet_bench("detection", *options, "-o", "ranges", folder=tmp_path)

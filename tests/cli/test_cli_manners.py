@@ -91,6 +91,7 @@ def test_the_options_help_names_the_defaults_of_the_packaged_campaigns(tmp_path:
             assert f"{name} {said}" in str(helps[option])
 
 
+@pytest.mark.slow
 def test_a_run_ends_by_naming_its_folder_unless_it_is_quiet_or_prints_json(tmp_path: Path) -> None:
     done = midnet_bench(*TINY, folder=tmp_path)
     assert done.stderr.splitlines()[-1] == "Open results/detection/report.html"
@@ -107,6 +108,7 @@ def test_a_run_ends_by_naming_its_folder_unless_it_is_quiet_or_prints_json(tmp_p
     assert again.stderr == "Open results/detection/report.html\n"
 
 
+@pytest.mark.slow
 def test_verbose_and_the_log_file_tell_each_trial(tmp_path: Path) -> None:
     done = midnet_bench(*TINY, "--seeds", 2, "-v", "--log-file", "logs/run.txt", folder=tmp_path)
     assert done.returncode == 0

@@ -45,6 +45,7 @@ def replayed_boxes(folder: Path) -> dict[int, list[Sides]]:
     return {time: sorted(boxes) for time, boxes in found.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("form", "name"),
     [

@@ -71,8 +71,8 @@ def test_zero_has_no_sign() -> None:
 
 
 COMMANDS = (
-    ("report", "detection"),
-    ("report", "labyrinth"),
+    pytest.param(("report", "detection"), marks=pytest.mark.slow),
+    pytest.param(("report", "labyrinth"), marks=pytest.mark.slow),
     ("verify", "detection", "--all"),
     ("verify", "labyrinth"),
     ("compare", "detection", "other"),
@@ -81,7 +81,7 @@ COMMANDS = (
 )
 
 
-@pytest.mark.parametrize("arguments", COMMANDS, ids=" ".join)
+@pytest.mark.parametrize("arguments", COMMANDS, ids=str)
 def test_no_line_of_a_command_is_longer_than_the_terminal_or_cut(
     arguments: tuple[str, ...], folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

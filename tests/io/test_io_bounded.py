@@ -88,6 +88,7 @@ except InputError as error:
 """
 
 
+@pytest.mark.slow
 def test_bombs_are_refused_within_a_gigabyte(tmp_path: Path) -> None:
     blank = io.BytesIO()
     Image.new("1", (12_000, 12_000)).save(blank, "PNG")

@@ -79,6 +79,7 @@ def shortened(journey: Drive, scans: int) -> Drive:
     return Drive(*(column[:scans] for column in journey))
 
 
+@pytest.mark.slow
 def test_any_number_of_threads_gives_the_same_bytes(journey: Drive) -> None:
     def ran(threads: int) -> GMapping:
         settings = replace(BURGER_UKF, particles=7, linear_update_m=0.1, angular_update_rad=0.1)

@@ -433,6 +433,7 @@ def rollout_total(
     return s.path * path + s.goal * goal + s.occupied * worst, (x, y, yaw)
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_the_rollout_search_picks_what_scoring_every_rollout_picks(seed: int) -> None:

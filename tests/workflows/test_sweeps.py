@@ -64,6 +64,7 @@ def test_the_other_factors_have_a_line_each(tmp_path: Path) -> None:
         assert math.isnan(row["mean"].high) or row["mean"].high <= 100.0
 
 
+@pytest.mark.slow
 def test_a_factor_of_three_values_is_drawn_by_itself_with_its_numbers(folder: Path, tmp_path: Path) -> None:
     write_report(folder)
     assert (folder / "scores_by_robots.png").exists()

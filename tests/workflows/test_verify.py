@@ -303,6 +303,7 @@ def test_the_power_is_what_it_says_it_is() -> None:
     assert float(found.mean()) == pytest.approx(0.8, abs=0.03)
 
 
+@pytest.mark.slow
 def test_what_a_pilot_says_of_the_true_power_holds_in_nine_pilots_of_ten() -> None:
     rng = np.random.default_rng(7)
     held, wide = 0, 0
