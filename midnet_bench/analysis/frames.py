@@ -16,7 +16,7 @@ import weakref
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -155,37 +155,31 @@ class Results:
             raise InputError(
                 f"{self.directory}: the grid has no factor '{factor}'{nearest_name(factor, known)}"
             )
-        return {str(value): self._part(factor, value) for value in self.definition.grid[factor]}
+        return {str(value): self._of_value(factor, value) for value in self.definition.grid[factor]}
 
     def of_seed(self, seed: int) -> "Results":
         """The campaign's trials of one seed."""
-        return replace(
-            self,
-            definition=replace(self.definition, base_seed=seed, trials=1),
-            tables=_Part(self.tables, "seed", seed, keeps=True),
-            timing=_rows_of(self.timing, "seed", seed, keeps=True),
-            failures=_rows_of(self.failures, "seed", seed, keeps=True),
-        )
+        return self._part(replace(self.definition, base_seed=seed, trials=1), "seed", seed)
 
-    def _part(self, factor: str, value: Scalar) -> "Results":
+    def _of_value(self, factor: str, value: Scalar) -> "Results":
         grid = {name: values for name, values in self.definition.grid.items() if name != factor}
         parameters = self.definition.parameters_of({factor: value})
         variants = {} if factor == VARIANT else self.definition.variants
-        return replace(
-            self,
-            definition=replace(self.definition, grid=grid, parameters=parameters, variants=variants),
-            tables=_Part(self.tables, factor, value),
-            timing=_rows_of(self.timing, factor, value),
-            failures=_rows_of(self.failures, factor, value),
-        )
+        changed = replace(self.definition, grid=grid, parameters=parameters, variants=variants)
+        return self._part(changed, factor, value)
 
+    def _part(self, definition: Definition, column: str, value: Scalar) -> "Results":
+        """The trials with that value in a column, which is there no more unless it is the seed."""
 
-def _rows_of(frame: pd.DataFrame, column: str, value: Scalar, keeps: bool = False) -> pd.DataFrame:
-    """The rows with that value, without its column unless it ``keeps`` it; all if there is no such column."""
-    if column not in frame:
-        return frame
-    rows = frame[frame[column] == value]
-    return (rows if keeps else rows.drop(columns=column)).reset_index(drop=True)
+        def part(frame: pd.DataFrame) -> pd.DataFrame:
+            if column not in frame:
+                return frame
+            rows = frame[frame[column] == value]
+            return (rows if column == "seed" else rows.drop(columns=column)).reset_index(drop=True)
+
+        parts = _Tables({name: partial(lambda name: part(self.tables[name]), name) for name in self.tables})
+        timing, failures = part(self.timing), part(self.failures)
+        return replace(self, definition=definition, tables=parts, timing=timing, failures=failures)
 
 
 def records(frame: pd.DataFrame) -> list[Row]:
@@ -286,7 +280,7 @@ def _results(
         directory,
         definition,
         provenance,
-        _Lazily(files),
+        _Tables({name: partial(getattr, file, "frame") for name, file in files.items()}),
         empty if timing is None else timing.frame,
         empty if failures is None else failures.frame,
     )
@@ -404,54 +398,38 @@ def first_odd(cells: pd.Series, column: Column) -> int | None:
     elif column.kind is bool and cells.dtype.kind == "b":
         return None
     else:
-        plain = (column.of_text(one) if isinstance(one, str) else one for one in cells.tolist())
-        odd = np.array([not column.holds(one) for one in plain], bool)
+        is_held = {
+            value: column.holds(column.of_text(value) if isinstance(value, str) else value)
+            for value in cells.unique().tolist()
+        }
+        odd = ~cells.map(is_held).to_numpy(bool)
         if column.kind in (int, float) and len(odd) and not odd.any():
             return 0  # pandas has found a text that Python takes for a number, such as 1_000
     return int(odd.argmax()) if odd.any() else None
 
 
-class _Lazily(Mapping[str, pd.DataFrame]):
-    """Data frames that are read when they are asked for."""
+class _Tables(Mapping[str, pd.DataFrame]):
+    """Data frames by name, each made at its first use."""
 
-    def __init__(self, files: Mapping[str, _File]) -> None:
-        self._files = files
+    def __init__(self, makers: Mapping[str, Callable[[], pd.DataFrame]]) -> None:
+        self._makers = makers
+        self._made: dict[str, pd.DataFrame] = {}
 
     def __getitem__(self, name: str) -> pd.DataFrame:
-        if name not in self._files:
-            raise KeyError(f"no table '{name}'; there are {', '.join(self._files) or 'none'}")
-        return self._files[name].frame
+        if name not in self._makers:
+            raise KeyError(f"no table '{name}'; there are {', '.join(self) or 'none'}")
+        if name not in self._made:
+            self._made[name] = self._makers[name]()
+        return self._made[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._files
+        return name in self._makers
 
     def __repr__(self) -> str:
-        return f"<tables {', '.join(self._files)}>"
+        return f"<tables {', '.join(self)}>"
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._files)
+        return iter(self._makers)
 
     def __len__(self) -> int:
-        return len(self._files)
-
-
-class _Part(Mapping[str, pd.DataFrame]):
-    """The rows of a campaign's tables that have one value in a column, cut out when they are asked for."""
-
-    def __init__(
-        self, tables: Mapping[str, pd.DataFrame], column: str, value: Scalar, keeps: bool = False
-    ) -> None:
-        """``keeps``: whether the rows keep that column."""
-        self._tables, self._column, self._value, self._keeps = tables, column, value, keeps
-        self._cut: dict[str, pd.DataFrame] = {}
-
-    def __getitem__(self, name: str) -> pd.DataFrame:
-        if name not in self._cut:
-            self._cut[name] = _rows_of(self._tables[name], self._column, self._value, self._keeps)
-        return self._cut[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._tables)
-
-    def __len__(self) -> int:
-        return len(self._tables)
+        return len(self._makers)

@@ -167,9 +167,11 @@ def _trials(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
     placed = _placed(results, trials)
     fates = results.table("intruders")
     for times, column in (("detection_times", "detected_at_s"), ("capture_times", "caught_at_s")):
-        sums = _exact_sums(fates, place, column)
-        named = sums.rename(columns={column: f"{times}_s", "count": times})
-        placed = placed.join(named.set_index(place)[[times, f"{times}_s"]], on=place)
+        groups = fates.groupby(place, sort=False, dropna=False)[column]
+        placed = placed.join(groups.count().rename(times), on=place)
+        placed = placed.join(
+            groups.agg(lambda values: exact_sum(values.dropna())).rename(f"{times}_s"), on=place
+        )
     placed = placed.join(results.timing.set_index(place)[["simulated_s", "wall_s"]], on=place)
     missed = placed["detected"] - placed["caught"]
     return placed.assign(
@@ -211,22 +213,5 @@ def _means(frame: pd.DataFrame, keys: list[str], column: str) -> pd.DataFrame:
 
     Of exact sums: pandas' own change with the order of the rows and with its version.
     """
-    firsts, values = _grouped(frame, keys, column)
-    return firsts.assign(**{column: [*map(exact_mean, values)]})
-
-
-def _exact_sums(frame: pd.DataFrame, keys: list[str], column: str) -> pd.DataFrame:
-    """The same with the sum of the defined numbers, and how many there are as ``count``."""
-    firsts, values = _grouped(frame, keys, column)
-    defined = [[value for value in group if value == value] for group in values]
-    return firsts.assign(**{column: [*map(exact_sum, defined)]}, count=[*map(len, defined)])
-
-
-def _grouped(frame: pd.DataFrame, keys: list[str], column: str) -> tuple[pd.DataFrame, list[list[float]]]:
-    """The keys of each group of rows, and the column's values there."""
-    firsts = frame[keys].drop_duplicates()
-    values: list[list[float]] = [[] for _ in range(len(firsts))]
-    groups = frame.groupby(keys, sort=False).ngroup().tolist()
-    for group, value in zip(groups, frame[column].tolist(), strict=True):
-        values[group].append(value)
-    return firsts, values
+    groups = frame.groupby(keys, sort=False, dropna=False)[column]
+    return groups.agg(lambda values: exact_mean(values.tolist())).reset_index()
