@@ -3,6 +3,7 @@
 import math
 import struct
 import zlib
+from typing import NamedTuple
 
 ONE_ROW_EACH = "CREATE UNIQUE INDEX one_row_each ON trials (cell, seed)"
 SCHEMA = (
@@ -22,52 +23,40 @@ SCHEMA = (
     )""",
     ONE_ROW_EACH,
 )
-INSERT = "INSERT OR REPLACE INTO trials VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"
-COLUMNS = "cell, seed, run_id, simulated_s, wall_s, finished_utc, checksum, traceback, result"
-"""of the table ``trials``, and of a :data:`Row`"""
-
-Row = tuple[int, int, int, float | None, float, str, int, str | None, bytes | None]
-"""A trial has failed if it has a traceback, and is finished if it has a result."""
-
 _NUMBERS = struct.Struct("<qqqdd??")
 
 
-def row(
-    cell: int,
-    seed: int,
-    run_id: int,
-    simulated_s: float | None,
-    wall_s: float,
-    finished_utc: str,
-    traceback: str | None,
-    result: bytes | None,
-) -> Row:
-    """The values for :data:`INSERT`, with their checksum."""
-    checksum = _checksum(cell, seed, run_id, simulated_s, wall_s, finished_utc, traceback, result)
-    return cell, seed, run_id, simulated_s, wall_s, finished_utc, checksum, traceback, result
+class TrialRow(NamedTuple):
+    """What the table ``trials`` has of a trial: failed if it has a traceback, finished if it has a result."""
+
+    cell: int
+    seed: int
+    run_id: int
+    simulated_s: float | None
+    wall_s: float
+    finished_utc: str
+    traceback: str | None
+    result: bytes | None
+
+    @property
+    def checksum(self) -> int:
+        """The CRC-32 of all of it; it is found a million times where a million trials go on."""
+        cell, seed, run_id, simulated_s, wall_s, finished_utc, traceback, result = self
+        times = math.nan if simulated_s is None else simulated_s, wall_s
+        numbers = _NUMBERS.pack(cell, seed, run_id, *times, traceback is None, result is None)
+        text = finished_utc if traceback is None else finished_utc + traceback
+        return zlib.crc32(
+            result or b"", zlib.crc32(text.encode("utf-8", "surrogatepass"), zlib.crc32(numbers))
+        )
+
+    def is_sound(self, checksum: object) -> bool:
+        """Whether the values are those that were written with this checksum."""
+        try:
+            return checksum == self.checksum
+        except (AttributeError, TypeError, struct.error):  # values of other types
+            return False
 
 
-def is_sound(row: Row) -> bool:
-    """Whether a row's values are those that were written."""
-    cell, seed, run_id, simulated_s, wall_s, finished_utc, checksum, traceback, result = row
-    try:
-        return checksum == _checksum(cell, seed, run_id, simulated_s, wall_s, finished_utc, traceback, result)
-    except (AttributeError, TypeError, struct.error):  # values of other types
-        return False
-
-
-def _checksum(
-    cell: int,
-    seed: int,
-    run_id: int,
-    simulated_s: float | None,
-    wall_s: float,
-    finished_utc: str,
-    traceback: str | None,
-    result: bytes | None,
-) -> int:
-    """The CRC-32 of all that a row holds; it is found a million times where a million trials go on."""
-    times = math.nan if simulated_s is None else simulated_s, wall_s
-    numbers = _NUMBERS.pack(cell, seed, run_id, *times, traceback is None, result is None)
-    text = finished_utc if traceback is None else finished_utc + traceback
-    return zlib.crc32(result or b"", zlib.crc32(text.encode("utf-8", "surrogatepass"), zlib.crc32(numbers)))
+COLUMNS = f"{', '.join(TrialRow._fields)}, checksum"
+"""of the table ``trials``: a :class:`TrialRow` and its checksum"""
+INSERT = f"INSERT OR REPLACE INTO trials ({COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"

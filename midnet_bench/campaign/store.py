@@ -3,11 +3,11 @@
 import contextlib
 import json
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import cast
+from typing import Any
 
 from midnet_bench.campaign import database, rows
 from midnet_bench.campaign.columns import Tables, check_tables
@@ -241,7 +241,7 @@ class Store:
         for spec, outcome in trials:
             cell = cells.setdefault(id(spec.parameters), Cell(spec.experiment, spec.parameters))
             written.append(
-                rows.row(
+                rows.TrialRow(
                     cell.number,
                     spec.seed,
                     run_id,
@@ -255,7 +255,7 @@ class Store:
         if any(cell.number not in self._written for cell in cells.values()):
             self.write_cells(cells.values())
         with self._transaction():
-            self._connection.executemany(rows.INSERT, written)
+            self._connection.executemany(rows.INSERT, ((*row, row.checksum) for row in written))
 
     def trials(self) -> Iterator[StoredTrial]:
         """Every trial of the present definition, cell by cell in the grid's order, then by seed.
@@ -287,16 +287,16 @@ class Store:
                 }
                 for row_id in wanted:
                     if row_id in found:  # else a campaign has just repeated it
-                        yield self._trial(row_id, cast(rows.Row, tuple(found[row_id])), cells)
+                        yield self._trial(row_id, found[row_id], cells)
 
-    def _trial(self, row_id: int, row: rows.Row, cells: Mapping[int, Cell]) -> StoredTrial:
+    def _trial(self, row_id: int, values: Sequence[Any], cells: Mapping[int, Cell]) -> StoredTrial:
         """The trial in a row. Raises InputError if it is damaged."""
-        number, seed, _, simulated_s, wall_s, finished_utc, _, traceback, result = row
-        if not rows.is_sound(row):
+        *columns, checksum = values
+        row = rows.TrialRow(*columns)
+        if not row.is_sound(checksum):
             raise _damaged(self.path, _called(row_id, row, cells))
-        return StoredTrial(
-            self.path, cells[number], seed, simulated_s, wall_s, finished_utc, traceback, result
-        )
+        cell, seed, _, simulated_s, wall_s, finished_utc, traceback, result = row
+        return StoredTrial(self.path, cells[cell], seed, simulated_s, wall_s, finished_utc, traceback, result)
 
     def _cells(self) -> dict[int, Cell]:
         """Number -> cell, without those that are damaged."""
@@ -330,9 +330,10 @@ class Store:
         damaged = {}
         with explained(self.path):
             for values in self._connection.execute(f"SELECT rowid, {rows.COLUMNS} FROM trials NOT INDEXED"):
-                row_id, row = values[0], values[1:]
-                if row[0] in cells and rows.is_sound(row):
-                    (finished if row[-1] is not None else failed)[row[0]].add(row[1])
+                row_id, *columns, checksum = values
+                row = rows.TrialRow(*columns)
+                if row.cell in cells and row.is_sound(checksum):
+                    (failed if row.result is None else finished)[row.cell].add(row.seed)
                 else:
                     damaged[row_id] = _called(row_id, row, cells)
         return Inventory(finished, failed, damaged)
@@ -367,11 +368,10 @@ def _last_line(text: str) -> str:
     return (text.splitlines() or [""])[-1]
 
 
-def _called(row_id: int, row: rows.Row, cells: Mapping[int, Cell]) -> str:
+def _called(row_id: int, row: rows.TrialRow, cells: Mapping[int, Cell]) -> str:
     """What messages call the trial in a row that may be damaged."""
-    number, seed = row[:2]
-    if number in cells and isinstance(seed, int):
-        return f"trial {cells[number].trial_id(seed)} (seed {seed})"
+    if row.cell in cells and isinstance(row.seed, int):
+        return f"trial {cells[row.cell].trial_id(row.seed)} (seed {row.seed})"
     return f"row {row_id}"
 
 

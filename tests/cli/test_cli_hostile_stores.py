@@ -61,12 +61,9 @@ def with_payload(honest: Path, folder: Path, payload: bytes) -> Path:
     connection = sqlite3.connect(folder / "campaign.sqlite")
     (row_id,) = connection.execute("SELECT max(rowid) FROM trials").fetchone()
     old = connection.execute(f"SELECT {rows.COLUMNS} FROM trials WHERE rowid = ?", (row_id,)).fetchone()
-    cell, seed, run_id, simulated_s, wall_s, finished_utc, _, traceback, _ = old
+    row = rows.TrialRow(*old[:-1])._replace(result=payload)
     connection.execute("DELETE FROM trials WHERE rowid = ?", (row_id,))
-    connection.execute(
-        rows.INSERT,
-        rows.row(cell, seed, run_id, simulated_s, wall_s, finished_utc, traceback, payload),
-    )
+    connection.execute(rows.INSERT, (*row, row.checksum))
     connection.commit()
     connection.close()
     return folder

@@ -118,7 +118,8 @@ def test_odd_times_of_a_trial_are_named(column: str, value: Any, detection: Path
     old = connection.execute(f"SELECT {rows.COLUMNS} FROM trials ORDER BY rowid DESC").fetchone()
     named = dict(zip(rows.COLUMNS.split(", "), old, strict=True)) | {column: value}
     del named["checksum"]
-    connection.execute(rows.INSERT, rows.row(**named))
+    row = rows.TrialRow(**named)
+    connection.execute(rows.INSERT, (*row, row.checksum))
     connection.commit()
     connection.close()
     complaint = one_line_of_complaint(midnet_bench("report", folder, folder=tmp_path))

@@ -266,13 +266,14 @@ def _mutate_rows(path: Path, rng: Random) -> None:
         found = connection.execute(
             f"SELECT rowid, {rows.COLUMNS} FROM trials WHERE result IS NOT NULL"
         ).fetchall()
-        row_id, cell, seed, run_id, simulated_s, wall_s, utc, _, failure, result = rng.choice(found)
-        text = mutations.text_file(zlib.decompress(result), rng, True)
+        row_id, *values, _ = rng.choice(found)
+        row = rows.TrialRow(*values)
+        text = mutations.text_file(zlib.decompress(row.result), rng, True)
         if rng.random() < 0.5:
             text = _as_json(text)
         connection.execute("DELETE FROM trials WHERE rowid = ?", (row_id,))
-        values = rows.row(cell, seed, run_id, simulated_s, wall_s, utc, failure, zlib.compress(text))
-        connection.execute(rows.INSERT, values)
+        row = row._replace(result=zlib.compress(text))
+        connection.execute(rows.INSERT, (*row, row.checksum))
     else:
         table = rng.choice(("campaign", "runs", "cells", "trials"))
         columns = [column[1] for column in connection.execute(f"PRAGMA table_info({table})")]
