@@ -147,8 +147,22 @@ class Seam:
             raise
         except Exception as error:
             said = " ".join(str(error).split()) or "without a word"
+            if "read-only" in said:  # as NumPy calls it
+                said += "; it changes what it is given: work on a copy"
             where = _line_of(value, error)
             raise PluginError(f"{self.option} {value}: {where}{type(error).__name__}: {said}") from error
+
+    def refused(self, value: str, fault: str) -> PluginError:
+        """The error for a wrong result of code that ``value`` names: file, line, and ``fault``."""
+        return PluginError(f"{self.option} {value}: {self.line_of(value)}{fault}")
+
+    def line_of(self, value: str) -> str:
+        """``mine.py:12: ``, where a user's file defines the method; empty for other code."""
+        choice = self._parsed(value)
+        code = getattr(getattr(self._class(choice), self.method, None), "__code__", None)
+        if not choice.is_file or code is None or Path(code.co_filename).name != choice.place.split(":")[0]:
+            return ""
+        return f"{Path(code.co_filename).name}:{code.co_firstlineno}: "
 
     def _parsed(self, value: str) -> Choice:
         found = _VALUE.fullmatch(value.strip())

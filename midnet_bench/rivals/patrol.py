@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import GuardState, Point
 from midnet_bench.rivals.seams import PATROLS
-from midnet_bench.seams import PluginError
 
 
 class PatrolRule(Protocol):
@@ -45,5 +44,5 @@ class TeamPatrol:
         with PATROLS.calling(self._name):
             x, y = map(float, self._rule.next_point(guard, team, time_s))
         if not math.isfinite(x + y):
-            raise PluginError(f"patrol {self._name}: next_point gave ({x}, {y}); a finite point is needed")
+            raise PATROLS.refused(self._name, f"next_point gave ({x}, {y}); a finite point is needed")
         return x, y

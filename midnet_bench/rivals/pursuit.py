@@ -8,7 +8,6 @@ from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.agents.pursuit import TargetState
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.rivals.seams import PURSUITS
-from midnet_bench.seams import PluginError
 
 WITH_ORACLE = "nearest"
 """whom the referee's word of who is where sends out"""
@@ -32,13 +31,19 @@ class TeamPursuit:
         """
         with PURSUITS.calling(self._name):
             given = self._rule.pursue(team, dict(targets), time_s)
-            said = f"pursuit {self._name}: pursue gave"
+            said = "pursue gave"
             if not isinstance(given, Mapping):
-                raise PluginError(f"{said} {type(given).__name__}; give a dict, guards to their targets")
+                raise PURSUITS.refused(
+                    self._name, f"{said} {type(given).__name__}; give a dict, guards to their targets"
+                )
             for guard, target in given.items():
                 if guard not in range(len(team)):
-                    raise PluginError(f"{said} a guard {guard!r:.40}; there are 0 to {len(team) - 1}")
+                    raise PURSUITS.refused(
+                        self._name, f"{said} a guard {guard!r:.40}; there are 0 to {len(team) - 1}"
+                    )
                 if target not in targets:
                     there = ", ".join(map(str, sorted(targets)[:9]))
-                    raise PluginError(f"{said} guard {guard} a target {target!r:.40}; there are {there}")
+                    raise PURSUITS.refused(
+                        self._name, f"{said} guard {guard} a target {target!r:.40}; there are {there}"
+                    )
             return {int(guard): int(target) for guard, target in given.items()}

@@ -14,7 +14,7 @@ from midnet_bench.midnet.pipeline import Ally, Frame, MIDNet, Observation
 from midnet_bench.rivals.detector import Detector
 from midnet_bench.rivals.fusion import Fusion
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS
-from midnet_bench.seams import PluginError, Seam
+from midnet_bench.seams import Seam
 
 
 class TeamFusion:
@@ -158,17 +158,13 @@ def detected(detector: Detector, name: str, observations: Sequence[Observation])
     Raises:
         PluginError: it failed, or gave what are no boxes of each robot.
     """
-    try:
-        with DETECTORS.calling(name):
-            found = list(detector.detect(observations))
-    except PluginError as error:
-        if "read-only" in str(error):  # so NumPy says it; several trials may be told the same
-            raise PluginError(f"{error}; it changes what it is given: work on a copy") from error
-        raise
+    with DETECTORS.calling(name):
+        found = list(detector.detect(observations))
     if len(found) != len(observations):
-        raise PluginError(
-            f"detector {name}: detect gave {len(found)} lists of boxes for {len(observations)} robots; "
-            "give one for each, empty where there is nothing"
+        raise DETECTORS.refused(
+            name,
+            f"detect gave {len(found)} lists of boxes for {len(observations)} robots; "
+            "give one for each, empty where there is nothing",
         )
     return [checked_boxes(own, DETECTORS, name) for own in found]
 
@@ -190,22 +186,20 @@ def _centres(boxes: BoxArray) -> BoxArray:
 
 def checked_boxes(given: object, seam: Seam, name: str) -> BoxArray:
     """``given`` by code of ``seam`` as (n, 4) float64. Raises PluginError if they are no boxes."""
-    said = f"{seam.option} {name}: {seam.method}"
+    said = f"{seam.method} gave"
     try:
         boxes = np.array(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise PluginError(f"{said} gave no numbers: {' '.join(str(error).split())}") from error
+        raise seam.refused(name, f"{said} no numbers: {' '.join(str(error).split())}") from error
     if boxes.size == 0:
         return np.empty((0, 4))
     if boxes.ndim != 2 or boxes.shape[1] != 4:
-        raise PluginError(f"{said} gave an array of shape {boxes.shape}; boxes have the shape (n, 4)")
+        raise seam.refused(name, f"{said} an array of shape {boxes.shape}; boxes have the shape (n, 4)")
     if not np.isfinite(boxes).all():
-        raise PluginError(
-            f"{said} gave a box that is not finite: {boxes[~np.isfinite(boxes).all(axis=1)][0]}"
-        )
+        wrong = boxes[~np.isfinite(boxes).all(axis=1)][0]
+        raise seam.refused(name, f"{said} a box that is not finite: {wrong}")
     empty = (boxes[:, :2] >= boxes[:, 2:]).any(axis=1)
     if empty.any():
-        raise PluginError(
-            f"{said} gave a box without area: {boxes[empty][0]}; x_min < x_max and y_min < y_max are needed"
-        )
+        needed = "x_min < x_max and y_min < y_max are needed"
+        raise seam.refused(name, f"{said} a box without area: {boxes[empty][0]}; {needed}")
     return boxes

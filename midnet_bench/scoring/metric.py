@@ -12,7 +12,7 @@ import numpy.typing as npt
 from midnet_bench.geometry import Box
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.scoring.seams import METRICS, NONE
-from midnet_bench.seams import PluginError, several
+from midnet_bench.seams import several
 from midnet_bench.settings import Scalar
 
 MOST = 1e12
@@ -110,7 +110,7 @@ class TrialMetrics:
                 with METRICS.calling(name):
                     whole = self._checked(name, "trial", metric.trial())
                 if twice := found.keys() & whole.keys():
-                    raise PluginError(f"metrics {name}: trial gave '{min(twice)}', which frame gives already")
+                    raise METRICS.refused(name, f"trial gave '{min(twice)}', which frame gives already")
                 found |= whole
         return dict(sorted(found.items()))
 
@@ -122,14 +122,18 @@ class TrialMetrics:
         return {"metrics": rows} if rows else {}
 
     def _checked(self, name: str, method: str, given: Any) -> dict[str, float]:
-        said = f"metrics {name}: {method} gave"
+        said = f"{method} gave"
         if not isinstance(given, Mapping):
-            raise PluginError(f"{said} {type(given).__name__}; give a dict, names to numbers")
+            raise METRICS.refused(name, f"{said} {type(given).__name__}; give a dict, names to numbers")
         for key, value in given.items():
             if not (isinstance(key, str) and _NAME.fullmatch(key) and len(key) <= LONGEST_NAME):
-                raise PluginError(f"{said} the name {key!r:.60}; small letters, digits and _ are needed")
+                raise METRICS.refused(
+                    name, f"{said} the name {key!r:.60}; small letters, digits and _ are needed"
+                )
             if self._owner.setdefault(key, name) != name:
-                raise PluginError(f"{said} '{key}', as {self._owner[key]} does; give it another name")
+                raise METRICS.refused(
+                    name, f"{said} '{key}', as {self._owner[key]} does; give it another name"
+                )
             if not isinstance(value, Real) or not abs(float(value)) <= MOST:
-                raise PluginError(f"{said} {value!r:.60} for '{key}'; a finite number is needed")
+                raise METRICS.refused(name, f"{said} {value!r:.60} for '{key}'; a finite number is needed")
         return {key: float(value) for key, value in given.items()}

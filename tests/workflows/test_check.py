@@ -7,8 +7,7 @@ import pytest
 from midnet_bench.errors import InputError
 from midnet_bench.robots.seams import ROBOTS
 from midnet_bench.simulation.seams import SIMULATORS
-from midnet_bench.workflows.check import check
-from midnet_bench.workflows.contracts import CONTRACTS, EngineContract, RobotContract
+from midnet_bench.workflows.check import PLUGINS, _engine_faults, _robot_faults, check
 from tests.cli.command import midnet_bench, one_line_of_complaint
 from tests.simulation.scenes import OWN_ENGINE, OWN_ROBOT
 
@@ -146,16 +145,15 @@ def test_an_engine_is_told_what_is_wrong_with_it(
 ) -> None:
     (folder / "stub.py").write_text(OWN_ENGINE.replace(right, wrong))
     name = SIMULATORS.pinned("stub.py:World")
-    faults = list(EngineContract().faults(name))
+    faults = list(_engine_faults(name))
     assert faults == [] if fault is None else any(fault in one for one in faults), faults
 
 
 @pytest.mark.slow
 def test_a_robot_is_driven_on_both_engines(folder: Path) -> None:
     (folder / "mine.py").write_text(OWN_ROBOT)
-    contract = RobotContract()
-    assert list(contract.faults(ROBOTS.pinned("mine.py:ROBOT"))) == []
-    weak = list(contract.faults(ROBOTS.pinned("mine.py:ROBOT(rim_acceleration_mps2=0.01)")))
+    assert list(_robot_faults(ROBOTS.make(ROBOTS.pinned("mine.py:ROBOT")))) == []
+    weak = list(_robot_faults(ROBOTS.make(ROBOTS.pinned("mine.py:ROBOT(rim_acceleration_mps2=0.01)"))))
     assert any(one.startswith("on fast: drive: told 0.24 m/s") for one in weak), weak
 
 
@@ -177,10 +175,10 @@ def test_a_broken_one_has_exit_code_one(folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", dict.fromkeys(name for contract in CONTRACTS for name in contract.seam.own))
+@pytest.mark.parametrize("name", dict.fromkeys(name for plugin in PLUGINS for name in plugin.seam.own))
 def test_what_comes_with_the_package_is_ok(name: str) -> None:
-    for contract in CONTRACTS:
-        if library := contract.seam.needs.get(name):
+    for plugin in PLUGINS:
+        if library := plugin.seam.needs.get(name):
             pytest.importorskip(library, reason=f"the extra midnet-bench[{name}] is not installed")
     assert check(name).faults == []
 
@@ -202,7 +200,8 @@ def test_a_patrol_that_sends_guards_through_walls_is_told(folder: Path) -> None:
     found = check("mine.py:Away")
     assert found.seam == "patrol"
     assert found.faults == [
-        "it sends a guard to (100, 1) m, where none may be: give one of the points that it was made of"
+        "mine.py:4: it sends a guard to (100, 1) m, which is near no point of the patrol: return one of the "
+        "points that the constructor got"
     ]
 
 
