@@ -420,7 +420,7 @@ def read_scan_log(path: Path) -> ScanLog:
     """
     lines = read_lines(path)
     words = next((line.split() for line in lines if line.strip() and not line.lstrip().startswith("#")), [""])
-    log = parse_table(path, lines) if _is_number(words[0]) else parse_carmen(path, lines)
+    log = parse_table(path, lines) if is_number(words[0]) else parse_carmen(path, lines)
     if log.invalid_ranges == len(log) * log.geometry.beams:
         raise InputError(f"{path}: every range in the log is NaN or infinite; there is nothing to map")
     told_m = log.geometry.range_max_m
@@ -437,7 +437,8 @@ def read_scan_log(path: Path) -> ScanLog:
     return log
 
 
-def _is_number(word: str) -> bool:
+def is_number(word: str) -> bool:
+    """Whether a word is one as Python reads it, nan and inf included."""
     try:
         float(word)
     except ValueError:

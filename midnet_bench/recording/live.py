@@ -15,7 +15,6 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Observation
-from midnet_bench.recording.clock import Track, Whereabouts
 from midnet_bench.recording.files.no_return import CODES, Meaning, NoReturn
 from midnet_bench.recording.files.readings import (
     KINDS,
@@ -29,6 +28,7 @@ from midnet_bench.recording.files.readings import (
     decoded,
 )
 from midnet_bench.recording.files.ros_messages import MAP, Message, detections, ros_name
+from midnet_bench.recording.poses import PoseInterpolator, PoseTrack
 from midnet_bench.recording.replay import geometry_of
 
 MAP_TOPIC, TF, TF_STATIC = "/map", "/tf", "/tf_static"
@@ -102,7 +102,7 @@ class Detected(NamedTuple):
 class _Placed(NamedTuple):
     """Where a robot's LiDAR is."""
 
-    where: Whereabouts
+    where: PoseInterpolator
     """of the robot"""
     mount: Pose2D
     is_upside_down: bool
@@ -112,7 +112,7 @@ class _Placed(NamedTuple):
 class _Heard:
     """Of one robot."""
 
-    poses: Track = field(default_factory=Track)
+    poses: PoseTrack = field(default_factory=PoseTrack)
     """of its own topic"""
     scans: deque[ScanReading] = field(default_factory=lambda: deque(maxlen=KEPT))
     """those that are in no costmap yet"""
@@ -136,7 +136,7 @@ class LiveNode:
         self._options = options
         self._heard = {name: _Heard() for name in options.robots}
         self._kinds = options.topics(needs_map=True)
-        self._links: dict[str, tuple[str, Transform | Track]] = {}
+        self._links: dict[str, tuple[str, Transform | PoseTrack]] = {}
         """frame -> the frame it hangs on, and its place there: fixed, or over time"""
         self._arrived: deque[tuple[int, float]] = deque()
         """each scan that was newer than all before: its stamp, and when it came"""
@@ -207,8 +207,8 @@ class LiveNode:
         if is_static:
             self._links[link.child] = (link.frame, link.transform.normalized())
             return
-        _, track = self._links.setdefault(link.child, (link.frame, Track()))
-        if isinstance(track, Track):
+        _, track = self._links.setdefault(link.child, (link.frame, PoseTrack()))
+        if isinstance(track, PoseTrack):
             track.take(link.stamp_ns, link)
 
     def _place(self, heard: _Heard) -> _Placed | None:
@@ -223,24 +223,24 @@ class LiveNode:
             if not isinstance(link, Transform):
                 break
             base, fixed = above, link.then(fixed)
-        tracks: list[Track | Pose2D] = [heard.poses]
+        tracks: list[PoseTrack | Pose2D] = [heard.poses]
         if options.pose_by_tf:
             tracks = self._chain(base)
         if not tracks or (base == frame and options.mount is None and not options.pose_by_tf):
             return None
         mount = options.mount or Pose2D(fixed.x, fixed.y, fixed.yaw)
-        where = Whereabouts(tracks)
+        where = PoseInterpolator(tracks)
         heard.placed = _Placed(where, mount, fixed.is_upside_down)
         return heard.placed
 
-    def _chain(self, frame: str) -> list[Track | Pose2D]:
+    def _chain(self, frame: str) -> list[PoseTrack | Pose2D]:
         """The links from the map down to a frame; empty until all are known."""
-        links: list[Track | Pose2D] = []
+        links: list[PoseTrack | Pose2D] = []
         while frame != MAP:
             if frame not in self._links or len(links) > len(self._links):
                 return []
             frame, link = self._links[frame]
-            links.append(link if isinstance(link, Track) else Pose2D(link.x, link.y, link.yaw))
+            links.append(link if isinstance(link, PoseTrack) else Pose2D(link.x, link.y, link.yaw))
         return links[::-1]
 
     def _frames(self, now_s: float) -> Iterator[Detected]:

@@ -20,7 +20,6 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry, Scan
 from midnet_bench.midnet.pipeline import Ally, Frame, Observation
-from midnet_bench.recording.clock import Told, Track, Whereabouts, time_of
 from midnet_bench.recording.files.readings import (
     NS,
     ExactReading,
@@ -31,6 +30,7 @@ from midnet_bench.recording.files.readings import (
     Source,
 )
 from midnet_bench.recording.plan import AllyPlan, Link, PoseChain, RobotPlan
+from midnet_bench.recording.poses import InterpolatedPose, PoseInterpolator, PoseTrack, stamp_ns
 from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.recording.setup import RecordingSetup
 
@@ -49,7 +49,7 @@ class Seen(NamedTuple):
     """One robot at a frame."""
 
     robot: int
-    told: Told
+    told: InterpolatedPose
     """its pose, and how old that is"""
     scan: Scan | None
     """its last one"""
@@ -85,10 +85,10 @@ class ReplayFrame:
     scanned: int | None
     """the robot that made that scan"""
     seen: list[Seen]
-    allies: list[tuple[AllyPlan, Told | None]]
+    allies: list[tuple[AllyPlan, InterpolatedPose | None]]
     told_allies: list[Ally]
     """those whose poses are not too old"""
-    followed: list[tuple[AllyPlan, Told | None]]
+    followed: list[tuple[AllyPlan, InterpolatedPose | None]]
     looks: dict[str, Look]
     """by preset"""
 
@@ -166,10 +166,10 @@ class Replay:
         self._corrections: list[Pose2D | None] = [None] * len(robots)
         self.robots, self.allies, self.tally = list(robots), list(allies), Tally()
         self._sources, self._setup, self._offsets_ns = sources, setup, offsets_ns
-        self._tracks: dict[Link, Track] = {}
-        self._where = [self._whereabouts(robot.pose) for robot in robots]
-        self._where_allies = [self._whereabouts(ally.pose) for ally in allies]
-        self._followed = [(plan, self._whereabouts(plan.pose)) for plan in followed]
+        self._tracks: dict[Link, PoseTrack] = {}
+        self._where = [self._interpolator(robot.pose) for robot in robots]
+        self._where_allies = [self._interpolator(ally.pose) for ally in allies]
+        self._followed = [(plan, self._interpolator(plan.pose)) for plan in followed]
         self._others = [*self._where_allies, *(where for _, where in self._followed)]
         self._by_scan = {(robot.source, robot.scan_topic): k for k, robot in enumerate(robots)}
         self._by_exact = {
@@ -183,14 +183,14 @@ class Replay:
         self.done = 0.0
         """share of the recordings that was read"""
 
-    def _whereabouts(self, chain: PoseChain) -> Whereabouts:
-        links: list[Track | Pose2D] = []
+    def _interpolator(self, chain: PoseChain) -> PoseInterpolator:
+        links: list[PoseTrack | Pose2D] = []
         for link in chain.links:
             if isinstance(link, Pose2D):
                 links.append(link)
             else:
-                links.append(self._tracks.setdefault(link, Track()))
-        return Whereabouts(links)
+                links.append(self._tracks.setdefault(link, PoseTrack()))
+        return PoseInterpolator(links)
 
     def frames(self) -> Iterator[ReplayFrame]:
         """Each frame in order of time.
@@ -227,7 +227,7 @@ class Replay:
                 time_ns = self._take_pose(source, reading)
             else:
                 robot = self._by_scan[source, reading.topic]
-                time_ns = time_of(reading, setup.clock) + self._offset(source) - self.robots[robot].delay_ns
+                time_ns = stamp_ns(reading, setup.clock) + self._offset(source) - self.robots[robot].delay_ns
                 item = _Pending(time_ns, next(order), robot, reading, exact.pop(robot, None), indices[robot])
                 indices[robot] += 1
                 if passed_ns is not None and time_ns < passed_ns:
@@ -291,7 +291,7 @@ class Replay:
         link = Link(source, reading.topic)
         if link not in self._tracks:
             link = Link(source, "", reading.frame, reading.child)
-        time_ns = time_of(reading, self._setup.clock) + self._offset(source)
+        time_ns = stamp_ns(reading, self._setup.clock) + self._offset(source)
         track = self._tracks.get(link)
         if track is None:
             return time_ns - PATIENCE_NS  # of no concern here, also not to say what time it is

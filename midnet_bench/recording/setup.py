@@ -10,8 +10,8 @@ from pydantic import BeforeValidator, Field, field_validator
 
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.checked_yaml import Spec, parse, read_yaml
-from midnet_bench.recording.clock import Clock
 from midnet_bench.recording.files.no_return import CODES, MEANINGS, Meaning
+from midnet_bench.recording.poses import Clock
 from midnet_bench.recording.settings import Preset
 from midnet_bench.settings import Scalar
 

@@ -10,13 +10,13 @@ from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.recording import causes
-from midnet_bench.recording.clock import Clock
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.survey import Survey, lag_in_words
 from midnet_bench.recording.fitting.samples import samples_of
 from midnet_bench.recording.fitting.setup_check import QUICK_SAMPLES, Proposal, SetBy, verdict
 from midnet_bench.recording.inputs import Note, ReplayInputs
 from midnet_bench.recording.plan import Link, RobotPlan, beam_time
+from midnet_bench.recording.poses import Clock
 from midnet_bench.recording.replay import Replay
 from midnet_bench.recording.scores import Scorer
 from midnet_bench.recording.settings import ReplaySettings

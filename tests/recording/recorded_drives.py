@@ -2,14 +2,16 @@
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry
+from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.fitting.fit import Sample
-from midnet_bench.recording.fitting.poses import PoseTrack
+from midnet_bench.recording.poses import PoseTrack
 from midnet_bench.rng import stream
 
 CELL_M = 0.05
@@ -62,6 +64,29 @@ def cast(sensor, angles, rng, range_max_m):
     return np.where(ranges < range_max_m, ranges, np.inf)
 
 
+class Way(NamedTuple):
+    """Poses of a drive."""
+
+    times_s: np.ndarray
+    poses: np.ndarray
+
+    def at(self, time_s):
+        """The pose at an instant, each number by itself."""
+        return Pose2D(*(float(np.interp(time_s, self.times_s, column)) for column in self.unwrapped.T))
+
+    @property
+    def unwrapped(self):
+        return np.column_stack((self.poses[:, :2], np.unwrap(self.poses[:, 2])))
+
+    def near(self, time_s):
+        """The recorded poses from a second before an instant to a second after it."""
+        track = PoseTrack()
+        first, last = np.searchsorted(self.times_s, (time_s - 1.0, time_s + 1.0))
+        for k in range(max(first - 1, 0), min(last + 1, len(self.times_s))):
+            track.add(round(self.times_s[k] * NS), Pose2D(*self.poses[k].tolist()))
+        return track
+
+
 def way(kind, seconds):
     """The poses of a robot at 50 Hz: one that turns at waypoints, drives straight, or is at rest."""
     x, y, yaw = (0.6, 3.0, 0.2) if kind == "straight" else (1.0, 1.0, 0.6)
@@ -76,7 +101,7 @@ def way(kind, seconds):
         speed = {"turns": 0.22 * max(0.0, math.cos(off)), "straight": 0.22, "rest": 0.0}[kind]
         x, y = x + 0.02 * speed * math.cos(yaw), y + 0.02 * speed * math.sin(yaw)
         yaw += 0.02 * turn
-    return PoseTrack(times_s, np.array(poses))
+    return Way(times_s, np.array(poses))
 
 
 def drive(kind="turns", delay_s=0.0, mount=MOUNT, mirrored=False, beams=360, view=2.0 * math.pi, range_m=8.0):
@@ -86,10 +111,10 @@ def drive(kind="turns", delay_s=0.0, mount=MOUNT, mirrored=False, beams=360, vie
     angles, rng = lidar.angles_rad * (-1.0 if mirrored else 1.0), stream(1, "scans")
     return [
         Sample(
-            time_s + delay_s,
+            round((time_s + delay_s) * NS),
             cast(track.at(time_s).compose(mount), angles, rng, range_m),
             lidar,
-            track.between(time_s - 1.0, time_s + 1.0),
+            track.near(time_s),
         )
         for time_s in np.arange(1.0, track.times_s[-1] - 1.0, 1.0 / 3.0)
     ]
@@ -140,7 +165,7 @@ def recorded(name):
         len(last.ranges), last.angle_min, last.angle_increment, last.range_min, last.range_max, TRUE_MOUNT
     )
     table = np.array(poses)
-    return np.array(times_s), np.array(scans), lidar, PoseTrack(table[:, 0], table[:, 1:])
+    return np.array(times_s), np.array(scans), lidar, Way(table[:, 0], table[:, 1:])
 
 
 TRUE_MOUNT = Pose2D(-0.153, 0.021, 0.0065)
@@ -150,8 +175,8 @@ TRUE_MOUNT = Pose2D(-0.153, 0.021, 0.0065)
 def recorded_samples(name, turned_rad=0.0):
     """The samples of a shared recording; ``turned_rad``: put on the yaw of all poses."""
     times_s, scans, lidar, track = recorded(name)
-    track = PoseTrack(track.times_s, track.poses + np.array([0.0, 0.0, turned_rad]))
+    track = Way(track.times_s, track.poses + np.array([0.0, 0.0, turned_rad]))
     return [
-        Sample(float(time_s), ranges_m, lidar, track.between(time_s - 1.0, time_s + 1.0))
+        Sample(round(float(time_s) * NS), ranges_m, lidar, track.near(time_s))
         for time_s, ranges_m in zip(times_s, scans, strict=True)
     ]

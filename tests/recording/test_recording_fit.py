@@ -9,9 +9,9 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import load_map
 from midnet_bench.messages import LidarGeometry
 from midnet_bench.recording.fitting.fit import Sample, Walls, fit_of
-from midnet_bench.recording.fitting.poses import PoseTrack
 from midnet_bench.recording.fitting.setup_check import SetBy, find_setup, line_of, verdict
 from midnet_bench.recording.fitting.setup_search import Returns, Search
+from midnet_bench.recording.poses import PoseTrack
 from tests.recording.recorded_drives import (
     BARE,
     MOUNT,
@@ -50,8 +50,9 @@ def resting(x, y, yaw, ranges_m, angles_rad, mount=BARE, range_max_m=9.0):
     """One scan of a robot at rest whose two beams leave at these angles."""
     first, second = angles_rad
     lidar = LidarGeometry(2, first, second - first, 0.1, range_max_m, mount)
-    track = PoseTrack(np.array([0.0]), np.array([[x, y, yaw]]))
-    return Sample(0.0, np.array(ranges_m), lidar, track)
+    track = PoseTrack()
+    track.add(0, Pose2D(x, y, yaw))
+    return Sample(0, np.array(ranges_m), lidar, track)
 
 
 def small_map():

@@ -9,7 +9,7 @@ import numpy as np
 
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Pose2D
-from midnet_bench.io.scan_logs import ScanLog, parse_carmen, parse_table, read_lines
+from midnet_bench.io.scan_logs import ScanLog, is_number, parse_carmen, parse_table, read_lines
 from midnet_bench.io.trajectory import clock_fault
 from midnet_bench.recording.files.readings import (
     NS,
@@ -79,20 +79,12 @@ def read_text(path: Path) -> Table:
     """
     lines = read_lines(path)
     first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
-    if "," in first and not _is_number(first.split(",")[0]):
+    if "," in first and not is_number(first.split(",")[0]):
         return _of_csv(path, lines)
-    if len(first.split()) == len(TUM_COLUMNS) and all(map(_is_number, first.split())):
+    if len(first.split()) == len(TUM_COLUMNS) and all(map(is_number, first.split())):
         return _of_tum(path, lines)
-    log = parse_table(path, lines) if _is_number(first.split()[0]) else parse_carmen(path, lines)
+    log = parse_table(path, lines) if is_number(first.split()[0]) else parse_carmen(path, lines)
     return _of_log(path, log)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def rows_of(path: Path, lines: list[str]) -> Iterator[tuple[str, dict[str, str]]]:

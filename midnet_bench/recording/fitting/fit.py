@@ -12,7 +12,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, values_at
 from midnet_bench.messages import LidarGeometry
-from midnet_bench.recording.fitting.poses import PoseTrack
+from midnet_bench.recording.poses import PoseTrack
 
 Floats = npt.NDArray[np.float64]
 
@@ -26,7 +26,7 @@ WALL_DEPTH_M = 0.2
 class Sample(NamedTuple):
     """One scan of a robot, and where the robot was at about that time."""
 
-    time_s: float
+    time_ns: int
     """of the scan, by the clock of the poses"""
     ranges_m: Floats
     """(beams,) metres; inf where nothing was met, NaN where the reading says nothing"""
@@ -38,7 +38,7 @@ class Sample(NamedTuple):
     @property
     def pose(self) -> Pose2D:
         """Of the robot at the scan's time, map frame."""
-        return self.track.at(self.time_s)
+        return Pose2D(*self.track.at_times(np.array([self.time_ns]))[0].tolist())
 
     def ends(self) -> tuple[npt.NDArray[np.int64], Floats]:
         """(n,) the beams that met something within the sensor's limits, and (n, 2) where, sensor frame."""

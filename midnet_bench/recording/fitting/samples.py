@@ -6,12 +6,11 @@ import numpy as np
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.recording.clock import Clock, Track, Whereabouts, time_of
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.survey import Survey, spread
 from midnet_bench.recording.fitting.fit import Sample
-from midnet_bench.recording.fitting.poses import PoseTrack
 from midnet_bench.recording.plan import Link, RobotPlan
+from midnet_bench.recording.poses import Clock, PoseInterpolator, PoseTrack, stamp_ns
 from midnet_bench.recording.replay import geometry_of
 
 MOST = 120
@@ -27,18 +26,14 @@ def samples_of(
     offsets_ns: Sequence[int],
     most: int = MOST,
 ) -> list[Sample]:
-    """At most so many scans of a robot that have a pose, spread over what was looked at.
-
-    Times are seconds since the recording's start, by the clock that is gone by.
-    """
-    start_ns = surveys[robot.source].source.start_ns
-    where = _whereabouts(surveys, robot, clock, offsets_ns)
+    """At most so many scans of a robot that have a pose, spread over what was looked at."""
+    where = _interpolator(surveys, robot, clock, offsets_ns)
     scans = [scan for scan in surveys[robot.source].streams[robot.scan_topic].scans if len(scan.ranges_m)]
     own_ns = offsets_ns[robot.source] if offsets_ns else 0
     around_ns = (np.arange(-REACH_S, REACH_S + STEP_S / 2.0, STEP_S) * NS).astype(np.int64)
     found = []
     for scan in spread(scans, most):
-        time_ns = time_of(scan, clock) + own_ns - robot.delay_ns
+        time_ns = stamp_ns(scan, clock) + own_ns - robot.delay_ns
         told = where.at(time_ns)
         if told is None or told.age_s > max_pose_age_s:
             continue
@@ -48,28 +43,26 @@ def samples_of(
             lidar = geometry_of(numbers, len(scan.ranges_m), robot.mount, robot.is_mirrored)
         except InputError:
             continue  # the replay says so
-        times, poses = [], []
+        track = PoseTrack()
         for near_ns in (time_ns + around_ns).tolist():
-            one = where.at(near_ns)
-            if one is not None and one.age_s <= max_pose_age_s:
-                times.append((near_ns - start_ns) / NS)
-                poses.append(one.pose)
-        track = PoseTrack(np.array(times), np.array(poses, dtype=np.float64).reshape(-1, 3))
-        found.append(Sample((time_ns - start_ns) / NS, robot.no_return.cleaned(scan), lidar, track))
+            near = where.at(near_ns)
+            if near is not None and near.age_s <= max_pose_age_s:
+                track.add(near_ns, near.pose)
+        found.append(Sample(time_ns, robot.no_return.cleaned(scan), lidar, track))
     return found
 
 
-def _whereabouts(
+def _interpolator(
     surveys: Sequence[Survey], robot: RobotPlan, clock: Clock, offsets_ns: Sequence[int]
-) -> Whereabouts:
+) -> PoseInterpolator:
     """Where the robot was, by all the poses that were looked at."""
-    links: list[Track | Pose2D] = []
+    links: list[PoseTrack | Pose2D] = []
     for link in robot.pose.links:
         if not isinstance(link, Link):
             links.append(link)
             continue
-        track = Track()
+        track = PoseTrack()
         for reading in link.seen(surveys):
-            track.take(time_of(reading, clock) + (offsets_ns[link.source] if offsets_ns else 0), reading)
+            track.take(stamp_ns(reading, clock) + (offsets_ns[link.source] if offsets_ns else 0), reading)
         links.append(track)
-    return Whereabouts(links)
+    return PoseInterpolator(links)

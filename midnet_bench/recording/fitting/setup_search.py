@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.fitting.fit import Sample, Walls
 
 Floats = npt.NDArray[np.float64]
@@ -67,7 +68,8 @@ class Returns:
         self._ends = _points(self.ends)
         steps = math.ceil(LARGEST_DELAY_S / _DELAY_STEP_S) + 2
         self._delays_s: Floats = np.arange(-steps, steps + 1, dtype=np.float64) * _DELAY_STEP_S
-        self._poses = np.array([sample.track.at_times(sample.time_s - self._delays_s) for sample in samples])
+        delays_ns = np.rint(self._delays_s * NS).astype(np.int64)
+        self._poses = np.array([sample.track.at_times(sample.time_ns - delays_ns) for sample in samples])
         self._poses[:, :, 2] = np.unwrap(self._poses[:, :, 2], axis=1)
         self.middle = self._poses[:, steps, :2].mean(axis=0)
         """(2,) of the robot's ways, metres: a map turns about it here"""

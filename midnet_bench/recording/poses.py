@@ -1,13 +1,19 @@
-"""Where a robot is at an instant of a recording that streams by: poses of a topic, or along a chain of tf."""
+"""Poses over time: interpolated in one topic, or along a chain of tf, while a recording streams by."""
 
 import bisect
 import math
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.recording.files.readings import NS, PoseReading, ScanReading
 
+Floats = npt.NDArray[np.float64]
+Times = npt.NDArray[np.int64]
+"""nanoseconds"""
 Clock = Literal["header", "record"]
 
 KEPT_NS = 5 * NS
@@ -17,20 +23,36 @@ HOLDS = 3.0
 """usual intervals for which a slow transform, such as map -> odom, is trusted after its last word"""
 
 
-class Told(NamedTuple):
-    """A pose at an instant, and how far in time from what it is made of."""
+class InterpolatedPose(NamedTuple):
+    """A pose interpolated between two readings, and the gap to the farther one."""
 
     pose: Pose2D
     age_s: float
-    """from the instant to the further of the two readings that it lies between"""
+    """from the instant to the farther of the two readings"""
 
 
-def time_of(reading: ScanReading | PoseReading, clock: Clock) -> int:
-    """The reading's time by the clock that is gone by, nanoseconds."""
+def stamp_ns(reading: ScanReading | PoseReading, clock: Clock) -> int:
+    """The reading's time stamp by the chosen clock, nanoseconds."""
     return reading.stamp_ns if clock == "header" else reading.record_ns
 
 
-class Track:
+def interpolated(older: Floats, newer: Floats, share: Floats) -> Floats:
+    """(n, 3) poses x, y, yaw between (n, 3) others; x and y go straight, the yaw turns the short way.
+
+    ``share``: (n,) 0 at the older, 1 at the newer. The yaw is within [-pi, pi).
+    """
+    step = newer - older
+    step[:, 2] = _wrapped(step[:, 2])
+    poses = older + share[:, None] * step
+    poses[:, 2] = _wrapped(poses[:, 2])
+    return np.asarray(poses)
+
+
+def _wrapped(angles_rad: Floats) -> Floats:
+    return np.asarray((angles_rad + math.pi) % (2.0 * math.pi) - math.pi)
+
+
+class PoseTrack:
     """The poses of one topic, or of one pair of tf's frames, in order of time; old ones are forgotten."""
 
     def __init__(self) -> None:
@@ -49,19 +71,22 @@ class Track:
             self.first_void_ns = time_ns if self.first_void_ns is None else self.first_void_ns
             return
         turn = reading.transform.normalized()
-        pose = Pose2D(turn.x, turn.y, turn.yaw)
+        self.add(time_ns, Pose2D(turn.x, turn.y, turn.yaw))
+
+    def add(self, time_ns: int, pose: Pose2D) -> None:
+        """See :meth:`take`."""
         self._first_ns = self._first_ns if self.taken else time_ns
         self.taken += 1
         if not self._times or time_ns > self._times[-1]:
             self._times.append(time_ns)
             self._poses.append(pose)
             return
-        place = bisect.bisect_left(self._times, time_ns)
-        if place < len(self._times) and self._times[place] == time_ns:
-            self._poses[place] = pose
+        index = bisect.bisect_left(self._times, time_ns)
+        if self._times[index] == time_ns:
+            self._poses[index] = pose
         else:
-            self._times.insert(place, time_ns)
-            self._poses.insert(place, pose)
+            self._times.insert(index, time_ns)
+            self._poses.insert(index, pose)
 
     @property
     def until_ns(self) -> int | None:
@@ -73,32 +98,34 @@ class Track:
         """From one pose to the next on the average; inf before the second."""
         return (self._times[-1] - self._first_ns) / NS / (self.taken - 1) if self.taken > 1 else math.inf
 
-    def at(self, time_ns: int) -> Told | None:
-        """The pose at an instant, between the two that it lies between; None before the first."""
+    def at(self, time_ns: int) -> InterpolatedPose | None:
+        """The pose at an instant; the last one after the last, None before the first."""
         after = bisect.bisect_right(self._times, time_ns)
         if after == 0:
             return None
         older_ns, older = self._times[after - 1], self._poses[after - 1]
-        if older_ns == time_ns:
-            return Told(older, 0.0)
-        if after == len(self._times):
-            return Told(older, (time_ns - older_ns) / NS)
+        if after == len(self._times) or older_ns == time_ns:
+            return InterpolatedPose(older, (time_ns - older_ns) / NS)
         newer_ns, newer = self._times[after], self._poses[after]
-        share = (time_ns - older_ns) / (newer_ns - older_ns)
-        turned = wrap_angle(newer.yaw - older.yaw)
-        between = Pose2D(
-            older.x + share * (newer.x - older.x),
-            older.y + share * (newer.y - older.y),
-            wrap_angle(older.yaw + share * turned),
-        )
-        return Told(between, max(time_ns - older_ns, newer_ns - time_ns) / NS)
+        share = np.array([(time_ns - older_ns) / (newer_ns - older_ns)])
+        between = Pose2D(*interpolated(np.array([older]), np.array([newer]), share)[0].tolist())
+        return InterpolatedPose(between, max(time_ns - older_ns, newer_ns - time_ns) / NS)
 
-    def latest(self, time_ns: int) -> Told | None:
-        """The last pose that was told by an instant; None before the first."""
+    def at_times(self, times_ns: Times) -> Floats:
+        """(n, 3) x, y, yaw at (n,) instants; the first or last pose before and after them."""
+        times, poses = np.array(self._times), np.array(self._poses)
+        after = np.searchsorted(times, times_ns, side="right")
+        older, newer = np.maximum(after - 1, 0), np.minimum(after, len(times) - 1)
+        gaps = times[newer] - times[older]
+        share = np.divide(times_ns - times[older], gaps, out=np.zeros(len(times_ns)), where=gaps > 0)
+        return interpolated(poses[older], poses[newer], share)
+
+    def latest(self, time_ns: int) -> InterpolatedPose | None:
+        """The last pose up to an instant; None before the first."""
         after = bisect.bisect_right(self._times, time_ns)
         if after == 0:
             return None
-        return Told(self._poses[after - 1], (time_ns - self._times[after - 1]) / NS)
+        return InterpolatedPose(self._poses[after - 1], (time_ns - self._times[after - 1]) / NS)
 
     def forget(self, before_ns: int) -> None:
         """What is not needed for instants from ``before_ns`` on."""
@@ -107,41 +134,37 @@ class Track:
             del self._times[:gone], self._poses[:gone]
 
 
-class Whereabouts:
-    """Where one thing is: one track, or a chain of tf from the map down to it, with fixed links."""
+class PoseInterpolator:
+    """Poses of one object in the map: of one track, or of a chain of tf with fixed links."""
 
-    def __init__(self, links: Sequence["Track | Pose2D"]) -> None:
+    def __init__(self, links: Sequence["PoseTrack | Pose2D"]) -> None:
         self.links = links
-        self.tracks = [link for link in links if isinstance(link, Track)]
+        self.tracks = [link for link in links if isinstance(link, PoseTrack)]
 
     def is_known_at(self, time_ns: int) -> bool:
         """Whether each track has a reading at the instant or after it."""
         return all(track.until_ns is not None and track.until_ns >= time_ns for track in self.tracks)
 
-    def at(self, time_ns: int) -> Told | None:
-        """The pose at an instant, interpolated; None where a link was never told before it."""
+    def at(self, time_ns: int) -> InterpolatedPose | None:
+        """The pose at an instant; None before the first reading of a link."""
         return self._joined([track.at(time_ns) for track in self.tracks])
 
-    def latest(self, time_ns: int) -> Told | None:
-        """What was told last by an instant."""
+    def latest(self, time_ns: int) -> InterpolatedPose | None:
+        """The last readings up to an instant; None before the first of a link."""
         return self._joined([track.latest(time_ns) for track in self.tracks])
 
-    def _joined(self, told: list[Told | None]) -> Told | None:
-        if None in told:
+    def _joined(self, parts: list[InterpolatedPose | None]) -> InterpolatedPose | None:
+        known = [part for part in parts if part is not None]
+        if len(known) < len(parts):
             return None
-        moving, pose = iter(told), Pose2D(0.0, 0.0, 0.0)
+        moving, pose = iter(known), Pose2D(0.0, 0.0, 0.0)
         for number, link in enumerate(self.links):
-            if isinstance(link, Pose2D):
-                step = link
-            else:
-                one = next(moving)
-                assert one is not None
-                step = one.pose
+            step = link if isinstance(link, Pose2D) else next(moving).pose
             pose = step if number == 0 else pose.compose(step)
         if len(self.links) > 1:
             pose = pose._replace(yaw=wrap_angle(pose.yaw))
-        # what never moves is as old as nothing
-        return Told(pose, max(self._ages_s([one.age_s for one in told if one is not None]), default=0.0))
+        # links that never move have no age
+        return InterpolatedPose(pose, max(self._ages_s([part.age_s for part in known]), default=0.0))
 
     def _ages_s(self, ages_s: Sequence[float]) -> list[float]:
         """Of each track what counts: a link slower than the fastest holds for a while until it changes."""
@@ -164,6 +187,6 @@ class Whereabouts:
         return ages_s.index(max(ages_s))
 
     def forget(self, before_ns: int) -> None:
-        """See :meth:`Track.forget`."""
+        """See :meth:`PoseTrack.forget`."""
         for track in self.tracks:
             track.forget(before_ns)
