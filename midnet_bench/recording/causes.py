@@ -1,7 +1,7 @@
 """Why a recording's labels were missed and what its boxes are made of, from scans, map and poses alone.
 
-Nobody knows the truth of a recording as a simulator does. So these causes are what the data itself shows:
-where the returns about a label ended, and what lies in a box.
+A recording has no truth as a simulation has. So these causes are what the data itself shows: where the
+returns near a label ended, and what is in a box.
 """
 
 import math
@@ -24,39 +24,9 @@ from midnet_bench.recording.ray_counts import RayCounts
 from midnet_bench.recording.replay import ReplayFrame
 from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.recording.truth import Label, Labels
+from midnet_bench.scoring.error_causes import RECORDED_MISSES
 
 Floats = npt.NDArray[np.float64]
-
-MISSES = {
-    "beyond_range": "its returns lie beyond the obstacle range",
-    "outside_window": "its returns lie outside the local costmap",
-    "outside_map": "its returns lie outside the prior map",
-    "unknown_cells": "the map knows nothing where it is, which counts as a wall",
-    "under_prior": "the inflated prior map lies over it",
-    "too_few_returns": "its box held fewer returns than min_returns asks for",
-    "too_small": "its box had fewer cells than min_area_cells asks for",
-    "taken_for_ally": "its box was removed as an ally's",
-    "dropped_by_fusion": "its box gave way to one that does not reach it",
-    "merged": "the one box on it belongs to another label",
-    "displaced": "its box lies farther off than the matching distance",
-    "not_detected": "the detector made no box of its returns",
-}
-"""why a label in range that a return lies near has no box of its own"""
-BOXES = {
-    "label_gap": "somebody whose labels have a gap here",
-    "ally_late": "a declared ally whose pose is too old to be taken out",
-    "ally_left": "a declared ally or another robot, not taken out",
-    "displaced": "a labelled object, farther off than the matching distance",
-    "ghost": "marks without any return of the last scan",
-    "single_return": "one return alone",
-    "unmapped": "what stays put and is not on the map",
-    "unknown_cells": "returns from where the map knows nothing",
-    "pose_error": "a wall, off by the pose's error: a better pose puts it back",
-    "near_wall": "a wall: its returns lie within the tolerance of one",
-    "somebody": "what moves and has no label",
-    "fragment": "a further box on a labelled object",
-}
-"""what a box that is no label's is made of; without labels, what each box is made of"""
 
 NEAR_M = 0.35
 """how far a declared ally or a displaced box may lie from where it is told"""
@@ -198,7 +168,7 @@ class Explainer:
         """The stage that the returns about a label reached."""
         assert view.explanation is not None
         stages = ["beyond_range"]
-        order, midnet = list(MISSES), self._settings.midnet
+        order, midnet = list(RECORDED_MISSES), self._settings.midnet
         total = 0
         if any(
             box.distance_to_point(label.x, label.y) <= near_m
@@ -231,7 +201,7 @@ class Explainer:
             cells = cells_of(prior, points)
             on = (cells >= 0).all(axis=1) & (cells[:, 0] < prior.width) & (cells[:, 1] < prior.height)
             if not on.any():
-                stages.append("outside_map")
+                stages.append("outside_prior")
                 continue
             reach = math.ceil(self._settings.local_reach_m / prior.resolution)
             free = np.count_nonzero(prior.data[cells[on, 1], cells[on, 0]])
@@ -305,7 +275,7 @@ class Explainer:
                 kind, cause, name = "fragment", "fragment", labels.there[touched[index][0]].name
             else:
                 cause, age_s, name = self._made_of(frame, box, about, labels, distance_m)
-            may_stay = cause in ("somebody", "near_wall", "unknown_cells", "single_return")
+            may_stay = cause in ("unlabelled", "near_wall", "unknown_cells", "single_return")
             self._keep(
                 ErrorRow(
                     frame.number,
@@ -362,7 +332,7 @@ class Explainer:
         near_m = self._settings.prior_reach_m + WALL_M
         if middle(about.wall_m) <= near_m:
             return ("pose_error" if self._better_pose_mends(frame, box) else "near_wall"), 0.0, ""
-        return "somebody", 0.0, ""
+        return "unlabelled", 0.0, ""
 
     def _in_box(self, frame: ReplayFrame, box: Box) -> tuple[Floats, Surroundings]:
         """The returns of the last scans in a box or a cell beside it, and what the map has about them."""

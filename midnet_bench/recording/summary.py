@@ -9,7 +9,6 @@ import numpy as np
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
-from midnet_bench.recording import causes
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.survey import Survey, lag_in_words
 from midnet_bench.recording.fitting.samples import samples_of
@@ -22,6 +21,7 @@ from midnet_bench.recording.scores import Scorer
 from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.recording.setup import RecordingSetup
 from midnet_bench.recording.truth import LabelTable
+from midnet_bench.scoring.error_causes import MISS, RECORDED_BOXES, RECORDED_MISSES
 
 
 def input_summary(inputs: ReplayInputs, settings: Mapping[str, ReplaySettings]) -> list[str]:
@@ -220,7 +220,7 @@ def cause_table(counted: Mapping[str, Counter[tuple[str, str]]]) -> Table:
     found: list[dict[str, Scalar]] = []
     for name, errors in counted.items():
         for (kind, cause), count in errors.most_common():
-            meaning = causes.MISSES.get(cause) if kind == "miss" else causes.BOXES.get(cause)
+            meaning = (RECORDED_MISSES if kind == MISS else RECORDED_BOXES)[cause]
             found.append(
                 {
                     "preset": name,
@@ -228,7 +228,7 @@ def cause_table(counted: Mapping[str, Counter[tuple[str, str]]]) -> Table:
                     "cause": cause,
                     "count": count,
                     "share": count / errors.total(),
-                    "meaning": meaning or "",
+                    "meaning": meaning,
                 }
             )
     return Table("recording_causes", "What boxes are made of, and why labels were missed", found)

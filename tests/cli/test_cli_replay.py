@@ -193,4 +193,4 @@ def test_a_laser_at_rest_makes_its_own_map(tmp_path: Path) -> None:
     assert len(boxes) == 40
     assert {round(float(row["t"])) for row in boxes} == {6, 7, 8, 9, 10}
     assert all(abs(float(row["x_min_m"]) - 1.9) < 0.11 for row in boxes)
-    assert {row["cause"] for row in rows(tmp_path / "out" / "errors.csv")} <= {"somebody", "unmapped"}
+    assert {row["cause"] for row in rows(tmp_path / "out" / "errors.csv")} <= {"unlabelled", "unmapped"}

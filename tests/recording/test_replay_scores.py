@@ -342,7 +342,7 @@ def test_a_label_off_the_map(tmp_path):
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels()))
     misses = caused(tmp_path, map_file, drive, truth=truth)
     assert misses.score()["missed"] > 5
-    assert set(misses.causes()) == {"outside_map"}
+    assert set(misses.causes()) == {"outside_prior"}
 
 
 MOVER = moving(4.9, 2.2, 0.0, 0.25)
@@ -363,7 +363,7 @@ def expect(result, cause, least=10):
 def test_false_box_of_somebody_without_a_label(tmp_path, map_file):
     drive = at_rest(a=MOVER, b=OTHER)
     truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels("a")))
-    expect(caused(tmp_path, map_file, drive, truth=truth), "somebody", 50)
+    expect(caused(tmp_path, map_file, drive, truth=truth), "unlabelled", 50)
 
 
 def test_false_box_of_what_stands_there_and_is_not_on_the_map(tmp_path, map_file):
