@@ -1,8 +1,8 @@
-"""Statements of a paper checked against a campaign: reproduced, not reproduced, or inconclusive.
+"""Claims of a paper checked against a campaign: reproduced, not reproduced, or inconclusive.
 
-A statement is reproduced if the whole interval lies where the paper says, not reproduced if the whole
+A claim is reproduced if the whole interval lies where the paper says, not reproduced if the whole
 interval lies elsewhere, and inconclusive otherwise. No difference is no evidence of equality: the dips that
-the paper saw are below what its trials could show (items 68 to 70). A campaign answers many statements at
+the paper saw are below what its trials could show (items 68 to 70). A campaign answers many claims at
 once, so verdicts go by Holm's adjusted p-values: the chance that even one of a table's verdicts is wrong by
 chance is at most 5 % (item 72). The intervals that are printed stand for themselves.
 """
@@ -33,7 +33,7 @@ LEVEL = 0.05
 
 
 class Verdict(StrEnum):
-    """What the results say about a statement."""
+    """What the results say about a claim."""
 
     REPRODUCED = "reproduced"
     NOT_REPRODUCED = "not reproduced"
@@ -41,22 +41,22 @@ class Verdict(StrEnum):
 
 
 class Finding(NamedTuple):
-    """A statement of the paper, our number for it, and the range in which it counts as reproduced."""
+    """A claim of the paper, our number for it, and the range in which it counts as reproduced."""
 
-    statement: str
+    claim: str
     ours: Estimate
     above: float
     below: float
     agreeing_seeds: int | None = None
     """of a comparison seed by seed: how many of the ``ours.n`` seeds agree"""
     p_value: float = math.nan
-    """1 less the highest confidence whose interval decides; NaN if nobody worked it out"""
+    """1 less the highest confidence whose interval decides; NaN if it is not known"""
     outlier_seed: int | None = None
     """of a comparison: the seed whose difference makes the interval wide, if one does"""
 
     @property
     def verdict(self) -> Verdict:
-        """Of this statement by itself: where its 95 % interval lies; inconclusive where there is none."""
+        """Of this claim by itself: where its 95 % interval lies; inconclusive where there is none."""
         low, high = self.ours.low, self.ours.high
         if math.isnan(low) or math.isnan(high):
             return Verdict.INCONCLUSIVE
@@ -66,23 +66,23 @@ class Finding(NamedTuple):
 
 
 def finding(
-    statement: str, interval: Interval, above: float, below: float, agreeing_seeds: int | None = None
+    claim: str, interval: Interval, above: float, below: float, agreeing_seeds: int | None = None
 ) -> Finding:
     """Whether a number lies between ``above`` and ``below``.
 
     Args:
-        statement: what the paper states.
+        claim: what the paper states.
         interval: our number with its interval at a confidence, such as ``partial(mean, values)``.
         above: lower end of where the paper has it, may be -inf.
         below: upper end, may be inf.
         agreeing_seeds: of a comparison: how many seeds agree.
     """
     p = p_value(interval, above, below)
-    return Finding(statement, interval(1.0 - LEVEL), above, below, agreeing_seeds, p)
+    return Finding(claim, interval(1.0 - LEVEL), above, below, agreeing_seeds, p)
 
 
 def comparison(
-    statement: str,
+    claim: str,
     first: Mapping[int, float],
     second: Mapping[int, float],
     rises: bool,
@@ -91,7 +91,7 @@ def comparison(
     """Whether ``second`` is above ``first`` (or below, unless ``rises``), over the seeds that both have.
 
     Args:
-        statement: what the paper states.
+        claim: what the paper states.
         first: seed -> value.
         second: seed -> value.
         rises: the direction that the paper states.
@@ -104,7 +104,7 @@ def comparison(
     above, below = (0.0, math.inf) if rises else (-math.inf, 0.0)
     difference = partial(paired_difference, before, after, within=within)
     far = outlier([b - a for a, b in pairs])
-    found = finding(statement, difference, above, below, agreeing)
+    found = finding(claim, difference, above, below, agreeing)
     return found._replace(outlier_seed=None if far is None else seeds[far])
 
 
@@ -125,7 +125,7 @@ def verdict_table(findings: Sequence[Finding]) -> Table:
     adjusted = holm([one.p_value for one in findings])
     rows: list[Mapping[str, Cell]] = [
         {
-            "statement": one.statement,
+            "statement": one.claim,
             "ours": one.ours,
             "reproduced_above": _bound(one.above),
             "reproduced_below": _bound(one.below),

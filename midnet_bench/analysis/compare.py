@@ -35,9 +35,9 @@ BOUNDS = {"difference": ("low", "high", "n")}
 """the columns of a table's differences"""
 
 
-def held_back_notes(places: Sequence[str], found: Sequence["Difference"]) -> list[str]:
-    """A sentence on those whose interval leaves out 0 without a verdict; ``places`` says what each is of."""
-    names = [place for place, one in zip(places, found, strict=True) if one.is_held_back]
+def holm_notes(places: Sequence[str], found: Sequence["Difference"]) -> list[str]:
+    """A sentence on differences without a verdict whose interval leaves out 0; ``places`` names each."""
+    names = [place for place, one in zip(places, found, strict=True) if one.is_withheld]
     if not names:
         return []
     return [
@@ -57,7 +57,7 @@ class Difference(NamedTuple):
     """second less first, seed by seed"""
     seeds: int
     p_holm: float
-    """adjusted by Holm for all that were asked about together; NaN where there is no interval"""
+    """adjusted by Holm for all that are compared together; NaN where there is no interval"""
     outlier_seed: int | None = None
     """the seed whose difference makes the interval wide, if one does"""
 
@@ -76,8 +76,8 @@ class Difference(NamedTuple):
         return BETTER if (self.change.low > 0.0) != wants_less else WORSE
 
     @property
-    def is_held_back(self) -> bool:
-        """Whether the interval leaves out 0 and yet Holm's adjusted p says no: one of many comparisons."""
+    def is_withheld(self) -> bool:
+        """Whether the interval leaves out 0 and Holm's adjusted p, of many comparisons, is above 5 %."""
         leaves_out_0 = self.change.low > 0.0 or self.change.high < 0.0
         return leaves_out_0 and not self.p_holm <= LEVEL
 
@@ -121,7 +121,7 @@ def label(names: Sequence[str], key: Key) -> str:
 
 
 def columns_of(one: Difference, wants_less: bool) -> dict[str, Cell]:
-    """What each table of differences says of one."""
+    """The columns of a difference in every table."""
     return {
         "difference": one.change,
         "seeds": one.seeds,
@@ -165,19 +165,19 @@ def compare(
     contestants = list(dict.fromkeys(key[: len(by)] for key in values))
     first = {key[len(by) :]: one for key, one in values.items() if key[: len(by)] == contestants[0]}
     shared = [
-        (who, cell, before, after)
-        for who in contestants[0 if with_baseline else 1 :]
+        (contestant, cell, before, after)
+        for contestant in contestants[0 if with_baseline else 1 :]
         for cell, before in first.items()
         if not measures or cell[-1] in measures
-        for after in [values.get((*who, *cell), {})]
+        for after in [values.get((*contestant, *cell), {})]
         if any(seed in after for seed in before)
     ]
     changes = differences(
         [(before, after) for *_, before, after in shared], [range_of(str(cell[-1])) for _, cell, *_ in shared]
     )
     return [
-        Compared(who, cell[:-1], label(names, cell[:-1]), str(cell[-1]), change, after)
-        for (who, cell, _, after), change in zip(shared, changes, strict=True)
+        Compared(contestant, cell[:-1], label(names, cell[:-1]), str(cell[-1]), change, after)
+        for (contestant, cell, _, after), change in zip(shared, changes, strict=True)
     ]
 
 

@@ -54,7 +54,7 @@ class Results:
     provenance: list[Provenance]
     """one for each run that added trials"""
     tables: Mapping[str, pd.DataFrame]
-    """Those of the finished trials by name, such as ``scores``, each read when it is asked for.
+    """Those of the finished trials by name, such as ``scores``, each read at its first use.
 
     Rows stand in the campaign's order and begin with the factors of its grid and the seed; what is not
     defined is NaN."""
@@ -72,7 +72,7 @@ class Results:
         )
 
     def once(self, make: Callable[["Results"], Made]) -> Made:
-        """What ``make`` makes of these results: made when it is first asked for, by whoever it is."""
+        """What ``make`` makes of these results, made at its first use and kept."""
         if make not in self._made:
             self._made[make] = make(self)
         return cast(Made, self._made[make])
@@ -133,15 +133,15 @@ class Results:
             raise InputError(f"{self.directory}: {parameter}: whole numbers are needed for these results")
         return values
 
-    def others(self, frame: pd.DataFrame, *known: str, separator: str = ", ") -> list[str]:
+    def other_factors(self, frame: pd.DataFrame, *known: str, separator: str = ", ") -> list[str]:
         """``factor=value`` of the grid's factors but ``known``, for each row of one of the tables."""
         factors = [factor for factor in self.factors if factor not in known]
         columns = [[factor_text(factor, value) for value in frame[factor]] for factor in factors]
         return [separator.join(parts) for parts in zip(*columns, strict=True)] or [""] * len(frame)
 
     def teams(self, frame: pd.DataFrame, *known: str) -> list[str]:
-        """The paper's name of each row's team, ``5-robot``, with what :meth:`others` says."""
-        each = zip(self.column(frame, "robots"), self.others(frame, "robots", *known), strict=True)
+        """The paper's name of each row's team, ``5-robot``, and its :meth:`other_factors`."""
+        each = zip(self.column(frame, "robots"), self.other_factors(frame, "robots", *known), strict=True)
         return [f"{size}-robot{', ' if others else ''}{others}" for size, others in each]
 
     def by_value(self, factor: str) -> "dict[str, Results]":
@@ -231,8 +231,7 @@ def results_of(store: Store, directory: Path, folder: Path, tables_of: TablesOf 
     Args:
         store: open; it is no longer needed afterwards.
         directory: where the store is.
-        folder: the CSV files of the trials' tables are written here, and read from here when they are asked
-            for.
+        folder: the CSV files of the trials' tables are written here, and read from here at their first use.
         tables_of: as for :func:`load_results`.
 
     Raises:
@@ -364,7 +363,7 @@ class _File:
         columns = {"seed": SEED, **table.columns}
         for name, column in columns.items():
             if name in frame:
-                if (odd := first_odd(frame[name], column)) is not None:
+                if (odd := first_invalid(frame[name], column)) is not None:
                     got = shown(frame[name].tolist()[odd])
                     raise self._fault(frame, odd, f"column '{name}': {column.wanted} is needed (got {got})")
             else:
@@ -386,7 +385,7 @@ class _File:
         return InputError(f"{self.path}: row {row + 1} ({shown_cell(place)}): {what}; {RESTORE}")
 
 
-def first_odd(cells: pd.Series, column: Column) -> int | None:
+def first_invalid(cells: pd.Series, column: Column) -> int | None:
     """The place of the first cell that a column cannot have; None if there is none."""
     if column.kind in (int, float) and cells.dtype.kind in "iuf":
         values = cells.to_numpy(np.float64)

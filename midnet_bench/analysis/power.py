@@ -1,4 +1,4 @@
-"""Sample sizes: how many trials a difference needs before it can be told from chance.
+"""Sample sizes: how many trials show that a difference is no chance.
 
 Student's t test, two-sided, by the noncentral t distribution: the same statistic as the intervals' but for
 their correction for skewness. Trials are the unit, so the variance is taken from the spread of whole trials,

@@ -25,7 +25,7 @@ from typing import NamedTuple
 MIN_TRIALS = 3
 """for an interval"""
 MIN_FOR_SKEWNESS = 5
-"""the skewness of three or four numbers says nothing: theirs is Student's plain interval"""
+"""three or four numbers show no skewness: theirs is Student's plain interval"""
 WIDE = 1.5
 """times Student's length: from there on the correction for skewness makes an interval wide"""
 MEAN_METHOD = "95 % intervals: Student's t, corrected for skewness"
@@ -231,7 +231,7 @@ def _student(confidence: float, n: int) -> float:
 def _halls_bounds(deviations: Sequence[float], size: float, confidence: float) -> tuple[float, float]:
     """How far the interval of a mean reaches below and above it; NaN where trials show no spread.
 
-    ``deviations`` from the mean, one per trial; ``size`` of the numbers, which says what is rounding.
+    ``deviations`` from the mean, one per trial; ``size`` of the numbers, which decides what is rounding.
     Hall's transformation makes Student's ratio T = mean error / (s / sqrt n) nearly symmetric:
     T + g (T**2 / 3 + 1 / 6) / sqrt n + g**2 T**3 / (27 n), where g is the sample's skewness.
     Its inverse at the two quantiles gives the bounds.

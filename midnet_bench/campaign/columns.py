@@ -25,7 +25,7 @@ class Drift(NamedTuple):
 
 
 ANY_DRIFT = Drift(math.inf)
-"""of single events and their times, which say nothing on another platform"""
+"""of single events and their times, which differ between platforms"""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""SQLite as campaigns need it: whose file it is, which schema, and errors that say what to do.
+"""SQLite as campaigns need it: ownership of a file, schema, and errors with their remedy.
 
 The rollback journal with full synchronisation, SQLite's defaults, is what makes a store survive: a
 process that is killed or a disk that is full leaves the last committed transaction and nothing
@@ -15,7 +15,7 @@ from midnet_bench.campaign.rows import SCHEMA
 from midnet_bench.errors import InputError, MidnetBenchError
 
 APPLICATION_ID = 0x4D49444E
-"""``MIDN``: how SQLite marks whose file it is"""
+"""``MIDN``: SQLite's mark of the program that a file belongs to"""
 
 FORMAT = 4
 """of stores; it changes with their tables and with the columns of any experiment, and none reads another's"""

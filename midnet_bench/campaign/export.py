@@ -46,7 +46,7 @@ def export_csv(store: Store, directory: Path, expected: Tables = MappingProxyTyp
     Args:
         store: open.
         directory: for the files.
-        expected: the tables that the campaign's experiment has; any do if it does not say.
+        expected: the tables that the campaign's experiment has; any do if it declares none.
 
     Raises:
         InputError: a trial is damaged or its tables are others, or the folder cannot be written. No file is

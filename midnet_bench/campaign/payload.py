@@ -28,7 +28,7 @@ def encode_tables(result: TrialResult) -> bytes:
     text = json.dumps(tables, separators=(",", ":")).encode()
     payload = zlib.compress(text, level=6)
     if len(text) > _most_unpacked(payload):
-        raise ValueError(f"the tables of a trial take {len(text)} bytes, and say the same again and again")
+        raise ValueError(f"the tables of a trial take {len(text)} bytes, nearly all of them repetitions")
     return payload
 
 
@@ -36,7 +36,7 @@ def decode_tables(payload: bytes) -> dict[str, list[Row]]:
     """The tables that :func:`encode_tables` packed.
 
     Raises:
-        ValueError: ``payload`` is damaged, or somebody else made it. No table has a name with a path in it,
+        ValueError: ``payload`` is damaged, or of another origin. No table has a name with a path in it,
             and no more memory is taken than the tables of a trial need.
     """
     try:

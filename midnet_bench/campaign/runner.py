@@ -149,7 +149,7 @@ def run_campaign(
     directory = Path(directory)
     path = directory / stores.FILE_NAME
     with _pool(backend, jobs, scheduler, directory, progress) as pool, only_writer(directory):
-        if fresh and (aside := stores.keep_aside(path)):
+        if fresh and (aside := stores.back_up(path)):
             progress.note(f"the old store is kept as {aside}")
         with stores.open_or_create(path, campaign.definition_in(directory)) as store:
             store.write_cells(campaign.numbered_cells)

@@ -54,7 +54,7 @@ class StoredTrial:
 
     @property
     def reason(self) -> str:
-        """Of a failed trial the last line of its traceback: the exception and what it says."""
+        """Of a failed trial the last line of its traceback: the exception and its message."""
         return _last_line(self.traceback or "")
 
     @property
@@ -142,13 +142,13 @@ class Store:
         """Raises MidnetBenchError if the file was deleted or replaced: SQLite goes on writing to it."""
         if _identity(self.path) != self._identity:
             raise MidnetBenchError(
-                f"{self.path}: somebody deleted or replaced it while it was in use; the trials in it are lost"
+                f"{self.path}: it was deleted or replaced while in use; the trials in it are lost"
                 " unless you put it back; run the same command again to go on with what is there"
             )
 
     @property
     def definition(self) -> Definition:
-        """What the store was made for. Raises InputError if it does not say so any more."""
+        """The campaign of the store. Raises InputError if that is damaged."""
         if self._definition is None:
             with explained(self.path):
                 row = self._connection.execute("SELECT definition FROM campaign").fetchone()
@@ -198,7 +198,7 @@ class Store:
         return finished, total - finished
 
     def failures(self) -> list[str]:
-        """Of each failed trial the last line of its traceback: the exception and what it says."""
+        """Of each failed trial the last line of its traceback: the exception and its message."""
         with explained(self.path):
             found = self._connection.execute(
                 "SELECT traceback FROM trials WHERE traceback IS NOT NULL"
@@ -418,7 +418,7 @@ def open_store(path: Path) -> Store:
     return Store(path, database.open_existing(path))
 
 
-def keep_aside(path: Path) -> Path | None:
+def back_up(path: Path) -> Path | None:
     """Renames the store at ``path``, whatever it is, to the first free ``campaign.old-N.sqlite``."""
     if not path.exists():
         return None

@@ -45,13 +45,13 @@ def run_campaign(
         scheduler: such as ``tcp://127.0.0.1:8786``.
         fresh: starts over and keeps the old store aside.
         retry_failed: runs failed trials again.
-        progress: is told how the campaign goes; silent unless given.
+        progress: receives the state of the campaign; silent unless given.
 
     Returns:
         How many trials finished, failed and ran, and where the store is.
 
     Raises:
-        InputError: the campaign, an option or the store is no good; the message says which and why.
+        InputError: the campaign, an option or the store is refused; the message says which and why.
         StoreFull: the disk is full; what was finished is stored.
         Interrupted: Ctrl-C; what was finished is stored.
     """

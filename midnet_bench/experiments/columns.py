@@ -18,7 +18,7 @@ def _count(about: str, drift: Drift | None = None) -> Column:
 
 
 def _event(about: str) -> Column:
-    """A count that says nothing on another platform."""
+    """A count that differs between platforms."""
     return Column(int, about, drift=ANY_DRIFT)
 
 

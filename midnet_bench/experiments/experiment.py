@@ -1,4 +1,4 @@
-"""``Experiment``: all that commands ask of an experiment, in one record.
+"""``Experiment``: all that commands need of an experiment, in one record.
 
 An experiment of your own is a Python file with such a record in it. A campaign file names it by
 ``experiment: path/file.py:NAME`` or ``experiment: package.module:NAME``; a package can offer it under a name
@@ -90,7 +90,7 @@ class Experiment:
     """the main scores of each trial, for ``compare`` and ``report --x``: a data frame with the columns
     ``seed``, ``measure`` and ``value`` beside those of the factors; ``analysis.compare.tidy`` makes one"""
     recordings: "Callable[[Results], Iterable[Recording]]" = _nothing
-    """the recorded trials, for the player of ``report.html``: each is made when it is asked for; nobody asks
+    """the recorded trials, for the player of ``report.html``: each is made at its first use; none is used
     where trials have no table ``recorded``"""
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """main score -> the least and the greatest value that it can have, where no column is called so"""

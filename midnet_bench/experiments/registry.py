@@ -176,7 +176,7 @@ def _checked(reference: str, found: object) -> Experiment:
         flat_model(found.model)
     except InputError:
         raise
-    except Exception as error:  # whatever options that somebody else wrote make of pydantic
+    except Exception as error:  # whatever pydantic raises at options of a user
         what = " ".join(str(error).split())
         raise InputError(
             f"{reference}: its parameters cannot be used: {type(error).__name__}: {what}"

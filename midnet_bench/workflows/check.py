@@ -398,7 +398,7 @@ def recorded() -> Recording:
             team = trial.detector.midnet.team_of(found, [one.pose for one in observations])
             kept = np.concatenate(found)[team.kept]
             boxes = [kept[team.starts[i] : team.starts[i + 1]] for i in range(TEAM)]
-            seen = trial.seen_by_metrics(frame, trial.truths(), trial.in_range(parameters))
+            seen = trial.metric_frame(frame, trial.truths(), trial.in_range(parameters))
             frames.append(Frame(observations, boxes, time_s, targets, number % TEAM, seen))
         paper_ms = 1e3 * statistics.median(times_s)
         range_m = parameters.costmap.obstacle_range_m

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from midnet_bench.analysis import compare as analysis
-from midnet_bench.analysis.compare import BOUNDS, MEASURE, WORSE, columns_of, held_back_notes, joined, label
+from midnet_bench.analysis.compare import BOUNDS, MEASURE, WORSE, columns_of, holm_notes, joined, label
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, outlier_notes
 from midnet_bench.analysis.tables import Cell, Table, signed
@@ -309,7 +309,7 @@ def differences_table(record: Experiment, frame: pd.DataFrame, campaigns: Sequen
         f"{one.cell} {in_words(one.measure)}" + f" ({one.contestant[0]})" * (len(campaigns) > 2)
         for one in compared
     ]
-    notes += held_back_notes(places, [one.difference for one in compared])
+    notes += holm_notes(places, [one.difference for one in compared])
     title = f"Differences from {first} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
     labels = {name: name for name in campaigns}
     return Table("differences", title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=notes, labels=labels)

@@ -57,7 +57,7 @@ def explain(directory: str | Path, seed: int, frame: int, where: Sequence[str] =
     frames = results.tables["recorded"]
     chosen = frames[frames["frame"] == frame]
     if len(chosen) > 1:
-        several = " or ".join(dict.fromkeys(results.others(chosen)))[:200]
+        several = " or ".join(dict.fromkeys(results.other_factors(chosen)))[:200]
         raise InputError(f"{directory}: several trials have seed {seed}; name one by --where: {several}")
     if chosen.empty:
         most = int(frames["frame"].max())

@@ -13,7 +13,7 @@ from midnet_bench.analysis.compare import (
     Key,
     columns_of,
     compare,
-    held_back_notes,
+    holm_notes,
     joined,
     series,
 )
@@ -143,7 +143,7 @@ def _ranking(
     )
     notes = outlier_notes(one.difference.outlier_seed for one in compared)
     named = [", ".join(filter(None, (" + ".join(_texts(one.contestant)), one.cell))) for one in compared]
-    notes += held_back_notes(named, [one.difference for one in compared])
+    notes += holm_notes(named, [one.difference for one in compared])
     labels = {score: in_words(score) for score in (measure, *beside)}
     others = ("seeds", "p_holm", "outlier_seed", *beside)
     name = f"leaderboard_{measure}"

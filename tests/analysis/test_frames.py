@@ -102,7 +102,7 @@ def test_factors_keep_their_types_and_floats_their_digits(tmp_path: Path) -> Non
     assert frame["size_m"].unique().tolist() == [3.0, 0.1 + 0.2]
     assert frame["x"].iloc[0] == math.pi
     assert (frame["flag"].dtype, frame["ok"].dtype, frame["text"].iloc[0]) == (bool, bool, "NA")
-    assert results.others(frame, "mode", "size_m")[0] == "flag=True"
+    assert results.other_factors(frame, "mode", "size_m")[0] == "flag=True"
     assert results.column(frame, "robots").unique().tolist() == [1]
     assert "ValueError: no, not" in results.failures["reason"].tolist()
 

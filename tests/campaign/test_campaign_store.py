@@ -10,7 +10,7 @@ from midnet_bench.campaign.database import only_writer
 from midnet_bench.campaign.definition import Campaign, Definition, resolve
 from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.provenance import collect
-from midnet_bench.campaign.store import Store, keep_aside, open_or_create, open_store
+from midnet_bench.campaign.store import Store, back_up, open_or_create, open_store
 from midnet_bench.campaign.trial import TrialSpec
 from midnet_bench.campaign.worker import Outcome, attempt
 from midnet_bench.errors import InputError
@@ -310,7 +310,7 @@ def test_a_store_of_a_killed_process_is_kept_aside_with_its_journal(filled: Path
     journal = filled.with_name("campaign.sqlite-journal")
     journal.write_bytes(b"half a transaction")
 
-    aside = keep_aside(filled)
+    aside = back_up(filled)
 
     assert aside == filled.with_name("campaign.old-1.sqlite")
     assert aside.read_bytes() == content
@@ -318,8 +318,8 @@ def test_a_store_of_a_killed_process_is_kept_aside_with_its_journal(filled: Path
     assert not filled.exists()
     assert not journal.exists()
     filled.touch()
-    assert keep_aside(filled) == filled.with_name("campaign.old-2.sqlite")
-    assert keep_aside(filled) is None
+    assert back_up(filled) == filled.with_name("campaign.old-2.sqlite")
+    assert back_up(filled) is None
 
 
 def test_readers_may_look_while_a_writer_is_at_it(filled: Path) -> None:

@@ -159,7 +159,7 @@ def test_a_store_that_is_taken_away_is_said_to_be_gone(how: str, tmp_path: Path)
             store.write_bytes(b"")
 
     campaign = resolve(Campaign.model_validate({"experiment": "coins", "trials": 4}), coins)
-    with pytest.raises(MidnetBenchError, match="somebody deleted or replaced it") as caught:
+    with pytest.raises(MidnetBenchError, match="deleted or replaced") as caught:
         run_campaign(campaign, folder, jobs=1, progress=_Taker(take))
     assert caught.value.exit_code == 1
 

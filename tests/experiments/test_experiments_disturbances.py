@@ -209,10 +209,10 @@ def test_midnet_goes_by_poses_of_a_second_ago_and_every_detector_does() -> None:
     parameters = of(message_delay_s=1.0)
     with DetectionTrial(parameters, SEED, variants=[of(thresh_local=60)]) as made:
         assert made._uplink is not None
-        starts, believed = made.guards_poses(), []
+        starts, believed = made.guard_poses(), []
         for number in range(12):
             made.next_frame()
-            believed.append(made.guards_poses())
+            believed.append(made.guard_poses())
             told = [
                 made._uplink.received(node, made.fleet.time_s)
                 for node in (made.detector, *made.variant_detectors)

@@ -106,7 +106,7 @@ def test_trials_that_last_longer_than_the_papers_hours_allow_are_not_reproduced(
     results = load_results(folder)
     trials = {"trial": results.table("trial").assign(duration_s=lambda frame: 124.0 + frame["seed"])}
     found = labyrinth_claims(replace(results, tables={**results.tables, **trials}))
-    (duration,) = [one for one in found if one.statement == DURATION]
+    (duration,) = [one for one in found if one.claim == DURATION]
     assert (duration.ours.value, duration.verdict) == (pytest.approx(127.0), Verdict.NOT_REPRODUCED)
 
 
@@ -213,7 +213,7 @@ def test_the_papers_causes_and_its_words_on_the_fused_list_are_judged(
     counted = partial(causes, hidden=hidden, rare=rare)
     found, _ = verdicts(detection_campaign(tmp_path, scores, counted=counted))
 
-    assert {found[statement] for statement in CAUSES} == {verdict}
+    assert {found[claim] for claim in CAUSES} == {verdict}
     assert found["misses of hidden intruders per frame fall from 1 robot to 5"] == "reproduced"
 
 

@@ -72,8 +72,8 @@ def claims(results: Results) -> list[Finding]:
         found += [_change(one, five, column, rises) for column, rises in RISES.items()]
     if ONE in cells:
         for which, (misses, hidden, _) in MISSES.items():
-            statement = f"1 robot: most misses{which} are hidden intruders"
-            found.append(finding(statement, _share(cells[ONE], hidden, misses), 0.5, math.inf))
+            claim = f"1 robot: most misses{which} are hidden intruders"
+            found.append(finding(claim, _share(cells[ONE], hidden, misses), 0.5, math.inf))
     if FIVE in cells:
         found += _fused_list(cells[FIVE])
     return found
@@ -84,11 +84,11 @@ def _scores(name: Team, cell: pd.DataFrame) -> list[Finding]:
     found = []
     for score in SCORES:
         value = float(PAPER[name][score] or 0.0)
-        statement = f"{TEAMS[name]}: {CALLED.get(score, score)} is {value:.3f}, within {TOLERANCE}"
+        claim = f"{TEAMS[name]}: {CALLED.get(score, score)} is {value:.3f}, within {TOLERANCE}"
         ours = partial(score_over_seeds, cell, score)
         # no score is above 1: what would lie there accepts all that is high enough
         below = value + TOLERANCE if value + TOLERANCE <= 1.0 else math.inf
-        found.append(finding(statement, ours, value - TOLERANCE, below))
+        found.append(finding(claim, ours, value - TOLERANCE, below))
     return found
 
 
@@ -98,11 +98,9 @@ def _counts(name: Team, cell: pd.DataFrame) -> list[Finding]:
     for count in COUNTS:
         value = float(PAPER[name][count] or 0.0) / PAPER_FRAMES
         within = f"within {100 * COUNT_TOLERANCE:.0f} %"
-        statement = f"{TEAMS[name]}: a frame has {value:.3f} {CALLED[count]}, {within}"
+        claim = f"{TEAMS[name]}: a frame has {value:.3f} {CALLED[count]}, {within}"
         ours = partial(mean, (cell[count] / cell["frames"]).tolist(), within=(0.0, math.inf))
-        found.append(
-            finding(statement, ours, (1.0 - COUNT_TOLERANCE) * value, (1.0 + COUNT_TOLERANCE) * value)
-        )
+        found.append(finding(claim, ours, (1.0 - COUNT_TOLERANCE) * value, (1.0 + COUNT_TOLERANCE) * value))
     return found
 
 
@@ -145,9 +143,9 @@ def _change(one: pd.DataFrame, five: pd.DataFrame, column: str, rises: bool) -> 
         for cell in (one, five)
     )
     what, verb = CALLED.get(column, column), "rise" if rises else "fall"
-    statement = f"{what} per frame {verb}" if is_count else f"{what} {verb}s"
+    claim = f"{what} per frame {verb}" if is_count else f"{what} {verb}s"
     within = (0.0, math.inf) if is_count else (0.0, 1.0)
-    return comparison(f"{statement} from 1 robot to 5", first, second, rises, within)
+    return comparison(f"{claim} from 1 robot to 5", first, second, rises, within)
 
 
 def _share(cell: pd.DataFrame, part: str, whole: str) -> Callable[[float], Estimate]:

@@ -41,13 +41,13 @@ PAPER_ARENA = "map1"
 SCORES = ("precision", "recall", "f1")
 COUNTS = ("tp", "fp", "fn")
 TP_BOXES: TruePositives = "every"
-"""of results that do not say how boxes were counted"""
+"""of results that do not have the option"""
 COUNTINGS: Mapping[TruePositives, str] = {
     "every": "each box on an intruder is a true positive, as section V.A defines it",
     "surplus_false": "one box on each intruder is a true positive and a second one false, as section V.A "
     "explains the false positives of five robots",
 }
-"""value of ``tp_boxes`` -> what it says"""
+"""value of ``tp_boxes`` -> its meaning"""
 
 Cells = Mapping[Team, pd.DataFrame]
 """The rows of the table ``scores`` by cell, seeds ascending"""

@@ -1,4 +1,4 @@
-"""What a detection campaign says first: one table of five columns, and the result in words."""
+"""The first lines of a detection campaign: one table of five columns, and the result in words."""
 
 import math
 from collections.abc import Mapping

@@ -14,7 +14,7 @@ PAPER_ARENAS = ("map1", "map2", "empty")
 
 @dataclass(frozen=True)
 class DetectionParameters(GuardParameters):
-    """Map 1, section V.A: who is seen, frame by frame."""
+    """Map 1, section V.A: which intruders are seen, frame by frame."""
 
     frames: int = option(
         1999,
@@ -77,6 +77,6 @@ def simulation_key(parameters: DetectionParameters) -> DetectionParameters:
 
 def result_key(parameters: DetectionParameters) -> DetectionParameters:
     """What a trial's numbers depend on; see :func:`sharing.result_key`."""
-    # an inflated true box reaches as far as the threshold says, whatever cells there are
+    # an inflated true box reaches as far as the threshold has it, whatever cells there are
     key = sharing.result_key(parameters, keep_thresh_local=parameters.truth_box == "inflated")
     return replace(key, require_line_of_sight=not parameters.counts_hidden)

@@ -63,7 +63,7 @@ def cells_of(results: Results) -> Cells:
     scores = trials_of(results)
     if scores.empty:
         return {}
-    robots, others = results.column(scores, "robots").tolist(), results.others(scores, "robots")
+    robots, others = results.column(scores, "robots").tolist(), results.other_factors(scores, "robots")
     teams = [Team(*one) for one in zip(robots, others, strict=True)]
     rows = scores.drop(columns=results.factors)
     return {team: rows[[one == team for one in teams]] for team in dict.fromkeys(teams)}

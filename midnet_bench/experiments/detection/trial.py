@@ -1,4 +1,4 @@
-"""The detection test of section V.A: who is seen, frame by frame."""
+"""The detection test of section V.A: which intruders are seen, frame by frame."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -37,7 +37,7 @@ from midnet_bench.simulation.noise import NoiseBlocks
 ON_SURFACE_M = 0.05
 """A noisy return this near to a stationary intruder is one of its own; walls are farther off."""
 OPPOSITE_EVERY = 10
-"""MIDNet is asked anew in opposite order of the robots in each tenth frame: it costs as much as a frame."""
+"""MIDNet runs anew in opposite order of the robots in each tenth frame: it costs as much as a frame."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class ScoredFrame:
 
     @property
     def observations(self) -> Sequence[Observation]:
-        """What each guard told MIDNet: its pose, its costmap and its last scan."""
+        """Of each guard what MIDNet received: its pose, its costmap and its last scan."""
         return self.midnet.observations
 
 
@@ -62,7 +62,7 @@ class Scorer:
     """One detector of a trial, how its frames are scored, and what that remembers from frame to frame."""
 
     def __init__(self, test: DetectionParameters, node: DetectorNode, sight: NoiseBlocks) -> None:
-        """For a trial that has not begun; ``sight``: the noise of the beams that ask who is in sight."""
+        """For a trial that has not begun; ``sight``: the noise of the beams that decide what is in sight."""
         self.test = test
         self.node = node
         self.sight = sight
@@ -72,12 +72,12 @@ class Scorer:
 
 
 class DetectionTrial(GuardedArena):
-    """Map 1 in motion: guards patrol, mobile intruders wander, MIDNet looks on."""
+    """Map 1 in motion: guards patrol, mobile intruders wander, MIDNet detects."""
 
     def __init__(
         self, parameters: DetectionParameters, seed: int, variants: Sequence[DetectionParameters] = ()
     ) -> None:
-        """Place everybody and give the intruders random goals, again and again."""
+        """Place the robots and give the intruders random goals, again and again."""
         super().__init__(parameters, seed, parameters.intruders, variants)
         self._test = parameters
         self._free = self.goal_space()
@@ -112,7 +112,7 @@ class DetectionTrial(GuardedArena):
         match = match_frame(midnet.detections, truths)
         counts = count_frame(midnet.detections, truths, in_range, test.tp_boxes, match)
         if scorer.metrics:
-            scorer.metrics.update(self.seen_by_metrics(midnet, truths, in_range))
+            scorer.metrics.update(self.metric_frame(midnet, truths, in_range))
         if scorer.recorder is not None:
             scorer.recorder.take(number, midnet, truths, in_range, match)
         return ScoredFrame(number, midnet, truths, in_range, match, counts)
@@ -232,7 +232,7 @@ class DetectionTrial(GuardedArena):
 
 
 def run_detection(parameters: DetectionParameters, seed: int) -> TrialResult:
-    """One trial: ``scores`` (one row, counts summed), ``frames``, ``robots``; ``metrics`` if asked for."""
+    """One trial: ``scores`` (one row, counts summed), ``frames``, ``robots``; ``metrics`` by option."""
     (result,) = run_together([parameters], seed)
     if isinstance(result, Exception):
         raise result
@@ -241,7 +241,7 @@ def run_detection(parameters: DetectionParameters, seed: int) -> TrialResult:
 
 def run_together(tests: Sequence[DetectionParameters], seed: int) -> list[TrialResult | Exception]:
     """Trials of one ``simulation_key`` in one simulation: the tables of each, or its detector's exception."""
-    # the motion is anybody's; with the first one's costmap there is one less to keep
+    # the motion is the same for all; with the first one's costmap there is one less to keep
     moving = replace(tests[0], detector="midnet", fusion="paper", record=False)
     with DetectionTrial(moving, seed, tests) as trial:
         frames: list[list[FrameCounts]] = [[] for _ in tests]

@@ -14,9 +14,9 @@ from midnet_bench.arena.layout import place
 from midnet_bench.assembly.detector_node import DetectorNode, Sight, detector_nodes
 from midnet_bench.campaign.trial import Row
 from midnet_bench.elementary import cos, sin
-from midnet_bench.experiments.guarded.ground_truth import ScanOnlooker, Trial, overrides_of
+from midnet_bench.experiments.guarded.evaders import Evaders
+from midnet_bench.experiments.guarded.ground_truth import ScanCallback, Trial, overrides_of
 from midnet_bench.experiments.guarded.inputs import EXACT, prior_map_from
-from midnet_bench.experiments.guarded.opponents import Opponents
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ, OVERRIDING, GuardParameters, Oracle
 from midnet_bench.experiments.guarded.uplink import Uplink
 from midnet_bench.experiments.robot_trial import RobotTrial
@@ -51,7 +51,7 @@ class GuardedArena(RobotTrial):
         mobile_intruders: int | None = None,
         variants: Sequence[GuardParameters] = (),
     ) -> None:
-        """Place everybody; time is 0. Intruders have no goals until ``next_goal`` is set on them.
+        """Place guards and intruders; time is 0. Intruders have no goals until ``next_goal`` is set on them.
 
         ``variants``: further parameters of the detector, each with a node of its own over the same run.
         """
@@ -78,21 +78,21 @@ class GuardedArena(RobotTrial):
             parameters.robot_simulation,
             seed,
         )
-        self._opponents = (
-            Opponents(self.layout, self.intruders, self.goal_space(), self.crowd, seed, len(self.guards))
+        self._evaders = (
+            Evaders(self.layout, self.intruders, self.goal_space(), self.crowd, seed, len(self.guards))
             if self.arena.has_deeds
             else None
         )
-        self._onlookers: list[ScanOnlooker] = []
+        self._scan_callbacks: list[ScanCallback] = []
         known = Trial(seed, self.world, self.lidars, self.crowd, self.guards, self.intruders)
         self._override_of = overrides_of(overridden, known)
         self._overrides = list(dict.fromkeys(self._override_of.values()))
         for override in self._overrides:
-            self._look_on(override.scanned)
-        self.tick_onlookers: list[Callable[[Sequence[MobileRobot]], None]] = []
-        """told of the robots that were due once a tick is over"""
-        self.frame_onlookers: list[Callable[[Frame], None]] = []
-        """told of each frame of ``detector``, before anybody goes by it"""
+            self._on_scan(override.scanned)
+        self.tick_callbacks: list[Callable[[Sequence[MobileRobot]], None]] = []
+        """called after each tick with the robots that were due in it"""
+        self.frame_callbacks: list[Callable[[Frame], None]] = []
+        """called with each frame of ``detector``, before any robot uses it"""
         self._frame_ticks = self.step_hz // FRAME_HZ
         self._dying, self._dead = self.guards[: parameters.dying_guards], list[Guard]()
         self._uplink = Uplink(parameters.network, self.guards, seed) if parameters.network.is_used else None
@@ -108,23 +108,23 @@ class GuardedArena(RobotTrial):
         return self.detected(self.detector, explain)
 
     def detected(self, node: DetectorNode, explain: bool = False) -> ObservedFrame:
-        """What one of this trial's detectors says now; take each instant once, in order."""
+        """The detections of one of this trial's detectors now; take each instant once, in order."""
         observations = self.observations(node)
         frame = node.detect(observations, self.fleet.time_s, explain)
         frame = ObservedFrame(frame.detections, frame.robots, frame.explanation, observations)
         if node is self.detector:
-            for look in self.frame_onlookers:
-                look(frame)
+            for callback in self.frame_callbacks:
+                callback(frame)
         return frame
 
     def advance(self) -> None:
         """Let 0.2 s pass, a frame."""
         for _ in range(self._frame_ticks):
-            if self._opponents is not None:
-                self._opponents.update(self.world)
+            if self._evaders is not None:
+                self._evaders.update(self.world)
             due = self.fleet.step()
-            for look in self.tick_onlookers:
-                look(due)
+            for callback in self.tick_callbacks:
+                callback(due)
             if self._uplink is not None:
                 self._uplink.send(due, self.fleet.time_s)
             for override in self._overrides:
@@ -134,7 +134,7 @@ class GuardedArena(RobotTrial):
         for override in self._overrides:
             override.before_frame(self.guards_alive, self.fleet.time_s)
 
-    def seen_by_metrics(
+    def metric_frame(
         self, frame: Frame, truths: Sequence[TruthObject], in_range: Sequence[bool]
     ) -> MetricFrame:
         """The newest frame and the truth of it."""
@@ -154,18 +154,18 @@ class GuardedArena(RobotTrial):
         if override is not None:
             return node.observations(override.poses())
         if self._uplink is None:
-            return node.observations(self.guards_poses(), [guard.scan for guard in self.guards])
+            return node.observations(self.guard_poses(), [guard.scan for guard in self.guards])
         return self._uplink.received(node, self.fleet.time_s)
 
-    def tell_of_scans(self, node: DetectorNode, look: ScanOnlooker) -> None:
-        """From now on let ``look`` know of each scan that is taken into a node's costmaps."""
+    def add_scan_callback(self, node: DetectorNode, callback: ScanCallback) -> None:
+        """From now on ``callback`` gets each scan that is taken into a node's costmaps."""
         override = self._override_of.get(node)
         if override is None:
-            self._look_on(look)
+            self._on_scan(callback)
         else:
-            override.onlookers.append(look)
+            override.callbacks.append(callback)
 
-    def guards_poses(self) -> list[Pose2D]:
+    def guard_poses(self) -> list[Pose2D]:
         """Where the guards take themselves to be, map frame."""
         return [guard.pose for guard in self.guards]
 
@@ -205,20 +205,20 @@ class GuardedArena(RobotTrial):
             self.fleet.stop(guard)
         self._dead, self._dying = self._dying, []
 
-    def _look_on(self, look: ScanOnlooker) -> None:
-        if not self._onlookers:
+    def _on_scan(self, callback: ScanCallback) -> None:
+        if not self._scan_callbacks:
             self.fleet.onlookers.append(self._scanned)
-        self._onlookers.append(look)
+        self._scan_callbacks.append(callback)
 
     def _scanned(self, robots: Sequence[MobileRobot], ranges_m: npt.NDArray[np.float64]) -> None:
-        """An ``Onlooker`` of the fleet."""
+        """Hand the scans of guards on."""
         true = self.lidars.newest
         assert true is not None
         for row, robot in enumerate(robots):
             if isinstance(robot, Guard):
                 assert robot.scan is not None
-                for look in self._onlookers:
-                    look(robot, robot.scan, true.of(row))
+                for callback in self._scan_callbacks:
+                    callback(robot, robot.scan, true.of(row))
 
     def _sights(self, tests: Sequence[GuardParameters]) -> list[Sight]:
         """What the detectors of ``tests`` work by; under an oracle the map or the scans may be others."""

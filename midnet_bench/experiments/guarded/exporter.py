@@ -1,4 +1,4 @@
-"""``Exporter``: what the robots of a trial and MIDNet say, as ROS messages on topics."""
+"""``Exporter``: the messages of a trial's robots and of MIDNet as ROS topics."""
 
 from collections.abc import Callable, Sequence
 
@@ -12,14 +12,14 @@ from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameter
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OCCUPIED, OccupancyGrid
 from midnet_bench.midnet.pipeline import Frame
-from midnet_bench.recording.files import ros_messages as say
+from midnet_bench.recording.files import ros_messages as ros
 from midnet_bench.recording.files.ros_messages import MAP, NS, Marked, ros_name
 from midnet_bench.recording.files.writer import BagWriter
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.settings import Scalar, leaves
 
 START_NS = 1
-"""when what is there before the first tick is told: ROS takes 0 for no time at all"""
+"""stamp of what is there before the first tick: ROS takes 0 for no time at all"""
 DETECTORS_OWN = ("prior", "costmap", "midnet")
 DETECTORS_KEYS = ("detector", "fusion", "robot", "resolution_m", "deflate_boxes")
 """groups and keys of the parameters that decide what a ``DetectorNode`` makes of scans and poses"""
@@ -36,29 +36,31 @@ def detector_values(parameters: GuardParameters) -> dict[str, Scalar]:
 
 
 class Exporter:
-    """Writes a trial in motion into a bag; it asks the trial and changes nothing in it."""
+    """Writes a trial in motion into a bag and changes nothing in the trial."""
 
     def __init__(
         self, trial: GuardedArena, truths: Callable[[], Sequence[TruthObject]], bag: BagWriter
     ) -> None:
-        """Of a trial that has not begun; ``truths``: its intruders as they are when that is asked.
+        """Of a trial that has not begun; ``truths``: gives its intruders as they are then.
 
         Raises:
-            InputError: an oracle or a network decides what MIDNet is told, which no robot says.
+            InputError: an oracle or a network decides what MIDNet receives, which no robot sends.
         """
         parameters = trial.parameters
         if parameters.oracle != "none":
-            raise InputError(f"oracle: {parameters.oracle} tells MIDNet what no robot says; take oracle=none")
+            raise InputError(
+                f"oracle: {parameters.oracle} gives MIDNet what no robot sends; take oracle=none"
+            )
         if parameters.network.is_used:
             raise InputError(
-                "export: a network (message_delay_s and its like) decides what MIDNet is told; leave it out"
+                "export: a network (message_delay_s and its like) decides what MIDNet receives; leave it out"
             )
         self._trial, self._truths, self._bag = trial, truths, bag
         self._names = [ros_name(guard.name) for guard in trial.guards]
         self._scan_period_s = 1.0 / parameters.simulation.lidar.hz
         self._begin()
-        trial.tick_onlookers.append(self._stepped)
-        trial.frame_onlookers.append(self._detected)
+        trial.tick_callbacks.append(self._stepped)
+        trial.frame_callbacks.append(self._detected)
 
     @property
     def _now_ns(self) -> int:
@@ -76,10 +78,10 @@ class Exporter:
                 for name in self._names
             ],
         }
-        bag.write("/midnet/replay", START_NS, say.text(replayed), is_kept=True)
-        bag.write("/map", START_NS, say.occupancy_grid(START_NS, trial.prior_map), is_kept=True)
+        bag.write("/midnet/replay", START_NS, ros.text(replayed), is_kept=True)
+        bag.write("/map", START_NS, ros.occupancy_grid(START_NS, trial.prior_map), is_kept=True)
         mounted = [(f"{name}/base_footprint", f"{name}/base_scan", mount) for name in self._names]
-        bag.write("/tf_static", START_NS, say.transforms(START_NS, mounted), is_kept=True)
+        bag.write("/tf_static", START_NS, ros.transforms(START_NS, mounted), is_kept=True)
         for guard in trial.guards:
             self._write_pose(guard, START_NS)
 
@@ -95,26 +97,26 @@ class Exporter:
     def _write_pose(self, guard: Guard, stamp_ns: int) -> None:
         bag, name, pose = self._bag, self._names[guard.index], guard.pose
         base = f"{name}/base_footprint"
-        bag.write(f"/{name}/pose", stamp_ns, say.pose_stamped(stamp_ns, pose))
-        bag.write("/tf", stamp_ns, say.transforms(stamp_ns, [(MAP, base, pose)]))
-        bag.write(f"/{name}/odom", stamp_ns, say.odometry(stamp_ns, base, pose, *guard.velocity))
+        bag.write(f"/{name}/pose", stamp_ns, ros.pose_stamped(stamp_ns, pose))
+        bag.write("/tf", stamp_ns, ros.transforms(stamp_ns, [(MAP, base, pose)]))
+        bag.write(f"/{name}/odom", stamp_ns, ros.odometry(stamp_ns, base, pose, *guard.velocity))
 
     def _write_scan(self, guard: Guard, stamp_ns: int) -> None:
         assert guard.scan is not None
         bag, name, (ranges_m, lidar, *_) = self._bag, self._names[guard.index], guard.scan
-        bag.write(f"/{name}/scan_exact", stamp_ns, say.exact_scan(ranges_m, lidar))
-        scan = say.laser_scan(f"{name}/base_scan", stamp_ns, ranges_m, lidar, self._scan_period_s)
+        bag.write(f"/{name}/scan_exact", stamp_ns, ros.exact_scan(ranges_m, lidar))
+        scan = ros.laser_scan(f"{name}/base_scan", stamp_ns, ranges_m, lidar, self._scan_period_s)
         bag.write(f"/{name}/scan", stamp_ns, scan)
 
     def _detected(self, frame: Frame) -> None:
-        """MIDNet has made a frame of what the robots have said."""
+        """MIDNet has made a frame."""
         trial, bag, stamp_ns = self._trial, self._bag, self._now_ns
         for name, observation in zip(self._names, trial.observations(trial.detector), strict=True):
-            bag.write(f"/{name}/costmap", stamp_ns, say.occupancy_grid(stamp_ns, observation.costmap))
+            bag.write(f"/{name}/costmap", stamp_ns, ros.occupancy_grid(stamp_ns, observation.costmap))
         self._write_steps(frame, stamp_ns)
         found_by = [self._names[robot] for robot in frame.robots]
-        bag.write("/midnet/detections", stamp_ns, say.detections(stamp_ns, frame.detections, found_by))
-        boxes = say.detections_2d(stamp_ns, frame.detections, bag.ros)
+        bag.write("/midnet/detections", stamp_ns, ros.detections(stamp_ns, frame.detections, found_by))
+        boxes = ros.detections_2d(stamp_ns, frame.detections, bag.ros)
         bag.write("/midnet/detections_2d", stamp_ns, boxes)
         self._write_truth(stamp_ns)
 
@@ -127,14 +129,14 @@ class Exporter:
             name, d = self._names[robot], view.d
             if d.data.size:  # a costmap off the map has nothing in common with it
                 grid = OccupancyGrid(np.where(d.data, OCCUPIED, 0).astype(np.int8), d.resolution, d.origin)
-                self._bag.write(f"/{name}/foreground", stamp_ns, say.occupancy_grid(stamp_ns, grid))
+                self._bag.write(f"/{name}/foreground", stamp_ns, ros.occupancy_grid(stamp_ns, grid))
             marked = [
                 Marked(box, name, FAINT_INK, "ally")
                 if (box, robot) in removed
                 else Marked(box, name, GUARD_FAINT)
                 for box in view.found
             ]
-            self._bag.write(f"/{name}/boxes", stamp_ns, say.markers(stamp_ns, marked))
+            self._bag.write(f"/{name}/boxes", stamp_ns, ros.markers(stamp_ns, marked))
 
     def _write_truth(self, stamp_ns: int) -> None:
         trial, truths = self._trial, self._truths()
@@ -142,7 +144,7 @@ class Exporter:
         headings = {robot.name: float(poses[robot.index, 2]) for robot in trial.intruders}
         headings |= {member.name: member.pose.yaw for member in trial.crowd.members}
         marked = [Marked(truth.box, ros_name(truth.name), INTRUDER, truth.name) for truth in truths]
-        self._bag.write("/truth/markers", stamp_ns, say.markers(stamp_ns, marked))
+        self._bag.write("/truth/markers", stamp_ns, ros.markers(stamp_ns, marked))
         for truth in truths:
             pose = Pose2D(*truth.center, headings.get(truth.name, 0.0))
-            self._bag.write(f"/truth/{ros_name(truth.name)}/pose", stamp_ns, say.pose_stamped(stamp_ns, pose))
+            self._bag.write(f"/truth/{ros_name(truth.name)}/pose", stamp_ns, ros.pose_stamped(stamp_ns, pose))

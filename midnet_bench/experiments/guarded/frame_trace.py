@@ -1,4 +1,4 @@
-"""``FrameTrace``: the referee beside the guards' LiDARs, who knows what each return came from.
+"""``FrameTrace``: what each return of the guards' LiDARs hit, and what became of it.
 
 It keeps each guard's scans and, for every cell, the beam that marked it last. What came of a beam is worked
 out only for frames with errors.
@@ -45,7 +45,7 @@ ON_SURFACE_M = 0.005
 """A true return this near to a stationary intruder, a person or a thing is one of its own."""
 
 
-class NotedScan:
+class TracedScan:
     """One scan of one guard, and the world at that instant."""
 
     def __init__(
@@ -76,17 +76,17 @@ class NotedScan:
 
     @cached_property
     def at_true_pose(self) -> Floats:
-        """(beams, 2) where it had put them, had it known its pose."""
+        """(beams, 2) where the guard would have put them by its true pose."""
         return self._ends(self._axis, self._directions, self.ranges_m)
 
     @cached_property
     def at_true_range(self) -> Floats:
-        """(beams, 2) where it had put them without noise."""
+        """(beams, 2) where the guard would have put them without noise."""
         return self._ends(self.sensor[:2], self.believed_directions, self._true_ranges_m)
 
     @cached_property
     def true(self) -> Floats:
-        """(beams, 2) what was met."""
+        """(beams, 2) what the beams met."""
         return self._ends(self._axis, self._directions, self._true_ranges_m)
 
     @cached_property
@@ -136,7 +136,7 @@ def solids_of(trial: GuardedArena) -> list[tuple[int, Solid]]:
 
 
 def sources_of(trial: GuardedArena, bodies: Ints, ends: Floats, solids: Sequence[tuple[int, Solid]]) -> Ints:
-    """(beams,) what each beam met, as ``Marks`` has it: ``bodies`` as LiDARs say it, ``ends`` (beams, 2)."""
+    """(beams,) what each beam met, as ``Marks`` has it: ``bodies`` of LiDARs, ``ends`` (beams, 2)."""
     first = len(trial.layout.stationary)
     robots = [ally(k) for k in range(len(trial.guards))] + [first + k for k in range(len(trial.intruders))]
     found = np.full(len(bodies), NOTHING, dtype=np.int64)
@@ -151,10 +151,10 @@ def sources_of(trial: GuardedArena, bodies: Ints, ends: Floats, solids: Sequence
 
 
 class FrameTrace:
-    """What one detector of a trial was shown, and from it the cause of each of its errors."""
+    """What one detector of a trial received, and from it the cause of each of its errors."""
 
     def __init__(self, trial: GuardedArena, node: DetectorNode) -> None:
-        """From now on every scan of the guards is noted."""
+        """From now on every scan of the guards is traced."""
         self._trial, self._node = trial, node
         settings = node.costmaps[0].settings
         self._settings = settings
@@ -164,11 +164,11 @@ class FrameTrace:
         shape = (len(trial.guards), height + 2 * self._margin, width + 2 * self._margin)
         self._scan = np.full(shape, -1, dtype=np.int64)
         self._beam = np.zeros(shape, dtype=np.int64)
-        self._scans: list[dict[int, NotedScan]] = [{} for _ in trial.guards]
+        self._scans: list[dict[int, TracedScan]] = [{} for _ in trial.guards]
         self._counts = [0] * len(trial.guards)
         self._written = [0] * len(trial.guards)
         self.guards = trial.guards
-        trial.tell_of_scans(node, self._note)
+        trial.add_scan_callback(node, self._add_scan)
 
     def causes(
         self,
@@ -207,11 +207,11 @@ class FrameTrace:
             },
         )
 
-    def _note(self, guard: Guard, scan: Scan, true: beams_met.TrueScan) -> None:
+    def _add_scan(self, guard: Guard, scan: Scan, true: beams_met.TrueScan) -> None:
         number = self._counts[guard.index]
         self._counts[guard.index] += 1
         layer = self._node.costmaps[guard.index].layer
-        self._scans[guard.index][number] = NotedScan(self._trial, scan, true, (layer.column, layer.row))
+        self._scans[guard.index][number] = TracedScan(self._trial, scan, true, (layer.column, layer.row))
         if number % FORGET_EVERY == 0:
             self._forget(guard.index)
 
@@ -246,7 +246,7 @@ class FrameTrace:
             kept = {number: scan for number, scan in scans.items() if scan.time_s >= oldest_s}
         self._scans[guard] = kept
 
-    def _cells(self, scan: NotedScan, beams: Ints) -> tuple[Ints, Ints]:
+    def _cells(self, scan: TracedScan, beams: Ints) -> tuple[Ints, Ints]:
         """(columns, rows) in the trace's own arrays of the ends of some beams of a scan.
 
         Rounded step by step as the obstacle layer does it: a return may lie on the edge of a cell.
@@ -368,7 +368,7 @@ NO_MARKS = Marks(
 
 
 class _Views:
-    """Each guard's view of one frame, made when it is asked for."""
+    """Each guard's view of one frame, made at its first use."""
 
     def __init__(self, trace: FrameTrace, frame: Frame) -> None:
         self._trace, self._frame = trace, frame

@@ -30,8 +30,8 @@ from midnet_bench.simulation.simulator import Beams, Simulator
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
-ScanOnlooker = Callable[[Guard, Scan, TrueScan], None]
-"""Told of a scan that was taken into a guard's costmap, and of what its beams truly met (m = 1)."""
+ScanCallback = Callable[[Guard, Scan, TrueScan], None]
+"""Called with a scan that was taken into a guard's costmap, and what its beams truly met (m = 1)."""
 
 
 class Trial(NamedTuple):
@@ -57,8 +57,8 @@ class GroundTruthOverride:
         """For a trial that has not begun."""
         self.node = node
         self.trial = trial
-        self.onlookers: list[ScanOnlooker] = []
-        """told of each scan that was taken"""
+        self.callbacks: list[ScanCallback] = []
+        """called with each scan that was taken"""
         self.localised_at = [trial.true_pose(guard) for guard in trial.guards]
         """where each guard truly was when it last localised, map frame"""
 
@@ -69,8 +69,8 @@ class GroundTruthOverride:
     def take(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
         """Let a scan into the guard's costmap."""
         self.node.observe(guard.index, scan.pose, scan.ranges_m, scan.lidar, scan.stamp_s)
-        for look in self.onlookers:
-            look(guard, scan, true)
+        for callback in self.callbacks:
+            callback(guard, scan, true)
 
     def stepped(self, due: Sequence[MobileRobot]) -> None:
         """Note that a tick is over, at which the robots ``due`` have localised."""

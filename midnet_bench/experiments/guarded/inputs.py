@@ -1,6 +1,6 @@
 """Arenas and prior maps as text inside a trial's parameters, so that a trial needs no file.
 
-A campaign names files; what they say is taken in when its parameters are checked. A trial then runs on
+A campaign names files; their contents are read when its parameters are checked. A trial then runs on
 any machine, and its id changes when a file's contents do. What comes with the package is named; the name of
 an explored map holds a digest of its cells, so that the id changes with them here too.
 """

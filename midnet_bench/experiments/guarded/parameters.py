@@ -257,7 +257,7 @@ class GuardParameters(Parameters):
 
     @property
     def simulated_s(self) -> float:
-        """About how long a trial lasts, simulated seconds. Experiments say it; here it is the paper's."""
+        """About how long a trial lasts, simulated seconds. Experiments override the paper's."""
         return 400.0
 
     @property
@@ -329,14 +329,14 @@ class GuardParameters(Parameters):
 
     @property
     def robot_simulation(self) -> SimulationSettings:
-        """The simulated world; a robot that is told its true pose takes it from exact odometry."""
+        """The simulated world; a robot that knows its true pose takes it from exact odometry."""
         if self.localization != "truth":
             return self.simulation
         return replace(self.simulation, odometry=replace(self.simulation.odometry, source="world"))
 
     @property
     def pose_filter(self) -> UkfSettings | None:
-        """What the pose filter trusts; None where robots are told their true poses."""
+        """What the pose filter trusts; None where robots know their true poses."""
         return None if self.localization == "truth" else self.ukf.suited_to(self.simulation.odometry.source)
 
     def with_files_read(self) -> Self:

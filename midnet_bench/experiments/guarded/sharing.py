@@ -29,7 +29,7 @@ def with_defaults(settings: AnySettings, names: Iterable[str]) -> AnySettings:
 
 
 def simulation_key(parameters: Guarded, names: Sequence[str] = ()) -> Guarded:
-    """What the robots' motion depends on, where nobody moves by what is detected.
+    """What the robots' motion depends on, where detections move no robot.
 
     ``names``: of further parameters that have no part in it.
     """
@@ -74,7 +74,7 @@ def result_key(parameters: Guarded, keep_thresh_local: bool = False) -> Guarded:
 
 
 def _without_idle_oracle(parameters: Guarded) -> Guarded:
-    """The same without an oracle where it changes nothing, or where options say what it changes."""
+    """The same without an oracle where it changes nothing, or where other options have the same effect."""
     oracle, changes = parameters.oracle, dict[str, Any]()
     if oracle in ("window", "marks"):
         local = parameters.local_costmap

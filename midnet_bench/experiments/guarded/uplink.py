@@ -28,11 +28,11 @@ class Report(NamedTuple):
 class Uplink:
     """A guard reports after each of its control cycles; MIDNet goes by the latest report that has arrived.
 
-    What MIDNet tells the guards takes no time and is never lost.
+    MIDNet's own messages take no time and are never lost.
     """
 
     def __init__(self, settings: NetworkSettings, guards: Sequence[Guard], seed: int) -> None:
-        """MIDNet knows where the guards take themselves to be at the start, and of nothing that they see."""
+        """MIDNet knows the poses that the guards assume at the start, and no costmap."""
         self._timeout_s = settings.timeout_s
         self._guards = guards
         rngs = [stream(seed, "network", guard.name) for guard in guards]
@@ -48,8 +48,8 @@ class Uplink:
     def received(self, node: DetectorNode, time_s: float) -> list[Observation]:
         """What a detector knows of each guard, in the team's order.
 
-        A guard that was never heard of is where it started; one whose last report is older than the time-out
-        is where it said. Nothing is taken to stand around either.
+        A guard without a report is where it started; one whose last report is older than the time-out is
+        where that has it. The costmaps of both are empty.
         """
         found = []
         for guard, blind, costmap in zip(self._guards, self._blind, node.costmaps, strict=True):

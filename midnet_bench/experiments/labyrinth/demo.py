@@ -15,7 +15,7 @@ from midnet_bench.midnet.pipeline import Frame
 
 @contextmanager
 def demo(parameters: LabyrinthParameters, seed: int) -> Iterator[Demo]:
-    """The trial of that seed, scene by scene, until nobody is at large or the time is up."""
+    """The trial of that seed, scene by scene, until no intruder is at large or the time is up."""
     with LabyrinthTrial(parameters, seed) as trial:
         # a last frame that the time limit falls into is made in full
         max_frames = math.ceil(parameters.time_limit_s * FRAME_HZ - 1e-6)
@@ -23,14 +23,14 @@ def demo(parameters: LabyrinthParameters, seed: int) -> Iterator[Demo]:
 
 
 def _scenes(trial: LabyrinthTrial) -> Iterator[Scene]:
-    """Each frame with those whom it is the last of, and with what became of them."""
+    """Each frame with the intruders that leave after it, and the outcomes so far."""
     seen: list[Scene] = []
 
-    def look(frame: Frame) -> None:
+    def keep(frame: Frame) -> None:
         truths = trial.truths()
         seen[:] = [scene_of(trial, frame, truths, trial.in_range(truths))]
 
-    for _ in trial.frames(explain=True, look=look):
+    for _ in trial.frames(explain=True, callback=keep):
         yield replace(seen[0], chase=_chase(trial))
 
 
@@ -38,12 +38,12 @@ def _chase(trial: LabyrinthTrial) -> Chase:
     outcomes = [trial.outcomes[robot.index] for robot in trial.intruders]
     events: list[tuple[float, str]] = []
     for number, outcome in enumerate(outcomes, 1):
-        who = f"intruder {number} " if len(outcomes) > 1 else ""
+        name = f"intruder {number} " if len(outcomes) > 1 else ""
         if outcome.caught_by is not None:
             by = outcome.caught_by.index + 1
-            events.append((outcome.caught_at_s, f"{who}caught by guard {by}, {outcome.caught_at_s:.1f} s"))
+            events.append((outcome.caught_at_s, f"{name}caught by guard {by}, {outcome.caught_at_s:.1f} s"))
         elif outcome.result == "escaped":
-            events.append((outcome.escaped_at_s, f"{who}escaped, {outcome.escaped_at_s:.1f} s"))
+            events.append((outcome.escaped_at_s, f"{name}escaped, {outcome.escaped_at_s:.1f} s"))
     results = [outcome.result for outcome in outcomes]
-    told = tuple(text for _, text in sorted(events))
-    return Chase(len(outcomes), results.count("caught"), results.count("escaped"), told)
+    lines = tuple(text for _, text in sorted(events))
+    return Chase(len(outcomes), results.count("caught"), results.count("escaped"), lines)

@@ -1,4 +1,4 @@
-"""What a labyrinth campaign says first: the success rates by team size, and the result in words."""
+"""The first lines of a labyrinth campaign: the success rates by team size, and the result in words."""
 
 import math
 

@@ -16,7 +16,7 @@ from midnet_bench.settings import group, like, option
 
 @dataclass(frozen=True)
 class LabyrinthParameters(GuardParameters):
-    """Map 2, section V.B: who is caught before he escapes."""
+    """Map 2, section V.B: which intruders are caught before they escape."""
 
     arena: str = like(GuardParameters, "arena", "map2", source="paper: III, Map 2; the walls inside are ours")
     intruders: int = option(

@@ -1,4 +1,4 @@
-"""Recorded labyrinth trials for the player of ``report.html``: with who was caught, when and by whom."""
+"""Recorded labyrinth trials for the player of ``report.html``: with the captures."""
 
 import math
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ def recordings(results: Results) -> Iterator[Recording]:
 
 
 def _events(outcome: Row, recording: Recording) -> Iterator[Event]:
-    who = f"intruder {outcome['intruder']}"
+    name = f"intruder {outcome['intruder']}"
     for column, what in (
         ("detected_at_s", "detected"),
         ("caught_at_s", "caught"),
@@ -33,14 +33,14 @@ def _events(outcome: Row, recording: Recording) -> Iterator[Event]:
         at_s = float(str(outcome[column]))
         if not math.isnan(at_s):
             frame = round(at_s * recording.hz)
-            by = f" by {_nearest_guard(who, frame, recording)}" if what == "caught" else ""
-            yield Event(frame, what, f"{who} {what}{by}, {at_s:.1f} s")
+            by = f" by {_nearest_guard(name, frame, recording)}" if what == "caught" else ""
+            yield Event(frame, what, f"{name} {what}{by}, {at_s:.1f} s")
 
 
-def _nearest_guard(who: str, frame: int, recording: Recording) -> str:
+def _nearest_guard(name: str, frame: int, recording: Recording) -> str:
     """The guard that stood nearest to an intruder at a frame."""
     rows = recording.frames["robots"][frame - 1]
     x, y = (COLUMNS["robots"].index(axis) for axis in ("x", "y"))
-    places = {name: (row[x], row[y]) for (name, _), row in zip(recording.robots, rows, strict=True)}
-    guards = [name for name, is_guard in recording.robots if is_guard]
-    return min(guards, key=lambda guard: math.dist(places[guard], places[who]))
+    places = {robot: (row[x], row[y]) for (robot, _), row in zip(recording.robots, rows, strict=True)}
+    guards = [robot for robot, is_guard in recording.robots if is_guard]
+    return min(guards, key=lambda guard: math.dist(places[guard], places[name]))

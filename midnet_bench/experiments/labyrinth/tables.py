@@ -168,7 +168,7 @@ def claims(results: Results) -> list[Finding]:
     if results.definition.parameters.get("arena", "map2") != "map2":
         return []
     return [
-        one._replace(statement=f"{name}: {one.statement}" if name else one.statement)
+        one._replace(claim=f"{name}: {one.claim}" if name else one.claim)
         for name, variant in variants_of(results).items()
         for one in _claims(variant)
     ]
@@ -186,8 +186,8 @@ def _claims(one: Variant) -> list[Finding]:
         counts = [intruders for intruders in one.intruder_counts if intruders in (1, 5)]
         found += [_change(one, intruders, 4, 5, rises=False) for intruders in counts]
     if one.team_sizes == one.intruder_counts == [1, 2, 3, 4, 5]:
-        statement = f"a trial lasts at most {PAPER_DURATION_S:.0f} s on average"
-        found.append(finding(statement, one.duration, -math.inf, PAPER_DURATION_S))
+        claim = f"a trial lasts at most {PAPER_DURATION_S:.0f} s on average"
+        found.append(finding(claim, one.duration, -math.inf, PAPER_DURATION_S))
     return found
 
 
@@ -195,8 +195,8 @@ def _change(one: Variant, intruders: int | None, smaller: int, larger: int, *, r
     first, second = one.rates_by_seed(intruders, smaller), one.rates_by_seed(intruders, larger)
     against = "all intruders" if intruders is None else f"{intruders} intruder{'s' if intruders > 1 else ''}"
     verb = "rises" if rises else "falls"
-    statement = f"{against}: the success rate (percent) {verb} from {smaller} to {larger} robots"
-    return comparison(statement, first, second, rises, within=(0.0, 100.0))
+    claim = f"{against}: the success rate (percent) {verb} from {smaller} to {larger} robots"
+    return comparison(claim, first, second, rises, within=(0.0, 100.0))
 
 
 def measures(results: Results) -> pd.DataFrame:

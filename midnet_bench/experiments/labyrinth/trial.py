@@ -1,4 +1,4 @@
-"""The labyrinth test of section V.B: who is caught before he escapes."""
+"""The labyrinth test of section V.B: which intruders are caught before they escape."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -38,7 +38,7 @@ class Outcome:
     left_at_s: float = math.nan
     """when it was taken out of the arena, caught or escaped"""
     caught_by: Guard | None = None
-    """who caught it"""
+    """the guard that caught it"""
 
     @property
     def result(self) -> str:
@@ -52,7 +52,7 @@ class LabyrinthTrial(GuardedArena):
     """Map 2 in motion: intruders head for their escapes, guards patrol and pursue."""
 
     def __init__(self, parameters: LabyrinthParameters, seed: int) -> None:
-        """Place everybody and give each intruder an escape far enough from its start (item 56)."""
+        """Place the robots and give each intruder an escape far enough from its start (item 56)."""
         super().__init__(parameters, seed, parameters.intruders)
         self._test = parameters
         self._free = self.goal_space()
@@ -78,19 +78,19 @@ class LabyrinthTrial(GuardedArena):
         return [robot for robot in self.intruders if math.isnan(self.outcomes[robot.index].left_at_s)]
 
     def frames(
-        self, explain: bool = False, look: Callable[[Frame], None] = lambda frame: None
+        self, explain: bool = False, callback: Callable[[Frame], None] = lambda frame: None
     ) -> Iterator[Frame]:
-        """MIDNet's frames until everybody is caught or gone, or the time is up (item 58).
+        """MIDNet's frames until every intruder is caught or gone, or the time is up (item 58).
 
-        ``look`` is called with each before anybody is taken out.
+        ``callback`` gets each before an intruder is taken out.
         """
         to_the_end = self._test.ends == "time_limit"
         while (to_the_end or self.present) and self.fleet.time_s < self._test.time_limit_s - 1e-9:
             midnet = self.next_frame(explain or self.recorder is not None)
             if self.metrics or self.recorder is not None:
                 self._observe(midnet)
-            look(midnet)
-            self._judge(midnet)
+            callback(midnet)
+            self._update_outcomes(midnet)
             yield midnet
 
     def truths(self) -> list[TruthObject]:
@@ -104,46 +104,46 @@ class LabyrinthTrial(GuardedArena):
         return truths_in_range(truths, self.sensor_positions(), range_m, "centre")
 
     def _observe(self, midnet: Frame) -> None:
-        """Let the metrics and the recorder see a frame, before anybody is taken out."""
+        """Let the metrics and the recorder see a frame, before an intruder is taken out."""
         truths = self.truths()
         in_range = self.in_range(truths)
         if self.metrics:
-            self.metrics.update(self.seen_by_metrics(midnet, truths, in_range))
+            self.metrics.update(self.metric_frame(midnet, truths, in_range))
         if self.recorder is not None:
             number = round(self.fleet.time_s * FRAME_HZ)
             match = match_frame(midnet.detections, truths)
             self.recorder.take(number, midnet, truths, in_range, match, self.pursuit.pursuers)
 
-    def _judge(self, midnet: Frame) -> None:
-        """Who was detected, caught or got away at this instant; where the guards go next.
+    def _update_outcomes(self, midnet: Frame) -> None:
+        """Update the outcomes of this instant, and the goals of the guards.
 
-        The referee knows the truth. Pursuit gets the boxes and no word of it, but under ``oracle``.
+        Outcomes go by the truth. Pursuit gets the boxes alone, but under ``oracle``.
         """
         now_s = self.fleet.time_s
         is_oracle = self._test.pursuit.rule == "oracle"
         if not is_oracle:
             self._see(midnet, now_s)
         for robot in self.present:
-            self._judge_one(robot, self._boxes_on(robot, midnet), now_s)
+            self._update_outcome(robot, self._boxes_on(robot, midnet), now_s)
         self.pursuit.update(now_s)
         if self._test.evasion == "flee":
             self._flee()
 
-    def _judge_one(self, robot: MobileRobot, boxes: Sequence[tuple[Box, Guard]], now_s: float) -> None:
-        """What becomes of one intruder now, ``boxes`` being those on it and whose they are."""
+    def _update_outcome(self, robot: MobileRobot, boxes: Sequence[tuple[Box, Guard]], now_s: float) -> None:
+        """The outcome of one intruder now; ``boxes``: those on it, each with its guard."""
         outcome = self.outcomes[robot.index]
         has_arrived = math.dist(self._place(robot), outcome.escape) <= self._test.escape_radius_m
         if outcome.result == "at large":
-            self._judge_at_large(robot, boxes, has_arrived, now_s)
+            self._update_at_large(robot, boxes, has_arrived, now_s)
         is_taken_out = outcome.result == "caught" and self._test.after_capture == "leaves"
         if is_taken_out or has_arrived:
             outcome.left_at_s = now_s
             self.fleet.remove(robot)
 
-    def _judge_at_large(
+    def _update_at_large(
         self, robot: MobileRobot, boxes: Sequence[tuple[Box, Guard]], has_arrived: bool, now_s: float
     ) -> None:
-        """Note whether one that nobody has caught yet is detected, caught, or got away; tell an oracle."""
+        """Update an intruder that is at large: detected, caught or escaped; also for an oracle."""
         outcome, is_oracle = self.outcomes[robot.index], self._test.pursuit.rule == "oracle"
         if boxes:
             outcome.detected_at_s = now_s if math.isnan(outcome.detected_at_s) else outcome.detected_at_s
@@ -169,7 +169,7 @@ class LabyrinthTrial(GuardedArena):
             )
 
     def _boxes_on(self, robot: MobileRobot, midnet: Frame) -> list[tuple[Box, Guard]]:
-        """The detections that cover some of an intruder (item 53), each with the guard whose box it is."""
+        """The detections that cover some of an intruder (item 53), each with its guard."""
         outline = self.lidars.outline(robot.index)
         return [
             (box, self.guards[guard])
@@ -178,9 +178,9 @@ class LabyrinthTrial(GuardedArena):
         ]
 
     def _catchers(self, robot: MobileRobot, boxes: Sequence[tuple[Box, Guard]]) -> list[Guard]:
-        """Who catches an intruder that has ``boxes`` on it (item 53), the nearest first.
+        """The guards that catch an intruder that has ``boxes`` on it (item 53), the nearest first.
 
-        Walls keep guards off. Nobody catches whom nobody detects.
+        Walls keep guards off. An intruder without a box on it is not caught.
         """
         if not boxes or self._test.capture == "detected":
             return [guard for _, guard in boxes]
@@ -228,7 +228,7 @@ class LabyrinthTrial(GuardedArena):
 
 
 def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
-    """One trial: ``trial`` (one row), ``intruders``, ``robots``; if asked for, ``metrics``, ``recorded``."""
+    """One trial: ``trial`` (one row), ``intruders``, ``robots``; by options ``metrics``, ``recorded``."""
     with LabyrinthTrial(parameters, seed) as trial:
         for _ in trial.frames():
             pass

@@ -84,7 +84,7 @@ class Variant:
         """The mean of ``capture_times`` or ``detection_times`` over intruders, seconds; trials are the unit.
 
         It is the mean of those that were caught (or detected) alone, so a team that catches the hard ones
-        too may look slower; trials that caught nobody have no part in it.
+        too may look slower; trials without a capture have no part in it.
         """
         cell = self.cell(intruders, robots)
         cell = cell[cell[times] > 0]
@@ -204,7 +204,8 @@ def _robots(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
 def _placed(results: Results, frame: pd.DataFrame) -> pd.DataFrame:
     """A table with its variant and the two numbers, whether or not they are factors of the grid."""
     return frame.assign(
-        variant=results.others(frame, *CELL), **{name: results.whole_numbers(frame, name) for name in CELL}
+        variant=results.other_factors(frame, *CELL),
+        **{name: results.whole_numbers(frame, name) for name in CELL},
     )
 
 

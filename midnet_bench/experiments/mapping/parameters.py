@@ -82,7 +82,7 @@ class MappingParameters(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _ = self.slam, self.explorer_navigator  # told here, not in a trial, if the resolution does not suit
+        _ = self.slam, self.explorer_navigator  # raises here, not in a trial, if the resolution does not suit
 
     @classmethod
     def defaults_with(cls, values: Mapping[str, Scalar]) -> Self:

@@ -59,7 +59,7 @@ def rows_of(results: Results, table: str) -> Maps:
     arenas = [
         f"{_name(str(arena))}{', ' if others else ''}{others}"
         for arena, others in zip(
-            results.column(frame, "arena"), results.others(frame, "arena", "robots"), strict=True
+            results.column(frame, "arena"), results.other_factors(frame, "arena", "robots"), strict=True
         )
     ]
     return {

@@ -61,14 +61,14 @@ class Exploration:
     distance_m: float
     """driven by all robots together"""
     finished: bool
-    """whether no frontier was left to anybody within the time limit but those that were given up"""
+    """whether no frontier was left within the time limit but those that were given up"""
     merge_confidence: float
     """of the features: of the worst pair that was merged, or of the best if all were refused; NaN where
     nothing had to be matched"""
     warnings: list[str]
 
     def row(self) -> Row:
-        """``maps.csv``: what the map is worth and what it cost."""
+        """``maps.csv``: the map's quality and its cost."""
         return {
             "coverage": self.score.free_covered,
             "occupied_precision": self.score.occupied_precision,
@@ -85,7 +85,7 @@ class ExplorationTrial(RobotTrial):
     """An arena without intruders and the robots that map it."""
 
     def __init__(self, parameters: MappingParameters, seed: int, threads: int = 1) -> None:
-        """Place the robots at their known starts; time is 0 and nobody knows anything.
+        """Place the robots at their known starts; time is 0 and the maps are empty.
 
         ``threads``: that each robot's GMapping shares its particles between; any number gives the same bytes.
         """
@@ -132,7 +132,7 @@ class ExplorationTrial(RobotTrial):
         yield self._snapshot()
 
     def result(self) -> Exploration:
-        """The map so far and what it is worth."""
+        """The map so far and its quality."""
         parts = self._parts()
         starts, truth = self.layout.robots, self.truth()
         team = (
@@ -213,7 +213,7 @@ class ExplorationTrial(RobotTrial):
 
 
 def run_mapping(parameters: MappingParameters, seed: int) -> TrialResult:
-    """One trial: ``maps`` (one row: what the map is worth) and ``robots``."""
+    """One trial: ``maps`` (one row: the map's quality) and ``robots``."""
     with ExplorationTrial(parameters, seed) as trial:
         for _ in trial.snapshots():
             pass
@@ -223,7 +223,7 @@ def run_mapping(parameters: MappingParameters, seed: int) -> TrialResult:
 
 
 def _empty(arena: Arena) -> Arena:
-    """The building before anybody gets in: the prior map has to be free of intruders."""
+    """The building without intruders: they have no place in a prior map."""
     return arena.model_copy(
         update={
             "stationary_intruders": StationaryIntruders(),

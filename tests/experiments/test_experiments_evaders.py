@@ -12,8 +12,8 @@ from midnet_bench.arena.layout import place
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
+from midnet_bench.experiments.guarded.evaders import HIDE_EVERY_S, EvaderPolicy
 from midnet_bench.experiments.guarded.inputs import arena_from, inline_arena
-from midnet_bench.experiments.guarded.opponents import HIDE_EVERY_S, Deed
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.simulation.integrity import surfaces
 
@@ -31,10 +31,10 @@ PEOPLE = {
 }
 
 
-def deed_of(**said: object) -> Deed:
+def deed_of(**said: object) -> EvaderPolicy:
     layout = place(checked_arena(ROOM, "room"), 1, 1)
     free = free_space(layout.arena, 0.3)
-    return Deed(Behaviour.model_validate(said), free, "person 1", 1, surfaces(layout))
+    return EvaderPolicy(Behaviour.model_validate(said), free, "person 1", 1, surfaces(layout))
 
 
 def parameters(engine: str, **changes: object) -> DetectionParameters:
