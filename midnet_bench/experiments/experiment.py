@@ -90,8 +90,8 @@ class Experiment:
     """the main scores of each trial, for ``compare`` and ``report --x``: a data frame with the columns
     ``seed``, ``measure`` and ``value`` beside those of the factors; ``analysis.compare.tidy`` makes one"""
     recordings: "Callable[[Results], Iterable[Recording]]" = _nothing
-    """the recorded trials, for the player of ``report.html``: each is made at its first use; none is used
-    where trials have no table ``recorded``"""
+    """the recorded trials, for the player of ``report.html``: each is made at its first use; there
+    are none without a table ``recorded``"""
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """main score -> the least and the greatest value that it can have, where no column is called so"""
     lower_is_better: tuple[str, ...] = ()
