@@ -2,24 +2,18 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.patheffects import withStroke
 
 import midnet_bench as mb
-from midnet_bench.drawing.palette import DETECTION, EXPLORERS, GUARD, hexadecimal
-from midnet_bench.drawing.plots import (
-    add_box,
-    add_label,
-    new_figure,
-    own_style,
-    png_of_figure,
-    show_greys,
-    show_grid,
-    show_metres,
-)
+from midnet_bench.drawing.palette import DETECTION, EXPLORERS, GUARD, RGB, hexadecimal
+from midnet_bench.drawing.plots import new_figure, own_style, png_of_figure
 from midnet_bench.experiments.guarded.arena import ObservedFrame
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
@@ -33,6 +27,68 @@ NODES = {(0, 0): 0, (1, 1): 1, (2, 2): 2, (3, 3): 3, (4, 4): 4, (0, 1): 0.5, (0,
 """the lists of Algorithm 3, first and last robot from 0, and where each stands"""
 HALVES = {(0, 1): ((0, 0), (1, 1)), (0, 2): ((0, 1), (2, 2)), (3, 4): ((3, 3), (4, 4))}
 LEVELS = {(0, 1): 1, (0, 2): 2, (3, 4): 2, (0, 4): 3}
+
+
+def show_metres(axes: Axes, view: Box, title: str | None = None) -> None:
+    """Make the axes show ``view`` in metres of the map frame, y up, both directions to one scale.
+
+    With a ``title``, the axes get labels too.
+    """
+    axes.set_xlim(view.x_min, view.x_max)
+    axes.set_ylim(view.y_min, view.y_max)
+    axes.set_aspect("equal")
+    axes.tick_params(labelsize=8)
+    if title is not None:
+        axes.set_title(title, fontsize=11, loc="left")
+        axes.set_xlabel("x / m", fontsize=9)
+        axes.set_ylabel("y / m", fontsize=9)
+
+
+def show_grid(axes: Axes, grid: OccupancyGrid, unknown: float = 0.8, occupied: float = 0.25) -> None:
+    """An int8 map (100 occupied, 0 free, -1 unknown) in its place, metres; shades of grey, free is white."""
+    shades = np.select([grid.data < 0, grid.data >= 100], [unknown, occupied], 1.0)
+    show_greys(axes, grid.with_data(shades), 1.0)
+
+
+def show_greys(axes: Axes, grid: OccupancyGrid, white: float) -> None:
+    """A grid's (rows, columns) values in their place, metres: 0 is black, ``white`` is white."""
+    x_min, y_min, x_max, y_max = grid.extent
+    axes.imshow(
+        grid.data,
+        cmap="gray",
+        vmin=0.0,
+        vmax=white,
+        origin="lower",
+        extent=(x_min, x_max, y_min, y_max),
+        interpolation="none",
+        zorder=0,
+    )
+
+
+def add_box(axes: Axes, box: Box, color: RGB, **style: Any) -> None:
+    """The outline of a box; ``style`` is that of matplotlib's Patch."""
+    side_x, side_y = box.x_max - box.x_min, box.y_max - box.y_min
+    axes.add_patch(
+        Rectangle(
+            (box.x_min, box.y_min),
+            side_x,
+            side_y,
+            **{"fill": False, "edgecolor": hexadecimal(color), **style},
+        )
+    )
+
+
+def add_label(axes: Axes, at: tuple[float, float], text: str, color: RGB, **style: Any) -> None:
+    """Small text with a white halo, its lower left corner a little up and right of (x, y), metres."""
+    axes.annotate(
+        text,
+        at,
+        **{"xytext": (2.0, 2.0), "textcoords": "offset points", "fontsize": 8, **style},
+        color=hexadecimal(color),
+        path_effects=[withStroke(linewidth=2.0, foreground="white")],
+        zorder=9,
+        annotation_clip=True,
+    )
 
 
 @own_style()

@@ -16,7 +16,7 @@ from midnet_bench.arena.free_space import cells_near
 from midnet_bench.arena.layout import ROBOT_CLEARANCE_M, TEAM, Layout, place, robot_starts
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.arena.solids import Solid, dense_outline
-from midnet_bench.drawing.plots import png_of_figure
+from midnet_bench.drawing.canvas import png_of
 from midnet_bench.drawing.scene import FloorPlan, Robot, Scene, Setup
 from midnet_bench.drawing.stills import draw_arena
 from midnet_bench.elementary import directions
@@ -323,7 +323,7 @@ def write_picture(arena: Arena, faults: Sequence[Fault], path: Path) -> None:
     robots = [_standing(number, True, pose) for number, pose in enumerate(starts, 1)]
     robots += [_standing(number, False, pose) for number, pose in enumerate(layout.intruders, 1)]
     places = {number: fault.at for number, fault in enumerate(faults, 1) if fault.at is not None}
-    write_atomically(path, png_of_figure(draw_arena(setup, Scene(0.0, 0, robots, [], []), places)))
+    write_atomically(path, png_of(draw_arena(setup, Scene(0.0, 0, robots, [], []), places)))
 
 
 def _standing(number: int, is_guard: bool, pose: Pose2D) -> Robot:

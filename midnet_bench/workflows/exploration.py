@@ -19,7 +19,6 @@ from midnet_bench.drawing.growth import (
     exploration_page,
     write_exploration_video,
 )
-from midnet_bench.drawing.plots import png_of_figure
 from midnet_bench.drawing.scene import FloorPlan
 from midnet_bench.drawing.stills import draw_map
 from midnet_bench.experiments.mapping.parameters import MappingParameters
@@ -122,8 +121,8 @@ def _write_pictures(
         files.named("growth.png"),
         files.named("growth.mp4"),
     )
-    figure = draw_map(exploration.grid, history.paths(), f"{plan.title}: {team}", plan.walls)
-    write_atomically(final, png_of_figure(figure))
+    picture = draw_map(exploration.grid, history.paths(), f"{plan.title}: {team}", plan.walls)
+    write_atomically(final, png_of(picture))
     write_atomically(growth, png_of(exploration_page(plan, team, history)))
     if clip:
         write_exploration_video(plan, team, history, video)

@@ -10,7 +10,6 @@ import numpy as np
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.drawing.canvas import png_of
 from midnet_bench.drawing.growth import MapHistory, MapSnapshot, log_page, write_log_video
-from midnet_bench.drawing.plots import png_of_figure
 from midnet_bench.drawing.stills import draw_map
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import write_atomically
@@ -82,7 +81,7 @@ def write_log_map(
     trajectory = files.named("trajectory.tum")
     warnings = result.warnings + write_trajectory(result, log.path, trajectory)
     picture, growth = files.map.with_suffix(".png"), files.named("growth.png")
-    write_atomically(picture, png_of_figure(draw_map(result.grid, [result.trajectory.poses], comment)))
+    write_atomically(picture, png_of(draw_map(result.grid, [result.trajectory.poses], comment)))
     write_atomically(growth, png_of(log_page(history, comment)))
     written += [trajectory, picture, growth]
     if clip:

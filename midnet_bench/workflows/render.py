@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from midnet_bench.campaign.trial import Scalar
-from midnet_bench.drawing.plots import png_of_figure
+from midnet_bench.drawing.canvas import png_of
 from midnet_bench.drawing.scene import Scene, Setup
 from midnet_bench.drawing.stills import draw_arena, draw_detections, draw_grids
 from midnet_bench.drawing.trial_video import trial_video
@@ -96,10 +96,10 @@ def _make_folder(directory: Path) -> None:
 
 
 def _write_pictures(setup: Setup, scene: Scene, directory: Path) -> list[Path]:
-    figures = {"arena.png": draw_arena(setup, scene)}
+    pictures = {"arena.png": draw_arena(setup, scene)}
     if scene.explanation is not None:
-        figures["grids.png"] = draw_grids(setup, scene, scene.explanation)
-    figures["detections.png"] = draw_detections(setup, scene)
-    for name, figure in figures.items():
-        write_atomically(directory / name, png_of_figure(figure))
-    return [directory / name for name in figures]
+        pictures["grids.png"] = draw_grids(setup, scene, scene.explanation)
+    pictures["detections.png"] = draw_detections(setup, scene)
+    for name, picture in pictures.items():
+        write_atomically(directory / name, png_of(picture))
+    return [directory / name for name in pictures]

@@ -3,12 +3,10 @@
 import math
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
+from midnet_bench.drawing import legend, stills
 from midnet_bench.drawing.canvas import Canvas, Labels, Picture, paint_detection, text_mask, write
 from midnet_bench.drawing.palette import (
     DETECTION,
@@ -23,21 +21,11 @@ from midnet_bench.drawing.palette import (
     RGB,
     WOOD,
 )
-from midnet_bench.drawing.plots import png_of_figure
-from midnet_bench.drawing.scene import Chase, Scene, Truth, body_at
+from midnet_bench.drawing.panels import FOREGROUND, MARGIN_M, SHADES, WorldPanel
+from midnet_bench.drawing.scene import Chase, Scene, Setup, Truth, body_at
 from midnet_bench.drawing.signs import CORNERS, RING, place_of
-from midnet_bench.drawing.stills import coarsened, draw_arena, draw_detections, draw_grids, known_corners
-from midnet_bench.drawing.trial_video import (
-    FOREGROUND,
-    MAP_LEFT,
-    MAP_PX,
-    MAP_TOP,
-    MARGIN_M,
-    SHADES,
-    ScenePainter,
-    Storyboard,
-    WorldPanel,
-)
+from midnet_bench.drawing.stills import draw_arena, draw_detections, draw_grids, draw_map, known_corners
+from midnet_bench.drawing.trial_video import MAP_LEFT, MAP_PX, MAP_TOP, ScenePainter, Storyboard
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Explanation
@@ -54,10 +42,15 @@ def explanation_of(scene: Scene) -> Explanation:
     return scene.explanation
 
 
-def picture_of(figure: Figure) -> Picture:
-    picture = cv2.imdecode(np.frombuffer(png_of_figure(figure), np.uint8), cv2.IMREAD_COLOR)
-    assert picture is not None
-    return picture[..., ::-1].astype(np.uint8)
+def plot_of(page: Picture, setup: Setup, lines: int) -> Canvas:
+    """The part of a still that shows the arena, below so many lines of title."""
+    view = setup.plan.view(MARGIN_M)
+    rows, columns = stills.plot_area(view, lines)
+    return Canvas(page[rows, columns], view)
+
+
+def texts(entries: list[legend.Entry]) -> str:
+    return "; ".join(text for _, text in entries)
 
 
 @pytest.mark.slow
@@ -100,86 +93,122 @@ def test_the_map_beside_it_shows_the_foreground_of_every_guard() -> None:
 
 
 def test_the_arena_picture_has_the_same_things_in_the_same_colours() -> None:
-    figure = draw_arena(SETUP, SCENE)
-    picture, axes = picture_of(figure), figure.axes[0]
+    canvas = plot_of(draw_arena(SETUP, replace(SCENE, detections=[])), SETUP, 1)
 
     def color_at(x: float, y: float) -> RGB:
-        column, up = np.floor(axes.transData.transform((x, y))).astype(int).tolist()
-        red, green, blue = picture[len(picture) - 1 - up, column].tolist()
+        column, row = np.floor(canvas.pixels((x, y))).astype(int).tolist()
+        red, green, blue = canvas.picture[row, column].tolist()
         return red, green, blue
 
     assert color_at(-1.0, -3.0) == color_at(3.0, -1.0) == WOOD
-    assert color_at(-3.3, -3.3) == GROUND
+    assert color_at(-3.2, -3.2) == GROUND
     for robot in SCENE.robots:
         color = GUARD if robot.is_guard else INTRUDER
         assert color in [color_at(*robot.pose.compose(point)[:2]) for point in BESIDE]
-    assert "seed 7" in axes.get_title(loc="left")
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert {"wall", "mobile intruder", "stationary intruder"} <= set(labels)
-    assert len(set(labels)) == len(labels), "two entries of a legend say the same"
+    fault = draw_arena(SETUP, replace(SCENE, robots=[], detections=[]), {1: (0.5, 0.5)})
+    column, row = np.floor(plot_of(fault, SETUP, 1).pixels((0.5, 0.5))).astype(int).tolist()
+    assert plot_of(fault, SETUP, 1).picture[row, column].tolist() == list(FALSE_DETECTION)
 
 
-@pytest.mark.slow
-def test_a_picture_is_as_wide_as_its_arena_and_its_legend_need() -> None:
+@pytest.mark.parametrize("shape", [(1.0, 1.0), (1.0, 0.3), (0.2, 1.0)])
+def test_a_page_has_room_for_the_arena_and_its_legend(shape: tuple[float, float]) -> None:
     setup, scene = setup_and_scene("map2")
-    plan = replace(setup.plan, walls=[wall * (1.0, 0.3) for wall in setup.plan.walls])
-    wide = draw_arena(replace(setup, plan=replace(plan, enclosure=Box(-1, -1, 1, 1), stationary=[])), scene)
-    for figure in (draw_arena(setup, scene), draw_detections(setup, scene), wide):
-        figure.draw_without_rendering()
-        axes, legend = figure.axes[0].get_tightbbox(), figure.legends[0].get_window_extent()
-        assert axes is not None
-        assert 0.0 <= axes.x0 < axes.x1 < legend.x0 < legend.x1 < figure.bbox.x1
-        assert min(axes.y0, legend.y0) >= 0.0
-        assert axes.x1 - axes.x0 > 900.0, "the arena has the full width"
+    plan = replace(setup.plan, walls=[wall * shape for wall in setup.plan.walls], stationary=[])
+    setup = replace(setup, plan=replace(plan, enclosure=Box(-1, -1, 1, 1)))
+    page = draw_arena(setup, scene)
+    rows, columns = stills.plot_area(setup.plan.view(MARGIN_M), 1)
+    assert max(rows.stop - rows.start, columns.stop - columns.start) == stills.PLOT_PX
+    assert page.shape[0] >= rows.stop + stills.BOTTOM_PX
+    assert (page[:, -2:] == 255).all(), "the legend is cut off"
+    assert (page[rows.start :, columns.stop + stills.GAP_PX :] < 128).any(), "there is no legend"
+    assert (page[rows.stop : rows.stop + 5, columns] < 128).any(), "the axis has no ticks"
 
 
 def test_grids_have_a_row_per_guard_with_y_up_and_their_boxes() -> None:
     explanation = explanation_of(SCENE)
-    figure = draw_grids(SETUP, SCENE, explanation)
-    assert len(figure.axes) == 4 * len(explanation.views)
-    assert {axes.get_xlabel() for axes in figure.axes[-4:]} == {"x / m"}
-    assert {axes.get_ylabel() for axes in figure.axes[::4]} == {"y / m"}
-    picture = picture_of(figure)
+    page = draw_grids(SETUP, SCENE, explanation)
+    step = stills.TILE_PX + stills.TILE_GAP_PX
     compared = 0
     for robot, view in enumerate(explanation.views):
-        row = figure.axes[4 * robot : 4 * robot + 4]
-        removed = [item for item in explanation.removed if item.detection.robot == robot]
-        boxes = [patch for patch in row[0].patches if isinstance(patch, Rectangle)]
-        assert len(boxes) == len(view.kept) + len(removed) == len(view.found)
-        # the middle of some cells of D, whichever are on and whichever are off
-        for axes, grid in zip(row[1:], (view.b, view.c, view.d), strict=True):
+        for place, grid in ((1, view.b), (2, view.c), (3, view.d)):
+            top, left = 70 + robot * step, stills.LEFT_PX + place * step
+            tile = page[top : top + stills.TILE_PX, left : left + stills.TILE_PX]
+            canvas = Canvas(tile, SETUP.window(SCENE.guards[robot]))
+            # the middle of some cells, whichever are on and whichever are off
             for line in range(3, grid.height - 3, 3):
                 for column in range(3, grid.width - 3, 3):
-                    x, up = np.floor(axes.transData.transform(grid.center_of(column, line))).astype(int)
+                    x, y = np.floor(canvas.pixels(grid.center_of(column, line))).astype(int).tolist()
                     around = grid.data[line - 1 : line + 2, column - 1 : column + 2]
-                    on_the_cross = math.dist(grid.center_of(column, line), SCENE.guards[robot].believed[:2])
-                    if (around == around[1, 1]).all() and on_the_cross > 0.3:
+                    off_the_cross = math.dist(grid.center_of(column, line), SCENE.guards[robot].believed[:2])
+                    is_inside = 4 < x < stills.TILE_PX - 4 and 4 < y < stills.TILE_PX - 4
+                    if is_inside and (around == around[1, 1]).all() and off_the_cross > 0.3:
                         compared += around[1, 1] != grid.data[0, 0]
-                        assert picture[len(picture) - 1 - up, x].tolist() == [grid.data[line, column]] * 3
+                        assert tile[y, x].tolist() == [grid.data[line, column]] * 3
+        first = page[70 + robot * step :, stills.LEFT_PX :][: stills.TILE_PX, : stills.TILE_PX]
+        canvas = Canvas(first, SETUP.window(SCENE.guards[robot]))
+        for box in view.kept:
+            x, y = np.floor(canvas.pixels((box.x_min, box.center[1]))).astype(int).tolist()
+            if 4 < x < stills.TILE_PX - 4 and 4 < y < stills.TILE_PX - 4:
+                assert list(DETECTION) in first[y, x - 1 : x + 2].tolist()
     assert compared > 20
     assert explanation.removed, "no ally was seen: place the guards otherwise"
 
 
-def test_detections_show_their_guards_and_both_kinds_of_error() -> None:
-    figure = draw_detections(SETUP, SCENE)
-    axes = figure.axes[0]
-    bold = [text.get_text() for text in axes.texts if text.get_fontweight() == "bold"]
-    assert bold == [str(found.guard) for found in SCENE.detections]
+def test_a_legend_has_what_is_in_the_picture() -> None:
     assert any(found.is_false and found.box.intersection_area(GHOST) > 0.0 for found in SCENE.detections)
 
-    def legend(figure: Figure) -> str:
-        return " ".join(text.get_text() for text in figure.legends[0].get_texts()).replace("\n", " ")
+    def shown(scene: Scene) -> str:
+        return texts([*legend.of_world(SETUP, [scene]), *legend.of_detections([scene])])
 
-    assert "false positive" in legend(figure)
-    assert "out of range" in legend(figure)
-    assert "missed" not in legend(figure)
-    assert "second box" not in legend(figure)
-    assert "missed" in legend(draw_detections(SETUP, with_errors(SCENE)))
-    assert "second box" in legend(draw_detections(SETUP, with_errors(SCENE)))
+    assert {"mobile intruder", "stationary intruder"} <= set(shown(SCENE).split("; "))
+    assert "false positive" in shown(SCENE)
+    assert "out of range" in shown(SCENE)
+    assert "missed" not in shown(SCENE)
+    assert "second box" not in shown(SCENE)
+    assert "missed" in shown(with_errors(SCENE))
+    assert "second box" in shown(with_errors(SCENE))
     found = replace(SCENE, truths=[replace(truth, is_found=True) for truth in SCENE.truths])
     right = replace(found, detections=[found for found in SCENE.detections if not found.is_false])
-    assert "false positive" not in legend(draw_detections(SETUP, right))
-    assert "out of range" not in legend(draw_detections(SETUP, right))
+    assert "false positive" not in shown(right)
+    assert "out of range" not in shown(right)
+    assert f"costmap {SETUP.local_size_m:g} m, LiDAR {SETUP.usable_range_m:g} m" in shown(SCENE)
+    whole = texts([*legend.of_world(SETUP), *legend.of_detections()]).split("; ")
+    assert len(set(whole)) == len(whole), "two entries say the same"
+    assert "LiDAR returns" in texts(legend.of_world(replace(SETUP, shows_scans=True)))
+
+
+def test_detections_are_in_their_colours_over_the_true_outlines() -> None:
+    canvas = plot_of(draw_detections(SETUP, SCENE), SETUP, 2)
+    for found in SCENE.detections:
+        x, y = np.floor(canvas.pixels((found.box.center[0], found.box.y_min))).astype(int).tolist()
+        color = FALSE_DETECTION if found.is_false else DETECTION
+        assert list(color) in canvas.picture[y - 1 : y + 2, x].tolist()
+    outlines = canvas.picture.astype(int) - INTRUDER
+    assert (np.abs(outlines).max(axis=2) < 40).any()
+
+
+def test_a_map_shows_walls_path_and_truth() -> None:
+    data = np.zeros((60, 80), dtype=np.int8)
+    data[:, 0] = 100
+    data[40:, 40:] = -1
+    grid = OccupancyGrid(data, 0.05, (0.0, 0.0))
+    path = np.array([(1.0, 1.0), (1.0, 2.0)])
+    wall = np.array([(3.5, 0.5), (3.6, 0.5), (3.6, 1.5), (3.5, 1.5)])
+    page = draw_map(grid, [path], "a map", [wall])
+    view = Box(0.0, 0.0, 4.0, 3.0).shrunk(-stills.MAP_MARGIN_M)
+    rows, columns = stills.plot_area(view, 1)
+    canvas = Canvas(page[rows, columns], view)
+
+    def near(x: float, y: float) -> list[list[int]]:
+        column, row = np.floor(canvas.pixels((x, y))).astype(int).tolist()
+        around = canvas.picture[row - 1 : row + 2, column - 1 : column + 2].reshape(-1, 3)
+        return [[int(value) for value in color] for color in around]
+
+    assert [40, 40, 40] in near(0.025, 1.0)
+    assert near(2.0, 0.5) == [[255, 255, 255]] * 9
+    assert near(3.0, 2.5) == [[205, 205, 205]] * 9
+    assert list(GUARD) in near(1.0, 1.5)
+    assert min(abs(red - INTRUDER[0]) + abs(blue - INTRUDER[2]) for red, _, blue in near(3.5, 1.0)) < 100
 
 
 def with_errors(scene: Scene) -> Scene:
@@ -195,16 +224,12 @@ def darkest_about(truth: Truth) -> list[int]:
     film = np.zeros((720, 720, 3), dtype=np.uint8)
     WorldPanel(SETUP, 720).paint(film, scene)
     canvas = Canvas(film, SETUP.plan.view(MARGIN_M))
-    figure = draw_detections(SETUP, scene)
-    still, axes = picture_of(figure), figure.axes[0]
-    x, y = truth.outlines[0].mean(axis=0).tolist()
+    still = plot_of(draw_detections(SETUP, scene), SETUP, 2)
     darkest = []
-    for picture, (column, row) in (
-        (film, canvas.pixels((x, y)).tolist()),
-        (still, axes.transData.transform((x, y)).tolist()),
-    ):
-        row = row if picture is film else len(picture) - 1 - row
-        near = picture[int(row) - 40 : int(row) + 40, int(column) - 40 : int(column) + 40].reshape(-1, 3)
+    x, y = truth.outlines[0].mean(axis=0).tolist()
+    for shown in (canvas, still):
+        column, row = shown.pixels((x, y)).astype(int).tolist()
+        near = shown.picture[row - 40 : row + 40, column - 40 : column + 40].reshape(-1, 3)
         greys = near[np.ptp(near.astype(int), axis=1) < 6]
         dark = greys.max(axis=1)
         darkest.append(int(dark.min()) if (dark < 200).sum() > 20 else 255)
@@ -352,12 +377,6 @@ def test_the_local_costmap_is_a_square_about_where_a_guard_takes_itself_to_be() 
     scene = replace(SCENE, robots=[replace(guard, goal=None)], detections=[], truths=[], explanation=None)
     box = SETUP.window(guard)
     assert tuple(box) == pytest.approx((-1.7, -2.2, 2.3, 1.8))
-    for figure in (draw_arena(SETUP, scene), draw_detections(SETUP, scene)):
-        drawn = [patch.get_extents() for patch in figure.axes[0].patches]
-        axes = figure.axes[0]
-        (x0, y0), (x1, y1) = axes.transData.transform([(-1.7, -2.2), (2.3, 1.8)])
-        assert any(one.extents == pytest.approx((x0, y0, x1, y1), abs=0.01) for one in drawn)
-        assert "local costmap 4 m" in " ".join(text.get_text() for text in figure.legends[0].get_texts())
     film = np.zeros((720, 720, 3), dtype=np.uint8)
     WorldPanel(SETUP, 720).paint(film, scene)
     world = Canvas(film, SETUP.plan.view(MARGIN_M))
@@ -384,8 +403,6 @@ def test_a_goal_under_a_stationary_intruder_is_not_drawn() -> None:
     scene = replace(SCENE, robots=[hidden], detections=[], truths=[])
     assert SETUP.plan.hides((x, y))
     assert not SETUP.plan.hides(hidden.pose[:2])
-    marked = [line for line in draw_arena(SETUP, scene).axes[0].lines if line.get_marker() == "x"]
-    assert marked == []
     pictures = []
     for goal in ((x, y), None):
         film = np.zeros((720, 720, 3), dtype=np.uint8)
@@ -401,12 +418,3 @@ def test_the_known_part_of_a_map_is_what_a_picture_shows() -> None:
     assert known_corners(OccupancyGrid(data, 0.5, (-1.0, 2.0))) == ((4.0, 4.5), (5.5, 6.0))
     nothing = OccupancyGrid(np.full((2, 4), -1, dtype=np.int8), 0.5, (0.0, 0.0))
     assert known_corners(nothing) == ((0.0, 0.0), (2.0, 1.0))
-
-
-def test_a_large_map_is_drawn_with_larger_cells() -> None:
-    data = np.full((5, 9), -1, dtype=np.int8)
-    data[0, 3], data[1, 2], data[4, 8] = 0, 100, 0
-    coarse = coarsened(OccupancyGrid(data, 0.5, (1.0, 2.0)), 5)
-    assert coarse.data.tolist() == [[-1, 100, -1, -1, -1], [-1] * 5, [-1, -1, -1, -1, 0]]
-    assert (coarse.resolution, coarse.origin) == (1.0, (1.0, 2.0))
-    assert coarsened(coarse, 5) is coarse

@@ -36,7 +36,7 @@ def test_pictures_open(rendered: Path) -> None:
     for name in [*PICTURES, "storyboard.png"]:
         picture = cv2.imread(str(rendered / name))
         assert picture is not None
-        assert min(picture.shape[:2]) > 800
+        assert min(picture.shape[:2]) > 700
         assert len(np.unique(picture.astype(np.int64) @ (1, 256, 65536))) > 20
 
 
