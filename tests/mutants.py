@@ -50,7 +50,7 @@ MUTANTS = [
     ),
     Mutant(
         "golden bounds agree with anything",
-        "workflows/smoke.py",
+        "workflows/compare.py",
         "return abs(float(ours) - float(golden)) <= absolute + share * abs(float(golden))",
         "return True",
         "workflows/test_smoke.py::test_elsewhere_a_number_may_lie_off_by_so_much",

@@ -200,7 +200,7 @@ def compare(
     they have to be near.
     """
     from midnet_bench.errors import InputError
-    from midnet_bench.workflows.compare import comparison, worse
+    from midnet_bench.workflows import compare as workflow
 
     if exact or update:
         _compare_exactly(directories, update)
@@ -210,13 +210,18 @@ def compare(
             raise InputError("compare: --rank ranks one campaign; give one folder")
         _rank(directories[0], of or [], rank_by, output, as_json, wide)
         return
-    found = comparison(directories, output, by, baseline)
-    regressions = [] if fail_if_worse is None else worse(found.experiment, found.tables, fail_if_worse)
+    found = workflow.compare(directories, by, baseline)
+    if output is not None:
+        from midnet_bench.workflows.report import write_comparison
+
+        write_comparison(found, output)
+    regressions = [] if fail_if_worse is None else workflow.worse(found, fail_if_worse)
     if as_json or wide:
         show(found.experiment.name, found.tables, as_json, wide)
     else:
-        say([*found.lines, ""])
-        show(None, found.shown, as_json=False)
+        lines, tables = workflow.shown(found)
+        say([*lines, ""])
+        show(None, tables, as_json=False)
     if output is not None and not as_json:
         messages.tell_where(output)
     for line in regressions:
@@ -228,17 +233,18 @@ def compare(
 def _rank(
     directory: Path, of: list[str], rank_by: str | None, output: Path | None, as_json: bool, wide: bool
 ) -> None:
-    from midnet_bench.workflows.leaderboard import leaderboard as ranked
+    from midnet_bench.workflows.compare import rank, write_ranking
 
-    page = output or directory / "leaderboard.md"
-    show(None, ranked(directory, of, rank_by, page), as_json, wide)
+    page, tables = output or directory / "leaderboard.md", rank(directory, of, rank_by)
+    write_ranking(directory, tables, page)
+    show(None, tables, as_json, wide)
     if not as_json:
         messages.tell_file(page)
 
 
 def _compare_exactly(directories: list[Path], update: bool) -> None:
     from midnet_bench.errors import InputError
-    from midnet_bench.workflows.smoke import compare_exactly
+    from midnet_bench.workflows.compare import compare_exactly
 
     if len(directories) > 2:
         raise InputError("compare: --exact compares one folder with the committed numbers, or two folders")

@@ -1,29 +1,42 @@
-"""Campaigns of one experiment side by side: what differs, seed by seed."""
+"""Scores side by side: campaigns, a factor's values, ranks, curves over a factor; numbers to the byte."""
 
+import csv
+import hashlib
+import itertools
+import json
+import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import pandas as pd
 
 from midnet_bench.analysis import compare as analysis
-from midnet_bench.analysis.compare import BOUNDS, MEASURE, WORSE, columns_of, holm_notes, joined, label
+from midnet_bench.analysis.compare import BOUNDS, MEASURE, WORSE, BySeed, Compared, Key, joined, label, series
 from midnet_bench.analysis.frames import Results, load_results
-from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, outlier_notes
+from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean, outlier_notes
 from midnet_bench.analysis.tables import Cell, Table, signed
 from midnet_bench.analysis.words import in_words, team_in_words
-from midnet_bench.campaign.definition import Definition
-from midnet_bench.campaign.provenance import code_of
+from midnet_bench.campaign.columns import ANY_DRIFT, Drift
+from midnet_bench.campaign.provenance import Provenance, code_of, collect, versions_note
+from midnet_bench.campaign.trial import factor_text
 from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.experiments import registry
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.experiments.registry import experiment_of, tables_of
-from midnet_bench.workflows.report import write_figures_of
+from midnet_bench.io.files import write_atomically
+from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS, PURSUITS
+from midnet_bench.settings import leaves
+from midnet_bench.workflows.shipped import installed, shipped_folder
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 CAMPAIGN = "campaign"
 """the column of a frame of scores of several campaigns"""
-COLUMNS = (
+COLUMNS: tuple[str, ...] = (
     "trial",
     "measure",
     "difference",
@@ -34,72 +47,70 @@ COLUMNS = (
     "outlier_seed",
     "p_holm",
     "verdict",
-    "setting",
 )
+COLUMNS += ("setting",)
 """of the tables, beside one for each campaign"""
-MOST_SETTINGS = 4
-"""that a line names"""
-MAX_SHOWN = 60
-"""characters of a setting's value: an arena taken in from a file is long"""
+HOW = f"on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
+NAMING_CODE = tuple(seam.option for seam in (DETECTORS, FUSIONS, PATROLS, PURSUITS))
+"""factors that are ranked unless others are given"""
+FEWEST = 3
+"""values of a factor whose curve the report draws by itself"""
+MOST_SETTINGS, MAX_SHOWN = 4, 60
+"""settings that a line names; characters of a setting's value, which may be a whole arena"""
+TABLES = {"smoke-detection": ("scores", "robots"), "smoke-labyrinth": ("trial", "intruders", "robots")}
+"""packaged campaign -> its tables that have committed numbers"""
+PLATFORM = "platform.json"
+SAME_PLATFORM = ("libm", "machine", "processor", "python", "libraries")
+
+Curves = Mapping[str, Mapping[float, BySeed]]
+"""the other factors' values -> the value of the factor along x -> a score of each seed"""
 
 
 class Comparison(NamedTuple):
     """Campaigns side by side."""
 
     experiment: Experiment
+    campaigns: Mapping[str, Results]
+    """by name, the baseline first"""
     tables: list[Table]
-    """for files and programs"""
-    lines: list[str]
-    """for a terminal: what was compared"""
-    shown: list[Table]
-    """for a terminal: the differences of each cell"""
+    """for files and programs: the experiment's own, ``differences`` and ``settings``"""
+
+    @property
+    def differences(self) -> Table:
+        """A row per cell, measure and further campaign."""
+        return next(table for table in self.tables if table.name == "differences")
 
 
 def compare(
-    directories: Sequence[str | Path],
-    output: str | Path | None = None,
-    by: str | None = None,
-    baseline: str | None = None,
-) -> tuple[Experiment, list[Table]]:
-    """The experiment and the tables of :func:`comparison`."""
-    found = comparison(directories, output, by, baseline)
-    return found.experiment, found.tables
-
-
-def comparison(
-    directories: Sequence[str | Path],
-    output: str | Path | None = None,
-    by: str | None = None,
-    baseline: str | None = None,
+    directories: Sequence[str | Path], by: str | None = None, baseline: str | None = None
 ) -> Comparison:
     """Two or more campaigns of one experiment, on the seeds that they share with the first.
 
     Args:
         directories: of the campaigns.
-        output: a folder for the tables and figures; nothing is written unless it is given.
-        by: a factor of the grid of the only campaign; then the parts with each of its values are compared,
-            by seed and by the other factors.
+        by: a factor of the grid of the only campaign, whose values are compared, by seed and cell.
         baseline: the value with which the others are compared; the first unless given.
-
-    Returns:
-        Among its tables are those that the experiment adds, ``differences`` (of the main scores) and
-        ``settings`` (which ones differ).
 
     Raises:
         InputError: they are not of one experiment, it has no main scores, one folder is given twice, a
-            campaign has no seed in common with the first, ``by`` does not part the only campaign, or the
-            factor has no value ``baseline``.
+            campaign has no seed in common with the first, ``by`` has one value only, or there is no value
+            ``baseline``.
     """
     if by is None and baseline is not None:
         raise InputError(f"compare: --baseline {baseline}: say by --by of which factor")
     if by is None and len(directories) == 1:
         only = load_results(directories[0], tables_of)
         if (preset := only.definition.compare) is not None:
-            return comparison(directories, output, preset.by, str(preset.baseline))
-        factors = only.factors
-        hint = f", or --by {' or --by '.join(factors)}" if factors else ""
+            return compare(directories, preset.by, str(preset.baseline))
+        hint = f", or --by {' or --by '.join(only.factors)}" if only.factors else ""
         raise InputError(f"compare: give two or more different folders{hint}")
-    campaigns = _load(directories) if by is None else _parts(directories, by, baseline)
+    if by is None:
+        names = names_of([Path(directory) for directory in directories])
+        campaigns = {
+            name: load_results(path, tables_of) for name, path in zip(names, directories, strict=True)
+        }
+    else:
+        campaigns = _by_value(directories, by, baseline)
     names = list(campaigns)
     kinds = sorted({results.definition.experiment for results in campaigns.values()})
     record = experiment_of(campaigns[names[0]])
@@ -109,17 +120,52 @@ def comparison(
             f"not {' and '.join(kinds)}"
         )
     frame = joined({(name,): record.measures(results) for name, results in campaigns.items()}, [CAMPAIGN])
-    changes = differences_table(record, frame.drop(columns=[by] if by in frame else []), names)
+    differences = _differences_table(record, frame.drop(columns=[by] if by in frame else []), names)
     for name in names[1:]:
-        if not any(name in row for row in changes.rows):
+        if not any(name in row for row in differences.rows):
             raise InputError(_nothing_to_pair(frame, names[0], name))
-    settings = settings_table(campaigns)
-    tables = [*record.comparison_tables(campaigns), changes, settings]
-    if output is not None:
-        for table in tables:
-            table.write(Path(output))
-        write_figures_of(campaigns, Path(output))
-    return Comparison(record, tables, *_shown_differences(record, names, changes, campaigns, settings))
+    tables = [*record.comparison_tables(campaigns), differences, _settings_table(campaigns)]
+    return Comparison(record, campaigns, tables)
+
+
+def names_of(directories: Sequence[Path]) -> list[str]:
+    """What to call the folders: the shortest different ends of their paths, none of them a table's column.
+
+    Raises InputError for fewer than two folders, or one given twice.
+    """
+    # absolute, but not through links: a link's own name is what its owner calls the campaign
+    parts = [Path(os.path.abspath(directory)).parts for directory in directories]
+    for length in range(1, max(map(len, parts), default=0) + 1):
+        names = ["/".join(each[-length:]) for each in parts]
+        if len(set(names)) == len(names) > 1 and not set(names) & set(COLUMNS):
+            return names
+    raise InputError("compare: give two or more different folders")
+
+
+def _by_value(directories: Sequence[str | Path], by: str, baseline: str | None) -> dict[str, Results]:
+    """The only campaign by the values of a factor, called ``factor=value``, the baseline first."""
+    if len(directories) != 1:
+        raise InputError(f"compare: --by {by} parts one campaign; give one folder")
+    parts = load_results(directories[0], tables_of).by_value(by)
+    if len(parts) == 1:
+        raise InputError(f"{directories[0]}: '{by}' has one value only; there is nothing to compare")
+    names = list(parts)
+    if baseline is not None:
+        # a digest or a version follows the name of a user's own code
+        alike = [name for name in names if baseline in (name, re.split("[#@]", name)[0])]
+        alike = alike or [name for name in names if _is_same_number(baseline, name)]
+        if len(alike) != 1:
+            what = "several values are called so" if alike else "no such value"
+            raise InputError(f"compare: --baseline {baseline}: {what} of {by}{nearest_name(baseline, names)}")
+        names = [*alike, *(name for name in names if name not in alike)]
+    return {f"{by}={name}": parts[name] for name in names}
+
+
+def _is_same_number(text: str, other: str) -> bool:
+    try:
+        return float(text) == float(other)
+    except ValueError:
+        return False
 
 
 def _nothing_to_pair(frame: pd.DataFrame, first: str, name: str) -> str:
@@ -129,38 +175,86 @@ def _nothing_to_pair(frame: pd.DataFrame, first: str, name: str) -> str:
     if not seeds[first] or not seeds[name]:
         return f"compare: {name if seeds[first] else first} has no finished trial"
     if not set(seeds[first]) & set(seeds[name]):
-        both = ", ".join(f"{one} has {_seeds(found)}" for one, found in seeds.items())
+        texts = {
+            one: f"seed {found[0]}" if len(found) == 1 else f"seeds {found[0]} to {found[-1]}"
+            for one, found in seeds.items()
+        }
+        both = ", ".join(f"{one} has {text}" for one, text in texts.items())
         return f"nothing to pair: {both}; run {name} with --seed {seeds[first][0]}"
-    names = [str(column) for column in frame if column not in (CAMPAIGN, MEASURE, "seed", "value")]
+    names = _cell_columns(frame, [CAMPAIGN])
     keys = {one: part[names].itertuples(index=False, name=None) for one, part in parts.items()}
     cells = {one: ", ".join(dict.fromkeys(label(names, key) for key in keys[one]))[:80] for one in keys}
     return f"nothing to pair: {first} has {cells[first]}; {name} has {cells[name]}"
 
 
-def _seeds(seeds: Sequence[int]) -> str:
-    return f"seed {seeds[0]}" if len(seeds) == 1 else f"seeds {seeds[0]} to {seeds[-1]}"
+def _cell_columns(frame: pd.DataFrame, by: Sequence[str]) -> list[str]:
+    """The columns of a frame of scores that tell cells apart."""
+    return [str(name) for name in frame if name not in (*by, MEASURE, "seed", "value")]
 
 
-def _shown_differences(
-    record: Experiment,
-    names: Sequence[str],
-    changes: Table,
-    campaigns: Mapping[str, Results],
-    settings: Table,
-) -> tuple[list[str], list[Table]]:
+def _difference_cells(record: Experiment, one: Compared) -> dict[str, Cell]:
+    return analysis.columns_of(one.difference, record.wants_less(one.measure))
+
+
+def _notes(compared: Sequence[Compared], places: Iterable[str] = ()) -> list[str]:
+    """What a reader has to know about differences; ``places`` names each, where Holm's notes are wanted."""
+    changes = [one.difference for one in compared]
+    notes = outlier_notes(one.outlier_seed for one in changes)
+    return notes + analysis.holm_notes(list(places) or [""] * len(changes), changes) * bool(places)
+
+
+def _differences_table(record: Experiment, frame: pd.DataFrame, campaigns: Sequence[str]) -> Table:
+    """Means of the first campaign (``campaigns[0]``) and of each other, and their difference, by cell."""
+    first = campaigns[0]
+    compared = analysis.compare(frame, [CAMPAIGN], record.range_of) if len(frame) else []
+    rows: list[Mapping[str, Cell]] = [
+        {
+            "trial": one.cell,
+            "measure": one.measure,
+            first: one.difference.before,
+            str(one.contestant[0]): one.difference.after,
+            **_difference_cells(record, one),
+        }
+        for one in compared
+    ]
+    places = [
+        f"{one.cell} {in_words(one.measure)}" + f" ({one.contestant[0]})" * (len(campaigns) > 2)
+        for one in compared
+    ]
+    labels = {name: name for name in campaigns}
+    title, notes = f"Differences from {first} {HOW}", _notes(compared, places)
+    return Table("differences", title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=notes, labels=labels)
+
+
+def _settings_table(campaigns: Mapping[str, Results]) -> Table:
+    """A row per setting that is not the same in all campaigns, with its value in each."""
+    settings: dict[str, dict[str, str]] = {}
+    for name, results in campaigns.items():
+        given = results.definition
+        seeds = {"base_seed": given.base_seed, "trials": given.trials}
+        for key, value in {**seeds, **given.grid, **given.parameters}.items():
+            text = f"[{', '.join(map(str, value))}]" if isinstance(value, list) else str(value)
+            cut = text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
+            settings.setdefault(key, dict.fromkeys(campaigns, "(not set)"))[name] = cut
+    rows = [{"setting": key, **by} for key, by in settings.items() if len(set(by.values())) > 1]
+    title = "Settings that differ" if rows else "No setting differs"
+    return Table("settings", title, rows, labels={name: name for name in campaigns})
+
+
+def shown(found: Comparison) -> tuple[list[str], list[Table]]:
     """What a terminal shows: lines on what was compared, and a table for each other campaign and cell."""
-    first, *others = names
+    first, *others = found.campaigns
+    codes = {name: code_of(results.provenance) for name, results in found.campaigns.items()}
     lines: list[str] = []
     tables: list[Table] = []
-    codes = {name: code_of(results.provenance) for name, results in campaigns.items()}
     for name in others:
         if codes[name] != codes[first]:
             lines.append(f"Different code: {first} was run by {codes[first]}, {name} by {codes[name]}.")
-        rows = [row for row in changes.rows if name in row]
+        rows = [row for row in found.differences.rows if name in row]
         seeds = max(int(str(row["seeds"])) for row in rows)
         shared = f"{seeds} shared seed{'' if seeds == 1 else 's'}"
-        lines.append(f"{name} against {first}: {shared}{_settings_in_words(settings, first, name)}")
-        if _are_the_same(campaigns[first], campaigns[name]):
+        lines.append(f"{name} against {first}: {shared}{_settings_in_words(found.tables[-1], first, name)}")
+        if _are_identical(found.campaigns[first], found.campaigns[name]):
             lines.append(f"The trials of {name} and {first} are the same, byte for byte.")
         for cell in dict.fromkeys(str(row["trial"]) for row in rows):
             own: list[Mapping[str, Cell]] = [
@@ -176,7 +270,7 @@ def _shown_differences(
             ]
             labels = {"measure": "", first: first, name: name}
             tables.append(Table(f"differences_{cell}", team_in_words(cell), own, labels=labels))
-    return [*lines, *(note for note in changes.notes)], tables
+    return [*lines, *found.differences.notes], tables
 
 
 def _settings_in_words(settings: Table, first: str, name: str) -> str:
@@ -188,21 +282,18 @@ def _settings_in_words(settings: Table, first: str, name: str) -> str:
     ]
     if not changed:
         return "" if settings.rows else "; no setting differs"
-    texts = [
-        f"{row['setting']} ({row[first]} -> {row[name]})".replace("(not set)", "not set")
-        for row in changed[:MOST_SETTINGS]
-    ]
-    more = len(changed) - len(texts)
-    texts += [f"{more} more (--wide lists them)"] if more else []
-    return f"; settings that differ: {', '.join(texts)}"
+    texts = [f"{row['setting']} ({row[first]} -> {row[name]})" for row in changed[:MOST_SETTINGS]]
+    if more := len(changed) - len(texts):
+        texts.append(f"{more} more (--wide lists them)")
+    return f"; settings that differ: {', '.join(texts)}".replace("(not set)", "not set")
 
 
-def _are_the_same(first: Results, other: Results) -> bool:
+def _are_identical(first: Results, other: Results) -> bool:
     """Whether all tables of both campaigns' trials agree in the seeds that both have."""
     if set(first.tables) != set(other.tables) or first.factors != other.factors:
         return False
-    for name in first.tables:
-        one, two = first.tables[name], other.tables[name]
+    for name, one in first.tables.items():
+        two = other.tables[name]
         if "seed" not in one or "seed" not in two:
             return False
         seeds = set(one["seed"]) & set(two["seed"])
@@ -212,127 +303,382 @@ def _are_the_same(first: Results, other: Results) -> bool:
     return True
 
 
-def worse(experiment: Experiment, tables: Sequence[Table], measure: str) -> list[str]:
+def worse(found: Comparison, measure: str) -> list[str]:
     """What is worse than the first campaign in a score, a line each; by the verdicts of ``differences``.
 
     Raises:
         InputError: the experiment has no such main score.
     """
-    (rows,) = [table.rows for table in tables if table.name == "differences"]
-    known = list(dict.fromkeys(str(row["measure"]) for row in rows))
+    known = list(dict.fromkeys(str(row["measure"]) for row in found.differences.rows))
     if measure not in known:
         raise InputError(f"compare: --fail-if-worse {measure}: no such score{nearest_name(measure, known)}")
-    found = []
-    for row in rows:
+    lines = []
+    for row in found.differences.rows:
         if row["measure"] == measure and row["verdict"] == WORSE:
             (name,) = [key for key in list(row)[3:] if key not in COLUMNS]
             change = row["difference"]
             assert isinstance(change, Estimate)
             place = ", ".join(filter(None, (name, str(row["trial"]))))
-            found.append(
-                f"{measure} is worse: {place}: {change.value:+.3f} [{change.low:+.3f}, {change.high:+.3f}],"
-                f" p {row['p_holm']:.2g}"
+            interval = f"{change.value:+.3f} [{change.low:+.3f}, {change.high:+.3f}]"
+            lines.append(f"{measure} is worse: {place}: {interval}, p {row['p_holm']:.2g}")
+    return lines
+
+
+def rank(directory: str | Path, of: Sequence[str] = (), rank_by: str | None = None) -> list[Table]:
+    """A table for each score that ranks, one row for each contestant in each world, the best first.
+
+    A contestant is a value of each compared factor; what else differs between cells is the world. Beside
+    its mean is its difference from the first value of each factor, on the same seeds.
+
+    Args:
+        directory: of a campaign.
+        of: the factors that are compared; those that name code, such as ``detector``, unless given.
+        rank_by: a score of the experiment; those that it names itself unless given.
+
+    Raises:
+        InputError: the campaign has no such factor, or its experiment no such score.
+    """
+    results = load_results(directory, tables_of)
+    record = experiment_of(results)
+    if record.measures is None:
+        raise InputError(f"{directory}: the experiment '{record.name}' has no main scores to rank by")
+    for factor in of:
+        if factor not in results.factors:
+            nearest = nearest_name(factor, results.factors)
+            raise InputError(f"{results.directory}: the grid has no factor '{factor}'{nearest}")
+    factors = [factor for factor in results.factors if factor in (of or NAMING_CODE)]
+    if not factors:
+        others = (
+            f"name a factor: --of {' or --of '.join(results.factors)}" if results.factors else "it has none"
+        )
+        raise InputError(f"{results.directory}: its grid compares no {', '.join(NAMING_CODE)}; {others}")
+    parts: dict[Key, Results] = {(): results}
+    for factor in factors:
+        parts = {
+            (*key, name): cell for key, one in parts.items() for name, cell in one.by_value(factor).items()
+        }
+    frame = joined({key: record.measures(part) for key, part in parts.items()}, factors)
+    measures = list(dict.fromkeys(frame["measure"])) if len(frame) else []
+    if rank_by is not None and rank_by not in measures:
+        raise InputError(f"{directory}: no score '{rank_by}'{nearest_name(rank_by, measures)}")
+    ranked = [rank_by] if rank_by else [measure for measure in record.ranked_by if measure in measures]
+    return [
+        _ranking(record, factors, frame, one, [other for other in measures if other != one]) for one in ranked
+    ]
+
+
+def _ranking(
+    record: Experiment, factors: Sequence[str], frame: pd.DataFrame, measure: str, beside: Sequence[str]
+) -> Table:
+    """The rows of every world, in the campaign's order of worlds."""
+    names = _cell_columns(frame, factors)
+    frame = _without_repeats(frame, factors, names, measure)
+    values = series(frame, [*factors, *names, MEASURE])
+    compared = analysis.compare(frame, factors, record.range_of, [measure], with_baseline=True)
+    worlds = list(dict.fromkeys(one.key for one in compared))
+    compared = sorted(compared, key=lambda one: worlds.index(one.key))
+    first = compared[0].contestant
+    wants_less = record.wants_less(measure)
+    rows: list[Mapping[str, Cell]] = []
+    for _, world in itertools.groupby(compared, key=lambda one: one.key):
+        means = [(_mean(record, measure, one.values), one) for one in world]
+        sign = 1.0 if wants_less else -1.0
+        means.sort(key=lambda of: (math.isnan(of[0].value), sign * of[0].value, _texts(of[1].contestant)))
+        for place, (estimate, one) in enumerate(means, 1):
+            others = {score: values.get((*one.contestant, *one.key, score)) for score in beside}
+            rows.append(
+                {
+                    **({"world": one.cell} if len(worlds) > 1 else {}),
+                    "rank": place,
+                    **dict(zip(factors, _texts(one.contestant, with_pin=False), strict=True)),
+                    measure: estimate,
+                    **_difference_cells(record, one),
+                    **({"verdict": "the first"} if one.contestant == first else {}),
+                    **{score: _mean(record, score, by) for score, by in others.items() if by is not None},
+                }
             )
+    order = f"Ranked by {in_words(measure)}, {'the lowest' if wants_less else 'the highest'} first"
+    title = f"{order}; differences from {' + '.join(_texts(first, with_pin=False))} {HOW}"
+    places = [", ".join(filter(None, (" + ".join(_texts(one.contestant)), one.cell))) for one in compared]
+    labels = {score: in_words(score) for score in (measure, *beside)}
+    hidden = ("seeds", "p_holm", "outlier_seed", *beside)
+    name, notes = f"leaderboard_{measure}", _notes(compared, places)
+    return Table(name, title, rows, {"p_holm": 4}, notes=notes, labels=labels, beside=hidden)
+
+
+def _texts(values: Key, with_pin: bool = True) -> list[str]:
+    """The values of factors; without the checksum that follows the name of a user's file if so."""
+    return [str(value) if with_pin else str(value).partition("#")[0] for value in values]
+
+
+def _without_repeats(
+    frame: pd.DataFrame, factors: Sequence[str], names: Sequence[str], measure: str
+) -> pd.DataFrame:
+    """The scores without those of worlds that repeat another one: all cells together, where there is one."""
+    worlds: dict[Key, dict[Key, BySeed]] = {}
+    for key, by_seed in series(frame[frame[MEASURE] == measure], [*names, *factors]).items():
+        worlds.setdefault(key[: len(names)], {})[key[len(names) :]] = by_seed
+    scores = [*worlds.values()]
+    repeated = {world for i, world in enumerate(worlds) if scores[i] in scores[:i]}
+    keys = frame[[*names]].itertuples(index=False, name=None)
+    return frame[[tuple(key) not in repeated for key in keys]]
+
+
+def _mean(record: Experiment, measure: str, values: BySeed) -> Estimate:
+    return mean(list(values.values()), within=record.range_of(measure))
+
+
+def write_ranking(directory: str | Path, tables: Sequence[Table], page: Path) -> None:
+    """Write the tables of :func:`rank` into a Markdown file."""
+    results = load_results(directory, tables_of)
+    definition = results.definition
+    last = definition.base_seed + definition.trials - 1
+    lines = [
+        f"# Leaderboard: {results.directory.name}",
+        "",
+        f"Experiment `{definition.experiment}`, seeds {definition.base_seed} to {last}, {results.finished} "
+        "trials finished. Written by `midnet-bench compare --rank`.",
+        *versions_note(results.provenance),
+        "",
+    ]
+    for table in tables:
+        lines += [f"## {table.title}", "", table.to_markdown().strip(), ""]
+    write_atomically(page, "\n".join(lines).rstrip() + "\n")
+
+
+def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figure"]:
+    """A score over a numeric factor, as a table and as a figure of the table's name.
+
+    Args:
+        results: of a campaign.
+        x: the factor along x.
+        y: a main score, or a column of a table with one row for each trial; all main scores unless given, a
+            panel for each.
+
+    Raises:
+        InputError: there is no such factor or column, its values are no numbers, or no trial has finished.
+    """
+    said = f"{results.directory}: --x {x}"
+    if x not in results.definition.grid:
+        raise InputError(f"{said}: the grid has no such factor{nearest_name(x, results.factors)}")
+    if not _is_numeric(results, x):
+        values = ", ".join(map(str, results.definition.grid[x]))
+        raise InputError(f"{said}: its values are no numbers ({values[:60]})")
+    record = experiment_of(results)
+    panels = _main_scores(record, results, x)
+    if y is not None:
+        names = list(panels)
+        panels = panels if y in panels else _number_columns(results, x)
+        if y not in panels:
+            nearest = nearest_name(y, [*names, *panels])
+            raise InputError(f"{results.directory}: --y {y}: no such column{nearest}")
+        panels = {y: panels[y]}
+    if not panels:
+        raise InputError(f"{said}: no main score to draw; give a column by --y")
+    means = {
+        measure: {
+            cell: {at: _mean(record, measure, seeds) for at, seeds in points.items()}
+            for cell, points in curves.items()
+        }
+        for measure, curves in panels.items()
+    }
+    rows: list[Mapping[str, Cell]] = [
+        {"measure": measure, "cell": cell, x: at, "mean": estimate}
+        for measure, curves in means.items()
+        for cell, points in curves.items()
+        for at, estimate in points.items()
+    ]
+    title = f"Scores by {x} ({MEAN_METHOD}, over seeds)"
+    table = Table(f"{y or 'scores'}_by_{x}", title, rows, bounds={"mean": ("low", "high", "seeds")})
+    from midnet_bench.drawing.curves import curves_figure
+    from midnet_bench.drawing.labels import axis_label
+
+    leaf = leaves(record.model).get(x)
+    ranges = {measure: record.range_of(measure) for measure in means}
+    return table, curves_figure(axis_label(x, leaf.option.help if leaf else ""), panels, means, ranges)
+
+
+def sweeps(results: Results) -> list[tuple[Table, "Figure"]]:
+    """Figures of the factor that a campaign's key ``compare`` names; else of each long numeric factor.
+
+    None where the experiment's own figures show the factors, or without main scores.
+    """
+    record = experiment_of(results)
+    compared = compared_values(results)
+    if compared is not None:
+        return [compared]
+    if record.measures is None or (record.has_figures and not record.sweeps_beside) or not results.finished:
+        return []
+    grid = results.definition.grid
+    return [sweep(results, x) for x in grid if len(grid[x]) >= FEWEST and _is_numeric(results, x)]
+
+
+def compared_values(results: Results) -> tuple[Table, "Figure"] | None:
+    """What the campaign's key ``compare`` asks for: a row for each value, cell and score; and its figure.
+
+    None without that key, main scores or finished trials.
+    """
+    record, preset = experiment_of(results), results.definition.compare
+    if preset is None or record.measures is None or not results.finished:
+        return None
+    baseline = str(preset.baseline)
+    parts = results.by_value(preset.by)
+    ordered = {name: parts[name] for name in [baseline, *parts]}
+    frame = joined({(name,): record.measures(part) for name, part in ordered.items()}, [preset.by])
+    compared = analysis.compare(frame, [preset.by], record.range_of, preset.measures, with_baseline=True)
+    rows: list[Mapping[str, Cell]] = []
+    means: dict[str, dict[str, dict[str, Estimate]]] = {}
+    for one in compared:
+        value, change = str(one.contestant[0]), one.difference
+        if value != baseline:
+            place = {preset.by: value, "trial": one.cell, "measure": one.measure}
+            pair = {"baseline": change.before, "value": change.after}
+            rows.append({**place, **pair, **_difference_cells(record, one)})
+        estimate = _mean(record, one.measure, one.values)
+        means.setdefault(one.measure, {}).setdefault(one.cell, {})[value] = estimate
+    name, title = f"differences_by_{preset.by}", f"Differences from {baseline} {HOW}"
+    hidden = ("seeds", "p_holm", "outlier_seed", "value", "baseline")
+    table = Table(name, title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=_notes(compared), beside=hidden)
+    from midnet_bench.drawing.values import values_figure
+
+    return table, values_figure(list(ordered), means, preset.by)
+
+
+def _is_numeric(results: Results, factor: str) -> bool:
+    values = results.definition.grid[factor]
+    return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+
+
+def _main_scores(record: Experiment, results: Results, x: str) -> Mapping[str, Curves]:
+    if record.measures is None:
+        return {}
+    parts = {(float(name),): record.measures(part) for name, part in results.by_value(x).items()}
+    return _curves(joined(parts, [x]), x, label)  # type: ignore[arg-type]
+
+
+def _number_columns(results: Results, x: str) -> Mapping[str, Curves]:
+    """Every number of the tables with a row for each trial."""
+    found: dict[str, Curves] = {}
+    key = [*results.factors, "seed"]
+    for frame in results.tables.values():
+        if not set(key) <= set(frame) or frame.duplicated(key).any():
+            continue
+        numbers = [str(name) for name in frame if frame[name].dtype.kind in "iuf" and name not in key]
+        frame = frame.assign(**{x: frame[x].astype(float)})
+        scores = joined({(): analysis.tidy(frame, results.factors, numbers)}, [])
+        found.update(_curves(scores, x, lambda names, values: ", ".join(map(factor_text, names, values))))
     return found
 
 
-def _load(directories: Sequence[str | Path]) -> dict[str, Results]:
-    names = names_of([Path(directory) for directory in directories])
-    return {name: load_results(path, tables_of) for name, path in zip(names, directories, strict=True)}
+def _curves(frame: pd.DataFrame, x: str, named: Callable[[Sequence[str], Key], str]) -> Mapping[str, Curves]:
+    """A frame of scores as the curves of each measure; points from left to right."""
+    names = _cell_columns(frame, [x])
+    found: dict[str, dict[str, dict[float, BySeed]]] = {}
+    points = series(frame, [x, *names, MEASURE]) if len(frame) else {}
+    for (at, *others, measure), values in sorted(points.items(), key=lambda point: float(str(point[0][0]))):
+        curves = found.setdefault(str(measure), {})
+        curves.setdefault(named(names, tuple(others)), {})[float(str(at))] = values
+    return found
 
 
-def _parts(directories: Sequence[str | Path], by: str, baseline: str | None) -> dict[str, Results]:
-    """The only campaign by the values of a factor, called ``factor=value``, the baseline first."""
-    if len(directories) != 1:
-        raise InputError(f"compare: --by {by} parts one campaign; give one folder")
-    parts = load_results(directories[0], tables_of).by_value(by)
-    if len(parts) == 1:
-        raise InputError(f"{directories[0]}: '{by}' has one value only; there is nothing to compare")
-    names = list(parts)
-    if baseline is not None:
-        # code of one's own has a digest or a version behind it, which nobody wants to type
-        alike = [name for name in names if baseline in (name, re.split("[#@]", name)[0])]
-        alike = alike or [name for name in names if _is_number(baseline, name)]
-        if len(alike) != 1:
-            what = "several values are called so" if alike else "no such value"
-            raise InputError(f"compare: --baseline {baseline}: {what} of {by}{nearest_name(baseline, names)}")
-        names = [*alike, *(name for name in names if name not in alike)]
-    return {f"{by}={name}": parts[name] for name in names}
-
-
-def _is_number(text: str, other: str) -> bool:
-    """Whether both texts are the same number, such as 3 and 3.0."""
-    try:
-        return float(text) == float(other)
-    except ValueError:
-        return False
-
-
-def names_of(directories: Sequence[Path]) -> list[str]:
-    """What to call the folders: the shortest ends of their paths that tell them apart.
-
-    None is called as a column of a table. Raises InputError for fewer than two folders, or one given twice.
-    """
-    # absolute, but not through links: a link's own name is what its owner calls the campaign
-    parts = [Path(os.path.abspath(directory)).parts for directory in directories]
-    for length in range(1, max(map(len, parts), default=0) + 1):
-        names = ["/".join(each[-length:]) for each in parts]
-        if len(set(names)) == len(names) > 1 and not set(names) & set(COLUMNS):
-            return names
-    raise InputError("compare: give two or more different folders")
-
-
-def differences_table(record: Experiment, frame: pd.DataFrame, campaigns: Sequence[str]) -> Table:
-    """A row per cell, measure and further campaign: means of both, and their difference from the first.
-
-    Over the seeds that both have; the seed is the unit. Verdicts go by p-values adjusted by Holm.
+def compare_exactly(run: Path, golden: Path | None = None, *, update: bool = False) -> tuple[list[str], str]:
+    """What is off between a campaign's numbers and expected ones, a line each; and how it was judged.
 
     Args:
-        record: the campaigns' experiment.
-        frame: of scores, with the column ``campaign``.
-        campaigns: their names, the first one's first.
+        run: the campaign's folder.
+        golden: a folder of expected numbers, or of another campaign; the committed numbers of the packaged
+            campaign that ``run`` is called by unless given.
+        update: make the campaign's numbers the committed ones instead.
+
+    Raises:
+        InputError: there are no such numbers, or an installed package is to be changed.
     """
-    first = campaigns[0]
-    compared = analysis.compare(frame, [CAMPAIGN], record.range_of) if len(frame) else []
-    rows: list[Mapping[str, Cell]] = [
-        {
-            "trial": one.cell,
-            "measure": one.measure,
-            first: one.difference.before,
-            str(one.contestant[0]): one.difference.after,
-            **columns_of(one.difference, record.wants_less(one.measure)),
-        }
-        for one in compared
-    ]
-    notes = outlier_notes(one.difference.outlier_seed for one in compared)
-    places = [
-        f"{one.cell} {in_words(one.measure)}" + f" ({one.contestant[0]})" * (len(campaigns) > 2)
-        for one in compared
-    ]
-    notes += holm_notes(places, [one.difference for one in compared])
-    title = f"Differences from {first} on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
-    labels = {name: name for name in campaigns}
-    return Table("differences", title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=notes, labels=labels)
+    name = run.resolve().name
+    if golden is None:
+        if name not in TABLES:
+            raise InputError(
+                f"{run}: no numbers are committed for a campaign of this name; give their folder, or run "
+                f"{' or '.join(TABLES)}"
+            )
+        golden = shipped_folder(f"golden/{name}", f"results/reference/smoke/{name}")
+    if update and installed():
+        raise InputError("compare: --update changes the repository's numbers; run it in a checkout")
+    found = sorted(path.stem for path in golden.glob("*.csv") if path.stem != "timing")  # of each run its own
+    tables = TABLES.get(name) or tuple(found)
+    if update:
+        update_golden(run, golden, tables)
+        return [], ""
+    if failures := _rows(run / "failures.csv") if (run / "failures.csv").exists() else []:
+        return [f"{name}: {len(failures)} trials failed"], "and no number was compared"
+    same_platform, off = differences_from_golden(run, golden, tables)
+    how = "compared to the byte" if same_platform else "within another platform's bounds"
+    return [f"{name}: {line}" for line in off], how
 
 
-def settings_table(campaigns: Mapping[str, Results]) -> Table:
-    """A row per setting that is not the same in all campaigns, with its value in each."""
-    settings = {name: _settings(results.definition) for name, results in campaigns.items()}
-    keys = dict.fromkeys(key for one in settings.values() for key in one)
-    rows: list[Mapping[str, Cell]] = [
-        {"setting": key, **{name: _shown(one.get(key, "(not set)")) for name, one in settings.items()}}
-        for key in keys
-        if len({_shown(one.get(key, "(not set)")) for one in settings.values()}) > 1
-    ]
-    title = "Settings that differ" if rows else "No setting differs"
-    return Table("settings", title, rows, labels={name: name for name in campaigns})
+def update_golden(run: Path, golden: Path, tables: tuple[str, ...]) -> None:
+    """Make the numbers of ``run`` the golden ones, with the platform that made them."""
+    for name in tables:
+        write_atomically(golden / f"{name}.csv", (run / f"{name}.csv").read_bytes())
+    write_atomically(golden / PLATFORM, json.dumps(_platform(), indent=1) + "\n")
 
 
-def _settings(definition: Definition) -> dict[str, object]:
-    seeds = {"base_seed": definition.base_seed, "trials": definition.trials}
-    return {**seeds, **definition.grid, **definition.parameters}
+def differences_from_golden(run: Path, golden: Path, tables: tuple[str, ...]) -> tuple[bool, list[str]]:
+    """Whether every byte counts, and a line for each number of ``run`` that is off.
+
+    Every byte counts on the platform of the golden numbers, and in another campaign's folder.
+
+    Raises:
+        InputError: there are no golden numbers.
+    """
+    is_campaign = any((golden / name).exists() for name in ("campaign.sqlite", "configuration.json"))
+    try:
+        is_exact = is_campaign or json.loads((golden / PLATFORM).read_text()) == _platform()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{golden / PLATFORM}: no golden numbers here; make them with --update") from error
+    return is_exact, [line for name in tables for line in _differing(run, golden, name, is_exact)]
 
 
-def _shown(value: object) -> str:
-    text = f"[{', '.join(map(str, value))}]" if isinstance(value, list) else str(value)
-    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
+def _platform() -> Provenance:
+    here = collect(0)
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    flags = next((line for line in lines if line.startswith(("flags", "Features"))), None)
+    # numerical libraries choose their code by what the processor can do
+    digest = "" if not lines else hashlib.sha256((flags or "").encode()).hexdigest()[:16]
+    return {key: here[key] for key in SAME_PLATFORM} | {"processor_flags": digest}
+
+
+def _differing(run: Path, golden: Path, name: str, is_exact: bool) -> Iterator[str]:
+    drifts = {
+        (table, column): known.drift
+        for experiment in registry.names()
+        for table, its in registry.columns(experiment).items()
+        for column, known in its.columns.items()
+    }
+    ours, theirs = _rows(run / f"{name}.csv"), _rows(golden / f"{name}.csv")
+    if len(ours) != len(theirs):
+        yield f"{name}.csv: {len(ours)} rows, golden {len(theirs)}"
+    for number, (row, expected) in enumerate(zip(ours, theirs, strict=False), 1):
+        for column in expected:
+            drift = None if is_exact else drifts.get((name, column))
+            if not _agree(row.get(column, ""), expected[column], drift):
+                yield f"{name}.csv: row {number}: {column} {row.get(column)}, golden {expected[column]}"
+
+
+def _agree(ours: str, golden: str, drift: Drift | None) -> bool:
+    """``drift``: how far apart they may be; None if not at all."""
+    if drift is None or drift == ANY_DRIFT or not (ours and golden):
+        return drift == ANY_DRIFT or ours == golden
+    return abs(float(ours) - float(golden)) <= drift.absolute + drift.share * abs(float(golden))
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    try:
+        with path.open(newline="") as file:
+            return list(csv.DictReader(file))
+    except FileNotFoundError as error:
+        raise InputError(
+            f"{path}: no such table; make it with 'midnet-bench report {path.parent}'"
+        ) from error

@@ -106,9 +106,7 @@ def compare(*campaigns: Folder, by: str | None = None, baseline: str | None = No
     Raises:
         InputError: they cannot be compared; the message says why.
     """
-    _, tables = comparison.compare([_folder(one) for one in campaigns], by=by, baseline=baseline)
-    (differences,) = [table for table in tables if table.name == "differences"]
-    return frame_of(differences)
+    return frame_of(comparison.compare([_folder(one) for one in campaigns], by, baseline).differences)
 
 
 def verify(campaign: Folder) -> pd.DataFrame:

@@ -14,8 +14,8 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.experiment import Headline
 from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.io.files import plain_name, write_atomically
+from midnet_bench.workflows.compare import Comparison, sweep, sweeps
 from midnet_bench.workflows.shipped import shipped_folder
-from midnet_bench.workflows.sweeps import sweep, sweeps
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -136,7 +136,7 @@ def plot(
     Args:
         directory: of the campaign.
         output: a folder for the figures; the campaign's own unless given.
-        x: a numeric factor of the grid, for a figure of scores over it; see :func:`sweeps.sweep`.
+        x: a numeric factor of the grid, for a figure of scores over it; see :func:`compare.sweep`.
         y: the score.
         formats: of the figures: png, svg, pdf.
 
@@ -176,10 +176,11 @@ def _write_swept(pictures: "Sequence[Picture]", directory: Path) -> list[Path]:
     return written
 
 
-def write_figures_of(results: Mapping[str, Results], output: Path) -> list[Path]:
-    """Draw the figures that several campaigns of one experiment have in common; the files written."""
-    record = experiment_of(next(iter(results.values())))
-    return _write_pictures(_drawn(record.comparison_figures(results), FORMATS), output)
+def write_comparison(found: Comparison, output: Path) -> None:
+    """Write a comparison's tables, and the figures that its campaigns have in common."""
+    for table in found.tables:
+        table.write(output)
+    _write_pictures(_drawn(found.experiment.comparison_figures(found.campaigns), FORMATS), output)
 
 
 def _drawn(figures: "Mapping[str, Figure]", formats: Sequence[str]) -> "list[Picture]":

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from midnet_bench.workflows.smoke import TABLES
+from midnet_bench.workflows.compare import TABLES
 from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows
 
 

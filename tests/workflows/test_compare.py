@@ -7,6 +7,7 @@ from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.workflows.compare import compare, names_of, worse
+from midnet_bench.workflows.report import write_comparison
 from tests.stores import detection_store, labyrinth_store
 
 SMALL = {"intruders": [1, 2], "robots": [1, 2]}
@@ -18,7 +19,10 @@ def one_robot(folder: Path, precision: dict[int, float]) -> Path:
 
 
 def compared(*directories: Path, output: Path | None = None) -> dict[str, Table]:
-    return {table.name: table for table in compare(directories, output)[1]}
+    found = compare(directories)
+    if output is not None:
+        write_comparison(found, output)
+    return {table.name: table for table in found.tables}
 
 
 def test_detection_campaigns_are_paired_by_seed(tmp_path: Path) -> None:
@@ -67,7 +71,7 @@ def test_the_values_of_a_factor_are_paired_by_seed(tmp_path: Path) -> None:
         folder = tmp_path / f"engine={engine}"
         folder.mkdir()
         labyrinth_store(folder / "campaign.sqlite", lambda i, r, s, n=number: n, seeds=3, grid=SMALL).close()
-    together = {table.name: table for table in compare([one], by="engine")[1]}
+    together = {table.name: table for table in compare([one], by="engine").tables}
     apart = compared(tmp_path / "engine=bullet", tmp_path / "engine=fast")
     assert str(together["differences"].flat_rows()) == str(apart["differences"].flat_rows())  # NaN is NaN
     assert {row["difference"] for row in together["differences"].flat_rows()} == {-75.0, 20.0}
@@ -92,17 +96,16 @@ SIZES = {
 
 def test_the_values_of_a_factor_are_compared_with_the_baseline(tmp_path: Path) -> None:
     folder = detection_store(tmp_path / "sizes", SIZES)
-    experiment, tables = compare([folder], by="robots", baseline="3")
-    (table,) = [one for one in tables if one.name == "differences"]
-    rows = [row for row in table.rows if row["measure"] == "f1"]
+    found = compare([folder], by="robots", baseline="3")
+    rows = [row for row in found.differences.rows if row["measure"] == "f1"]
     assert [list(row)[3] for row in rows] == ["robots=1", "robots=2"]
     assert all(list(row)[2] == "robots=3" for row in rows)
-    (line,) = worse(experiment, tables, "f1")
+    (line,) = worse(found, "f1")
     assert line.startswith("f1 is worse: robots=2: -0.097 [")
-    assert worse(experiment, tables, "precision") == []
+    assert worse(found, "precision") == []
     for measure, told in (("f2", "no such score; .* f1"), ("frames", "no such score")):
         with pytest.raises(InputError, match=f"--fail-if-worse {measure}: {told}"):
-            worse(experiment, tables, measure)
+            worse(found, measure)
 
 
 def test_gospa_is_worse_when_it_is_higher(tmp_path: Path) -> None:
@@ -111,8 +114,8 @@ def test_gospa_is_worse_when_it_is_higher(tmp_path: Path) -> None:
 
     folder = detection_store(tmp_path / "sizes", SIZES, counted=counted)
     for baseline, expected in (("1", ["robots=2", "robots=3"]), ("3", [])):
-        experiment, tables = compare([folder], by="robots", baseline=baseline)
-        lines = worse(experiment, tables, "gospa_per_frame_m")
+        found = compare([folder], by="robots", baseline=baseline)
+        lines = worse(found, "gospa_per_frame_m")
         assert [line.split(": ")[1] for line in lines] == expected
 
 
@@ -167,7 +170,7 @@ def test_nothing_in_common_is_told(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match="nothing to pair: first has seed 1, other has seed 2; run other with --seed 1"
     ):
-        compare([first, other], tmp_path / "out")
+        compared(first, other, output=tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 

@@ -11,8 +11,8 @@ from midnet_bench.analysis.statistics import mean
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.registry import experiment_of
-from midnet_bench.workflows import leaderboard as module
-from midnet_bench.workflows.leaderboard import leaderboard
+from midnet_bench.workflows import compare as module
+from midnet_bench.workflows.compare import rank, write_ranking
 
 SEEDS = range(1, 7)
 
@@ -48,7 +48,7 @@ def compared(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("compared")
 def test_the_best_comes_first_and_differences_are_from_the_first_of_the_grid() -> None:
-    by_f1, by_gospa = leaderboard("somewhere")
+    by_f1, by_gospa = rank("somewhere")
     assert [(row["detector"], row["fusion"], row["verdict"]) for row in by_f1.rows] == [
         ("mine", "paper", "better"),
         ("midnet", "paper", "the first"),
@@ -69,7 +69,7 @@ def test_the_best_comes_first_and_differences_are_from_the_first_of_the_grid() -
 
 @pytest.mark.usefixtures("compared")
 def test_one_factor_makes_the_other_a_world() -> None:
-    (ranked,) = leaderboard("somewhere", of=["detector"], rank_by="recall")
+    (ranked,) = rank("somewhere", of=["detector"], rank_by="recall")
     assert [(row["world"], row["detector"]) for row in ranked.rows] == [
         ("5-robot, fusion=paper", "mine"),
         ("5-robot, fusion=paper", "midnet"),
@@ -80,7 +80,7 @@ def test_one_factor_makes_the_other_a_world() -> None:
 
 @pytest.mark.usefixtures("compared")
 def test_the_page_has_the_tables(tmp_path: Path) -> None:
-    leaderboard("somewhere", page=tmp_path / "page.md")
+    write_ranking("somewhere", rank("somewhere"), tmp_path / "page.md")
     text = (tmp_path / "page.md").read_text(encoding="utf-8")
     assert text.startswith("# Leaderboard: somewhere\n")
     assert "seeds 1 to 6" in text
@@ -91,9 +91,9 @@ def test_the_page_has_the_tables(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("compared")
 def test_what_cannot_be_ranked_is_said() -> None:
     with pytest.raises(InputError, match=r"no factor 'detectro'.*detector"):
-        leaderboard("somewhere", of=["detectro"])
+        rank("somewhere", of=["detectro"])
     with pytest.raises(InputError, match="no score 'f2'"):
-        leaderboard("somewhere", rank_by="f2")
+        rank("somewhere", rank_by="f2")
 
 
 @pytest.mark.usefixtures("compared")
@@ -108,7 +108,7 @@ def test_all_cells_together_are_no_world_of_their_own_where_there_is_one(
         return pd.concat([found, found.assign(robots=None, scope="all cells")])
 
     monkeypatch.setattr(module, "experiment_of", lambda of: replace(experiment_of(of), measures=twice))
-    by_f1, _ = leaderboard("somewhere")
+    by_f1, _ = rank("somewhere")
     assert len(by_f1.rows) == 4
     assert not any("world" in row for row in by_f1.rows)
 
@@ -127,7 +127,8 @@ def test_shares_and_their_differences_stay_where_shares_can_be(
     rare = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
     found.tables["scores"]["recall"] = [*rare, *[1.0] * 6]
     monkeypatch.setattr(module, "load_results", lambda *_: found)
-    (ranked,) = leaderboard("somewhere", rank_by="recall", page=tmp_path / "page.md")
+    (ranked,) = rank("somewhere", rank_by="recall")
+    write_ranking("somewhere", [ranked], tmp_path / "page.md")
     best, first = ranked.rows
     assert mean(rare).high > 1.0
     assert first["recall"][1:3] == (0.0, 1.0)  # type: ignore[index]

@@ -10,8 +10,7 @@ from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
 from midnet_bench.experiments.registry import experiment_of, tables_of
-from midnet_bench.workflows.compare import compare
-from midnet_bench.workflows.sweeps import compared_values
+from midnet_bench.workflows.compare import compare, compared_values
 from midnet_bench.workflows.verify import power_report, verify
 
 REPOSITORY = Path(__file__).parents[2]
@@ -110,7 +109,7 @@ def test_what_commands_print_is_described(tmp_path: Path) -> None:
     check_table(power_report(labyrinth, 5.0)[1])
     link = tmp_path / "again"
     link.symlink_to(labyrinth)
-    _, tables = compare([labyrinth, link])
+    tables = compare([labyrinth, link]).tables
     rates, differences, settings = tables
     check_table(rates)
     check_table(differences, ["labyrinth", "again"])

@@ -9,7 +9,7 @@ import pytest
 
 from midnet_bench.campaign.definition import load_campaign
 from midnet_bench.errors import InputError
-from midnet_bench.workflows.smoke import PLATFORM, differences_from_golden, update_golden
+from midnet_bench.workflows.compare import PLATFORM, compare_exactly, differences_from_golden, update_golden
 
 REPOSITORY = Path(__file__).parents[2]
 GOLDEN = REPOSITORY / "results" / "reference" / "smoke"
@@ -131,3 +131,23 @@ def test_the_smoke_campaigns_are_those_of_the_golden_numbers() -> None:
         for values in campaign.grid.values():
             grid *= len(values)
         assert len(cells) == grid
+
+
+def test_two_campaigns_are_compared_value_by_value(tmp_path: Path) -> None:
+    """Without a platform's file every byte counts, of all tables but the times that trials took."""
+    golden = GOLDEN / "smoke-labyrinth"
+    for name in ("one", "other"):
+        shutil.copytree(golden, tmp_path / name)
+        (tmp_path / name / PLATFORM).unlink()
+        (tmp_path / name / "configuration.json").write_text("{}")
+        (tmp_path / name / "timing.csv").write_text(f"wall_s\n{name}\n")
+    assert compare_exactly(tmp_path / "one", tmp_path / "other") == ([], "compared to the byte")
+    trial = tmp_path / "other" / "trial.csv"
+    trial.write_text(trial.read_text().replace("1", "2"))
+    lines, _ = compare_exactly(tmp_path / "one", tmp_path / "other")
+    assert lines
+    assert all(line.startswith("one: trial.csv: row ") for line in lines)
+    trial.unlink()
+    (tmp_path / "one" / "trial.csv").rename(trial)
+    with pytest.raises(InputError, match=r"trial\.csv: no such table"):
+        compare_exactly(tmp_path / "one", tmp_path / "other")

@@ -10,8 +10,8 @@ from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
+from midnet_bench.workflows.compare import sweep
 from midnet_bench.workflows.report import plot, write_report
-from midnet_bench.workflows.sweeps import sweep
 from tests.stores import detection_store, labyrinth_store
 
 SCORES = {
