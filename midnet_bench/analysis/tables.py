@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +43,7 @@ class Table:
     labels: Mapping[str, str] = field(default_factory=dict)
     """what people read at the head of a column; its name unless given"""
 
-    @property
+    @cached_property
     def columns(self) -> list[str]:
         """Names in order of first appearance, an estimate being one column."""
         return list(dict.fromkeys(name for row in self.rows for name in row))

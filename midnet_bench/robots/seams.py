@@ -29,7 +29,7 @@ class RobotSeam(Seam):
         if found.urdf is not None and (choice.options or choice.place not in self.own):
             found = replace(found, urdf=None)  # the description has the old numbers, or does not travel
         numbers_given: dict[str, Any] = dict(choice.options)
-        return replace(found, **numbers_given)
+        return replace(found, **numbers_given) if numbers_given else found
 
     def make(self, value: str, *arguments: Any) -> RobotModel:
         """The robot that ``value``, a pinned one, names."""

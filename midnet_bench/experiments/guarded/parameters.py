@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, Self
 
 from midnet_bench.agents.settings import GoalSettings, PatrolSettings
@@ -276,7 +277,7 @@ class GuardParameters(Parameters):
         drawn = place.stationary_intruders.model_copy(update={"size_m": size_m})
         return place.model_copy(update={"stationary_intruders": drawn})
 
-    @property
+    @cached_property
     def local_costmap(self) -> CostmapSettings:
         """The costmap in which each guard looks for intruders."""
         costmap = replace(
@@ -292,7 +293,7 @@ class GuardParameters(Parameters):
             return replace(costmap, size_m=max(costmap.size_m, 2.0 * (costmap.obstacle_range_m + beyond_m)))
         return costmap
 
-    @property
+    @cached_property
     def prior_costmap(self) -> CostmapSettings:
         """The costmap from which the prior map is cut: one set of parameters for both (item 3).
 
@@ -314,7 +315,7 @@ class GuardParameters(Parameters):
             return midnet
         return replace(midnet, deflate_boxes_m=self.local_costmap.reach_m(midnet.thresh_local))
 
-    @property
+    @cached_property
     def guard_navigator(self) -> NavigatorSettings:
         """What a guard drives by, on maps of this resolution."""
         settings = self.navigator
@@ -322,7 +323,7 @@ class GuardParameters(Parameters):
             settings, global_costmap=replace(settings.global_costmap, resolution=self.resolution_m)
         )
 
-    @property
+    @cached_property
     def intruder_navigator(self) -> NavigatorSettings:
         """The same at the intruders' speed."""
         return self.guard_navigator.at_speed(self.intruder_speed_mps)
