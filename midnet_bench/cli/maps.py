@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -12,13 +12,17 @@ from midnet_bench.cli import completion, messages, options
 from midnet_bench.cli.app import command
 
 if TYPE_CHECKING:
-    from midnet_bench.analysis.tables import Table
     from midnet_bench.campaign.trial import Scalar
-    from midnet_bench.grid import OccupancyGrid
+    from midnet_bench.workflows.maps import MadeMap
 
 PARTICLES, SEED = 30, 1
 CLIP = "--clip/--no-clip"
-
+TAKEN = {
+    "--from-log": ("--slam", "--particles", "--seed", CLIP),
+    "--from-map": ("--set",),
+    "--exact": ("--set",),
+}
+"""what makes a map other than an exploration -> the options that go with it"""
 _ENDINGS = re.compile(r"(\.(yaml|yml|log|clf|carmen|txt|dat))?(\.gz)?$")
 
 
@@ -81,6 +85,7 @@ def make_map(
     if [arena, from_log, from_map].count(None) != 2:
         raise InputError("map: give either an arena, such as map1, or --from-log FILE, or --from-map FILE")
     given = {
+        "--exact": exact or None,
         "--robots": robots,
         "--slam": slam,
         "--particles": particles,
@@ -90,105 +95,87 @@ def make_map(
         "--robot-model": robot_model,
         "--set": settings,
     }
-    chosen_seed, with_clip = SEED if seed is None else seed, clip is not False
+    way = "--from-log" if from_log else "--from-map" if from_map else "--exact" if exact else None
+    if way is not None:
+        _refuse(way, {name: value for name, value in given.items() if name not in (*TAKEN[way], way)})
+    seed, with_clip = SEED if seed is None else seed, clip is not False
     if from_log is not None:
-        unused = ("--exact", "--robots", "--engine", "--robot-model", "--set")
-        _refuse("--from-log", {"--exact": exact or None, **given}, unused)
-        place = output or _folder(from_log.name)
         if slam == "graph":
-            _refuse("--slam graph", given, ("--particles",))
-        if slam == "gmapping":
+            _refuse("--slam graph", {"--particles": particles})
+        elif slam == "gmapping":
             particles = particles or PARTICLES
-        _map_log(from_log, particles, chosen_seed, with_clip, place, as_json)
-        return
-    if from_map is not None:
-        others = {"--exact": exact or None, **given}
-        _refuse(
-            "--from-map", others, ("--exact", "--robots", "--slam", "--particles", "--seed", CLIP, "--engine")
-        )
-        _resample(from_map, settings or [], output or _folder(from_map.name, "-resampled"), as_json)
-        return
-    assert arena is not None
-    if exact:
-        _refuse("--exact", given, [name for name in given if name != "--set"])
-        _draw_exactly(arena, settings or [], output or _folder(arena, "-exact"), as_json)
-        return
-    if slam == "graph":
-        raise InputError("map: --slam graph maps recorded logs only; leave it out, or give --from-log FILE")
-    wishes = {"arena": arena, "robots": robots, "particles": particles}
-    wishes |= {"engine": engine, "robot": robot_model}
-    values: dict[str, Scalar] = {name: value for name, value in wishes.items() if value is not None}
-    _explore(_joined(values, settings or []), chosen_seed, with_clip, output or _folder(arena), as_json)
+        made = _map_log(from_log, particles, seed, with_clip, output or _folder(from_log.name))
+    elif from_map is not None:
+        from midnet_bench.workflows.maps import resample
+
+        target = output or _folder(from_map.name, "-resampled")
+        made = resample(from_map, options.settings_with({}, settings), target)
+    elif arena is not None and exact:
+        from midnet_bench.workflows.maps import draw
+
+        made = draw(_joined({"arena": arena}, settings), output or _folder(arena, "-exact"))
+    else:
+        assert arena is not None
+        if slam == "graph":
+            raise InputError(
+                "map: --slam graph maps recorded logs only; leave it out, or give --from-log FILE"
+            )
+        named = {"arena": arena, "robots": robots, "particles": particles}
+        named |= {"engine": engine, "robot": robot_model}
+        made = _explore(_joined(named, settings), seed, with_clip, output or _folder(arena), as_json)
+    _print(made, as_json)
 
 
-def _refuse(option: str, given: Mapping[str, object], names: Iterable[str]) -> None:
+def _refuse(option: str, given: Mapping[str, object]) -> None:
     from midnet_bench.errors import InputError
 
-    for name in names:
-        if given[name] is not None:
+    for name, value in given.items():
+        if value is not None:
             raise InputError(f"map: {name} has no meaning with {option}; leave it out")
 
 
-def _joined(values: "dict[str, Scalar]", settings: list[str]) -> "dict[str, Scalar]":
-    """What arguments and ``--set`` ask for. Raises InputError if both name one thing."""
+def _joined(named: "Mapping[str, Scalar]", settings: list[str] | None) -> "dict[str, Scalar]":
+    """Arguments, options and ``--set`` in one. Raises InputError if two of them name one parameter."""
+    values = {name: value for name, value in named.items() if value is not None}
     return {**values, **options.settings_with(values, settings)}
 
 
-def _draw_exactly(arena: str, settings: list[str], output: Path, as_json: bool) -> None:
-    from midnet_bench.workflows.map_files import write_exact_map
-
-    grid, files = write_exact_map(_joined({"arena": arena}, settings), output)
-    _tell(grid, files, [], as_json)
-
-
-def _resample(path: Path, settings: list[str], output: Path, as_json: bool) -> None:
-    from midnet_bench.workflows.map_files import write_resampled_map
-
-    grid, files = write_resampled_map(path, _joined({}, settings), output)
-    _tell(grid, files, [], as_json)
-
-
-def _map_log(path: Path, particles: int | None, seed: int, clip: bool, output: Path, as_json: bool) -> None:
+def _map_log(path: Path, particles: int | None, seed: int, clip: bool, output: Path) -> "MadeMap":
     from midnet_bench.cli.progress import meter
     from midnet_bench.io.scan_logs import read_scan_log
 
     log = read_scan_log(path)
-    # after the log is read: these take seconds, and a bad log is told at once
+    # after the log is read: these take seconds, and a bad log is refused at once
     from midnet_bench.mapping.log_mapping import held_in_memory
-    from midnet_bench.workflows.log_map import write_log_map
+    from midnet_bench.workflows.maps import map_log
 
-    with meter() as shown, held_in_memory(log):
-        made = write_log_map(
-            log,
-            particles,
-            seed,
-            output,
-            clip,
-            progress=lambda done, scans: shown.show(done, scans, f"scan {done} of {scans}"),
+    with meter() as bar, held_in_memory(log):
+        return map_log(
+            *(log, particles, seed, output, clip),
+            progress=lambda done, scans: bar.show(done, scans, f"scan {done} of {scans}"),
         )
-    _tell(made.grid, made.files, made.warnings, as_json)
 
 
-def _explore(values: "dict[str, Scalar]", seed: int, clip: bool, output: Path, as_json: bool) -> None:
+def _explore(values: "dict[str, Scalar]", seed: int, clip: bool, output: Path, as_json: bool) -> "MadeMap":
+    from midnet_bench.analysis.tables import Table
     from midnet_bench.cli.progress import meter
     from midnet_bench.cli.reports import show
     from midnet_bench.experiments.mapping.parameters import MappingParameters
-    from midnet_bench.workflows.exploration import write_exploration
+    from midnet_bench.workflows.maps import explore
 
     parameters = MappingParameters.parse(values, "command line")
-    with meter(estimates=False) as shown:
-        made = write_exploration(
-            parameters,
-            seed,
-            output,
-            clip,
-            progress=lambda simulated_s, known: shown.show(
-                known, 1.0, f"{simulated_s:.0f} s simulated, {known:.1%} explored"
+    with meter(estimates=False) as bar:
+        made = explore(
+            *(parameters, seed, output, clip),
+            progress=lambda time_s, known: bar.show(
+                known, 1.0, f"{time_s:.0f} s simulated, {known:.1%} explored"
             ),
         )
-    if not as_json:
-        show(None, [made.in_words()], as_json=False)
-    _tell(made.exploration.grid, made.files, made.exploration.warnings, as_json, [made.scores])
+    if made.scores is not None and not as_json:  # a line for each score: a terminal has no room for the row
+        (row,), (cells,) = made.scores.rows, made.scores.cells()
+        lines = [{"": name, "value": cell} for name, cell in zip(row, cells, strict=True)]
+        show(None, [Table(made.scores.name, made.scores.title, lines)], as_json=False)
+    return made
 
 
 def _folder(source: str, ending: str = "") -> Path:
@@ -196,29 +183,24 @@ def _folder(source: str, ending: str = "") -> Path:
     return options.RESULTS / f"map-{_ENDINGS.sub('', Path(source).name)}{ending}"
 
 
-def _tell(
-    grid: "OccupancyGrid",
-    files: list[Path],
-    warnings: list[str],
-    as_json: bool,
-    tables: "Iterable[Table]" = (),
-) -> None:
-    """Print what was made: warnings and lines for people, or one JSON document."""
-    for warning in warnings:
+def _print(made: "MadeMap", as_json: bool) -> None:
+    """Print warnings and lines for people, or one JSON document."""
+    grid = made.grid
+    for warning in made.warnings:
         messages.log.warning("warning: %s", warning)
     if as_json:
         from midnet_bench.analysis.tables import to_json
 
-        made = to_json(
-            "mapping" if tables else None,
-            tables,
+        document = to_json(
+            "mapping" if made.scores else None,
+            [made.scores] if made.scores else [],
             cells=[grid.width, grid.height],
             resolution_m=grid.resolution,
-            files=[str(file) for file in files],
-            warnings=warnings,
+            files=[str(file) for file in made.files],
+            warnings=made.warnings,
         )
-        typer.echo(json.dumps(made, indent=1, allow_nan=False))
+        typer.echo(json.dumps(document, indent=1, allow_nan=False))
         return
     typer.echo(f"{grid.width} x {grid.height} cells of {grid.resolution:g} m")
-    for file in files:
+    for file in made.files:
         typer.echo(file)

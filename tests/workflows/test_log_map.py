@@ -12,7 +12,7 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.io.map_server import load_map
 from midnet_bench.io.scan_logs import LoggedScan, ScanLog, half_circle
 from midnet_bench.mapping.log_mapping import MappingResult, map_scans
-from midnet_bench.workflows.log_map import log_snapshot, write_trajectory
+from midnet_bench.workflows.maps import log_snapshot, write_trajectory
 
 SIDE_M = 6.0
 TURNS = 9

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from midnet_bench.workflows.map_files import MapFiles
+from midnet_bench.workflows.maps import MapFiles
 
 
 def test_a_folder_gets_plain_names_and_a_named_map_has_its_name_on_all(tmp_path: Path) -> None:
