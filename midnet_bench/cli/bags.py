@@ -1,4 +1,4 @@
-"""The commands that speak ROS: ``export`` and ``node``."""
+"""Commands for ROS: ``export`` and ``node``."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -147,7 +147,7 @@ def node(
     from midnet_bench.recording.settings import ReplaySettings
 
     values = parse_settings(settings or [], None)
-    ReplaySettings.from_flat(values)  # what is wrong with them is told before anybody waits for a map
+    ReplaySettings.from_flat(values)  # wrong options end the command before it waits for a map
     chosen = LiveOptions(
         [name for name in robots if ":=" not in name],
         lambda resolution_m: ReplaySettings.of(preset, values, resolution_m),

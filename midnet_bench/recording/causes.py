@@ -19,7 +19,7 @@ from midnet_bench.grid import OccupancyGrid, cells_of
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.messages import Scan
 from midnet_bench.midnet.detection import bounding_boxes
-from midnet_bench.midnet.pipeline import Frame
+from midnet_bench.midnet.pipeline import Frame, RobotView
 from midnet_bench.recording.ray_counts import RayCounts
 from midnet_bench.recording.replay import ReplayFrame
 from midnet_bench.recording.settings import ReplaySettings
@@ -29,7 +29,7 @@ from midnet_bench.scoring.error_causes import RECORDED_MISSES
 Floats = npt.NDArray[np.float64]
 
 NEAR_M = 0.35
-"""how far a declared ally or a displaced box may lie from where it is told"""
+"""how far a declared ally or a displaced box may lie from where its pose is"""
 WALL_M = 0.15
 """beyond the cells that the prior map's walls were grown by, a return this far off a wall may still be its"""
 
@@ -40,7 +40,7 @@ class ErrorRow(NamedTuple):
     frame: int
     time_s: float
     kind: str
-    """miss, false, fragment; box where nobody labelled"""
+    """miss, false, fragment; box in a frame without labels"""
     cause: str
     name: str
     """of the label, if it has to do with one"""
@@ -66,28 +66,28 @@ class Surroundings(NamedTuple):
     """(n,) whether the map knows nothing there, or ends before"""
 
 
-MOST_TOLD = 20
+MOST_RECENT = 20
 """scans whose surroundings are kept: one of each robot"""
 
 
 class Explainer:
-    """Gathers, scan by scan, what causes are told from."""
+    """Finds the causes of errors, scan by scan, and keeps them until the whole recording is known."""
 
     def __init__(
         self,
-        look: str,
+        preset: str,
         prior_map: OccupancyGrid,
         node: DetectorNode,
         settings: ReplaySettings,
         counts: RayCounts,
         kept: IO[bytes],
     ) -> None:
-        """Of the detector ``look``, by ray counts that may serve several.
+        """Of one detector, by ray counts that may serve several.
 
-        ``kept``: an empty file of its own. A recording may last for hours: what is told waits there for the
+        ``kept``: an empty file of its own. A recording may last for hours: rows wait there for the
         causes that its end decides.
         """
-        self._look, self._map, self._node, self._settings = look, prior_map, node, settings
+        self._preset, self._map, self._node, self._settings = preset, prior_map, node, settings
         self.counts = counts
         shape = (prior_map.height, prior_map.width)
         solid = (prior_map.data == 100).astype(np.uint8)
@@ -99,32 +99,31 @@ class Explainer:
         self._matcher: ScanToMap | None = None
         self._matched: dict[int, tuple[Scan, Pose2D | None]] = {}
         """robot -> its last scan that was matched to the map, and the pose that came of it"""
-        self._told: list[tuple[Floats, Surroundings]] = []
-        """of the last scans' returns, which are asked for box by box"""
+        self._recent: list[tuple[Floats, Surroundings]] = []
+        """of the last scans' returns, which each box needs"""
         self._kept = kept
 
-    def surroundings(self, returns: Floats) -> "Surroundings":
+    def surroundings(self, returns: Floats) -> Surroundings:
         """What the map has about each of a scan's (n, 2) returns; worked out once for each scan."""
-        for points, known in reversed(self._told):
+        for points, known in reversed(self._recent):
             if points is returns:
                 return known
-        cells = cells_of(self._map, returns)
+        known = self._surroundings(returns)
+        self._recent = [*self._recent[-MOST_RECENT:], (returns, known)]
+        return known
+
+    def _surroundings(self, points: Floats) -> Surroundings:
+        cells = cells_of(self._map, points)
         on = self._on_map(cells)
         columns, rows = cells[on].T
-        wall_m, unknown = np.full(len(returns), math.inf), np.ones(len(returns), np.bool_)
+        wall_m, unknown = np.full(len(points), math.inf), np.ones(len(points), np.bool_)
         wall_m[on] = self._wall_m[rows, columns]
         unknown[on] = self._map.data[rows, columns] < 0
-        known = Surroundings(wall_m, unknown)
-        self._told = [*self._told[-MOST_TOLD:], (returns, known)]
-        return known
+        return Surroundings(wall_m, unknown)
 
     def wall_distances(self, points: Floats) -> Floats:
         """(n,) metres from (n, 2) points to the nearest mapped wall; inf off the map."""
-        cells = cells_of(self._map, points)
-        found = np.full(len(points), math.inf)
-        on = self._on_map(cells)
-        found[on] = self._wall_m[cells[on, 1], cells[on, 0]]
-        return found
+        return self._surroundings(points).wall_m
 
     def _on_map(self, cells: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
         return np.asarray(
@@ -140,11 +139,14 @@ class Explainer:
             label = labels[index]
             if view is None:
                 view = self._node.midnet.update(
-                    frame.looks[self._look].observations, explain=True, allies=frame.told_allies
+                    frame.outputs[self._preset].observations, explain=True, allies=frame.fresh_allies
                 )
-            cause, returns = self._lost(frame, label, near_m, view)
+            cause, returns = self._miss_stage(frame, label, near_m, view)
             nearest_m = min(
-                (box.distance_to_point(label.x, label.y) for box in frame.looks[self._look].frame.detections),
+                (
+                    box.distance_to_point(label.x, label.y)
+                    for box in frame.outputs[self._preset].frame.detections
+                ),
                 default=math.inf,
             )
             self._keep(
@@ -164,81 +166,62 @@ class Explainer:
                 )
             )
 
-    def _lost(self, frame: ReplayFrame, label: Label, near_m: float, view: Frame) -> tuple[str, int]:
-        """The stage that the returns about a label reached."""
+    def _miss_stage(self, frame: ReplayFrame, label: Label, near_m: float, view: Frame) -> tuple[str, int]:
+        """The last stage that returns near a label reached with any robot, and their number."""
         assert view.explanation is not None
-        stages = ["beyond_range"]
-        order, midnet = list(RECORDED_MISSES), self._settings.midnet
-        total = 0
-        if any(
-            box.distance_to_point(label.x, label.y) <= near_m
-            for box in frame.looks[self._look].frame.detections
-        ):
+        boxes = frame.outputs[self._preset].frame.detections
+        if _near(boxes, label, near_m):
             return "merged", returns_near(frame, label, near_m)
-        if self._settings.detector != "midnet":  # whose stages nobody knows
+        if self._settings.detector != "midnet":  # its stages are not known
             return "not_detected", returns_near(frame, label, near_m)
-        for one, robot in zip(frame.seen, view.explanation.views, strict=True):
-            if one.scan is None:
-                continue
-            all_points = off_walls(self, near(one.returns, label, near_m))
-            total += len(all_points)
-            if not len(all_points):
-                continue
-            sensor = one.scan.pose.compose(one.scan.lidar.mount)
-            apart = np.hypot(all_points[:, 0] - sensor.x, all_points[:, 1] - sensor.y)
-            points = all_points[apart <= self._settings.range_m]
-            if not len(points):
-                continue
-            costmap = self._node.costmaps[one.robot]
-            side_m = costmap.settings.size_m
-            x0, y0 = costmap.origin
-            inside = (points >= (x0, y0)).all(axis=1) & (points < (x0 + side_m, y0 + side_m)).all(axis=1)
-            points = points[inside]
-            if not len(points):
-                stages.append("outside_window")
-                continue
-            prior = self._node.prior
-            cells = cells_of(prior, points)
-            on = (cells >= 0).all(axis=1) & (cells[:, 0] < prior.width) & (cells[:, 1] < prior.height)
-            if not on.any():
-                stages.append("outside_prior")
-                continue
-            reach = math.ceil(self._settings.local_reach_m / prior.resolution)
-            free = np.count_nonzero(prior.data[cells[on, 1], cells[on, 0]])
-            if not self._is_left(robot.d, points[on], reach):
-                on_map = cells_of(self._map, points)
-                on_map = on_map[self._on_map(on_map)]
-                unknown = self._map.data[on_map[:, 1], on_map[:, 0]] < 0
-                counts = self._settings.prior.unknown == "occupied" and unknown.mean() > 0.5
-                stages.append("unknown_cells" if counts else "under_prior")
-                continue
-            grown = [
-                box
-                for box in bounding_boxes(
-                    robot.d.data,
-                    (
-                        round((robot.d.origin[0] - prior.origin[0]) / prior.resolution),
-                        round((robot.d.origin[1] - prior.origin[1]) / prior.resolution),
-                    ),
-                    prior,
-                ).tolist()
-                if Box._make(box).distance_to_point(label.x, label.y) <= near_m
-            ]
-            found = [box for box in robot.found if box.distance_to_point(label.x, label.y) <= near_m]
-            kept = [box for box in robot.kept if box.distance_to_point(label.x, label.y) <= near_m]
-            if kept:
-                stages.append("dropped_by_fusion")
-            elif found:
-                stages.append("taken_for_ally")
-            elif grown and midnet.min_returns and free < midnet.min_returns <= len(points):
-                stages.append("under_prior")  # which leaves a rim of what was inflated, without its returns
-            elif grown:
-                cells_left = max(self._cells_of(box, prior) for box in grown)
-                is_small = cells_left < midnet.min_area_cells or not midnet.min_returns
-                stages.append("too_small" if is_small else "too_few_returns")
-            else:
-                stages.append("displaced")
-        return max(stages, key=order.index), total
+        stages, total = ["beyond_range"], 0
+        for one, robot in zip(frame.observed, view.explanation.views, strict=True):
+            if one.scan is not None:
+                points = off_walls(self, near(one.returns, label, near_m))
+                total += len(points)
+                stages.append(self._stage(one.robot, one.scan, points, robot, label, near_m))
+        return max(stages, key=list(RECORDED_MISSES).index), total
+
+    def _stage(
+        self, robot: int, scan: Scan, points: Floats, view: RobotView, label: Label, near_m: float
+    ) -> str:
+        """The stage at which one robot loses the (n, 2) returns near a label, map frame."""
+        sensor = scan.pose.compose(scan.lidar.mount)
+        apart = np.hypot(points[:, 0] - sensor.x, points[:, 1] - sensor.y)
+        points = points[apart <= self._settings.range_m]
+        if not len(points):
+            return "beyond_range"
+        costmap = self._node.costmaps[robot]
+        side_m, (x0, y0) = costmap.settings.size_m, costmap.origin
+        points = points[(points >= (x0, y0)).all(axis=1) & (points < (x0 + side_m, y0 + side_m)).all(axis=1)]
+        if not len(points):
+            return "outside_window"
+        prior = self._node.prior
+        cells = cells_of(prior, points)
+        on = (cells >= 0).all(axis=1) & (cells[:, 0] < prior.width) & (cells[:, 1] < prior.height)
+        if not on.any():
+            return "outside_prior"
+        if not self._is_left(view.d, points[on], math.ceil(self._settings.local_reach_m / prior.resolution)):
+            on_map = cells_of(self._map, points)
+            on_map = on_map[self._on_map(on_map)]
+            unknown = self._map.data[on_map[:, 1], on_map[:, 0]] < 0
+            is_unknown = self._settings.prior.unknown == "occupied" and unknown.mean() > 0.5
+            return "unknown_cells" if is_unknown else "under_prior"
+        if _near(view.kept, label, near_m):
+            return "dropped_by_fusion"
+        if _near(view.found, label, near_m):
+            return "taken_for_ally"
+        corner = [round((view.d.origin[k] - prior.origin[k]) / prior.resolution) for k in (0, 1)]
+        contours = bounding_boxes(view.d.data, (corner[0], corner[1]), prior).tolist()
+        grown = _near([Box._make(box) for box in contours], label, near_m)
+        if not grown:
+            return "displaced"
+        midnet, free = self._settings.midnet, np.count_nonzero(prior.data[cells[on, 1], cells[on, 0]])
+        if midnet.min_returns and free < midnet.min_returns <= len(points):
+            return "under_prior"  # which leaves a rim of what was inflated, without its returns
+        largest = max(self._cells_of(box, prior) for box in grown)
+        is_small = largest < midnet.min_area_cells or not midnet.min_returns
+        return "too_small" if is_small else "too_few_returns"
 
     @staticmethod
     def _cells_of(box: Sequence[float], prior: OccupancyGrid) -> int:
@@ -265,7 +248,7 @@ class Explainer:
     ) -> None:
         """Add a row for each box, by index, that is no label's own."""
         for index in wrong:
-            box = frame.looks[self._look].frame.detections[index]
+            box = frame.outputs[self._preset].frame.detections[index]
             kind = "false" if labels is not None else "box"
             name = ""
             returns, about = self._in_box(frame, box)
@@ -274,7 +257,7 @@ class Explainer:
             if labels is not None and touched[index]:
                 kind, cause, name = "fragment", "fragment", labels.there[touched[index][0]].name
             else:
-                cause, age_s, name = self._made_of(frame, box, about, labels, distance_m)
+                cause, age_s, name = self._false_positive_source(frame, box, about, labels, distance_m)
             may_stay = cause in ("unlabelled", "near_wall", "unknown_cells", "single_return")
             self._keep(
                 ErrorRow(
@@ -293,7 +276,7 @@ class Explainer:
                 returns if may_stay and len(returns) else None,
             )
 
-    def _made_of(
+    def _false_positive_source(
         self,
         frame: ReplayFrame,
         box: Box,
@@ -301,20 +284,23 @@ class Explainer:
         labels: Labels | None,
         distance_m: float,
     ) -> tuple[str, float, str]:
-        """Cause, age, and whose it is."""
+        """Cause, age in seconds, and the name of its label, ally or robot."""
         for label in labels.gaps if labels else ():
             if box.distance_to_point(label.x, label.y) <= distance_m:
                 return "label_gap", 0.0, label.name
-        for plan, told in frame.allies:
-            if told is None:
+        for plan, estimate in frame.allies:
+            if estimate is None:
                 continue
-            late = told.pose not in [ally.pose for ally in frame.told_allies]
-            reach_m = plan.diameter_m / 2.0 + NEAR_M + min(told.age_s, 2.0) * late
-            if box.distance_to_point(told.pose.x, told.pose.y) <= reach_m:
-                return ("ally_late" if late else "ally_left"), told.age_s, plan.name
-        for one in frame.seen:
-            if len(frame.seen) > 1 and box.distance_to_point(one.told.pose.x, one.told.pose.y) <= NEAR_M:
-                return "ally_left", one.told.age_s, f"robot {one.robot + 1}"
+            late = estimate.pose not in [ally.pose for ally in frame.fresh_allies]
+            reach_m = plan.diameter_m / 2.0 + NEAR_M + min(estimate.age_s, 2.0) * late
+            if box.distance_to_point(estimate.pose.x, estimate.pose.y) <= reach_m:
+                return ("ally_late" if late else "ally_left"), estimate.age_s, plan.name
+        for one in frame.observed:
+            if (
+                len(frame.observed) > 1
+                and box.distance_to_point(one.estimate.pose.x, one.estimate.pose.y) <= NEAR_M
+            ):
+                return "ally_left", one.estimate.age_s, f"robot {one.robot + 1}"
         for label in labels.there if labels else ():
             if box.distance_to_point(label.x, label.y) <= distance_m + NEAR_M:
                 return "displaced", 0.0, label.name
@@ -337,7 +323,7 @@ class Explainer:
     def _in_box(self, frame: ReplayFrame, box: Box) -> tuple[Floats, Surroundings]:
         """The returns of the last scans in a box or a cell beside it, and what the map has about them."""
         points, walls, unknown = [], [], []
-        for one in frame.seen:
+        for one in frame.observed:
             inside = is_inside(box, one.returns, self._map.resolution)
             about = self.surroundings(one.returns)
             points.append(one.returns[inside])
@@ -351,7 +337,7 @@ class Explainer:
         """Whether a match of the scan to the map puts the box's returns back onto walls."""
         if self._matcher is None:
             self._matcher = ScanToMap(self._map)
-        for one in frame.seen:
+        for one in frame.observed:
             scan = one.scan
             if scan is None:
                 continue
@@ -381,8 +367,8 @@ class Explainer:
         end = self._kept.tell()
         self._kept.seek(0)
         while self._kept.tell() < end:
-            told, points = pickle.load(self._kept)
-            row = ErrorRow(*told)
+            cells_of_row, points = pickle.load(self._kept)
+            row = ErrorRow(*cells_of_row)
             if points is not None:
                 cells = np.floor((points - self.counts.origin) / self.counts.resolution_m).astype(np.int64)
                 on = (cells >= 0).all(axis=1) & (cells[:, 0] < width) & (cells[:, 1] < height)
@@ -394,6 +380,11 @@ class Explainer:
 def _local(pose: Pose2D, points: Floats) -> Floats:
     """Points of the map frame in a robot's."""
     return pose.inverse().transform(points)
+
+
+def _near(boxes: Sequence[Box], label: Label, near_m: float) -> list[Box]:
+    """Those of the boxes that are no farther than this from a label, metres."""
+    return [box for box in boxes if box.distance_to_point(label.x, label.y) <= near_m]
 
 
 def near(points: Floats, label: Label, distance_m: float) -> Floats:
@@ -409,7 +400,7 @@ def off_walls(explainer: Explainer, points: Floats) -> Floats:
 
 def returns_near(frame: ReplayFrame, label: Label, distance_m: float) -> int:
     """How many returns of the last scans lie near a label."""
-    return sum(len(near(one.returns, label, distance_m)) for one in frame.seen)
+    return sum(len(near(one.returns, label, distance_m)) for one in frame.observed)
 
 
 def middle(values: Floats) -> float:

@@ -299,7 +299,7 @@ def _count(
             until_ns = frame.time_ns + lasts_ns
         if until_ns is not None and frame.time_ns >= until_ns:
             break
-        for one in frame.seen:
+        for one in frame.observed:
             if one.robot == frame.scanned and one.scan is not None:
                 counts.take(one.scan, one.returns)
                 taken += 1

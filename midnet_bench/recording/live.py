@@ -35,12 +35,12 @@ MAP_TOPIC, TF, TF_STATIC = "/map", "/tf", "/tf_static"
 KEPT = 1000
 """scans of a robot that wait for what they need, at most"""
 PLAIN: dict[str, Meaning] = {code: "clears" if code in ("inf", "above") else "nothing" for code in CODES}
-"""what readings without a return say, unless told otherwise"""
+"""meaning of readings without a return, unless set"""
 
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """What a node is told when it starts."""
+    """Options of a node."""
 
     robots: Sequence[str]
     """their names, in the order of the team"""
@@ -126,9 +126,9 @@ class _Heard:
 class LiveNode:
     """Frames at the multiples of a period of the stamps' clock.
 
-    When messages arrive does not matter, within the patience: a frame is made once each robot has told a scan
+    When messages arrive does not matter, within the patience: a frame is made once each robot has sent a scan
     and a pose of that instant or later. It has the scans up to then, each taken with the pose of its own
-    stamp, and each robot's latest pose. There is none where nobody has scanned since the last one.
+    stamp, and each robot's latest pose. There is none without a scan since the last one.
     """
 
     def __init__(self, options: LiveOptions, prior_map: OccupancyGrid | None) -> None:
@@ -141,7 +141,7 @@ class LiveNode:
         self._arrived: deque[tuple[int, float]] = deque()
         """each scan that was newer than all before: its stamp, and when it came"""
         self._next: int | None = None
-        self._told_ns = -1
+        self._made_until_ns = -1
         self._node = None if prior_map is None else self._made(prior_map)
         self.dropped: dict[str, int] = {}
         """why -> scans that were not taken"""
@@ -192,7 +192,7 @@ class LiveNode:
         if not len(scan.ranges_m):
             self._drop("they have no range at all")
             return
-        if scan.stamp_ns <= max(heard.newest_ns, self._told_ns):
+        if scan.stamp_ns <= max(heard.newest_ns, self._made_until_ns):
             self._drop("they came late, or their stamps go back")
             return
         heard.first_ns = scan.stamp_ns if heard.first_ns is None else heard.first_ns
@@ -212,7 +212,7 @@ class LiveNode:
             track.take(link.stamp_ns, link)
 
     def _place(self, heard: _Heard) -> _Placed | None:
-        """Where the LiDAR of a robot is that has scanned; None until tf has told."""
+        """Where the LiDAR of a robot is mounted and moves; None before its first scan and its transforms."""
         if heard.placed is not None or not heard.scans:
             return heard.placed
         options, frame = self._options, heard.scans[0].frame
@@ -263,7 +263,7 @@ class LiveNode:
                 self._next = max(self._next + 1, self._after(min(pending)))
                 continue
             yield self._frame(self._node, due_ns)
-            self._told_ns = due_ns
+            self._made_until_ns = due_ns
             self._next += 1
 
     def _after(self, stamp_ns: int) -> int:
@@ -281,27 +281,27 @@ class LiveNode:
             placed = self._place(heard)
             while heard.scans and heard.scans[0].stamp_ns <= due_ns:
                 self._observe(node, robot, placed, heard.scans.popleft())
-            told = None if placed is None else placed.where.latest(due_ns)
+            estimate = None if placed is None else placed.where.latest(due_ns)
             if placed is not None:
                 placed.where.forget(due_ns)
-            if told is not None:  # who is nowhere cannot be told from an intruder
+            if estimate is not None:  # a robot without a pose could not be removed as an ally
                 names.append(name)
                 observations.append(
-                    Observation(told.pose, node.costmaps[robot].published(), node.scans[robot])
+                    Observation(estimate.pose, node.costmaps[robot].published(), node.scans[robot])
                 )
         frame = node.detect(observations, due_ns / NS)
         return Detected(due_ns, frame.detections, [names[robot] for robot in frame.robots])
 
     def _observe(self, node: DetectorNode, robot: int, placed: _Placed | None, scan: ScanReading) -> None:
-        told = None if placed is None else placed.where.at(scan.stamp_ns)
-        if placed is None or told is None or told.age_s > self._options.patience_s:
-            self._drop("no pose was told about their time")
+        estimate = None if placed is None else placed.where.at(scan.stamp_ns)
+        if placed is None or estimate is None or estimate.age_s > self._options.patience_s:
+            self._drop("no pose is near their time")
             return
         numbers = (scan.angle_min_rad, scan.angle_increment_rad, scan.range_min_m, scan.range_max_m)
         said = NoReturn({}, {**PLAIN, **self._options.no_return}, math.inf)
         try:
             lidar = geometry_of(numbers, len(scan.ranges_m), placed.mount, placed.is_upside_down)
-            node.observe(robot, told.pose, said.cleaned(scan), lidar, scan.stamp_ns / NS)
+            node.observe(robot, estimate.pose, said.cleaned(scan), lidar, scan.stamp_ns / NS)
         except InputError as error:
             self._drop(str(error))
 

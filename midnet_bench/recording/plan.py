@@ -1,4 +1,4 @@
-"""Who scans in a recording and where each is: topics, transforms and mounts, from flags or by themselves."""
+"""Robots of a recording: their scans, poses and mounts, by a setup or found in topics and transforms."""
 
 import itertools
 import math
@@ -69,7 +69,7 @@ class RobotPlan(NamedTuple):
 
 
 class AllyPlan(NamedTuple):
-    """Somebody who belongs there and is not to be told as an intruder."""
+    """An object whose poses are recorded: an ally, or an intruder as a label."""
 
     name: str
     pose: PoseChain
@@ -327,7 +327,7 @@ def beam_time(stream: Stream) -> tuple[float, str]:
     said_s, period_s = scan.time_increment_s, stream.period_ns / NS
     turn = math.tau / max(abs(scan.angle_increment_rad), 1e-6)
     if period_s <= 0.0:
-        return 0.0, f"{len(stream.scans)} scans do not tell how fast the laser turns"
+        return 0.0, f"{len(stream.scans)} scans do not show how fast the laser turns"
     if 0.5 * period_s <= said_s * turn <= 1.2 * period_s:
         return said_s, ""
     beam_s = period_s / turn

@@ -17,7 +17,7 @@ Times = npt.NDArray[np.int64]
 Clock = Literal["header", "record"]
 
 KEPT_NS = 5 * NS
-"""poses that are older than what is asked for by more than this are forgotten"""
+"""poses older than the current instant by more than this are forgotten"""
 FORGET_EVERY = 512
 HOLDS = 3.0
 """usual intervals for which a slow transform, such as map -> odom, is trusted after its last word"""

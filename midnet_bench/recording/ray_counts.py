@@ -1,7 +1,7 @@
 """Ray counting: how often each cell was hit and how often a beam went through it, from known poses.
 
 That is all that a map needs where poses are known, or a laser stands still (the counting model of occupancy
-grids; GMapping keeps the same two numbers). It also tells what stays put from what moves.
+grids; GMapping keeps the same two numbers). It also separates stationary from moving objects.
 """
 
 import math

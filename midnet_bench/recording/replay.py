@@ -1,4 +1,4 @@
-"""A recording played into the detector: scans find their poses, frames follow, one after the other.
+"""A recording played into the detector: each scan gets its pose, frames follow, one after the other.
 
 Nothing here grows with the length of the recording: readings stream by, and wait only until the poses after
 them have come.
@@ -45,24 +45,24 @@ LARGEST_JUMP_NS = 3600 * NS
 """a stamp that lies farther from where the one before leaves it is no time"""
 
 
-class Seen(NamedTuple):
+class RobotObservation(NamedTuple):
     """One robot at a frame."""
 
     robot: int
-    told: InterpolatedPose
-    """its pose, and how old that is"""
+    estimate: InterpolatedPose
+    """its pose, map frame"""
     scan: Scan | None
     """its last one"""
     returns: Floats
     """(n, 2) where that scan's beams ended, map frame"""
 
 
-class Look(NamedTuple):
-    """What one of several detectors made of a frame."""
+class DetectorOutput(NamedTuple):
+    """Boxes that one of several detectors made of a frame, and its inputs."""
 
     frame: Frame
     observations: list[Observation]
-    """of ``seen``, in its order"""
+    """one of each robot of ``observed``"""
 
 
 class Corrector(Protocol):
@@ -79,23 +79,23 @@ class ReplayFrame:
     number: int
     """counted from 0"""
     time_ns: int
-    """by the clock that is gone by"""
+    """by the chosen clock"""
     scan_index: int | None
     """which scan of its topic made it, counted from 0; None for a frame at a rate"""
     scanned: int | None
     """the robot that made that scan"""
-    seen: list[Seen]
+    observed: list[RobotObservation]
     allies: list[tuple[AllyPlan, InterpolatedPose | None]]
-    told_allies: list[Ally]
+    fresh_allies: list[Ally]
     """those whose poses are not too old"""
     followed: list[tuple[AllyPlan, InterpolatedPose | None]]
-    looks: dict[str, Look]
+    outputs: dict[str, DetectorOutput]
     """by preset"""
 
 
 @dataclass
 class Tally:
-    """What happened on the way, for people."""
+    """Counts of scans, frames and ages of a replay, for its report."""
 
     scans: Counter[str] = field(default_factory=Counter)
     """robot -> scans that were taken"""
@@ -152,14 +152,14 @@ class Replay:
 
         Args:
             sources: the recordings.
-            robots: who scans.
-            allies: whom the detectors are told of.
+            robots: each with its scans.
+            allies: known to the detectors, with their poses.
             prior_map: int8, 100 occupied, map frame.
             settings: by preset; each gets a detector of its own.
             setup: clock, rate, largest ages of poses, and whether motion during a scan is corrected.
             offsets_ns: added to the times of each source; none if empty.
             correctors: one for each robot, or none.
-            followed: whose poses frames tell, and no detector knows: labels.
+            followed: intruders with recorded poses, which serve as labels; no detector knows them.
         """
         self.nodes = {name: DetectorNode(one, prior_map, len(robots)) for name, one in settings.items()}
         self._correctors = correctors
@@ -180,6 +180,14 @@ class Replay:
         self._geometries: dict[tuple[int, tuple[float, ...]], LidarGeometry] = {}
         self._numbers = itertools.count()
         self._lags: dict[tuple[int, str, str, str], int] = {}
+        self._period_ns = None if setup.rate_hz is None else NS / setup.rate_hz
+        self._pending: list[_Pending] = []
+        self._exact: dict[int, Floats] = {}
+        self._indices, self._order = Counter[int](), itertools.count()
+        self._now_ns: int | None = None
+        self._passed_ns: int | None = None
+        self._due: int | None = None
+        """number of the next frame at a rate"""
         self.done = 0.0
         """share of the recordings that was read"""
 
@@ -198,16 +206,6 @@ class Replay:
         Raises:
             InputError: a file is damaged; the frames before were given.
         """
-        setup = self._setup
-        pending: list[_Pending] = []
-        exact: dict[int, Floats] = {}
-        indices = Counter[int]()
-        order = itertools.count()
-        now_ns: int | None = None
-        passed_ns: int | None = None
-        due_ns: int | None = None
-        period_ns = None if setup.rate_hz is None else NS / setup.rate_hz
-        hold_ns = HOLD_NS if len(self.robots) > 1 or period_ns is not None else 0
         damage: InputError | None = None
         readings = self._readings()
         while True:
@@ -218,45 +216,58 @@ class Replay:
             except InputError as error:  # what came before it is good
                 damage = error
                 break
-            if isinstance(reading, ExactReading):
-                exact[self._by_exact[source, reading.topic]] = reading.numbers
-                continue
-            if not isinstance(reading, ScanReading | PoseReading) or self._jumps(source, reading):
-                continue
-            if isinstance(reading, PoseReading):
-                time_ns = self._take_pose(source, reading)
-            else:
-                robot = self._by_scan[source, reading.topic]
-                time_ns = stamp_ns(reading, setup.clock) + self._offset(source) - self.robots[robot].delay_ns
-                item = _Pending(time_ns, next(order), robot, reading, exact.pop(robot, None), indices[robot])
-                indices[robot] += 1
-                if passed_ns is not None and time_ns < passed_ns:
-                    self.tally.skip("came after later ones were taken", self._told_where(item))
-                    continue
-                heapq.heappush(pending, item)
-                if period_ns is not None and due_ns is None:
-                    due_ns = math.ceil(time_ns / period_ns)
-            now_ns = time_ns if now_ns is None else max(now_ns, time_ns)
-            if period_ns is not None and due_ns is not None:
-                if now_ns - due_ns * period_ns > LARGEST_JUMP_NS:
-                    due_ns = math.ceil(now_ns / period_ns)
-                while round(due_ns * period_ns) <= now_ns:
-                    due = _Pending(round(due_ns * period_ns), 1 << 62, None, None, None, -1)
-                    heapq.heappush(pending, due)
-                    due_ns += 1
-            while pending and self._is_ready(pending[0], now_ns, hold_ns):
-                item = heapq.heappop(pending)
-                passed_ns = item.time_ns
-                yield from self._passed(item)
-        # a frame that is due after the last reading, before the recording ends
-        if period_ns is not None and due_ns is not None and now_ns is not None:
-            end_ns = max(source.end_ns + self._offset(number) for number, source in enumerate(self._sources))
-            if round(due_ns * period_ns) <= min(end_ns, now_ns + round(period_ns)):
-                heapq.heappush(pending, _Pending(round(due_ns * period_ns), 1 << 62, None, None, None, -1))
-        while pending:
-            yield from self._passed(heapq.heappop(pending))
+            if self._take(source, reading):
+                while self._pending and self._is_ready(self._pending[0]):
+                    item = heapq.heappop(self._pending)
+                    self._passed_ns = item.time_ns
+                    yield from self._passed(item)
+        self._queue_last_frame()
+        while self._pending:
+            yield from self._passed(heapq.heappop(self._pending))
         if damage is not None:
             raise damage
+
+    def _take(self, source: int, reading: Reading) -> bool:
+        """Take a pose, or queue a scan and the frames due by then; whether time may have moved on."""
+        if isinstance(reading, ExactReading):
+            self._exact[self._by_exact[source, reading.topic]] = reading.numbers
+            return False
+        if not isinstance(reading, ScanReading | PoseReading) or self._jumps(source, reading):
+            return False
+        if isinstance(reading, PoseReading):
+            time_ns = self._take_pose(source, reading)
+        else:
+            robot = self._by_scan[source, reading.topic]
+            delay_ns = self.robots[robot].delay_ns
+            time_ns = stamp_ns(reading, self._setup.clock) + self._offset(source) - delay_ns
+            order, number = next(self._order), self._indices[robot]
+            item = _Pending(time_ns, order, robot, reading, self._exact.pop(robot, None), number)
+            self._indices[robot] += 1
+            if self._passed_ns is not None and time_ns < self._passed_ns:
+                self.tally.skip("came after later ones were taken", self._location(item))
+                return False
+            heapq.heappush(self._pending, item)
+            if self._period_ns is not None and self._due is None:
+                self._due = math.ceil(time_ns / self._period_ns)
+        self._now_ns = time_ns if self._now_ns is None else max(self._now_ns, time_ns)
+        if self._period_ns is not None and self._due is not None:
+            if self._now_ns - self._due * self._period_ns > LARGEST_JUMP_NS:
+                self._due = math.ceil(self._now_ns / self._period_ns)
+            while round(self._due * self._period_ns) <= self._now_ns:
+                self._queue_frame(self._due * self._period_ns)
+                self._due += 1
+        return True
+
+    def _queue_frame(self, time_ns: float) -> None:
+        heapq.heappush(self._pending, _Pending(round(time_ns), 1 << 62, None, None, None, -1))
+
+    def _queue_last_frame(self) -> None:
+        """A frame that is due after the last reading, before the recording ends."""
+        if self._period_ns is not None and self._due is not None and self._now_ns is not None:
+            end_ns = max(source.end_ns + self._offset(number) for number, source in enumerate(self._sources))
+            due_ns = self._due * self._period_ns
+            if round(due_ns) <= min(end_ns, self._now_ns + round(self._period_ns)):
+                self._queue_frame(due_ns)
 
     def _jumps(self, source: int, reading: ScanReading | PoseReading) -> bool:
         """Whether a stamp lies hours off where the last one of its topic leaves it; that is counted."""
@@ -273,10 +284,12 @@ class Replay:
             self.tally.skip(why, f"{reading.topic}, recorded at {reading.record_ns / NS:.3f} s")
         return True
 
-    def _is_ready(self, item: _Pending, now_ns: int, hold_ns: int) -> bool:
+    def _is_ready(self, item: _Pending) -> bool:
+        """Whether the poses of its instant are there, or waiting for them has lasted long enough."""
+        now_ns, is_alone = self._now_ns or 0, len(self.robots) == 1 and self._period_ns is None
         if now_ns >= item.time_ns + PATIENCE_NS:
             return True
-        if now_ns < item.time_ns + hold_ns:
+        if now_ns < item.time_ns + (0 if is_alone else HOLD_NS):
             return False
         wanted = self._where if item.robot is None or len(self._where) > 1 else [self._where[item.robot]]
         until_ns = item.time_ns
@@ -294,7 +307,7 @@ class Replay:
         time_ns = stamp_ns(reading, self._setup.clock) + self._offset(source)
         track = self._tracks.get(link)
         if track is None:
-            return time_ns - PATIENCE_NS  # of no concern here, also not to say what time it is
+            return time_ns - PATIENCE_NS  # no track uses it, and it does not move the time on
         track.take(time_ns, reading)
         return time_ns
 
@@ -340,7 +353,7 @@ class Replay:
         tick_hz = self._setup.tick_hz
         return time_ns / NS if tick_hz is None else round(time_ns * tick_hz / NS) / tick_hz
 
-    def _told_where(self, item: _Pending) -> str:
+    def _location(self, item: _Pending) -> str:
         name = self.robots[item.robot or 0].name
         return f"robot '{name}', scan {item.number} at {item.time_ns / NS:.3f} s"
 
@@ -354,39 +367,39 @@ class Replay:
         assert item.scan is not None
         robot, plan, scan = item.robot, self.robots[item.robot], item.scan
         if not len(scan.ranges_m):
-            self.tally.skip("has no range at all", self._told_where(item))
+            self.tally.skip("has no range at all", self._location(item))
             return False
-        told = self._where[robot].at(item.time_ns)
-        if told is None:
+        estimate = self._where[robot].at(item.time_ns)
+        if estimate is None:
             link = self._called(robot, self._where[robot].missing(item.time_ns)[0])
-            self.tally.skip(f"has no pose of {link} before it", self._told_where(item))
+            self.tally.skip(f"has no pose of {link} before it", self._location(item))
             self.tally.without_pose += 1
             return False
-        if told.age_s > self._setup.max_pose_age_s:
+        if estimate.age_s > self._setup.max_pose_age_s:
             link = self._called(robot, self._where[robot].oldest(item.time_ns))
             why = f"lies more than {self._setup.max_pose_age_s:g} s from a pose of {link}"
-            self.tally.skip(why, self._told_where(item))
+            self.tally.skip(why, self._location(item))
             self.tally.without_pose += 1
             return False
         try:
             lidar = self._geometry(robot, scan, item.exact)
         except InputError as error:
-            self.tally.skip(str(error), self._told_where(item))
+            self.tally.skip(str(error), self._location(item))
             return False
         ranges_m = plan.no_return.cleaned(scan) if item.exact is None else item.exact[4:]
         if self._setup.deskew:
             ranges_m = self._deskewed(robot, item, ranges_m, lidar)
-        scan_taken = Scan(ranges_m, lidar, told.pose, self._seconds(item.time_ns))
+        scan_taken = Scan(ranges_m, lidar, estimate.pose, self._seconds(item.time_ns))
         if self._correctors:
             pose = self._correctors[robot].corrected(scan_taken)
-            self._corrections[robot] = pose.compose(told.pose.inverse())
+            self._corrections[robot] = pose.compose(estimate.pose.inverse())
             scan_taken = scan_taken._replace(pose=pose)
         for node in self.nodes.values():
             node.observe(robot, scan_taken.pose, ranges_m, lidar, scan_taken.stamp_s)
         self._last[robot], self._returns[robot] = scan_taken, scan_taken.returns(math.inf)[1]
         self.tally.scans[plan.name] += 1
-        if told.age_s < math.inf:  # of a laser at rest
-            self.tally.oldest_pose_s = max(self.tally.oldest_pose_s, told.age_s)
+        if estimate.age_s < math.inf:  # of a laser at rest
+            self.tally.oldest_pose_s = max(self.tally.oldest_pose_s, estimate.age_s)
         return True
 
     def _geometry(self, robot: int, scan: ScanReading, exact: Floats | None) -> LidarGeometry:
@@ -432,46 +445,57 @@ class Replay:
         return np.asarray(straight)
 
     def _frame(self, item: _Pending, scanned: int | None) -> ReplayFrame | None:
-        """What the team makes of what it knows at an instant."""
+        """The team's boxes at an instant, from its last scans and poses; None without a pose."""
         setup, tally = self._setup, self.tally
-        seen: list[Seen] = []
+        observed: list[RobotObservation] = []
         for robot, where in enumerate(self._where):
-            told = where.at(item.time_ns) if scanned is not None else where.latest(item.time_ns)
+            estimate = where.at(item.time_ns) if scanned is not None else where.latest(item.time_ns)
             heard = self._last[robot]
-            if told is None or (scanned is not None and heard is None):
+            if estimate is None or (scanned is not None and heard is None):
                 continue
-            if scanned is not None and told.age_s > setup.max_pose_age_s:
+            if scanned is not None and estimate.age_s > setup.max_pose_age_s:
                 continue
             correction = self._corrections[robot]
             if correction is not None:
-                told = told._replace(pose=correction.compose(told.pose))
-            seen.append(Seen(robot, told, heard, self._returns[robot]))
-        if not seen:
+                estimate = estimate._replace(pose=correction.compose(estimate.pose))
+            observed.append(RobotObservation(robot, estimate, heard, self._returns[robot]))
+        if not observed:
             return None
-        allies, told_allies = [], []
+        allies, fresh_allies = [], []
         for plan, where in zip(self.allies, self._where_allies, strict=True):
-            told = where.at(item.time_ns)
-            allies.append((plan, told))
-            age_s = math.inf if told is None else told.age_s
+            estimate = where.at(item.time_ns)
+            allies.append((plan, estimate))
+            age_s = math.inf if estimate is None else estimate.age_s
             tally.oldest_ally_s[plan.name] = max(tally.oldest_ally_s.get(plan.name, 0.0), age_s)
-            if told is not None and age_s <= setup.max_ally_age_s:
-                told_allies.append(Ally(told.pose, plan.diameter_m))
+            if estimate is not None and age_s <= setup.max_ally_age_s:
+                fresh_allies.append(Ally(estimate.pose, plan.diameter_m))
             else:
                 tally.late_allies[plan.name] += 1
         followed = [(plan, where.at(item.time_ns)) for plan, where in self._followed]
         time_s = self._seconds(item.time_ns)
-        looks = {}
+        outputs = {}
         for name, node in self.nodes.items():
             observations = [
-                Observation(one.told.pose, node.costmaps[one.robot].published(), one.scan) for one in seen
+                Observation(one.estimate.pose, node.costmaps[one.robot].published(), one.scan)
+                for one in observed
             ]
-            looks[name] = Look(node.detect(observations, time_s, allies=told_allies), observations)
+            outputs[name] = DetectorOutput(
+                node.detect(observations, time_s, allies=fresh_allies), observations
+            )
         tally.first_ns = tally.first_ns if tally.frames else item.time_ns
         tally.last_ns = item.time_ns
         tally.frames += 1
         index = item.number if scanned is not None else None
         return ReplayFrame(
-            next(self._numbers), item.time_ns, index, scanned, seen, allies, told_allies, followed, looks
+            next(self._numbers),
+            item.time_ns,
+            index,
+            scanned,
+            observed,
+            allies,
+            fresh_allies,
+            followed,
+            outputs,
         )
 
     def void_poses(self) -> list[str]:
@@ -484,7 +508,7 @@ class Replay:
         ]
 
     def pose_times(self) -> list[tuple[str, int]]:
-        """What each track is called, and how many poses it had."""
+        """Name of each track, and how many poses it had."""
         return [(link.in_words, track.taken) for link, track in self._tracks.items()]
 
 

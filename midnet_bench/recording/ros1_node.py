@@ -49,7 +49,7 @@ def spin(options: LiveOptions, prior_map: OccupancyGrid | None, remappings: Sequ
     """Subscribe, and publish the detections of each frame until the node is shut down.
 
     Args:
-        options: whom to listen to, and what to detect by.
+        options: robots, poses and detector options.
         prior_map: int8; None: the first message on ``/map``.
         remappings: ``FROM:=TO``, as ROS has them on its command lines.
 
@@ -61,7 +61,7 @@ def spin(options: LiveOptions, prior_map: OccupancyGrid | None, remappings: Sequ
         raise InputError("ros1-node: no master answers at ROS_MASTER_URI; start roscore")
     rospy.init_node("midnet", argv=["midnet", *remappings])
     publisher = rospy.Publisher(PUBLISHED, _packed(rospy, types), queue_size=100)
-    node, told, dropped = LiveNode(options, prior_map), "", set[str]()
+    node, reported, dropped = LiveNode(options, prior_map), "", set[str]()
     # every connection has a thread of its own; a full queue lets it read no more
     heard: queue.Queue[tuple[str, Any, float]] = queue.Queue(QUEUED)
     listened = options.topics(prior_map is None)
@@ -77,9 +77,9 @@ def spin(options: LiveOptions, prior_map: OccupancyGrid | None, remappings: Sequ
         for why in node.dropped.keys() - dropped:
             rospy.logwarn(f"scans are left out: {why}")
         dropped |= node.dropped.keys()
-        if heard.empty() and node.waits_for != told:
-            told = node.waits_for
-            rospy.loginfo(f"midnet waits for {told}" if told else "midnet detects")
+        if heard.empty() and node.waits_for != reported:
+            reported = node.waits_for
+            rospy.loginfo(f"midnet waits for {reported}" if reported else "midnet detects")
 
 
 def _put(heard: "queue.Queue[tuple[str, Any, float]]", topic: str, raw: Any) -> None:

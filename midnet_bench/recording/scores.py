@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from midnet_bench.geometry import Box, Pose2D, wrap_angle
 from midnet_bench.messages import Scan
 from midnet_bench.recording.causes import Explainer
-from midnet_bench.recording.replay import ReplayFrame, Seen
+from midnet_bench.recording.replay import ReplayFrame, RobotObservation
 from midnet_bench.recording.setup import RecordingSetup
 from midnet_bench.recording.truth import Label, Labels, matched
 from midnet_bench.scoring.frame_counts import (
@@ -37,12 +37,9 @@ class Score:
     boxes: int = 0
     not_visible: int = 0
     """labels in range that no return lies near"""
-    unexplained: int = 0
-    by_name: dict[str, list[int]] = field(default_factory=dict)
-    """label -> times in range, times found"""
 
     def looked_at(self, name: str) -> dict[str, float | int | str]:
-        """What there was to look at: a row of the table of frames."""
+        """Frames and boxes: a row of the table of frames."""
         return {
             "preset": name,
             "frames": self.frames,
@@ -81,7 +78,7 @@ class Score:
         }
 
 
-class Judged(NamedTuple):
+class FrameScore(NamedTuple):
     """Of one frame with labels."""
 
     labels: list[Label]
@@ -90,7 +87,7 @@ class Judged(NamedTuple):
     match: FrameMatch
 
 
-class Sight(NamedTuple):
+class Visibility(NamedTuple):
     """Of one label at a frame."""
 
     counts: bool
@@ -102,7 +99,7 @@ class Sight(NamedTuple):
 class View(NamedTuple):
     """One robot's last scan, as far as labels are in it or not."""
 
-    seen: Seen
+    seen: RobotObservation
     scan: Scan
     sensor: Pose2D
     """map frame"""
@@ -112,7 +109,7 @@ class View(NamedTuple):
     """from there on"""
 
     @classmethod
-    def of(cls, seen: Seen, scan: Scan) -> "View":
+    def of(cls, seen: RobotObservation, scan: Scan) -> "View":
         """Of a robot at a frame."""
         lidar = scan.lidar
         last_rad = lidar.angle_min_rad + lidar.angle_increment_rad * (lidar.beams - 1)
@@ -128,13 +125,13 @@ class View(NamedTuple):
 class Scorer:
     """Scores frame after frame of one detector."""
 
-    def __init__(self, look: str, explainer: Explainer, range_m: float, setup: RecordingSetup) -> None:
-        self._look, self._explainer, self._range_m, self._setup = look, explainer, range_m, setup
+    def __init__(self, preset: str, explainer: Explainer, range_m: float, setup: RecordingSetup) -> None:
+        self._preset, self._explainer, self._range_m, self._setup = preset, explainer, range_m, setup
         self.score = Score()
 
-    def take(self, frame: ReplayFrame, labels: Labels | None) -> Judged | None:
-        """One frame, and what is known of it; None where nobody labelled it. Who was paired with whom."""
-        score, boxes = self.score, frame.looks[self._look].frame.detections
+    def take(self, frame: ReplayFrame, labels: Labels | None) -> FrameScore | None:
+        """Score one frame; None without labels. Which box was paired with which label."""
+        score, boxes = self.score, frame.outputs[self._preset].frame.detections
         score.frames += 1
         score.boxes += len(boxes)
         if labels is None:
@@ -144,8 +141,8 @@ class Scorer:
         score.labelled += 1
         there, distance_m = labels.there, self._setup.match_distance_m
         match = matched(boxes, there, distance_m)
-        views = [View.of(one, one.scan) for one in frame.seen if one.scan is not None]
-        sights = [self._sight(views, label) for label in there]
+        views = [View.of(one, one.scan) for one in frame.observed if one.scan is not None]
+        sights = [self._visibility(views, label) for label in there]
         in_range = [one.counts and one.is_visible for one in sights]
         score.not_visible += sum(one.counts and not one.is_visible for one in sights)
         truths = [
@@ -153,20 +150,15 @@ class Scorer:
         ]
         counts = count_frame(boxes, truths, in_range, match=match)
         score.counts = total([score.counts, counts])
-        for index, label in enumerate(there):
-            if in_range[index]:
-                seen = score.by_name.setdefault(label.name, [0, 0])
-                seen[0] += 1
-                seen[1] += match.detection_of[index] is not None
         missed = [k for k, found in enumerate(match.detection_of) if found is None and in_range[k]]
         wrong = [k for k, truth in enumerate(match.truth_of) if truth is None]
         if missed:
             self._explainer.misses(frame, there, missed, distance_m)
         if wrong:
             self._explainer.boxes(frame, wrong, labels, match.truth_of, match.touched, distance_m)
-        return Judged(there, in_range, match)
+        return FrameScore(there, in_range, match)
 
-    def _sight(self, views: Sequence[View], label: Label) -> Sight:
+    def _visibility(self, views: Sequence[View], label: Label) -> Visibility:
         setup, counts, visible = self._setup, False, False
         for one, scan, sensor, first, sweep in views:
             if math.hypot(label.x - sensor.x, label.y - sensor.y) > self._range_m:
@@ -189,4 +181,4 @@ class Scorer:
             visible = visible or bool(
                 (wall_m[near] > OFF_WALLS_CELLS * self._explainer.counts.resolution_m).any()
             )
-        return Sight(counts, visible)
+        return Visibility(counts, visible)

@@ -75,7 +75,7 @@ class ReplaySettings(Settings):
 
     @classmethod
     def of(cls, preset: Preset, values: Mapping[str, Scalar], resolution_m: float) -> "ReplaySettings":
-        """A preset with what somebody set, for a map of this resolution.
+        """A preset with values set by the user, for a map of this resolution.
 
         Raises:
             InputError: an unknown key, or a value that is out of range.

@@ -99,7 +99,7 @@ def setup_table(name: str, found: Proposal) -> Table:
 
 
 LAG_S = 0.02
-"""by which the stamps of scans and poses may differ before somebody is told"""
+"""by which the stamps of scans and poses may differ before a line says so"""
 
 
 def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list[str]:
@@ -145,7 +145,7 @@ def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list
 
 
 AT_THE_START, AT_THE_START_SHARE = 3, 0.02
-"""so many scans that no pose comes before are told, and are no fault"""
+"""so many scans before the first pose are noted, and are no fault"""
 
 
 def replay_faults(played: Replay, setup: RecordingSetup, note: Note) -> list[str]:

@@ -1,4 +1,4 @@
-"""Labels of a recording: who really was where, and which boxes are right."""
+"""Labels of a recording: true positions over time, and the boxes that match them."""
 
 import math
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from midnet_bench.scoring.frame_counts import FrameMatch
 SAME_NS = NS // 50
 """a label that is no farther from a scan in time is taken for the scan's own"""
 LARGEST_GAP_NS = NS // 2
-"""labels that lie farther apart leave a gap in which nobody is labelled"""
+"""labels that lie farther apart leave a gap without a label"""
 
 
 class Label(NamedTuple):
@@ -39,7 +39,7 @@ class Labels(NamedTuple):
 
 
 class LabelTable:
-    """``truth.csv``: t or scan_index, id, x, y; a row without id is a scan with nobody."""
+    """``truth.csv``: t or scan_index, id, x, y; a row without id is a scan without intruders."""
 
     def __init__(self, path: Path) -> None:
         """Read it. Raises InputError: file, line and column of what is wrong."""
@@ -115,7 +115,7 @@ class LabelTable:
 
 
 def matched(boxes: Sequence[Box], labels: Sequence[Label], distance_m: float) -> FrameMatch:
-    """Who is paired with whom: as many pairs as can be, then the least sum of distances.
+    """Pairs of boxes and labels: as many as there can be, then the least sum of distances.
 
     A box is right for a label that lies in it or no farther than ``distance_m`` from its nearest point.
     """

@@ -141,17 +141,17 @@ class _Run:
                 for frame in self.played.frames():
                     if scored_from_ns is not None and frame.time_ns < scored_from_ns:
                         continue
-                    for one in frame.seen:
+                    for one in frame.observed:
                         if one.scan is not None and one.scan is not newest.get(one.robot):
                             newest[one.robot] = one.scan
-                            with suppress(InputError):  # a pose far off any map, of which boxes know nothing
+                            with suppress(InputError):  # a pose far off any map, where there are no boxes
                                 self.counts.take(one.scan, one.returns, reach_m)
                     labels = self._labels(frame)
                     for name, scorer in self.scorers.items():
-                        judged = scorer.take(frame, labels)
+                        frame_score = scorer.take(frame, labels)
                         _write_boxes(boxes, frame, name)
                         if append is not None and name == self.first:
-                            append(frame, judged, scorer.score)
+                            append(frame, frame_score, scorer.score)
                     progress(self.played.done)
             except InputError as error:
                 faults.append(str(error))
@@ -183,9 +183,9 @@ class _Run:
         if self.label_table is not None:
             return self.label_table.at(frame.time_ns, frame.scan_index)
         labels = [
-            Label(plan.name, told.pose.x, told.pose.y)
-            for plan, told in frame.followed
-            if told is not None and told.age_s <= self.inputs.setup.max_pose_age_s
+            Label(plan.name, estimate.pose.x, estimate.pose.y)
+            for plan, estimate in frame.followed
+            if estimate is not None and estimate.age_s <= self.inputs.setup.max_pose_age_s
         ]
         return Labels(labels, []) if labels else None
 
@@ -210,13 +210,13 @@ def driven(replay: Replay) -> Box | None:
 
     A fault in a recording ends it here and is reported by the replay that follows.
     """
-    places: list[tuple[float, float]] = []
+    positions: list[tuple[float, float]] = []
     with suppress(InputError):
         for frame in replay.frames():
-            places += [(one.told.pose.x, one.told.pose.y) for one in frame.seen]
-    if not places:
+            positions += [(one.estimate.pose.x, one.estimate.pose.y) for one in frame.observed]
+    if not positions:
         return None
-    return Box(*np.min(places, axis=0).tolist(), *np.max(places, axis=0).tolist())
+    return Box(*np.min(positions, axis=0).tolist(), *np.max(positions, axis=0).tolist())
 
 
 def frames_hz(inputs: ReplayInputs) -> float:
@@ -319,12 +319,12 @@ def _boxes_file(folder: Path) -> Iterator["csv._writer"]:  # type: ignore[name-d
 
 
 def _write_boxes(writer: "csv._writer", frame: ReplayFrame, name: str) -> None:  # type: ignore[name-defined]
-    look = frame.looks[name].frame
-    for box, robot in zip(look.detections, look.robots, strict=True):
+    boxes = frame.outputs[name].frame
+    for box, robot in zip(boxes.detections, boxes.robots, strict=True):
         index = "" if frame.scan_index is None else frame.scan_index
-        who = frame.seen[robot].robot
+        number = frame.observed[robot].robot
         sides = [f"{side:.4f}" for side in box]
-        writer.writerow([name, frame.number, f"{frame.time_ns / NS:.6f}", index, who, *sides])
+        writer.writerow([name, frame.number, f"{frame.time_ns / NS:.6f}", index, number, *sides])
 
 
 def _write_errors(

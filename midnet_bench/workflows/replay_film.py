@@ -1,4 +1,4 @@
-"""``film``: a recording drawn as trials are drawn, what was believed beside what MIDNet made of it."""
+"""``film``: a recording drawn as trials are drawn, poses and scans beside MIDNet's boxes."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ from midnet_bench.drawing.trial_video import trial_video
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.recording.replay import Replay, ReplayFrame
-from midnet_bench.recording.scores import Judged, Score
+from midnet_bench.recording.scores import FrameScore, Score
 from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.robots.model import Outline
 from midnet_bench.scoring.frame_counts import ratios
@@ -28,7 +28,7 @@ SPEED = 1.0
 @contextmanager
 def film(
     title: str,
-    look: str,
+    preset: str,
     replay: Replay,
     prior_map: OccupancyGrid,
     settings: ReplaySettings,
@@ -36,12 +36,12 @@ def film(
     labels: int,
     folder: Path,
     driven: Box | None = None,
-) -> Iterator[Callable[[ReplayFrame, Judged | None, Score], None]]:
+) -> Iterator[Callable[[ReplayFrame, FrameScore | None, Score], None]]:
     """What appends a frame to ``trial.mp4`` and ``storyboard.png`` in a folder; they are there in the end.
 
     Args:
         title: of the recording.
-        look: which of the replay's detectors is drawn.
+        preset: of the detector that is drawn.
         replay: that the frames are of.
         prior_map: int8, 100 occupied, map frame.
         settings: of that detector.
@@ -54,7 +54,7 @@ def film(
         InputError: the place cannot be written.
         MidnetBenchError: there is no room, or ffmpeg fails.
     """
-    node = replay.nodes[look]
+    node = replay.nodes[preset]
     # of a recorded robot no more than its footprint is known
     model = replace(settings.robot_model, body=boxed(settings.robot_model.footprint))
     seen_m = max(settings.range_m, settings.costmap.size_m / 2.0)
@@ -71,28 +71,30 @@ def film(
     )
     with trial_video(setup, folder, SPEED) as append:
 
-        def take(frame: ReplayFrame, judged: Judged | None, score: Score) -> None:
-            made, observations = frame.looks[look]
-            explanation = node.midnet.update(observations, explain=True, allies=frame.told_allies).explanation
+        def take(frame: ReplayFrame, frame_score: FrameScore | None, score: Score) -> None:
+            made, observations = frame.outputs[preset]
+            explanation = node.midnet.update(
+                observations, explain=True, allies=frame.fresh_allies
+            ).explanation
             robots = [
-                Robot(one.robot + 1, True, one.told.pose, one.told.pose, None, None, model)
-                for one in frame.seen
+                Robot(one.robot + 1, True, one.estimate.pose, one.estimate.pose, None, None, model)
+                for one in frame.observed
             ]
-            match = judged.match if judged else None
+            match = frame_score.match if frame_score else None
             detections = [
                 Detection(
                     box,
-                    frame.seen[robot].robot + 1,
+                    frame.observed[robot].robot + 1,
                     match is not None and not match.touched[k],
                     match is not None and bool(match.touched[k]) and match.truth_of[k] is None,
                 )
                 for k, (box, robot) in enumerate(zip(made.detections, made.robots, strict=True))
             ]
             truths, others = [], []
-            for k, label in enumerate(judged.labels if judged else ()):
+            for k, label in enumerate(frame_score.labels if frame_score else ()):
                 outline = _square(label.x, label.y)
-                found = judged is not None and judged.match.detection_of[k] is not None
-                truths.append(Truth([outline], found, judged is not None and judged.in_range[k]))
+                found = frame_score is not None and frame_score.match.detection_of[k] is not None
+                truths.append(Truth([outline], found, frame_score is not None and frame_score.in_range[k]))
                 others.append([outline])
             counts = score.counts
             append(
@@ -104,8 +106,8 @@ def film(
                     truths=truths,
                     explanation=explanation,
                     others=others,
-                    is_labelled=judged is not None,
-                    scans=[one.returns for one in frame.seen],
+                    is_labelled=frame_score is not None,
+                    scans=[one.returns for one in frame.observed],
                     so_far=ratios(counts.tp, counts.fp, counts.fn) if score.labelled else None,
                 )
             )

@@ -179,7 +179,7 @@ def test_a_delay_and_a_mount_that_was_left_out_are_found_together(map_of_room):
 
 def test_what_a_straight_drive_or_a_robot_at_rest_cannot_tell_is_said(turning, map_of_room):
     straight = find_setup(mounted(drive("straight", delay_s=0.1), MOUNT), map_of_room).cannot_tell
-    assert any("a scan delay of 0.1 s looks as a mount that is off by x 0.02" in each for each in straight)
+    assert any("a scan delay of 0.1 s outputs as a mount that is off by x 0.02" in each for each in straight)
     assert any("the heading hardly changes" in each for each in straight)
     rest = find_setup(mounted(drive("rest"), MOUNT), map_of_room)
     assert any("hardly moves" in each for each in rest.cannot_tell)

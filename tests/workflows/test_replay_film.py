@@ -1,4 +1,4 @@
-"""Pictures of recordings: what the map does not know looks unknown, and the drive fills the picture."""
+"""Pictures of recordings: what the map does not know outputs unknown, and the drive fills the picture."""
 
 import numpy as np
 import pytest

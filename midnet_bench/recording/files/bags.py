@@ -27,13 +27,13 @@ def is_bag(path: Path) -> bool:
 
 
 class Bag:
-    """One recorded bag. Messages of types that nobody here needs are never decoded."""
+    """One recorded bag. Messages of types without readings are never decoded."""
 
     def __init__(self, path: Path) -> None:
         """Open it. Raises InputError: it is no bag, or its index is damaged."""
         self.path = str(path)
         self.remarks: list[str] = []
-        self.mount: Pose2D | None = None  # transforms tell of it
+        self.mount: Pose2D | None = None  # transforms have it
         self._is_ros1 = path.suffix == ".bag"
         self._reader: Any = Ros1Reader(path) if self._is_ros1 else Ros2Reader(path)
         try:

@@ -42,7 +42,7 @@ class NoReturn(NamedTuple):
     meaning: dict[str, Meaning]
     """code -> what it says"""
     range_max_m: float
-    """as the scans tell it, or less where readings pile up below it"""
+    """as the scans have it, or less where readings pile up below it"""
 
     def cleaned(self, scan: ScanReading) -> Floats:
         """(beams,) the ranges, metres: inf where nothing came back, nan where the reading says nothing."""
@@ -76,7 +76,7 @@ def _kinds(ranges: Floats, range_min_m: float, range_max_m: float) -> Floats:
     return kinds
 
 
-def found_in(scans: Sequence[ScanReading], told: Mapping[str, Meaning]) -> NoReturn:
+def found_in(scans: Sequence[ScanReading], given: Mapping[str, Meaning]) -> NoReturn:
     """How a driver says that nothing came back, from some of its scans.
 
     inf and a reading at or beyond the largest range clear. Where there is neither, the most frequent of nan,
@@ -84,7 +84,7 @@ def found_in(scans: Sequence[ScanReading], told: Mapping[str, Meaning]) -> NoRet
 
     Args:
         scans: of one topic, at least one with a beam.
-        told: what somebody says of a code; that counts.
+        given: meanings of codes by the user, which count.
     """
     beams = max(sum(len(scan.ranges_m) for scan in scans), 1)
     highest_m = _ceiling(scans)
@@ -108,20 +108,20 @@ def found_in(scans: Sequence[ScanReading], told: Mapping[str, Meaning]) -> NoRet
         code, share = max(candidates.items(), key=lambda one: one[1])
         if share >= LEAST_SHARE:
             meaning[code] = "clears"
-    return NoReturn(shares, {**meaning, **told}, highest_m)
+    return NoReturn(shares, {**meaning, **given}, highest_m)
 
 
 def _ceiling(scans: Sequence[ScanReading]) -> float:
-    """The largest range that these scans tell, or the largest reading if many have exactly that one."""
-    told_m = max((scan.range_max_m for scan in scans), default=math.inf)
+    """The largest range that these scans have, or the largest reading if many have exactly that one."""
+    range_max_m = max((scan.range_max_m for scan in scans), default=math.inf)
     ranges = np.concatenate([scan.ranges_m for scan in scans]) if scans else np.empty(0)
     finite = ranges[np.isfinite(ranges)]
     if not len(finite):
-        return told_m
+        return range_max_m
     largest_m = float(finite.max())
     piled = np.count_nonzero(finite >= largest_m - 1e-6)
-    is_code = largest_m < told_m and piled >= max(PILED_SHARE * len(ranges), 10)
-    return largest_m if is_code else told_m
+    is_code = largest_m < range_max_m and piled >= max(PILED_SHARE * len(ranges), 10)
+    return largest_m if is_code else range_max_m
 
 
 def parsed(texts: Sequence[str]) -> dict[str, Meaning]:

@@ -14,7 +14,7 @@ from midnet_bench.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyG
 Floats = npt.NDArray[np.float64]
 
 NS = 1_000_000_000
-"""nanoseconds in a second: times are whole nanoseconds, which a float of the epoch could not tell apart"""
+"""nanoseconds in a second: times are whole nanoseconds, which a float of the epoch cannot separate"""
 
 
 class ScanReading(NamedTuple):
@@ -111,7 +111,7 @@ class PoseReading(NamedTuple):
     record_ns: int
     stamp_ns: int
     frame: str
-    """in which the pose is told"""
+    """of the pose"""
     child: str
     """whose pose it is; empty where the message does not say"""
     transform: Transform

@@ -20,7 +20,7 @@ from midnet_bench.messages import LidarGeometry
 NS = 1_000_000_000
 """nanoseconds in a second"""
 MAP = "map"
-"""the frame that everything is told in"""
+"""the frame of all poses"""
 CUBE, TEXT = 1, 9
 """visualization_msgs/Marker.type"""
 DELETE_ALL = 3
@@ -46,7 +46,7 @@ class Marked(NamedTuple):
     box: Box
     """map frame, metres"""
     space: str
-    """its ``ns``: whom it belongs to"""
+    """its ``ns``: the robot or intruder it belongs to"""
     color: RGB
     label: str = ""
 

@@ -110,7 +110,7 @@ class Survey:
 
 
 def survey(source: Source) -> Survey:
-    """Look into a recording: whole if it is short, else at stretches all over it.
+    """DetectorOutput into a recording: whole if it is short, else at stretches all over it.
 
     Topics with few messages are looked at whole, and all of tf where it does not hang together otherwise.
 
@@ -127,12 +127,12 @@ def survey(source: Source) -> Survey:
     windows = _windows(source)
     if windows == [(None, None)]:
         whole |= wanted
-    _look(found, whole)
+    _sample(found, whole)
     for start_ns, stop_ns in windows if wanted - whole else ():
-        _look(found, wanted - whole, start_ns, stop_ns)
+        _sample(found, wanted - whole, start_ns, stop_ns)
     tf = {name for name in wanted - whole if source.topics[name].kind == TF}
     if tf and len(found.roots()) > 1:
-        _look(found, tf, is_sparse=True)
+        _sample(found, tf, is_sparse=True)
     if found.fault and not any(stream.scans or stream.poses for stream in found.streams.values()):
         raise InputError(found.fault)
     for stream in found.streams.values():
@@ -145,14 +145,14 @@ def survey(source: Source) -> Survey:
     return found
 
 
-def _look(
+def _sample(
     survey: Survey,
     topics: set[str],
     start_ns: int | None = None,
     stop_ns: int | None = None,
     is_sparse: bool = False,
 ) -> None:
-    """Add what these topics say there; ``is_sparse``: of pairs of frames that were not seen before alone."""
+    """Add the readings of topics; ``is_sparse``: only of pairs of frames that were not seen before."""
     known = set(survey.transforms) if is_sparse else set()
     try:
         for reading in survey.source.readings(topics, start_ns, stop_ns):
@@ -164,10 +164,10 @@ def _look(
                 if survey.source.topics[reading.topic].kind != TF:
                     survey.streams[reading.topic].poses.append(reading)
                 elif (pair := (reading.frame, reading.child)) not in known:
-                    told = survey.transforms.setdefault(pair, [])
-                    told.append(reading)
-                    if is_sparse and len(told) > 2 * MOST_SCANS:
-                        del told[1::2]
+                    readings = survey.transforms.setdefault(pair, [])
+                    readings.append(reading)
+                    if is_sparse and len(readings) > 2 * MOST_SCANS:
+                        del readings[1::2]
                     survey.streams[reading.topic].poses += [reading] * (not is_sparse)
     except InputError as error:
         survey.fault = survey.fault or str(error)

@@ -54,7 +54,7 @@ class Table:
         self.end_ns = readings[-1].record_ns if readings else 0
 
     def called(self, name: str) -> "Table":
-        """The same with one name for its poses, so that they are told from those of other recordings."""
+        """The same with one name for its poses, which keeps them apart from those of other recordings."""
         poses = [one._replace(topic=name) for one in self._readings if isinstance(one, PoseReading)]
         return Table(Path(self.path), list(poses), self.remarks)
 

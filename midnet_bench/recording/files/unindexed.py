@@ -22,7 +22,7 @@ PLAIN = "none"
 
 
 class Connection(NamedTuple):
-    """Who said something, as rosbags has it."""
+    """A connection, as rosbags has it."""
 
     topic: str
     msgtype: str
@@ -33,7 +33,7 @@ class UnindexedRos1:
     """As much of rosbags' reader as is needed here; every pass reads the file from its beginning."""
 
     def __init__(self, path: Path) -> None:
-        """Look through it. Raises ReaderError: it is no bag, or no message of it can be read."""
+        """DetectorOutput through it. Raises ReaderError: it is no bag, or no message of it can be read."""
         self._path = path
         self._names: dict[int, tuple[str, str]] = {}
         counts: dict[int, int] = {}
@@ -108,6 +108,6 @@ class UnindexedRos1:
 
     def _meet(self, header: Header, file: BinaryIO) -> None:
         """Learn of a connection; what it says of itself follows its header."""
-        told = Header.read(file)
-        names = normalize(header.get_string("topic")), normalize_msgtype(told.get_string("type"))
+        connection = Header.read(file)
+        names = normalize(header.get_string("topic")), normalize_msgtype(connection.get_string("type"))
         self._names[header.get_uint32("conn")] = names

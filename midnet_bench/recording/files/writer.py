@@ -72,7 +72,7 @@ _FOREVER = QosTime(0, 0)
 
 
 def _qos(is_kept: bool) -> Qos:
-    """Reliable; the last message of a topic that ``is_kept`` reaches those who come later."""
+    """Reliable; the last message of a topic that ``is_kept`` reaches later subscribers."""
     return Qos(
         QosHistory.KEEP_LAST,
         1 if is_kept else 10,
@@ -97,7 +97,7 @@ class Types:
         self.store.register(found)
         self._fields: dict[str, dict[str, _Maker]] = {}
         self._empty: dict[str, dict[str, Any]] = {}
-        """of each type, its fields where nothing is given; nobody writes to a message, so all share them"""
+        """of each type, its fields where nothing is given; no message is changed, so all share them"""
 
     def made(self, kind: str, fields: Any) -> Any:
         """A message of that type from its :data:`Fields`, a time from its nanoseconds."""
@@ -161,7 +161,7 @@ class BagWriter:
     def write(self, topic: str, stamp_ns: int, message: Message, is_kept: bool = False) -> None:
         """Append a message, recorded at ``stamp_ns``.
 
-        ``is_kept``: whether players hand the topic's last message to those who come later (latched).
+        ``is_kept``: whether players hand the topic's last message to later subscribers (latched).
         """
         connection = self._topics.get(topic)
         if connection is None:

@@ -1,4 +1,4 @@
-"""``--localize``: the poses of a recording, corrected by matching its scans to the map."""
+"""``localize``: the poses of a recording, corrected by matching its scans to the map."""
 
 import math
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ Floats = npt.NDArray[np.float64]
 THICKEST_M = 0.3
 """a wall that is drawn thicker is solid: its face is where it is"""
 ON_WALL_M = 0.15
-"""returns this near to a wall tell how thick the walls are that a match goes by"""
-SURPRISING, USUAL = 11.3, 7.8
+"""returns this near to a wall show how thick the walls of a match are"""
+SLIPPED, USUAL = 11.3, 7.8
 """A match whose squared Mahalanobis distance is above the first (99 % of the chi-square distribution of three
 values) says that the motion slipped: the pose is doubted by as much as it exceeds the second (95 %)."""
 
@@ -116,7 +116,7 @@ class Localizer:
         if found is None:
             return
         matched, noise = found
-        self._let_bias_change(self._untold(scan._replace(pose=matched)))
+        self._let_bias_change(self._bias_covariance(scan._replace(pose=matched)))
         self._moved_m = self._turned_rad = 0.0
         off = np.array(
             [matched.x - self._pose.x, matched.y - self._pose.y, wrap_angle(matched.yaw - self._pose.yaw)]
@@ -125,9 +125,9 @@ class Localizer:
         # a match is the pose and its bias
         common = self._covariance[:, :3] + self._covariance[:, 3:]
         expected = common[:3] + common[3:] + noise
-        surprise = float(off @ np.linalg.solve(expected, off))
-        if surprise > SURPRISING:
-            self._covariance[:3, :3] *= surprise / USUAL
+        distance2 = float(off @ np.linalg.solve(expected, off))
+        if distance2 > SLIPPED:
+            self._covariance[:3, :3] *= distance2 / USUAL
             common = self._covariance[:, :3] + self._covariance[:, 3:]
             expected = common[:3] + common[3:] + noise
         gain = np.linalg.solve(expected, common.T).T
@@ -138,17 +138,17 @@ class Localizer:
         self._pose = Pose2D(x, y, yaw)
         self._bias = self._bias + change[3:]
 
-    def _let_bias_change(self, untold: Floats) -> None:
+    def _let_bias_change(self, bias_covariance: Floats) -> None:
         """The bias since the last match: the less of it is left, the further the robot has moved."""
         left = math.exp(-self._moved_m / self._settings.bias_lasts_m) if self._is_biased else 0.0
         self._is_biased = True
         self._bias = left * self._bias
         self._covariance[:, 3:] *= left
         self._covariance[3:, :] *= left
-        self._covariance[3:, 3:] += (1.0 - left * left) * untold
+        self._covariance[3:, 3:] += (1.0 - left * left) * bias_covariance
 
-    def _untold(self, scan: Scan) -> Floats:
-        """(3, 3) what a match is uncertain by and no scan says of itself."""
+    def _bias_covariance(self, scan: Scan) -> Floats:
+        """(3, 3) covariance of a match's bias: thickness of the walls, scale of the ranges."""
         beams, ends = scan.returns(math.inf)
         near = self._walls.distances(ends) < ON_WALL_M
         ranges_m = scan.ranges_m[beams[near]]

@@ -15,7 +15,7 @@ from midnet_bench.recording.replay import geometry_of
 
 MOST = 120
 REACH_S, STEP_S = 0.8, 0.04
-"""how far before and after a scan its robot's poses are told, and how densely"""
+"""how far before and after a scan its robot's poses are sampled, and how densely"""
 
 
 def samples_of(
@@ -34,8 +34,8 @@ def samples_of(
     found = []
     for scan in spread(scans, most):
         time_ns = stamp_ns(scan, clock) + own_ns - robot.delay_ns
-        told = where.at(time_ns)
-        if told is None or told.age_s > max_pose_age_s:
+        estimate = where.at(time_ns)
+        if estimate is None or estimate.age_s > max_pose_age_s:
             continue
         range_max_m = min(scan.range_max_m, robot.no_return.range_max_m)
         numbers = (scan.angle_min_rad, scan.angle_increment_rad, scan.range_min_m, range_max_m)

@@ -1,4 +1,4 @@
-"""Do scans, poses and map fit together, and if not, what is wrong and which flag mends it?"""
+"""Do scans, poses and map fit together, and if not, what is wrong and which key of the setup corrects it?"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -35,14 +35,14 @@ one, and as it is fewer than the other lie on walls, the map is taken for one of
 FEW_RETURNS = 100
 LONGEST_LINE = 300
 ALIKE = 0.02
-"""Of two changes that differ in no more of what they do to the returns, none can be told from the other."""
+"""Of two changes that differ in no more of what they do to the returns, neither can be preferred."""
 LARGEST_INTERVAL = {**dict.fromkeys((0, 1, 4, 5), 1.0), **dict.fromkeys((2, 6), 0.5), 3: 0.5}
 """how far the interval of a parameter is followed: metres, radians, seconds"""
 NAMES = ("mount x", "mount y", "mount yaw", "scan delay", "map x", "map y", "map yaw", "range factor")
 
 
 class SetBy(NamedTuple):
-    """What the user has set of the setup beside the mount, which the samples have; flags say the sum."""
+    """Values set by the user that add to those found; the samples have the mount."""
 
     mirrored: bool = False
     """whether the samples' geometry is mirrored already"""
@@ -71,9 +71,9 @@ class Proposal(NamedTuple):
     share_before: float
     share_after: float
     ranges: dict[str, Range]
-    """of the parameters by ``NAMES``; metres, radians, seconds; empty where none was asked for"""
+    """of the parameters by ``NAMES``; metres, radians, seconds; empty where none is needed"""
     alike: tuple["Proposal", ...]
-    """other changes that would mend as much: the recording cannot tell"""
+    """other changes that would correct as much: the recording does not decide"""
     cannot_tell: tuple[str, ...]
     """sentences: along which directions the recording says nothing"""
 
@@ -84,13 +84,13 @@ class Proposal(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """Whether scans, poses and map fit, to be told before any score."""
+    """Whether scans, poses and map fit, for a line before any score."""
 
     fits: bool
     kinds: tuple[str, ...]
     """what is wrong: those of ``Proposal.kinds``, or "off the map", "other place", "few returns" """
     lines: tuple[str, ...]
-    """one for each finding, with its figures and what mends it; one that says that it fits"""
+    """one for each finding, with its figures and what corrects it; one that says that it fits"""
     share: float
     """of the returns that lie on mapped walls; NaN without one"""
 
@@ -101,7 +101,7 @@ def verdict(samples: Sequence[Sample], grid: OccupancyGrid, set_by: SetBy | None
     Args:
         samples: of the whole recording; no more than ``QUICK_SAMPLES`` of them, spread evenly, are used.
         grid: the map, int8, map frame.
-        set_by: for flags that add to what is set already.
+        set_by: for keys that add to what is set already.
 
     Raises:
         InputError: the map has no wall.
@@ -207,9 +207,9 @@ def _anywhere(search: Search, best: Candidate, others: list[Candidate]) -> tuple
 
 
 def _oddity(candidate: Candidate, plain: Candidate) -> float:
-    """How unusual such a mistake is, where the returns cannot tell.
+    """How unusual such a mistake is, where the returns do not decide.
 
-    A mount that nobody gave is most often the one that is missing, and lies within a few decimetres of what
+    A mount that is not given is most often the one that is missing, and lies within a few decimetres of what
     the poses are of; one that was given is seldom far off.
     """
     off = candidate.values - plain.values
@@ -274,10 +274,7 @@ def _proposal(
     returns = search.returns
     alike = tuple(_bare(returns, plain, each) for each in others if each.changed or each.mirrored)
     ranges = {NAMES[k]: _range(search, best, k) for k in LARGEST_INTERVAL} if with_ranges else {}
-    factor = _factor(search, best) if with_ranges else 1.0
-    bare = _bare(returns, plain, best)
-    return bare._replace(
-        setup=bare.setup._replace(range_factor=factor),
+    return _bare(returns, plain, best)._replace(
         ranges=ranges,
         alike=alike,
         cannot_tell=_cannot_tell(search, best),
@@ -296,12 +293,6 @@ def _bare(returns: Returns, plain: Candidate, candidate: Candidate) -> Proposal:
         kinds.append("map")
     setup = returns.setup(candidate.values, candidate.mirrored)
     return Proposal(tuple(kinds), setup, turned_rad, plain.share, candidate.share, {}, (), ())
-
-
-def _factor(search: Search, best: Candidate) -> float:
-    """What the ranges would have to be multiplied with, if that brings ``WORTH`` more; else 1."""
-    freed = search.refined(best, (*best.changed, *FACTOR), wide_m=0.15)
-    return float(freed.values[7]) if freed.score >= best.score + WORTH else 1.0
 
 
 def _range(search: Search, best: Candidate, number: int) -> Range:
@@ -334,25 +325,29 @@ def _end(stays: Callable[[float], bool], farthest: float) -> tuple[float, bool]:
 def _cannot_tell(search: Search, best: Candidate) -> tuple[str, ...]:
     """Along which directions the returns say nothing."""
     said = search.information(best)
-    told = []
+    sentences = []
     strengths, ways = np.linalg.eigh(said[4:6, 4:6])
     if strengths[0] < SEEN:
         angle = math.degrees(math.atan2(ways[1, 0], ways[0, 0])) % 180.0
-        told.append(f"the walls that were seen say nothing of places along {angle:.0f} degrees of the map")
+        sentences.append(
+            f"the walls that were seen say nothing of places along {angle:.0f} degrees of the map"
+        )
     if search.returns.speed_mps < SLOWEST_MPS:
-        told.append("the robot hardly moves: nothing can be said of a scan delay, nor of mount against map")
-        return tuple(told)
+        sentences.append(
+            "the robot hardly moves: nothing can be said of a scan delay, nor of mount against map"
+        )
+        return tuple(sentences)
     units = search.returns.units
     left, by_mount = _left_over(said, DELAY, MOUNT)
     if left < ALIKE:
         x, y, yaw = (-0.1 * units[3] / units[:3] * by_mount[:, 0]).tolist()
-        told.append(
-            "without turns or changes of speed a scan delay of 0.1 s looks as a mount that is off by "
+        sentences.append(
+            "without turns or changes of speed a scan delay of 0.1 s outputs as a mount that is off by "
             f"x {x:z.2f}, y {y:z.2f} m and {math.degrees(yaw):z.1f} degrees"
         )
     if _left_over(said, (0,), MAP)[0] < ALIKE and _left_over(said, (1,), MAP)[0] < ALIKE:
-        told.append("the heading hardly changes: a mount that is off looks as a map that is moved")
-    return tuple(told)
+        sentences.append("the heading hardly changes: a mount that is off outputs as a map that is moved")
+    return tuple(sentences)
 
 
 def _left_over(
@@ -366,7 +361,7 @@ def _left_over(
 
 
 def line_of(proposal: Proposal, grid: OccupancyGrid, set_by: SetBy | None = None) -> str:
-    """What is wrong, the shares before and after, and what mends it, in one line."""
+    """What is wrong, the shares before and after, and what corrects it, in one line."""
     set_by = set_by or SetBy()
     if not proposal.kinds:
         return (
@@ -379,17 +374,17 @@ def line_of(proposal: Proposal, grid: OccupancyGrid, set_by: SetBy | None = None
         )
     line = (
         f"{proposal.share_before:.2f} of the returns lie on mapped walls, {proposal.share_after:.2f} if "
-        f"{_what(proposal)}: {mend_of(proposal, grid, set_by)}"
+        f"{_what(proposal)}: {correction_of(proposal, grid, set_by)}"
     )
     if proposal.alike:
         other = proposal.alike[0]
         line += f"; or, which this recording cannot tell, if {_what(other)}"
-        mend = f": {mend_of(other, grid, set_by)}"
-        line += mend if len(line + mend) < LONGEST_LINE else ""
+        correction = f": {correction_of(other, grid, set_by)}"
+        line += correction if len(line + correction) < LONGEST_LINE else ""
     return line
 
 
-def mend_of(proposal: Proposal, grid: OccupancyGrid, set_by: SetBy | None = None) -> str:
+def correction_of(proposal: Proposal, grid: OccupancyGrid, set_by: SetBy | None = None) -> str:
     """The keys of ``setup.yaml``, and what to change in the map's YAML file, that make a proposal's setup."""
     set_by, setup, keys = set_by or SetBy(), proposal.setup, []
     if setup.is_mirrored:

@@ -49,8 +49,6 @@ class Setup(NamedTuple):
     """by how much a scan's time is later than the instant at which it was measured"""
     map_moved: Pose2D = Pose2D(0.0, 0.0, 0.0)
     """where the frame of the poses lies in that of the map; all zero where the two are one"""
-    range_factor: float = 1.0
-    """what the ranges must be multiplied with; 1.02: they are 2 % short"""
 
 
 class Returns:
@@ -150,10 +148,10 @@ class Returns:
 
     def setup(self, values: Floats, mirrored: bool) -> Setup:
         """The parameters' values as a setup."""
-        x, y, yaw, delay_s, dx, dy, turn, factor = values.tolist()
+        x, y, yaw, delay_s, dx, dy, turn, _ = values.tolist()
         at = _turned(-self.middle[None], turn)[0] + self.middle + (dx, dy)
         moved = Pose2D(float(at[0]), float(at[1]), wrap_angle(turn))
-        return Setup(Pose2D(x, y, wrap_angle(yaw)), mirrored, delay_s, moved, factor)
+        return Setup(Pose2D(x, y, wrap_angle(yaw)), mirrored, delay_s, moved)
 
 
 class Candidate(NamedTuple):
