@@ -11,7 +11,7 @@ from midnet_bench.campaign.columns import Column, Columns, Tables, check_tables,
 from midnet_bench.campaign.payload import OTHER_FILES
 from midnet_bench.campaign.store import Store
 from midnet_bench.campaign.trial import Row, Scalar
-from midnet_bench.io.files import draft_of
+from midnet_bench.io.files import temporary_path
 
 TIMING, FAILURES = OTHER_FILES
 TIMING_TABLE: Tables = {
@@ -59,7 +59,7 @@ def export_csv(store: Store, directory: Path, expected: Tables = MappingProxyTyp
 
         def table(name: str) -> "_Growing":
             if name not in tables:
-                draft = drafts.enter_context(draft_of(directory / f"{name}.csv"))
+                draft = drafts.enter_context(temporary_path(directory / f"{name}.csv"))
                 tables[name] = drafts.enter_context(_Growing(draft))
             return tables[name]
 
@@ -128,7 +128,7 @@ class _Growing:
     def _widen(self) -> None:
         """Writes the file anew under all columns; rows that came before a column have an empty cell in it."""
         with (
-            draft_of(self._path) as draft,
+            temporary_path(self._path) as draft,
             self._path.open(encoding="utf-8", newline="") as narrow,
             draft.open("w", encoding="utf-8", newline="") as wide,
         ):

@@ -15,12 +15,12 @@ import joblib
 from midnet_bench.campaign import store as stores
 from midnet_bench.campaign.database import only_writer
 from midnet_bench.campaign.definition import Definition, ResolvedCampaign
+from midnet_bench.campaign.pending import PendingTrials, pending_trials
 from midnet_bench.campaign.pools import LokyPool, Pool, WorkersLost, check_options
 from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.provenance import Provenance, collect, versions_note
 from midnet_bench.campaign.signals import interruptible
 from midnet_bench.campaign.trial import RunTrials, TrialSpec
-from midnet_bench.campaign.unfinished import Unfinished, unfinished
 from midnet_bench.campaign.worker import HARD_LIMIT_S, Outcome
 from midnet_bench.errors import InputError, MidnetBenchError
 
@@ -155,7 +155,7 @@ def run_campaign(
             store.write_cells(campaign.numbered_cells)
             inventory = store.inventory()
             _forget_damaged(store, inventory.damaged, progress)
-            missing = unfinished(campaign, inventory, retry_failed, pool.workers)
+            missing = pending_trials(campaign, inventory, retry_failed, pool.workers)
             ran = len(missing)
             if missing:
                 _add_trials(store, pool, campaign, missing, progress, prepare)
@@ -175,7 +175,7 @@ def _add_trials(
     store: stores.Store,
     pool: Pool,
     campaign: ResolvedCampaign,
-    missing: Unfinished,
+    missing: PendingTrials,
     progress: Progress,
     prepare: Callable[[], None],
 ) -> None:
@@ -233,7 +233,7 @@ def _pool(
 def _run(
     pool: Pool,
     run_trials: RunTrials,
-    missing: Unfinished,
+    missing: PendingTrials,
     limit_s: float,
     keep: Callable[[TrialSpec, Outcome], None],
     note: Callable[[str], None],
@@ -243,7 +243,7 @@ def _run(
     A worker that dies does not tell which trial did it. So those that were running, and those that shared
     a simulation with them, are repeated one at a time, and the one with which a worker dies again has failed.
     """
-    suspects = Unfinished()
+    suspects = PendingTrials()
     losses_in_vain = 0
     while missing or suspects:
         alone = bool(suspects)

@@ -10,7 +10,7 @@ import numpy as np
 
 from midnet_bench.drawing.canvas import Picture
 from midnet_bench.errors import MidnetBenchError
-from midnet_bench.io.files import draft_of
+from midnet_bench.io.files import temporary_path
 
 Append = Callable[[Picture], None]
 """Takes the next picture of a video, (height, width, 3) red, green, blue."""
@@ -39,7 +39,7 @@ def mp4_file(path: Path, width: int, height: int, pictures_per_s: float) -> Iter
     # the index comes first, so that a browser can begin before it has all of it
     container = "-movflags +faststart -fflags +bitexact -f mp4"
     options = f"-y -v error {pictures} {coding} {container}".split()
-    with draft_of(path) as draft:
+    with temporary_path(path) as draft:
         draft.touch()  # a place that cannot be written is told as for every other file
         # "file:", or a name such as -x would be an option, and one with a colon another protocol
         command = [imageio_ffmpeg.get_ffmpeg_exe(), *options, f"file:{draft}"]

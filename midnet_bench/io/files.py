@@ -54,18 +54,18 @@ def read_bounded(path: Path, most_bytes: int) -> bytes:
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write a file in full or not at all: see :func:`draft_of`, with its errors.
+    """Write a file in full or not at all: see :func:`temporary_path`, with its errors.
 
     Args:
         path: the file; its folder is made if it is not there.
         content: a str is written as UTF-8.
     """
-    with draft_of(path) as draft:
+    with temporary_path(path) as draft:
         draft.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 @contextlib.contextmanager
-def draft_of(path: Path) -> Iterator[Path]:
+def temporary_path(path: Path) -> Iterator[Path]:
     """The path of a draft beside ``path``, which takes its place when the block ends without an error.
 
     No reader sees half of a file, and an older file stays as it was if anything fails. The draft is removed

@@ -61,7 +61,7 @@ def write_tum(trajectory: Trajectory, path: Path, numbers: Sequence[int] | None 
         numbers: stand in place of the timestamps if given, one for each pose; the file's first line says so.
 
     Raises:
-        MidnetBenchError: the file cannot be written (:func:`midnet_bench.io.files.draft_of`).
+        MidnetBenchError: the file cannot be written (:func:`midnet_bench.io.files.temporary_path`).
     """
     stamps: Iterable[str]
     if numbers is None:

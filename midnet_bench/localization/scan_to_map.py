@@ -43,7 +43,7 @@ Along a corridor whose map is bumpy some beams always do, and would hold the rob
 """
 
 
-class Terms(NamedTuple):
+class NormalEquations(NamedTuple):
     """The weighted normal equations of the squared distances at a pose (x, y, yaw), 0 where unseen."""
 
     hessian: FloatArray
@@ -124,7 +124,7 @@ def _directions(geometry: LidarGeometry) -> FloatArray:
 @njit
 def fit(
     distances_m: FloatArray, cell_m: float, ends: FloatArray, start: FloatArray
-) -> tuple[FloatArray, Terms]:
+) -> tuple[FloatArray, NormalEquations]:
     """(pose, terms) where a scan lies best on the wall faces, found from ``start``.
 
     Args:
@@ -149,7 +149,7 @@ def fit(
 @njit
 def _terms(
     distances_m: FloatArray, cell_m: float, ends: FloatArray, pose: FloatArray, scale_m: float
-) -> Terms:
+) -> NormalEquations:
     rows, columns = distances_m.shape
     hessian, gradient, slope = np.zeros((3, 3)), np.zeros(3), np.empty(3)
     beams, weights, squares = 0, 0.0, 0.0
@@ -184,7 +184,7 @@ def _terms(
         weights += weight
         squares += weight * distance * distance
     _leave_out_unseen(hessian, gradient, MIN_INFORMATION * weights)
-    return Terms(hessian, gradient, beams, squares / max(weights, 1.0))
+    return NormalEquations(hessian, gradient, beams, squares / max(weights, 1.0))
 
 
 @njit

@@ -81,7 +81,7 @@ class GlobalPlanner:
         self._computed_at_s = None
         self.is_covered = False
 
-    def doubt(self) -> None:
+    def invalidate_plan(self) -> None:
         """Ask for another potential as soon as ``wave_period_s`` allows: the plan could not be followed."""
         self._doubted = True
 
@@ -378,7 +378,7 @@ def path_down(
     nowhere = np.empty((0, 2), dtype=np.float64)
     if not (-0.5 <= column < width - 0.5 and -0.5 <= row < height - 0.5):
         return nowhere, False
-    cells, found = descend(potential, (column, row), escape_cells, until_m / resolution)
+    cells, found = gradient_path(potential, (column, row), escape_cells, until_m / resolution)
     if not found:
         return nowhere, False
     first = cells[min(1, len(cells) - 1)]
@@ -395,7 +395,7 @@ def path_down(
 
 
 @njit
-def descend(
+def gradient_path(
     potential: Potentials, start: tuple[float, float], escape_cells: int, until_cells: float
 ) -> tuple[Floats, bool]:
     """(N, 2) points from ``start`` down to next to the goal, and whether the way down was found.

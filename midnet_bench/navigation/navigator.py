@@ -135,7 +135,7 @@ class Navigator:
     def set_static(self, static_map: OccupancyGrid) -> None:
         """Replace the prior map by a newer or larger one; the goal stays."""
         self.global_costmap.set_static(static_map)
-        self._global_planner.doubt()
+        self._global_planner.invalidate_plan()
 
     def observe(
         self, pose: Pose2D, ranges_m: npt.NDArray[np.float64], geometry: LidarGeometry, time_s: float
@@ -240,7 +240,7 @@ class Navigator:
         else:
             self._state = _State.PLANNING
             self._planning_since_s = time_s
-            self._global_planner.doubt()
+            self._global_planner.invalidate_plan()
         return STOP
 
     def _oscillates(self, pose: Pose2D, time_s: float) -> bool:

@@ -34,7 +34,7 @@ Point = tuple[float, float]
 LEG_DIAMETER_M = 0.12
 
 
-class Member:
+class DynamicObstacle:
     """One person or thing. ``go_to`` says where; it stops, turns and walks by itself."""
 
     def __init__(
@@ -117,12 +117,12 @@ class Crowd:
         bodies = [(*other.pose, other.group.radius_m, other.group.speed_mps) for other in layout.others]
         self._walkers = Walkers(np.array(bodies).reshape(-1, 5))
         counts: dict[str, int] = {}
-        self.members: list[Member] = []
+        self.members: list[DynamicObstacle] = []
         for number, other in enumerate(layout.others):
             kind = other.group.kind
             counts[kind] = counts.get(kind, 0) + 1
             name, space = f"{kind} {counts[kind]}", spaces[other.group.radius_m]
-            self.members.append(Member(name, other.group, space, self._walkers, number))
+            self.members.append(DynamicObstacle(name, other.group, space, self._walkers, number))
         self._solids: tuple[Solid, ...] | None = None
 
     def step(self, robots: Floats) -> None:

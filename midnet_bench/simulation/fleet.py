@@ -22,7 +22,7 @@ SCAN_HZ = 5
 """The LDS-01, and the costmaps it feeds (item 9), unless ``lidar_hz`` says otherwise."""
 
 
-Onlooker = Callable[[Sequence[MobileRobot], npt.NDArray[np.float64]], None]
+ScanCallback = Callable[[Sequence[MobileRobot], npt.NDArray[np.float64]], None]
 """Robots that have just taken a scan, and (m, beams) the ranges that they were given, metres."""
 
 
@@ -76,8 +76,8 @@ class Fleet:
             else None
         )
         self._localizer = Localizer(robots)
-        self.onlookers: list[Onlooker] = []
-        """told of each scan once the robots have it"""
+        self.scan_callbacks: list[ScanCallback] = []
+        """called with each scan once the robots have it"""
         starts = [*world.layout.robots, *world.layout.intruders]
         self._yaw_errors = np.array(
             [robot.pose.yaw - at.yaw for robot, at in zip(robots, starts, strict=True)]
@@ -152,8 +152,8 @@ class Fleet:
         scans = self._lidars.scan(rows, self._lidar_noise)
         for robot, ranges in zip(robots, scans, strict=True):
             robot.observe(ranges, lidar, time_s)
-        for look in self.onlookers:
-            look(robots, scans)
+        for callback in self.scan_callbacks:
+            callback(robots, scans)
 
     def _control(self, due: _Due) -> None:
         time_s = self.time_s

@@ -166,7 +166,7 @@ def hide_behind_discs(
     return met
 
 
-class TrueScan(NamedTuple):
+class NoiseFreeScan(NamedTuple):
     """What the beams of m LiDARs met at one instant, before any error of the sensors."""
 
     beams: Beams
@@ -175,11 +175,11 @@ class TrueScan(NamedTuple):
     bodies: Ints
     """(m, beams) which robot each beam met, ``SOLID`` or ``NOTHING``"""
 
-    def of(self, row: int) -> "TrueScan":
+    def of(self, row: int) -> "NoiseFreeScan":
         """That of one LiDAR, m = 1."""
         one = slice(row, row + 1)
         beams = Beams(self.beams.axes[one], self.beams.directions[one])
-        return TrueScan(beams, self.ranges_m[one], self.bodies[one])
+        return NoiseFreeScan(beams, self.ranges_m[one], self.bodies[one])
 
 
 _CELL_M = 0.04
@@ -221,7 +221,7 @@ class LidarSensors:
         blind_m = abs(self._lidar.mount.x) + self._lidar.range_min_m + _CELL_M
         self._blind_cells = cells_near(layout.arena, layout.solids, blind_m)
         self._to_disc = Pose2D(self._disc.offset_x_m, 0.0, 0.0)
-        self.newest: TrueScan | None = None
+        self.newest: NoiseFreeScan | None = None
         """what the last scan met; for the referee"""
 
     def noise(self, rngs: Sequence[np.random.Generator]) -> NoiseBlocks:
@@ -280,7 +280,7 @@ class LidarSensors:
             noise.refill()
         return ranges
 
-    def true_scan(self, rows: Ints) -> TrueScan:
+    def true_scan(self, rows: Ints) -> NoiseFreeScan:
         """What the beams of those robots meet at this tick. Raises ValueError if one was removed."""
         is_there = self._simulator.active[rows]
         if not is_there.all():
@@ -297,7 +297,7 @@ class LidarSensors:
             one = Beams(beams.axes[i : i + 1], beams.directions[i : i + 1])
             ranges[i] = np.minimum(ranges[i], self._simulator.cast(one, 0.0, low)[0])
         bodies = hide_behind_discs(ranges, *beams, poses, self._disc.offset_x_m, self._radii_m, rows, high)
-        return TrueScan(beams, ranges, bodies)
+        return NoiseFreeScan(beams, ranges, bodies)
 
     def centers(self, poses: Floats) -> Floats:
         """(n, 2) the middles of what beams see of robots at (n, 3) poses, map frame, metres."""

@@ -14,7 +14,7 @@ from midnet_bench.analysis.tables import Table
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.files import cannot_be_written, draft_of, write_atomically
+from midnet_bench.io.files import cannot_be_written, temporary_path, write_atomically
 from midnet_bench.io.map_server import save_map
 from midnet_bench.messages import Scan
 from midnet_bench.recording import causes
@@ -332,7 +332,7 @@ def _write_errors(
 ) -> dict[str, Counter[tuple[str, str]]]:
     """Write every error, row by row; how many there are of each kind and cause, by preset."""
     counted: dict[str, Counter[tuple[str, str]]] = {}
-    with draft_of(path) as draft, open(draft, "w", encoding="utf-8", newline="") as file:
+    with temporary_path(path) as draft, open(draft, "w", encoding="utf-8", newline="") as file:
         file.write(",".join(["preset", *causes.ErrorRow._fields]) + "\n")
         for name, explainer in explainers.items():
             counted[name] = Counter()

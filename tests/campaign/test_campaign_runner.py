@@ -13,10 +13,10 @@ import pytest
 
 import midnet_bench
 from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
+from midnet_bench.campaign.pending import pending_trials
 from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.runner import CampaignOutcome, Interrupted, plan, run_campaign
 from midnet_bench.campaign.store import Inventory, StoredTrial, open_store
-from midnet_bench.campaign.unfinished import unfinished
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
@@ -131,7 +131,7 @@ def begun(campaign: ResolvedCampaign, workers: int) -> list[tuple[int, int]]:
     """(effort, seed) in the order in which the trials of a new campaign are begun."""
     nothing = Inventory({}, {}, {})
     efforts = dict(zip(map(id, campaign.cells), campaign.efforts, strict=True))
-    missing = [spec for group in unfinished(campaign, nothing, False, workers) for spec in group]
+    missing = [spec for group in pending_trials(campaign, nothing, False, workers) for spec in group]
     assert {spec.trial_id for spec in missing} == {spec.trial_id for spec in campaign.trials()}
     return [(round(efforts[id(spec.parameters)]), spec.seed) for spec in missing]
 

@@ -10,10 +10,10 @@ import pytest
 
 from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
 from midnet_bench.campaign.payload import encode_tables
+from midnet_bench.campaign.pending import MOST_TOGETHER, pending_trials
 from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.campaign.store import Inventory, StoredTrial, open_or_create, open_store
 from midnet_bench.campaign.trial import TrialResult, TrialSpec
-from midnet_bench.campaign.unfinished import MOST_TOGETHER, unfinished
 from midnet_bench.campaign.worker import attempt, attempt_together
 from tests.campaign import coin_experiments as coins
 
@@ -44,7 +44,7 @@ def stored(directory: Path) -> dict[str, StoredTrial]:
 
 
 def groups(resolved: ResolvedCampaign, inventory: Inventory | None = None) -> list[list[TrialSpec]]:
-    missing = unfinished(resolved, inventory or Inventory({}, {}, {}), False, 2)
+    missing = pending_trials(resolved, inventory or Inventory({}, {}, {}), False, 2)
     return [list(group) for group in missing]
 
 

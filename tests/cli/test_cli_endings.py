@@ -16,7 +16,7 @@ from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.cli.messages import LONGEST, one_line
 from midnet_bench.errors import MidnetBenchError, nearest_name
-from midnet_bench.io.files import draft_of, plain_name
+from midnet_bench.io.files import plain_name, temporary_path
 from tests.campaign import coin_experiments as coins
 from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint
 
@@ -180,7 +180,7 @@ def test_what_is_written_is_on_the_disk_before_it_has_its_name(
 
     monkeypatch.setattr(os, "fsync", note_sync)
     monkeypatch.setattr(os, "replace", note_replace)
-    with draft_of(tmp_path / "film.mp4") as draft:
+    with temporary_path(tmp_path / "film.mp4") as draft:
         draft.write_bytes(b"by somebody who does not sync")
     assert happened == [str(draft), "replace", str(tmp_path)]
 

@@ -132,7 +132,7 @@ def test_motion_is_the_same_under_each_oracle() -> None:
 def test_without_an_oracle_nobody_watches_the_scans() -> None:
     for oracle in ORACLES:
         with DetectionTrial(of(oracle=oracle), SEED) as made:
-            assert bool(made.fleet.onlookers) == (oracle in OVERRIDING)
+            assert bool(made.fleet.scan_callbacks) == (oracle in OVERRIDING)
 
 
 def test_with_true_poses_boxes_are_where_intruders_are() -> None:

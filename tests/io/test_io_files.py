@@ -10,7 +10,7 @@ import pytest
 
 from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.files import draft_of, write_atomically
+from midnet_bench.io.files import temporary_path, write_atomically
 from midnet_bench.io.map_server import save_map
 from midnet_bench.io.trajectory import Trajectory, write_tum
 
@@ -57,7 +57,7 @@ def test_what_fails_half_way_leaves_the_old_file_and_no_draft(tmp_path: Path) ->
     write_atomically(path, "old")
 
     def write_half() -> None:
-        with draft_of(path) as draft:
+        with temporary_path(path) as draft:
             draft.write_text("half of the ne")
             raise ZeroDivisionError
 

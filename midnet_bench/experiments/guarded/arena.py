@@ -18,7 +18,7 @@ from midnet_bench.experiments.guarded.evaders import Evaders
 from midnet_bench.experiments.guarded.ground_truth import ScanCallback, Trial, overrides_of
 from midnet_bench.experiments.guarded.inputs import EXACT, prior_map_from
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ, OVERRIDING, GuardParameters, Oracle
-from midnet_bench.experiments.guarded.uplink import Uplink
+from midnet_bench.experiments.guarded.uplink import NetworkModel
 from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
@@ -95,7 +95,8 @@ class GuardedArena(RobotTrial):
         """called with each frame of ``detector``, before any robot uses it"""
         self._frame_ticks = self.step_hz // FRAME_HZ
         self._dying, self._dead = self.guards[: parameters.dying_guards], list[Guard]()
-        self._uplink = Uplink(parameters.network, self.guards, seed) if parameters.network.is_used else None
+        network = parameters.network
+        self._network = NetworkModel(network, self.guards, seed) if network.is_used else None
 
     @property
     def prior(self) -> OccupancyGrid:
@@ -125,8 +126,8 @@ class GuardedArena(RobotTrial):
             due = self.fleet.step()
             for callback in self.tick_callbacks:
                 callback(due)
-            if self._uplink is not None:
-                self._uplink.send(due, self.fleet.time_s)
+            if self._network is not None:
+                self._network.send(due, self.fleet.time_s)
             for override in self._overrides:
                 override.stepped(due)
             if self._dying and self.fleet.time_s >= self.parameters.dying_after_s - 1e-9:
@@ -153,9 +154,9 @@ class GuardedArena(RobotTrial):
         override = self._override_of.get(node)
         if override is not None:
             return node.observations(override.poses())
-        if self._uplink is None:
+        if self._network is None:
             return node.observations(self.guard_poses(), [guard.scan for guard in self.guards])
-        return self._uplink.received(node, self.fleet.time_s)
+        return self._network.received(node, self.fleet.time_s)
 
     def add_scan_callback(self, node: DetectorNode, callback: ScanCallback) -> None:
         """From now on ``callback`` gets each scan that is taken into a node's costmaps."""
@@ -207,7 +208,7 @@ class GuardedArena(RobotTrial):
 
     def _on_scan(self, callback: ScanCallback) -> None:
         if not self._scan_callbacks:
-            self.fleet.onlookers.append(self._scanned)
+            self.fleet.scan_callbacks.append(self._scanned)
         self._scan_callbacks.append(callback)
 
     def _scanned(self, robots: Sequence[MobileRobot], ranges_m: npt.NDArray[np.float64]) -> None:

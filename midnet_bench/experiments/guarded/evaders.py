@@ -15,7 +15,7 @@ from midnet_bench.arena.free_space import FreeSpace
 from midnet_bench.arena.layout import Layout
 from midnet_bench.geometry import lengths
 from midnet_bench.rng import stream
-from midnet_bench.simulation.crowd import Crowd, Member
+from midnet_bench.simulation.crowd import Crowd, DynamicObstacle
 from midnet_bench.simulation.fleet import CONTROL_HZ
 from midnet_bench.simulation.integrity import crossed_wall, surfaces
 from midnet_bench.simulation.simulator import Simulator
@@ -117,7 +117,7 @@ class Evaders:
             self._burgers = [
                 (robot, EvaderPolicy(settings, free, robot.name, seed, walls)) for robot in burgers
             ]
-        self._members: list[tuple[Member, EvaderPolicy]] = [
+        self._members: list[tuple[DynamicObstacle, EvaderPolicy]] = [
             (member, EvaderPolicy(member.group, member.free, member.name, seed, walls))
             for member in crowd.members
         ]

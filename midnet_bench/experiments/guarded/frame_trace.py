@@ -49,7 +49,7 @@ class TracedScan:
     """One scan of one guard, and the world at that instant."""
 
     def __init__(
-        self, trial: GuardedArena, scan: Scan, true: beams_met.TrueScan, corner: tuple[int, int]
+        self, trial: GuardedArena, scan: Scan, true: beams_met.NoiseFreeScan, corner: tuple[int, int]
     ) -> None:
         """``true``: what its beams met, of this one LiDAR; ``corner``: column and row of the costmap then."""
         self.corner = corner
@@ -207,7 +207,7 @@ class FrameTrace:
             },
         )
 
-    def _add_scan(self, guard: Guard, scan: Scan, true: beams_met.TrueScan) -> None:
+    def _add_scan(self, guard: Guard, scan: Scan, true: beams_met.NoiseFreeScan) -> None:
         number = self._counts[guard.index]
         self._counts[guard.index] += 1
         layer = self._node.costmaps[guard.index].layer

@@ -25,12 +25,12 @@ from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.simulation.crowd import Crowd, ranges_to
 from midnet_bench.simulation.fast.outlines import outlines_of
 from midnet_bench.simulation.fast.rays import cast_on_outlines
-from midnet_bench.simulation.lidar import NOTHING, SOLID, LidarSensors, TrueScan
+from midnet_bench.simulation.lidar import NOTHING, SOLID, LidarSensors, NoiseFreeScan
 from midnet_bench.simulation.simulator import Beams, Simulator
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
-ScanCallback = Callable[[Guard, Scan, TrueScan], None]
+ScanCallback = Callable[[Guard, Scan, NoiseFreeScan], None]
 """Called with a scan that was taken into a guard's costmap, and what its beams truly met (m = 1)."""
 
 
@@ -62,11 +62,11 @@ class GroundTruthOverride:
         self.localised_at = [trial.true_pose(guard) for guard in trial.guards]
         """where each guard truly was when it last localised, map frame"""
 
-    def scanned(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
+    def scanned(self, guard: Guard, scan: Scan, true: NoiseFreeScan) -> None:
         """Take what a guard has just scanned; ``true``: what its beams met."""
         self.take(guard, scan, true)
 
-    def take(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
+    def take(self, guard: Guard, scan: Scan, true: NoiseFreeScan) -> None:
         """Let a scan into the guard's costmap."""
         self.node.observe(guard.index, scan.pose, scan.ranges_m, scan.lidar, scan.stamp_s)
         for callback in self.callbacks:
@@ -92,7 +92,7 @@ class TruePoses(GroundTruthOverride):
     A pose stays as old as it is: a newer one would crop the prior map farther from where the costmap lies.
     """
 
-    def scanned(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
+    def scanned(self, guard: Guard, scan: Scan, true: NoiseFreeScan) -> None:
         """See :class:`GroundTruthOverride`."""
         self.take(guard, scan._replace(pose=self.trial.true_pose(guard)), true)
 
@@ -139,7 +139,7 @@ class WithoutDelay(GroundTruthOverride):
 class WithoutAllies(GroundTruthOverride):
     """``allies``: a beam that met a guard is void, so that it neither marks nor clears."""
 
-    def scanned(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
+    def scanned(self, guard: Guard, scan: Scan, true: NoiseFreeScan) -> None:
         """See :class:`GroundTruthOverride`."""
         is_ally = (true.bodies[0] >= 0) & (true.bodies[0] < len(self.trial.guards))
         self.take(guard, scan._replace(ranges_m=np.where(is_ally, np.nan, scan.ranges_m)), true)
@@ -148,7 +148,7 @@ class WithoutAllies(GroundTruthOverride):
 class WithoutNoise(GroundTruthOverride):
     """``noise``: the true ranges. What drops out, or stands too near to be measured, stays as it was."""
 
-    def scanned(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
+    def scanned(self, guard: Guard, scan: Scan, true: NoiseFreeScan) -> None:
         """See :class:`GroundTruthOverride`."""
         is_measured = np.isfinite(scan.ranges_m) & (scan.ranges_m >= scan.lidar.range_min_m)
         ranges_m = np.where(is_measured, true.ranges_m[0], scan.ranges_m)
@@ -186,7 +186,7 @@ class TransparentIntruders(GroundTruthOverride):
         self._walls = outlines_of(trial.world.layout.arena.wall_solids())
         self._lidars: dict[int, MultiEchoLidar] = {}
 
-    def scanned(self, guard: Guard, scan: Scan, true: TrueScan) -> None:
+    def scanned(self, guard: Guard, scan: Scan, true: NoiseFreeScan) -> None:
         """See :class:`GroundTruthOverride`."""
         behind_m, bodies = self._behind(guard, true.beams)
         if len(behind_m):
@@ -196,7 +196,7 @@ class TransparentIntruders(GroundTruthOverride):
             measured_m[:, np.isposinf(scan.ranges_m) & ~np.isnan(behind_m[0])] = np.inf
             ranges_m = np.concatenate((scan.ranges_m, measured_m.reshape(-1)))
             scan = scan._replace(ranges_m=ranges_m, lidar=self._multi_echo(scan.lidar, echoes))
-            true = TrueScan(
+            true = NoiseFreeScan(
                 Beams(true.beams.axes, np.tile(true.beams.directions, (1, echoes, 1))),
                 np.concatenate((true.ranges_m, behind_m.reshape(1, -1)), axis=1),
                 np.concatenate((true.bodies, bodies.reshape(1, -1)), axis=1),
@@ -213,7 +213,7 @@ class TransparentIntruders(GroundTruthOverride):
     def _behind(self, guard: Guard, beams: Beams) -> tuple[Floats, Ints]:
         """What each beam meets behind the first intruder, a row for each echo.
 
-        (echoes, beams) metres, NaN where there is nothing more; and which robot, as a ``TrueScan`` has it.
+        (echoes, beams) metres, NaN where there is nothing more; and which robot, as ``NoiseFreeScan`` has it.
         """
         intruders = self._intruders()
         opaque_m, opaque = self._opaque(guard, beams)

@@ -1,4 +1,4 @@
-"""``Uplink``: how the guards' poses and costmaps reach MIDNet where a network lies between them."""
+"""``NetworkModel``: how the guards' poses and costmaps reach MIDNet where a network lies between them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -25,7 +25,7 @@ class Report(NamedTuple):
     scan: Scan | None
 
 
-class Uplink:
+class NetworkModel:
     """A guard reports after each of its control cycles; MIDNet goes by the latest report that has arrived.
 
     MIDNet's own messages take no time and are never lost.

@@ -63,7 +63,7 @@ _SQUARE = np.array(
 
 # Columns of a contact: the unit normal towards the first body, the gap, the point as seen from both bodies'
 # base frames (map axes), and the impulses so far along normal and tangent, per mass.
-NORMAL_X, NORMAL_Y, GAP, ARM_X, ARM_Y, OTHER_X, OTHER_Y, PUSH, RUB = range(9)
+NORMAL_X, NORMAL_Y, GAP, ARM_X, ARM_Y, OTHER_X, OTHER_Y, NORMAL, TANGENTIAL = range(9)
 _COLUMNS = 9
 _PER_BODY = 48
 """contacts that there is room for"""
@@ -80,13 +80,13 @@ class Body(NamedTuple):
     """inertia over mass"""
 
 
-class Room(NamedTuple):
+class ContactBuffer(NamedTuple):
     """Where what is found of n bodies is written."""
 
     hulls: Floats
     """(n, h, 7) the hulls in the map frame"""
     rows: Floats
-    """(c, 9) contacts by the columns ``NORMAL_X`` to ``RUB``"""
+    """(c, 9) contacts by the columns ``NORMAL_X`` to ``TANGENTIAL``"""
     pairs: Ints
     """(c, 2) whom each contact's normal points to, and from whom; -1 for what never moves, or ``OBSTACLE``"""
 
@@ -107,10 +107,10 @@ def body_of(robot: RobotModel) -> Body:
     return Body(hull_of(robot.body), robot.body_reach_m, robot.gyration_radius_m * robot.gyration_radius_m)
 
 
-def room_for(count: int, body: Body) -> Room:
+def room_for(count: int, body: Body) -> ContactBuffer:
     """Room for ``count`` bodies."""
     rows = _PER_BODY * count
-    return Room(
+    return ContactBuffer(
         np.zeros((count, *body.hull.shape)), np.zeros((rows, _COLUMNS)), np.zeros((rows, 2), dtype=np.int64)
     )
 
@@ -144,7 +144,7 @@ def find_contacts(
     body: Body,
     margin_m: float,
     ground: SideGrid,
-    room: Room,
+    room: ContactBuffer,
     count: int = 0,
 ) -> int:
     """Writes the contacts of bodies at (n, 3) ``poses`` into ``room``, and says how many there are.
@@ -229,7 +229,7 @@ def find_obstacle_contacts(
     body: Body,
     margin_m: float,
     obstacles: Obstacles,
-    room: Room,
+    room: ContactBuffer,
 ) -> int:
     """The same as :func:`find_contacts` for contacts with obstacles alone, deep ones too.
 
@@ -267,7 +267,7 @@ def _obstacle_contact(
     margin_m: float,
     radius_m: float,
     is_own: bool,
-    room: Room,
+    room: ContactBuffer,
     count: int,
 ) -> int:
     """Adds the contact of an obstacle's corner, with a disc's radius, with body i, placed, if there is one.
@@ -527,7 +527,7 @@ def mobility(row: Floats, b: int, nx: float, ny: float, gyration2: float) -> flo
 
 
 @njit
-def hold_contacts(
+def solve_contacts(
     island: int,
     label: Ints,
     count: int,
@@ -550,13 +550,13 @@ def hold_contacts(
         nx, ny = row[NORMAL_X], row[NORMAL_Y]
         least = least_speed(row[GAP], b, step_s)
         missing = (least - parting_speed(row, a, b, nx, ny, moves)) / mobility(row, b, nx, ny, gyration2)
-        more = max(row[PUSH] + missing, 0.0) - row[PUSH]
-        row[PUSH] += more
+        more = max(row[NORMAL] + missing, 0.0) - row[NORMAL]
+        row[NORMAL] += more
         push(row, a, b, more * nx, more * ny, gyration2, moves)
         sliding = parting_speed(row, a, b, -ny, nx, moves) / mobility(row, b, -ny, nx, gyration2)
-        most = (WALL_FRICTION if b < 0 else BODY_FRICTION) * row[PUSH]
-        rub = min(max(row[RUB] - sliding, -most), most) - row[RUB]
-        row[RUB] += rub
+        most = (WALL_FRICTION if b < 0 else BODY_FRICTION) * row[NORMAL]
+        rub = min(max(row[TANGENTIAL] - sliding, -most), most) - row[TANGENTIAL]
+        row[TANGENTIAL] += rub
         push(row, a, b, -rub * ny, rub * nx, gyration2, moves)
         change = max(change, abs(more), abs(rub))
     return change
@@ -592,7 +592,7 @@ def stands_in(
     body: Body,
     depth_m: float,
     ground: SideGrid,
-    room: Room,
+    room: ContactBuffer,
 ) -> bool:
     """Whether body i reaches more than ``depth_m`` into a side of what never moves, or into another body.
 

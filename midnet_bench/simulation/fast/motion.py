@@ -12,23 +12,23 @@ from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.fast.contacts import (
     GAP,
     GRAVITY_MPS2,
+    NORMAL,
     NORMAL_X,
     NORMAL_Y,
-    PUSH,
-    RUB,
     SKIN_M,
+    TANGENTIAL,
     WHEEL_FRICTION,
     Body,
+    ContactBuffer,
     Obstacles,
-    Room,
     find_contacts,
     find_obstacle_contacts,
-    hold_contacts,
     islands,
     least_speed,
     obstacles_near,
     part,
     parting_speed,
+    solve_contacts,
     stands_in,
 )
 from midnet_bench.simulation.fast.outlines import SideGrid
@@ -112,11 +112,11 @@ def step_world(
     drive = Drive(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], int(numbers[5]))
     body = Body(hull, numbers[6], numbers[7])
     obstacles = obstacles_near(solids, states[:, :3], present, body.reach_m + 2.0 * drive.most_m)
-    ground, room = SideGrid(sides, frame, first, members), Room(hulls, rows, pairs)
+    ground, room = SideGrid(sides, frame, first, members), ContactBuffer(hulls, rows, pairs)
     advance(states, present, drive, body, ground, room, obstacles)
 
 
-def taken_apart(drive: Drive, body: Body, ground: SideGrid, room: Room) -> tuple[Any, ...]:
+def taken_apart(drive: Drive, body: Body, ground: SideGrid, room: ContactBuffer) -> tuple[Any, ...]:
     """Arrays only: handing named tuples to compiled code takes three times as long as a tick."""
     return (np.array([*drive, body.reach_m, body.gyration2_m2]), body.hull, *ground, *room)
 
@@ -128,7 +128,7 @@ def advance(
     drive: Drive,
     body: Body,
     ground: SideGrid,
-    room: Room,
+    room: ContactBuffer,
     obstacles: Obstacles,
 ) -> None:
     """Let one tick pass for (n, 13) ``states``, by the columns above, of the bodies that are ``present``."""
@@ -193,7 +193,7 @@ def _hold(
     drive: Drive,
     body: Body,
     label: Ints,
-    room: Room,
+    room: ContactBuffer,
     moves: Floats,
     held: npt.NDArray[np.bool_],
 ) -> None:
@@ -211,7 +211,7 @@ def _hold(
         speed = parting_speed(row, a, b, row[NORMAL_X], row[NORMAL_Y], moves)
         if speed < least - 1e-12 or row[GAP] < 0.0:
             is_hindered[label[a]] = True
-        row[PUSH] = row[RUB] = 0.0
+        row[NORMAL] = row[TANGENTIAL] = 0.0
     headings = np.empty((n, 2))
     grips = np.zeros((n, 2, 2))
     for i in range(n):
@@ -228,7 +228,7 @@ def _hold(
             for i in range(island, n):
                 if label[i] == island:
                     change = max(change, _grip(states[i], drive, gyration2, headings[i], grips[i], moves[i]))
-            change = max(change, hold_contacts(island, label, count, rows, pairs, step_s, gyration2, moves))
+            change = max(change, solve_contacts(island, label, count, rows, pairs, step_s, gyration2, moves))
             if change < _STILL_MPS:
                 break
     for i in range(n):
@@ -282,7 +282,7 @@ def _move_among_contacts(
     drive: Drive,
     body: Body,
     ground: SideGrid,
-    room: Room,
+    room: ContactBuffer,
     label: Ints,
     moves: Floats,
     held: npt.NDArray[np.bool_],
@@ -355,7 +355,7 @@ def count_collisions(
 
     ``solids`` as for :func:`step_world`, everything from ``numbers`` on as :func:`taken_apart` gives it.
     """
-    body, room = Body(hull, numbers[6], numbers[7]), Room(hulls, rows, pairs)
+    body, room = Body(hull, numbers[6], numbers[7]), ContactBuffer(hulls, rows, pairs)
     ground = SideGrid(sides, frame, first, members)
     obstacles = obstacles_near(solids, states[:, :3], present, body.reach_m + TOUCH_M)
     count = find_obstacle_contacts(states[:, :3], present, body, TOUCH_M, obstacles, room)

@@ -15,7 +15,7 @@ MOST_TOGETHER = 100
 """trials of one simulation, which has all their tables in memory"""
 
 
-class Unfinished:
+class PendingTrials:
     """Trials that have no outcome yet, in groups that run together.
 
     To iterate begins with those that were handed out before in vain.
@@ -78,9 +78,9 @@ class Unfinished:
             return self._handed_out.pop(trial_id)
 
 
-def unfinished(
+def pending_trials(
     campaign: ResolvedCampaign, inventory: Inventory, retry_failed: bool, workers: int
-) -> Unfinished:
+) -> PendingTrials:
     """What is to run.
 
     Seed by seed, so that an interrupted campaign has visited all cells about equally, and of each seed the
@@ -122,4 +122,4 @@ def unfinished(
     if len(first) <= FEW_TRIALS * workers:
         first.sort(key=lambda one: -one[0])
     count = sum(len(wanted) - sum(seed in wanted for seed in seeds) for seeds in done)
-    return Unfinished((group for _, group in itertools.chain(first, missing)), count)
+    return PendingTrials((group for _, group in itertools.chain(first, missing)), count)
