@@ -90,6 +90,10 @@ class Command(TyperCommand):
         for one in self.get_params(ctx):
             if (record := one.get_help_record(ctx)) is None:
                 continue
+            if getattr(one, "help", None) == options.PARAMETER:
+                if (text := options.help_of(one.name or "", ctx.info_name)) is None:
+                    continue
+                record = (record[0], text + " May be repeated." * one.multiple)
             if one.param_type_name == "argument":
                 group = "Arguments"
             else:

@@ -36,9 +36,7 @@ def export(
         int | None, typer.Option(min=0, metavar="N", help="The trial's seed (default 1).")
     ] = None,
     where: Where = None,
-    frames: Annotated[
-        int | None, typer.Option(metavar="N", help="Frames of a detection trial, 5 a second.")
-    ] = None,
+    frames: options.Number = None,
     engine: options.Engine = None,
     map_file: options.Map = None,
     settings: options.Settings = None,

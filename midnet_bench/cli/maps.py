@@ -34,7 +34,7 @@ def make_map(
             help="The arena to explore: map1, map2, empty, or a YAML file.", autocompletion=completion.arenas
         ),
     ] = None,
-    robots: Annotated[int | None, typer.Option(metavar="N", help="Robots that explore (default 1).")] = None,
+    robots: options.Number = None,
     exact: Annotated[bool, typer.Option("--exact", help="Draw the arena's walls without exploring.")] = False,
     from_log: Annotated[
         Path | None,

@@ -1,9 +1,10 @@
 """Options that mean the same for every command; a dataclass is a group of them."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_type_hints
 
 import typer
 
@@ -40,39 +41,51 @@ Map = Annotated[
     Path | None,
     typer.Option("--map", metavar="FILE", help="Prior map: the YAML file of a ROS map_server map."),
 ]
-Arena = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ARENA",
-        help="Packaged arena (map1, map2, empty, office, people, people-pausing) or a YAML file.",
-        show_default=False,
-        autocompletion=completion.arenas,
-    ),
-]
-Engine = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="What simulates: bullet (PyBullet), fast (our own, several times as fast), another by name, "
-        "package.module:NAME or file.py:NAME.",
-        show_default=False,
-    ),
-]
-RobotModel = Annotated[
-    str | None,
-    typer.Option(
-        "--robot-model",
-        metavar="NAME",
-        help="What the robots are: burger, waffle, another by name, package.module:NAME or file.py:NAME.",
-        show_default=False,
-    ),
-]
-Preset = Annotated[
-    Literal["paper", "best"] | None,
-    typer.Option(
-        help="Parameters to begin with: the paper's (default), or those that detect best.", show_default=False
-    ),
-]
+PARAMETER = "="
+"""Help of an option whose sentence, range and default are those of the parameter of its name."""
+NUMBERS = ("robots", "intruders", "frames")
+KEY_OF = {"robot_model": "robot", "metric": "metrics"}
+"""option -> its parameter, where that is called otherwise"""
+OPTION_OF = {key: name.replace("_", "-") for name, key in KEY_OF.items()}
+EXPERIMENT_OF = {"detection": "detection", "labyrinth": "labyrinth", "map": "mapping"}
+"""command -> the experiment that its parameters are of"""
+
+
+def parameter(metavar: str = "NAME", **more: Any) -> Any:
+    """An option for the parameter of its name, whose declaration the help is made of."""
+    return typer.Option(metavar=metavar, help=PARAMETER, show_default=False, **more)
+
+
+def help_of(name: str, command: str) -> str | None:
+    """What the help of ``command`` says of the option ``name``; None: its experiment does not have it."""
+    from midnet_bench.campaign.definition import load_campaign
+    from midnet_bench.experiments.registry import names, parameters_model
+    from midnet_bench.settings import leaves
+    from midnet_bench.workflows.campaigns import packaged_campaigns
+
+    key, experiment = KEY_OF.get(name, name), EXPERIMENT_OF.get(command)
+    known = [leaves(parameters_model(one)) for one in ([experiment] if experiment else names())]
+    leaf = next((one[key] for one in known if key in one), None)
+    if leaf is None:
+        return None
+    default: object = leaf.default if experiment else None
+    if experiment == command:
+        campaign = load_campaign(packaged_campaigns()[command])
+        default = campaign.grid.get(key, campaign.parameters.get(key, default))
+    texts = [leaf.option.allowed] if name in NUMBERS else []
+    if default is not None:
+        values = default if isinstance(default, list) else [default]
+        texts.append("default " + ",".join(map(str, values)))
+    sentence = re.split(r"[.;] |\.$", leaf.option.help)[0]
+    return sentence + f" ({'; '.join(texts)})" * bool(texts) + "."
+
+
+Arena = Annotated[str | None, parameter("ARENA", autocompletion=completion.arenas)]
+Engine = Annotated[str | None, parameter()]
+RobotModel = Annotated[str | None, parameter()]
+Number = Annotated[int | None, parameter("N")]
+Numbers = Annotated[str | None, parameter("N,N")]
+Part = Annotated[str | None, parameter()]
 Jobs = Annotated[
     int | None,
     typer.Option(
@@ -86,19 +99,8 @@ Wide = Annotated[
     bool, typer.Option("--wide", help="Print tables with all their columns, however long the lines.")
 ]
 
-OPTION_OF = {"robot": "robot-model", "metrics": "metric"}
-"""key -> its option, where that is called otherwise"""
 _MESSAGES = "Messages"
 Given = TypeVar("Given")
-
-
-def _part(help: str) -> Any:
-    """An option that names code; ``help`` ends with what comes with the package."""
-    more = "another by name, package.module:NAME or file.py:NAME."
-    return typer.Option(metavar="NAME", help=f"{help}, {more}", show_default=False)
-
-
-Pursuit = Annotated[str | None, _part("Which guard pursues which intruder: nearest")]
 
 
 @dataclass(frozen=True)
@@ -122,38 +124,18 @@ class Campaign:
             min=0, metavar="N", help="First seed; the others count up from it (default 1, or the campaign's)."
         ),
     ] = None
-    robots: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N,N", help="Team sizes, such as 2,3,4 (default: detection 1,5, labyrinth 1,2,3,4,5)."
-        ),
-    ] = None
-    intruders: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N,N",
-            help="Numbers of robots that intrude, such as 1,2 (default: detection as in the arena, "
-            "labyrinth 1,2,3,4,5).",
-        ),
-    ] = None
-    frames: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N", help="Frames of a trial, 5 a second (default: detection 1999; not in the labyrinth)."
-        ),
-    ] = None
+    robots: Numbers = None
+    intruders: Numbers = None
+    frames: Numbers = None
     arena: Arena = None
-    preset: Preset = None
+    preset: Annotated[Literal["paper", "best"] | None, parameter("paper|best")] = None
     engine: Engine = None
     robot_model: RobotModel = None
-    detector: Annotated[str | None, _part("Detector: midnet")] = None
-    fusion: Annotated[str | None, _part("Fusion of the robots' boxes: paper")] = None
-    patrol: Annotated[str | None, _part("Where idle guards go: paper")] = None
-    pursuit: Pursuit = None
-    metric: Annotated[
-        list[str] | None,
-        _part("Further metrics, may be repeated: ospa, first_detection, idleness, mot"),
-    ] = None
+    detector: Part = None
+    fusion: Part = None
+    patrol: Part = None
+    pursuit: Part = None
+    metric: Annotated[list[str] | None, parameter()] = None
     record: Annotated[
         bool,
         typer.Option(
@@ -203,34 +185,20 @@ class Campaign:
         from midnet_bench.campaign.definition import parse_sweep, values_of
 
         given: dict[str, Values] = {}
-        numbers = {"robots": self.robots, "intruders": self.intruders, "frames": self.frames}
-        for key, text in numbers.items():
-            if text is not None:
+        for name, hint in get_type_hints(type(self), include_extras=True).items():
+            value = getattr(self, name)
+            if hint.__metadata__[0].help != PARAMETER or value is None:
+                continue
+            key, text = KEY_OF.get(name, name), "; ".join(value) if isinstance(value, list) else value
+            if name in NUMBERS:
                 given[key] = whole_numbers(text, f"--{key}")
-        for key, value in {**self._parts, "record": self.record or None}.items():
-            if isinstance(value, str) and "," in value:
-                given[key] = values_of(value, f"--{key}")
-            elif value is not None:
-                given[key] = value
+            else:
+                given[key] = values_of(text, f"--{key}") if "," in text else text
+        given |= {"record": True} if self.record else {}
         settings = _given_once(given, parse_sweep(self.settings or [], self.map_file))
         check_values(experiment, given, "--{key}")
         check_values(experiment, settings, "--set {key}=")
         return given | settings
-
-    @property
-    def _parts(self) -> dict[str, str | None]:
-        """What stands behind the seams, by option; None if not given."""
-        return {
-            "arena": self.arena,
-            "preset": self.preset,
-            "engine": self.engine,
-            "robot": self.robot_model,
-            "detector": self.detector,
-            "fusion": self.fusion,
-            "patrol": self.patrol,
-            "pursuit": self.pursuit,
-            "metrics": "; ".join(self.metric) if self.metric else None,
-        }
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,8 @@ def render(
         str, typer.Argument(help="detection or labyrinth.", autocompletion=completion.experiments)
     ] = "detection",
     robots: Annotated[int | None, typer.Option(metavar="N", help="Security robots (default 5).")] = None,
-    intruders: Annotated[int | None, typer.Option(metavar="N", help="Burgers that intrude.")] = None,
-    frames: Annotated[
-        int | None, typer.Option(metavar="N", help="Frames of a detection trial, 5 a second.")
-    ] = None,
+    intruders: options.Number = None,
+    frames: options.Number = None,
     seed: options.Seed = 1,
     frame: Annotated[
         int | None,

@@ -13,6 +13,7 @@ import typer.main
 import yaml
 
 from midnet_bench.cli.app import app
+from midnet_bench.cli.options import PARAMETER, help_of
 from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint
 
 COMMANDS = [one.name or one.callback.__name__ for one in app.registered_commands if one.callback]
@@ -88,7 +89,8 @@ def test_the_options_help_names_the_defaults_of_the_packaged_campaigns(tmp_path:
         for option, key in options.items():
             value = values[key]
             said = ",".join(map(str, value)) if isinstance(value, list) else str(value)
-            assert f"{name} {said}" in str(helps[option])
+            text = help_of(option, name) if helps[option] == PARAMETER else helps[option]
+            assert f"{name if option == 'seeds' else 'default'} {said}" in str(text)
 
 
 @pytest.mark.slow
@@ -205,3 +207,10 @@ def test_a_long_message_keeps_what_it_is_about_and_what_is_wrong(tmp_path: Path)
 def test_a_name_that_is_too_long_is_one_line(arguments: tuple[str, ...], tmp_path: Path) -> None:
     assert "File name too long" in one_line_of_complaint(midnet_bench(*arguments, folder=tmp_path))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_help_leaves_out_options_that_the_command_refuses(tmp_path: Path) -> None:
+    for command, option in (("labyrinth", "--frames"), ("detection", "--pursuit")):
+        assert option not in midnet_bench(command, "-h", folder=tmp_path).stdout
+        assert option in midnet_bench("run", "-h", folder=tmp_path).stdout
+        assert midnet_bench(command, option, "3", "-n", folder=tmp_path).returncode == 2
