@@ -10,7 +10,7 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.recording.files.no_return import NoReturn, found_in
 from midnet_bench.recording.files.readings import NO_MOTION, NS, POSE, SCAN, PoseReading, Transform
 from midnet_bench.recording.files.survey import Stream, Survey
-from midnet_bench.recording.setup import RecordingSetup
+from midnet_bench.recording.setup import LARGEST, RecordingSetup
 
 TF_POSE = "tf"
 """value of key ``pose`` for transforms"""
@@ -349,11 +349,11 @@ def mount_of(text: str, option: str) -> Pose2D:
 
 
 def number_of(text: str, said: str) -> float:
-    """A finite number. Raises InputError otherwise."""
+    """A finite number, at most ``LARGEST``. Raises InputError otherwise."""
     try:
         value = float(text)
     except ValueError:
         raise InputError(f"{said}: {text!r} is not a number") from None
-    if not math.isfinite(value):
-        raise InputError(f"{said}: {text!r} is not a finite number")
+    if not abs(value) <= LARGEST:
+        raise InputError(f"{said}: {text!r} is out of range; allowed: -{LARGEST:g} to {LARGEST:g}")
     return value

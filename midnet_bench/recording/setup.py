@@ -15,6 +15,8 @@ from midnet_bench.recording.poses import Clock
 from midnet_bench.recording.settings import Preset
 from midnet_bench.settings import Scalar
 
+LARGEST = 1e7
+"""of metres, degrees and seconds"""
 EVERY = ""
 """key of a value that holds for every robot"""
 
@@ -26,7 +28,9 @@ def _by_name(value: Any) -> Any:
 ByName = BeforeValidator(_by_name)
 """Takes one value for every robot, or a mapping from robot names to values; kept as a mapping."""
 Text = Annotated[str, Field(min_length=1)]
-Mount = tuple[float, float, float]
+Coordinate = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Mount = tuple[Coordinate, Coordinate, Coordinate]
+Seconds = Annotated[float, Field(ge=-1e10, le=1e10)]
 
 
 class AllySetup(Spec):
@@ -67,10 +71,10 @@ class RecordingSetup(Spec):
     )
     map_frame: Text = Field(default="map", description="frame of tf that the map is in")
     clock: Clock = Field(default="header", description="header or record: which time stamps are used")
-    delay_s: Annotated[dict[str, float], ByName] = Field(
+    delay_s: Annotated[dict[str, Seconds], ByName] = Field(
         default={}, description="seconds by which the scans are stamped too late"
     )
-    offset_s: dict[str, float] = Field(
+    offset_s: dict[str, Seconds] = Field(
         default={}, description="{FILE: SECONDS} to add to all times of one of several files"
     )
     no_return: dict[str, Meaning] = Field(
@@ -82,7 +86,7 @@ class RecordingSetup(Spec):
         default=None, ge=0.01, le=1000.0, description="frames a second; default one at each scan"
     )
     tick_hz: float | None = Field(
-        default=None, gt=0.0, description="simulation steps a second of an exported trial"
+        default=None, gt=0.0, le=1e6, description="simulation steps a second of an exported trial"
     )
     max_pose_age_s: float = Field(
         default=0.5, ge=0.0, description="scans farther in time from a pose are left out"

@@ -309,6 +309,8 @@ def test_an_option_that_went_names_its_key_of_the_setup(tmp_path):
         ({"mount": [0.1, "two", 0.0]}, "setup.yaml: mount.1: "),
         ({"mount": {"front": [0.1, 0.0]}}, "setup.yaml: mount.front.2: "),
         ({"clock": "wall"}, "setup.yaml: clock: "),
+        ({"delay_s": -1e300}, "setup.yaml: delay_s: "),
+        ({"map": "map.yaml", "pose": "at:1e300,0,0"}, "pose 1e300,0,0: '1e300' is out of range"),
         ({"rate_hz": True}, "setup.yaml: rate_hz: "),
         ({"no_return": {"infi": "clears"}}, "no_return: no such code 'infi'; did you mean 'inf'?"),
         ({"allies": {"red": "/red"}}, "setup.yaml: allies.red: "),
