@@ -132,11 +132,11 @@ def run_trials(specs: "Sequence[TrialSpec]") -> "list[TrialResult | Exception]":
     different = dict(zip(reversed(keys), reversed(parameters), strict=True))  # the first of equal ones
     results: Sequence[TrialResult | Exception]
     if len(different) == 1 or found.run_together is None:
-        results = [_caught(found.run, one, seed) for one in different.values()]
+        results = [_result_or_error(found.run, each, seed) for each in different.values()]
     else:
         results = found.run_together(list(different.values()), seed)
     by_key = dict(zip(different, results, strict=True))
-    return [_as_its_experiment_says(found, spec, by_key[key]) for spec, key in zip(specs, keys, strict=True)]
+    return [_checked_result(found, spec, by_key[key]) for spec, key in zip(specs, keys, strict=True)]
 
 
 def run_trial(spec: "TrialSpec") -> "TrialResult":
@@ -146,22 +146,20 @@ def run_trial(spec: "TrialSpec") -> "TrialResult":
     return run_alone(run_trials, spec)
 
 
-def _caught(
-    run: "Callable[[Any, int], TrialResult]", parameters: Any, seed: int
-) -> "TrialResult | Exception":
+def _result_or_error(run: "Callable[..., TrialResult]", *args: Any) -> "TrialResult | Exception":
     try:
-        return run(parameters, seed)
+        return run(*args)
     except Exception as error:
         return error
 
 
-def _as_its_experiment_says(
+def _checked_result(
     found: Experiment, spec: "TrialSpec", result: "TrialResult | Exception"
 ) -> "TrialResult | Exception":
-    if isinstance(result, Exception):
-        return result
+    """The result, or the ValueError that says what its tables lack."""
     try:
-        check_tables(found.columns, result.tables, spec.parameters)
+        if not isinstance(result, Exception):
+            check_tables(found.columns, result.tables, spec.parameters)
     except ValueError as error:
         return error
     return result

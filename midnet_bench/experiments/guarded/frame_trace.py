@@ -5,7 +5,7 @@ out only for frames with errors.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, cached_property, partial
 
 import numpy as np
@@ -16,7 +16,6 @@ from midnet_bench.assembly.detector_node import DetectorNode
 from midnet_bench.elementary import cos_sin
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.geometry import Box, lengths
-from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import Scan
 from midnet_bench.midnet.detection import Crop
 from midnet_bench.midnet.pipeline import Frame
@@ -195,7 +194,7 @@ class FrameTrace:
         left_over = [index for index, truth in enumerate(match.truth_of) if truth is None]
         if not missed and not left_over:
             return {}, {}
-        views = _Views(self, frame)
+        views = [self._view(guard, frame) for guard in range(len(self.guards))]
         return (
             {
                 index: lost_at(index, truths, frame.detections, [views[g] for g in guards_near(index)])
@@ -205,6 +204,40 @@ class FrameTrace:
                 index: made_of(frame.detections[index], frame.robots[index], truths, views)
                 for index in left_over
             },
+        )
+
+    def _view(self, guard: int, frame: Frame) -> GuardView:
+        """What a guard's detections of one frame came from; what takes time is found at its first use."""
+        a = d = prior = None
+        shift_m, deflated_m = (0.0, 0.0), 0.0
+        found: list[Box] = []
+        taken: dict[Box, int] = {}
+        if frame.explanation is not None:
+            view, prior = frame.explanation.views[guard], self._node.prior
+            a, d, found, shift_m = view.a, view.d, view.found, self._shift_m(guard, view.crop)
+            deflated_m = self._node.midnet.settings.deflate_boxes_m
+            taken = {
+                removed.detection.box: removed.ally
+                for removed in frame.explanation.removed
+                if removed.detection.robot == guard
+            }
+        return GuardView(
+            guard=guard,
+            sensor=self._trial.sensor_positions()[guard],
+            lines=partial(self.lines, guard),
+            returns=partial(self.returns, guard),
+            marks=cache(partial(self.marks, guard)),
+            shift_m=shift_m,
+            window=moved(self._node.window(guard), shift_m),
+            reach_m=self.reach_m,
+            a=a,
+            d=d,
+            prior=prior,
+            disc=self.disc,
+            found=found,
+            deflated_m=deflated_m,
+            taken=[taken.get(box) for box in found],
+            centers_at_scan=partial(self.centers_at_scan, guard),
         )
 
     def _add_scan(self, guard: Guard, scan: Scan, true: beams_met.NoiseFreeScan) -> None:
@@ -313,29 +346,11 @@ class FrameTrace:
         return float(lengths(self.disc.astype(np.float64)).max()) * self._settings.resolution
 
     @property
-    def deflated_m(self) -> float:
-        """What is taken off each side of a box as soon as it is found, metres."""
-        return self._node.midnet.settings.deflate_boxes_m
-
-    @property
-    def prior(self) -> OccupancyGrid:
-        """The binary grid that is subtracted."""
-        return self._node.prior
-
-    @property
     def now_s(self) -> float:
         """The frame's instant."""
         return self._trial.fleet.time_s
 
-    def sensors(self) -> list[tuple[float, float]]:
-        """(x, y) of each guard's LiDAR as it truly is now."""
-        return self._trial.sensor_positions()
-
-    def costmap_window(self, guard: int) -> Box:
-        """Where a guard's costmap lies, map frame, metres."""
-        return self._node.window(guard)
-
-    def shift_m(self, guard: int, crop: Crop) -> tuple[float, float]:
+    def _shift_m(self, guard: int, crop: Crop) -> tuple[float, float]:
         """By how much the crop moves a guard's cells on the prior map, x and y, metres."""
         if crop.is_empty:
             return 0.0, 0.0
@@ -365,56 +380,3 @@ NO_MARKS = Marks(
     np.empty(0, dtype=np.bool_),
     *(_NO_PLACES, _NO_PLACES, _NO_PLACES, _NO_PLACES),
 )
-
-
-class _Views:
-    """Each guard's view of one frame, made at its first use."""
-
-    def __init__(self, trace: FrameTrace, frame: Frame) -> None:
-        self._trace, self._frame = trace, frame
-        self._made: dict[int, GuardView] = {}
-        self._sensors = trace.sensors()
-
-    def __iter__(self) -> Iterator[GuardView]:
-        return (self[guard] for guard in range(len(self._trace.guards)))
-
-    def __getitem__(self, guard: int) -> GuardView:
-        if guard not in self._made:
-            self._made[guard] = self._make(guard)
-        return self._made[guard]
-
-    def _make(self, guard: int) -> GuardView:
-        trace, explanation = self._trace, self._frame.explanation
-        window, shift_m = trace.costmap_window(guard), (0.0, 0.0)
-        a = d = prior = None
-        deflated_m = 0.0
-        found: list[Box] = []
-        taken: dict[Box, int] = {}
-        if explanation is not None:
-            view = explanation.views[guard]
-            a, d, prior, found = view.a, view.d, trace.prior, view.found
-            shift_m = trace.shift_m(guard, view.crop)
-            deflated_m = trace.deflated_m
-            taken = {
-                removed.detection.box: removed.ally
-                for removed in explanation.removed
-                if removed.detection.robot == guard
-            }
-        return GuardView(
-            guard=guard,
-            sensor=self._sensors[guard],
-            lines=partial(trace.lines, guard),
-            returns=partial(trace.returns, guard),
-            marks=cache(partial(trace.marks, guard)),
-            shift_m=shift_m,
-            window=moved(window, shift_m),
-            reach_m=trace.reach_m,
-            a=a,
-            d=d,
-            prior=prior,
-            disc=trace.disc,
-            found=found,
-            deflated_m=deflated_m,
-            taken=[taken.get(box) for box in found],
-            centers_at_scan=partial(trace.centers_at_scan, guard),
-        )
