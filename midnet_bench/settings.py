@@ -178,7 +178,12 @@ class Settings:
     @classmethod
     def defaults_with(cls, values: Mapping[str, Scalar]) -> Self:
         """The settings with all defaults; a subclass may let some of these go by ``values``, by flat keys."""
-        return cls()
+        return cls.usual()
+
+    @classmethod
+    def usual(cls) -> Self:
+        """The settings with all defaults, made and checked once."""
+        return cast(Self, _usual(cast(Any, cls)))
 
     def flat_values(self) -> dict[str, Scalar]:
         """The value of each flat key, in the order of the fields."""
@@ -227,9 +232,14 @@ def leaves(settings: type[Settings]) -> Mapping[str, Leaf]:
 
 
 @functools.cache
+def _usual(settings: type[Settings]) -> Settings:
+    return settings()
+
+
+@functools.cache
 def _all_leaves(settings: type[Settings]) -> Mapping[str, Leaf]:
     found: dict[str, Leaf] = {}
-    for leaf in _leaves(settings, settings(), (), _Group("", "", {}, {})):
+    for leaf in _leaves(settings, settings.usual(), (), _Group("", "", {}, {})):
         if leaf.key in found:
             raise ValueError(f"{settings.__name__}: two options have the flat key '{leaf.key}'")
         found[leaf.key] = leaf

@@ -529,7 +529,7 @@ def _cell(
     changes = campaign.variants.get(str(product.get(VARIANT)), {})
     given = {key: value for key, value in product.items() if key != VARIANT}
     checked = parameters.parse({**campaign.parameters, **changes, **given}, source)
-    cell = checked.flat()
+    cell = checked.flat_values()
     return ({**cell, VARIANT: product[VARIANT]} if VARIANT in product else cell), checked
 
 

@@ -30,7 +30,7 @@ class Parameters(Settings):
             InputError: ``source: key: what is wrong``: an unknown key, a value of the wrong type or out of
                 range, values that do not go together, or a file that cannot be used.
         """
-        return cls.parse(values, source).flat()
+        return cls.parse(values, source).flat_values()
 
     @classmethod
     def parse(cls, values: Mapping[str, Any], source: str) -> Self:
@@ -59,17 +59,6 @@ class Parameters(Settings):
     def expected_wall_s(self) -> float:
         """About how long a trial takes on one core, seconds, for an estimate before any is measured."""
         return RULE_OF_THUMB_WALL_S
-
-    def flat(self) -> dict[str, Scalar]:
-        """The parameters of a trial, from which ``from_flat`` makes these again.
-
-        Raises:
-            InputError: a setting was changed that has no flat key.
-        """
-        values = self.flat_values()
-        if type(self).from_flat(values) != self:
-            raise InputError(f"{self.concern}: a setting that has no flat key was changed")
-        return values
 
     @classmethod
     def defaults(cls) -> dict[str, Scalar]:

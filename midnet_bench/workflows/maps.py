@@ -171,7 +171,7 @@ def explore(
         MidnetBenchError: a file cannot be written.
     """
     provenance = collect(seed)
-    configuration = {"experiment": "mapping", "seed": seed, "parameters": parameters.flat()}
+    configuration = {"experiment": "mapping", "seed": seed, "parameters": parameters.flat_values()}
     with ExplorationTrial(parameters, seed, threads=cores()) as trial:
         files = MapFiles.at(output)
         files.refuse_another(configuration)
@@ -331,7 +331,7 @@ def _exact_settings(
         keys = ", ".join(key for key in allowed if key != "arena")
         raise InputError(f"--set {name}: changes nothing of {what}; --set takes {keys}")
     chosen = DetectionParameters.parse({"prior_map": EXACT, **settings}, "command line")
-    return chosen, {key: value for key, value in chosen.flat().items() if key in allowed}
+    return chosen, {key: value for key, value in chosen.flat_values().items() if key in allowed}
 
 
 def _write_exact(

@@ -36,7 +36,7 @@ def test_the_seed_decides_every_byte() -> None:
 
 
 def test_a_spec_says_all_that_a_trial_needs() -> None:
-    parameters = DetectionParameters.of(robots=2, frames=25).flat()
+    parameters = DetectionParameters.of(robots=2, frames=25).flat_values()
     assert as_bytes(run_trial(TrialSpec("detection", parameters, 3))) == as_bytes(detection(seed=3))
 
 
@@ -153,7 +153,7 @@ def test_a_trial_does_not_read_its_files_again(tmp_path: Path) -> None:
     parameters = DetectionParameters.of(
         robots=1, frames=5, arena=str(arena), prior_map=str(tmp_path / "map.yaml")
     )
-    spec = TrialSpec("detection", parameters.flat(), 1)
+    spec = TrialSpec("detection", parameters.flat_values(), 1)
     for file in tmp_path.iterdir():
         file.unlink()
     assert run_trial(spec).tables["scores"]
@@ -161,7 +161,7 @@ def test_a_trial_does_not_read_its_files_again(tmp_path: Path) -> None:
 
 def test_a_file_counts_by_its_contents(tmp_path: Path) -> None:
     def trial_id() -> str:
-        values = DetectionParameters.of(prior_map=str(tmp_path / "map.yaml")).flat()
+        values = DetectionParameters.of(prior_map=str(tmp_path / "map.yaml")).flat_values()
         return TrialSpec("detection", values, 1).trial_id
 
     save_map(render_exact(load_arena("map1")), tmp_path / "map.yaml")

@@ -82,7 +82,7 @@ def specs(**common: Any) -> list[TrialSpec]:
     base = {"engine": "fast", "robots": 3, "frames": 12, "start_error_m": 0.1, **common}
     oracles = [oracle for oracle in ORACLES if oracle != "fusion" or "detector" not in common]
     return [
-        TrialSpec("detection", DetectionParameters.of(**base, oracle=oracle).flat(), SEED)
+        TrialSpec("detection", DetectionParameters.of(**base, oracle=oracle).flat_values(), SEED)
         for oracle in oracles
     ]
 
@@ -203,7 +203,7 @@ def test_marks_and_window_are_what_options_can_say() -> None:
     for oracle, options in (("marks", {"local_map": "single_scan"}), ("window", {"local_size_m": size_m})):
         assert result_key(of(oracle=oracle)) == result_key(of(**options))
         one, other = (
-            run_alone(registry.run_trials, TrialSpec("detection", of(frames=3, **said).flat(), SEED))
+            run_alone(registry.run_trials, TrialSpec("detection", of(frames=3, **said).flat_values(), SEED))
             for said in ({"oracle": oracle}, options)
         )
         assert encode_tables(one) == encode_tables(other)
@@ -286,7 +286,7 @@ def test_boxes_are_fused_by_whose_intruder_they_touch() -> None:
     counts = {}
     for oracle in ("none", "fusion"):
         values = {"robots": 5, "frames": 50, "intruders": None, "oracle": oracle}
-        counts[oracle] = run_alone(registry.run_trials, TrialSpec("detection", of(**values).flat(), 1))
+        counts[oracle] = run_alone(registry.run_trials, TrialSpec("detection", of(**values).flat_values(), 1))
     before, after = (result.tables["scores"][0] for result in counts.values())
     assert before["duplicates"] > 0  # type: ignore[operator]
     assert after["duplicates"] == 0
@@ -362,7 +362,8 @@ def test_mobile_intruders_are_seen_through_until_they_are_gone() -> None:
 def causes_under(oracles: tuple[Oracle, ...], **values: Any) -> list[set[str]]:
     """Those of a recorded trial's errors, oracle by oracle."""
     wanted = [
-        TrialSpec("detection", of(record=True, oracle=oracle, **values).flat(), SEED) for oracle in oracles
+        TrialSpec("detection", of(record=True, oracle=oracle, **values).flat_values(), SEED)
+        for oracle in oracles
     ]
     results = [run_alone(registry.run_trials, spec) for spec in wanted]
     return [{str(row["cause"]) for row in result.tables.get("errors", [])} for result in results]

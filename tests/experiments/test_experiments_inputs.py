@@ -68,7 +68,7 @@ def test_the_worst_explored_maps_cover_their_arenas_and_are_worse() -> None:
     for arena in ("map1", "map2", "empty"):
         parameters = DetectionParameters.of(prior_map="explored-worst", arena=arena)
         assert parameters.prior_map.startswith(f"explored-worst:{arena}:")
-        assert DetectionParameters.of(**parameters.flat()) == parameters
+        assert DetectionParameters.of(**parameters.flat_values()) == parameters
         truth = render_exact(load_arena(arena))
         start = robot_starts(load_arena(arena), 1)[0]
         f1 = []
@@ -158,7 +158,7 @@ def test_what_was_taken_in_is_taken_again_as_it_is(tmp_path: Path) -> None:
     own = tmp_path / "own.yaml"
     own.write_text(load_arena("map1").model_dump_json())
     first = DetectionParameters.of(arena=str(own), prior_map=str(free_map(tmp_path / "map.yaml", 8.0)))
-    assert DetectionParameters.of(**first.flat()) == first
+    assert DetectionParameters.of(**first.flat_values()) == first
     assert changed(lambda values: None) == first.prior_map
 
 

@@ -135,7 +135,7 @@ def test_the_time_limit_leaves_half_a_map_and_says_so() -> None:
 
 
 def test_the_registry_runs_it_and_its_tables_are_whole() -> None:
-    parameters = hall(time_limit_s=3.0).flat()
+    parameters = hall(time_limit_s=3.0).flat_values()
     result = run_trial(TrialSpec("mapping", parameters, 1003))
     assert result.simulated_s == pytest.approx(3.0)
     (row,) = result.tables["maps"]

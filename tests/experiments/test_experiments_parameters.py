@@ -190,7 +190,7 @@ def test_a_preset_is_a_set_of_defaults_beside_which_what_is_given_comes_first() 
     assert (best.costmap.size_m, best.fusion, best.midnet.align) == (6.0, "components(iou=0.02)", "origin")
     assert DetectionParameters.of(preset="best", local_size_m=5.0).costmap.size_m == 5.0
     assert DetectionParameters.of(preset="best", fusion="paper").fusion == "paper"
-    assert DetectionParameters.from_flat(best.flat()) == best
+    assert DetectionParameters.from_flat(best.flat_values()) == best
     spelt_out = DetectionParameters.of(
         local_size_m=6.0,
         local_map="decay",

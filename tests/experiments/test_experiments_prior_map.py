@@ -47,7 +47,7 @@ def packaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_an_explored_map_is_named_with_its_contents(packaged: Path) -> None:
     first = DetectionParameters.of(prior_map="explored")
     assert first.prior_map.startswith("explored:map1:")
-    assert DetectionParameters.of(**first.flat()) == first
+    assert DetectionParameters.of(**first.flat_values()) == first
     grid = prior_map_from(first.prior_map, "map1", 0.05)
     np.testing.assert_array_equal(grid.data, as_explored("map1").data)
 
@@ -62,7 +62,7 @@ def test_another_explored_map_makes_other_trials(packaged: Path, monkeypatch: py
     monkeypatch.setattr(explored_map, "FOLDER", later)
 
     new = DetectionParameters.of(prior_map="explored")
-    ids = {TrialSpec("detection", values.flat(), 1).trial_id for values in (old, new)}
+    ids = {TrialSpec("detection", values.flat_values(), 1).trial_id for values in (old, new)}
     assert len(ids) == 2
     with pytest.raises(InputError, match=f"{old.prior_map}.*{new.prior_map}"):
         DetectionParameters.of(prior_map=old.prior_map)

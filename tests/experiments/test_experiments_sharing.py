@@ -54,7 +54,8 @@ class Unmade:
 def specs(variants: list[dict[str, Any]], **common: Any) -> list[TrialSpec]:
     base = {"engine": "fast", "robots": 3, "frames": 12, **common}
     return [
-        TrialSpec("detection", DetectionParameters.of(**{**base, **one}).flat(), seed=5) for one in variants
+        TrialSpec("detection", DetectionParameters.of(**{**base, **one}).flat_values(), seed=5)
+        for one in variants
     ]
 
 

@@ -93,17 +93,17 @@ def test_measures_that_cannot_be_are_named(changes: dict[str, object], says: str
 
 def test_a_trial_s_settings_go_by_its_robot_unless_they_are_given() -> None:
     burger, waffle = DetectionParameters.of(), DetectionParameters.of(robot="waffle", dwa_max_vel_x_mps=0.22)
-    assert burger.flat()["robot"] == "burger"
-    assert waffle.flat()["robot"] == "waffle"
+    assert burger.flat_values()["robot"] == "burger"
+    assert waffle.flat_values()["robot"] == "waffle"
     assert waffle.navigator.bare_footprint == WAFFLE.footprint
     assert waffle.costmap.inscribed_radius_m == WAFFLE.radius_m
     limits = waffle.guard_navigator.dwa.limits
     assert (limits.max_vel_x_mps, limits.min_vel_trans_mps) == (0.22, 0.13)
     assert limits.max_vel_theta_radps == WAFFLE.max_angular_radps
     assert waffle.intruder_speed_mps == WAFFLE.max_linear_mps
-    again = DetectionParameters.from_flat(waffle.flat())
+    again = DetectionParameters.from_flat(waffle.flat_values())
     assert again == waffle
-    assert DetectionParameters.parse(waffle.flat(), "again") == waffle
+    assert DetectionParameters.parse(waffle.flat_values(), "again") == waffle
     assert MappingParameters.of(robot="waffle").navigator.bare_footprint == WAFFLE.footprint
     with pytest.raises(InputError, match=r"intruder_speed_mps: 0.25 is out of range; a TurtleBot3 Burger"):
         DetectionParameters.of(intruder_speed_mps=0.25)

@@ -17,7 +17,6 @@ from midnet_bench.experiments.detection.parameters import DetectionParameters, r
 from midnet_bench.experiments.detection.tables import HEADS, SHOWN, cells_of, score_over_seeds, window_notes
 from midnet_bench.experiments.experiment import Headline
 from midnet_bench.experiments.guarded.metric_tables import metric_tables
-from midnet_bench.experiments.guarded.sharing import with_defaults
 
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 DIGITS = 3
@@ -97,12 +96,13 @@ def reference_cells(results: Results, reference: Results, cells: Cells) -> Cells
 
 def _result_key(results: Results, robots: int) -> DetectionParameters | None:
     """What numbers depend on; None where this version has no such parameters."""
-    values = {**results.definition.parameters, "robots": robots}
+    usual = DetectionParameters.usual()
+    outputs: Row = {"record": usual.record, "metrics": usual.metrics}
+    values = {**results.definition.parameters, "robots": robots, **outputs}
     try:
-        parameters = DetectionParameters.from_flat(values)
+        return result_key(DetectionParameters.from_flat(values))
     except InputError:
         return None
-    return with_defaults(result_key(parameters), ("record", "metrics"))
 
 
 def _named(seeds: int) -> str:

@@ -1,6 +1,6 @@
 """What the detection test lets a user set."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 from midnet_bench.experiments.guarded import sharing
@@ -78,5 +78,5 @@ def simulation_key(parameters: DetectionParameters) -> DetectionParameters:
 def result_key(parameters: DetectionParameters) -> DetectionParameters:
     """What a trial's numbers depend on; see :func:`sharing.result_key`."""
     # an inflated true box reaches as far as the threshold has it, whatever cells there are
-    key = sharing.result_key(parameters, keep_thresh_local=parameters.truth_box == "inflated")
-    return replace(key, require_line_of_sight=not parameters.counts_hidden)
+    is_inflated = parameters.truth_box == "inflated"
+    return sharing.result_key(parameters, is_inflated, require_line_of_sight=not parameters.counts_hidden)

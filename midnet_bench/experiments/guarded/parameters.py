@@ -228,7 +228,7 @@ class GuardParameters(Parameters):
     @classmethod
     def defaults_with(cls, values: Mapping[str, Scalar]) -> Self:
         """All defaults; for another robot than a Burger those that its measures decide."""
-        settings = cls()
+        settings = cls.usual()
         if values.get("preset") == "best":
             settings = replace(
                 settings,

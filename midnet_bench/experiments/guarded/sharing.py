@@ -36,7 +36,7 @@ def simulation_key(parameters: Guarded, names: Sequence[str] = ()) -> Guarded:
     return with_defaults(parameters, (*DETECTION_ONLY, "record", "oracle", *names))
 
 
-def result_key(parameters: Guarded, keep_thresh_local: bool = False) -> Guarded:
+def result_key(parameters: Guarded, keep_thresh_local: bool = False, **changes: Any) -> Guarded:
     """The parameters with those at their defaults that change nothing: trials of equal ones are the same.
 
     A threshold stands for the least cost that a costmap can have from there on. In cells of 5 cm there is
@@ -45,6 +45,7 @@ def result_key(parameters: Guarded, keep_thresh_local: bool = False) -> Guarded:
     Args:
         parameters: of a trial.
         keep_thresh_local: whether it has another use than to select cells.
+        **changes: of further parameters.
     """
     parameters = _without_idle_oracle(parameters)
     prior, midnet, costmap = parameters.prior, parameters.midnet, parameters.costmap
@@ -70,6 +71,7 @@ def result_key(parameters: Guarded, keep_thresh_local: bool = False) -> Guarded:
         midnet=with_defaults(midnet, unused),
         costmap=costmap,
         deflate_boxes=deflate_boxes,
+        **changes,
     )
 
 

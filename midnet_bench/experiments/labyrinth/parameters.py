@@ -102,7 +102,7 @@ class LabyrinthParameters(GuardParameters):
 
     def _check_size(self, arena: Arena) -> None:
         """Refuse an arena in which no escape can be far enough from any start. Raises InputError."""
-        usual = type(self)()
+        usual = type(self).usual()
         if self.arena == usual.arena and self.escape_distance_m <= usual.escape_distance_m:
             return  # known to be large enough, and to look takes a while
         clearance_m = max(GOAL_CLEARANCE_M, self.simulation.robot_model.footprint_reach_m)

@@ -87,7 +87,7 @@ class MappingParameters(Parameters):
     @classmethod
     def defaults_with(cls, values: Mapping[str, Scalar]) -> Self:
         """All defaults; for another robot than a Burger those that its measures decide."""
-        settings = cls()
+        settings = cls.usual()
         simulation = settings.simulation.with_robot_of(values)
         if simulation == settings.simulation:
             return settings
