@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.analysis.frames import load_results, records
-from midnet_bench.experiments.guarded.record import FrameNumbers, RecordedFrame
+from midnet_bench.experiments.guarded.record import RecordedFrame
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import run_labyrinth
 from midnet_bench.experiments.registry import tables_of
@@ -34,7 +34,7 @@ def test_a_damaged_row_is_refused_in_a_line() -> None:
     with pytest.raises(ValueError, match="frame 3: is no recorded frame"):
         RecordedFrame.from_row(row)
     with pytest.raises(ValueError, match="frame 3: is no recorded frame"):
-        FrameNumbers.of({**row, "truths": "["})
+        RecordedFrame.from_row({**row, "truths": "["})
 
 
 def test_a_labyrinth_trial_records_who_pursues_and_who_is_left() -> None:

@@ -3,7 +3,7 @@
 import base64
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -102,45 +102,6 @@ class RecordedFrame(NamedTuple):
     @classmethod
     def from_row(cls, row: Mapping[str, object]) -> "RecordedFrame":
         """What :meth:`to_row` packed. Raises ValueError if it is damaged."""
-        numbers = FrameNumbers.of(row)
-        try:
-            return cls(
-                numbers.frame,
-                [None if robot is None else _robot(robot) for robot in numbers.robots],
-                [
-                    RecordedTruth(name, _box(rest[:4]), bool(rest[4]), rest[5])
-                    for name, *rest in numbers.truths
-                ],
-                [RecordedBox(guard, _box(rest[:4]), rest[4]) for guard, *rest in numbers.found],
-                [RecordedDetection(guard, _box(rest[:4]), rest[4]) for guard, *rest in numbers.detections],
-                [[None if cm == NO_RETURN else cm / 100.0 for cm in scan] for scan in numbers.scans_cm],
-                [Pose2D(*(mm / 1000.0 for mm in sensor)) if sensor else None for sensor in numbers.sensors],
-            )
-        except (IndexError, TypeError, ValueError) as error:
-            raise _damaged(row) from error
-
-
-class FrameNumbers(NamedTuple):
-    """A row of the table ``recorded`` as the whole numbers that stand in it: mm, mrad, map frame.
-
-    That is all that a player needs, and much quicker to have than a :class:`RecordedFrame`.
-    """
-
-    frame: int
-    robots: list[list[int] | None]
-    """true x, y, yaw, believed x, y, yaw; of one with a goal x, y; and 1 if it pursues that"""
-    truths: list[list[Any]]
-    """name, box, in_range, detection or None"""
-    found: list[list[Any]]
-    """guard, box, ally or None"""
-    detections: list[list[Any]]
-    """guard, box, truth or None"""
-    scans_cm: list[bytes]
-    sensors: list[list[int] | None]
-
-    @classmethod
-    def of(cls, row: Mapping[str, object]) -> "FrameNumbers":
-        """Those of a row. Raises ValueError if it is damaged."""
         try:
             poses, truths, found, detections = (
                 json.loads(str(row[name])) for name in ("poses", "truths", "found", "detections")
@@ -148,15 +109,18 @@ class FrameNumbers(NamedTuple):
             scans = [scan.partition("@") for scan in str(row["scans"]).split()]
             return cls(
                 int(str(row["frame"])),
-                poses,
-                truths,
-                found,
-                detections,
-                [base64.b64decode(scan) for scan, _, _ in scans],
-                [list(map(int, sensor.split(","))) if sensor else None for _, _, sensor in scans],
+                [None if robot is None else _robot(robot) for robot in poses],
+                [RecordedTruth(name, _box(rest[:4]), bool(rest[4]), rest[5]) for name, *rest in truths],
+                [RecordedBox(guard, _box(rest[:4]), rest[4]) for guard, *rest in found],
+                [RecordedDetection(guard, _box(rest[:4]), rest[4]) for guard, *rest in detections],
+                [
+                    [None if cm == NO_RETURN else cm / 100.0 for cm in base64.b64decode(scan)]
+                    for scan, _, _ in scans
+                ],
+                [Pose2D(*(int(mm) / 1000.0 for mm in at.split(","))) if at else None for _, _, at in scans],
             )
-        except (KeyError, ValueError, RecursionError) as error:
-            raise _damaged(row) from error
+        except (IndexError, KeyError, TypeError, ValueError, RecursionError) as error:
+            raise ValueError(f"frame {row.get('frame')}: is no recorded frame") from error
 
 
 def recorded_scan(ranges_m: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> list[float | None]:
@@ -168,10 +132,6 @@ def recorded_scan(ranges_m: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> l
 def _cm(scan_m: Sequence[float | None]) -> bytes:
     ranges_cm = 100.0 * np.array(scan_m, dtype=np.float64)  # NaN for None
     return np.where(np.isnan(ranges_cm), NO_RETURN, np.rint(ranges_cm)).astype(np.uint8).tobytes()
-
-
-def _damaged(row: Mapping[str, object]) -> ValueError:
-    return ValueError(f"frame {row.get('frame')}: is no recorded frame")
 
 
 def _mm(numbers: Sequence[float]) -> list[int]:

@@ -16,7 +16,14 @@ from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.drawing.scene import FloorPlan
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameters
-from midnet_bench.experiments.guarded.record import BEAM_STEP, ERRORS, FRAMES, FrameNumbers
+from midnet_bench.experiments.guarded.record import (
+    BEAM_STEP,
+    ERRORS,
+    FRAMES,
+    NO_RETURN,
+    RecordedFrame,
+    RecordedRobot,
+)
 from midnet_bench.page.recording import KINDS, STEP_MM, Recording, Rows, tracked
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
@@ -78,11 +85,11 @@ def _recording(
     explained: bool,
 ) -> Recording:
     team = list(zip(robots["robot"].tolist(), (robots["role"] == "guard").tolist(), strict=True))
-    numbers = [FrameNumbers.of(row) for row in records(frames)]
+    recorded = [RecordedFrame.from_row(row) for row in records(frames)]
     model = _model(given)
     words = _Words()
     beams = model.lidar.angles_rad[::BEAM_STEP].tolist()
-    has_scans = all(len(scan) in (0, len(beams)) for one in numbers for scan in one.scans_cm)
+    has_scans = all(len(scan) in (0, len(beams)) for one in recorded for scan in one.scans_m)
     return Recording(
         cell=cell,
         seed=seed,
@@ -93,18 +100,28 @@ def _recording(
         beams=(beams[0], beams[1] - beams[0]),
         words=words.known,
         frames={
-            "robots": _robots(numbers, [is_guard for _, is_guard in team]),
+            "robots": _robots(recorded, [is_guard for _, is_guard in team]),
             "truths": [
-                [[words.number(name), *_sides(rest), rest[4], _number(rest[5])] for name, *rest in one.truths]
-                for one in numbers
+                [
+                    [words.number(name), *_sides(box), int(in_range), _number(detection)]
+                    for name, box, in_range, detection in one.truths
+                ]
+                for one in recorded
             ],
-            "found": tracked([[_box(box) for box in one.found] for one in numbers]),
-            "detections": tracked([[_box(box) for box in one.detections] for one in numbers]),
-            "errors": _errors(len(numbers), [] if errors is None else records(errors), words),
+            "found": tracked(
+                [[[box.guard, *_sides(box.box), _number(box.ally)] for box in one.found] for one in recorded]
+            ),
+            "detections": tracked(
+                [
+                    [[box.guard, *_sides(box.box), _number(box.truth)] for box in one.detections]
+                    for one in recorded
+                ]
+            ),
+            "errors": _errors(len(recorded), [] if errors is None else records(errors), words),
         },
-        scans=_scans(numbers)
+        scans=_scans(recorded)
         if has_scans
-        else {"sensors": [()] * len(numbers), "beams": [()] * len(numbers)},
+        else {"sensors": [()] * len(recorded), "beams": [()] * len(recorded)},
         explained=explained,
         window_m=_length(given, "local_size_m"),
         range_m=_length(given, "obstacle_range_m"),
@@ -133,23 +150,19 @@ class _Words:
         return self._numbers[text]
 
 
-def _steps(mm: float) -> int:
-    return round(mm / STEP_MM)
+def _steps(length: float) -> int:
+    """Metres or radians in the page's steps."""
+    return round(1000.0 * length / STEP_MM)
 
 
 def _number(index: int | None) -> int:
     return 0 if index is None else index + 1
 
 
-def _sides(box_mm: Sequence[int]) -> tuple[int, int, int, int]:
+def _sides(box: Sequence[float]) -> tuple[int, int, int, int]:
     """x, y, width and height."""
-    x, y, right, top = map(_steps, box_mm[:4])
+    x, y, right, top = map(_steps, box)
     return x, y, right - x, top - y
-
-
-def _box(numbers: Sequence[Any]) -> list[int]:
-    """Guard, sides, and the index that stands behind them."""
-    return [numbers[0], *_sides(numbers[1:]), _number(numbers[5])]
 
 
 def _turned(steps: int) -> int:
@@ -157,48 +170,51 @@ def _turned(steps: int) -> int:
     return (steps + TURN // 2) % TURN - TURN // 2
 
 
-def _robots(frames: Sequence[FrameNumbers], guards: Sequence[bool]) -> list[Rows]:
+def _robots(frames: Sequence[RecordedFrame], guards: Sequence[bool]) -> list[Rows]:
     rows: list[Rows] = []
     last = [[number, *[0] * 10] for number in range(len(guards))]
     for frame in frames:
         # what is not there now keeps its last numbers: a difference of 0 costs nothing
         last = [
-            _robot(numbers, was, is_guard) if numbers else [was[0], 0, *was[2:]]
-            for numbers, was, is_guard in zip(frame.robots, last, guards, strict=True)
+            _robot(robot, was, is_guard) if robot else [was[0], 0, *was[2:]]
+            for robot, was, is_guard in zip(frame.robots, last, guards, strict=True)
         ]
         rows.append(last)
     return rows
 
 
-def _robot(numbers: Sequence[int], was: Sequence[int], is_guard: bool) -> list[int]:
-    x, y, yaw, believed_x, believed_y, believed_yaw = map(_steps, numbers[:6])
+def _robot(robot: RecordedRobot, was: Sequence[int], is_guard: bool) -> list[int]:
+    x, y, yaw = map(_steps, robot.pose)
+    believed_x, believed_y, believed_yaw = map(_steps, robot.believed)
     off = (believed_x - x, believed_y - y, _turned(believed_yaw - yaw)) if is_guard else (0, 0, 0)
-    goal = [len(numbers) - 7, *map(_steps, numbers[6:8])] if len(numbers) > 6 else [0, *was[9:]]
+    goal = [0, *was[9:]] if robot.goal is None else [1 + robot.pursues, *map(_steps, robot.goal)]
     return [was[0], 1, x, y, was[4] + _turned(yaw - was[4]), *off, *goal]
 
 
-def _scans(frames: Sequence[FrameNumbers]) -> dict[str, list[Rows]]:
+def _scans(frames: Sequence[RecordedFrame]) -> dict[str, list[Rows]]:
     return {
         "sensors": [
             [
-                [guard, 1, *map(_steps, one)] if one else [guard, *[0] * 4]
-                for guard, one in enumerate(f.sensors)
+                [guard, 1, *map(_steps, at)] if at else [guard, *[0] * 4]
+                for guard, at in enumerate(frame.sensors)
             ]
-            for f in frames
+            for frame in frames
         ],
-        "beams": [_beams(b"".join(frame.scans_cm)) for frame in frames],
+        "beams": [_beams([range_m for scan in frame.scans_m for range_m in scan]) for frame in frames],
     }
 
 
-def _beams(cm: bytes) -> Rows:
-    ranges = (np.frombuffer(cm, dtype=np.uint8).astype(np.int64) + 1) // 2
-    return np.stack((np.arange(len(ranges)), ranges), axis=1)
+def _beams(ranges_m: Sequence[float | None]) -> Rows:
+    cm = np.array(
+        [NO_RETURN if range_m is None else round(100.0 * range_m) for range_m in ranges_m], dtype=np.int64
+    )
+    return np.stack((np.arange(len(cm)), (cm + 1) // 2), axis=1)
 
 
 def _errors(frames: int, errors: Sequence[Row], words: _Words) -> list[list[list[int]]]:
     rows: list[list[list[int]]] = [[] for _ in range(frames)]
     for error in errors:
-        sides = [1000.0 * float(str(error[side])) for side in ("x_min_m", "y_min_m", "x_max_m", "y_max_m")]
+        sides = [float(str(error[side])) for side in ("x_min_m", "y_min_m", "x_max_m", "y_max_m")]
         number = int(str(error["frame"]))
         if number < 1:
             raise ValueError(f"frame {number}: is none")
@@ -210,8 +226,8 @@ def _errors(frames: int, errors: Sequence[Row], words: _Words) -> list[list[list
                 int(str(error["guard"])),
                 words.number(error["by"]),
                 round(100.0 * float(str(error["age_s"]))),
-                _steps(1000.0 * float(str(error["offset_m"]))),
-                *_sides([round(side) for side in sides]),
+                _steps(float(str(error["offset_m"]))),
+                *_sides(sides),
             ]
         )
     return rows
