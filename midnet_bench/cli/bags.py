@@ -139,10 +139,10 @@ def node(
     from midnet_bench.campaign.definition import parse_settings
     from midnet_bench.io.map_server import load_map
     from midnet_bench.recording import ros1_node
-    from midnet_bench.recording.files.no_return import parsed
     from midnet_bench.recording.live import LiveOptions
     from midnet_bench.recording.plan import mount_of
     from midnet_bench.recording.settings import ReplaySettings
+    from midnet_bench.recording.setup import RecordingSetup, by_name
 
     values = parse_settings(settings or [], None)
     ReplaySettings.from_flat(values)  # wrong options end the command before it waits for a map
@@ -151,7 +151,7 @@ def node(
         lambda resolution_m: ReplaySettings.of(preset, values, resolution_m),
         pose == "tf",
         None if mount is None else mount_of(mount, "--mount"),
-        parsed(no_return or ()),
+        RecordingSetup().changed({"no_return": by_name(no_return, "--no-return")}, "node").no_return,
         rate,
         patience,
     )

@@ -10,12 +10,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.recording.files.readings import Floats, ScanReading
 
 Meaning = Literal["clears", "nothing"]
 MEANINGS: dict[str, Meaning] = {"clears": "clears", "nothing": "nothing", "invalid": "nothing"}
-"""what ``--no-return CODE=...`` may say; an invalid reading says nothing"""
+"""what key ``no_return`` may say of a code; an invalid reading says nothing"""
 
 CODES = ("inf", "nan", "zero", "below", "above")
 """above: at or beyond the largest range; below: from 0 to the least range; zero: 0 or less, -inf too"""
@@ -122,18 +121,3 @@ def _ceiling(scans: Sequence[ScanReading]) -> float:
     piled = np.count_nonzero(finite >= largest_m - 1e-6)
     is_code = largest_m < range_max_m and piled >= max(PILED_SHARE * len(ranges), 10)
     return largest_m if is_code else range_max_m
-
-
-def parsed(texts: Sequence[str]) -> dict[str, Meaning]:
-    """``CODE=MEANING`` of the command line. Raises InputError: no such code or meaning."""
-    found: dict[str, Meaning] = {}
-    for text in texts:
-        code, _, meaning = text.partition("=")
-        if code not in CODES:
-            raise InputError(f"--no-return {text}: no such code '{code}'{nearest_name(code, CODES)}")
-        if meaning not in MEANINGS:
-            raise InputError(
-                f"--no-return {text}: no such meaning '{meaning}'{nearest_name(meaning, MEANINGS)}"
-            )
-        found[code] = MEANINGS[meaning]
-    return found
