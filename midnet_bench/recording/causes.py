@@ -84,7 +84,7 @@ class Explainer:
     ) -> None:
         """Of one detector, by ray counts that may serve several.
 
-        ``kept``: an empty file of its own. A recording may last for hours: rows wait there for the
+        ``kept``: an empty file for its rows. A recording may last for hours: rows wait there for the
         causes that its end decides.
         """
         self._preset, self._map, self._node, self._settings = preset, prior_map, node, settings
@@ -317,7 +317,7 @@ class Explainer:
             return "unknown_cells", 0.0, ""
         near_m = self._settings.prior_reach_m + WALL_M
         if middle(about.wall_m) <= near_m:
-            return ("pose_error" if self._better_pose_mends(frame, box) else "near_wall"), 0.0, ""
+            return ("pose_error" if self._better_pose_corrects(frame, box) else "near_wall"), 0.0, ""
         return "unlabelled", 0.0, ""
 
     def _in_box(self, frame: ReplayFrame, box: Box) -> tuple[Floats, Surroundings]:
@@ -333,7 +333,7 @@ class Explainer:
             return points[0], Surroundings(walls[0], unknown[0])
         return np.concatenate(points), Surroundings(np.concatenate(walls), np.concatenate(unknown))
 
-    def _better_pose_mends(self, frame: ReplayFrame, box: Box) -> bool:
+    def _better_pose_corrects(self, frame: ReplayFrame, box: Box) -> bool:
         """Whether a match of the scan to the map puts the box's returns back onto walls."""
         if self._matcher is None:
             self._matcher = ScanToMap(self._map)

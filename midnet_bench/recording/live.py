@@ -91,7 +91,7 @@ class Detected(NamedTuple):
     boxes: list[Box]
     """map frame, metres"""
     found_by: list[str]
-    """whose each box is"""
+    """the robot that found each box"""
 
     @property
     def message(self) -> Message:
@@ -137,7 +137,7 @@ class LiveNode:
         self._heard = {name: _Heard() for name in options.robots}
         self._kinds = options.topics(needs_map=True)
         self._links: dict[str, tuple[str, Transform | PoseTrack]] = {}
-        """frame -> the frame it hangs on, and its place there: fixed, or over time"""
+        """frame -> its parent frame, and its place there: fixed, or over time"""
         self._arrived: deque[tuple[int, float]] = deque()
         """each scan that was newer than all before: its stamp, and when it came"""
         self._next: int | None = None
@@ -151,7 +151,7 @@ class LiveNode:
 
         Args:
             topic: of ``LiveOptions.topics``.
-            message: of the type that stands there.
+            message: of the type that is named there.
             arrived_s: when it came, by a clock that never goes back.
 
         Raises:

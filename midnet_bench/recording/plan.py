@@ -19,7 +19,7 @@ ONE_ROBOT = "robot"
 
 
 class Link(NamedTuple):
-    """One track that a pose goes by: a topic, or a pair of frames of tf."""
+    """One track that a pose is made of: a topic, or a pair of frames of tf."""
 
     source: int
     topic: str
@@ -55,7 +55,7 @@ class RobotPlan(NamedTuple):
     mount: Pose2D
     """of the laser on the robot"""
     is_mirrored: bool
-    """whether its beams go the other way round, or it hangs upside down"""
+    """whether its beams go the other way round, or it is upside down"""
     delay_ns: int
     """by which its scans are stamped too late"""
     no_return: NoReturn
@@ -196,19 +196,19 @@ def check_topic(surveys: Sequence[Survey], source: int, topic: str, kind: str, s
 
 
 def _where(
-    surveys: Sequence[Survey], source: int, laser: str, wish: str | None, map_frame: str, name: str
+    surveys: Sequence[Survey], source: int, laser: str, given: str | None, map_frame: str, name: str
 ) -> tuple[PoseChain, Pose2D, bool]:
-    """Where a robot is, its laser's mount, and whether that hangs upside down."""
+    """A robot's poses, its laser's mount, and whether the laser is upside down."""
     survey = surveys[source]
     fixed, above = _fixed_part(survey, laser)
-    if wish is None:
-        wish = _proposed_pose(survey, laser, map_frame, name)
-    if wish == TF_POSE:
+    if given is None:
+        given = _proposed_pose(survey, laser, map_frame, name)
+    if given == TF_POSE:
         chain = survey.chain(laser)
         if map_frame not in chain:
             raise InputError(_missing_link(survey, laser, map_frame, name))
         base = above[-1]
-        if map_frame in above:  # the whole chain stands still: the laser is at rest
+        if map_frame in above:  # the whole chain is fixed: the laser is at rest
             whole = _composed(survey, above[: above.index(map_frame) + 1])
             pose = Pose2D(whole.x, whole.y, whole.yaw)
             return PoseChain((pose,), "a fixed transform"), Pose2D(0.0, 0.0, 0.0), whole.is_upside_down
@@ -217,16 +217,16 @@ def _where(
             Pose2D(fixed.x, fixed.y, fixed.yaw),
             fixed.is_upside_down,
         )
-    if wish.startswith("at:"):
-        pose = mount_of(wish[3:], "pose")
-        return PoseChain((pose,), wish), Pose2D(fixed.x, fixed.y, fixed.yaw), fixed.is_upside_down
-    topic_at = source_of(surveys, wish, source)
-    check_topic(surveys, topic_at, wish, POSE, "pose")
-    child = surveys[topic_at].streams[wish].poses[0].child
+    if given.startswith("at:"):
+        pose = mount_of(given[3:], "pose")
+        return PoseChain((pose,), given), Pose2D(fixed.x, fixed.y, fixed.yaw), fixed.is_upside_down
+    topic_at = source_of(surveys, given, source)
+    check_topic(surveys, topic_at, given, POSE, "pose")
+    child = surveys[topic_at].streams[given].poses[0].child
     if child and child in above:
         fixed = _composed(survey, above[: above.index(child) + 1])
     return (
-        PoseChain((Link(topic_at, wish),), wish),
+        PoseChain((Link(topic_at, given),), given),
         Pose2D(fixed.x, fixed.y, fixed.yaw),
         fixed.is_upside_down,
     )

@@ -155,7 +155,7 @@ class Replay:
             robots: each with its scans.
             allies: known to the detectors, with their poses.
             prior_map: int8, 100 occupied, map frame.
-            settings: by preset; each gets a detector of its own.
+            settings: by preset; each gets its detector.
             setup: clock, rate, largest ages of poses, and whether motion during a scan is corrected.
             offsets_ns: added to the times of each source; none if empty.
             correctors: one for each robot, or none.

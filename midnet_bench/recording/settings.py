@@ -39,17 +39,17 @@ class ReplaySettings(Settings):
 
     detector: str = option(
         "midnet",
-        "Who makes boxes: midnet, subtraction, clusters, background, or your own as in a trial.",
+        "Detector of boxes: midnet, subtraction, clusters, background, or your own as in a trial.",
         source="paper: IV",
     )
     fusion: str = option(
         "paper",
-        "Who makes one list of the robots' boxes, as in a trial.",
+        "Fusion of the robots' boxes into one list, as in a trial.",
         source="paper: IV.C.2, Algorithms 3 and 4",
     )
     robot: str = option(
         "burger",
-        "Whose footprint is freed and whose radius counts: burger, waffle, or your own as in a trial.",
+        "Robot model, for its footprint and radius: burger, waffle, or your own as in a trial.",
         source="paper: III, Turtlebot3 Burgers",
     )
     deflate_boxes: bool = option(

@@ -75,9 +75,7 @@ class LabelTable:
         """What is known at a scan or an instant; None where it was not labelled."""
         if self.by_index:
             if scan_index is None:
-                raise InputError(
-                    f"{self._path}: its labels go by scan_index; with rate_hz give labels with t"
-                )
+                raise InputError(f"{self._path}: its labels have scan_index; with rate_hz give labels with t")
             there = self.by_index.get(scan_index)
             return None if there is None else Labels(there, [])
         found, gaps, is_labelled = [], [], False

@@ -1,1 +1,1 @@
-"""What stands in a recording's files, read and written."""
+"""Files of recordings, read and written."""

@@ -55,8 +55,8 @@ class Bag:
 
     def _advice(self) -> str:
         if self._is_ros1:
-            return "; if it is cut off or was never closed, 'rosbag reindex' mends it"
-        return "; if it was never closed, 'ros2 bag reindex' or 'mcap recover' mends it"
+            return "; if it is cut off or was never closed, 'rosbag reindex' repairs it"
+        return "; if it was never closed, 'ros2 bag reindex' or 'mcap recover' repairs it"
 
     def _topics(self) -> dict[str, Topic]:
         found: dict[str, Topic] = {}

@@ -18,7 +18,7 @@ NS = 1_000_000_000
 
 
 class ScanReading(NamedTuple):
-    """sensor_msgs/LaserScan as it stands in the file."""
+    """sensor_msgs/LaserScan as the file has it."""
 
     topic: str
     record_ns: int
@@ -113,7 +113,7 @@ class PoseReading(NamedTuple):
     frame: str
     """of the pose"""
     child: str
-    """whose pose it is; empty where the message does not say"""
+    """the frame with this pose; empty where the message does not name it"""
     transform: Transform
 
 
@@ -184,7 +184,7 @@ class Source(Protocol):
     start_ns: int
     end_ns: int
     remarks: list[str]
-    """what was not taken as it stands there, a line each"""
+    """what was not taken as the file has it, a line each"""
     mount: Pose2D | None
     """of its laser on the robot, if the file says so by itself"""
 

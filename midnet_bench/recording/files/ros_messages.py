@@ -109,7 +109,7 @@ def odometry(stamp_ns: int, child: str, pose: Pose2D, linear_mps: float, angular
 def laser_scan(
     frame: str, stamp_ns: int, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, period_s: float
 ) -> Message:
-    """sensor_msgs/LaserScan, whose numbers have 32 bits; all beams of a scan leave at its stamp."""
+    """sensor_msgs/LaserScan with numbers of 32 bits; all beams of a scan leave at its stamp."""
     return Message(
         "sensor_msgs/msg/LaserScan",
         {

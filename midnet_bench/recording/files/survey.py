@@ -89,14 +89,14 @@ class Survey:
         return {child: frame for frame, child in self.transforms}
 
     def chain(self, frame: str) -> list[str]:
-        """The frame, what it hangs on, and so on up to the root of tf."""
+        """The frame, its parent, and so on up to the root of tf."""
         parents, found = self.parents(), [frame]
         while found[-1] in parents and parents[found[-1]] not in found:
             found.append(parents[found[-1]])
         return found
 
     def roots(self) -> set[str]:
-        """The frames of tf that hang on no other."""
+        """The frames of tf without a parent."""
         return {frame for frame, _ in self.transforms} - {child for _, child in self.transforms}
 
     def is_fixed(self, frame: str, child: str) -> bool:
@@ -190,7 +190,7 @@ def spread(items: list[T], most: int) -> list[T]:
 
 
 def listing(survey: Survey) -> list[dict[str, str]]:
-    """A row for each topic, for people: what it is, how often, and what is to be known of it."""
+    """A row for each topic: type, rate, and a summary of its readings."""
     duration_s = survey.duration_s
     rows = []
     for name, stream in survey.streams.items():
@@ -226,7 +226,7 @@ def _what(stream: Stream) -> str:
 
 
 def lag_in_words(lags_s: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
-    """``stamped 84 ms before it was recorded``, with the spread if that is worth telling."""
+    """``stamped 84 ms before it was recorded``, with the spread if it exceeds 1 ms."""
     middle_ms, low_ms, high_ms = (1000.0 * float(np.quantile(lags_s, at)) for at in (0.5, 0.05, 0.95))
     words = f"{abs(middle_ms):.3g} ms" if abs(middle_ms) < 10_000.0 else f"{abs(middle_ms) / 1000.0:.6g} s"
     side = "before" if middle_ms >= 0.0 else "after"

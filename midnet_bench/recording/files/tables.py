@@ -28,7 +28,7 @@ TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 """a pose of the TUM format, which evo and SLAM tools write"""
 FIRST_RANGE = "r0"
 STEP_NS = NS // 10
-"""between scans of a log whose clock is no use; only their order counts then"""
+"""between scans of a log without a usable clock; only their order counts then"""
 _FAR_FUTURE_S = 1e11
 
 

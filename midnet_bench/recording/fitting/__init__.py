@@ -1,1 +1,1 @@
-"""Whether scans, poses and a map fit, and what mends them."""
+"""Whether scans, poses and a map fit, and what corrects them."""

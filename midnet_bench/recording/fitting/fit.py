@@ -74,7 +74,7 @@ class Walls:
         self.corner = (x - margin * grid.resolution, y - margin * grid.resolution)
         """(x, y) of the first cell's outer corner, metres"""
         self.far_m = float(self.distances_m.max()) + 1.0
-        """stands for the distance of what lies off the field"""
+        """the distance of points off the field"""
 
     def distances(self, points: Floats) -> Floats:
         """(n,) metres from (n, 2) points of the map frame to the nearest wall, as their cells have it."""
