@@ -195,11 +195,11 @@ def test_a_guards_messages_do_not_depend_on_the_team() -> None:
     heard = []
     for robots in (1, 3):
         with trial(robots=robots, message_loss=0.5, message_jitter_s=0.2) as made:
-            assert made._uplink is not None
+            assert made._network is not None
             stamps = []
             for _ in range(10):
                 made.next_frame()
-                message = made._uplink._network.latest(0, made.fleet.time_s)
+                message = made._network._network.latest(0, made.fleet.time_s)
                 stamps.append(message.stamp_s if message else None)
             heard.append(stamps)
     assert heard[0] == heard[1]
@@ -208,13 +208,13 @@ def test_a_guards_messages_do_not_depend_on_the_team() -> None:
 def test_midnet_goes_by_poses_of_a_second_ago_and_every_detector_does() -> None:
     parameters = of(message_delay_s=1.0)
     with DetectionTrial(parameters, SEED, variants=[of(thresh_local=60)]) as made:
-        assert made._uplink is not None
+        assert made._network is not None
         starts, believed = made.guard_poses(), []
         for number in range(12):
             made.next_frame()
             believed.append(made.guard_poses())
             told = [
-                made._uplink.received(node, made.fleet.time_s)
+                made._network.received(node, made.fleet.time_s)
                 for node in (made.detector, *made.variant_detectors)
             ]
             for observations in told:
