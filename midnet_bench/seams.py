@@ -1,9 +1,9 @@
-"""Seams: options whose value names code, of this package, of an installed one or of a user's own file.
+"""Extension points: options whose value names code of this package, of an installed one or of a user's file.
 
-A value is ``NAME``, ``package.module:NAME`` or ``path/file.py:NAME``, with options of the code's own behind
-it in brackets: ``clusters(noise_m=0.02)``. :meth:`Seam.pinned` adds what tells this code from another of the
-same name: ``#`` and a digest of the file's bytes, or ``@`` and the version of the installed package. So a
-trial's parameters say all that it depends on, and its id changes with the code.
+A value is ``NAME``, ``package.module:NAME`` or ``path/file.py:NAME``, followed by options of the code in
+brackets: ``clusters(noise_m=0.02)``. :meth:`ExtensionPoint.pinned` adds ``#`` and a digest of the file,
+or ``@`` and the version of the installed package. So a trial's parameters state all that it depends on, and
+its id changes with the code.
 """
 
 import contextlib
@@ -59,8 +59,8 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Seam:
-    """A place where other people's code goes in."""
+class ExtensionPoint:
+    """An option whose value names code."""
 
     option: str
     """its flat key, which messages begin with"""

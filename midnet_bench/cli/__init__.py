@@ -54,7 +54,7 @@ PLAIN = {
 }
 """what the parser of the command line says -> what a user reads"""
 NO_PATH = (errno.ENAMETOOLONG, errno.ELOOP, errno.EACCES)
-"""error numbers of a path that cannot even be asked for"""
+"""error numbers of a path that cannot be looked up"""
 
 
 @functools.cache
@@ -95,7 +95,7 @@ def main() -> None:
         messages.log.error("%s", messages.one_line(f"error: {error}"))
         code = error.exit_code
     except OSError as error:
-        # wherever it was that somebody first asked for a path that the user gave
+        # a path that the user gave, wherever it was first used
         if error.errno not in NO_PATH or error.filename is None or os.environ.get("MIDNET_BENCH_DEBUG"):
             raise
         messages.log.error(

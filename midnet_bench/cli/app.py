@@ -153,7 +153,7 @@ app = typer.Typer(
 
 
 def add_group(name: str, help: str) -> typer.Typer:
-    """A command that has commands of its own."""
+    """A command that has commands."""
     group = typer.Typer(cls=Commands, invoke_without_command=True, rich_markup_mode=None)
     group.callback()(_help_without_command)
     app.add_typer(group, name=name, help=help, short_help=help)
@@ -273,7 +273,7 @@ def printing() -> Iterator[None]:
 
 
 def _reader_has_gone() -> bool:
-    """Whether standard output is a pipe that nobody reads any more."""
+    """Whether standard output is a pipe without a reader."""
     if not hasattr(select, "poll"):  # Windows tells no more
         return True
     poll = select.poll()

@@ -11,7 +11,7 @@ from midnet_bench.cli import completion, messages, options
 from midnet_bench.cli.app import add_group, command
 from midnet_bench.cli.check import BROKEN
 
-arena = add_group("arena", "Show, make and check arenas: floor plans with who starts where.")
+arena = add_group("arena", "Show, make and check arenas: floor plans with start poses.")
 
 MOST_AREAS = 5
 """that a line lists"""
@@ -129,16 +129,15 @@ def check(
     Floor that no robot can enter is named with its area: no fault around a building, but look at it inside.
     """
     from midnet_bench.workflows.arenas import check as checked
-    from midnet_bench.workflows.arenas import no_entry, write_picture
+    from midnet_bench.workflows.arenas import write_picture
 
-    found, faults = checked(name)
-    closed = no_entry(found)
+    found, faults, closed = checked(name)
     if output is not None:
         write_picture(found, faults, output)
     if as_json:
-        told = [{"fault": text, "at_m": at and [round(part, 3) for part in at]} for text, at in faults]
-        areas = [{"m2": round(m2, 2), "at_m": [round(part, 3) for part in at]} for m2, at in closed]
-        typer.echo(json.dumps({"arena": found.name, "faults": told, "no_entry": areas}))
+        listed = [{"fault": text, "at_m": at and [round(part, 3) for part in at]} for text, at in faults]
+        areas = [{"m2": round(m2, 2), "at_m": [round(part, 3) for part in at]} for m2, at, _ in closed]
+        typer.echo(json.dumps({"arena": found.name, "faults": listed, "no_entry": areas}))
     elif not faults:
         width_m, height_m = found.enclosure_m
         walls = len(found.wall_solids())
@@ -147,9 +146,11 @@ def check(
         for number, fault in enumerate(faults, 1):
             typer.echo(f"{number}: {messages.shown(fault.text)}")
     if closed and not as_json:
-        pieces = ", ".join(f"{m2:.1f} m2 at ({x:.2f}, {y:.2f})" for m2, (x, y) in closed[:MOST_AREAS])
+        pieces = ", ".join(f"{m2:.1f} m2 at ({x:.2f}, {y:.2f})" for m2, (x, y), _ in closed[:MOST_AREAS])
         more = ", ..." if len(closed) > MOST_AREAS else ""
-        typer.echo(f"no robot can enter {sum(m2 for m2, _ in closed):.1f} m2 of floor: {pieces}{more}")
+        typer.echo(
+            f"no robot can enter {sum(piece.area_m2 for piece in closed):.1f} m2 of floor: {pieces}{more}"
+        )
         if not faults and output is None:
             typer.echo("If it is inside the building, draw it by -o check.png; --drop-specks drops lettering")
     if faults:

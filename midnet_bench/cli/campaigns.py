@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from midnet_bench.campaign.runner import CampaignOutcome, Plan
 
 MAX_REASONS = 5
-"""different reasons that are told when trials fail; failures.csv has them all"""
+"""different reasons that are listed when trials fail; failures.csv has them all"""
 
 
 @command(example="midnet-bench detection --seeds 20 -o results/twenty")
@@ -97,7 +97,7 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
     from midnet_bench.campaign.definition import resolve
     from midnet_bench.campaign.runner import plan, run_campaign
     from midnet_bench.cli.progress import CampaignProgress, compiling
-    from midnet_bench.cli.reports import present, tell_page
+    from midnet_bench.cli.reports import log_page, present
     from midnet_bench.experiments import registry
     from midnet_bench.experiments.campaigns import refuse_missing_engine
     from midnet_bench.experiments.warm_up import compile_ahead
@@ -117,7 +117,7 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
             retry_failed=chosen.retry_failed,
             fresh=chosen.fresh,
         )
-        _tell_plan(resolved.definition.experiment, ahead, directory, chosen.as_json)
+        _print_plan(resolved.definition.experiment, ahead, directory, chosen.as_json)
         return
 
     if (
@@ -146,12 +146,12 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
     )
     present(directory, chosen.as_json, 2, chosen.wide)  # a lone point is no curve, and takes seconds to draw
     if not chosen.as_json:
-        tell_page(directory)
+        log_page(directory)
     if outcome.failed:
-        raise typer.Exit(_tell_of_failures(outcome, directory / "failures.csv"))
+        raise typer.Exit(_log_failures(outcome, directory / "failures.csv"))
 
 
-def _tell_plan(experiment: str, ahead: "Plan", directory: Path, as_json: bool) -> None:
+def _print_plan(experiment: str, ahead: "Plan", directory: Path, as_json: bool) -> None:
     if as_json:
         from midnet_bench.analysis.tables import Table, to_json
 
@@ -170,7 +170,7 @@ def _tell_plan(experiment: str, ahead: "Plan", directory: Path, as_json: bool) -
     )
 
 
-def _tell_of_failures(outcome: "CampaignOutcome", file: Path) -> int:
+def _log_failures(outcome: "CampaignOutcome", file: Path) -> int:
     """Says why trials failed; the exit code: 2 if nothing but their input was wrong."""
     from midnet_bench.errors import InputError
 

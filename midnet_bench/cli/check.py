@@ -45,11 +45,11 @@ def check(
             )
         )
     elif not found.faults:
-        said = f"{found.seam} {found.name}"
+        plugin = f"{found.seam} {found.name}"
         if found.frame_ms is None:
-            typer.echo(f"ok ({said})")
+            typer.echo(f"ok ({plugin})")
         else:
-            typer.echo(f"ok, {found.frame_ms:.1f} ms a frame ({said}, four robots)")
+            typer.echo(f"ok, {found.frame_ms:.1f} ms a frame ({plugin}, four robots)")
     else:
         for fault in found.faults:
             typer.echo(fault)

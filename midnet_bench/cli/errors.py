@@ -7,7 +7,7 @@ import typer
 
 from midnet_bench.cli import messages, options
 from midnet_bench.cli.app import command
-from midnet_bench.cli.reports import Directory, say, show
+from midnet_bench.cli.reports import Directory, print_lines, show
 
 Where = Annotated[
     list[str] | None,
@@ -85,11 +85,11 @@ def errors(
     if as_json:
         show(None, [table], as_json)
     else:
-        say([table.title, *(str(row["line"]) for row in table.rows)])
+        print_lines([table.title, *(str(row["line"]) for row in table.rows)])
         if grids is None:
             player = directory / "report.html"
-            say([f"To draw this frame add --grids DIR. The player in {player} shows all frames."])
+            print_lines([f"To draw this frame add --grids DIR. The player in {player} shows all frames."])
     if grids is not None:
         workflow.grids(directory, seed, frame, own, grids)
         if not as_json:
-            messages.tell_where(grids)
+            messages.log_folder(grids)

@@ -1,4 +1,4 @@
-"""The command about what a campaign stands on: ``parameters``."""
+"""The command ``parameters``."""
 
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -73,23 +73,23 @@ def _explain(name: str, users: "dict[str, Leaf]", as_json: bool) -> None:
         _dump({"schema": 1, "parameter": name, "experiments": rows, "readings": [*map(vars, readings)]})
         return
     typer.echo(name)
-    said: dict[tuple[str, ...], list[str]] = {}
+    users_of: dict[tuple[str, ...], list[str]] = {}
     for experiment, leaf in users.items():
         option = leaf.option
-        said.setdefault((option.help, _written(leaf.default), leaf.allowed, option.source), []).append(
+        users_of.setdefault((option.help, _written(leaf.default), leaf.allowed, option.source), []).append(
             experiment
         )
-    for (help, default, allowed, source), experiments in said.items():
-        _say(help)
+    for (help, default, allowed, source), experiments in users_of.items():
+        _print_paragraph(help)
         typer.echo(f"  default: {default}\n  allowed: {allowed}\n  experiments: {', '.join(experiments)}")
         if source:
             typer.echo(f"  source: {source}")
     for one in readings:
         source = f" Source: {one.source}." if one.source else ""
-        _say(f"The paper leaves open (item {one.item}): {one.open}. Here: {one.reading}.{source}")
+        _print_paragraph(f"The paper leaves open (item {one.item}): {one.open}. Here: {one.reading}.{source}")
 
 
-def _say(text: str) -> None:
+def _print_paragraph(text: str) -> None:
     """A paragraph, indented, as wide as the terminal."""
     import shutil
     import textwrap
@@ -101,18 +101,18 @@ def _say(text: str) -> None:
 def _described(leaf: "Leaf") -> dict[str, Any]:
     from midnet_bench.settings import choices_of
 
-    said = leaf.option
+    option = leaf.option
     return {
         "key": leaf.key,
         "default": leaf.default,
         "choices": list(choices_of(leaf.kind)) or None,
-        "minimum": said.ge,
-        "above": said.gt,
-        "maximum": said.le,
-        "multiple_of": said.multiple_of,
+        "minimum": option.ge,
+        "above": option.gt,
+        "maximum": option.le,
+        "multiple_of": option.multiple_of,
         "group": leaf.group or None,
-        "help": said.help,
-        "source": said.source or None,
+        "help": option.help,
+        "source": option.source or None,
     }
 
 

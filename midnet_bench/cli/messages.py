@@ -1,4 +1,4 @@
-"""What commands say beside their results: lines on stderr, and in a log file if one is asked for.
+"""Messages of commands: lines on stderr, and in the log file of ``--log-file``.
 
 Every module speaks through ``logging.getLogger("midnet_bench")``: ``debug`` what ``-v`` shows, ``info`` what
 ``-q`` silences, ``warning`` and ``error`` always.
@@ -29,7 +29,7 @@ class _Stderr(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         try:
             print(shown(record.getMessage()), file=sys.stderr, flush=True)
-        except OSError:  # nobody reads it any more: no reason to stop
+        except OSError:  # its reader has gone: no reason to stop
             sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lasts
 
 
@@ -116,12 +116,12 @@ def shown(text: str) -> str:
     )
 
 
-def tell_where(directory: Path) -> None:
+def log_folder(directory: Path) -> None:
     """The line that a command with results ends with."""
     files = sum(path.is_file() for path in directory.rglob("*"))
     log.info("results in %s (%d file%s)", directory, files, "" if files == 1 else "s")
 
 
-def tell_file(file: Path) -> None:
+def log_file_written(file: Path) -> None:
     """The same where it wrote one file."""
     log.info("written to %s", file)

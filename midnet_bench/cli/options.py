@@ -174,7 +174,7 @@ class Campaign:
     wide: Wide = False
 
     def sweep(self, experiment: str) -> "dict[str, Values]":
-        """What the command line asks for by key; several values make a factor of the grid.
+        """The parameters of the command line by key; several values make a factor of the grid.
 
         Args:
             experiment: that the campaign is of; a value has to be one that it can have.
@@ -252,7 +252,7 @@ def check_values(experiment: str, given: "Mapping[str, Values]", option: str) ->
         named = option.format(key=OPTION_OF.get(key, key))
         if key not in known:
             if option.endswith("="):
-                continue  # whoever resolves the campaign says which keys are near
+                continue  # resolving the campaign names the nearest keys
             raise InputError(f"{named} does not go with '{experiment}', which has no such parameter")
         for value in values if isinstance(values, list) else [values]:
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -267,12 +267,12 @@ def settings_with(
     """What ``--set`` and ``--map`` ask for.
 
     Args:
-        named: what options of their own gave for parameters, such as ``--frames``; None if not given.
+        named: values of options that are parameters, such as ``--frames``; None if not given.
         settings: what ``--set`` gave.
         map_file: what ``--map`` gave.
 
     Raises:
-        InputError: a setting is no ``key=value``, or an option of its own names the same parameter.
+        InputError: a setting is no ``key=value``, or another option names the same parameter.
     """
     from midnet_bench.campaign.definition import parse_settings
 
@@ -280,7 +280,7 @@ def settings_with(
 
 
 def _given_once(named: "Mapping[str, object]", parsed: "dict[str, Given]") -> "dict[str, Given]":
-    """``parsed``. Raises InputError if an option of its own names one of its keys."""
+    """``parsed``. Raises InputError if another option names one of its keys."""
     from midnet_bench.errors import InputError
 
     for name, value in named.items():

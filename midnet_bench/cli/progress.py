@@ -22,13 +22,13 @@ S_PER_LOOP = 0.6
 
 
 class Meter:
-    """Shows how far a piece of work has come, in lines; the last one is said in any case."""
+    """Shows how far a piece of work has come, in lines; the last one is printed in any case."""
 
     def __init__(self, done: float = 0.0, estimates: bool = True) -> None:
         """``done`` was there before. ``estimates``: whether to say how long the rest takes."""
         self._done_before, self._estimates = done, estimates
-        self._start_s = self._said_s = time.monotonic()
-        self._unsaid = ""
+        self._start_s = self._printed_s = time.monotonic()
+        self._pending = ""
 
     def show(self, done: float, total: float, text: str) -> None:
         """So much of so much is done; ``text`` says it in words."""
@@ -36,13 +36,13 @@ class Meter:
             return
         now_s = time.monotonic()
         elapsed_s = now_s - self._start_s
-        self._unsaid = f"{text}, took {_clock(elapsed_s)}" if self._estimates and done >= total else text
-        if now_s - self._said_s >= SECONDS_BETWEEN_LINES:
-            self._said_s = now_s
+        self._pending = f"{text}, took {_clock(elapsed_s)}" if self._estimates and done >= total else text
+        if now_s - self._printed_s >= SECONDS_BETWEEN_LINES:
+            self._printed_s = now_s
             if self._estimates and done < total:
                 left_s = elapsed_s / (done - self._done_before) * (total - done)
-                self._unsaid += f", estimated {_clock(left_s)} left"
-            self._say()
+                self._pending += f", estimated {_clock(left_s)} left"
+            self._print()
 
     def note(self, text: str) -> None:
         """A line that the user should read."""
@@ -50,12 +50,12 @@ class Meter:
 
     def close(self) -> None:
         """Nothing more will come."""
-        self._say()
+        self._print()
 
-    def _say(self) -> None:
-        if self._unsaid:
-            messages.log.info("%s", self._unsaid)
-        self._unsaid = ""
+    def _print(self) -> None:
+        if self._pending:
+            messages.log.info("%s", self._pending)
+        self._pending = ""
 
 
 class Bar(Meter):
@@ -169,7 +169,7 @@ class CampaignProgress(Progress):
 
 
 def may_animate(stream: TextIO) -> bool:
-    """Whether ``stream`` is a terminal, and neither NO_COLOR nor TERM=dumb asks for plain lines."""
+    """Whether ``stream`` is a terminal, and neither NO_COLOR nor TERM=dumb is set."""
     return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 

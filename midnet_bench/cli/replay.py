@@ -126,7 +126,7 @@ def replay(
         )
     show(None, made.tables, as_json, wide)
     if not as_json:
-        messages.tell_where(made.files[0].parent)
+        messages.log_folder(made.files[0].parent)
     if made.faults:
         where = f"what came of it is in {made.files[0].parent}"
         raise InputError(f"{'; '.join(made.faults)[:400]}; {where}")

@@ -89,7 +89,7 @@ def report(
         hint = "; see failures.csv there" if (directory / "failures.csv").exists() else ""
         raise InputError(f"{directory}: no finished trial yet{hint}")
     if not as_json:
-        tell_page(directory)
+        log_page(directory)
 
 
 def _draw(
@@ -220,10 +220,10 @@ def compare(
         show(found.experiment.name, found.tables, as_json, wide)
     else:
         lines, tables = workflow.shown(found)
-        say([*lines, ""])
+        print_lines([*lines, ""])
         show(None, tables, as_json=False)
     if output is not None and not as_json:
-        messages.tell_where(output)
+        messages.log_folder(output)
     for line in regressions:
         messages.log.error("%s", line)
     if regressions:
@@ -239,7 +239,7 @@ def _rank(
     write_ranking(directory, tables, page)
     show(None, tables, as_json, wide)
     if not as_json:
-        messages.tell_file(page)
+        messages.log_file_written(page)
 
 
 def _compare_exactly(directories: list[Path], update: bool) -> None:
@@ -328,7 +328,7 @@ def present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = Fa
         show(results.definition.experiment, tables, as_json)
     elif first is not None:
         show(None, first.tables, as_json=False)
-        say([*first.conclusion, *first.notes, "", first.following])
+        print_lines([*first.conclusion, *first.notes, "", first.following])
     elif results.finished:
         show(None, printed(results, tables), as_json, wide)
     return results.finished > 0
@@ -339,26 +339,26 @@ def _show_claims(directory: Path, table: "Table", everything: bool) -> None:
     from midnet_bench.analysis.claims import shown_claims
 
     summary, tables = shown_claims(table, everything)
-    say([summary, ""])
+    print_lines([summary, ""])
     show(None, tables, as_json=False)
     reproduced = sum(row["verdict"] == "reproduced" for row in table.rows)
     if reproduced and not everything:
-        say([f"reproduced: {_counted(reproduced, 'claim')}; --all lists them."])
+        print_lines([f"reproduced: {_counted(reproduced, 'claim')}; --all lists them."])
     if (file := directory / "claims.csv").exists():
-        say([f"Each in {file}"])
+        print_lines([f"Each in {file}"])
 
 
 def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
-def tell_page(directory: Path) -> None:
+def log_page(directory: Path) -> None:
     """The last line of a command that wrote a campaign's page: what to open."""
     page = directory / "report.html"
     if page.exists():
         messages.log.info("Open %s", page)
     else:
-        messages.tell_where(directory)
+        messages.log_folder(directory)
 
 
 def show(experiment: str | None, tables: "Sequence[Table]", as_json: bool, wide: bool = False) -> None:
@@ -374,7 +374,7 @@ def show(experiment: str | None, tables: "Sequence[Table]", as_json: bool, wide:
         typer.echo(drawn(table, None if wide else width()) + "\n")
 
 
-def say(sentences: "Iterable[str]") -> None:
+def print_lines(sentences: "Iterable[str]") -> None:
     """Print sentences, each from the beginning of a line; an empty one is an empty line."""
     from midnet_bench.cli.terminal import filled, width
 

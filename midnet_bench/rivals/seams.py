@@ -1,8 +1,8 @@
 """Who detects, who fuses, who patrols where and who pursues whom, by name; imported when it is asked for."""
 
-from midnet_bench.seams import Seam
+from midnet_bench.seams import ExtensionPoint
 
-DETECTORS = Seam(
+DETECTORS = ExtensionPoint(
     option="detector",
     entry_points="midnet_bench.detectors",
     method="detect",
@@ -15,7 +15,7 @@ DETECTORS = Seam(
 )
 """see ``rivals/detector.py``"""
 
-FUSIONS = Seam(
+FUSIONS = ExtensionPoint(
     option="fusion",
     entry_points="midnet_bench.fusions",
     method="fuse",
@@ -31,7 +31,7 @@ FUSIONS = Seam(
 )
 """see ``rivals/fusion.py``"""
 
-PATROLS = Seam(
+PATROLS = ExtensionPoint(
     option="patrol",
     entry_points="midnet_bench.patrols",
     method="next_point",
@@ -44,7 +44,7 @@ PATROLS = Seam(
 )
 """see ``rivals/patrol.py``"""
 
-PURSUITS = Seam(
+PURSUITS = ExtensionPoint(
     option="pursuit",
     entry_points="midnet_bench.pursuits",
     method="pursue",

@@ -14,7 +14,7 @@ from midnet_bench.midnet.pipeline import Ally, Frame, MIDNet, Observation
 from midnet_bench.rivals.detector import Detector
 from midnet_bench.rivals.fusion import Fusion
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS
-from midnet_bench.seams import Seam
+from midnet_bench.seams import ExtensionPoint
 
 
 class TeamFusion:
@@ -184,7 +184,7 @@ def _centres(boxes: BoxArray) -> BoxArray:
     return (boxes[:, :2] + boxes[:, 2:]) / 2.0
 
 
-def checked_boxes(given: object, seam: Seam, name: str) -> BoxArray:
+def checked_boxes(given: object, seam: ExtensionPoint, name: str) -> BoxArray:
     """``given`` by code of ``seam`` as (n, 4) float64. Raises PluginError if they are no boxes."""
     said = f"{seam.method} gave"
     try:

@@ -5,15 +5,15 @@ from typing import Any
 
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.robots.model import RobotModel
-from midnet_bench.seams import Choice, Seam
+from midnet_bench.seams import Choice, ExtensionPoint
 
 
-class RobotSeam(Seam):
+class RobotExtensionPoint(ExtensionPoint):
     """Values name a :class:`RobotModel` itself. What stands in brackets replaces its numbers."""
 
     @property
     def wanted(self) -> str:
-        """See :class:`Seam`."""
+        """See :class:`ExtensionPoint`."""
         return "a RobotModel"
 
     def _class(self, choice: Choice) -> RobotModel:
@@ -36,7 +36,7 @@ class RobotSeam(Seam):
         return self._class(self._parsed(value))
 
 
-ROBOTS = RobotSeam(
+ROBOTS = RobotExtensionPoint(
     option="robot",
     entry_points="midnet_bench.robots",
     method="rim_speeds",

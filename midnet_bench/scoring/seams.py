@@ -1,9 +1,9 @@
 """Who measures, by name; nothing is imported before it is asked for."""
 
 from midnet_bench.errors import InputError
-from midnet_bench.seams import Seam, several
+from midnet_bench.seams import ExtensionPoint, several
 
-METRICS = Seam(
+METRICS = ExtensionPoint(
     option="metrics",
     entry_points="midnet_bench.metrics",
     method="frame",
@@ -24,7 +24,7 @@ def pinned_metrics(value: str) -> str:
     """A list of metrics in its one spelling, each pinned; ``none`` for no metrics.
 
     Raises:
-        InputError: as ``Seam.pinned``, or one is there twice.
+        InputError: as ``ExtensionPoint.pinned``, or one is there twice.
     """
     given = several(value)
     if given in ([], [NONE]):

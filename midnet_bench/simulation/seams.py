@@ -1,8 +1,8 @@
 """Who simulates, by name; nothing is imported before it is asked for."""
 
-from midnet_bench.seams import Seam
+from midnet_bench.seams import ExtensionPoint
 
-SIMULATORS = Seam(
+SIMULATORS = ExtensionPoint(
     option="engine",
     entry_points="midnet_bench.simulators",
     method="step",

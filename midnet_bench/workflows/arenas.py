@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -133,7 +133,27 @@ class Fault(NamedTuple):
     """where, metres, map frame"""
 
 
-def check(name_or_path: str) -> tuple[Arena, list[Fault]]:
+class ClosedFloor(NamedTuple):
+    """A piece of floor that no robot can enter."""
+
+    area_m2: float
+    """where a Burger's centre could be"""
+    at: Point
+    """a place in it, metres, map frame"""
+    is_outside: bool
+    """whether it reaches the enclosure's edge"""
+
+
+class CheckedArena(NamedTuple):
+    """An arena and its faults."""
+
+    arena: Arena
+    faults: list[Fault]
+    closed: list[ClosedFloor]
+    """of at least ``ROOM_M2`` each, the largest first; floor around the building is among them"""
+
+
+def check(name_or_path: str) -> CheckedArena:
     """An arena, and what is wrong with it: starts, rooms, patrols, and the layouts of the first seeds.
 
     Raises:
@@ -142,55 +162,49 @@ def check(name_or_path: str) -> tuple[Arena, list[Fault]]:
     arena = load_arena(name_or_path)
     solids = arena.wall_solids() + arena.placed_solids()
     faults = _starts(arena, solids)
-    reachable, rooms = _rooms(arena, solids)
+    reachable, closed = _floor(arena, solids)
     if reachable.data.any():
-        faults += [*rooms, *_patrol(arena)]
+        faults += [_room_fault(piece) for piece in closed if not piece.is_outside]
+        faults += _patrol(arena)
     layouts: list[Layout] = []
     for seed in range(1, SEEDS + 1):
         try:
             layouts.append(place(arena, seed, 1))
         except InputError as error:
             text = str(error).removeprefix(f"arena '{arena.name}': ")
-            # a start that collides is told already, with its place
+            # a start that collides is listed already, with its place
             if not text.startswith("robots: ") and not any(fault.text == text for fault in faults):
                 faults.append(Fault(text, None))
-    return arena, faults + _never_seen(arena, reachable, layouts)
+    faults += _never_seen(arena, reachable, layouts)
+    return CheckedArena(arena, faults, sorted(closed, key=lambda piece: -piece.area_m2))
 
 
-def no_entry(arena: Arena) -> list[tuple[float, Point]]:
-    """The floor that no robot can enter from the guards' start, the largest piece first.
-
-    Of each piece of at least ``ROOM_M2`` its area, m2, where a Burger's centre could be, and a place in it,
-    metres, map frame. What lies around the building is among them.
-    """
-    reachable, closed = _floor(arena, arena.wall_solids() + arena.placed_solids())
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=4)
-    room = cv2.distanceTransform(np.pad(closed, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
-    areas_m2 = stats[:, cv2.CC_STAT_AREA] * reachable.resolution**2
-    return [
-        (float(areas_m2[label]), _widest(reachable, labels == label, room))
-        for label in sorted(range(1, len(stats)), key=lambda label: -areas_m2[label])
-        if areas_m2[label] >= ROOM_M2
-    ]
-
-
-def _floor(arena: Arena, solids: tuple[Solid, ...]) -> tuple[OccupancyGrid, npt.NDArray[np.uint8]]:
-    """Where a guard can drive, bool, and where it has room but cannot come, 0 or 1."""
+def _floor(arena: Arena, solids: tuple[Solid, ...]) -> tuple[OccupancyGrid, list[ClosedFloor]]:
+    """Where a guard can drive, bool, and where it has room but cannot come."""
     near = cells_near(arena, solids, DRIVABLE_M)
-    floor = ~near.data & _inside(arena, near)
-    reachable = connected_to(*near.cell_at(*arena.robots.center_m), floor)
-    return near.with_data(reachable), (floor & ~reachable).astype(np.uint8)
+    inside = _inside(arena, near)
+    floor = ~near.data & inside
+    reachable = near.with_data(connected_to(*near.cell_at(*arena.robots.center_m), floor))
+    closed = (floor & ~reachable.data).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=4)
+    room_m = cv2.distanceTransform(np.pad(closed, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    rows, columns = np.nonzero(inside)
+    borders = {int(rows.min()), int(rows.max())}, {int(columns.min()), int(columns.max())}
+    pieces = []
+    for label, (left, low, width, height, cells) in enumerate(stats.tolist()):
+        area_m2 = cells * near.resolution**2
+        if label == 0 or area_m2 < ROOM_M2:
+            continue
+        is_outside = borders[0] & {low, low + height - 1} or borders[1] & {left, left + width - 1}
+        # the cell that is farthest from the piece's edge
+        row, column = divmod(int(np.where(labels == label, room_m, 0.0).argmax()), near.width)
+        pieces.append(ClosedFloor(area_m2, near.center_of(column, row), bool(is_outside)))
+    return reachable, pieces
 
 
 def _inside(arena: Arena, grid: OccupancyGrid) -> npt.NDArray[np.bool_]:
     half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
     return (np.abs(grid.x_centers) < half_x) & (np.abs(grid.y_centers) < half_y)[:, None]
-
-
-def _widest(grid: OccupancyGrid, part: npt.NDArray[np.bool_], room: npt.NDArray[Any]) -> Point:
-    """The cell of a part that is farthest from its edge."""
-    row, column = divmod(int(np.where(part, room, 0.0).argmax()), grid.width)
-    return grid.center_of(column, row)
 
 
 def _starts(arena: Arena, solids: tuple[Solid, ...]) -> list[Fault]:
@@ -211,29 +225,12 @@ def _starts(arena: Arena, solids: tuple[Solid, ...]) -> list[Fault]:
     return faults
 
 
-def _rooms(arena: Arena, solids: tuple[Solid, ...]) -> tuple[OccupancyGrid, list[Fault]]:
-    """Where a guard can drive, bool; and rooms where it cannot come."""
-    reachable, closed = _floor(arena, solids)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=4)
-    room = cv2.distanceTransform(closed, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    rows, columns = np.nonzero(_inside(arena, reachable))
-    borders = {int(rows.min()), int(rows.max())}, {int(columns.min()), int(columns.max())}
-    faults = []
-    for label, (left, low, width, height, cells) in enumerate(stats.tolist()):
-        # what reaches the enclosure's edge lies around the building
-        is_outside = borders[0] & {low, low + height - 1} or borders[1] & {left, left + width - 1}
-        area_m2 = cells * reachable.resolution**2
-        if label == 0 or is_outside or area_m2 < ROOM_M2:
-            continue
-        at = _widest(reachable, labels == label, room)
-        faults.append(
-            Fault(
-                f"a room at {_place(at)} cannot be reached: no way to its {area_m2:.1f} m2 that a Burger "
-                f"passes, which needs {2 * DRIVABLE_M:g} m; open a door or fill it",
-                at,
-            )
-        )
-    return reachable, faults
+def _room_fault(room: ClosedFloor) -> Fault:
+    text = (
+        f"a room at {_place(room.at)} cannot be reached: no way to its {room.area_m2:.1f} m2 that a Burger "
+        f"passes, which needs {2 * DRIVABLE_M:g} m; open a door or fill it"
+    )
+    return Fault(text, room.at)
 
 
 def _patrol(arena: Arena) -> list[Fault]:
@@ -257,13 +254,13 @@ def _never_seen(arena: Arena, reachable: OccupancyGrid, layouts: Sequence[Layout
             seen[solid] = is_seen(solid, layout.solids, reachable, range_m)
             if not seen[solid]:
                 at = (solid.pose.x, solid.pose.y)
-                whom = (
+                name = (
                     f"stationary_intruders.placed.{number}"
                     if number < len(placed)
                     else f"stationary_intruders: number {number + 1} of seed {layout.seed}"
                 )
                 faults.append(
-                    Fault(f"{whom} at {_place(at)}: no guard can ever see it within {range_m:g} m", at)
+                    Fault(f"{name} at {_place(at)}: no guard can ever see it within {range_m:g} m", at)
                 )
     return faults
 

@@ -43,7 +43,7 @@ from midnet_bench.robots.model import RobotModel
 from midnet_bench.robots.seams import ROBOTS
 from midnet_bench.scoring.metric import MetricFrame, TrialMetrics
 from midnet_bench.scoring.seams import METRICS
-from midnet_bench.seams import PluginError, Seam
+from midnet_bench.seams import ExtensionPoint, PluginError
 from midnet_bench.settings import Scalar
 from midnet_bench.simulation.engines import make_world
 from midnet_bench.simulation.lidar import beam_directions
@@ -128,7 +128,7 @@ Call = Callable[[Frame], Answers]
 class Plugin(NamedTuple):
     """How trials call the code of one seam."""
 
-    seam: Seam
+    seam: ExtensionPoint
     make: Callable[[str, Recording, int], Call] | None
     """from a pinned name, the recording and the number of guards; None: it is no code that frames call"""
     edges: Callable[[Frame], dict[str, Frame]] = lambda frame: {}
@@ -261,7 +261,7 @@ def _frame_faults(plugin: Plugin, name: str) -> tuple[float, list[str]]:
             "it answers otherwise the second time: does it keep state at the class, or read the clock?"
         )
     elif not _same(first, other):
-        faults.append("it draws from the global random numbers: take a generator with a seed of its own")
+        faults.append("it draws from the global random numbers: take a generator with a fixed seed")
     if fault := plugin.odd(first, recording):
         faults.append(fault)
     faults = [plugin.seam.line_of(name) + fault for fault in faults]

@@ -458,12 +458,12 @@ def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figur
     Raises:
         InputError: there is no such factor or column, its values are no numbers, or no trial has finished.
     """
-    said = f"{results.directory}: --x {x}"
+    key = f"{results.directory}: --x {x}"
     if x not in results.definition.grid:
-        raise InputError(f"{said}: the grid has no such factor{nearest_name(x, results.factors)}")
+        raise InputError(f"{key}: the grid has no such factor{nearest_name(x, results.factors)}")
     if not _is_numeric(results, x):
         values = ", ".join(map(str, results.definition.grid[x]))
-        raise InputError(f"{said}: its values are no numbers ({values[:60]})")
+        raise InputError(f"{key}: its values are no numbers ({values[:60]})")
     record = experiment_of(results)
     panels = _main_scores(record, results, x)
     if y is not None:
@@ -474,7 +474,7 @@ def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figur
             raise InputError(f"{results.directory}: --y {y}: no such column{nearest}")
         panels = {y: panels[y]}
     if not panels:
-        raise InputError(f"{said}: no main score to draw; give a column by --y")
+        raise InputError(f"{key}: no main score to draw; give a column by --y")
     means = {
         measure: {
             cell: {at: _mean(record, measure, seeds) for at, seeds in points.items()}
@@ -514,7 +514,7 @@ def sweeps(results: Results) -> list[tuple[Table, "Figure"]]:
 
 
 def compared_values(results: Results) -> tuple[Table, "Figure"] | None:
-    """What the campaign's key ``compare`` asks for: a row for each value, cell and score; and its figure.
+    """The comparison of the campaign's key ``compare``: a row for each value, cell and score; and its figure.
 
     None without that key, main scores or finished trials.
     """
@@ -603,7 +603,7 @@ def compare_exactly(run: Path, golden: Path | None = None, *, update: bool = Fal
         golden = shipped_folder(f"golden/{name}", f"results/reference/smoke/{name}")
     if update and installed():
         raise InputError("compare: --update changes the repository's numbers; run it in a checkout")
-    found = sorted(path.stem for path in golden.glob("*.csv") if path.stem != "timing")  # of each run its own
+    found = sorted(path.stem for path in golden.glob("*.csv") if path.stem != "timing")  # wall times
     tables = TABLES.get(name) or tuple(found)
     if update:
         update_golden(run, golden, tables)

@@ -40,7 +40,7 @@ def export_trial(
 
     Raises:
         InputError: the experiment or the format is unknown, a parameter is wrong, an oracle or a network
-            stands between robots and detector, or the place cannot be written.
+            is between robots and detector, or the place cannot be written.
         MidnetBenchError: the disk is full.
     """
     found = registry.experiment(experiment)

@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 REFERENCE = "results/reference"
 """where a checkout has the results that the package reports"""
 FORMATS = ("png", "svg")
-"""of figures, unless others are asked for"""
+"""of figures, unless others are given"""
 PAGE = "report.html"
 RECORDED = "recorded"
 """the table of trials that were recorded"""
 COUNTERFACTUALS = "counterfactuals"
-"""the table that has a chapter of its own"""
+"""the table with a separate chapter"""
 
 
 def write_report(
