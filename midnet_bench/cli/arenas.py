@@ -15,19 +15,13 @@ arena = add_group("arena", "Show, make and check arenas: floor plans with start 
 
 MOST_AREAS = 5
 """that a line lists"""
-Output = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", metavar="FILE", help="The arena's file (default: print it)."),
-]
+Output = Annotated[Path | None, options.output_option("FILE", "The arena's file (default: print it).")]
 
 
 @command(example="midnet-bench arena show map1 > mine.yaml", group=arena)
 def show(
     name: Annotated[
-        str | None,
-        typer.Argument(
-            help="A packaged arena or a YAML file.", autocompletion=completion.arenas, show_default=False
-        ),
+        str | None, typer.Argument(help="A packaged arena or a YAML file.", autocompletion=completion.arenas)
     ] = None,
 ) -> None:
     """Print an arena's file, comments and all; without a name, the names of those that there are."""
@@ -42,27 +36,19 @@ def show(
 
 
 @command(
-    "from-image",
-    example="midnet-bench arena from-image plan.png --resolution 0.02 -o mine.yaml",
-    group=arena,
+    "from-image", example="midnet-bench arena from-image plan.png --resolution 0.02 -o mine.yaml", group=arena
 )
 def from_image(
     image: Annotated[
-        Path,
-        typer.Argument(
-            metavar="IMAGE", help="The plan, a PNG, JPEG or PGM: dark is wall.", show_default=False
-        ),
+        Path, typer.Argument(metavar="IMAGE", help="The plan, a PNG, JPEG or PGM: dark is wall.")
     ],
-    resolution: Annotated[
-        float, typer.Option(metavar="METRES", help="Side of a pixel in metres.", show_default=False)
-    ],
+    resolution: Annotated[float, typer.Option(metavar="METRES", help="Side of a pixel in metres.")],
     drop_specks: Annotated[
         float,
         typer.Option(
             "--drop-specks",
             metavar="METRES",
             help="Pieces of wall that touch no other and are no longer than this are floor: dirt, lettering.",
-            show_default=False,
         ),
     ] = 0.0,
     output: Output = None,
@@ -88,10 +74,7 @@ def from_image(
 
 @command("from-map", example="midnet-bench arena from-map map.yaml -o mine.yaml", group=arena)
 def from_map(
-    map_file: Annotated[
-        Path,
-        typer.Argument(metavar="MAP", help="The YAML file of a ROS map_server map.", show_default=False),
-    ],
+    map_file: Annotated[Path, typer.Argument(metavar="MAP", help="The YAML file of a ROS map_server map.")],
     unknown: Annotated[
         Literal["wall", "free"], typer.Option(help="What the cells are that the map knows nothing of.")
     ] = "wall",
@@ -111,15 +94,10 @@ def check(
     name: Annotated[
         str,
         typer.Argument(
-            metavar="ARENA",
-            help="A packaged arena or a YAML file.",
-            autocompletion=completion.arenas,
-            show_default=False,
+            metavar="ARENA", help="A packaged arena or a YAML file.", autocompletion=completion.arenas
         ),
     ],
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="Draw it: a PNG.")
-    ] = None,
+    output: Annotated[Path | None, options.output_option("FILE", "Draw it: a PNG.")] = None,
     as_json: options.Json = False,
 ) -> None:
     """Say what is wrong with an arena, a line for each fault with its place in metres, or 'ok'.

@@ -47,7 +47,6 @@ def run(
             metavar="[CAMPAIGN]",
             help="A campaign file, or the name of a packaged campaign; without it, they are listed.",
             autocompletion=completion.campaigns,
-            show_default=False,
         ),
     ] = None,
 ) -> None:

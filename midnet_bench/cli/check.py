@@ -20,7 +20,6 @@ def check(
             metavar="THING",
             help="A detector, fusion, patrol, pursuit, metric, engine or robot: NAME, package.module:NAME or "
             "file.py:NAME.",
-            show_default=False,
         ),
     ],
     as_json: options.Json = False,

@@ -14,14 +14,11 @@ Where = Annotated[
     typer.Option(
         metavar="FACTOR=VALUE",
         help="Only trials with this value of the grid, such as oracle=none; may be given again.",
-        show_default=False,
     ),
 ]
 
 
-Robots = Annotated[
-    int | None, typer.Option(metavar="N", help="Only trials with this team size.", show_default=False)
-]
+Robots = Annotated[int | None, typer.Option(metavar="N", help="Only trials with this team size.")]
 
 
 def places(where: list[str] | None, robots: int | None) -> list[str]:
@@ -34,17 +31,15 @@ def errors(
     directory: Directory,
     robots: Robots = None,
     where: Where = None,
-    seed: Annotated[int | None, typer.Option(help="Only this seed's trials.", show_default=False)] = None,
+    seed: Annotated[int | None, typer.Option(help="Only this seed's trials.")] = None,
     frame: Annotated[
-        int | None,
-        typer.Option(help="Explain each error of this frame, counted from 1, in a line.", show_default=False),
+        int | None, typer.Option(help="Explain each error of this frame, counted from 1, in a line.")
     ] = None,
     grids: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
             help="With --frame: draw each guard's grids A to D into this folder; the trial runs again.",
-            show_default=False,
         ),
     ] = None,
     versus: Annotated[
@@ -52,12 +47,10 @@ def errors(
         typer.Option(
             metavar="OTHER_DIR",
             help="Another recorded campaign: count errors of both, and of one alone, by cause.",
-            show_default=False,
         ),
     ] = None,
     versus_where: Annotated[
-        list[str] | None,
-        typer.Option(metavar="FACTOR=VALUE", help="As --where, of the other campaign.", show_default=False),
+        list[str] | None, typer.Option(metavar="FACTOR=VALUE", help="As --where, of the other campaign.")
     ] = None,
     as_json: options.Json = False,
     wide: options.Wide = False,

@@ -66,11 +66,8 @@ def make_map(
     settings: options.Settings = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="PATH",
-            help="Folder, or the map's YAML file; all else goes beside it (default results/map-NAME).",
+        options.output_option(
+            "PATH", "Folder, or the map's YAML file; all else goes beside it (default results/map-NAME)."
         ),
     ] = None,
     as_json: options.Json = False,

@@ -51,6 +51,11 @@ EXPERIMENT_OF = {"detection": "detection", "labyrinth": "labyrinth", "map": "map
 """command -> the experiment that its parameters are of"""
 
 
+def output_option(metavar: str, help: str) -> Any:
+    """The option ``-o``."""
+    return typer.Option("-o", "--output", metavar=metavar, help=help)
+
+
 def parameter(metavar: str = "NAME", **more: Any) -> Any:
     """An option for the parameter of its name, whose declaration the help is made of."""
     return typer.Option(metavar=metavar, help=PARAMETER, show_default=False, **more)
@@ -86,14 +91,7 @@ RobotModel = Annotated[str | None, parameter()]
 Number = Annotated[int | None, parameter("N")]
 Numbers = Annotated[str | None, parameter("N,N")]
 Part = Annotated[str | None, parameter()]
-Jobs = Annotated[
-    int | None,
-    typer.Option(
-        min=1,
-        metavar="N",
-        help="Worker processes (default all cores).",
-    ),
-]
+Jobs = Annotated[int | None, typer.Option(min=1, metavar="N", help="Worker processes (default all cores).")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
 Wide = Annotated[
     bool, typer.Option("--wide", help="Print tables with all their columns, however long the lines.")
@@ -147,13 +145,7 @@ class Campaign:
     map_file: Map = None
     settings: Sweep = None
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Folder for the results (default results/CAMPAIGN).",
-        ),
+        Path | None, output_option("DIR", "Folder for the results (default results/CAMPAIGN).")
     ] = None
     jobs: Jobs = None
     backend: Annotated[
@@ -206,8 +198,7 @@ class Messages:
     """What every command takes: how much it says while it works."""
 
     quiet: Annotated[
-        bool,
-        typer.Option("-q", "--quiet", help="Say only what goes wrong.", rich_help_panel=_MESSAGES),
+        bool, typer.Option("-q", "--quiet", help="Say only what goes wrong.", rich_help_panel=_MESSAGES)
     ] = False
     verbose: Annotated[
         bool,

@@ -24,8 +24,7 @@ def render(
     frame: Annotated[
         int | None,
         typer.Option(
-            metavar="N",
-            help="Which frame the pictures show, counted from 1 (default 100 or the last).",
+            metavar="N", help="Which frame the pictures show, counted from 1 (default 100 or the last)."
         ),
     ] = None,
     clip: Annotated[bool, typer.Option(help="Make a film (MP4) and a storyboard of the whole trial.")] = True,
@@ -39,13 +38,7 @@ def render(
     map_file: options.Map = None,
     settings: options.Settings = None,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Folder for the pictures (default results/render-...).",
-        ),
+        Path | None, options.output_option("DIR", "Folder for the pictures (default results/render-...).")
     ] = None,
 ) -> None:
     """Draw one trial: the arena from above, each robot's grids A to D, the detections, and a film."""

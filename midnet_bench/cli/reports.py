@@ -65,11 +65,9 @@ def report(
     ] = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="PATH",
-            help="Draw the figures only, into this folder, or one figure into this .pdf, .png or .svg file.",
+        options.output_option(
+            "PATH",
+            "Draw the figures only, into this folder, or one figure into this .pdf, .png or .svg file.",
         ),
     ] = None,
     as_json: options.Json = False,
@@ -130,17 +128,13 @@ def compare(
     by: Annotated[
         str | None,
         typer.Option(
-            metavar="FACTOR",
-            help="A factor of the only campaign's grid, such as engine: compare its values.",
-            show_default=False,
+            metavar="FACTOR", help="A factor of the only campaign's grid, such as engine: compare its values."
         ),
     ] = None,
     baseline: Annotated[
         str | None,
         typer.Option(
-            metavar="VALUE",
-            help="The factor's value that the others are compared with (default the first).",
-            show_default=False,
+            metavar="VALUE", help="The factor's value that the others are compared with (default the first)."
         ),
     ] = None,
     fail_if_worse: Annotated[
@@ -148,7 +142,6 @@ def compare(
         typer.Option(
             metavar="MEASURE",
             help="Exit code 1 if this score, such as f1, is significantly worse than the first's.",
-            show_default=False,
         ),
     ] = None,
     rank: Annotated[
@@ -163,12 +156,10 @@ def compare(
             metavar="FACTOR",
             help="With --rank: a factor whose values are ranked; may be repeated (default: those that name "
             "code, such as detector and fusion).",
-            show_default=False,
         ),
     ] = None,
     rank_by: Annotated[
-        str | None,
-        typer.Option(metavar="SCORE", help="With --rank: the score, such as f1.", show_default=False),
+        str | None, typer.Option(metavar="SCORE", help="With --rank: the score, such as f1.")
     ] = None,
     exact: Annotated[
         bool,
@@ -179,16 +170,12 @@ def compare(
         ),
     ] = False,
     update: Annotated[
-        bool,
-        typer.Option("--update", help="With --exact: commit this run's numbers instead; in a checkout."),
+        bool, typer.Option("--update", help="With --exact: commit this run's numbers instead; in a checkout.")
     ] = False,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="PATH",
-            help="Also write tables and figures into this folder; with --rank, the page into this file.",
+        options.output_option(
+            "PATH", "Also write tables and figures into this folder; with --rank, the page into this file."
         ),
     ] = None,
     as_json: options.Json = False,
@@ -268,22 +255,15 @@ def verify(
             metavar="POINTS",
             help="Instead, say how many trials show a change of the labyrinth's success rate by so many "
             "percentage points.",
-            show_default=False,
         ),
     ] = None,
     robots: Annotated[
-        str | None,
-        typer.Option(
-            metavar="N,N", help="With --difference: the two team sizes (default 4,5).", show_default=False
-        ),
+        str | None, typer.Option(metavar="N,N", help="With --difference: the two team sizes (default 4,5).")
     ] = None,
     probability: Annotated[
         float | None,
         typer.Option(
-            "--power",
-            metavar="P",
-            help="With --difference: probability of detecting it (default 0.8).",
-            show_default=False,
+            "--power", metavar="P", help="With --difference: probability of detecting it (default 0.8)."
         ),
     ] = None,
     as_json: options.Json = False,

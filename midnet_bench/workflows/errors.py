@@ -1,6 +1,7 @@
 """``errors``: the causes of a recorded campaign's misses and false positives."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -107,10 +108,12 @@ def versus(
     """
     both = [_recorded(directory, where), _recorded(other, other_where)]
     names = [str(directory), str(other)]
+    frames = []
     for name, results in zip(names, both, strict=True):
         if results.factors:
             raise InputError(f"{name}: name one value of {', '.join(results.factors)} by --where")
-    frames = [_places(results) for results in both]
+        rows_of = results.table("frames")
+        frames.append(set(zip(rows_of["seed"].tolist(), rows_of["frame"].tolist(), strict=True)))
     shared = frames[0] & frames[1]
     if not shared:
         raise InputError(f"{names[0]} and {names[1]} have no seed and frame in common")
@@ -120,33 +123,22 @@ def versus(
     )
     only_one = [error for place, found in one.items() for error in without(found, two.get(place, ()))]
     only_two = [error for place, found in two.items() for error in without(found, one.get(place, ()))]
-    in_both = sum(map(len, one.values())) - len(only_one)
-    rows: list[Mapping[str, Cell]] = []
     every = [error for found in one.values() for error in found]
-    kinds = dict.fromkeys((error.kind, error.cause) for error in [*every, *only_two])
-    for kind, cause in kinds:
-        alone = sum((error.kind, error.cause) == (kind, cause) for error in only_one)
-        rows.append(
-            {
-                "kind": kind,
-                "cause": cause,
-                "both": sum((error.kind, error.cause) == (kind, cause) for error in every) - alone,
-                "only_first": alone,
-                "only_second": sum((error.kind, error.cause) == (kind, cause) for error in only_two),
-            }
-        )
+    counts = [Counter((error.kind, error.cause) for error in each) for each in (every, only_one, only_two)]
+    rows: list[Mapping[str, Cell]] = [
+        _versus_row(kind, cause, *(count[kind, cause] for count in counts))
+        for kind, cause in dict.fromkeys([*counts[0], *counts[2]])
+    ]
     rows.sort(key=lambda row: -max(int(str(row[name])) for name in ("both", "only_first", "only_second")))
-    rows.append(
-        {
-            "kind": "all",
-            "cause": "",
-            "both": in_both,
-            "only_first": len(only_one),
-            "only_second": len(only_two),
-        }
-    )
+    rows.append(_versus_row("all", "", len(every), len(only_one), len(only_two)))
     title = f"Errors of {names[0]} (first) and {names[1]} (second) in {len(shared)} frames"
     return Table("errors_versus", title, rows)
+
+
+def _versus_row(kind: str, cause: str, first: int, only_first: int, only_second: int) -> dict[str, Cell]:
+    """``first``: errors of the first campaign, those of both among them."""
+    both = first - only_first
+    return {"kind": kind, "cause": cause, "both": both, "only_first": only_first, "only_second": only_second}
 
 
 def narrowed(results: Results, where: Sequence[str]) -> Results:
@@ -191,11 +183,6 @@ def _errors_of(results: Results) -> pd.DataFrame:
     return pd.DataFrame(columns=["seed", "frame"]) if found is None else found
 
 
-def _places(results: Results) -> set[tuple[int, int]]:
-    rows = results.table("frames")
-    return set(zip(rows["seed"].tolist(), rows["frame"].tolist(), strict=True))
-
-
 def _worst_frames(results: Results) -> Table:
     """The frames with most errors, the worst first."""
     found = results.tables.get("errors")
@@ -204,12 +191,10 @@ def _worst_frames(results: Results) -> Table:
         found = found.assign(trial=results.teams(found))
         counts = found.groupby(["trial", "seed", "frame"], sort=False).size()
         worst = counts.sort_values(ascending=False, kind="stable").head(WORST).reset_index(name="errors")
+        causes = found.groupby(["trial", "seed", "frame"], sort=False)["cause"]
         for row in records(worst):
-            same = (found[["trial", "seed", "frame"]] == [row["trial"], row["seed"], row["frame"]]).all(
-                axis=1
-            )
-            causes = found[same]["cause"].value_counts()
-            rows.append({**row, "causes": ", ".join(f"{count} {cause}" for cause, count in causes.items())})
+            own = causes.get_group((row["trial"], row["seed"], row["frame"])).value_counts()
+            rows.append({**row, "causes": ", ".join(f"{count} {cause}" for cause, count in own.items())})
     return Table("worst_frames", "Frames with most errors", rows)
 
 
