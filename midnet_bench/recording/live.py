@@ -297,10 +297,9 @@ class LiveNode:
         if placed is None or estimate is None or estimate.age_s > self._options.patience_s:
             self._drop("no pose is near their time")
             return
-        numbers = (scan.angle_min_rad, scan.angle_increment_rad, scan.range_min_m, scan.range_max_m)
         said = NoReturn({}, {**PLAIN, **self._options.no_return}, math.inf)
         try:
-            lidar = geometry_of(numbers, len(scan.ranges_m), placed.mount, placed.is_upside_down)
+            lidar = geometry_of(scan.geometry(), len(scan.ranges_m), placed.mount, placed.is_upside_down)
             node.observe(robot, estimate.pose, said.cleaned(scan), lidar, scan.stamp_ns / NS)
         except InputError as error:
             self._drop(str(error))

@@ -10,6 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -177,7 +178,6 @@ class Replay:
         }
         self._last: list[Scan | None] = [None] * len(robots)
         self._returns: list[Floats] = [np.empty((0, 2))] * len(robots)
-        self._geometries: dict[tuple[int, tuple[float, ...]], LidarGeometry] = {}
         self._numbers = itertools.count()
         self._lags: dict[tuple[int, str, str, str], int] = {}
         self._period_ns = None if setup.rate_hz is None else NS / setup.rate_hz
@@ -382,7 +382,14 @@ class Replay:
             self.tally.without_pose += 1
             return False
         try:
-            lidar = self._geometry(robot, scan, item.exact)
+            lidar = geometry_of(
+                scan.geometry(plan.no_return.range_max_m)
+                if item.exact is None
+                else tuple(item.exact[:4].tolist()),
+                len(scan.ranges_m) if item.exact is None else len(item.exact) - 4,
+                plan.mount,
+                plan.is_mirrored,
+            )
         except InputError as error:
             self.tally.skip(str(error), self._location(item))
             return False
@@ -401,23 +408,6 @@ class Replay:
         if estimate.age_s < math.inf:  # of a laser at rest
             self.tally.oldest_pose_s = max(self.tally.oldest_pose_s, estimate.age_s)
         return True
-
-    def _geometry(self, robot: int, scan: ScanReading, exact: Floats | None) -> LidarGeometry:
-        """The beams of a scan on its robot. Raises InputError: they cannot be."""
-        plan = self.robots[robot]
-        if exact is not None:
-            numbers = tuple(exact[:4].tolist())
-            beams = len(exact) - 4
-        else:
-            range_max_m = min(scan.range_max_m, plan.no_return.range_max_m)
-            numbers = (scan.angle_min_rad, scan.angle_increment_rad, scan.range_min_m, range_max_m)
-            beams = len(scan.ranges_m)
-        known = self._geometries.get((robot, (*numbers, beams)))
-        if known is not None:
-            return known
-        lidar = geometry_of(numbers, beams, plan.mount, plan.is_mirrored)
-        self._geometries[robot, (*numbers, beams)] = lidar
-        return lidar
 
     def _deskewed(self, robot: int, item: _Pending, ranges_m: Floats, lidar: LidarGeometry) -> Floats:
         """The ranges that all beams had met at the scan's own instant, each put to the nearest beam."""
@@ -512,8 +502,9 @@ class Replay:
         return [(link.in_words, track.taken) for link, track in self._tracks.items()]
 
 
-def geometry_of(numbers: Sequence[float], beams: int, mount: Pose2D, is_mirrored: bool) -> LidarGeometry:
-    """A LiDAR by (first angle, step, least range, largest range). Raises InputError: it cannot be."""
+@lru_cache(maxsize=256)
+def geometry_of(numbers: tuple[float, ...], beams: int, mount: Pose2D, is_mirrored: bool) -> LidarGeometry:
+    """A LiDAR by :meth:`ScanReading.geometry`, the same one each time. Raises InputError: it cannot be."""
     first, step, least_m, most_m = numbers
     if not (math.isfinite(first) and math.isfinite(step) and abs(step) > LEAST_BEAM_ANGLE_RAD):
         raise InputError(f"has angle_min {first:g} and angle_increment {step:g}, which no LiDAR has")

@@ -209,7 +209,7 @@ def score_tables(scorers: Mapping[str, Scorer], has_truth: bool) -> list[Table]:
     if has_truth:
         paper = [one.scored(name) for name, one in scores.items()]
         own = [one.paired(name) for name, one in scores.items()]
-        title = "One-to-one matching: further boxes on one label are false"
+        title = "One-to-one matching: a second box on one label is false"
         tables.append(Table("recording_scores", "Detection scores, as the paper counts", paper))
         tables.append(Table("recording_matching", title, own))
     return tables

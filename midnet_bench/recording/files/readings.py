@@ -36,6 +36,11 @@ class ScanReading(NamedTuple):
     time_increment_s: float
     """from one beam to the next; drivers write rubbish here"""
 
+    def geometry(self, range_max_m: float = math.inf) -> tuple[float, float, float, float]:
+        """First angle and step, radians; least range, and the largest one or this if it is less, metres."""
+        largest_m = min(self.range_max_m, range_max_m)
+        return self.angle_min_rad, self.angle_increment_rad, self.range_min_m, largest_m
+
 
 class Transform(NamedTuple):
     """A rigid motion: metres, and a unit quaternion."""

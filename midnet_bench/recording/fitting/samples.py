@@ -37,8 +37,7 @@ def samples_of(
         estimate = where.at(time_ns)
         if estimate is None or estimate.age_s > max_pose_age_s:
             continue
-        range_max_m = min(scan.range_max_m, robot.no_return.range_max_m)
-        numbers = (scan.angle_min_rad, scan.angle_increment_rad, scan.range_min_m, range_max_m)
+        numbers = scan.geometry(robot.no_return.range_max_m)
         try:
             lidar = geometry_of(numbers, len(scan.ranges_m), robot.mount, robot.is_mirrored)
         except InputError:
