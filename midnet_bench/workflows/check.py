@@ -154,7 +154,8 @@ def check(thing: str) -> Checked:
     plugin = _plugin_of(thing)
     seam, name = plugin.seam, plugin.seam.pinned(thing)
     if seam.is_made_here(name):
-        return Checked(seam.option, name, [], _own_ms(plugin, name))
+        paper_ms = recorded().paper_ms if seam in (DETECTORS, FUSIONS) else None
+        return Checked(seam.option, name, [], _engine_ms(name) if seam is SIMULATORS else paper_ms)
     run_trials, spec = _trial(plugin, next(iter(seam.own)))
     run_trials([spec])  # compiles what it needs: the time limit below is for the plug-in alone
     elsewhere, faults = _in_another_process(plugin, name)
@@ -273,13 +274,6 @@ def _frame_faults(plugin: Plugin, name: str) -> tuple[float, list[str]]:
     return frame_ms, list(dict.fromkeys(faults))
 
 
-def _own_ms(plugin: Plugin, name: str) -> float | None:
-    """The time of what this package does itself."""
-    if plugin.seam is SIMULATORS:
-        return _engine_ms(name)
-    return recorded().paper_ms if plugin.seam in (DETECTORS, FUSIONS) else None
-
-
 def _detector(name: str, recording: Recording, guards: int) -> Call:
     made = DETECTORS.make(name, recording.prior_map, recording.range_m)
     return lambda frame: detected(made, name, frame.observations)
@@ -291,6 +285,8 @@ def _fusion(name: str, recording: Recording, guards: int) -> Call:
 
 
 def _patrol(name: str, recording: Recording, guards: int) -> Call:
+    if not guards:  # without guards, none needs a point
+        return lambda frame: []
     patrol = TeamPatrol(name, recording.points, guards, np.random.default_rng(SEED))
     return lambda frame: [np.array([patrol.next_point(frame.guard, frame.team, frame.time_s)])]
 
@@ -312,17 +308,14 @@ def _metric(name: str, recording: Recording, guards: int) -> Call:
 
 
 def _teams(frame: Frame) -> dict[str, Frame]:
+    times, nothing = FULL_TEAM // TEAM, np.empty((0, 4))
     unseen = [
         replace(one, scan=None, costmap=one.costmap.with_data(np.zeros_like(one.costmap.data)))
         for one in frame.observations[:1]
     ]
-    return {"nobody": Frame([], [], frame.time_s)} | _guards(frame, unseen)
-
-
-def _guards(frame: Frame, unseen: list[Observation] | None = None) -> dict[str, Frame]:
-    times, one = FULL_TEAM // TEAM, unseen or frame.observations[:1]
     return {
-        "one robot that has seen nothing": Frame(one, [np.empty((0, 4))], frame.time_s),
+        "nobody": Frame([], [], frame.time_s),
+        "one robot that has seen nothing": Frame(unseen, [nothing], frame.time_s),
         f"{FULL_TEAM} robots": Frame(frame.observations * times, frame.boxes * times, frame.time_s),
     }
 
@@ -330,26 +323,23 @@ def _guards(frame: Frame, unseen: list[Observation] | None = None) -> dict[str, 
 def _targets(frame: Frame) -> dict[str, Frame]:
     places = [one.place for one in frame.team]
     targets = {5 + i: TargetState(places[(5 + i) % TEAM], frame.time_s, ()) for i in range(FULL_TEAM)}
-    full = frame.observations * (FULL_TEAM // TEAM)
+    full, one = frame.observations * (FULL_TEAM // TEAM), frame.observations[:1]
     return {
         f"{FULL_TEAM} robots and one target": replace(frame, observations=full, targets={5: targets[5]}),
-        f"one robot and {FULL_TEAM} targets": replace(
-            frame, observations=frame.observations[:1], targets=targets
-        ),
+        f"one robot and {FULL_TEAM} targets": replace(frame, observations=one, targets=targets),
     }
 
 
 def _empty_frames(frame: Frame) -> dict[str, Frame]:
-    seen, nothing = frame.seen, np.empty((0, 4))
-    assert seen is not None
-    empty = seen._replace(truths=(), in_range=())
-    frames = {
-        "no boxes": seen._replace(boxes=nothing),
-        "no intruders": empty,
-        "no boxes and no intruders": empty._replace(boxes=nothing),
-        "guards that have all died": seen._replace(guards=np.empty((0, 2))),
+    assert frame.seen is not None
+    no_boxes, no_intruders = {"boxes": np.empty((0, 4))}, {"truths": (), "in_range": ()}
+    changes: dict[str, dict[str, Any]] = {
+        "no boxes": no_boxes,
+        "no intruders": no_intruders,
+        "no boxes and no intruders": no_boxes | no_intruders,
+        "guards that have all died": {"guards": np.empty((0, 2))},
     }
-    return {description: replace(frame, seen=one) for description, one in frames.items()}
+    return {text: replace(frame, seen=frame.seen._replace(**change)) for text, change in changes.items()}
 
 
 def _odd_box(answers: Answers, recording: Recording) -> str | None:
@@ -505,7 +495,7 @@ def _motion_faults(world: Simulator) -> Iterator[str]:
 PLUGINS = (
     Plugin(DETECTORS, _detector, _teams, _odd_box),
     Plugin(FUSIONS, _fusion, _teams, _odd_box),
-    Plugin(PATROLS, _patrol, _guards, _odd_point),
+    Plugin(PATROLS, _patrol, _teams, _odd_point),
     Plugin(PURSUITS, _pursuit, _targets, experiment="labyrinth", short_trial=CHASE),
     Plugin(METRICS, _metric, _empty_frames),
     Plugin(SIMULATORS, None, short_trial={"robots": 3, "frames": 10}),

@@ -81,7 +81,7 @@ def test_names_of_files_are_plain_and_short() -> None:
     assert all("/" not in one and len(one.encode()) <= 160 for one in made)
 
 
-def test_an_unknown_setting_is_told_the_nearest_and_where_the_list_is(tmp_path: Path) -> None:
+def test_an_unknown_setting_gets_the_nearest_name_and_the_command_that_lists_all(tmp_path: Path) -> None:
     complaint = one_line_of_complaint(midnet_bench("detection", "--set", "bogus=3", folder=tmp_path))
     assert len(complaint) < 200
     assert complaint.endswith("; 'midnet-bench parameters detection' lists them")
@@ -115,7 +115,7 @@ def test_a_pipe_that_breaks_elsewhere_is_not_taken_for_the_output(
     assert done.stderr.startswith("error: a connection to another program broke")
 
 
-def test_a_command_goes_on_when_nobody_reads_its_messages(tmp_path: Path) -> None:
+def test_a_command_goes_on_without_a_reader_of_its_messages(tmp_path: Path) -> None:
     read, write = os.pipe()
     os.close(read)
     done = subprocess.run(

@@ -19,7 +19,7 @@ from tests.cli.command import midnet_bench
         (["render", "detection", "--engine", "ode"], "engine: "),
     ],
 )
-def test_a_wrong_engine_is_told_in_a_line(tmp_path: Path, arguments: list[str], told: str) -> None:
+def test_a_wrong_engine_gets_one_line(tmp_path: Path, arguments: list[str], told: str) -> None:
     done = midnet_bench(*arguments, folder=tmp_path)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()

@@ -302,7 +302,7 @@ def test_a_log_that_cannot_be_used_gets_one_line(
     assert not (tmp_path / "results").exists()
 
 
-def test_a_bad_log_is_told_before_the_slow_rooms_are_loaded(tmp_path: Path) -> None:
+def test_a_bad_log_is_refused_before_the_slow_rooms_are_loaded(tmp_path: Path) -> None:
     (tmp_path / "run.log").write_text("nothing\n")
     command = [sys.executable, "-X", "importtime", "-m", "midnet_bench", "map", "--from-log", "run.log"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -337,7 +337,7 @@ def test_a_bad_log_is_told_before_the_slow_rooms_are_loaded(tmp_path: Path) -> N
         (("crowded.yaml", "--robots", 20), ["two small rooms", "20"]),
     ],
 )
-def test_wrong_wishes_get_one_line(
+def test_wrong_arguments_get_one_line(
     arguments: tuple[object, ...], words: list[str], tmp_path: Path, complaint: Callable[..., str]
 ) -> None:
     write_arena(tmp_path).rename(tmp_path / "crowded.yaml")

@@ -69,7 +69,7 @@ def test_what_is_no_campaigns_folder_gets_a_hint(tmp_path: Path, command: Comman
         assert (code, "two: there is no such folder" in line) == (2, True), line
 
 
-def test_trials_of_two_versions_of_the_code_are_told_by_whatever_reads_them(
+def test_trials_of_two_versions_of_the_code_are_noted_by_each_command_that_reads_them(
     tmp_path: Path, command: Command
 ) -> None:
     (tmp_path / "one").mkdir()

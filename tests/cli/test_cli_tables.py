@@ -52,7 +52,7 @@ def test_a_table_of_intervals_is_never_cut(columns: int, width: int) -> None:
         assert word in text or all(part in text for part in word.split())
 
 
-def test_columns_go_by_the_declared_priority_and_the_reader_is_told() -> None:
+def test_columns_are_left_out_by_priority_and_the_table_says_so() -> None:
     row = {"trial": "1-robot"} | {f"c{k}": 0.123456 for k in range(9)}
     table = Table("some", "T", [row], beside=("c3", "c8", "c1"))  # type: ignore[list-item]
     lines = drawn(table, 200).splitlines()

@@ -88,41 +88,36 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("fault", BROKEN)
-def test_a_broken_detector_is_told_what_is_wrong_with_it(fault: str, folder: Path) -> None:
-    (folder / "mine.py").write_text(HEAD + f"\nclass Mine(Base):\n    {BROKEN[fault]}\n")
-    found = check("mine.py:Mine")
-    assert any(fault in one for one in found.faults), found.faults
-    assert all("\n" not in one for one in found.faults)
+DETECTOR = HEAD + "\nclass Mine(Base):\n    {}\n"
+PURSUIT = (
+    "import itertools, random\nfrom multiprocessing import current_process as process\n"
+    "class Mine:\n    seen = itertools.count()\n    gap = {{}}\n"
+    "    def __init__(self, prior_map, rng): pass\n"
+    "    def pursue(self, team, targets, time_s): return {}\n"
+)
+METRIC = (
+    "import itertools, random\nclass Mine:\n    seen = itertools.count()\n"
+    "    def frame(self, seen): return {}\n"
+)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", CHASES)
-def test_a_broken_pursuit_is_told_what_is_wrong_with_it(fault: str, folder: Path) -> None:
-    (folder / "mine.py").write_text(
-        "import itertools, random\nfrom multiprocessing import current_process as process\n"
-        "class Mine:\n    seen = itertools.count()\n    gap = {}\n"
-        "    def __init__(self, prior_map, rng): pass\n"
-        f"    def pursue(self, team, targets, time_s): return {CHASES[fault]}\n"
-    )
+@pytest.mark.parametrize(
+    ("seam", "template", "fault", "code"),
+    [("detector", DETECTOR, *one) for one in BROKEN.items()]
+    + [("pursuit", PURSUIT, *one) for one in CHASES.items()]
+    + [("metrics", METRIC, *one) for one in MEASURES.items()],
+)
+def test_the_fault_of_a_broken_plug_in_is_found(
+    seam: str, template: str, fault: str, code: str, folder: Path
+) -> None:
+    (folder / "mine.py").write_text(template.format(code))
     found = check("mine.py:Mine")
-    assert found.seam == "pursuit"
+    assert found.seam == seam
     assert any(fault in one for one in found.faults), found.faults
     assert all("\n" not in one for one in found.faults)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("fault", MEASURES)
-def test_a_broken_metric_is_told_what_is_wrong_with_it(fault: str, folder: Path) -> None:
-    (folder / "mine.py").write_text(
-        "import itertools, random\nclass Mine:\n    seen = itertools.count()\n"
-        f"    def frame(self, seen): return {MEASURES[fault]}\n"
-    )
-    found = check("mine.py:Mine")
-    assert found.seam == "metrics"
-    assert any(fault in one for one in found.faults), found.faults
-    assert all("\n" not in one for one in found.faults)
+    if "process" not in found.faults[0]:
+        assert all("mine.py:" in one.replace("mine.py:Mine", "") for one in found.faults), found.faults
 
 
 @pytest.mark.parametrize(
@@ -140,9 +135,7 @@ def test_a_broken_metric_is_told_what_is_wrong_with_it(fault: str, folder: Path)
         ("way = ", "way = np.random.rand() * ", "two worlds that were made and driven alike differ"),
     ],
 )
-def test_an_engine_is_told_what_is_wrong_with_it(
-    right: str, wrong: str, fault: str | None, folder: Path
-) -> None:
+def test_the_fault_of_an_engine_is_found(right: str, wrong: str, fault: str | None, folder: Path) -> None:
     (folder / "stub.py").write_text(OWN_ENGINE.replace(right, wrong))
     name = SIMULATORS.pinned("stub.py:World")
     faults = list(_engine_faults(name))
@@ -183,7 +176,7 @@ def test_what_comes_with_the_package_is_ok(name: str) -> None:
     assert check(name).faults == []
 
 
-def test_a_fusion_is_told_from_a_detector_by_its_method(folder: Path) -> None:
+def test_the_method_says_that_a_class_is_a_fusion(folder: Path) -> None:
     (folder / "mine.py").write_text(
         "class First:\n    def fuse(self, found, time_s):\n        return found[0]\n"
     )
@@ -192,7 +185,7 @@ def test_a_fusion_is_told_from_a_detector_by_its_method(folder: Path) -> None:
     assert any(one.startswith("with nobody: fusion mine.py:First") for one in found.faults)
 
 
-def test_a_patrol_that_sends_guards_through_walls_is_told(folder: Path) -> None:
+def test_a_patrol_that_sends_guards_through_walls_is_found(folder: Path) -> None:
     (folder / "mine.py").write_text(
         "class Away:\n    def __init__(self, points, guards, rng):\n        pass\n"
         "    def next_point(self, guard, team, time_s):\n        return 100.0, guard\n"

@@ -165,7 +165,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
             compare(folders)
 
 
-def test_nothing_in_common_is_told(tmp_path: Path) -> None:
+def test_campaigns_without_a_shared_seed_are_refused(tmp_path: Path) -> None:
     first, other = (one_robot(tmp_path / name, {seed: 0.9}) for name, seed in (("first", 1), ("other", 2)))
     with pytest.raises(
         InputError, match="nothing to pair: first has seed 1, other has seed 2; run other with --seed 1"
@@ -192,7 +192,7 @@ def test_a_folder_called_as_a_column_does_not_replace_it(tmp_path: Path) -> None
     assert table.rows[0]["runs/trial"] == table.rows[0]["runs/NaN"] == 0.9
 
 
-def test_labyrinths_of_one_folder_name_are_told_apart(tmp_path: Path) -> None:
+def test_labyrinths_of_one_folder_name_get_different_names(tmp_path: Path) -> None:
     folders = [tmp_path / "one" / "maze", tmp_path / "two" / "maze"]
     for folder in folders:
         folder.mkdir(parents=True)

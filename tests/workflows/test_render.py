@@ -146,7 +146,7 @@ def test_an_experiment_of_ones_own_is_drawn_without_explanations(tmp_path: Path)
     assert all(path.is_file() for path in paths)
 
 
-def test_what_has_nothing_to_draw_is_told(tmp_path: Path) -> None:
+def test_an_experiment_without_guards_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="'mapping' has no guards"):
         render_trial("mapping", {}, 1, tmp_path)
 
@@ -161,7 +161,7 @@ def test_what_has_nothing_to_draw_is_told(tmp_path: Path) -> None:
         ({"robots": 0}, 1, 2.0, "detection: robots: "),
     ],
 )
-def test_wrong_wishes_are_told_in_a_line(
+def test_wrong_arguments_get_one_line(
     tmp_path: Path, parameters: dict[str, Scalar], frame: int, speed: float, message: str
 ) -> None:
     with pytest.raises(InputError) as told:

@@ -98,7 +98,7 @@ def test_the_same_trials_give_the_same_picture(folder: Path, tmp_path: Path) -> 
         (None, "f1", "--y f1: say by --x"),
     ],
 )
-def test_what_is_not_there_is_told(folder: Path, x: str | None, y: str, told: str) -> None:
+def test_a_missing_column_is_named(folder: Path, x: str | None, y: str, told: str) -> None:
     with pytest.raises(InputError, match=told):
         plot(folder, x=x, y=y)
 
