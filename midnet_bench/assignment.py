@@ -1,4 +1,4 @@
-"""Who goes with whom: scipy's ``linear_sum_assignment`` without the rest of ``scipy.optimize``."""
+"""Optimal assignment: scipy's ``linear_sum_assignment`` without the rest of ``scipy.optimize``."""
 
 import importlib.util
 from collections.abc import Callable

@@ -3,7 +3,7 @@
 numba compiles a function anew when the file of that function changes, but not when a file changes that it
 calls into or takes a number from. So the folder's name holds a digest of all of these files, of the libraries
 and of the processor: other code is other machine code, whatever was compiled before. numba also reads options
-from a file in the working folder; here it does not, since who can put a file there could make it load code.
+from a file in the working folder; here it does not, since a file put there could make it load code.
 """
 
 import atexit
@@ -53,7 +53,7 @@ def njit(*, inline: str = "never", nogil: bool = False) -> Callable[[F], F]: ...
 
 
 def njit(function: F | None = None, /, **options: Any) -> F | Callable[[F], F]:
-    """Numba's ``njit``, which keeps its machine code where nobody finds it under other sources.
+    """Numba's ``njit``, which keeps its machine code where it is not found under other sources.
 
     Where no folder can be written every process compiles for itself; the numbers are the same.
     """
@@ -225,7 +225,7 @@ def _module(path: Path) -> str:
 
 
 def _writable(path: Path) -> Path | None:
-    """``path``, made if need be, if files can be written there and nobody else could have."""
+    """``path``, made if need be, if files can be written there and no other user could have."""
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=path).close()
@@ -258,7 +258,7 @@ def _temporary() -> Path | None:
 
 
 def _forget_old(root: Path) -> None:
-    """Machine code of sources that nobody has run for long makes room."""
+    """Machine code of sources that have not run for long makes room."""
     with contextlib.suppress(OSError):
         for other in root.iterdir():
             if re.fullmatch("[0-9a-f]{16}", other.name) and time.time() - other.stat().st_mtime > KEPT_S:
@@ -299,7 +299,7 @@ def has_loops() -> bool:
 
 @contextlib.contextmanager
 def _without(name: str) -> Iterator[None]:
-    """Nobody can import the module ``name`` meanwhile."""
+    """The module ``name`` cannot be imported meanwhile."""
     before = sys.modules.get(name)
     sys.modules[name] = None  # type: ignore[assignment]
     try:

@@ -4,7 +4,7 @@ A C library has several versions of each and takes one by what the processor can
 bit, as do NumPy's own and those of other releases, and after a minute a trial's robots are elsewhere for it.
 What is here adds, multiplies, divides and takes square roots, each rounded as the standard says and in this
 order. So it gives the same bits on every x86-64 processor, whatever C library is there. numba joins no
-multiplication and addition into one unless it is asked to (``fastmath``), and nothing here asks.
+multiplication and addition into one unless ``fastmath`` is set, which nothing here does.
 
 An argument is reduced to a short interval, and Taylor's series does the rest; all constants are worked out
 below from integers. Results lie within 1.5 units in the last place, whatever finite number the argument is.

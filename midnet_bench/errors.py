@@ -23,7 +23,7 @@ class InputError(MidnetBenchError):
 def nearest_name(name: str, valid: Iterable[str], where: str = "") -> str:
     """A hint for a mistyped name: ``; did you mean 'x'?``, else the valid ones, or the nearest of many.
 
-    ``where`` says who lists them, if they may be many: ``; 'midnet-bench parameters' lists them``.
+    ``where`` says which command lists them, if they may be many: ``; 'midnet-bench parameters' lists them``.
     """
     names, asked = sorted(valid), name[:LONGEST_ASKED]  # difflib takes long over a long one
     close = difflib.get_close_matches(asked, names, n=1)

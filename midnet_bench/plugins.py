@@ -81,7 +81,7 @@ def from_source(digest: str, name: str, reference: str) -> Any:
     """The object ``name`` of the file with that digest; the file is executed once.
 
     Raises:
-        InputError: nobody has read or handed over such a file, it cannot be executed, or it has no such name.
+        InputError: no such file was read or handed over, it cannot be executed, or it has no such name.
     """
     if digest not in _KNOWN:
         raise InputError(f"{reference}: no file with the digest {digest} is known here; give its path")

@@ -69,7 +69,7 @@ class ExtensionPoint:
     method: str
     """what every class here has"""
     own: Mapping[str, str | None]
-    """this package's by name: a reference, or None for one that whoever asks makes himself"""
+    """this package's by name: a reference, or None for one that the caller makes"""
     needs: Mapping[str, str] = field(default_factory=dict)
     """by name in ``own``: the module of another library without which it does not run, and which the extra of
     that name installs"""
@@ -135,7 +135,7 @@ class ExtensionPoint:
         return choice
 
     def is_made_here(self, value: str) -> bool:
-        """Whether ``value`` names what whoever asks makes himself."""
+        """Whether ``value`` names what the caller makes."""
         return value in self.own and self.own[value] is None
 
     @contextlib.contextmanager

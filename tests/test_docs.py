@@ -1,5 +1,6 @@
 """The pages and the notebook say what the code does now."""
 
+import ast
 import importlib
 import importlib.util
 import re
@@ -62,6 +63,22 @@ def test_pages_comments_and_screens_are_in_plain_words(page: str) -> None:
         text = "\n".join(re.findall(r"^#.*", text, flags=re.M))
     words = re.sub(r"```.*?```|`[^`]*`", "", " ".join(text.split()), flags=re.S)
     assert OLD_WORDS.findall(words) == []
+
+
+OLD_DOCSTRINGS = re.compile(
+    r"\b(nobody|somebody|anybody|everybody|whom|whoever|who|(?:is|are|was|were|be) (?:told|asked)"
+    r"|takes? (?:it|them)sel(?:f|ves) to be|what is none)\b",
+    re.IGNORECASE,
+)
+
+
+@pytest.mark.parametrize("room", sorted(path.name for path in PACKAGE.iterdir() if path.name[0] != "_"))
+def test_docstrings_are_in_plain_words(room: str) -> None:
+    path = PACKAGE / room
+    for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                assert OLD_DOCSTRINGS.findall(str(node.value.value)) == [], f"{file}:{node.lineno}"
 
 
 @pytest.mark.parametrize("sentence", ["Nobody is there", "as they are told", "where it takes itself to be"])

@@ -23,7 +23,7 @@ class GuardState(NamedTuple):
     """What MIDNet knows of a guard that patrols or pursues."""
 
     place: Point
-    """where it takes itself to be, map frame, metres"""
+    """its estimated pose, map frame, metres"""
     goal: Point | None
 
 
@@ -82,7 +82,7 @@ class MobileRobot:
         self.navigator.set_goal(*goal)
 
     def cancel_goal(self) -> None:
-        """Drop the goal at hand; the next one is asked for at the next control cycle."""
+        """Drop the goal at hand; the next control cycle chooses another one."""
         self.goal = None
         self.navigator.cancel()
 
@@ -134,7 +134,7 @@ class Guard(MobileRobot):
 
     @property
     def state(self) -> GuardState:
-        """What patrol and pursuit rules are told of it."""
+        """What patrol and pursuit rules receive of it."""
         return GuardState((self.pose.x, self.pose.y), self.goal)
 
     def observe(self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:

@@ -1,6 +1,6 @@
 """What guards may pursue, and the guards that a rule sends after it (items 53, 54).
 
-A target is a track of MIDNet's boxes. Nobody tells the guards whether there is an intruder behind it, whether
+A target is a track of MIDNet's boxes. No truth says whether there is an intruder behind it, whether
 it was caught, or whether two tracks are one intruder.
 """
 
@@ -25,7 +25,7 @@ class Target:
 
 
 class TargetState(NamedTuple):
-    """What a pursuit rule is told of a target."""
+    """What a pursuit rule receives of a target."""
 
     place: Point
     """centre of its latest box, map frame, metres"""
@@ -36,7 +36,7 @@ class TargetState(NamedTuple):
 
 
 class PursuitRule(Protocol):
-    """Who pursues what. A class of these is made anew for each trial, and may remember whom it sent.
+    """Which guard pursues which target. A class of these is made anew for each trial, and may keep a state.
 
     It is made of ``(prior_map, rng)`` and its own options, which have defaults: the map, int8, 100 occupied,
     0 free, -1 unknown; the trial's own generator of random numbers.
@@ -47,7 +47,7 @@ class PursuitRule(Protocol):
     ) -> Mapping[int, int]:
         """For each guard that is to pursue now, its target; the others patrol.
 
-        It is asked at each frame at which there is a target. Targets that were not seen for a while, or not
+        It is called at each frame at which there is a target. Targets that were not seen for a while, or not
         found where they should be, are gone before.
 
         Args:

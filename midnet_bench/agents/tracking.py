@@ -1,4 +1,4 @@
-"""``Tracker``: which of MIDNet's boxes is on whom, from frame to frame, by the boxes alone.
+"""``Tracker``: which of MIDNet's boxes are one intruder's, from frame to frame, by the boxes alone.
 
 Global nearest neighbour: a Kalman filter of constant velocity for each track (Bar-Shalom, Li and Kirubarajan,
 "Estimation with Applications to Tracking and Navigation", 2001, section 6.3), a gate on the squared

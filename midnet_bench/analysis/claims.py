@@ -147,7 +147,7 @@ def verdict_table(findings: Sequence[Finding]) -> Table:
 def shown_claims(table: Table, everything: bool = False) -> tuple[str, list[Table]]:
     """What a terminal shows of :func:`verdict_table`: the counts in a line, and a table for each verdict.
 
-    Claims that are reproduced are listed if ``everything`` is asked for.
+    Claims that are reproduced are listed with ``everything``.
     """
     found = {
         verdict: [row for row in table.rows if row["verdict"] == verdict.value]

@@ -25,7 +25,7 @@ Count = Annotated[int, Field(ge=0, le=100)]
 Point = tuple[Coordinate, Coordinate]
 Corners = tuple[Coordinate, Coordinate, Coordinate, Coordinate]
 MOST_BLOCKS = 5000
-"""Engines look for walls one by one; a plan with more rectangles is none that somebody drew."""
+"""Engines look for walls one by one; a plan with more rectangles is not drawn by hand."""
 Size = tuple[Length, Length]
 Shape = Literal["box", "cylinder"]
 Kind = Literal["person", "box", "cylinder"]
@@ -147,7 +147,7 @@ class OtherIntruders(Behaviour):
 
 
 class Arena(Spec):
-    """A plane centred on the origin, its walls, and who starts where."""
+    """A plane centred on the origin, its walls, and the start of each robot."""
 
     name: str
     plane_m: Size
@@ -174,7 +174,7 @@ class Arena(Spec):
 
     @property
     def has_deeds(self) -> bool:
-        """Whether somebody does anything else than drive from one random place to the next."""
+        """Whether an intruder does anything else than drive from one random place to the next."""
         burgers = self.mobile_intruders
         return bool(self.other_intruders) or burgers.behaviour != "wander" or burgers.pause_s > 0.0
 

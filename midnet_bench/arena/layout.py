@@ -1,4 +1,4 @@
-"""``Layout``: an arena as one seed draws it, with everybody at their start."""
+"""``Layout``: an arena as one seed draws it, with all robots at their starts."""
 
 import math
 from dataclasses import dataclass
@@ -191,7 +191,7 @@ def _place_others(
 ) -> tuple[Other, ...]:
     """People and things: those with a start of their own, then those whose place is drawn, group by group.
 
-    Mobile robots are no matter to them, so that their number changes nobody's place.
+    Mobile robots are no matter to them, so that their number changes no place.
     """
     others: list[Other] = []
     for group_number, group in enumerate(arena.other_intruders):

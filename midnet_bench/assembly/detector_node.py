@@ -43,11 +43,11 @@ class DetectorSettings(Protocol):
 
     @property
     def detector(self) -> str:
-        """Who detects, a value of ``DETECTORS``."""
+        """The detector, a value of ``DETECTORS``."""
 
     @property
     def fusion(self) -> str:
-        """Who fuses, a value of ``FUSIONS``."""
+        """The fusion, a value of ``FUSIONS``."""
 
 
 class DetectorNode:
@@ -128,7 +128,7 @@ class DetectorNode:
 
         ``allies`` are taken out as robots are, by pose and size, and tell nothing.
 
-        Another detector than MIDNet cannot write into what it is told: others may be told it too.
+        Another detector than MIDNet cannot write into what it receives: others may receive it too.
         """
         if self._settings.detector != "midnet":
             observations = [_read_only(observation) for observation in observations]
@@ -137,7 +137,7 @@ class DetectorNode:
     def detect_in_opposite_order(self, observations: Sequence[Observation]) -> list[Box] | None:
         """The boxes that MIDNet would give of these if the last robot came first (item 35).
 
-        None where another detector or fusion is at work: it may remember, and must not be asked twice.
+        None where another detector or fusion is at work: it may keep a state, and must not be called twice.
         """
         return self.midnet.update(observations[::-1]).detections if self.team.is_the_papers else None
 

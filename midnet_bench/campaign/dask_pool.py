@@ -23,7 +23,7 @@ except ImportError as error:
 
 CONNECT_TIMEOUT_S = 5
 POLL_S = 0.5
-"""how often the cluster is asked for its workers"""
+"""between two looks at the workers of the cluster"""
 TELL_AFTER_S = 2.0
 """without any worker; one that died is started again in less"""
 
@@ -35,7 +35,7 @@ class DaskPool:
 
     Args:
         scheduler: its address, such as ``tcp://127.0.0.1:8786``.
-        note: is told, in one line, when the trials begin to wait for a worker.
+        note: receives one line when the trials begin to wait for a worker.
 
     Raises:
         InputError: no scheduler answers at the address, or the workers lack this version of midnet-bench.

@@ -136,7 +136,7 @@ def run_campaign(
         scheduler: such as ``tcp://127.0.0.1:8786``.
         fresh: starts over and keeps the old store aside.
         retry_failed: runs failed trials again.
-        progress: is told how the campaign goes.
+        progress: receives each outcome.
         prepare: called once before workers start, if there is a trial to run.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Signals that ask a campaign to end: who hears them, and when."""
+"""Signals that ask a campaign to end: which processes hear them, and when."""
 
 import contextlib
 import signal

@@ -289,7 +289,7 @@ def paint_path(canvas: Canvas, goal: Point, plan: Floats | None, color: RGB, is_
 
 
 def paint_detection(canvas: Canvas, box: Box, is_false: bool, is_further: bool = False) -> None:
-    """A detection. A false one is crossed out as well: not everybody can go by colour alone.
+    """A detection. A false one is crossed out as well: colour alone does not tell all readers.
 
     A further one on an intruder that has its own is dashed.
     """

@@ -1,4 +1,4 @@
-"""What charts of numbers have in common: series that everybody can tell apart, estimates with intervals."""
+"""What charts of numbers share: series that colour-blind readers tell apart, estimates with intervals."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ METADATA: Mapping[str, dict[str, None]] = {
 }
 """format of a figure -> what is left out of its file, or its bytes would differ"""
 FORMATS = ("png", "svg")
-"""written unless others are asked for"""
+"""written unless other formats are given"""
 
 
 class Style(NamedTuple):

@@ -196,7 +196,7 @@ def exploration_page(plan: FloorPlan, team: str, history: MapHistory) -> Picture
 
     Args:
         plan: of the arena that was explored.
-        team: who explored it, such as "explored by 2 Burgers".
+        team: the explorers, such as "explored by 2 Burgers".
         history: with the share of the reachable free cells as ``known``.
     """
     times_s = np.linspace(history.clocks[0], history.clocks[-1], SNAPSHOTS).tolist()

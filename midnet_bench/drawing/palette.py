@@ -24,7 +24,7 @@ FALSE_DETECTION: RGB = (170, 40, 130)
 MISSED: RGB = (0, 0, 0)
 """the sign about an intruder in range that no detection touches"""
 OUT_OF_RANGE: RGB = FAINT_INK
-"""the sign about an intruder that nobody had to find: no error"""
+"""the sign about an intruder out of range: no error"""
 
 EXPLORERS: tuple[RGB, ...] = (GUARD, (230, 159, 0), DETECTION, FALSE_DETECTION, GUARD_FAINT)
 """the first robot that maps, the second and so on, then from the first again"""

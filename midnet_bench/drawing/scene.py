@@ -171,7 +171,7 @@ class Truth:
 
     @property
     def is_out_of_range(self) -> bool:
-        """Whether nobody found it and nobody had to."""
+        """Whether it was not found and out of range."""
         return not self.in_range and not self.is_found
 
 
@@ -184,7 +184,7 @@ class Chase:
     caught: int
     escaped: int
     events: Sequence[str] = ()
-    """who was caught or got away so far, a line each, in order of time"""
+    """catches and escapes so far, a line each, in order of time"""
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ class Scene:
 
     @property
     def counter(self) -> str:
-        """How it stands, in a few words: who is caught, or who is found at this instant."""
+        """How it stands, in a few words: catches, or intruders found at this instant."""
         if self.chase is not None:
             escaped = f", {self.chase.escaped} escaped" if self.chase.escaped else ""
             return f"caught {self.chase.caught} of {self.chase.intruders}{escaped}"
@@ -254,4 +254,4 @@ class Demo:
     max_frames: int
     """the trial has no more; it may end earlier"""
     scenes: Iterator[Scene]
-    """one per MIDNet frame; each is simulated when it is asked for"""
+    """one per MIDNet frame; each is simulated when it is drawn"""

@@ -35,7 +35,7 @@ _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 def read_image(path: Path, key: str, takes_jpeg: bool = False) -> npt.NDArray[np.uint8]:
     """A PGM (plain or binary) or PNG as (height, width, channels) uint8, row 0 at the top.
 
-    Other depths are brought to 8 bits. ``key`` says in errors who asked for the image. ``takes_jpeg``: read
+    Other depths are brought to 8 bits. ``key`` names in errors the key of the image. ``takes_jpeg``: read
     JPEG too, whose pixels are not exact, so that no map is made of it. Raises InputError when the image is
     missing, of another kind, too large, or not whole.
     """

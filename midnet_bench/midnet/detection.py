@@ -178,7 +178,7 @@ def foreground(a: BinaryArray, c: BinaryArray) -> BinaryArray:
 def foreground_of_costs(
     costs: npt.NDArray[np.int8], prior: BinaryArray, crop: Crop, thresh: int, unknown_occupied: bool
 ) -> BinaryArray:
-    """D of Eqs. 1, 5 and 6 in one go over the cells, where nobody asks for A and C: D is B where A is 0.
+    """D of Eqs. 1, 5 and 6 in one pass over the cells, where A and C are not needed: D is B where A is 0.
 
     Args:
         costs: the whole local grid, int8 published costs.

@@ -42,7 +42,7 @@ class Observation:
 
 
 class Ally(NamedTuple):
-    """Somebody else who belongs there: a pose and a size, but no costmap."""
+    """Another ally, such as a person: a pose and a size, but no costmap."""
 
     pose: Pose2D
     """map frame"""
@@ -138,7 +138,7 @@ class MIDNet:
         Args:
             observations: the last of each robot, in index order: the order decides fusions (item 35).
             explain: whether to keep every intermediate.
-            allies: who else is to be taken out; they count as robots behind the others, which find nothing.
+            allies: others to be removed; they count as robots behind the others, which find nothing.
 
         Raises:
             InputError: a costmap is not int8, or its resolution differs from the prior map's.

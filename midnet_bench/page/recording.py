@@ -27,7 +27,7 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
 """What each row of a frame holds, list by list; by the first column a row is known from frame to frame.
 
 Names and causes are places in :attr:`Recording.words`; indices count from 1, 0 is none. ``off_...`` is
-where a guard takes itself to be less where it is; ``goal`` is 0 for none, 1 for a goal, 2 for a target.
+the estimated pose of a guard less its true one; ``goal`` is 0 for none, 1 for a goal, 2 for a target.
 ``track`` is a guard and ``TEAM`` times a number of its own, see :func:`tracked`. ``kind`` is a place in
 :data:`KINDS`, ``age`` is in hundredths of a second.
 """
@@ -47,7 +47,7 @@ Words = npt.NDArray[np.uint16]
 
 
 class Event(NamedTuple):
-    """Something to be told of an intruder."""
+    """An event of an intruder."""
 
     frame: int
     """counted from 1"""

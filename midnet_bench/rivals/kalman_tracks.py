@@ -21,8 +21,8 @@ class _Seen:
 class KalmanTracks:
     """Connected components, followed from frame to frame by constant velocity (``agents/tracking.py``).
 
-    A track is told from its ``hits``-th box on, and ends ``keep_s`` after its last one. A box that is told
-    without being seen stands where it was last.
+    A track is reported from its ``hits``-th box on, and ends ``keep_s`` after its last one. A box that is
+    reported without being seen stays where it was last.
     """
 
     def __init__(self, hits: int = 3, keep_s: float = 0.5, iou: float = 0.1) -> None:
@@ -32,7 +32,7 @@ class KalmanTracks:
         self._seen: dict[int, _Seen] = {}
 
     def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
-        """The boxes of the tracks that are told."""
+        """The boxes of the tracks that are reported."""
         boxes = self._components.fuse(found, time_s)
         centres = [tuple(centre) for centre in ((boxes[:, :2] + boxes[:, 2:]) / 2.0).tolist()]
         for number, box in zip(self._tracker.update(centres, time_s), boxes, strict=True):

@@ -12,7 +12,7 @@ from midnet_bench.rivals.seams import PATROLS
 
 
 class PatrolRule(Protocol):
-    """A class of these is made anew for each trial, and may remember where it sent whom.
+    """A class of these is made anew for each trial, and may keep a state.
 
     It is made of ``(points, guards, rng)`` and its own options, which have defaults: (n, 2) places where a
     guard may be sent, map frame, metres; the number of guards; the trial's own generator of random numbers.

@@ -80,7 +80,7 @@ class ConscientiousReactive(_OnGraph):
 
 @dataclass
 class CoordinatedIdleness(_OnGraph):
-    """A guard goes where nobody was for longest, less the time to get there, and to nobody else's goal.
+    """A guard goes where no guard was for longest, less the time to get there, and to no other guard's goal.
 
     Idleness is shared: a node counts as visited when any guard is sent on from it.
     """

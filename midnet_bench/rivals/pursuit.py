@@ -10,11 +10,11 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.rivals.seams import PURSUITS
 
 WITH_ORACLE = "nearest"
-"""whom the referee's word of who is where sends out"""
+"""the rule that the referee's truth decides for"""
 
 
 class TeamPursuit:
-    """The pursuit rule that was asked for; what is wrong with it is said by its name."""
+    """The chosen pursuit rule; what is wrong with it is said by its name."""
 
     def __init__(self, name: str, prior_map: OccupancyGrid, rng: np.random.Generator) -> None:
         """``name`` is a pinned value of ``PURSUITS``. Raises PluginError if it cannot be made."""

@@ -1,6 +1,6 @@
-"""Pursuits: the nearest guard, all guards, nobody, and the least total way.
+"""Pursuits: the nearest guard, all guards, no guard, and the least total way.
 
-Distances are straight lines between what MIDNet knows: where guards take themselves to be, and where the
+Distances are straight lines between what MIDNet knows: the estimated poses of the guards, and where the
 latest boxes of the targets were.
 """
 
@@ -29,7 +29,7 @@ class Nobody(_ByDistance):
     """Guards patrol, whatever they see."""
 
     def pursue(self, team: Team, targets: Targets, time_s: float) -> dict[int, int]:
-        """Nobody, whatever the time is."""
+        """No guard at any time."""
         return {}
 
 

@@ -1,4 +1,4 @@
-"""Who detects, who fuses, who patrols where and who pursues whom, by name; imported when it is asked for."""
+"""Detectors, fusions, patrols and pursuits by name; imported on demand."""
 
 from midnet_bench.seams import ExtensionPoint
 

@@ -18,7 +18,7 @@ from midnet_bench.seams import ExtensionPoint
 
 
 class TeamFusion:
-    """Algorithm 2, and then the fusion that was asked for."""
+    """Algorithm 2, and then the chosen fusion."""
 
     def __init__(self, midnet: MIDNet, fusion: str) -> None:
         """For one trial; ``fusion``: a pinned value of ``FUSIONS``. Raises PluginError: it cannot be made."""
@@ -43,7 +43,7 @@ class TeamFusion:
             found: for each robot, at least one, (n, 4) boxes, map frame, metres, its allies among them.
             poses: each robot's latest.
             time_s: of the frame.
-            allies: who else is to be taken out.
+            allies: others to be removed.
 
         Raises:
             PluginError: the fusion failed, or gave what are no boxes.
@@ -64,7 +64,7 @@ class TeamFusion:
 
 
 class TeamDetector:
-    """What a team detects, by the detector and the fusion that were asked for; MIDNet does the rest.
+    """What a team detects, by the chosen detector and fusion; MIDNet does the rest.
 
     Whatever comes from outside is checked here, so that what is wrong with it is said by its name.
     """
@@ -118,7 +118,7 @@ class TeamDetector:
 
 
 class AskedOnce:
-    """A detector for one trial, or for several that see the same: it is asked once for each frame."""
+    """A detector for one trial, or for several that see the same: it is called once for each frame."""
 
     def __init__(self, name: str, prior_map: OccupancyGrid, range_m: float) -> None:
         """Nothing is made before the first frame, so that what fails then costs only trials that ask.
@@ -137,7 +137,7 @@ class AskedOnce:
         """For each robot (n, 4) boxes, map frame, metres; frames must come in order.
 
         Raises:
-            PluginError: it cannot be made, it failed, or it gave what are no boxes; whoever asks is told.
+            PluginError: it cannot be made, it failed, or it gave what are no boxes.
         """
         if time_s != self._time_s:
             self._time_s = time_s

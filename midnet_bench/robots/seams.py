@@ -1,4 +1,4 @@
-"""Which robots there are, by name; nothing is imported before it is asked for."""
+"""Which robots there are, by name; imported on demand."""
 
 from dataclasses import fields, replace
 from typing import Any

@@ -1,6 +1,6 @@
 """What the referee knows of where errors come from: the evidence, and what is read from it.
 
-Nothing here needs a simulator or a detector: whoever has scans, true places and boxes can ask.
+Nothing here needs a simulator or a detector: scans, true places and boxes are enough.
 """
 
 from collections.abc import Callable, Sequence
@@ -128,7 +128,7 @@ class Cause(NamedTuple):
     guard: int | None = None
     """index of the guard that it came about at; None if at none"""
     by: str = ""
-    """who else had a part: who stands before it, whose trail it is"""
+    """what else had a part: the robot before it, or the one that left the trail"""
     age_s: float = 0.0
     """of the newest return that has a part"""
     offset_m: float = 0.0

@@ -24,7 +24,7 @@ from midnet_bench.scoring.loss_funnel import beside, sizes_of_errors, without_ea
 
 
 class Views(Protocol):
-    """The views of one frame, by guard; a list is one, and so is what makes them when they are asked for."""
+    """The views of one frame, by guard; a list is one, and so is what makes them on demand."""
 
     def __getitem__(self, guard: int, /) -> GuardView:
         """That guard's."""

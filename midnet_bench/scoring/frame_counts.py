@@ -34,7 +34,7 @@ class FrameCounts(NamedTuple):
     """Counts of one frame, or their sums over frames; ratios are taken of sums only."""
 
     tp: int
-    """boxes that touch some intruder; or one for each intruder, ``matched``, where that is asked for"""
+    """boxes that touch some intruder; or one for each intruder, ``matched``, where ``tp_boxes`` says so"""
     fp: int
     """boxes that touch none; with ``surplus_false`` the ``duplicates`` too, so all boxes minus tp"""
     fn: int
@@ -57,7 +57,7 @@ NOTHING = FrameCounts(0, 0, 0, 0, 0, 0, 0, 0.0, 0.0)
 
 
 class FrameMatch(NamedTuple):
-    """Who is paired with whom in one frame, by index; what the counts and any explanation start from."""
+    """The pairs of detections and truths of a frame, by index, from which counts and explanations start."""
 
     touched: list[list[int]]
     """for each detection, the truths that it covers some area of"""

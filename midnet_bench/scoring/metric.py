@@ -1,4 +1,4 @@
-"""``Metric``: numbers of a trial that the referee, who knows the truth, takes frame by frame."""
+"""``Metric``: numbers of a trial that the referee, with the truth, takes frame by frame."""
 
 import math
 import re
@@ -70,7 +70,7 @@ class Metric(Protocol):
 
 
 class TrialMetrics:
-    """The metrics that were asked for, watched: what is wrong with one is said by its name."""
+    """The chosen metrics, watched: what is wrong with one is said by its name."""
 
     def __init__(self, value: str) -> None:
         """``value`` is pinned. Raises PluginError if one cannot be made."""

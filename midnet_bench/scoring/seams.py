@@ -1,4 +1,4 @@
-"""Who measures, by name; nothing is imported before it is asked for."""
+"""Metrics by name; imported on demand."""
 
 from midnet_bench.errors import InputError
 from midnet_bench.seams import ExtensionPoint, several

@@ -1,7 +1,7 @@
 """``Crowd``: people and things that move by themselves, and ``CrowdedWorld``, any engine with them in it.
 
 No wheels drive them. They go where the trial sends them, along paths that a planner finds around what stands,
-and stop before they would run over anybody. Beams meet them, and robots run into them.
+and stop before they would run over a robot or a person. Beams meet them, and robots run into them.
 
 At the height of the beams a person is two discs, the legs. Leg detectors for 2D scanners look for widths of
 0.1 to 0.25 m and for pairs less than 0.4 m apart (Bellotto and Hu, "Multisensor-based human detection and

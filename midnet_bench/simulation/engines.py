@@ -8,7 +8,7 @@ from midnet_bench.simulation.simulator import Simulator
 
 
 def make_world(layout: Layout, settings: WorldSettings, robot: RobotModel) -> Simulator:
-    """The world of one trial; only the engine that is asked for is imported.
+    """The world of one trial; only the chosen engine is imported.
 
     Raises:
         PyBulletMissingError: the engine is ``bullet`` and PyBullet is not installed.

@@ -1,4 +1,4 @@
-"""Who simulates, by name; nothing is imported before it is asked for."""
+"""Engines by name; imported on demand."""
 
 from midnet_bench.seams import ExtensionPoint
 

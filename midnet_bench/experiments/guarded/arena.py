@@ -167,7 +167,7 @@ class GuardedArena(RobotTrial):
             override.callbacks.append(callback)
 
     def guard_poses(self) -> list[Pose2D]:
-        """Where the guards take themselves to be, map frame."""
+        """The estimated poses of the guards, map frame."""
         return [guard.pose for guard in self.guards]
 
     def goal_space(self) -> FreeSpace:
@@ -236,7 +236,7 @@ class GuardedArena(RobotTrial):
         ]
 
     def _believed_start(self, name: str, start: Pose2D) -> Pose2D:
-        """Where a guard takes itself to be at first."""
+        """The initial pose estimate of a guard."""
         off_m, off_deg = self.parameters.start_error_m, self.parameters.start_error_deg
         if not off_m and not off_deg:
             return start

@@ -87,7 +87,7 @@ class GroundTruthOverride:
 
 
 class TruePoses(GroundTruthOverride):
-    """``pose``: where a guard takes itself to be, it truly was at that instant, of a scan and of a frame.
+    """``pose``: the estimated pose of a guard is its true one at that instant, of a scan and of a frame.
 
     A pose stays as old as it is: a newer one would crop the prior map farther from where the costmap lies.
     """

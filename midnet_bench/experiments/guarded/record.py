@@ -24,7 +24,7 @@ class RecordedRobot(NamedTuple):
     pose: Pose2D
     """where it truly is, to the millimetre and milliradian"""
     believed: Pose2D
-    """where it takes itself to be"""
+    """its estimated pose"""
     goal: tuple[float, float] | None
     """where it drives to, metres"""
     pursues: bool = False

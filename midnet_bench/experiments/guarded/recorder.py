@@ -52,7 +52,7 @@ class Recorder:
         match: FrameMatch,
         pursuers: Collection[Guard] = (),
     ) -> None:
-        """The newest frame, of that number, with its explanation; ``pursuers``: who drives to a target."""
+        """The newest frame, with its explanation; ``pursuers``: the guards that drive to a target."""
         if self._keeps_frames:
             recorded = self._recorded(number, frame, truths, in_range, match, pursuers)
             self._frames.append(recorded.to_row())

@@ -43,7 +43,7 @@ def recordings(results: Results) -> Iterator[Recording]:
 
 
 def keyed_recordings(results: Results) -> Iterator[tuple[Key, Recording]]:
-    """Each recorded trial in the campaign's order with its key, made when it is asked for.
+    """Each recorded trial in the campaign's order with its key, made on demand.
 
     Raises:
         InputError: a recorded frame is damaged.

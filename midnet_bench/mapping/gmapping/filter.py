@@ -145,7 +145,7 @@ class GMapping:
         """The map along the best particle's trajectory: int8, 100 occupied, 0 free, -1 unknown.
 
         Only what differs from the last call is drawn; ``anew`` draws all scans again, so that not even a
-        rounding at a cell's edge depends on how often the map was asked for before.
+        rounding at a cell's edge depends on how often the map was read before.
         """
         if anew:
             self._visit_map, self._drawn = VisitMap(self.settings.resolution_m), []

@@ -60,7 +60,7 @@ class ParticleMaps:
     A cell holds how many beams ended in it, how many ended in it or passed through, and the mean of the ends.
     GMapping registers ends only, so what has moved away is matched for ever; here a ray
     counts against the cells it passes, and a cell whose hits / visits sinks to 0.1 is emptied.
-    Cells nobody has hit are not counted, so free space costs no memory.
+    Cells without a hit are not counted, so free space costs no memory.
 
     A map is a table of patch numbers into one pool; copying a particle copies its table (copy on write).
     Cell (c, r) spans [c, c + 1) x [r, r + 1) times the resolution: corners lie on multiples of it, where

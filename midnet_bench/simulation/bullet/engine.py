@@ -44,7 +44,7 @@ except ImportError as error:
     ) from error
 
 _idle: list[int] = []
-"""clients of this process that nobody uses, emptied"""
+"""unused clients of this process, emptied"""
 
 
 def take_client() -> int:
@@ -53,7 +53,7 @@ def take_client() -> int:
 
 
 def give_back(client: int) -> None:
-    """Empty a client for whoever takes it next; what is loaded then behaves bit for bit as in a new one."""
+    """Empty a client for its next user; what is loaded then behaves bit for bit as in a new one."""
     bullet.resetSimulation(physicsClientId=client)
     _idle.append(client)
 

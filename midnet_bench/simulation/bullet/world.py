@@ -80,7 +80,7 @@ class World:
         self._last_contact = np.full(len(starts), -(10**9), dtype=np.int64)
         self._obstacles: list[int] = []
         self._poses: Floats | None = None
-        """what ``poses`` gives at this tick, once it was asked for"""
+        """the poses of this tick, once they were read"""
         for _ in range(round(_SETTLE_S * self.step_hz)):
             bullet.stepSimulation(physicsClientId=self._client)
 
