@@ -88,7 +88,7 @@ class ContactBuffer(NamedTuple):
     rows: Floats
     """(c, 9) contacts by the columns ``NORMAL_X`` to ``TANGENTIAL``"""
     pairs: Ints
-    """(c, 2) bodies that each contact's normal points to and from; -1 for what never moves, or ``OBSTACLE``"""
+    """(c, 2) bodies that each contact's normal points to and from; -1 for walls, or ``OBSTACLE``"""
 
 
 class Obstacles(NamedTuple):
