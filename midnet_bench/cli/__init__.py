@@ -25,7 +25,8 @@ from midnet_bench.cli import (
     replay,
     reports,
 )
-from midnet_bench.cli.app import MOVED_OPTIONS, REPLAY_KEYS, app, printing
+from midnet_bench.cli.app import MOVED_OPTIONS, app, printing
+from midnet_bench.cli.replay import key_of
 from midnet_bench.errors import InputError, MidnetBenchError
 
 __all__ = [
@@ -78,10 +79,8 @@ def main() -> None:
     except typer.TyperException as error:
         message = error.format_message()
         option, context = getattr(error, "option_name", ""), getattr(error, "ctx", None)
-        if option in REPLAY_KEYS and context is not None and context.info_name == "replay":
-            message = (
-                f"{option}: write '{REPLAY_KEYS[option]}: ...' into setup.yaml and give --setup setup.yaml"
-            )
+        if context is not None and context.info_name == "replay" and (key := key_of(option)):
+            message = f"{option}: write '{key}: ...' into setup.yaml and give --setup setup.yaml"
         elif option in MOVED_OPTIONS:
             message = f"{option}: now {MOVED_OPTIONS[option]}"
         for pattern, words in PLAIN.items():

@@ -41,29 +41,6 @@ MOVED = {
 }
 """command of an earlier version -> what does it now"""
 MOVED_OPTIONS = {"--robot": "--robot-model"}
-REPLAY_KEYS = {
-    "--background": "background",
-    "--hit-threshold": "hit_threshold",
-    "--resolution": "resolution_m",
-    "--scan": "scan",
-    "--mount": "mount",
-    "--mirror": "mirrored",
-    "--map-frame": "map_frame",
-    "--clock": "clock",
-    "--scan-delay": "delay_s",
-    "--offset": "offset_s",
-    "--no-return": "no_return",
-    "--deskew": "deskew",
-    "--rate": "rate_hz",
-    "--max-pose-age": "max_pose_age_s",
-    "--ally": "allies",
-    "--max-ally-age": "max_ally_age_s",
-    "--match-distance": "match_distance_m",
-    "--sector": "sector_deg",
-    "--window": "window_m",
-    "--unmapped": "unmapped",
-}
-"""option of an earlier ``replay`` -> key of setup.yaml"""
 GROUPS = {
     "What runs": "seeds seed robots intruders frames arena preset map_file settings record",
     "What is swapped in": "engine robot_model detector fusion patrol pursuit metric",

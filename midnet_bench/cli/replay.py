@@ -1,7 +1,8 @@
 """``replay``: MIDNet on a recording."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -9,9 +10,95 @@ from midnet_bench.cli import messages, options
 from midnet_bench.cli.app import command
 from midnet_bench.cli.reports import show
 
+if TYPE_CHECKING:
+    from midnet_bench.recording.setup import RecordingSetup
+
+
+def key_of(option: str) -> str | None:
+    """The key of setup.yaml that an option of an earlier version became; None of any other option."""
+    from midnet_bench.recording.setup import RecordingSetup
+
+    start = {"--scan-delay": "delay_s", "--ally": "allies"}.get(option, option[2:].replace("-", "_"))
+    return next(
+        (key for key in RecordingSetup.model_fields if len(start) > 3 and key.startswith(start)), None
+    )
+
 
 def _text(metavar: str, help: str) -> typer.models.OptionInfo:
     return typer.Option(metavar=metavar, help=help, show_default=False)
+
+
+@dataclass(frozen=True)
+class ReplayOptions:
+    """Options of ``replay``; those that are keys of setup.yaml too count more than the file."""
+
+    setup: Annotated[
+        Path | None,
+        _text("FILE", "Topics, mount, clock, delay, allies and labels: a setup.yaml, as --check writes it."),
+    ] = None
+    map: Annotated[
+        str | None,
+        typer.Option(
+            "--map",
+            metavar="FILE|TOPIC",
+            help="Prior map: a map_server YAML, or a topic.",
+            show_default=False,
+        ),
+    ] = None
+    pose: Annotated[
+        list[str] | None,
+        _text(
+            "[NAME=]TOPIC", "Robot's pose: a topic, tf, a CSV or TUM file, or at:X,Y,YAW_DEG for one at rest."
+        ),
+    ] = None
+    truth: Annotated[
+        list[str] | None,
+        _text("FILE|NAME=TOPIC", "Labels: a CSV (t or scan_index, id, x, y), or the pose of an intruder."),
+    ] = None
+    preset: Annotated[
+        Literal["real", "paper", "both"] | None,
+        typer.Option(
+            help="Detector options for real robots, the paper's, or both (default).", show_default=False
+        ),
+    ] = None
+    settings: options.Settings = None
+    localize: Annotated[
+        bool, typer.Option("--localize", help="Correct the poses by matching scans to the map.")
+    ] = False
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check", help="Only check that scans, poses and map fit; write a corrected setup.yaml."
+        ),
+    ] = False
+    film: Annotated[
+        bool, typer.Option("--film", help="Draw the recording: trial.mp4 and storyboard.png.")
+    ] = False
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="DIR", help="Folder for the results (default results/replay-FILE)."
+        ),
+    ] = None
+    as_json: options.Json = False
+    wide: options.Wide = False
+
+    def chosen(self) -> "RecordingSetup":
+        """The setup of the file, changed by the options. Raises InputError: file, key and what is wrong."""
+        from midnet_bench.campaign.definition import parse_settings
+        from midnet_bench.recording.setup import RecordingSetup, by_name
+
+        chosen = RecordingSetup() if self.setup is None else RecordingSetup.load(self.setup)
+        given: dict[str, Any] = {
+            "map": self.map,
+            "pose": by_name(self.pose, "--pose"),
+            "truth": by_name(self.truth, "--truth"),
+            "preset": self.preset,
+            "settings": {**chosen.settings, **parse_settings(self.settings or [], None)},
+            "localize": self.localize,
+        }
+        changes = {key: value for key, value in given.items() if value}
+        return chosen.changed(changes if self.map is None else {**changes, "background": None})
 
 
 @command(example="midnet-bench replay robot.bag --map map.yaml --pose /amcl_pose")
@@ -24,108 +111,45 @@ def replay(
             show_default=False,
         ),
     ],
-    setup: Annotated[
-        Path | None,
-        _text("FILE", "Topics, mount, clock, delay, allies and labels: a setup.yaml, as --check writes it."),
-    ] = None,
-    map: Annotated[
-        str | None,
-        typer.Option(
-            "--map",
-            metavar="FILE|TOPIC",
-            help="Prior map: a map_server YAML, or a topic.",
-            show_default=False,
-        ),
-    ] = None,
-    pose: Annotated[
-        list[str] | None,
-        _text(
-            "[NAME=]TOPIC", "Robot's pose: a topic, tf, a CSV or TUM file, or at:X,Y,YAW_DEG for one at rest."
-        ),
-    ] = None,
-    truth: Annotated[
-        list[str] | None,
-        _text("FILE|NAME=TOPIC", "Labels: a CSV (t or scan_index, id, x, y), or the pose of an intruder."),
-    ] = None,
-    preset: Annotated[
-        Literal["real", "paper", "both"] | None,
-        typer.Option(
-            help="Detector options for real robots, the paper's, or both (default).", show_default=False
-        ),
-    ] = None,
-    settings: options.Settings = None,
-    localize: Annotated[
-        bool, typer.Option("--localize", help="Correct the poses by matching scans to the map.")
-    ] = False,
-    check: Annotated[
-        bool,
-        typer.Option(
-            "--check", help="Only check that scans, poses and map fit; write a corrected setup.yaml."
-        ),
-    ] = False,
-    film: Annotated[
-        bool, typer.Option("--film", help="Draw the recording: trial.mp4 and storyboard.png.")
-    ] = False,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", metavar="DIR", help="Folder for the results (default results/replay-FILE)."
-        ),
-    ] = None,
-    as_json: options.Json = False,
-    wide: options.Wide = False,
+    given: ReplayOptions,
 ) -> None:
     """Run MIDNet on a recording: its boxes, the cause of each error, and whether the inputs fit together.
 
     FILE alone lists its topics and proposes a command. What else a recording needs is a key of setup.yaml.
     """
-    from midnet_bench.campaign.definition import parse_settings
     from midnet_bench.cli.progress import meter
     from midnet_bench.errors import InputError
     from midnet_bench.recording.inputs import list_topics
-    from midnet_bench.recording.setup import RecordingSetup, by_name
     from midnet_bench.workflows import replay as workflow
 
     def note(line: str) -> None:
         messages.log.info("%s", line)
 
-    if map is None and setup is None:
+    if given.map is None and given.setup is None:
         tables, lines, faults = list_topics(files)
-        show(None, tables, as_json, wide)
+        show(None, tables, given.as_json, given.wide)
         for line in lines:
             note(line)
         if faults:
             raise InputError("; ".join(faults)[:600])
         return
-    chosen = RecordingSetup() if setup is None else RecordingSetup.load(setup)
-    given: dict[str, Any] = {
-        "map": map,
-        "pose": by_name(pose, "--pose"),
-        "truth": by_name(truth, "--truth"),
-        "preset": preset,
-        "settings": {**chosen.settings, **parse_settings(settings or [], None)},
-        "localize": localize or None,
-    }
-    changes = {key: value for key, value in given.items() if value}
-    if map is not None:
-        changes["background"] = None
-    chosen = chosen.changed(changes)
-    if check:
-        found = workflow.check(files, chosen, note, output)
-        show(None, found.tables, as_json, wide)
-        note(f"written: {found.files[0]}; use it by --setup {found.files[0]}")
+    setup = given.chosen()
+    if given.check:
+        made = workflow.check(files, setup, note, given.output)
+        show(None, made.tables, given.as_json, given.wide)
+        note(f"written: {made.files[0]}; use it by --setup {made.files[0]}")
         return
     with meter() as shown:
         made = workflow.replay(
             files,
-            chosen,
+            setup,
             note,
             lambda share: shown.show(share, 1.0, f"{share:.0%} of the recording"),
-            film,
-            output,
+            given.film,
+            given.output,
         )
-    show(None, made.tables, as_json, wide)
-    if not as_json:
+    show(None, made.tables, given.as_json, given.wide)
+    if not given.as_json:
         messages.log_folder(made.files[0].parent)
     if made.faults:
         where = f"what came of it is in {made.files[0].parent}"

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from midnet_bench.cli.app import REPLAY_KEYS
+from midnet_bench.cli.replay import key_of
 from midnet_bench.geometry import Pose2D
 from midnet_bench.recording.files.ros_messages import Message
-from midnet_bench.recording.setup import RecordingSetup
 from tests.cli.command import midnet_bench, one_line_of_complaint, rows
 from tests.recording import recordings as made
 from tests.recording.recordings import Drive
@@ -295,11 +294,36 @@ def test_names_that_are_not_there(tmp_path, replay):
     )
 
 
+OLD_OPTIONS = {
+    "--background": "background",
+    "--hit-threshold": "hit_threshold",
+    "--resolution": "resolution_m",
+    "--scan": "scan",
+    "--mount": "mount",
+    "--mirror": "mirrored",
+    "--map-frame": "map_frame",
+    "--clock": "clock",
+    "--scan-delay": "delay_s",
+    "--offset": "offset_s",
+    "--no-return": "no_return",
+    "--deskew": "deskew",
+    "--rate": "rate_hz",
+    "--max-pose-age": "max_pose_age_s",
+    "--ally": "allies",
+    "--max-ally-age": "max_ally_age_s",
+    "--match-distance": "match_distance_m",
+    "--sector": "sector_deg",
+    "--window": "window_m",
+    "--unmapped": "unmapped",
+}
+
+
 def test_an_option_that_went_names_its_key_of_the_setup(tmp_path):
-    assert set(REPLAY_KEYS.values()) <= set(RecordingSetup.model_fields)
+    assert {option: key_of(option) for option in OLD_OPTIONS} == OLD_OPTIONS
+    assert key_of("--nothing") is key_of("--m") is None
     for words in (["--mount", "1,2,3"], ["--unmapped"]):
         line = one_line_of_complaint(midnet_bench("replay", "a.bag", *words, folder=tmp_path))
-        assert f"{words[0]}: write '{REPLAY_KEYS[words[0]]}: ...' into setup.yaml" in line
+        assert f"{words[0]}: write '{OLD_OPTIONS[words[0]]}: ...' into setup.yaml" in line
 
 
 @pytest.mark.parametrize(
