@@ -158,12 +158,12 @@ def _print_plan(experiment: str, ahead: "Plan", directory: Path, as_json: bool) 
         typer.echo(json.dumps(to_json(experiment, [table], directory=str(directory)), indent=1))
         return
     basis = (
-        f"from {_counted(ahead.measured_on, 'finished trial')}"
+        f"from {messages.counted(ahead.measured_on, 'finished trial')}"
         if ahead.measured_on
         else "before any trial is measured"
     )
     typer.echo(
-        f"{_counted(ahead.cells, 'cell')}, {_counted(ahead.trials, 'trial')},"
+        f"{messages.counted(ahead.cells, 'cell')}, {messages.counted(ahead.trials, 'trial')},"
         f" {ahead.to_run} of them to run; estimated {timedelta(seconds=round(ahead.wall_s))}"
         f" and {ahead.disk_bytes / 1e6:.1f} MB in {directory} ({basis})"
     )
@@ -174,15 +174,13 @@ def _log_failures(outcome: "CampaignOutcome", file: Path) -> int:
     from midnet_bench.errors import InputError
 
     for reason, count in list(outcome.unusable.items())[:MAX_REASONS]:
-        messages.log.error("error: %s (%s)", reason, _counted(count, "trial"))
+        messages.log.error("error: %s (%s)", reason, messages.counted(count, "trial"))
     unusable = sum(outcome.unusable.values())
     if unusable:
-        messages.log.error("%s could not use the input: see %s", _counted(unusable, "trial"), file)
+        messages.log.error("%s could not use the input: see %s", messages.counted(unusable, "trial"), file)
     others = outcome.failed - unusable
     if others:
-        messages.log.error("%s failed: see %s; --retry-failed tries again", _counted(others, "trial"), file)
+        messages.log.error(
+            "%s failed: see %s; --retry-failed tries again", messages.counted(others, "trial"), file
+        )
     return 1 if others else InputError.exit_code
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

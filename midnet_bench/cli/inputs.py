@@ -91,11 +91,9 @@ def _explain(name: str, users: "dict[str, Leaf]", as_json: bool) -> None:
 
 def _print_paragraph(text: str) -> None:
     """A paragraph, indented, as wide as the terminal."""
-    import shutil
-    import textwrap
+    from midnet_bench.cli.terminal import filled, width
 
-    width = max(40, shutil.get_terminal_size().columns)
-    typer.echo("\n" + textwrap.fill(text, width, initial_indent="  ", subsequent_indent="  "))
+    typer.echo("\n" + "\n".join(f"  {line}" for line in filled(text, max(40, width()) - 2)))
 
 
 def _described(leaf: "Leaf") -> dict[str, Any]:

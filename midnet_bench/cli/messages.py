@@ -116,10 +116,15 @@ def shown(text: str) -> str:
     )
 
 
+def counted(count: int, noun: str) -> str:
+    """``1 trial``, ``2 trials``."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def log_folder(directory: Path) -> None:
     """The line that a command with results ends with."""
     files = sum(path.is_file() for path in directory.rglob("*"))
-    log.info("results in %s (%d file%s)", directory, files, "" if files == 1 else "s")
+    log.info("results in %s (%s)", directory, counted(files, "file"))
 
 
 def log_file_written(file: Path) -> None:

@@ -64,12 +64,14 @@ def parameter(metavar: str = "NAME", **more: Any) -> Any:
 def help_of(name: str, command: str) -> str | None:
     """What the help of ``command`` says of the option ``name``; None: its experiment does not have it."""
     from midnet_bench.campaign.definition import load_campaign
-    from midnet_bench.experiments.registry import names, parameters_model
+    from midnet_bench.experiments.registry import parameters_model
     from midnet_bench.settings import leaves
     from midnet_bench.workflows.campaigns import packaged_campaigns
 
     key, experiment = KEY_OF.get(name, name), EXPERIMENT_OF.get(command)
-    known = [leaves(parameters_model(one)) for one in ([experiment] if experiment else names())]
+    known = [
+        leaves(parameters_model(one)) for one in ([experiment] if experiment else EXPERIMENT_OF.values())
+    ]
     leaf = next((one[key] for one in known if key in one), None)
     if leaf is None:
         return None

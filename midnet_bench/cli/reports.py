@@ -238,7 +238,9 @@ def _compare_exactly(directories: list[Path], update: bool) -> None:
     lines, how = compare_exactly(*directories, update=update)
     for line in lines:
         typer.echo(line)
-    typer.echo("expected numbers updated" if update else f"{_counted(len(lines), 'difference')}, {how}")
+    typer.echo(
+        "expected numbers updated" if update else f"{messages.counted(len(lines), 'difference')}, {how}"
+    )
     if lines:
         raise typer.Exit(1)
 
@@ -323,13 +325,9 @@ def _show_claims(directory: Path, table: "Table", everything: bool) -> None:
     show(None, tables, as_json=False)
     reproduced = sum(row["verdict"] == "reproduced" for row in table.rows)
     if reproduced and not everything:
-        print_lines([f"reproduced: {_counted(reproduced, 'claim')}; --all lists them."])
+        print_lines([f"reproduced: {messages.counted(reproduced, 'claim')}; --all lists them."])
     if (file := directory / "claims.csv").exists():
         print_lines([f"Each in {file}"])
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def log_page(directory: Path) -> None:
