@@ -125,7 +125,7 @@ def verdict_table(findings: Sequence[Finding]) -> Table:
     adjusted = holm([one.p_value for one in findings])
     rows: list[Mapping[str, Cell]] = [
         {
-            "statement": one.claim,
+            "claim": one.claim,
             "ours": one.ours,
             "reproduced_above": _bound(one.above),
             "reproduced_below": _bound(one.below),
@@ -166,7 +166,7 @@ def shown_claims(table: Table, everything: bool = False) -> tuple[str, list[Tabl
         Table(
             f"claims_{verdict}",
             verdict.value,
-            [{"claim": row["statement"], "ours": row["ours"], "accepted": _accepted(row)} for row in rows],
+            [{"claim": row["claim"], "ours": row["ours"], "accepted": _accepted(row)} for row in rows],
         )
         for verdict in listed
         if (rows := found[verdict])

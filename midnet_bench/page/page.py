@@ -124,7 +124,7 @@ class Content:
     """the result in words; empty if there are none"""
     headline: Sequence[Table]
     claims: Table | None
-    """a row for each statement of the paper, with a column ``verdict``"""
+    """a row for each claim of the paper, with a column ``verdict``"""
     counterfactuals: Table | None
     tables: Sequence[Table]
     """all others"""
@@ -317,10 +317,10 @@ def _cell(column: str, value: object, text: str) -> dict[str, str]:
 
 
 def _verdicts(claims: Table) -> str:
-    """How many statements have which verdict."""
+    """How many claims have which verdict."""
     verdicts = [str(row["verdict"]) for row in claims.rows]
     counts = ", ".join(f"{verdicts.count(one)} {one}" for one in dict.fromkeys(verdicts))
-    return f"Of {len(verdicts)} statements: {counts}."
+    return f"Of {len(verdicts)} claims: {counts}."
 
 
 def _figure(picture: Picture) -> dict[str, Any]:

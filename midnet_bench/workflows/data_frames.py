@@ -110,7 +110,7 @@ def compare(*campaigns: Folder, by: str | None = None, baseline: str | None = No
 
 
 def verify(campaign: Folder) -> pd.DataFrame:
-    """The paper's statements that a campaign bears on, each with its ``verdict``.
+    """The paper's claims that a campaign bears on, each with its ``verdict``.
 
     Raises:
         InputError: the paper states nothing about it.

@@ -69,7 +69,7 @@ def test_the_whole_interval_decides(
 
 def verdicts(folder: Path) -> tuple[dict[str, str], int]:
     _, table, code = verify(folder)
-    return {str(row["statement"]): str(row["verdict"]) for row in table.rows}, code
+    return {str(row["claim"]): str(row["verdict"]) for row in table.rows}, code
 
 
 @pytest.mark.slow
