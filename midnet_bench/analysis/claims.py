@@ -10,7 +10,6 @@ chance is at most 5 % (item 72). The intervals that are printed stand for themse
 import math
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from functools import partial
 from typing import NamedTuple
 
 from midnet_bench.analysis.statistics import (
@@ -21,10 +20,9 @@ from midnet_bench.analysis.statistics import (
     Interval,
     Range,
     holm,
-    outlier,
     outlier_notes,
     p_value,
-    paired_difference,
+    pair,
 )
 from midnet_bench.analysis.tables import Cell, Table
 
@@ -97,15 +95,11 @@ def comparison(
         rises: the direction that the paper states.
         within: the least and the greatest value that there can be.
     """
-    seeds = [seed for seed in first if seed in second]
-    before, after = [first[seed] for seed in seeds], [second[seed] for seed in seeds]
-    pairs = list(zip(before, after, strict=True))
-    agreeing = sum(b > a if rises else b < a for a, b in pairs)
+    paired = pair(first, second, within)
+    agreeing = sum(b > a if rises else b < a for a, b in zip(paired.before, paired.after, strict=True))
     above, below = (0.0, math.inf) if rises else (-math.inf, 0.0)
-    difference = partial(paired_difference, before, after, within=within)
-    far = outlier([b - a for a, b in pairs])
-    found = finding(claim, difference, above, below, agreeing)
-    return found._replace(outlier_seed=None if far is None else seeds[far])
+    found = finding(claim, paired.difference, above, below, agreeing)
+    return found._replace(outlier_seed=paired.outlier_seed)
 
 
 def verdicts(findings: Sequence[Finding]) -> list[Verdict]:

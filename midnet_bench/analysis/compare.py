@@ -6,7 +6,6 @@ A frame of scores has a row for each score of each trial: the factors of its cel
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import pandas as pd
@@ -18,9 +17,8 @@ from midnet_bench.analysis.statistics import (
     Range,
     exact_mean,
     holm,
-    outlier,
     p_value,
-    paired_difference,
+    pair,
 )
 from midnet_bench.analysis.tables import Cell
 from midnet_bench.campaign.trial import factor_text
@@ -35,14 +33,14 @@ BOUNDS = {"difference": ("low", "high", "n")}
 """the columns of a table's differences"""
 
 
-def holm_notes(places: Sequence[str], found: Sequence["Difference"]) -> list[str]:
-    """A sentence on differences without a verdict whose interval leaves out 0; ``places`` names each."""
-    names = [place for place, one in zip(places, found, strict=True) if one.is_withheld]
-    if not names:
+def holm_notes(names: Sequence[str], differences: Sequence["Difference"]) -> list[str]:
+    """A sentence on differences without a verdict whose interval leaves out 0; ``names``: of each."""
+    withheld = [name for name, each in zip(names, differences, strict=True) if each.is_withheld]
+    if not withheld:
         return []
     return [
-        f"{'; '.join(names)}: no clear difference, though the interval leaves out 0: of {len(found)} "
-        f"comparisons made together, Holm's adjusted p is above {LEVEL:g}."
+        f"{'; '.join(withheld)}: no clear difference, though the interval leaves out 0: of "
+        f"{len(differences)} comparisons made together, Holm's adjusted p is above {LEVEL:g}."
     ]
 
 
@@ -188,17 +186,20 @@ def differences(
 
     ``ranges``: of each pair's measure; an interval holds no difference that two such numbers cannot have.
     """
-    found: list[Difference] = []
-    p_values: list[float] = []
-    for (first, second), within in zip(pairs, ranges or [ANY] * len(pairs), strict=True):
-        seeds = [seed for seed in first if seed in second]
-        before, after = [first[seed] for seed in seeds], [second[seed] for seed in seeds]
-        difference = partial(paired_difference, before, after, within=within)
-        far = outlier([b - a for a, b in zip(before, after, strict=True)])
-        p_values.append(p_value(difference, 0.0, math.inf))
-        means = exact_mean(before), exact_mean(after)
-        outlier_seed = None if far is None else seeds[far]
-        change = difference(1.0 - LEVEL)
-        is_identical = all(a == b or (a != a and b != b) for a, b in zip(before, after, strict=True))
-        found.append(Difference(*means, change, len(seeds), math.nan, outlier_seed, is_identical))
-    return [one._replace(p_holm=p) for one, p in zip(found, holm(p_values), strict=True)]
+    paired = [
+        pair(first, second, within)
+        for (first, second), within in zip(pairs, ranges or [ANY] * len(pairs), strict=True)
+    ]
+    adjusted = holm([p_value(each.difference, 0.0, math.inf) for each in paired])
+    return [
+        Difference(
+            exact_mean(each.before),
+            exact_mean(each.after),
+            each.difference(1.0 - LEVEL),
+            len(each.before),
+            p_holm,
+            each.outlier_seed,
+            all(a == b or (a != a and b != b) for a, b in zip(each.before, each.after, strict=True)),
+        )
+        for each, p_holm in zip(paired, adjusted, strict=True)
+    ]

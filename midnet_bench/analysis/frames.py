@@ -251,7 +251,7 @@ def _from_files(directory: Path, tables_of: TablesOf | None) -> Results:
         definition = Definition.from_json(text)
     except (OSError, ValueError) as error:
         raise InputError(f"{directory / CONFIGURATION}: is not the configuration of a campaign") from error
-    place = [*definition.grid, "seed"]
+    keys = [*definition.grid, "seed"]
     expected = {**({} if tables_of is None else tables_of(definition, directory)), **TIMING_TABLE}
     files = {
         name: _File(path, definition, expected.get(name))
@@ -261,7 +261,7 @@ def _from_files(directory: Path, tables_of: TablesOf | None) -> Results:
         for name in (path.name.removesuffix(ending),)
     }
     # tables made of the trials' tables stand beside them and begin otherwise
-    tables = {name: file for name, file in files.items() if file.columns[: len(place)] == place}
+    tables = {name: file for name, file in files.items() if file.columns[: len(keys)] == keys}
     about_trials = {name: files[name] for name in (TIMING, FAILURES) if name in files}
     if tables and (TIMING not in files or files[TIMING].frame.empty):
         raise InputError(f"{directory / TIMING}.csv: missing, or without trials; {RESTORE}")
@@ -368,9 +368,9 @@ class _File:
                     raise self._fault(frame, odd, f"column '{name}': {column.wanted} is needed (got {got})")
             else:
                 raise InputError(f"{self.path}: the column '{name}' is missing; {RESTORE}")
-        place = [*self.definition.grid, "seed"]
-        if table.one_row and frame.duplicated(place).any():
-            odd = int(frame.duplicated(place).to_numpy().argmax())
+        keys = [*self.definition.grid, "seed"]
+        if table.one_row and frame.duplicated(keys).any():
+            odd = int(frame.duplicated(keys).to_numpy().argmax())
             raise self._fault(frame, odd, "the same trial is there twice")
         for name, column in columns.items():
             if column.at_most is not None:
@@ -381,12 +381,12 @@ class _File:
                     raise self._fault(frame, odd, f"column '{name}': more than {column.at_most}")
 
     def _fault(self, frame: pd.DataFrame, row: int, what: str) -> InputError:
-        place = {name: frame[name].tolist()[row] for name in [*self.definition.grid, "seed"]}
-        return InputError(f"{self.path}: row {row + 1} ({shown_cell(place)}): {what}; {RESTORE}")
+        key = {name: frame[name].tolist()[row] for name in [*self.definition.grid, "seed"]}
+        return InputError(f"{self.path}: row {row + 1} ({shown_cell(key)}): {what}; {RESTORE}")
 
 
 def first_invalid(cells: pd.Series, column: Column) -> int | None:
-    """The place of the first cell that a column cannot have; None if there is none."""
+    """The index of the first cell that a column cannot have; None if there is none."""
     if column.kind in (int, float) and cells.dtype.kind in "iuf":
         values = cells.to_numpy(np.float64)
         odd = ~((values >= column.least) & (values <= column.most))

@@ -19,7 +19,8 @@ root (the C library); on another processor the last digits of an interval may di
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 MIN_TRIALS = 3
@@ -124,7 +125,7 @@ def paired_difference(
 
 
 def outlier(values: Sequence[float]) -> int | None:
-    """The place of the value farthest from the mean, if it makes the interval of ``mean`` wide; else None.
+    """The index of the value farthest from the mean, if it makes the interval of ``mean`` wide; else None.
 
     Wide is more than ``WIDE`` times the length that it has without the correction for skewness. It is so
     where one value lies far from all others: few trials cannot tell how often such ones come.
@@ -138,6 +139,26 @@ def outlier(values: Sequence[float]) -> int | None:
         return None
     far = [-1.0 if math.isnan(value) else abs(value - estimate.value) for value in values]
     return far.index(max(far))
+
+
+class Paired(NamedTuple):
+    """A measure of two cells at the seeds that both have."""
+
+    before: list[float]
+    after: list[float]
+    difference: Interval
+    """of second less first, see :func:`paired_difference`"""
+    outlier_seed: int | None
+    """the seed whose difference makes the interval wide, if one does"""
+
+
+def pair(first: Mapping[int, float], second: Mapping[int, float], within: Range = ANY) -> Paired:
+    """Two cells' values by seed, paired; ``within``: the least and the greatest value that there can be."""
+    seeds = [seed for seed in first if seed in second]
+    before, after = [first[seed] for seed in seeds], [second[seed] for seed in seeds]
+    index = outlier([b - a for a, b in zip(before, after, strict=True)])
+    difference = partial(paired_difference, before, after, within=within)
+    return Paired(before, after, difference, None if index is None else seeds[index])
 
 
 def outlier_notes(outlier_seeds: Iterable[int | None]) -> list[str]:

@@ -65,7 +65,7 @@ def export_csv(store: Store, directory: Path, expected: Tables = MappingProxyTyp
 
         table(TIMING)
         for trial in store.trials():
-            place: Row = {**definition.cell_of(trial.parameters), "seed": trial.seed}
+            key: Row = {**definition.cell_of(trial.parameters), "seed": trial.seed}
             timing: Row = {
                 "status": trial.status,
                 "wall_s": trial.wall_s,
@@ -73,20 +73,20 @@ def export_csv(store: Store, directory: Path, expected: Tables = MappingProxyTyp
                 "finished_utc": trial.finished_utc,
             }
             try:
-                check_tables(TIMING_TABLE, {TIMING: [timing]}, place)
+                check_tables(TIMING_TABLE, {TIMING: [timing]}, key)
             except ValueError as error:
                 raise trial.fault(str(error), definition.grid) from error
-            table(TIMING).add(place, [timing])
+            table(TIMING).add(key, [timing])
             if trial.traceback is not None:
-                table(FAILURES).add(place, [{"trial_id": trial.trial_id, "reason": trial.reason}])
+                table(FAILURES).add(key, [{"trial_id": trial.trial_id, "reason": trial.reason}])
             else:
                 for name, rows in trial.tables_as(expected, definition.grid).items():
                     for row in rows:
-                        for column in row.keys() & place.keys():
-                            if row[column] != place[column]:
+                        for column in row.keys() & key.keys():
+                            if row[column] != key[column]:
                                 what = f"table '{name}', column '{column}': {shown(row[column])} is another's"
                                 raise trial.fault(what, definition.grid)
-                    table(name).add(place, rows)
+                    table(name).add(key, rows)
     if FAILURES not in tables:
         (directory / f"{FAILURES}.csv").unlink(missing_ok=True)
     return [directory / f"{name}.csv" for name in tables]
@@ -102,10 +102,10 @@ class _Growing:
         self._columns: dict[str, None] = {}
         self._columns_of_header: tuple[str, ...] | None = None
 
-    def add(self, place: Mapping[str, Scalar], rows: Iterable[Row]) -> None:
+    def add(self, key: Mapping[str, Scalar], rows: Iterable[Row]) -> None:
         """Rows behind what they all begin with."""
         for row in rows:
-            values = {**place, **row}
+            values = {**key, **row}
             if tuple(values) != self._columns_of_header:
                 self._columns |= dict.fromkeys(values)
                 if self._columns_of_header is None:

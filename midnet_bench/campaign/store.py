@@ -86,8 +86,8 @@ class StoredTrial:
         )
 
     def _named(self, factors: Iterable[str]) -> str:
-        place = {**{factor: self.parameters[factor] for factor in factors}, "seed": self.seed}
-        return f"{self.store}: trial {self.trial_id} ({shown_cell(place)})"
+        key = {**{factor: self.parameters[factor] for factor in factors}, "seed": self.seed}
+        return f"{self.store}: trial {self.trial_id} ({shown_cell(key)})"
 
 
 @dataclass(frozen=True)
@@ -264,15 +264,15 @@ class Store:
             InputError: a trial is damaged.
         """
         cells = self._cells_in_order()
-        places = {number: place for place, number in enumerate(cells)}
+        positions = {number: position for position, number in enumerate(cells)}
         with explained(self.path):
             order = []
             for row_id, number, seed in self._connection.execute(
                 "SELECT rowid, cell, seed FROM trials NOT INDEXED"
             ):
-                if number not in places or not isinstance(seed, int):
+                if number not in positions or not isinstance(seed, int):
                     raise _damaged(self.path, f"row {row_id}")
-                order.append((places[number], seed, row_id))
+                order.append((positions[number], seed, row_id))
             order.sort()
             for first in range(0, len(order), ROWS_AT_ONCE):
                 wanted = [row_id for _, _, row_id in order[first : first + ROWS_AT_ONCE]]
@@ -312,11 +312,11 @@ class Store:
     def _cells_in_order(self) -> dict[int, Cell]:
         """The sound cells in the grid's order."""
         grid, cells = self.definition.grid, self._cells()
-        places = {}
+        positions = {}
         for number, cell in cells.items():
             with contextlib.suppress(KeyError, ValueError):
-                places[number] = [values.index(cell.parameters[factor]) for factor, values in grid.items()]
-        return {number: cells[number] for number in sorted(places, key=places.__getitem__)}
+                positions[number] = [values.index(cell.parameters[factor]) for factor, values in grid.items()]
+        return {number: cells[number] for number in sorted(positions, key=positions.__getitem__)}
 
     def inventory(self, known: Iterable[Cell] = ()) -> Inventory:
         """Which trials are there and as they were written; their results are not unpacked.

@@ -89,8 +89,8 @@ def team_figure(points: Points, has_paper: bool) -> Figure:
 
 def _add_lines(axes: Axes, points: Points, score: str) -> None:
     teams = sorted({team for scores in points.values() for team, _ in scores[score]})
-    for place, ((label, scores), style) in enumerate(zip(points.items(), cycle(STYLES))):
-        shift = DODGE * (place - (len(points) - 1) / 2)
+    for index, ((label, scores), style) in enumerate(zip(points.items(), cycle(STYLES))):
+        shift = DODGE * (index - (len(points) - 1) / 2)
         by_team = sorted(scores[score])
         name = label or "ours"
         add_estimates(axes, [team + shift for team, _ in by_team], [e for _, e in by_team], style, name)
@@ -115,9 +115,9 @@ def _add_paper(axes: Axes, points: Points, score: str, is_lines: bool) -> None:
     teams = [team for _, team, _ in _cells(points, score)]
     at = sorted(set(teams)) if is_lines else range(len(teams))
     known = [
-        (place, Estimate(float(str(PAPER[name][score])), math.nan, math.nan, 1))
-        for place, team in zip(at, sorted(set(teams)) if is_lines else teams, strict=True)
+        (x, Estimate(float(str(PAPER[name][score])), math.nan, math.nan, 1))
+        for x, team in zip(at, sorted(set(teams)) if is_lines else teams, strict=True)
         if (name := Team(team)) in PAPER
     ]
     if known:
-        add_estimates(axes, [place for place, _ in known], [e for _, e in known], PAPER_STYLE, "paper")
+        add_estimates(axes, [x for x, _ in known], [e for _, e in known], PAPER_STYLE, "paper")

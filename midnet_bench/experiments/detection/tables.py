@@ -74,10 +74,10 @@ def trials_of(results: Results) -> pd.DataFrame:
     scores = results.table("scores")
     if scores.empty:
         return scores
-    place = [*results.factors, "seed"]
+    keys = [*results.factors, "seed"]
     scores = with_boxes(results, scores)
     if not (fleet := results.table("robots")).empty:
-        scores = scores.join(fleet.groupby(place, sort=False)["collisions"].sum(), on=place)
+        scores = scores.join(fleet.groupby(keys, sort=False)["collisions"].sum(), on=keys)
     return scores.assign(gospa_per_frame_m=scores["gospa_m"] / scores["frames"])
 
 

@@ -249,21 +249,21 @@ def run_together(tests: Sequence[DetectionParameters], seed: int) -> list[TrialR
         failures: dict[int, Exception] = {}
         for number in range(1, moving.frames + 1):
             trial.advance()
-            for place, scorer in enumerate(trial.scorers):
-                if place in failures:
+            for index, scorer in enumerate(trial.scorers):
+                if index in failures:
                     continue
                 try:
                     frame = trial.scored(number, scorer)
-                    causes[place].append(trial.causes(frame, scorer))
-                    frames[place].append(frame.counts)
+                    causes[index].append(trial.causes(frame, scorer))
+                    frames[index].append(frame.counts)
                 except Exception as error:  # other detectors' trials go on
-                    failures[place] = error
+                    failures[index] = error
             if len(failures) == len(tests):
                 break
         results: list[TrialResult | Exception] = []
-        for place, scorer in enumerate(trial.scorers):
+        for index, scorer in enumerate(trial.scorers):
             try:
-                results.append(failures.get(place) or trial.result(frames[place], causes[place], scorer))
+                results.append(failures.get(index) or trial.result(frames[index], causes[index], scorer))
             except PluginError as error:  # of a metric, at the end
                 results.append(error)
         return results

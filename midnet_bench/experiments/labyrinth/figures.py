@@ -99,13 +99,13 @@ def success_figure(panels: Mapping[str, Panel]) -> Figure:
     columns = min(MOST_COLUMNS, len(counts))
     rows = ceil(len(counts) / columns)
     figure = chart(max(5.0, 2.7 * columns + 0.8), 2.7 * rows + 0.6)
-    for place, count in enumerate(counts, 1):
-        axes = figure.add_subplot(rows, columns, place)
+    for number, count in enumerate(counts, 1):
+        axes = figure.add_subplot(rows, columns, number)
         series = {name: panel.rates[count] for name, panel in panels.items() if count in panel.rates}
         add_series(axes, series, DODGE, axis_label("robots"))
         axes.set_ylim(-3, 103)
         axes.set_title(count, fontsize=FONT_PT + 1)
-        if place % columns == 1 or columns == 1:
+        if number % columns == 1 or columns == 1:
             axes.set_ylabel(axis_label("success_rate"))
     if any(panels):
         figure.legend(*labelled(figure.axes[0]), fontsize=FONT_PT, frameon=False, loc="outside right upper")
@@ -131,8 +131,8 @@ def details_figure(by_intruders: Mapping[str, Series], by_role: Mapping[str, Ser
     columns = 2 if len(shown) in (2, 4) else min(3, len(shown))
     figure = chart(3.6 * columns + 1.2, 3.0 * ceil(len(shown) / columns) + 0.4)
     legends: dict[bool, Axes] = {}
-    for place, (label, series, is_role) in enumerate(shown, 1):
-        axes = figure.add_subplot(ceil(len(shown) / columns), columns, place)
+    for number, (label, series, is_role) in enumerate(shown, 1):
+        axes = figure.add_subplot(ceil(len(shown) / columns), columns, number)
         # the two kinds of lines look different
         add_series(axes, series, DODGE, axis_label("robots"), ROLE_STYLES if is_role else STYLES)
         axes.set_ylabel(label)

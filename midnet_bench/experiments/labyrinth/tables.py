@@ -61,9 +61,9 @@ def success_table(variants: Variants, name: str = "success_rate") -> Table:
                 f"{robots} robot{'s' if robots > 1 else ''}": one.success(intruders, robots)
                 for robots in one.team_sizes
             }
-            place: Mapping[str, Cell] = {"intruders": "all" if intruders is None else intruders}
+            key: Mapping[str, Cell] = {"intruders": "all" if intruders is None else intruders}
             least = min(rate.n for rate in rates.values())
-            rows.append({**_named(variants, variant), **place, **rates, "n": least})
+            rows.append({**_named(variants, variant), **key, **rates, "n": least})
     title = f"Success rate, percent ({SHARE_METHOD}, over trials)"
     robots = {column: 1 for row in rows for column in row if column.endswith(("robot", "robots"))}
     return Table(name, title, rows, robots, beside=("n",))
@@ -105,9 +105,9 @@ def health_table(variants: Variants) -> Table:
         for size in one.team_sizes:
             for role in (GUARD, INTRUDER):
                 robots = one.robots[(one.robots["robots"] == size) & (one.robots["role"] == role)]
-                place = {**_named(variants, variant), "robots": size, "role": role}
+                key = {**_named(variants, variant), "robots": size, "role": role}
                 if len(robots):
-                    rows.append({**place, **_health(robots)})
+                    rows.append({**key, **_health(robots)})
     digits = {"goals_reached": 2, "goals_given_up": 2, "recoveries": 2, "metres_per_minute": 1}
     digits |= {"stuck_percent": 1, "most_stuck_percent": 1}
     beside = ("recoveries", "walls_crossed", "robot_trials", "goals_given_up", "most_stuck_percent")
@@ -242,10 +242,10 @@ def power_table(results: Results, difference: float, robots: tuple[int, int], po
                 raise InputError(f"{where} ({name})" if name else where)
         for intruders in [*one.intruder_counts, None]:
             first, second = (one.rates_by_seed(intruders, size) for size in robots)
-            place: Mapping[str, Cell] = {"intruders": "all" if intruders is None else intruders}
+            key: Mapping[str, Cell] = {"intruders": "all" if intruders is None else intruders}
             cells = power_cells(first, second, difference, power)
             pilots.append((first, second))
-            rows.append({**_named(variants, name), **place, **cells})
+            rows.append({**_named(variants, name), **key, **cells})
     title = (
         f"Trials per team size to show {difference:g} points between {robots[0]} and {robots[1]} robots"
         f" (two-sided {ALPHA:.0%}, power {power:.0%})"

@@ -163,16 +163,16 @@ def _percent(values: Iterable[float]) -> Estimate:
 
 
 def _trials(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
-    place = [*results.factors, "seed"]
+    keys = [*results.factors, "seed"]
     placed = _placed(results, trials)
     fates = results.table("intruders")
     for times, column in (("detection_times", "detected_at_s"), ("capture_times", "caught_at_s")):
-        groups = fates.groupby(place, sort=False, dropna=False)[column]
-        placed = placed.join(groups.count().rename(times), on=place)
+        groups = fates.groupby(keys, sort=False, dropna=False)[column]
+        placed = placed.join(groups.count().rename(times), on=keys)
         placed = placed.join(
-            groups.agg(lambda values: exact_sum(values.dropna())).rename(f"{times}_s"), on=place
+            groups.agg(lambda values: exact_sum(values.dropna())).rename(f"{times}_s"), on=keys
         )
-    placed = placed.join(results.timing.set_index(place)[["simulated_s", "wall_s"]], on=place)
+    placed = placed.join(results.timing.set_index(keys)[["simulated_s", "wall_s"]], on=keys)
     missed = placed["detected"] - placed["caught"]
     return placed.assign(
         detected_not_caught=100.0 * missed / placed["intruders"],
@@ -182,16 +182,16 @@ def _trials(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
 
 def _robots(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
     """A robot's time in the arena ends when it is taken out, or with the trial."""
-    place = [*results.factors, "seed"]
+    keys = [*results.factors, "seed"]
     robots, fates = _placed(results, results.table("robots")), results.table("intruders")
-    ends = fates[place].assign(
+    ends = fates[keys].assign(
         role=INTRUDER,
-        number=fates.groupby(place).cumcount(),
+        number=fates.groupby(keys).cumcount(),
         present_s=fates["left_at_s"],
     )
-    robots = robots.assign(number=robots.groupby([*place, "role"]).cumcount())
-    robots = robots.merge(ends, how="left", on=[*place, "role", "number"])
-    robots = robots.join(trials.set_index(place)["duration_s"], on=place)
+    robots = robots.assign(number=robots.groupby([*keys, "role"]).cumcount())
+    robots = robots.merge(ends, how="left", on=[*keys, "role", "number"])
+    robots = robots.join(trials.set_index(keys)["duration_s"], on=keys)
     present_s = robots["present_s"].fillna(robots["duration_s"])
     defined_s = present_s.where(present_s > 0.0)
     return robots.assign(

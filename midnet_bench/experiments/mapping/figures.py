@@ -84,7 +84,7 @@ def _draw(
     for robots, points in teams.items():
         values = points[measure].trials
         steps = [(k + 0.5) / len(values) - 0.5 for k in range(len(values))]
-        places = [robots + shift + SPREAD * step for step in steps]
-        axes.plot(places, values, ".", color=style.color, alpha=0.35, markersize=4)
+        xs = [robots + shift + SPREAD * step for step in steps]
+        axes.plot(xs, values, ".", color=style.color, alpha=0.35, markersize=4)
     means = [points[measure].mean for points in teams.values()]
     add_estimates(axes, [robots + shift for robots in teams], means, style, label)

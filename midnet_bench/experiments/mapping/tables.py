@@ -167,7 +167,7 @@ def choice_table(maps: Maps) -> Table:
             ["f1", "covered", "wall_error_m", "robots", "seed"], ascending=[False, False, True, True, True]
         )
         ranked = ranked[ranked["occupied_f1"].notna()][["robots", "seed", "occupied_f1", *SHOWN]]
-        names = ["chosen", *(f"{place + 1}." for place in range(1, BEST))]
+        names = ["chosen", *(f"{rank + 1}." for rank in range(1, BEST))]
         shown = list(zip(names, records(ranked.head(BEST)), strict=False))
         if len(ranked) > BEST:
             shown += [("worst", one) for one in records(ranked.tail(1))]
