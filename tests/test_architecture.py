@@ -293,7 +293,7 @@ WHOLE_NUMBERS = {
     "sum(trials[count])",
     *(f"sum(cell['{name}'])" for name in ("boxes", "collisions", "frames", "matched")),
     *(f"sum(cell['{name}'])" for name in ("missed", "tp")),
-    "fleet.groupby(place, sort=False)['collisions'].sum()",
+    "fleet.groupby(keys, sort=False)['collisions'].sum()",
     "map(sum, numbers)",
     "map(sum, zip(*frames, strict=True))",
 }
