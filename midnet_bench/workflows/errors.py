@@ -13,7 +13,7 @@ from midnet_bench.campaign.trial import Row
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.detection.error_tables import by_frame, error_tables, without
 from midnet_bench.experiments.guarded.record import RecordedFrame
-from midnet_bench.experiments.registry import tables_of
+from midnet_bench.experiments.registry import columns, tables_of
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
 from midnet_bench.workflows.render import render_trial
 
@@ -180,7 +180,9 @@ def _of_seed(results: Results, seed: int) -> Results:
 
 def _errors_of(results: Results) -> pd.DataFrame:
     found = results.tables.get("errors")
-    return pd.DataFrame(columns=["seed", "frame"]) if found is None else found
+    if found is None:  # no trial had any
+        return pd.DataFrame(columns=["seed", *columns("detection")["errors"].columns])
+    return found
 
 
 def _worst_frames(results: Results) -> Table:

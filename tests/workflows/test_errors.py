@@ -137,3 +137,13 @@ def test_causes_and_one_frame_print_json(folder: Path) -> None:
         done = midnet_bench(command, folder, *rest, "--json", folder=folder)
         assert done.returncode == 0, done.stderr
         json.loads(done.stdout)
+
+
+def test_a_campaign_without_errors_can_be_the_other_one(folder: Path) -> None:
+    run = ["detection", "--robots", "1", "--frames", "10", "--seeds", "2", "--engine", "fast"]
+    done = midnet_bench(*run, "--preset", "best", "--record", "-o", "clean", folder=folder.parent)
+    assert done.returncode == 0, done.stderr
+    clean = folder.parent / "clean"
+    assert "errors" not in load_results(clean, tables_of).tables
+    last = versus(folder, clean, ["robots=1"], ["robots=1"]).rows[-1]
+    assert (last["both"], last["only_second"]) == (0, 0)
