@@ -10,24 +10,29 @@ from midnet_bench.campaign.export import TIMING_TABLE
 from midnet_bench.experiments.columns import DETECTION, LABYRINTH, MAPPING
 
 PAGE = Path(__file__).with_name("results.md")
-BLOCK = re.compile(r"^\*\*`(\w+)`\*\* (?:(?!\n\n).)*\n\n\| column .*?\n(?=\n)", re.M | re.S)
-"""a table's sentence and its columns; other tables of the page have a paragraph"""
+BLOCK = re.compile(r"^\*\*`(\w+)`\*\* .*?\n(?=\n)", re.M | re.S)
+"""a table's paragraph"""
 TABLES = dict(chain(TIMING_TABLE.items(), MAPPING.items(), LABYRINTH.items(), DETECTION.items()))
 
 
 def page(text: str) -> str:
-    """The page, whose blocks are made anew. Raises KeyError: a block of an unknown table."""
-    return BLOCK.sub(lambda found: block(found[1], TABLES[found[1]]), text)
+    """The page, with the paragraphs of the trials' tables made anew."""
+    return BLOCK.sub(
+        lambda found: block(found[1], TABLES[found[1]]) if found[1] in TABLES else found[0], text
+    )
 
 
 def block(name: str, table: Columns) -> str:
-    """A table's sentence and its columns, Markdown; columns in a row that agree in all else share a line."""
-    lines: dict[tuple[str, str], list[str]] = {}
+    """A table's paragraph, Markdown; columns in a row that agree in all else are named together."""
+    columns: dict[tuple[str, str], list[str]] = {}
     for column, known in table.columns.items():
-        lines.setdefault((known.range, known.about), []).append(f"`{column}`")
-    rows = [f"| {', '.join(names)} | {held} | {about} |" for (held, about), names in lines.items()]
-    about = textwrap.fill(f"**`{name}`** {table.about}", 150, break_long_words=False)
-    return "\n".join([about, "", "| column | unit, values | meaning |", "| --- | --- | --- |", *rows, ""])
+        columns.setdefault((known.range, known.about), []).append(f"`{column}`")
+    items = [
+        ", ".join(names) + (f" ({held})" if held else "") + (f": {about}" if about else "")
+        for (held, about), names in columns.items()
+    ]
+    text = f"**`{name}`** {table.about} Columns: {'; '.join(items)}."
+    return textwrap.fill(text, 150, break_long_words=False, break_on_hyphens=False) + "\n"
 
 
 if __name__ == "__main__":

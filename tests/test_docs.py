@@ -103,7 +103,7 @@ def test_the_api_page_is_made_from_these_docstrings() -> None:
 def test_the_columns_of_the_trials_tables_are_those_declared() -> None:
     text, results = (DOCS / "results.md").read_text(encoding="utf-8"), script("make_results")
     assert text == results.page(text), "run 'make api'"
-    assert set(results.BLOCK.findall(text)) == set(results.TABLES)
+    assert set(results.TABLES) <= set(results.BLOCK.findall(text))
 
 
 def test_the_walkthrough_has_the_numbers_of_its_trial() -> None:

@@ -9,6 +9,8 @@ import pytest
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
+from midnet_bench.campaign.export import TIMING_TABLE
+from midnet_bench.experiments.columns import DETECTION, LABYRINTH, MAPPING
 from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.workflows.compare import compare, compared_values
 from midnet_bench.workflows.verify import power_report, verify
@@ -18,19 +20,16 @@ REFERENCES = REPOSITORY / "results" / "reference"
 PAGE = (REPOSITORY / "docs" / "results.md").read_text(encoding="utf-8")
 ONE_LINE_EACH = re.sub(r"(?<!\n)\n(?!\n)", " ", PAGE)
 """the page with each paragraph on a line"""
+TABLES = {**TIMING_TABLE, **MAPPING, **LABYRINTH, **DETECTION}
+"""whose paragraphs are made from their declarations"""
 OPTIONAL = {"variant", "role"}
 """columns that not every campaign has"""
 
 
 def described(table: str) -> set[str]:
     """The columns in the table's paragraph: ``**`table`** ... Columns: `one`: ...; `two`: ...``."""
-    made = re.search(rf"^\*\*`{table}`\*\*(?:(?!\n\n).)*\n\n\| column .*?\n\n", PAGE, flags=re.M | re.S)
-    if made is not None:
-        return {
-            name
-            for cell in re.findall(r"^\| (`.*?`) \|", made[0], flags=re.M)
-            for name in re.findall(r"`(.*?)`", cell)
-        }
+    if table in TABLES:  # made from their declarations
+        return set(TABLES[table].columns)
     (section,) = re.findall(rf"^\*\*`{table}`\*\*.*? Columns: (.*?)$", ONE_LINE_EACH, flags=re.M)
     keys = [item.partition(": ")[0] for item in section.split("; ")]
     return {name for key in keys for name in re.findall(r"`([^`]+)`", key)}
