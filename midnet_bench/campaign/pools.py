@@ -24,6 +24,7 @@ from midnet_bench.campaign.worker import (
     HARD_LIMIT_S,
     Outcome,
     attempt_together,
+    lock,
     marked,
     prepare_worker,
 )
@@ -128,7 +129,7 @@ class LokyPool:
             for group in itertools.chain(first, groups)
         )
         with _safe_path():
-            workers = _Workers(tasks, count=max(1, len(first)))
+            workers = _Workers(tasks, max(1, len(first)), self._marks)
             watch = _Watch(self._marks, limit_s)
             try:
                 while (outcomes := workers.next(LOOK_S)) is not None:
@@ -154,8 +155,10 @@ class _Workers:
     every other thread waits for. Signals to end are blocked in joblib's thread and so in its workers.
     """
 
-    def __init__(self, tasks: Iterable[object], count: int) -> None:
-        self._tasks = tasks
+    def __init__(self, tasks: Iterable[object], count: int, marks: Path) -> None:
+        self._is_cancelled = False
+        self._tasks = itertools.takewhile(lambda task: not self._is_cancelled, tasks)
+        self._marks = marks
         self._count = count
         self._results: queue.SimpleQueue[list[Outcome] | BaseException | None] = queue.SimpleQueue()
         self._is_over = False
@@ -202,11 +205,16 @@ class _Workers:
         return result
 
     def close(self) -> None:
-        """Kills workers that are still busy."""
+        """Kills the workers that are in a trial."""
+        self._is_cancelled = True
+        start_s = time.monotonic()
         while self._thread.is_alive():
             if not self._is_over:
-                for pid in _worker_pids():
-                    _kill(pid)
+                for mark in self._marks.glob("*.*"):
+                    _kill_in_trial(mark)
+                if time.monotonic() - start_s > STALLED_S:  # such as trials without a mark, on a full disk
+                    for pid in _worker_pids():
+                        _kill(pid)
             self._thread.join(KILL_AGAIN_S)
 
 
@@ -214,6 +222,19 @@ def _worker_pids() -> list[int]:
     """Joblib's among the children of this process."""
     children = multiprocessing.active_children()
     return [child.pid for child in children if child.name.startswith("Loky") and child.pid is not None]
+
+
+def _kill_in_trial(mark: Path) -> None:
+    """Kill the worker of a mark unless it has left its trial.
+
+    One that is killed while it hands over a result leaves a part of it in a pipe, and joblib waits for the
+    rest for ever. So a worker locks its mark before it leaves a trial, and the parent locks it before it kills.
+    """
+    with contextlib.suppress(OSError), mark.open("rb") as file:  # it has left, or is about to
+        lock(file, wait=False)
+        pid = int(mark.suffix[1:])
+        if mark.exists() and pid in _worker_pids():
+            _kill(pid)
 
 
 def _kill(pid: int) -> None:

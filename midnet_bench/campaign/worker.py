@@ -12,12 +12,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import IO
+from typing import IO, Any
 
 from midnet_bench import compiled
 from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.signals import SIGNALS_TO_END
 from midnet_bench.campaign.trial import RunTrials, TrialResult, TrialSpec, run_alone
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 HARD_LIMIT_S = 2.0
 """native code that goes on this long after the time limit is ended together with its process"""
@@ -136,13 +141,21 @@ def _mark(marks: Path | None, trial_id: str) -> Iterator[IO[str]]:
     if mark is None or stack_file is None:
         yield sys.__stderr__ or sys.stderr
         return
-    try:
-        with stack_file:
+    with stack_file:
+        try:
             faulthandler.enable(stack_file)  # the stack of a crash stands in the mark as well
             yield stack_file
+        finally:
             faulthandler.enable()
-    finally:
-        mark.unlink(missing_ok=True)  # it may be gone with its folder
+            with contextlib.suppress(OSError):  # a file system without locks
+                lock(stack_file, wait=True)  # the parent that has it kills this process
+            mark.unlink(missing_ok=True)  # it may be gone with its folder
+
+
+def lock(file: IO[Any], wait: bool) -> None:
+    """Lock a file until it is closed. Raises OSError if another process has it and ``wait`` is off."""
+    if fcntl is not None:
+        fcntl.flock(file, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 @contextlib.contextmanager
