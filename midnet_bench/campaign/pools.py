@@ -34,6 +34,8 @@ from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
 BACKENDS = ("loky", "dask")
 LOOK_S = 1.0
 """between two looks at how long trials have been running"""
+STARTS_WITHIN_S = 1.0
+"""a worker, from its process to its first trial"""
 KILL_AGAIN_S = 0.05
 """between two rounds of ending workers: one may be starting during the first"""
 NOTHING_BEGINS_S = 120.0
@@ -210,9 +212,13 @@ class _Workers:
         start_s = time.monotonic()
         while self._thread.is_alive():
             if not self._is_over:
-                for mark in self._marks.glob("*.*"):
-                    _kill_in_trial(mark)
-                if time.monotonic() - start_s > STALLED_S:  # such as trials without a mark, on a full disk
+                waited_s = time.monotonic() - start_s
+                marks = list(self._marks.glob("*.*"))
+                # joblib warns of semaphores that a worker left which had only begun to load them
+                if len(marks) == len(_worker_pids()) or waited_s > STARTS_WITHIN_S:
+                    for mark in marks:
+                        _kill_in_trial(mark)
+                if waited_s > STALLED_S:  # such as trials without a mark, on a full disk
                     for pid in _worker_pids():
                         _kill(pid)
             self._thread.join(KILL_AGAIN_S)
@@ -228,7 +234,7 @@ def _kill_in_trial(mark: Path) -> None:
     """Kill the worker of a mark unless it has left its trial.
 
     One that is killed while it hands over a result leaves a part of it in a pipe, and joblib waits for the
-    rest for ever. So a worker locks its mark before it leaves a trial, and the parent locks it before it kills.
+    rest for ever. So a worker locks its mark before it leaves a trial, and the parent before it kills.
     """
     with contextlib.suppress(OSError), mark.open("rb") as file:  # it has left, or is about to
         lock(file, wait=False)
