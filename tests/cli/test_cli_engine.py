@@ -34,4 +34,4 @@ def test_a_campaign_runs_on_the_engine_asked_for_and_goes_on_there_alone(tmp_pat
     assert load_results(tmp_path / "out").definition.parameters["engine"] == "fast"
     other = midnet_bench(*small, folder=tmp_path)
     assert other.returncode == 2
-    assert "engine fast -> (not set)" in other.stderr
+    assert "engine fast -> bullet" in other.stderr
