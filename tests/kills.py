@@ -42,6 +42,8 @@ TELL_TIMES = ("timing.csv", "provenance.json", "labyrinth_speed")
 """files of which no two runs have the same, by the beginnings of their names"""
 MEASURED = re.compile(rb"<h3>Speed of one worker</h3>.*?(?=<h[23])|<h2>Provenance.*", re.DOTALL)
 """what of a page no two runs have the same: measured speeds, and when it was run"""
+COMPILES_S = 4.0
+"""of the half a minute that it takes in all, from the command's beginning"""
 MIN_COMPILING = 5
 """blows that fall before the last loop has been compiled"""
 OWN_TIMES = "run_id, wall_s, finished_utc, checksum"
@@ -151,7 +153,9 @@ def make_scenes(folder: Path) -> Iterator[Scene]:
 
     yield Scene("running", run, Path.mkdir, runs, runs_s, fresh)
     # last, for the end of it compiles everything
-    yield Scene("compiling", run, Path.mkdir, runs, starts_s, fresh, cache=folder / "compiled")
+    yield Scene(
+        "compiling", run, Path.mkdir, lambda at, pid: True, COMPILES_S, fresh, cache=folder / "compiled"
+    )
 
 
 def runs(at: Path, pid: int) -> bool:
@@ -251,8 +255,10 @@ def at_a_moment(
         time.sleep(min(left_s, 0.02))
     if process.poll() is not None:
         return None
+    if scene.cache is not None:  # before its workers begin
+        return "compiling"
     if runs(at, process.pid):
-        return "compiling" if scene.cache else "running"
+        return "running"
     return "starting" if scene.phase == "starting" and not writes(at, process.pid) else "exporting"
 
 
