@@ -96,7 +96,8 @@ def test_one_that_fails_takes_no_other_along(tmp_path: Path, trouble: str) -> No
         assert {trial_id: trial.payload for trial_id, trial in found.items()} == alone(resolved)
 
 
-@pytest.mark.parametrize("how", ["spin", pytest.param("native", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["spin", "native"])
 def test_a_group_that_takes_too_long_is_taken_apart(tmp_path: Path, how: str) -> None:
     """Also where native code cannot be interrupted, and the worker ends."""
     resolved = campaign(grid={"bias": [0.2, 0.4], "trouble": ["", how]}, trial_timeout_s=0.5)

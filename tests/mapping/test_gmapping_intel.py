@@ -18,6 +18,7 @@ pytestmark = pytest.mark.skipif(
 SCANS = 150
 
 
+@pytest.mark.slow
 def test_the_first_150_scans_are_mapped_as_well_as_by_gmapping(tmp_path: Path) -> None:
     """GMapping 0.036 m, raw odometry 3.2 m."""
     lines = gzip.decompress((DATA / "intel_scans.txt.gz").read_bytes()).decode().splitlines()
