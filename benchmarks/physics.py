@@ -14,11 +14,10 @@ from midnet_bench.arena.arena import OtherIntruders, load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.messages import Command
 from midnet_bench.rng import stream
-from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.crowd import Crowd
-from midnet_bench.simulation.engines import make_world
 from midnet_bench.simulation.lidar import LidarSensors
 from midnet_bench.simulation.settings import WorldSettings
+from midnet_bench.simulation.world import World
 
 SIMULATED_S = 30
 SCAN_HZ, CONTROL_HZ, STEP_HZ = 5, 10, 30
@@ -32,7 +31,7 @@ def measure(
     count = robots + intruders
     steering = stream(1, "steering")
     begin = time.perf_counter()
-    world = make_world(place(load_arena(arena), 1, robots, intruders), WorldSettings(engine=engine), BURGER)
+    world = World(place(load_arena(arena), 1, robots, intruders), WorldSettings(engine=engine))
     start_s = time.perf_counter() - begin
     lidars = LidarSensors(world)
     noise = lidars.noise([stream(1, "lidar", number) for number in range(count)])

@@ -21,8 +21,8 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import BURGER, LDS_01
-from midnet_bench.simulation.bullet.engine import bullet
-from midnet_bench.simulation.bullet.world import World
+from midnet_bench.simulation.bullet.client import bullet
+from midnet_bench.simulation.world import World
 
 GUARDS = 5
 REPEATS = 3
@@ -73,7 +73,7 @@ def bare_cpu_s(simulated_s: float) -> float:
             world.step()
             if tick % (world.step_hz // SCAN_HZ) == 0:
                 for starts, ends in scans:
-                    bullet.rayTestBatch(starts, ends, numThreads=1, physicsClientId=world._client)
+                    bullet.rayTestBatch(starts, ends, numThreads=1, physicsClientId=world.engine.client)
     return time.process_time() - begin
 
 

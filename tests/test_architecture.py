@@ -142,7 +142,7 @@ def test_libraries_stay_where_they_belong() -> None:
         libraries = {module.split(".")[0] for module in modules}
         if not name.startswith("midnet_bench.simulation.bullet"):
             assert not libraries & {"pybullet", "pybullet_data"}, name
-        if name != "midnet_bench.simulation.mujoco_world":
+        if name != "midnet_bench.simulation.mujoco_engine":
             assert "mujoco" not in libraries, name
         if name != "midnet_bench.compiled":  # it keeps stale machine code away
             assert not libraries & {"numba", "llvmlite"}, name
@@ -373,7 +373,7 @@ def test_what_needs_no_physics_is_imported_without_pybullet_and_mujoco() -> None
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
     failed = {line.strip().removeprefix("midnet_bench.") for line in done.stdout.splitlines()}
     physics = {name for name in failed if name.startswith("simulation.bullet.")}
-    assert failed == physics | {"simulation.mujoco_world"}
+    assert failed == physics | {"simulation.mujoco_engine"}
 
 
 @pytest.mark.parametrize("arguments", [["-c", "import midnet_bench"], ["-m", "midnet_bench", "--help"]])

@@ -8,12 +8,10 @@ from typing import Self
 from midnet_bench.agents.mobile_robot import MobileRobot
 from midnet_bench.arena.layout import Layout
 from midnet_bench.campaign.trial import Row
-from midnet_bench.simulation.crowd import Crowd, CrowdedWorld
-from midnet_bench.simulation.engines import make_world
 from midnet_bench.simulation.fleet import Fleet
 from midnet_bench.simulation.lidar import LidarSensors
 from midnet_bench.simulation.settings import SimulationSettings
-from midnet_bench.simulation.simulator import Simulator
+from midnet_bench.simulation.world import World
 
 
 class RobotTrial:
@@ -27,9 +25,8 @@ class RobotTrial:
         seed: int,
     ) -> None:
         """Let ``robots`` stand where ``layout`` has them; time is 0."""
-        world = make_world(layout, settings.world, settings.robot_model)
-        self.crowd = Crowd(layout, 1.0 / world.step_hz)
-        self.world: Simulator = CrowdedWorld(world, self.crowd) if self.crowd.members else world
+        self.world = World(layout, settings.world, settings.robot_model)
+        self.crowd = self.world.crowd
         self.lidars = LidarSensors(self.world, settings.lidar)
         self.fleet = Fleet(self.world, self.lidars, robots, settings, seed)
         self.step_hz = self.world.step_hz

@@ -1,4 +1,4 @@
-"""``Crowd``: people and things that move by themselves, and ``CrowdedWorld``, any engine with them in it.
+"""``Crowd``: people and things that move by themselves.
 
 No wheels drive them. They go where the trial sends them, along paths that a planner finds around what stands,
 and stop before they would run over a robot or a person. Beams meet them, and robots run into them.
@@ -19,12 +19,10 @@ from midnet_bench.arena.layout import OTHERS_MARGIN_M, Layout
 from midnet_bench.arena.solids import Solid
 from midnet_bench.geometry import Box, Pose2D, lengths
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import Command
 from midnet_bench.navigation.costmap import LETHAL
 from midnet_bench.navigation.global_planner import potential_to
-from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation import walking
-from midnet_bench.simulation.simulator import Beams, Simulator
+from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.walking import Walkers
 
 Floats = npt.NDArray[np.float64]
@@ -186,75 +184,3 @@ def _met_box(beams: Beams, solid: Solid) -> Floats:
         enter = np.maximum(enter, np.minimum(one, other))
         leave = np.minimum(leave, np.maximum(one, other))
     return np.where(enter < leave, enter, np.inf)
-
-
-class CrowdedWorld:
-    """A :class:`~midnet_bench.simulation.simulator.Simulator` of any engine, with a crowd in it.
-
-    An engine that has ``obstruct(solids)`` lets robots run into the crowd; with another they pass through it.
-    """
-
-    def __init__(self, world: Simulator, crowd: Crowd) -> None:
-        self._world = world
-        self._crowd = crowd
-        self._obstruct = getattr(world, "obstruct", None)
-        self.layout: Layout = world.layout
-        self.robot: RobotModel = world.robot
-        self.step_hz: int = world.step_hz
-
-    @property
-    def tick(self) -> int:
-        """Ticks since the start."""
-        return self._world.tick
-
-    @property
-    def active(self) -> npt.NDArray[np.bool_]:
-        """(n,) whether each robot is still in the arena."""
-        return self._world.active
-
-    def step(self) -> None:
-        """Let one tick pass: first for the crowd, which sees where the robots are, then for the robots."""
-        robots = self._world.poses()[self._world.active]
-        robots[:, 2] = self.robot.body_reach_m
-        self._crowd.step(robots)
-        if self._obstruct is not None:
-            self._obstruct(self._crowd.solids())
-        self._world.step()
-
-    def drive(self, index: int, command: Command) -> None:
-        """Give a robot its new velocity."""
-        self._world.drive(index, command)
-
-    def remove(self, index: int) -> None:
-        """Take a robot out of the arena for good."""
-        self._world.remove(index)
-
-    def pose(self, index: int) -> Pose2D:
-        """A robot's true pose; NaN once it is removed."""
-        return self._world.pose(index)
-
-    def poses(self) -> Floats:
-        """(n, 3) x, y, yaw of what ``pose`` gives for every robot."""
-        return self._world.poses()
-
-    def velocities(self, rows: Ints | None = None) -> Floats:
-        """(n, 2) forward speed (m/s) and yaw rate (rad/s) of every robot."""
-        return self._world.velocities(rows)
-
-    def wheel_angles(self) -> Floats:
-        """(n, 2) how far the left and right wheel have turned, radians."""
-        return self._world.wheel_angles()
-
-    def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
-        """(m, beams) metres to the first thing that is no robot, the crowd included, from the axis on."""
-        ranges = self._world.cast(beams, near_m, far_m)
-        self._crowd.shorten(ranges, beams, far_m)
-        return ranges
-
-    def collisions(self) -> Ints:
-        """(n,) how often each robot has run into something so far."""
-        return self._world.collisions()
-
-    def close(self) -> None:
-        """Give back what the engine holds."""
-        self._world.close()

@@ -14,7 +14,7 @@ from midnet_bench.simulation.integrity import HealthTracker, Standstill
 from midnet_bench.simulation.lidar import LidarSensors
 from midnet_bench.simulation.odometry import EncoderOdometers
 from midnet_bench.simulation.settings import SimulationSettings
-from midnet_bench.simulation.simulator import Simulator
+from midnet_bench.simulation.world import World
 
 CONTROL_HZ = 10
 """Pose filter and navigator; move_base's controller_frequency in turtlebot3_navigation."""
@@ -39,7 +39,7 @@ class Fleet:
 
     def __init__(
         self,
-        world: Simulator,
+        world: World,
         lidars: LidarSensors,
         robots: Sequence[MobileRobot],
         settings: SimulationSettings,

@@ -1,6 +1,6 @@
 """``LidarSensors``: the robots' LiDARs in a simulated world, what their beams meet and their noise.
 
-Walls and stationary intruders are met by the simulator's rays. Other robots are discs in the scan plane and
+Walls and stationary intruders are met by the engine's rays. Other robots are discs in the scan plane and
 are intersected here: PyBullet's own ray against a round shape errs by up to 9 mm at its edge, disagrees
 on hit or miss for one beam in a hundred that passes near it, and costs four times as much as the walls.
 """
@@ -17,9 +17,10 @@ from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, directions, hypot
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.rng import standard_normals, stream
+from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.noise import NoiseBlocks
 from midnet_bench.simulation.settings import LidarNoise, LidarSettings
-from midnet_bench.simulation.simulator import Beams, Simulator
+from midnet_bench.simulation.world import World
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -187,15 +188,15 @@ _CELL_M = 0.04
 
 
 class LidarSensors:
-    """The LiDARs of all robots of a simulator. All beams of a scan leave at one instant.
+    """The LiDARs of all robots of a world. All beams of a scan leave at one instant.
 
     They are horizontal, from yaw alone: a real sensor nods with its robot by a fraction of a degree.
     """
 
-    def __init__(self, simulator: Simulator, settings: LidarSettings | None = None) -> None:
+    def __init__(self, world: World, settings: LidarSettings | None = None) -> None:
         settings = settings or LidarSettings()
-        robot, layout = simulator.robot, simulator.layout
-        self._simulator = simulator
+        robot, layout = world.robot, world.layout
+        self._world = world
         self._lidar = robot.lidar
         self._disc = robot.disc(settings.robot_profile)
         robots, intruders = len(layout.robots), len(layout.intruders)
@@ -282,20 +283,20 @@ class LidarSensors:
 
     def true_scan(self, rows: Ints) -> NoiseFreeScan:
         """What the beams of those robots meet at this tick. Raises ValueError if one was removed."""
-        is_there = self._simulator.active[rows]
+        is_there = self._world.active[rows]
         if not is_there.all():
             raise ValueError(f"robot {rows[~is_there][0]} is not in this world: it was removed")
         low, high = self._lidar.range_min_m, self._lidar.range_max_m
-        poses = self._simulator.poses()
+        poses = self._world.poses()
         own = poses[rows]
         beams = Beams(*beam_directions(own, self._lidar.mount.x, self._cosines, self._sines))
-        ranges = self._simulator.cast(beams, low, high)
+        ranges = self._world.cast(beams, low, high)
         blind = self._blind_cells
         near = in_marked_cells(own, blind.data, blind.origin, blind.resolution)
         for i in np.flatnonzero(near).tolist():
             # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
             one = Beams(beams.axes[i : i + 1], beams.directions[i : i + 1])
-            ranges[i] = np.minimum(ranges[i], self._simulator.cast(one, 0.0, low)[0])
+            ranges[i] = np.minimum(ranges[i], self._world.cast(one, 0.0, low)[0])
         bodies = hide_behind_discs(ranges, *beams, poses, self._disc.offset_x_m, self._radii_m, rows, high)
         return NoiseFreeScan(beams, ranges, bodies)
 
@@ -305,7 +306,7 @@ class LidarSensors:
 
     def outline(self, index: int) -> Box:
         """The true box, map frame, of what beams see of a robot (item 45); NaN once it is removed."""
-        center = self._simulator.pose(index).compose(self._to_disc)
+        center = self._world.pose(index).compose(self._to_disc)
         return Box.square(center.x, center.y, 2.0 * float(self._radii_m[index]))
 
 

@@ -33,7 +33,7 @@ class EncoderOdometers:
     ) -> None:
         """Start at known (n, 3) poses, so that the odometry frames are the map frame; draw the errors.
 
-        ``wheel_angles_rad``: (n, 2) left and right, as ``Simulator.wheel_angles`` gives them.
+        ``wheel_angles_rad``: (n, 2) left and right, as ``World.wheel_angles`` gives them.
         """
         self.poses: Floats = np.array(starts, dtype=np.float64)
         """(n, 3) x, y, yaw by dead reckoning, in each robot's odometry frame"""

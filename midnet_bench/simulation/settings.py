@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.robots.seams import ROBOTS
 from midnet_bench.settings import Scalar, Settings, group, option
-from midnet_bench.simulation.seams import SIMULATORS
+from midnet_bench.simulation.engine import SIMULATORS
 
 LidarNoise = Literal["gazebo", "datasheet", "none"]
 RobotProfile = Literal["urdf", "disc"]

@@ -45,11 +45,10 @@ from midnet_bench.scoring.metric import MetricFrame, TrialMetrics
 from midnet_bench.scoring.seams import METRICS
 from midnet_bench.seams import ExtensionPoint, PluginError
 from midnet_bench.settings import Scalar
-from midnet_bench.simulation.engines import make_world
+from midnet_bench.simulation.engine import SIMULATORS, Beams
 from midnet_bench.simulation.lidar import beam_directions
-from midnet_bench.simulation.seams import SIMULATORS
 from midnet_bench.simulation.settings import WorldSettings
-from midnet_bench.simulation.simulator import Beams, Simulator
+from midnet_bench.simulation.world import World
 
 TEAM, FULL_TEAM, FRAMES, WARM_UP, SEED = 4, 20, 23, 25, 3001
 """A prime number of frames: plug-ins with a period do not look repeatable."""
@@ -417,13 +416,13 @@ def _random_state_kept() -> Iterator[None]:
         np.random.set_state(states[1])  # noqa: NPY002
 
 
-def _world(engine: str, robot: RobotModel = BURGER) -> Simulator:
+def _world(engine: str, robot: RobotModel = BURGER) -> World:
     """Robots in the middle of an empty Map 1."""
     layout = place(load_arena("empty"), SEED, TEAM, 0, robot.body_reach_m)
-    return make_world(layout, WorldSettings(engine=engine), robot)
+    return World(layout, WorldSettings(engine=engine), robot)
 
 
-def _drive(world: Simulator, command: Command, seconds: float) -> None:
+def _drive(world: World, command: Command, seconds: float) -> None:
     for index in range(len(world.active)):
         world.drive(index, command)
     for _ in range(round(seconds * world.step_hz)):
@@ -465,7 +464,7 @@ def _robot_faults(robot: RobotModel) -> Iterator[str]:
             yield from (f"on {engine}: {fault}" for fault in _motion_faults(_world(engine, robot)))
 
 
-def _motion_faults(world: Simulator) -> Iterator[str]:
+def _motion_faults(world: World) -> Iterator[str]:
     """Faults of how robots start, drive, turn and stop, and of their wheel angles; closes the world."""
     robot, starts = world.robot, np.array(world.layout.robots)
     off = world.poses() - starts

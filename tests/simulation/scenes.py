@@ -2,10 +2,9 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 import pytest
@@ -16,12 +15,10 @@ from midnet_bench.arena.solids import Solid
 from midnet_bench.geometry import Pose2D
 from midnet_bench.robots.burger import BURGER, LDS_01
 from midnet_bench.robots.model import RobotModel
-from midnet_bench.simulation.bullet.world import World as BulletWorld
-from midnet_bench.simulation.fast.world import World as FastWorld
+from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.lidar import LidarSensors
-from midnet_bench.simulation.own_engine import OwnEngine
 from midnet_bench.simulation.settings import LidarSettings, WorldSettings
-from midnet_bench.simulation.simulator import Beams, Simulator
+from midnet_bench.simulation.world import World
 
 HOWTO = Path(__file__).parents[2] / "docs" / "howto"
 
@@ -36,23 +33,13 @@ OWN_ENGINE = shown_on("engine.md")
 OWN_ROBOT = shown_on("robot.md")
 
 
-class MujocoWorld(OwnEngine):
-    """The engine ``mujoco`` behind the seam, made and left as the other two are."""
-
-    def __init__(
-        self, layout: Layout, settings: WorldSettings | None = None, robot: RobotModel = BURGER
-    ) -> None:
-        super().__init__(layout, replace(settings or WorldSettings(), engine="mujoco"), robot)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+def world_on(
+    engine: str, layout: Layout, settings: WorldSettings | None = None, robot: RobotModel = BURGER
+) -> World:
+    return World(layout, replace(settings or WorldSettings(), engine=engine), robot)
 
 
+BulletWorld, FastWorld, MujocoWorld = (partial(world_on, name) for name in ("bullet", "fast", "mujoco"))
 WORLDS = {"bullet": BulletWorld, "fast": FastWorld, "mujoco": MujocoWorld}
 """the engines by name"""
 NEEDS_MUJOCO = pytest.mark.skipif(
@@ -80,12 +67,12 @@ def small_arena(side_m: float) -> Arena:
     return load_arena("empty").model_copy(update={"walls": walls})
 
 
-def sensors(world: Simulator, profile: str = "urdf", noise: str = "none") -> LidarSensors:
+def sensors(world: World, profile: str = "urdf", noise: str = "none") -> LidarSensors:
     """The robots' LiDARs, without noise by default."""
     return LidarSensors(world, LidarSettings(robot_profile=profile, noise=noise))
 
 
-def run(world: Simulator, seconds: float) -> None:
+def run(world: World, seconds: float) -> None:
     for _ in range(round(seconds * world.step_hz)):
         world.step()
 

@@ -10,10 +10,9 @@ from midnet_bench.arena.layout import place
 from midnet_bench.arena.solids import Solid
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
-from midnet_bench.simulation.bullet.world import World
+from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.integrity import surfaces
-from midnet_bench.simulation.simulator import Beams
-from tests.simulation.scenes import differing, fans, run, scene
+from tests.simulation.scenes import BulletWorld, differing, fans, run, scene
 
 SAME_M = 1e-12
 BESIDE_M = 1e-3
@@ -41,7 +40,7 @@ def nearest_side_m(sides: np.ndarray, beams: Beams, near_m: float, far_m: float,
 def test_beams_meet_the_nearest_side(arena: str, seed: int, near_m: float, far_m: float) -> None:
     layout = place(load_arena(arena), seed, 1)
     sides, beams = surfaces(layout), fans(np.random.default_rng(seed), layout, 100)
-    with World(layout) as world:
+    with BulletWorld(layout) as world:
         ranges = world.cast(beams, near_m, far_m)
     longer, shorter = (nearest_side_m(sides, beams, near_m, far_m, by_m) for by_m in (BESIDE_M, -BESIDE_M))
     clear = longer == shorter
@@ -55,9 +54,9 @@ def test_floor_robots_and_obstacles_are_not_met() -> None:
     person = Solid("cylinder", Pose2D(-0.2, 0.3, 0.0), 0.3, 0.3, 1.7)
     beams = fans(np.random.default_rng(1), layout, 7)
     beams = beams._replace(axes=np.array([(x, y) for x, y, _ in layout.robots]))
-    with World(layout) as world:
+    with BulletWorld(layout) as world:
         before = world.cast(beams, 0.0, 3.5)
-        world.obstruct([person])
+        world.engine.obstruct([person])
         for robot in range(9):
             world.drive(robot, Command(0.2, 0.5))
         run(world, 1.0)

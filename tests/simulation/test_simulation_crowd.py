@@ -11,13 +11,10 @@ from midnet_bench.arena.arena import Arena, OtherIntruders, checked_arena, load_
 from midnet_bench.arena.layout import Layout, Other, place
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
-from midnet_bench.robots.burger import BURGER
-from midnet_bench.simulation.crowd import LEG_DIAMETER_M, Crowd, CrowdedWorld
-from midnet_bench.simulation.engines import make_world
-from midnet_bench.simulation.settings import WorldSettings
-from midnet_bench.simulation.simulator import Beams
+from midnet_bench.simulation.crowd import LEG_DIAMETER_M, Crowd
+from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.walking import FEET_APART_M, step_length_m
-from tests.simulation.scenes import ENGINES
+from tests.simulation.scenes import ENGINES, WORLDS
 
 STEP_S = 1.0 / 30.0
 NOBODY = np.empty((0, 3))
@@ -168,9 +165,8 @@ def test_beams_meet_legs_and_boxes_where_they_are() -> None:
 @pytest.mark.parametrize("kind", ["person", "box", "cylinder"])
 def test_a_robot_runs_into_them_and_not_through_them(engine: str, kind: str) -> None:
     layout = layout_of(({"kind": kind}, Pose2D(0.8, 0.125, 0.0)), robots=1)
-    crowd = Crowd(layout, STEP_S)
-    world = CrowdedWorld(make_world(layout, WorldSettings(engine=engine), BURGER), crowd)
-    (member,) = crowd.members
+    world = WORLDS[engine](layout)
+    (member,) = world.crowd.members
     for _ in range(240):
         world.drive(0, Command(0.22, 0.0))
         world.step()
@@ -188,13 +184,12 @@ def test_a_robot_runs_into_them_and_not_through_them(engine: str, kind: str) -> 
 
 def track(engine: str, layout: Layout, seconds: float) -> tuple[float, float, float]:
     """Where the one robot ends that drives ahead all the time; nothing else moves for it."""
-    crowd = Crowd(layout, STEP_S)
-    world = CrowdedWorld(make_world(layout, WorldSettings(engine=engine), BURGER), crowd)
-    there = crowd.solids()
+    world = WORLDS[engine](layout)
+    there = world.crowd.solids()
     for _ in range(round(seconds / STEP_S)):
         world.drive(0, Command(0.2, 0.0))
         world.step()
-    assert crowd.solids() == there
+    assert world.crowd.solids() == there
     assert world.collisions()[0] == 1
     pose = world.pose(0)
     world.close()

@@ -7,15 +7,15 @@ import sys
 import pytest
 
 from midnet_bench.robots.burger import BURGER
-from midnet_bench.simulation.engines import make_world
 from midnet_bench.simulation.settings import WorldSettings
+from midnet_bench.simulation.world import World
 from tests.simulation.scenes import ENGINES, scene
 
 
 @pytest.mark.parametrize("engine", ["bullet", "fast"])
 def test_the_setting_picks_the_engine(engine: str) -> None:
-    world = make_world(scene([(0.0, 0.0, 0.0)]), WorldSettings(engine=engine), BURGER)
-    assert f".{engine}." in type(world).__module__
+    world = World(scene([(0.0, 0.0, 0.0)]), WorldSettings(engine=engine), BURGER)
+    assert f".{engine}." in type(world.engine).__module__
     world.close()
 
 

@@ -16,17 +16,17 @@ from midnet_bench.messages import Command
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.fast.contacts import hull_of
 from midnet_bench.simulation.fast.outlines import outlines_of, side_grid
-from midnet_bench.simulation.fast.world import World
 from midnet_bench.simulation.settings import WorldSettings
+from midnet_bench.simulation.world import World
 from tests.simulation.overlap import deepest_m
-from tests.simulation.scenes import ENGINES, WORLDS, run, scene, small_arena
+from tests.simulation.scenes import ENGINES, WORLDS, FastWorld, run, scene, small_arena
 
 
 def charge(layout: Layout, seed: int, seconds: float, step_hz: int = 30) -> tuple[World, float]:
     """A world whose robots drove about blindly, and the deepest that one stood in anything."""
     rng = np.random.default_rng(seed)
     deepest = 0.0
-    world = World(layout, WorldSettings(engine="fast", step_hz=step_hz))
+    world = FastWorld(layout, WorldSettings(engine="fast", step_hz=step_hz))
     for tick in range(round(seconds * step_hz)):
         if tick % step_hz == 0:
             for index in range(len(world.active)):
@@ -44,7 +44,7 @@ def charge(layout: Layout, seed: int, seconds: float, step_hz: int = 30) -> tupl
 def test_speeds_are_those_asked_for_and_paths_are_arcs(linear: float, angular: float, step_hz: int) -> None:
     """Closed form: a ramp of 1 m/s2 on each rim, then a circle; the midpoint rule errs by (w dt)^2 / 24."""
     seconds = 4.0
-    with World(scene([(0.3, -0.2, 0.5)]), WorldSettings(engine="fast", step_hz=step_hz)) as world:
+    with FastWorld(scene([(0.3, -0.2, 0.5)]), WorldSettings(engine="fast", step_hz=step_hz)) as world:
         world.drive(0, Command(linear, angular))
         run(world, 1.0)
         x, y, yaw = world.poses()[0]
@@ -147,12 +147,12 @@ def test_what_moves_by_itself_pushes_nobody_into_a_wall_or_another(size_m: tuple
     starts = [(x, y, 3.0 * x + y) for x in (-0.4, 0.0, 0.4) for y in (-0.3, 0.3)]
     layout = scene(starts, arena=small_arena(1.2))
     rng, deepest, squeezed = np.random.default_rng(3), 0.0, 0.0
-    with World(layout) as world:
+    with FastWorld(layout) as world:
         for tick in range(600):
             turn = tick / 15.0
             at = Pose2D(0.35 * math.cos(turn), 0.35 * math.sin(turn), turn)
             solid = Solid(kind, at, *size_m, 0.5)
-            world.obstruct([solid])
+            world.engine.obstruct([solid])
             if tick % 30 == 0:
                 for index in range(len(starts)):
                     world.drive(index, Command(rng.uniform(-0.3, 0.3), rng.uniform(-3.0, 3.0)))
@@ -172,7 +172,7 @@ def test_a_slow_thing_moves_a_robot_out_of_its_way(kind: str) -> None:
         with WORLDS[engine](scene([(0.0, 0.0, 0.0)])) as world:
             for tick in range(360):
                 solid = Solid(kind, Pose2D(0.5 - 0.1 * tick / 30.0, 0.0, 0.0), 0.2, 0.2, 0.5)
-                world.obstruct([solid])
+                world.engine.obstruct([solid])
                 world.step()
             ends[engine] = world.poses()[0]
     front = solid.pose.x - 0.1
@@ -216,7 +216,7 @@ def test_whoever_meets_a_wall_askew_turns_and_slides_as_in_pybullet(engine: str,
 
 
 def test_wheels_turn_on_and_odometry_tells_that_the_body_does_not() -> None:
-    with World(scene([(2.5, 0.0, 0.0)])) as world:
+    with FastWorld(scene([(2.5, 0.0, 0.0)])) as world:
         world.drive(0, Command(0.2, 0.0))
         run(world, 5.0)
         before = world.wheel_angles()[0]
@@ -238,7 +238,7 @@ def test_what_slides_along_a_wall_does_not_catch_where_the_next_one_begins() -> 
         (tuple((x, -1.0) for x in (-2.5, -1.0, 0.0, 1.0, 2.5)), (((0.5, -1.0), (0.5, -2.0)),), (block,)),
     ):
         walled = arena.model_copy(update={"walls": (line, *more)})
-        with World(scene([(-2.2, y, 0.0)], stationary=blocks, arena=walled)) as world:
+        with FastWorld(scene([(-2.2, y, 0.0)], stationary=blocks, arena=walled)) as world:
             world.drive(0, Command(0.2, -0.01))
             run(world, 20.0)
             ends.append(world.poses()[0])

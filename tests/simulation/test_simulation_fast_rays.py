@@ -10,11 +10,9 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.arena.solids import Solid
 from midnet_bench.geometry import Pose2D
-from midnet_bench.simulation.bullet.world import World as BulletWorld
-from midnet_bench.simulation.fast.world import World as FastWorld
+from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.integrity import surfaces
-from midnet_bench.simulation.simulator import Beams
-from tests.simulation.scenes import differing, fans, scene
+from tests.simulation.scenes import BulletWorld, FastWorld, differing, fans, scene
 
 SAME_M = 1e-9
 """What counts as a difference, and how far ``fast`` may be from the exact distance: it rounds."""

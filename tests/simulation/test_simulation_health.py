@@ -7,9 +7,8 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.messages import Command
 from midnet_bench.rng import stream
-from midnet_bench.simulation.bullet.world import World
 from midnet_bench.simulation.integrity import HealthTracker, crossed_wall, surfaces
-from tests.simulation.scenes import run, scene
+from tests.simulation.scenes import BulletWorld, run, scene
 
 
 def test_ways_through_walls_and_intruders_are_told_from_ways_past_them() -> None:
@@ -50,7 +49,7 @@ def test_distance_is_the_path_and_a_jump_through_a_wall_is_counted() -> None:
 def test_ten_burgers_that_charge_about_blindly_go_through_nothing(rounds: int) -> None:
     layout = place(load_arena("map1"), 6, 5)
     rng = stream(6, "test")
-    with World(layout) as world:
+    with BulletWorld(layout) as world:
         tracker = HealthTracker(layout, world.poses())
         for _ in range(rounds):
             for index in range(10):
@@ -65,7 +64,7 @@ def test_ten_burgers_that_charge_about_blindly_go_through_nothing(rounds: int) -
 
 def test_a_robot_that_stands_travels_nothing() -> None:
     layout = scene([(0.0, 0.0, 0.0)])
-    with World(layout) as world:
+    with BulletWorld(layout) as world:
         tracker = HealthTracker(layout, world.poses())
         run(world, 5.0)
         tracker.update(world.poses())

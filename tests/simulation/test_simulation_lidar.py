@@ -13,10 +13,10 @@ from midnet_bench.messages import Command
 from midnet_bench.rng import standard_normals, stream
 from midnet_bench.robots.burger import LDS_01
 from midnet_bench.simulation import lidar
-from midnet_bench.simulation.bullet.world import BATCH, World
+from midnet_bench.simulation.bullet.bullet_engine import BATCH
 from midnet_bench.simulation.lidar import NOTHING, SOLID, TOO_NEAR_M
 from midnet_bench.simulation.noise import NoiseBlocks
-from tests.simulation.scenes import beam_lengths, run, scene, sensors
+from tests.simulation.scenes import BulletWorld, beam_lengths, run, scene, sensors
 
 ANY = NoiseBlocks([stream(1, "unused")] * 10, LDS_01.beams)
 LIMITS_M = (LDS_01.range_min_m, LDS_01.range_max_m)
@@ -44,7 +44,7 @@ def discs_seen(poses, by: int, radius: float = 0.055, offset: float = -0.017):
 def test_ranges_are_those_of_an_independent_caster(name: str, seed: int) -> None:
     """To 3 mm, but for the few beams that pass within 2 mm of a corner or graze a 64-sided cylinder."""
     layout = place(load_arena(name), seed, 5, 5)
-    with World(layout) as world:
+    with BulletWorld(layout) as world:
         rng = stream(seed, "test")
         for index in range(10):
             world.drive(index, Command(rng.uniform(0.0, 0.22), rng.uniform(-1.0, 1.0)))
@@ -65,7 +65,7 @@ def test_ranges_are_those_of_an_independent_caster(name: str, seed: int) -> None
 @pytest.mark.parametrize(("profile", "radius", "offset"), [("urdf", 0.055, -0.017), ("disc", 0.105, 0.0)])
 def test_a_burger_shows_others_its_lds_or_all_of_itself(profile: str, radius: float, offset: float) -> None:
     layout = scene([(0.0, 0.0, 0.0)], [(0.8, 0.3, 2.0)])
-    with World(layout) as world:
+    with BulletWorld(layout) as world:
         lidars = sensors(world, profile)
         ranges, bodies = lidars.scan_and_bodies([0], ANY)
         axis = Pose2D(*world.poses()[0]).compose(LDS_01.mount)
@@ -84,13 +84,13 @@ def test_a_burger_shows_others_its_lds_or_all_of_itself(profile: str, radius: fl
 
 def test_a_burger_never_sees_itself() -> None:
     for profile in ("urdf", "disc"):
-        with World(scene([(0.0, 0.0, 0.7)])) as world:
+        with BulletWorld(scene([(0.0, 0.0, 0.7)])) as world:
             assert sensors(world, profile).scan([0], ANY).min() > 2.8
 
 
 def test_bodies_tell_robots_from_what_stands() -> None:
     block = Solid("box", Pose2D(-1.0, 0.0, 0.0), 0.5, 0.5, 0.5)
-    with World(
+    with BulletWorld(
         scene([(0.0, 0.0, 0.0)], [(0.0, 1.0, 0.0)], stationary=[block], arena=load_arena("map2"))
     ) as world:
         ranges, bodies = sensors(world).scan_and_bodies([0, 1], ANY)
@@ -103,7 +103,7 @@ def test_bodies_tell_robots_from_what_stands() -> None:
 
 
 def test_the_nearer_of_two_robots_hides_the_other() -> None:
-    with World(scene([(0.0, 0.0, 0.0), (0.7, 0.0, 0.0)], [(1.5, 0.0, 0.0)])) as world:
+    with BulletWorld(scene([(0.0, 0.0, 0.0), (0.7, 0.0, 0.0)], [(1.5, 0.0, 0.0)])) as world:
         _, bodies = sensors(world).scan_and_bodies([0], ANY)
     assert 2 not in bodies
     assert np.count_nonzero(bodies == 1) == 9
@@ -112,7 +112,7 @@ def test_the_nearer_of_two_robots_hides_the_other() -> None:
 @pytest.mark.parametrize("yaw", [0.0, math.pi / 2])
 def test_a_wall_at_the_bumper_is_too_near_and_nothing_is_seen_through_it(yaw: float) -> None:
     start = (2.8 * math.cos(yaw), 2.8 * math.sin(yaw), yaw)
-    with World(scene([start])) as world:
+    with BulletWorld(scene([start])) as world:
         world.drive(0, Command(0.1, 0.0))
         run(world, 4.0)
         ranges = sensors(world).scan([0], ANY)[0]
@@ -123,7 +123,7 @@ def test_a_wall_at_the_bumper_is_too_near_and_nothing_is_seen_through_it(yaw: fl
 
 
 def test_a_robot_at_the_bumper_is_too_near() -> None:
-    with World(scene([(0.0, 0.0, 0.0)], [(0.08, 0.0, math.pi)])) as world:
+    with BulletWorld(scene([(0.0, 0.0, 0.0)], [(0.08, 0.0, math.pi)])) as world:
         ranges, bodies = sensors(world).scan_and_bodies([0], ANY)
     assert ranges[0, 0] == TOO_NEAR_M
     assert bodies[0, 0] == 1
@@ -132,7 +132,7 @@ def test_a_robot_at_the_bumper_is_too_near() -> None:
 
 def test_a_scan_does_not_depend_on_who_scans_with_it() -> None:
     layout = place(load_arena("map1"), 2, 5)
-    with World(layout) as world:
+    with BulletWorld(layout) as world:
         lidars = sensors(world, noise="gazebo")
 
         def noise() -> NoiseBlocks:
@@ -146,18 +146,18 @@ def test_a_scan_does_not_depend_on_who_scans_with_it() -> None:
 
 
 def test_more_rays_than_one_batch_holds_are_split() -> None:
-    with World(scene([(0.0, 0.0, 0.0)])) as world:
+    with BulletWorld(scene([(0.0, 0.0, 0.0)])) as world:
         one = sensors(world).scan([0], ANY)
         many = sensors(world).scan([0] * 50, ANY)
     assert BATCH < 50 * 360
     assert np.array_equal(many, np.repeat(one, 50, axis=0))
-    with World(scene([(0.0, 0.0, 0.0)])) as world:
+    with BulletWorld(scene([(0.0, 0.0, 0.0)])) as world:
         assert sensors(world).scan([], ANY).shape == (0, 360)
 
 
 def noisy_scans(noise: str, scans: int = 300) -> tuple[np.ndarray, np.ndarray]:
     layout = place(load_arena("map2"), 3, 1, 0)
-    with World(layout) as world:
+    with BulletWorld(layout) as world:
         truth = sensors(world).scan([0], ANY)[0]
         lidars = sensors(world, noise=noise)
         blocks = lidars.noise([stream(3, "lidar", 0)])

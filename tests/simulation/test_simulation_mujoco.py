@@ -10,10 +10,18 @@ from midnet_bench.arena.layout import place
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.messages import Command
-from midnet_bench.simulation.fast.world import World as FastWorld
-from midnet_bench.simulation.simulator import Beams
+from midnet_bench.simulation.engine import Beams
 from tests.simulation.overlap import deepest_m
-from tests.simulation.scenes import NEEDS_MUJOCO, MujocoWorld, differing, fans, run, scene, small_arena
+from tests.simulation.scenes import (
+    NEEDS_MUJOCO,
+    FastWorld,
+    MujocoWorld,
+    differing,
+    fans,
+    run,
+    scene,
+    small_arena,
+)
 
 
 @NEEDS_MUJOCO

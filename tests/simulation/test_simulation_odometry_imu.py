@@ -7,11 +7,10 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import BURGER
-from midnet_bench.simulation.bullet.world import World
 from midnet_bench.simulation.imu import ImuSensors
 from midnet_bench.simulation.odometry import TICK_RAD, EncoderOdometers
 from midnet_bench.simulation.settings import ImuSettings, OdometrySettings
-from tests.simulation.scenes import run, scene
+from tests.simulation.scenes import BulletWorld, run, scene
 
 RADIUS_M, SEPARATION_M = BURGER.wheel_radius_m, BURGER.wheel_separation_m
 ONE = np.zeros(1, dtype=np.int64)
@@ -21,7 +20,7 @@ PERFECT = OdometrySettings(radius_error=0.0, separation_error=0.0, slip_m_per_sq
 
 def around_a_square(settings: OdometrySettings, seed: int) -> tuple[float, float]:
     """Distance driven, and how far encoder odometry ends from the truth, metres."""
-    with World(scene([(-1.0, -1.0, 0.0)])) as world:
+    with BulletWorld(scene([(-1.0, -1.0, 0.0)])) as world:
         odometer = EncoderOdometers(
             world.poses(), world.wheel_angles(), settings, [stream(seed, "odometry", 0)], BURGER
         )
@@ -103,7 +102,7 @@ def test_the_imu_follows_the_facts() -> None:
 
 def test_the_imu_of_ros_1_is_exact_and_feels_a_robot_start() -> None:
     sensor = ImuSensors(ImuSettings(noise="none"), [stream(1, "imu")])
-    with World(scene([(0.0, 0.0, 0.5)])) as world:
+    with BulletWorld(scene([(0.0, 0.0, 0.5)])) as world:
         world.drive(0, Command(0.2, 0.0))
         felt = []
         for _ in range(6):

@@ -1,34 +1,34 @@
 """What the seam ``engine`` takes, and what it refuses of an engine from outside."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from midnet_bench.arena.solids import Solid
+from midnet_bench.arena.arena import OtherIntruders
+from midnet_bench.arena.layout import Other
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.seams import PluginError
-from midnet_bench.simulation.engines import make_world
-from midnet_bench.simulation.fast.world import World
-from midnet_bench.simulation.seams import SIMULATORS
+from midnet_bench.simulation.engine import SIMULATORS, Beams
 from midnet_bench.simulation.settings import WorldSettings
-from midnet_bench.simulation.simulator import Beams, Simulator
-from tests.simulation.scenes import OWN_ENGINE, run, scene, sensors
+from midnet_bench.simulation.world import World
+from tests.simulation.scenes import OWN_ENGINE, FastWorld, run, scene, sensors
 
 STARTS = [(-1.0, 0.5, 0.3), (1.0, -0.5, 3.0)]
 
 
-def own(folder: Path, text: str = OWN_ENGINE) -> Simulator:
+def own(folder: Path, text: str = OWN_ENGINE, others: tuple[Other, ...] = ()) -> World:
     (folder / "stub.py").write_text(text)
     engine = SIMULATORS.pinned(f"{folder}/stub.py:World")
-    return make_world(scene(STARTS), WorldSettings(engine=engine), BURGER)
+    return World(replace(scene(STARTS), others=others), WorldSettings(engine=engine), BURGER)
 
 
 def test_it_agrees_with_fast_in_the_open(tmp_path: Path) -> None:
-    worlds = [own(tmp_path), World(scene(STARTS))]
+    worlds = [own(tmp_path), FastWorld(scene(STARTS))]
     for world in worlds:
         world.drive(0, Command(0.5, 0.4))  # faster than a Burger can
         world.drive(1, Command(0.1, -1.0))
@@ -45,10 +45,10 @@ def test_it_agrees_with_fast_in_the_open(tmp_path: Path) -> None:
     np.testing.assert_allclose(mine.cast(beams, 0.12, 3.5), fast.cast(beams, 0.12, 3.5), atol=1e-9)
 
 
-def driven(world: Simulator) -> None:
+def driven(world: World) -> None:
     """Asks everything of a world once."""
     world.drive(0, Command(0.1, 0.0))
-    world.step()
+    run(world, 0.1)
     lidars = sensors(world)
     lidars.scan([0, 1], lidars.noise([np.random.default_rng(0)] * 2))
     world.wheel_angles()
@@ -70,12 +70,23 @@ def test_one_that_is_removed_is_not_asked_for_again(tmp_path: Path) -> None:
 
 
 def test_one_that_can_is_told_of_what_stands_in_the_robots_way(tmp_path: Path) -> None:
-    assert own(tmp_path).obstruct is None
     walled = OWN_ENGINE + "\n    def obstruct(self, solids):\n        self.states[0, 0] = solids[0].pose.x\n"
-    world = own(tmp_path, walled)
-    world.obstruct([Solid("box", Pose2D(0.7, 0.0, 0.0), 0.1, 0.1, 0.5)])
-    world.step()
-    assert world.pose(0).x == 0.7
+    box = Other(OtherIntruders(kind="box"), Pose2D(0.7, 1.5, 0.0))
+    xs = {text: own(tmp_path, text, (box,)) for text in (OWN_ENGINE, walled)}
+    for world in xs.values():
+        world.step()
+    assert [world.pose(0).x for world in xs.values()] == [-1.0, 0.7]
+
+
+def test_touching_counts_once_until_a_second_has_passed_without_it(tmp_path: Path) -> None:
+    touching = "np.array([0.5 < self.wheels[0, 0] < 1.0 or self.wheels[0, 0] > 9.0, False])"
+    world = own(tmp_path, OWN_ENGINE.replace("np.zeros(len(self.states), dtype=bool)", touching))
+    world.drive(0, Command(0.1, 0.0))
+    counts = []
+    for _ in range(4):
+        run(world, 1.0)
+        counts.append(world.collisions().tolist())
+    assert counts == [[1, 0], [1, 0], [2, 0], [2, 0]]
 
 
 @pytest.mark.parametrize(
@@ -88,7 +99,7 @@ def test_one_that_can_is_told_of_what_stands_in_the_robots_way(tmp_path: Path) -
         (".min(axis=1)", ".min()", r"cast: shape \(2, 360\)"),
         ("np.where(meets, along, np.inf)", "np.where(meets, -1.0, np.inf)", "cast: -1 is neither inf nor"),
         ("np.where(meets, along, np.inf)", "np.where(meets, np.nan, np.inf)", "cast: nan is neither"),
-        ("dtype=int)", "dtype=int) - 1", "collisions: counts are whole numbers"),
+        ("dtype=bool)", "dtype=int) + 2", "contacts: True or False is needed"),
         ("self.commands[index] = command", "self.commands[index] = comand", "NameError: name 'comand'"),
         ("def wheel_angles", "def wheels_turned", "AttributeError: .*wheel_angles"),
         ("self.starts = ", "1 / 0 #", "ZeroDivisionError"),

@@ -12,7 +12,7 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.messages import STOP, Command
 from midnet_bench.rng import stream
-from midnet_bench.simulation.simulator import Simulator
+from midnet_bench.simulation import world as worlds
 from tests.simulation.scenes import ENGINES, WORLDS, run, scene, sensors
 
 BASE_FRONT_M = 0.038
@@ -120,7 +120,7 @@ def test_a_burger_is_as_wide_as_its_wheels(World: type, gap: float, passes: bool
         assert bool(world.poses()[0, 0] > 1.0) is passes
 
 
-def drive_about(world: Simulator, seconds: float) -> str:
+def drive_about(world: worlds.World, seconds: float) -> str:
     """A digest of everything that a world says while its robots drive about."""
     digest = hashlib.sha256()
     for _ in moving(world, seconds, digest):
@@ -128,7 +128,7 @@ def drive_about(world: Simulator, seconds: float) -> str:
     return digest.hexdigest()
 
 
-def moving(world: Simulator, seconds: float, digest):
+def moving(world: worlds.World, seconds: float, digest):
     count = len(world.active)
     steer = stream(world.layout.seed, "test steering")
     lidars = sensors(world, noise="gazebo")
@@ -160,7 +160,7 @@ def test_a_seed_gives_the_same_bytes_again_and_another_seed_others(engine: str) 
 
 def test_a_client_that_was_used_before_gives_the_bytes_of_a_new_one(monkeypatch: pytest.MonkeyPatch) -> None:
     idle: list[int] = []
-    monkeypatch.setattr("midnet_bench.simulation.bullet.engine._idle", idle)
+    monkeypatch.setattr("midnet_bench.simulation.bullet.client._idle", idle)
     new = digest_of("bullet", 1)
     assert len(idle) == 2, "one for the world, one for its beams"
     with WORLDS["bullet"](place(load_arena("map2"), 2, 2, 2)) as world:

@@ -6,7 +6,7 @@ import pytest
 
 from midnet_bench.errors import InputError
 from midnet_bench.robots.seams import ROBOTS
-from midnet_bench.simulation.seams import SIMULATORS
+from midnet_bench.simulation.engine import SIMULATORS
 from midnet_bench.workflows.check import PLUGINS, _engine_faults, _robot_faults, check
 from tests.cli.command import midnet_bench, one_line_of_complaint
 from tests.simulation.scenes import OWN_ENGINE, OWN_ROBOT

@@ -18,7 +18,7 @@ from midnet_bench.rng import stream
 from midnet_bench.simulation.crowd import Crowd, DynamicObstacle
 from midnet_bench.simulation.fleet import CONTROL_HZ
 from midnet_bench.simulation.integrity import crossed_wall, surfaces
-from midnet_bench.simulation.simulator import Simulator
+from midnet_bench.simulation.world import World
 
 Floats = npt.NDArray[np.float64]
 
@@ -122,7 +122,7 @@ class Evaders:
             for member in crowd.members
         ]
 
-    def update(self, world: Simulator) -> None:
+    def update(self, world: World) -> None:
         """Update all goals, if it is time to."""
         if world.tick % (world.step_hz // CONTROL_HZ):
             return

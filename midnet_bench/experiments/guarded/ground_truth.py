@@ -23,10 +23,11 @@ from midnet_bench.rng import stream
 from midnet_bench.scoring.errors import touches
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.simulation.crowd import Crowd, ranges_to
+from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.fast.outlines import outlines_of
 from midnet_bench.simulation.fast.rays import cast_on_outlines
 from midnet_bench.simulation.lidar import NOTHING, SOLID, LidarSensors, NoiseFreeScan
-from midnet_bench.simulation.simulator import Beams, Simulator
+from midnet_bench.simulation.world import World
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -38,7 +39,7 @@ class Trial(NamedTuple):
     """What the referee knows of a trial."""
 
     seed: int
-    world: Simulator
+    world: World
     lidars: LidarSensors
     crowd: Crowd
     guards: Sequence[Guard]

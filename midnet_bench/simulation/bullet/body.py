@@ -6,7 +6,7 @@ from typing import NamedTuple
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.robots.model import RobotModel
-from midnet_bench.simulation.bullet.engine import bullet
+from midnet_bench.simulation.bullet.client import bullet
 
 # Collision groups: what a shape is, and (as its mask) with which groups it collides. PyBullet lets two shapes
 # collide when either one's mask names the other's group, so every mask here is answered by the other side's.

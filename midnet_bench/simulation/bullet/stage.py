@@ -4,7 +4,7 @@ import numpy as np
 
 from midnet_bench.arena.solids import Solid
 from midnet_bench.simulation.bullet.body import FLOOR, RAY, ROBOT, ROLLER, STATIC
-from midnet_bench.simulation.bullet.engine import bullet
+from midnet_bench.simulation.bullet.client import bullet
 
 _BELOW_FLOOR_M = 0.05
 

@@ -43,7 +43,8 @@ POSE = slice(0, 3)
 SPEED_X, SPEED_Y = 3, 4
 FORWARD, TURN = 5, 6
 VELOCITY = slice(5, 7)
-ASKED_LEFT, ASKED_RIGHT, LEFT, RIGHT = 7, 8, 9, 10
+ASKED = slice(7, 9)
+ASKED_LEFT, LEFT, RIGHT = 7, 9, 10
 ANGLES = slice(11, 13)
 ANGLE_LEFT = 11
 COLUMNS = 13
@@ -333,13 +334,9 @@ def _note_velocity(state: Floats, move: Floats, is_held: bool) -> None:
 
 
 @njit
-def count_collisions(
+def touching(
     states: Floats,
     present: npt.NDArray[np.bool_],
-    collisions: Ints,
-    last_touch: Ints,
-    tick: int,
-    gap_ticks: int,
     solids: Floats,
     numbers: Floats,
     hull: Floats,
@@ -350,19 +347,16 @@ def count_collisions(
     hulls: Floats,
     rows: Floats,
     pairs: Ints,
-) -> None:
-    """Counts a collision of each body that touches something and has not for more than ``gap_ticks``.
-
-    ``solids`` as for :func:`step_world`, everything from ``numbers`` on as :func:`taken_apart` gives it.
-    """
+) -> npt.NDArray[np.bool_]:
+    """(n,) whether each body touches something; arguments as for :func:`step_world`."""
     body, room = Body(hull, numbers[6], numbers[7]), ContactBuffer(hulls, rows, pairs)
     ground = SideGrid(sides, frame, first, members)
     obstacles = obstacles_near(solids, states[:, :3], present, body.reach_m + TOUCH_M)
     count = find_obstacle_contacts(states[:, :3], present, body, TOUCH_M, obstacles, room)
     count = find_contacts(states[:, :3], present, body, TOUCH_M, ground, room, count)
+    found = np.zeros(len(states), dtype=np.bool_)
     for c in range(count):
         for i in pairs[c]:
             if i >= 0:
-                if tick - last_touch[i] > gap_ticks:
-                    collisions[i] += 1
-                last_touch[i] = tick
+                found[i] = True
+    return found

@@ -24,7 +24,7 @@ def cast_on_outlines(
 ) -> Floats:
     """(m, beams) metres to the first side met from ``near_m`` on and before ``far_m``; inf if there is none.
 
-    ``axes`` (m, 2), ``directions`` (m, beams, 2) as of :class:`~midnet_bench.simulation.simulator.Beams`,
+    ``axes`` (m, 2), ``directions`` (m, beams, 2) as of :class:`~midnet_bench.simulation.engine.Beams`,
     the rest an :class:`~midnet_bench.simulation.fast.outlines.Outlines`. A beam that starts inside a solid
     meets its side from within.
 

@@ -1,4 +1,4 @@
-"""``World``: the engine ``mujoco``, planar bodies with two wheels; the extra ``midnet-bench[mujoco]``.
+"""``MujocoEngine``: the engine ``mujoco``, planar bodies with two wheels; the extra ``midnet-bench[mujoco]``.
 
 Wheels that stand on a floor as contacts were tried. MuJoCo's convex contact lifts what slides: a robot that
 pushes a wall hopped by 5 mm and stood up to 20 mm off it. So a wheel is what it does to the body: a motor at
@@ -19,7 +19,7 @@ from midnet_bench.elementary import cos_sin
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.robots.model import RobotModel
-from midnet_bench.simulation.simulator import Beams
+from midnet_bench.simulation.engine import Beams
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -33,15 +33,14 @@ WALL_FRICTION, BODY_FRICTION = 0.5, 0.25
 """MuJoCo takes the larger of both sides: 0.5 on walls, 0.25 between robots, as on the other engines"""
 IMPEDANCE = 0.99
 """of contacts, for MuJoCo's ``solimp``: the nearer to 1, the less a steady push gets into a wall"""
-CONTACT_HZ, EPISODE_GAP_S = 10, 1.0
 STILL, ROBOTS = 0, 1
 """groups of shapes; beams look for the first"""
 ALONG_LEFT, ALONG_RIGHT, ASIDE = range(3)
 """the motors of a robot: both wheels roll, the axle does not slide"""
 
 
-class World:
-    """The :class:`~midnet_bench.simulation.own_engine.Engine` that MuJoCo makes."""
+class MujocoEngine:
+    """The :class:`~midnet_bench.simulation.engine.Engine` that MuJoCo makes."""
 
     def __init__(self, layout: Layout, robot: RobotModel, step_hz: int) -> None:
         self._robot, self._step_hz = robot, step_hz
@@ -55,9 +54,6 @@ class World:
         mujoco.mj_forward(self._model, self._data)
         self._asked, self._rims = np.zeros((2, len(starts), 2))
         self._wheels = np.zeros((len(starts), 2))
-        self._ticks = 0
-        self._collisions = np.zeros(len(starts), dtype=np.int64)
-        self._last_touch = np.full(len(starts), -(10**9), dtype=np.int64)
 
     def _look(self) -> None:
         """Take hold of MuJoCo's arrays."""
@@ -73,9 +69,6 @@ class World:
         self._wheels += self._rims / self._robot.wheel_radius_m / self._step_hz
         self._motors[:, [ALONG_LEFT, ALONG_RIGHT]] = self._rims
         mujoco.mj_step(self._model, self._data, self._pieces)
-        self._ticks += 1
-        if self._ticks % (self._step_hz // CONTACT_HZ) == 0:
-            self._count_collisions()
 
     def drive(self, index: int, command: Command) -> None:
         """Give a robot its new velocity, within its limits; held until the next one."""
@@ -111,12 +104,11 @@ class World:
         """(n, 2) how far the left and right wheel have turned; they turn on while they slip."""
         return self._wheels
 
-    def collisions(self) -> Ints:
-        """(n,) how often each robot has run into something so far, looked at ten times a second.
-
-        Touching counts once until a second has passed without it.
-        """
-        return self._collisions
+    def contacts(self) -> npt.NDArray[np.bool_]:
+        """(n,) whether each robot touches anything now."""
+        contacts = self._data.contact
+        shapes = contacts.geom[contacts.dist <= 0.0]
+        return np.isin(np.arange(len(self._places)), self._owners[shapes])
 
     def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
         """(m, beams) metres from the axis to the first solid between near and far; inf if there is none."""
@@ -151,14 +143,6 @@ class World:
                 found[k] = near_m + beyond_m
             found[(met < 0) | (found > far_m)] = np.inf
         return ranges
-
-    def _count_collisions(self) -> None:
-        contacts = self._data.contact
-        touching = np.unique(self._owners[contacts.geom[contacts.dist <= 0.0]])
-        touching = touching[(touching >= 0) & (touching < len(self._collisions))]
-        is_new = self._ticks - self._last_touch[touching] > EPISODE_GAP_S * self._step_hz
-        self._collisions[touching[is_new]] += 1
-        self._last_touch[touching] = self._ticks
 
 
 def described(layout: Layout, robot: RobotModel, robots: int, step_s: float) -> mujoco.MjSpec:
