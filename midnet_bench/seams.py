@@ -83,6 +83,11 @@ class ExtensionPoint:
         """The names that can be given, this package's first; beside them it takes references."""
         return list(dict.fromkeys([*self.own, *(one.name for one in entry_points(group=self.entry_points))]))
 
+    def is_own(self, value: str) -> bool:
+        """Whether ``value`` names what comes with this package; InputError as :meth:`pinned`."""
+        choice = self._parsed(value)
+        return choice.place in self.own and not choice.pin
+
     def pinned(self, value: str) -> str:
         """``value`` in its one spelling, with a digest or version of code that is not this package's.
 

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +23,9 @@ from midnet_bench.recording.replay import Replay
 from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.recording.setup import EVERY, RecordingSetup
 from midnet_bench.recording.truth import LabelTable
+from midnet_bench.rivals.seams import DETECTORS, FUSIONS
+from midnet_bench.robots.seams import ROBOTS
+from midnet_bench.settings import Scalar
 
 EXPORTED = "/midnet/replay"
 """topic in which ``export`` says how a trial is replayed"""
@@ -187,7 +190,7 @@ def exported(one: Survey) -> dict[str, object] | None:
         return None
     try:
         said = json.loads(stream.texts[0])
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{one.source.path}: {EXPORTED}: {error}; export the trial again") from error
     return said if isinstance(said, dict) else None
 
@@ -209,15 +212,37 @@ def with_exported(setup: RecordingSetup, surveys: Sequence[Survey]) -> Recording
                 one["name"]: [one["mount"][0], one["mount"][1], math.degrees(one["mount"][2])]
                 for one in robots
             },
-            "settings": {**settings, **setup.settings},
+            "settings": {**_own(settings, setup.settings), **setup.settings},
             "preset": "paper",
             "rate_hz": setup.rate_hz or written["rate_hz"],
             "tick_hz": written["tick_hz"],
             "map": setup.map or (None if setup.background else "/map"),
         }
-    except (AssertionError, KeyError, TypeError, IndexError, ValueError) as error:
+    except InputError as error:
+        raise InputError(f"{path}: {EXPORTED}: {error}") from error
+    except (AssertionError, KeyError, TypeError, IndexError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: {EXPORTED}: {error!r}; export the trial again") from error
     return setup.changed(values, f"{path}: {EXPORTED}")
+
+
+def _own(settings: Mapping[str, Scalar], typed: Mapping[str, Scalar]) -> dict[str, Scalar]:
+    """A recording's own settings without those that the user has ``typed``.
+
+    Raises:
+        InputError: one cannot be, or names code that does not come with this package: a file from elsewhere
+            runs none.
+    """
+    left = {key: value for key, value in settings.items() if key not in typed}
+    ReplaySettings.from_flat({key: value for key, value in left.items() if key != "resolution_m"})
+    for point in (DETECTORS, FUSIONS, ROBOTS):
+        value = str(left.get(point.option, next(iter(point.own))))
+        if not point.is_own(value):
+            place = value.partition("#")[0].partition("@")[0]
+            raise InputError(
+                f"{point.option}: a recording runs no code, and {value} is not midnet-bench's; type --set "
+                f"{point.option}={place} if you trust it, or another of {', '.join(point.own)}"
+            )
+    return left
 
 
 def prior_map_of(
