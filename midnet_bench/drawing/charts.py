@@ -3,7 +3,9 @@
 import io
 from collections.abc import Mapping, Sequence
 from itertools import cycle
-from typing import NamedTuple
+from math import ceil
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import rc_context
@@ -22,6 +24,8 @@ from midnet_bench.errors import InputError
 
 DPI = 200
 FONT_PT = 9
+DODGE = 0.08
+"""between neighbouring series, as a share of the gap between places along x"""
 METADATA: Mapping[str, dict[str, None]] = {
     "png": {"Software": None},
     "svg": {"Date": None},
@@ -78,31 +82,91 @@ def add_estimates(
     )
 
 
-def add_series(
-    axes: Axes,
-    series: Mapping[str, Mapping[int, Estimate]],
-    dodge: float,
-    x_label: str,
-    styles: Sequence[Style] = STYLES,
-) -> None:
-    """A line for each series over whole numbers along x.
+class Panel(NamedTuple):
+    """A panel of :func:`panel_figure`."""
+
+    y: str
+    """label of its axis"""
+    series: Mapping[str, Mapping[Any, Estimate]]
+    """label -> place along x, a number or a text -> what is drawn there"""
+    title: str = ""
+    limits: tuple[float | None, float | None] = (None, None)
+    """of the y axis; None where the data decide"""
+    trials: Mapping[str, Mapping[Any, Sequence[float]]] = {}
+    """label -> place along x -> single values, a dot each"""
+    levels: Sequence[tuple[float, str]] = ()
+    """(value, colour) of lines across the panel"""
+
+
+@own_style()
+def panel_figure(
+    panels: Sequence[Panel],
+    x: str,
+    title: str,
+    method: str,
+    columns: int = 2,
+    styles: Mapping[str, Style] = MappingProxyType({}),
+    note: str = "",
+) -> Figure:
+    """Panels of estimates with their intervals: a line for each series over numbers, points over texts.
 
     Args:
-        axes: to draw in.
-        series: label -> x -> what is drawn there.
-        dodge: between neighbouring series along x, so that intervals do not cover each other.
-        x_label: of the axis.
-        styles: of the series, in turn.
+        panels: row by row.
+        x: label of the axis that they have in common.
+        title: of the figure.
+        method: of the intervals, for its foot.
+        columns: of panels, at most.
+        styles: label -> a style of its own; the others have ``STYLES`` in turn.
+        note: for its foot too.
     """
-    for place, ((label, points), style) in enumerate(zip(series.items(), cycle(styles))):
-        shift = dodge * (place - (len(series) - 1) / 2)
-        add_estimates(axes, [x + shift for x in points], list(points.values()), style, label)
-    axes.set_xlabel(x_label)
-    places = sorted({x for points in series.values() for x in points})
-    if len(places) == 1:
-        axes.set_xlim(places[0] - 1.0, places[0] + 1.0)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    light_grid(axes)
+    places = list(dict.fromkeys(x for panel in panels for points in panel.series.values() for x in points))
+    is_text = any(isinstance(place, str) for place in places)
+    if not is_text:
+        places.sort()
+    at = {place: float(k if is_text else place) for k, place in enumerate(places)}
+    gap = 1.0 if is_text else min([1.0, *np.diff(places)])
+    columns = max(1, min(columns, len(panels)))
+    rows = ceil(len(panels) / columns)
+    width_in = max(3.6, 0.24 * len(places)) if is_text else 3.6
+    figure = chart(width_in * columns + 1.2, (2.2 if is_text else 2.9) * rows + 0.6 + is_text)
+    handles: dict[str, Artist] = {}
+    for number, panel in enumerate(panels):
+        axes = figure.add_subplot(rows, columns, number + 1)
+        own = iter(cycle(STYLES))
+        for place, (label, points) in enumerate(panel.series.items()):
+            style = styles[label] if label in styles else next(own)
+            shift = DODGE * gap * (place - (len(panel.series) - 1) / 2)
+            shown = style._replace(dash="none") if is_text else style
+            here = sorted(points, key=at.__getitem__)
+            add_estimates(
+                axes, [at[one] + shift for one in here], [points[one] for one in here], shown, label
+            )
+            trials = panel.trials.get(label, {}).items()
+            if dots := [(at[one] + shift, value) for one, values in trials for value in values]:
+                xs, ys = zip(*dots, strict=True)
+                axes.scatter(xs, ys, s=7, color=style.color, alpha=0.45, lw=0, zorder=1.5)
+        for level, color in panel.levels:
+            axes.axhline(level, color=color, linewidth=0.8, linestyle=(0, (4, 3)), zorder=1)
+        axes.set(xlabel="" if is_text else x, ylabel=panel.y)
+        axes.set_ylim(*panel.limits)
+        axes.set_title(panel.title, fontsize=FONT_PT + 1)
+        if is_text:
+            is_last = number + columns >= len(panels)
+            axes.set_xticks(range(len(places)), places if is_last else [""] * len(places), rotation=90)
+        else:
+            axes.xaxis.set_major_locator(MaxNLocator(integer=all(one == int(one) for one in places)))
+            if len(places) == 1:
+                axes.set_xlim(places[0] - 1.0, places[0] + 1.0)
+        light_grid(axes)
+        handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    if len(handles) > 1:
+        figure.legend(handles.values(), handles, fontsize=FONT_PT, frameon=False, loc="outside right upper")
+    each = [e for panel in panels for points in panel.series.values() for e in points.values()]
+    hint = "dot: a trial" if any(panel.trials for panel in panels) else ""
+    foot = "; ".join(filter(None, (counted(each, method), hint, note)))
+    figure.suptitle(title, fontsize=FONT_PT + 2, x=0.01, ha="left")
+    figure.supxlabel(foot, fontsize=FONT_PT - 2, color="#555555")
+    return figure
 
 
 def light_grid(axes: Axes) -> None:
@@ -144,17 +208,11 @@ def drawn_data(name: str, figure: Figure) -> Table:
 
 
 def counted(estimates: Sequence[Estimate], method: str) -> str:
-    """``mean of 20 trials; 95 % intervals: ...``: what the points of a figure are made of, for its foot."""
-    counts = sorted({estimate.n for estimate in estimates})
+    """``mean of 20 trials; 95 % intervals: ...``: what the points of a figure are made of."""
+    counts = sorted({estimate.n for estimate in estimates if estimate.n}) or [0]
     if counts == [1]:
         return "one trial each, without intervals"
     return f"mean of {' to '.join(map(str, sorted({counts[0], counts[-1]})))} trials; {method}"
-
-
-def labelled(axes: Axes) -> tuple[list[Artist], list[str]]:
-    """The handles and labels of a legend."""
-    handles, labels = axes.get_legend_handles_labels()
-    return handles, labels
 
 
 @own_style()

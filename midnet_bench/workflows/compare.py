@@ -539,7 +539,7 @@ def compared_values(results: Results) -> tuple[Table, "Figure"] | None:
     name, title = f"differences_by_{preset.by}", f"Differences from {baseline} {HOW}"
     hidden = ("seeds", "p_holm", "outlier_seed", "value", "baseline")
     table = Table(name, title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=_notes(compared), beside=hidden)
-    from midnet_bench.drawing.values import values_figure
+    from midnet_bench.drawing.curves import values_figure
 
     return table, values_figure(list(ordered), means, preset.by)
 

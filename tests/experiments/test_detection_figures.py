@@ -9,8 +9,9 @@ from matplotlib.container import ErrorbarContainer
 
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.statistics import Estimate, mean
+from midnet_bench.drawing.charts import Panel, panel_figure
 from midnet_bench.drawing.labels import axis_label
-from midnet_bench.experiments.detection.figures import figures, team_figure
+from midnet_bench.experiments.detection.figures import figures
 from midnet_bench.experiments.registry import tables_of
 from tests.stores import detection_store
 
@@ -27,9 +28,10 @@ def test_each_score_has_a_panel_with_intervals_and_the_papers_points(tmp_path: P
     assert {axes.get_ylim() for axes in figure.axes} == {(0.0, 1.03)}
     assert figure.get_suptitle() == "Detection by size of the team"
     recall = series_of(figure.axes[1])
-    ours = recall["ours"].lines[0].get_xydata()
-    assert ours == pytest.approx(np.array([(1.0, 0.14), (5.0, 0.54)]))
-    assert recall["paper"].lines[0].get_xydata() == pytest.approx(np.array([(1.0, 0.787), (5.0, 0.96)]))
+    for label, by_team in {"ours": {1: 0.14, 5: 0.54}, "paper": {1: 0.787, 5: 0.96}}.items():
+        x, y = np.transpose(recall[label].lines[0].get_xydata())
+        assert np.rint(x).tolist() == list(by_team)
+        assert y == pytest.approx(list(by_team.values()))
     expected = mean([0.12, 0.14, 0.16], within=(0.0, 1.0))
     first = recall["ours"].lines[2][0].get_segments()[0]
     assert first[:, 1] == pytest.approx([expected.low, expected.high])
@@ -43,15 +45,11 @@ def test_another_arena_has_no_points_of_the_paper(tmp_path: Path) -> None:
 
 
 def test_many_settings_stand_side_by_side_instead_of_over_each_other() -> None:
-    at = [(5, Estimate(0.5, 0.4, 0.6, 3))]
-    points = {
-        f"thresh={k}": dict.fromkeys(("precision", "recall", "f1", "f1_one_to_one"), at) for k in range(9)
-    }
-    figure = team_figure(points, has_paper=True)
-    for axes in figure.axes:
-        places = series_of(axes)["ours"].lines[0].get_xdata()
-        assert list(places) == list(range(9))
-    assert [text.get_text() for text in figure.axes[-1].get_xticklabels()][2] == "5 robots, thresh=2"
+    estimate = Estimate(0.5, 0.4, 0.6, 3)
+    panel = Panel("recall", {"ours": {f"5 robots, thresh={k}": estimate for k in range(9)}})
+    (axes,) = panel_figure([panel], "", "", "").axes
+    assert list(series_of(axes)["ours"].lines[0].get_xdata()) == list(range(9))
+    assert [text.get_text() for text in axes.get_xticklabels()][2] == "5 robots, thresh=2"
 
 
 def test_axes_are_labelled_in_words_with_units() -> None:

@@ -90,15 +90,14 @@ class GuardParameters(Parameters):
     )
     detector: str = option(
         "midnet",
-        "Who makes boxes of what the guards see: midnet, subtraction, clusters, background, or your own as "
-        "package.module:NAME or file.py:NAME; options of its own stand behind it, such as "
-        "clusters(noise_m=0.02).",
+        "Detector: midnet, subtraction, clusters, background, or your own as package.module:NAME or "
+        "file.py:NAME; its options follow in brackets, such as clusters(noise_m=0.02).",
         source="paper: IV",
     )
     fusion: str = option(
         "paper",
-        "Who makes one list of the guards' boxes: paper (Algorithms 3 and 4), none, suppression, components, "
-        "weighted, centres, tracks, or your own, given as a detector is.",
+        "Fusion of the guards' boxes into one list: paper (Algorithms 3 and 4), none, suppression, "
+        "components, weighted, centres, tracks, or your own, given as a detector is.",
         source="paper: IV.C.2, Algorithms 3 and 4",
     )
     metrics: str = option(
