@@ -285,8 +285,6 @@ def begun(
     if cache is not None:
         variables["NUMBA_CACHE_DIR"] = str(cache)
     command = [sys.executable, "-P", "-m", "midnet_bench", *arguments, str(at)]
-    for draft in at.glob(".*.new"):
-        os.utime(draft, (0, 0))  # as if an hour had gone, after which drafts of killed processes are removed
     with (
         tempfile.TemporaryFile() as said,
         subprocess.Popen(

@@ -124,7 +124,10 @@ class LokyPool:
             return
         prepare_folder()  # before the workers start, so that they share it
         shutil.rmtree(self._marks, ignore_errors=True)  # of a process that was killed
-        self._marks.mkdir(parents=True)
+        try:
+            self._marks.mkdir(parents=True)
+        except OSError as error:
+            raise InputError(f"{self._marks}: {error.strerror}; remove it, or give another -o") from error
         first = list(itertools.islice(groups, 1 if one_at_a_time else self._jobs))
         tasks = (
             joblib.delayed(attempt_together)(run_trials, group, limit_s, self._marks)
@@ -236,11 +239,17 @@ def _kill_in_trial(mark: Path) -> None:
     One that is killed while it hands over a result leaves a part of it in a pipe, and joblib waits for the
     rest for ever. So a worker locks its mark before it leaves a trial, and the parent before it kills.
     """
+    if (pid := _worker_of(mark)) is None:
+        return
     with contextlib.suppress(OSError), mark.open("rb") as file:  # it has left, or is about to
         lock(file, wait=False)
-        pid = int(mark.suffix[1:])
-        if mark.exists() and pid in _worker_pids():
+        if mark.exists():
             _kill(pid)
+
+
+def _worker_of(mark: Path) -> int | None:
+    """The process of joblib's that a mark is of; None if the file is none of ours."""
+    return next((pid for pid in _worker_pids() if mark.suffix == f".{pid}"), None)
 
 
 def _kill(pid: int) -> None:
@@ -284,12 +293,10 @@ class _Watch:
                 " files and processes (ulimit -n, -u)"
             )
         for mark, age_s in self._ages_s.items():
-            if age_s > self._limit_s:
-                pid = int(mark.suffix[1:])
-                if pid in _worker_pids():
-                    with contextlib.suppress(OSError):  # somebody has deleted the folder
-                        mark.write_text("its worker had stalled: stopped, or waiting for a file system")
-                    _kill(pid)
+            if age_s > self._limit_s and (pid := _worker_of(mark)) is not None:
+                with contextlib.suppress(OSError):  # somebody has deleted the folder
+                    mark.write_text("its worker had stalled: stopped, or waiting for a file system")
+                _kill(pid)
 
 
 def _no_process(error: Exception) -> MidnetBenchError:

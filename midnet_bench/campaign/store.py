@@ -398,7 +398,7 @@ def open_or_create(path: Path, definition: Definition) -> Store:
     connection = database.create(path, definition.to_json())
     if connection is not None:
         return Store(path, connection)
-    store = open_store(path)
+    store = open_store(path, is_writer=True)
     try:
         store.extend(definition)
     except BaseException:
@@ -407,15 +407,15 @@ def open_or_create(path: Path, definition: Definition) -> Store:
     return store
 
 
-def open_store(path: Path) -> Store:
-    """The store at ``path``.
+def open_store(path: Path, is_writer: bool = False) -> Store:
+    """The store at ``path``; a reader changes no file.
 
     Raises:
         InputError: there is none; the file is another program's, damaged, or another version's.
     """
     if not path.is_file():
         raise InputError(f"{path}: there is no campaign store here")
-    return Store(path, database.open_existing(path))
+    return Store(path, database.open_existing(path, is_writer))
 
 
 def back_up(path: Path) -> Path | None:

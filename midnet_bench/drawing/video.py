@@ -40,7 +40,6 @@ def mp4_file(path: Path, width: int, height: int, pictures_per_s: float) -> Iter
     container = "-movflags +faststart -fflags +bitexact -f mp4"
     options = f"-y -v error {pictures} {coding} {container}".split()
     with temporary_path(path) as draft:
-        draft.touch()  # a place that cannot be written is told as for every other file
         # "file:", or a name such as -x would be an option, and one with a colon another protocol
         command = [imageio_ffmpeg.get_ffmpeg_exe(), *options, f"file:{draft}"]
         ffmpeg = subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE)

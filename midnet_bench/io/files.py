@@ -7,12 +7,19 @@ import gzip
 import hashlib
 import io
 import os
+import secrets
+import shutil
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from midnet_bench.errors import InputError, MidnetBenchError
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 NOT_BLOCKING = getattr(os, "O_NONBLOCK", 0)
 LONGEST_NAME = 150
@@ -21,7 +28,9 @@ DISK_IS_FULL = (errno.ENOSPC, errno.EDQUOT)
 """error numbers of a disk, or of a user's share of it, that has no room left"""
 
 DRAFT_KEPT_S = 3600.0
-"""after so long without a change a draft is of a process that was killed"""
+"""after so long without a change a draft is of a process that was killed, also where files have no locks"""
+LOCKED_WITHIN_S = 1.0
+"""a draft, after it is made"""
 
 
 def read_bounded(path: Path, most_bytes: int) -> bytes:
@@ -69,28 +78,75 @@ def temporary_path(path: Path) -> Iterator[Path]:
     """The path of a draft beside ``path``, which takes its place when the block ends without an error.
 
     No reader sees half of a file, and an older file stays as it was if anything fails. The draft is removed
-    then; that of a process that was killed, an hour later. The folder is made if it is not there.
+    then; that of a process that was killed, when the same file is written again. It has a random name and is
+    there, empty, as a new file: no link that lies in the folder leads it elsewhere. The folder is made if it
+    is not there.
 
     Raises:
         InputError: the place cannot be written (exit code 2: another place helps).
         MidnetBenchError: the disk is full (exit code 1: the command was right).
     """
-    draft = path.with_name(f".{path.name}.{os.getpid()}.new")
     try:
-        if not path.parent.exists():
-            path.parent.mkdir(parents=True, exist_ok=True)
-        _forget_drafts(path)
-        yield draft
-        _sync(draft, os.O_RDWR)
-        os.replace(draft, path)
-        if os.name == "posix":  # elsewhere a folder cannot be opened
-            with contextlib.suppress(OSError):  # some file systems cannot; the file itself is safe
-                _sync(path.parent, os.O_RDONLY)
+        with _draft(path, lambda draft: os.close(os.open(draft, os.O_CREAT | os.O_EXCL, 0o666))) as draft:
+            yield draft
+            _sync(draft, os.O_RDWR)
+            os.replace(draft, path)
+            if os.name == "posix":  # elsewhere a folder cannot be opened
+                with contextlib.suppress(OSError):  # some file systems cannot; the file itself is safe
+                    _sync(path.parent, os.O_RDONLY)
     except OSError as error:
         raise cannot_be_written(path, error) from error
+
+
+@contextlib.contextmanager
+def temporary_folder(path: Path) -> Iterator[Path]:
+    """An empty folder beside ``path`` for drafts of it, removed after the block as a draft is.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    with _draft(path, lambda draft: draft.mkdir(mode=0o700)) as draft:
+        yield draft
+
+
+@contextlib.contextmanager
+def _draft(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
+    """What ``make`` makes beside ``path`` under a random name; locked, so that others see it is in use."""
+    draft = path.with_name(f".{path.name}.{secrets.token_hex(8)}.{os.getpid()}.new")
+    if not path.parent.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+    _forget_drafts(path)
+    make(draft)
+    held: int | None = None
+    try:
+        with contextlib.suppress(OSError):  # a file system without locks
+            held = _locked(draft)
+        yield draft
     finally:
+        if held is not None:
+            os.close(held)
         with contextlib.suppress(OSError):
-            draft.unlink(missing_ok=True)
+            _remove(draft)
+
+
+def _locked(draft: Path) -> int:
+    """The open file of a draft, locked. Raises OSError if another process has it or there are no locks."""
+    if fcntl is None:
+        raise OSError(errno.ENOLCK, "no locks")
+    opened = os.open(draft, os.O_RDONLY | NOT_BLOCKING | getattr(os, "O_NOFOLLOW", 0))
+    try:
+        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(opened)
+        raise
+    return opened
+
+
+def _remove(draft: Path) -> None:
+    if draft.is_dir() and not draft.is_symlink():
+        shutil.rmtree(draft)
+    else:
+        draft.unlink(missing_ok=True)
 
 
 def _sync(path: Path, flags: int) -> None:
@@ -114,9 +170,12 @@ def plain_name(name: str) -> str:
 def _forget_drafts(path: Path) -> None:
     """Removes drafts that processes left which were killed, also drafts of such drafts."""
     for draft in path.parent.glob(f"*.{glob.escape(path.name)}.*.new"):
-        with contextlib.suppress(OSError):  # another process has just done it
-            if time.time() - draft.stat().st_mtime > DRAFT_KEPT_S:
-                draft.unlink()
+        with contextlib.suppress(OSError):  # it is in use, or another process has just removed it
+            age_s = time.time() - draft.lstat().st_mtime
+            if LOCKED_WITHIN_S < age_s <= DRAFT_KEPT_S:
+                os.close(_locked(draft))
+            if age_s > LOCKED_WITHIN_S:
+                _remove(draft)
 
 
 def cannot_be_written(path: Path, error: OSError) -> MidnetBenchError:

@@ -45,7 +45,7 @@ def filled(tmp_path: Path, original: Path) -> Path:
 
 
 def test_trials_come_back_whole_and_in_the_campaigns_order(filled: Path) -> None:
-    with open_store(filled) as store:
+    with open_store(filled, is_writer=True) as store:
         stored = list(store.trials())
         (run,) = store.runs()
 
@@ -64,7 +64,7 @@ def test_trials_come_back_whole_and_in_the_campaigns_order(filled: Path) -> None
 
 def test_a_failure_is_kept_and_a_later_success_takes_its_place(filled: Path) -> None:
     spec = next(iter(resolve(CAMPAIGN, coins).trials()))
-    with open_store(filled) as store:
+    with open_store(filled, is_writer=True) as store:
         store.record(1, spec, Outcome(spec.trial_id, 0.1, failure="ValueError: no"))
         assert store.statuses()[spec.trial_id] == "failed"
         failed = next(trial for trial in store.trials() if trial.trial_id == spec.trial_id)
@@ -147,11 +147,11 @@ def change(path: Path, statement: str, *values: object) -> None:
     ],
 )
 def test_a_damaged_trial_is_named_and_can_be_forgotten(filled: Path, column: str, value: object) -> None:
-    with open_store(filled) as store:
+    with open_store(filled, is_writer=True) as store:
         wanted = [trial.trial_id for trial in store.trials()]
     change(filled, f"UPDATE trials SET {column} = ? WHERE rowid = 5", value)
 
-    with open_store(filled) as store:
+    with open_store(filled, is_writer=True) as store:
         with pytest.raises(
             InputError,
             match=r"campaign\.sqlite: (trial \w{16} \(seed \d+\)|row 5) cannot be read, .* again to mend it",
@@ -167,11 +167,11 @@ def test_a_damaged_trial_is_named_and_can_be_forgotten(filled: Path, column: str
 @pytest.mark.parametrize("damage", ["parameters = '{'", "parameters = '{}'", "cell = cell + 1"])
 def test_the_parameters_of_a_cell_are_written_anew_and_no_trial_is_lost(filled: Path, damage: str) -> None:
     campaign = resolve(CAMPAIGN, coins)
-    with open_store(filled) as store:
+    with open_store(filled, is_writer=True) as store:
         before = list(store.trials())
     change(filled, f"UPDATE cells SET {damage} WHERE rowid = (SELECT max(cell) FROM cells)")
 
-    with open_store(filled) as store:
+    with open_store(filled, is_writer=True) as store:
         with pytest.raises(InputError, match="run the campaign's command again to mend it"):
             list(store.trials())
         assert store.inventory(campaign.numbered_cells).count() == (12, 0)
@@ -182,7 +182,7 @@ def test_the_parameters_of_a_cell_are_written_anew_and_no_trial_is_lost(filled: 
 def test_damage_that_makes_two_rows_of_one_trial_costs_one_of_them(filled: Path) -> None:
     change(filled, "DROP INDEX one_row_each")
     change(filled, "UPDATE trials SET seed = 1 WHERE rowid = (SELECT max(rowid) FROM trials WHERE seed = 2)")
-    with open_store(filled) as store:
+    with open_store(filled, is_writer=True) as store:
         (row_id,) = store.inventory().damaged
         change(filled, "CREATE INDEX one_row_each ON trials (cell, seed)")
         store.forget([row_id])
@@ -212,7 +212,7 @@ def test_a_store_that_lost_what_it_is_about_is_refused(filled: Path, statement: 
 
     with (
         pytest.raises(InputError, match=r"campaign\.sqlite: .*damaged.* --fresh to start over"),
-        open_store(filled) as store,
+        open_store(filled, is_writer=True) as store,
     ):
         _ = list(store.trials())
 
@@ -226,7 +226,7 @@ def test_a_folder_in_the_stores_place_is_refused(tmp_path: Path) -> None:
 def test_a_run_whose_origin_is_damaged_costs_no_trial(filled: Path) -> None:
     change(filled, "UPDATE runs SET provenance = '{'")
 
-    with open_store(filled) as store:
+    with open_store(filled, is_writer=True) as store:
         (run,) = store.runs()
         assert run["damaged"] == "{"
         assert len(list(store.trials())) == 12
@@ -323,7 +323,11 @@ def test_a_store_of_a_killed_process_is_kept_aside_with_its_journal(filled: Path
 
 
 def test_readers_may_look_while_a_writer_is_at_it(filled: Path) -> None:
-    with only_writer(filled.parent), open_store(filled) as writer, open_store(filled) as reader:
+    with (
+        only_writer(filled.parent),
+        open_store(filled, is_writer=True) as writer,
+        open_store(filled) as reader,
+    ):
         run_id = writer.begin_run(collect(1))
         spec = next(iter(resolve(CAMPAIGN, coins).trials()))
         writer.record(run_id, spec, Outcome(spec.trial_id, 0.1, failure="no"))

@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 
 from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.files import temporary_path, write_atomically
+from midnet_bench.io.files import temporary_folder, temporary_path, write_atomically
 from midnet_bench.io.map_server import save_map
 from midnet_bench.io.trajectory import Trajectory, write_tum
 
@@ -67,21 +68,43 @@ def test_what_fails_half_way_leaves_the_old_file_and_no_draft(tmp_path: Path) ->
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_drafts_of_killed_processes_make_room_an_hour_later(tmp_path: Path) -> None:
-    names = (
-        ".a[1].txt.17.new",
-        "..a[1].txt.17.new.17.new",
-        ".a[1].txt.18.new",
-        ".b.txt.17.new",
-        "a[1].txt.new",
-    )
+def test_drafts_of_killed_processes_are_removed_when_the_file_is_written_again(tmp_path: Path) -> None:
+    path = tmp_path / "a[1].txt"
+    names = (".a[1].txt.0f.17.new", "..a[1].txt.0f.17.new.0f.17.new", ".b.txt.0f.17.new", "a[1].txt.new")
     for name in names:
         (tmp_path / name).write_text("half of a te")
-        if "18" not in name:
-            os.utime(tmp_path / name, (0, 0))
-    write_atomically(tmp_path / "a[1].txt", "text")
-    left = {path.name for path in tmp_path.iterdir()}
-    assert left == {"a[1].txt", ".a[1].txt.18.new", ".b.txt.17.new", "a[1].txt.new"}
+        os.utime(tmp_path / name, (time.time() - 2.0,) * 2)
+    (tmp_path / ".a[1].txt.0e.18.new").mkdir()
+    os.utime(tmp_path / ".a[1].txt.0e.18.new", (time.time() - 2.0,) * 2)
+    with temporary_path(path) as in_use, temporary_folder(path) as folder:
+        for one in (in_use, folder):
+            os.utime(one, (time.time() - 2.0,) * 2)
+        write_atomically(path, "text")
+        left = {one.name for one in tmp_path.iterdir()}
+        assert left == {path.name, in_use.name, folder.name, ".b.txt.0f.17.new", "a[1].txt.new"}
+        in_use.write_text("text")
+    assert {one.name for one in tmp_path.iterdir()} == {path.name, ".b.txt.0f.17.new", "a[1].txt.new"}
+
+
+def test_links_under_the_names_of_drafts_overwrite_nothing(tmp_path: Path) -> None:
+    victim, path = tmp_path / "thesis.txt", tmp_path / "results" / "scores.csv"
+    victim.write_text("years of work")
+    path.parent.mkdir()
+    for name in (f".{path.name}.{os.getpid()}.new", f".{path.name}.0.{os.getpid()}.new", path.name):
+        (path.parent / name).symlink_to(victim)
+    write_atomically(path, "robots,seed\n")
+    assert victim.read_text() == "years of work"
+    assert not path.is_symlink()
+    assert path.read_text() == "robots,seed\n"
+
+
+def test_files_get_the_permissions_that_the_user_wants(tmp_path: Path) -> None:
+    before = os.umask(0o027)
+    try:
+        write_atomically(tmp_path / "a.txt", "text")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o640
 
 
 def test_a_place_that_cannot_be_written_is_wrong_input(tmp_path: Path) -> None:

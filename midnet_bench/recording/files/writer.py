@@ -1,9 +1,7 @@
 """``BagWriter``: ROS messages into an MCAP file, the folder of a ROS 2 bag or a ROS 1 bag, without ROS."""
 
 import contextlib
-import shutil
 import sqlite3
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache, partial
 from pathlib import Path
@@ -25,7 +23,7 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
-from midnet_bench.io.files import cannot_be_written
+from midnet_bench.io.files import cannot_be_written, temporary_folder
 from midnet_bench.recording.files.ros_messages import NS, Message
 
 ENDINGS = {"mcap": ".mcap", "ros2": "", "ros1": ".bag"}
@@ -196,22 +194,17 @@ def bag_writer(path: Path, bag_format: str) -> Iterator[BagWriter]:
         raise InputError(f"{path}: is there already; remove it, or give another -o")
     if bag_format != "ros2" and path.is_dir():
         raise InputError(f"{path}: is a folder; give a file, such as {path / ('trial' + ending)}")
-    drafts: Path | None = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        drafts = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".new", dir=path.parent))
-        draft = drafts / path.name
-        with _opened(draft, bag_format) as writer:
-            yield BagWriter(writer)
-        # rosbags makes a folder about an MCAP file, for the metadata that the file itself has too
-        (draft / f"{draft.name}.mcap" if bag_format == "mcap" else draft).replace(path)
+        with temporary_folder(path) as folder:
+            draft = folder / path.name
+            with _opened(draft, bag_format) as writer:
+                yield BagWriter(writer)
+            # rosbags makes a folder about an MCAP file, for the metadata that the file itself has too
+            (draft / f"{draft.name}.mcap" if bag_format == "mcap" else draft).replace(path)
     except OSError as error:
         raise cannot_be_written(path, error) from error
     except sqlite3.OperationalError as error:
         raise MidnetBenchError(f"{path}: cannot be written: {error}; make room") from error
-    finally:
-        if drafts is not None:
-            shutil.rmtree(drafts, ignore_errors=True)
 
 
 def _opened(path: Path, bag_format: str) -> Ros1Writer | Ros2Writer:
