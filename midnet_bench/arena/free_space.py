@@ -16,6 +16,8 @@ from midnet_bench.grid import OccupancyGrid, connected_to
 RESOLUTION_M = 0.05
 GOAL_CLEARANCE_M = 0.4
 """From a mobile intruder's goal to walls and stationary intruders (item 49), or the robot's own reach."""
+DOOR_M = 0.25
+"""a narrower gap, as at the round corner of a drawn wall, is no door"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,10 @@ class FreeSpace:
         """Whether the cell that holds (x, y) is free."""
         column, row = self.grid.cell_at(x, y)
         return self.grid.contains_cell(column, row) and bool(self.grid.data[row, column])
+
+    def distance_to(self, x: float, y: float) -> float:
+        """Metres from (x, y) to the centre of the nearest free cell."""
+        return float(lengths(np.stack(self._centers, axis=-1) - (x, y)).min())
 
     def draw(
         self,
@@ -84,10 +90,11 @@ def widest_pair_m(arena: Arena, clearance_m: float) -> float:
     return float(lengths(points[:, None] - points[None]).max())
 
 
-def doors(arena: Arena) -> list[tuple[float, float]]:
+def doors(arena: Arena, key: str = "escape_at") -> list[tuple[float, float]]:
     """The middles (x, y) of the gaps in the outer wall, map frame, metres: sides south, east, north, west.
 
-    A gap's ends are found to a centimetre.
+    A gap's ends are found to a centimetre; it is as wide as a robot, or no door. ``key``: the option that
+    asks for them.
 
     Raises:
         InputError: there is none.
@@ -98,13 +105,15 @@ def doors(arena: Arena) -> list[tuple[float, float]]:
     for corner, following in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         steps = round(float(np.abs(following - corner).sum()) / 0.01)
         along = corner + np.linspace(0.0, 1.0, steps + 1)[:, None] * (following - corner)
-        is_open = np.all([solid.distance_to(along) > 0.0 for solid in arena.wall_solids()], axis=0)
+        is_open = np.all([solid.distance_to(along) > 1e-6 for solid in arena.wall_solids()], axis=0)
         edges = np.flatnonzero(np.diff(np.concatenate(([False], is_open, [False])).astype(np.int8)))
         for first, last in edges.reshape(-1, 2).tolist():
+            if (last - first) * 0.01 < DOOR_M:
+                continue
             x, y = ((along[first] + along[last - 1]) / 2.0).tolist()
             found.append((x, y))
     if not found:
-        raise InputError(f"arena '{arena.name}': its outer wall has no gap; take escape_at: anywhere")
+        raise InputError(f"arena '{arena.name}': its outer wall has no gap; take {key}: anywhere")
     return found
 
 

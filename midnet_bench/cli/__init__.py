@@ -24,6 +24,7 @@ from midnet_bench.cli import (
     pictures,
     replay,
     reports,
+    size,
 )
 from midnet_bench.cli.app import MOVED_OPTIONS, app, printing
 from midnet_bench.cli.replay import key_of
@@ -41,6 +42,7 @@ __all__ = [
     "pictures",
     "replay",
     "reports",
+    "size",
 ]
 
 PLAIN = {

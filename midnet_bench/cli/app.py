@@ -24,7 +24,7 @@ CANNOT_WRITE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
 
 PANELS = {
-    "Run": ("detection", "labyrinth", "run"),
+    "Run": ("detection", "labyrinth", "run", "size"),
     "Look": ("report", "compare", "verify", "errors", "render"),
     "Prepare": ("arena", "map", "check", "parameters"),
     "Recordings": ("replay", "export", "node"),

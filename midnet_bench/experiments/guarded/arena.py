@@ -10,7 +10,7 @@ import numpy.typing as npt
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
 from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, FreeSpace, free_space
-from midnet_bench.arena.layout import place
+from midnet_bench.arena.layout import Layout, place
 from midnet_bench.assembly.detector_node import DetectorNode, Sight, detector_nodes
 from midnet_bench.campaign.trial import Row
 from midnet_bench.elementary import cos, sin
@@ -59,10 +59,7 @@ class GuardedArena(RobotTrial):
         self.seed = seed
         self.arena = parameters.guarded_place
         self.robot = parameters.simulation.robot_model
-        self.layout = replace(
-            place(self.arena, seed, parameters.robots, mobile_intruders, self.robot.body_reach_m),
-            mobile_scale=parameters.mobile_scale,
-        )
+        self.layout = replace(self._placed(mobile_intruders), mobile_scale=parameters.mobile_scale)
         self.prior_map = prior_map_from(parameters.prior_map, parameters.arena, parameters.resolution_m)
         self._scan_to_map = (
             ScanToMap(self.prior_map, parameters.scan_to_map)
@@ -200,6 +197,11 @@ class GuardedArena(RobotTrial):
             return self.patrol.next_point(robot.index, team, self.fleet.time_s)
         others = [guard.goal for guard in self.guards if guard is not robot and guard.goal is not None]
         return self.patrol.next_point((robot.pose.x, robot.pose.y), others)
+
+    def _placed(self, mobile_intruders: int | None) -> Layout:
+        """Where everything starts."""
+        robots, reach_m = self.parameters.robots, self.robot.body_reach_m
+        return place(self.arena, self.seed, robots, mobile_intruders, reach_m)
 
     def _let_die(self) -> None:
         for guard in self._dying:

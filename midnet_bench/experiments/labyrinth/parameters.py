@@ -4,14 +4,18 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
+from midnet_bench.agents.mobile_robot import Point
 from midnet_bench.agents.settings import PursuitSettings
 from midnet_bench.arena.arena import Arena
-from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, doors, widest_pair_m
+from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, doors, free_space, widest_pair_m
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.inputs import arena_from
 from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.rivals.seams import PURSUITS
 from midnet_bench.settings import group, like, option
+
+DOOR_M = 0.6
+"""from a door to floor that guards reach, at most"""
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,12 @@ class LabyrinthParameters(GuardParameters):
         "the outer wall (doors), the farthest if none is escape_distance_m away.",
         source="paper: V.B, random escape locations",
     )
+    start_at: str = option(
+        "anywhere",
+        "Where intruders start: any free place (anywhere), the middle of a gap in the outer wall (doors), or "
+        "one of these places: (X,Y) in metres, with spaces between them.",
+        source="paper: V.B, spawned at different locations",
+    )
     escape_radius_m: float = option(
         0.3,
         "An intruder has escaped when it is this near to its escape.",
@@ -94,6 +104,32 @@ class LabyrinthParameters(GuardParameters):
         source="ours: V.B does not say when a trial ends",
     )
     pursuit: PursuitSettings = group(PursuitSettings(), "pursuit")
+
+    @property
+    def entrances(self) -> list[Point]:
+        """The places that ``start_at`` names, metres, map frame; none if intruders start anywhere.
+
+        Raises:
+            InputError: no such place, the outer wall has no gap, or there are fewer places than intruders.
+        """
+        if self.start_at == "anywhere":
+            return []
+        arena = arena_from(self.arena)
+        floor = free_space(arena, arena.mobile_intruders.clearance_m)
+        if self.start_at == "doors":
+            found = doors(arena, "start_at")
+            closed = [at for at in found if floor.distance_to(*at) > DOOR_M]
+        else:
+            found = [_place(text) for text in self.start_at.split()]
+            closed = [at for at in found if not floor.contains(*at)]
+        if closed:
+            x, y = closed[0]
+            raise InputError(f"start_at: ({x:g}, {y:g}) is in a wall, near one, or no robot comes there")
+        if len(found) < self.intruders:
+            raise InputError(
+                f"start_at: {len(found)} places for {self.intruders} intruders; name more of them"
+            )
+        return found
 
     @property
     def effort(self) -> float:
@@ -128,8 +164,22 @@ class LabyrinthParameters(GuardParameters):
                 "arena: the labyrinth's intruders are Burgers on their way out: leave out other_intruders, "
                 "and behaviour and pause_s of mobile_intruders; 'detection' knows them"
             )
+        read.entrances  # noqa: B018 - raises InputError
         if read.escape_at == "doors":
             doors(arena_from(read.arena))
         else:
             self._check_size(arena_from(read.arena))
         return replace(read, pursuit=replace(read.pursuit, rule=PURSUITS.pinned(read.pursuit.rule)))
+
+
+def _place(text: str) -> Point:
+    """``X,Y``. Raises InputError."""
+    try:
+        x, y = map(float, text.strip("()").split(","))
+    except ValueError as error:
+        raise InputError(
+            f"start_at: '{text}': anywhere, doors, or places (X,Y) with spaces between"
+        ) from error
+    if not math.isfinite(x + y):
+        raise InputError(f"start_at: '{text}': finite numbers are needed")
+    return x, y

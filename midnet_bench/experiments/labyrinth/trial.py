@@ -2,19 +2,20 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
 from midnet_bench.agents.pursuit import Pursuit
 from midnet_bench.arena.free_space import doors
+from midnet_bench.arena.layout import Layout, place
 from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.recorder import Recorder
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
-from midnet_bench.geometry import Box, lengths
+from midnet_bench.geometry import Box, Pose2D, lengths
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rivals.pursuit import TeamPursuit
 from midnet_bench.rng import stream
@@ -53,8 +54,8 @@ class LabyrinthTrial(GuardedArena):
 
     def __init__(self, parameters: LabyrinthParameters, seed: int) -> None:
         """Place the robots and give each intruder an escape far enough from its start (item 56)."""
-        super().__init__(parameters, seed, parameters.intruders)
         self._test = parameters
+        super().__init__(parameters, seed, parameters.intruders)
         self._free = self.goal_space()
         self._doors = doors(self.arena) if parameters.escape_at == "doors" else []
         self._surfaces = surfaces(self.layout)
@@ -102,6 +103,9 @@ class LabyrinthTrial(GuardedArena):
         """For each truth, whether its centre is within some guard's usable range."""
         range_m = self._test.costmap.obstacle_range_m
         return truths_in_range(truths, self.sensor_positions(), range_m, "centre")
+
+    def _placed(self, mobile_intruders: int | None) -> Layout:
+        return layout_of(self._test, self.seed)
 
     def _observe(self, midnet: Frame) -> None:
         """Let the metrics and the recorder see a frame, before an intruder is taken out."""
@@ -225,6 +229,19 @@ class LabyrinthTrial(GuardedArena):
                 robot.drive_to(tuple(refuges[int(gaps.argmax())].tolist()))
             elif not is_close and robot.goal not in (None, escape):
                 robot.drive_to(escape)
+
+
+def layout_of(parameters: LabyrinthParameters, seed: int) -> Layout:
+    """Where everything starts: intruders anywhere, or each at an entrance of its own that the seed draws."""
+    count, entrances = parameters.intruders, parameters.entrances
+    reach_m = parameters.simulation.robot_model.body_reach_m
+    layout = place(parameters.guarded_place, seed, parameters.robots, 0 if entrances else count, reach_m)
+    if not entrances:
+        return layout
+    rng = stream(seed, "entrance")
+    chosen = [entrances[k] for k in rng.permutation(len(entrances))[:count].tolist()]
+    poses = tuple(Pose2D(x, y, float(rng.uniform(-math.pi, math.pi))) for x, y in chosen)
+    return replace(layout, intruders=poses)
 
 
 def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
