@@ -13,13 +13,27 @@ import pytest
 
 from tests.cli.command import midnet_bench
 
+SHORT = {
+    "run rivals": ["--seeds", "2", "--frames", "10", "--engine", "fast", "--robots", "2"],
+    "detection": ["--seeds", "1", "--frames", "10", "--engine", "fast", "--robots", "2"],
+    "size": ["--within", "4", "--trials", "40"],
+}
+"""what makes a command short; whether it runs is the question, not what comes of it"""
 PAGES = sorted((Path(__file__).parents[1] / "docs" / "howto").glob("*.md"))
+
+
+def write_plan(folder: Path) -> None:
+    """``plan.png``: four walls."""
+    walls = np.full((160, 200), 255, np.uint8)
+    walls[:6] = walls[-6:] = walls[:, :6] = walls[:, -6:] = 0
+    assert cv2.imwrite(str(folder / "plan.png"), walls)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_page_s_commands_run(page: Path, tmp_path: Path) -> None:
     text = page.read_text(encoding="utf-8")
+    write_plan(tmp_path)
     commands = 0
     for shown in re.finditer(r"```(\w*)\n(.*?)```", text, re.DOTALL):
         if shown[1]:
@@ -33,6 +47,7 @@ def test_a_page_s_commands_run(page: Path, tmp_path: Path) -> None:
                 subprocess.run([sys.executable, *words[1:]], cwd=tmp_path, check=True)
                 continue
             assert words[0] == "midnet-bench"
+            words += SHORT["size"] if words[1] == "size" else []
             if words[1] == "labyrinth" and "time_limit_s" not in line:
                 words += ["--set", "time_limit_s=10"]
             done = midnet_bench(*words[1:], folder=tmp_path)
@@ -42,12 +57,6 @@ def test_a_page_s_commands_run(page: Path, tmp_path: Path) -> None:
 
 
 README = Path(__file__).parents[1] / "README.md"
-SHORT = {
-    "run rivals": ["--seeds", "2", "--frames", "10", "--engine", "fast", "--robots", "2"],
-    "detection": ["--seeds", "1", "--frames", "10", "--engine", "fast", "--robots", "2"],
-    "render": ["--frames", "10", "--engine", "fast", "--robots", "2"],
-}
-"""what makes a command short; whether it runs is the question, not what comes of it"""
 OF_THE_BAG = {"/pose": "/guard_1/pose"}
 """README's name of a topic -> that of an exported trial"""
 
@@ -68,9 +77,7 @@ def newcomer(tmp_path: Path) -> Path:
     text = README.read_text(encoding="utf-8")
     (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     (tmp_path / "mine.py").write_text(code)
-    walls = np.full((160, 200), 255, np.uint8)
-    walls[:6] = walls[-6:] = walls[:, :6] = walls[:, -6:] = 0
-    assert cv2.imwrite(str(tmp_path / "plan.png"), walls)
+    write_plan(tmp_path)
     recorded = ("detection", "--engine", "fast", "--robots", 1, "--frames", 30, "--format", "ros1")
     assert midnet_bench("export", *recorded, "-o", "drive.bag", folder=tmp_path).returncode == 0
     assert midnet_bench("map", "--exact", "map1", "-o", "exact", folder=tmp_path).returncode == 0

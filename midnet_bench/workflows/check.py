@@ -181,6 +181,14 @@ def check(thing: str) -> Checked:
     return Checked(seam.option, name, faults, None if faults else frame_ms)
 
 
+def detector_ms(name: str) -> float:
+    """Median time of a frame of four robots by a pinned detector, ms; the paper's includes its fusion."""
+    if DETECTORS.is_made_here(name):
+        return recorded().paper_ms
+    with _random_state_kept():
+        return _frame_faults(PLUGINS[0], name)[0]
+
+
 def _plugin_of(thing: str) -> Plugin:
     """Of the seam that has this name, else of the first whose method the class has. Raises InputError."""
     complaints = []
