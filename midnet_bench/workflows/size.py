@@ -249,15 +249,15 @@ def cost_of(question: Question, arena: Arena, jobs: int | None = None) -> tuple[
     return wall_s((1, 2, 4, 3), BATCH), wall_s((1, 2, 4, 8, 6, 5), question.most_trials)
 
 
-def most_that_fit(arena: Arena) -> int:
-    """The largest team that has room at the guards' starts. Raises InputError: there is none for one."""
-    place(arena, 1, 1, 0)
-    for robots in range(2, MOST_ROBOTS + 1):
-        try:
-            place(arena, 1, robots, 0)
-        except InputError:
-            return robots - 1
-    return MOST_ROBOTS
+def _fits(question: Question, arena: Arena, robots: int) -> bool:
+    """Whether a team has room at its starts, and the intruder beside it, in the first trials."""
+    first, intruders = question.base_seed, int(question.entrances == "anywhere")
+    try:
+        for seed in range(first, first + BATCH):
+            place(arena, seed, robots, intruders)
+    except InputError:
+        return False
+    return True
 
 
 def size(
@@ -289,9 +289,13 @@ def size(
         teams[robots] = _tried(question, arena, directory / f"robots-{robots}", robots, jobs, fresh, note)
         return teams[robots].is_enough is True
 
-    low, high, most = 0, 1, most_that_fit(arena)
-    while not is_enough(high) and high < most:
-        low, high = high, min(2 * high, most)
+    low, high = 0, 1
+    while not is_enough(high):
+        larger = range(min(2 * high, MOST_ROBOTS), high, -1)
+        most = next((robots for robots in larger if _fits(question, arena, robots)), high)
+        if most == high:
+            break
+        low, high = high, most
     while high - low > 1 and teams[high].is_enough:
         middle = (low + high) // 2
         low, high = (low, middle) if is_enough(middle) else (middle, high)
