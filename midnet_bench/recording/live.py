@@ -4,17 +4,21 @@ A ROS node subscribes, hands each message to a ``LiveNode`` and publishes what c
 by their fields, which have the same names in rosbags and in rclpy.
 """
 
+import bisect
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from midnet_bench.assembly.detector_node import DetectorNode, DetectorSettings
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Observation
+from midnet_bench.recording.files.bags import in_words
 from midnet_bench.recording.files.no_return import CODES, Meaning, NoReturn
 from midnet_bench.recording.files.readings import (
     KINDS,
@@ -29,11 +33,23 @@ from midnet_bench.recording.files.readings import (
 )
 from midnet_bench.recording.files.ros_messages import MAP, Message, detections, ros_name
 from midnet_bench.recording.poses import PoseInterpolator, PoseTrack
-from midnet_bench.recording.replay import geometry_of
+from midnet_bench.recording.replay import LARGEST_JUMP_NS, geometry_of
+from midnet_bench.seams import PluginError
 
 MAP_TOPIC, TF, TF_STATIC = "/map", "/tf", "/tf_static"
 KEPT = 1000
 """scans of a robot that wait for what they need, at most"""
+WARN_EVERY_S = 60.0
+"""of one kind of fault at most a line in so long"""
+STAMPS_KEPT, STAMPS_NEEDED = 9, 3
+"""messages of a topic whose stamps tell its clock: the newest, and how many it takes"""
+AHEAD_NS = 10 * NS
+"""a stamp that lies farther ahead of its topic's clock is no time"""
+SWEEP_CHANGE, SWEEPS_NEEDED = 0.03, 5
+"""a scan whose angle differs by a larger part is left out, unless that many in a row do"""
+USUAL_CELL_M = 0.05
+AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
+_NO_TIME = "stamps lie far from those of most other messages"
 PLAIN: dict[str, Meaning] = {code: "clears" if code in ("inf", "above") else "nothing" for code in CODES}
 """meaning of readings without a return, unless set"""
 
@@ -114,13 +130,69 @@ class _Heard:
 
     poses: PoseTrack = field(default_factory=PoseTrack)
     """of its own topic"""
-    scans: deque[ScanReading] = field(default_factory=lambda: deque(maxlen=KEPT))
-    """those that are in no costmap yet"""
+    scans: list[ScanReading] = field(default_factory=list)
+    """those that are in no costmap yet, by stamp"""
     first_ns: int | None = None
     """stamp of the first scan"""
     newest_ns: int = -1
     """stamp of the last one"""
     placed: _Placed | None = None
+    sweep_rad: float = 0.0
+    """from the first to the last beam of the scans that were taken; 0 before the first"""
+    odd: int = 0
+    """scans in a row of another angle"""
+
+    def has_odd_sweep(self, scan: ScanReading, said_rad: float) -> bool:
+        """Whether a scan goes round farther or less far than those before, or the first than ``said_rad``."""
+        sweep_rad = abs(scan.angle_increment_rad) * (len(scan.ranges_m) - 1)
+        usual_rad = self.sweep_rad or said_rad
+        slack_rad = SWEEP_CHANGE * usual_rad + 2.0 * abs(scan.angle_increment_rad)
+        self.odd = 0 if abs(sweep_rad - usual_rad) <= slack_rad else self.odd + 1
+        if 0 < self.odd < SWEEPS_NEEDED:
+            return True
+        self.sweep_rad, self.odd = sweep_rad, 0
+        return False
+
+    def forget_after(self, limit_ns: int) -> None:
+        """Scans whose stamps turned out to be no times."""
+        self.scans = [scan for scan in self.scans if scan.stamp_ns <= limit_ns]
+        stamps = [scan.stamp_ns for scan in self.scans]
+        self.newest_ns = max(stamps, default=-1)
+        self.first_ns = min(stamps, default=None)
+
+
+class _Clocks:
+    """By topic, how far the stamps of its messages lie from when they came: the middle of the newest ones.
+
+    A clock that was set goes on, a stamp that lies alone is none: ROS has no other word on what time it is.
+    """
+
+    def __init__(self) -> None:
+        self._offsets: dict[str, deque[int]] = {}
+
+    def take(self, topic: str, stamp_ns: int, arrived_s: float) -> bool:
+        """Take one more stamp; whether it is a time, by its topic and by most of the others."""
+        seen = self._offsets.setdefault(topic, deque(maxlen=STAMPS_KEPT))
+        seen.append(stamp_ns - round(arrived_s * NS))
+        if len(seen) < STAMPS_NEEDED:
+            return True
+        return -LARGEST_JUMP_NS <= seen[-1] - self._usual_ns(topic) <= AHEAD_NS
+
+    def latest_ns(self, topic: str, arrived_s: float) -> float:
+        """The farthest that a stamp of a topic can be now; inf while too few have come."""
+        if len(self._offsets[topic]) < STAMPS_NEEDED:
+            return math.inf
+        return self._usual_ns(topic) + round(arrived_s * NS) + AHEAD_NS
+
+    def _usual_ns(self, topic: str) -> int:
+        """A topic's offset, or that of most topics where its own is an hour off."""
+        own_ns = _middle(self._offsets[topic])
+        known = [_middle(each) for each in self._offsets.values() if len(each) >= STAMPS_NEEDED]
+        return own_ns if abs(own_ns - _middle(known)) <= LARGEST_JUMP_NS else _middle(known)
+
+
+def _middle(values: Sequence[int] | deque[int]) -> int:
+    return sorted(values)[len(values) // 2]
 
 
 class LiveNode:
@@ -132,7 +204,10 @@ class LiveNode:
     """
 
     def __init__(self, options: LiveOptions, prior_map: OccupancyGrid | None) -> None:
-        """``prior_map``: int8; None: the first message on ``/map``, which all others wait for."""
+        """``prior_map``: int8; None: the first good message on ``/map``, which all others wait for.
+
+        Raises InputError: the detector's options cannot be.
+        """
         self._options = options
         self._heard = {name: _Heard() for name in options.robots}
         self._kinds = options.topics(needs_map=True)
@@ -142,9 +217,16 @@ class LiveNode:
         """each scan that was newer than all before: its stamp, and when it came"""
         self._next: int | None = None
         self._made_until_ns = -1
+        self._clocks = _Clocks()
+        self._prior_map = prior_map
+        options.settings_of(USUAL_CELL_M)  # what is wrong with them is said before a map has come
         self._node = None if prior_map is None else self._made(prior_map)
-        self.dropped: dict[str, int] = {}
-        """why -> scans that were not taken"""
+        self._now_s = 0.0
+        self._warned_s: dict[str, float] = {}
+        self.dropped = Counter[str]()
+        """why -> scans, poses, maps and other messages that were not taken"""
+        self.warnings: list[str] = []
+        """what is to be said of them; the reader empties it"""
 
     def hear(self, topic: str, message: Any, arrived_s: float) -> list[Detected]:
         """The frames that can be made after one more message, in order.
@@ -154,20 +236,41 @@ class LiveNode:
             message: of the type that is named there.
             arrived_s: when it came, by a clock that never goes back.
 
+        What cannot be is left out, as is a scan or a pose whose stamp is no time; ``dropped`` counts it.
+
         Raises:
-            InputError: the map is turned or has no cells.
+            PluginError: a detector or a fusion of the user's own fails.
         """
+        self._now_s = arrived_s
+        try:
+            self._take(topic, message)
+        except PluginError:
+            raise
+        except Exception as error:  # whatever a malformed message brings about: it costs itself
+            self._drop("messages cannot be used", f"{topic}: {in_words(error)}")
+        return list(self._frames(arrived_s))
+
+    def _take(self, topic: str, message: Any) -> None:
         kind, name = self._kinds[topic], topic.split("/")[1]
         for reading in decoded(Topic(topic, kind, 0, KINDS[kind]), 0, message):
-            if isinstance(reading, GridReading):
-                self._node = self._node or self._made(reading.as_map())
+            if isinstance(reading, GridReading) and self._node is None:
+                self._prior_map = reading.as_map()
+                self._node = self._made(self._prior_map)
             elif isinstance(reading, ScanReading):
-                self._take_scan(self._heard[name], reading, arrived_s)
-            elif isinstance(reading, PoseReading) and topic in (TF, TF_STATIC):
-                self._take_link(reading, topic == TF_STATIC)
+                self._take_scan(self._heard[name], reading, abs(message.angle_max - message.angle_min))
             elif isinstance(reading, PoseReading):
-                self._heard[name].poses.take(reading.stamp_ns, reading)
-        return list(self._frames(arrived_s))
+                self._take_pose(reading, name)
+
+    def leave_out(self, why: str, details: str, now_s: float) -> None:
+        """Count what cannot be taken; once a minute there is a line of it in ``warnings``."""
+        self.dropped[why] += 1
+        if now_s - self._warned_s.get(why, -math.inf) >= WARN_EVERY_S:
+            self._warned_s[why] = now_s
+            said = f"{why}: {details}" if details else why
+            self.warnings.append(f"{in_words(said)} ({self.dropped[why]} left out so far)")
+
+    def _drop(self, why: str, details: str = "") -> None:
+        self.leave_out(why, details, self._now_s)
 
     @property
     def waits_for(self) -> str:
@@ -178,7 +281,7 @@ class LiveNode:
             if heard.first_ns is None:
                 return f"scans on /{name}/scan"
             if self._place(heard) is None:
-                frame = heard.scans[0].frame
+                frame = in_words(heard.scans[0].frame) if heard.scans else f"the laser of {name}"
                 if self._options.pose_by_tf:
                     return f"transforms from {MAP} to {frame}, on {TF} and {TF_STATIC}"
                 return f"where {frame} sits on its robot, on {TF_STATIC}; or give --mount"
@@ -188,36 +291,89 @@ class LiveNode:
         settings = self._options.settings_of(prior_map.resolution)
         return DetectorNode(settings, prior_map, len(self._heard))
 
-    def _take_scan(self, heard: _Heard, scan: ScanReading, arrived_s: float) -> None:
+    def _take_scan(self, heard: _Heard, scan: ScanReading, said_rad: float) -> None:
+        """``said_rad``: from its first to its last beam, as the message has it."""
         if not len(scan.ranges_m):
-            self._drop("they have no range at all")
+            self._drop("scans have no range at all")
             return
-        if scan.stamp_ns <= max(heard.newest_ns, self._made_until_ns):
-            self._drop("they came late, or their stamps go back")
+        try:
+            geometry_of(scan.geometry(), len(scan.ranges_m), AT_ORIGIN, False)
+        except InputError as error:
+            self._drop("scans of a LiDAR that cannot be", f"{scan.topic} {error}")
             return
-        heard.first_ns = scan.stamp_ns if heard.first_ns is None else heard.first_ns
-        heard.newest_ns = scan.stamp_ns
-        heard.scans.append(scan)
-        if not self._arrived or scan.stamp_ns > self._arrived[-1][0]:
-            self._arrived.append((scan.stamp_ns, arrived_s))
+        if not scan.range_min_m < scan.range_max_m:
+            self._drop("scans have no range between range_min and range_max", scan.topic)
+        elif heard.has_odd_sweep(scan, said_rad):
+            self._drop("scans have another number of beams than those before", scan.topic)
+        else:
+            is_time = self._clocks.take(scan.topic, scan.stamp_ns, self._now_s)
+            self._forget_future(heard, scan.topic)
+            if is_time:
+                self._queue(heard, scan)
+            else:
+                self._drop(_NO_TIME, f"{scan.topic}, {scan.stamp_ns / NS:.3f} s")
 
-    def _take_link(self, link: PoseReading, is_static: bool) -> None:
-        if not link.transform.is_finite:
+    def _queue(self, heard: _Heard, scan: ScanReading) -> None:
+        stamps = [one.stamp_ns for one in heard.scans]
+        place = bisect.bisect_left(stamps, scan.stamp_ns)
+        is_there = scan.stamp_ns in stamps[place : place + 1]
+        if is_there and np.isnan(heard.scans[place].ranges_m).all():
+            del heard.scans[place]  # it says nothing
+        elif is_there or scan.stamp_ns <= self._made_until_ns:
+            self._drop("scans came late, or their stamps go back", scan.topic)
             return
-        if is_static:
-            self._links[link.child] = (link.frame, link.transform.normalized())
+        heard.first_ns = scan.stamp_ns if heard.first_ns is None else min(heard.first_ns, scan.stamp_ns)
+        heard.newest_ns = max(heard.newest_ns, scan.stamp_ns)
+        heard.scans.insert(place, scan)
+        del heard.scans[:-KEPT]
+        if not self._arrived or scan.stamp_ns > self._arrived[-1][0]:
+            self._arrived.append((scan.stamp_ns, self._now_s))
+
+    def _forget_future(self, heard: _Heard, topic: str) -> None:
+        """Take back scans that came before it was clear that their stamps were no times, and their frames."""
+        limit_ns = self._clocks.latest_ns(topic, self._now_s)
+        if heard.newest_ns <= limit_ns:
             return
-        _, track = self._links.setdefault(link.child, (link.frame, PoseTrack()))
-        if isinstance(track, PoseTrack):
-            track.take(link.stamp_ns, link)
+        heard.forget_after(round(limit_ns))
+        self._arrived = deque(one for one in self._arrived if one[0] <= limit_ns)
+        if self._made_until_ns > limit_ns:  # the clock was set back: what was detected is of no time
+            self._made_until_ns = -1
+            self._node = self._made(self._prior_map) if self._prior_map is not None else None
+        until_ns = self._made_until_ns
+        self._next = None if until_ns < 0 else math.floor(until_ns * self._options.rate_hz / NS) + 1
+
+    def _take_pose(self, reading: PoseReading, name: str) -> None:
+        """Take a pose of a topic, or a link of tf."""
+        topic, is_tf = reading.topic, reading.topic in (TF, TF_STATIC)
+        if not reading.transform.is_pose:
+            self._drop("poses are no poses", f"{topic}: not finite, too far off, or no rotation")
+            return
+        if topic == TF_STATIC:
+            self._links[reading.child] = (reading.frame, reading.transform.normalized())
+            return
+        track: Transform | PoseTrack = PoseTrack()
+        if is_tf:
+            _, track = self._links.setdefault(reading.child, (reading.frame, track))
+        else:
+            track = self._heard[name].poses
+        if isinstance(track, Transform):
+            return
+        clock = f"{topic} {reading.child}" if is_tf else topic
+        is_time = self._clocks.take(clock, reading.stamp_ns, self._now_s)
+        track.forget_after(self._clocks.latest_ns(clock, self._now_s))
+        if is_time:
+            track.take(reading.stamp_ns, reading)
+        else:
+            self._drop(_NO_TIME, f"{topic}, {reading.stamp_ns / NS:.3f} s")
 
     def _place(self, heard: _Heard) -> _Placed | None:
         """Where the LiDAR of a robot is mounted and moves; None before its first scan and its transforms."""
-        if heard.placed is not None or not heard.scans:
-            return heard.placed
-        options, frame = self._options, heard.scans[0].frame
-        fixed = NO_MOTION
-        base = frame
+        for frame in dict.fromkeys(scan.frame for scan in heard.scans):
+            heard.placed = heard.placed or self._placed(heard, frame)
+        return heard.placed
+
+    def _placed(self, heard: _Heard, frame: str) -> _Placed | None:
+        options, fixed, base = self._options, NO_MOTION, frame
         for _ in self._links:  # a circle of them has no end
             above, link = self._links.get(base, ("", None))
             if not isinstance(link, Transform):
@@ -229,9 +385,7 @@ class LiveNode:
         if not tracks or (base == frame and options.mount is None and not options.pose_by_tf):
             return None
         mount = options.mount or Pose2D(fixed.x, fixed.y, fixed.yaw)
-        where = PoseInterpolator(tracks)
-        heard.placed = _Placed(where, mount, fixed.is_upside_down)
-        return heard.placed
+        return _Placed(PoseInterpolator(tracks), mount, fixed.is_upside_down)
 
     def _chain(self, frame: str) -> list[PoseTrack | Pose2D]:
         """The links from the map down to a frame; empty until all are known."""
@@ -249,7 +403,8 @@ class LiveNode:
             return
         if self._next is None:
             first = [heard.first_ns for heard in team if heard.first_ns is not None]
-            if len(first) < len(team) and now_s - self._arrived[0][1] < self._options.patience_s:
+            is_early = now_s - self._arrived[0][1] < self._options.patience_s
+            if not first or (is_early and len(first) < len(team)):
                 return
             self._next = self._after(max(first))
         while (due_ns := round(self._next * NS / self._options.rate_hz)) <= self._arrived[-1][0]:
@@ -280,7 +435,7 @@ class LiveNode:
         for robot, (name, heard) in enumerate(self._heard.items()):
             placed = self._place(heard)
             while heard.scans and heard.scans[0].stamp_ns <= due_ns:
-                self._observe(node, robot, placed, heard.scans.popleft())
+                self._observe(node, robot, placed, heard.scans.pop(0))
             estimate = None if placed is None else placed.where.latest(due_ns)
             if placed is not None:
                 placed.where.forget(due_ns)
@@ -295,14 +450,15 @@ class LiveNode:
     def _observe(self, node: DetectorNode, robot: int, placed: _Placed | None, scan: ScanReading) -> None:
         estimate = None if placed is None else placed.where.at(scan.stamp_ns)
         if placed is None or estimate is None or estimate.age_s > self._options.patience_s:
-            self._drop("no pose is near their time")
+            self._drop("scans have no pose near their time", scan.topic)
             return
         said = NoReturn({}, {**PLAIN, **self._options.no_return}, math.inf)
+        ranges_m = said.cleaned(scan)
+        if np.isnan(ranges_m).all():
+            self._drop("scans say nothing: each range is nan, or as good as that", scan.topic)
+            return
         try:
-            lidar = geometry_of(scan.geometry(), len(scan.ranges_m), placed.mount, placed.is_upside_down)
-            node.observe(robot, estimate.pose, said.cleaned(scan), lidar, scan.stamp_ns / NS)
+            lidar = geometry_of(scan.geometry(), len(ranges_m), placed.mount, placed.is_upside_down)
+            node.observe(robot, estimate.pose, ranges_m, lidar, scan.stamp_ns / NS)
         except InputError as error:
-            self._drop(str(error))
-
-    def _drop(self, why: str) -> None:
-        self.dropped[why] = self.dropped.get(why, 0) + 1
+            self._drop("scans cannot be taken", f"{scan.topic}: {error}")

@@ -59,14 +59,14 @@ class PoseTrack:
         self._times: list[int] = []
         self._poses: list[Pose2D] = []
         self.void = 0
-        """readings that were no pose: nan, inf, or a quaternion of no length"""
+        """readings that were no pose: nan, inf, too far off, or a quaternion of no length"""
         self.first_void_ns: int | None = None
         self.taken = 0
         self._first_ns = 0
 
     def take(self, time_ns: int, reading: PoseReading) -> None:
         """One more pose. One that is late takes its place; of two at one time the later one counts."""
-        if not reading.transform.is_finite:
+        if not reading.transform.is_pose:
             self.void += 1
             self.first_void_ns = time_ns if self.first_void_ns is None else self.first_void_ns
             return
@@ -126,6 +126,11 @@ class PoseTrack:
         if after == 0:
             return None
         return InterpolatedPose(self._poses[after - 1], (time_ns - self._times[after - 1]) / NS)
+
+    def forget_after(self, limit_ns: float) -> None:
+        """Poses whose stamps turned out to be no times."""
+        while self._times and self._times[-1] > limit_ns:
+            del self._times[-1], self._poses[-1]
 
     def forget(self, before_ns: int) -> None:
         """What is not needed for instants from ``before_ns`` on."""

@@ -491,7 +491,7 @@ class Replay:
     def void_poses(self) -> list[str]:
         """A line for each track with readings that were no pose."""
         return [
-            f"{link.in_words}: {track.void} poses are not finite or no rotation, "
+            f"{link.in_words}: {track.void} poses are not finite, too far off or no rotation, "
             f"the first at {(track.first_void_ns or 0) / NS:.3f} s; they were left out"
             for link, track in self._tracks.items()
             if track.void

@@ -15,6 +15,7 @@ from typing import Any
 
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.recording.files.bags import in_words
 from midnet_bench.recording.files.ros_messages import Message
 from midnet_bench.recording.files.writer import Types
 from midnet_bench.recording.live import LiveNode, LiveOptions
@@ -54,14 +55,14 @@ def spin(options: LiveOptions, prior_map: OccupancyGrid | None, remappings: Sequ
         remappings: ``FROM:=TO``, as ROS has them on its command lines.
 
     Raises:
-        InputError: there is no rospy, no master answers, a topic has another type, or the map cannot be.
+        InputError: there is no rospy, no master answers, or the detector's options cannot be.
     """
     rospy, types = rospy_module(), Types(1)
     if not importlib.import_module("rosgraph").is_master_online():
         raise InputError("ros1-node: no master answers at ROS_MASTER_URI; start roscore")
     rospy.init_node("midnet", argv=["midnet", *remappings])
     publisher = rospy.Publisher(PUBLISHED, _packed(rospy, types), queue_size=100)
-    node, reported, dropped = LiveNode(options, prior_map), "", set[str]()
+    node, reported = LiveNode(options, prior_map), ""
     # every connection has a thread of its own; a full queue lets it read no more
     heard: queue.Queue[tuple[str, Any, float]] = queue.Queue(QUEUED)
     listened = options.topics(prior_map is None)
@@ -71,12 +72,17 @@ def spin(options: LiveOptions, prior_map: OccupancyGrid | None, remappings: Sequ
     while not rospy.is_shutdown():
         with contextlib.suppress(queue.Empty):
             topic, raw, arrived_s = heard.get(timeout=LOOK_EVERY_S)
-            message = types.store.deserialize_ros1(_bytes_of(raw, topic, listened[topic]), listened[topic])
-            for detected in node.hear(topic, message, arrived_s):
-                publisher.publish(_as_raw(rospy, types, detected.message))
-        for why in node.dropped.keys() - dropped:
-            rospy.logwarn(f"scans are left out: {why}")
-        dropped |= node.dropped.keys()
+            try:
+                raw_bytes = _bytes_of(raw, topic, listened[topic])
+                message = types.store.deserialize_ros1(raw_bytes, listened[topic])
+            except Exception as error:  # whatever rosbags raises of damaged bytes: they cost themselves
+                node.leave_out("messages cannot be read", f"{topic}: {in_words(error)}", arrived_s)
+            else:
+                for detected in node.hear(topic, message, arrived_s):
+                    publisher.publish(_as_raw(rospy, types, detected.message))
+        for line in node.warnings:
+            rospy.logwarn(line)
+        node.warnings.clear()
         if heard.empty() and node.waits_for != reported:
             reported = node.waits_for
             rospy.loginfo(f"midnet waits for {reported}" if reported else "midnet detects")

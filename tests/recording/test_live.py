@@ -125,16 +125,16 @@ def test_what_is_late_is_counted_and_a_gap_has_no_frames(said: list[Said]) -> No
     assert not any(1.2 * NS <= stamp_ns < 2 * NS for stamp_ns in stamps)
     again = [one for one in said if one.topic == "/guard_1/scan"][:3]
     heard(node, chosen, again)
-    assert node.dropped == {"they came late, or their stamps go back": 3}
+    assert node.dropped == {"scans came late, or their stamps go back": 3}
 
 
 def test_what_cannot_be_is_left_out_and_counted(said: list[Said]) -> None:
     node, chosen = LiveNode(options(), None), options()
-    broken, wrong = [], {"no range at all": 0, "angle_increment nan": 0}
+    broken, wrong = [], {"no range at all": 0, "a LiDAR that cannot be": 0}
     for one in said:
         if one.topic == "/guard_1/scan" and NS < one.stamp_ns < 1.5 * NS:
             one = one._replace(message=replace(one.message, angle_increment=float("nan")))
-            wrong["angle_increment nan"] += 1
+            wrong["a LiDAR that cannot be"] += 1
         elif one.topic == "/guard_1/scan" and 1.5 * NS < one.stamp_ns < 2 * NS:
             one = one._replace(message=replace(one.message, ranges=one.message.ranges[:0]))
             wrong["no range at all"] += 1

@@ -115,7 +115,8 @@ def _types(is_ros1: bool) -> Typestore:
     return store
 
 
-def in_words(error: BaseException) -> str:
-    """An error of another library on one line, not too long."""
-    words = " ".join(str(error).split()) or type(error).__name__
-    return words if len(words) <= 120 else f"{words[:117]}..."
+def in_words(said: BaseException | str) -> str:
+    """An error of another library, or a text from elsewhere, on one line, printable and not too long."""
+    words = " ".join(str(said).split()) or type(said).__name__
+    plain = "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in words)
+    return plain if len(plain) <= 120 else f"{plain[:117]}..."

@@ -15,6 +15,10 @@ Floats = npt.NDArray[np.float64]
 
 NS = 1_000_000_000
 """nanoseconds in a second: times are whole nanoseconds, which a float of the epoch cannot separate"""
+FARTHEST_M = 1e7
+"""from the origin of a frame: the Earth's quarter, and UTM's northings, are as long"""
+FINEST_CELL_M, COARSEST_CELL_M, MOST_CELLS = 0.001, 10.0, 25_000_000
+"""of a map; as large as one in a file may be"""
 
 
 class ScanReading(NamedTuple):
@@ -66,9 +70,10 @@ class Transform(NamedTuple):
         return self.qx * self.qx + self.qy * self.qy > 0.5
 
     @property
-    def is_finite(self) -> bool:
-        """Whether all its numbers are, and the quaternion is one."""
-        return all(map(math.isfinite, self)) and self._squared > 1e-6
+    def is_pose(self) -> bool:
+        """Whether its numbers are finite, it lies within ``FARTHEST_M``, and the quaternion has a length."""
+        is_near = max(abs(self.x), abs(self.y), abs(self.z)) <= FARTHEST_M
+        return is_near and all(map(math.isfinite, self)) and 1e-6 < self._squared < 1e6
 
     @property
     def _squared(self) -> float:
@@ -135,13 +140,14 @@ class GridReading(NamedTuple):
 
     def as_map(self) -> OccupancyGrid:
         """The prior map that it is, int8: 100 occupied, 0 free, -1 unknown. Raises InputError: it is none."""
+        size = self.cells.size
+        if not (FINEST_CELL_M <= self.resolution_m <= COARSEST_CELL_M and 0 < size <= MOST_CELLS):
+            raise InputError(f"map: {self.topic}: {size} cells of {self.resolution_m:g} m cannot be")
+        if not self.origin.is_pose:
+            raise InputError(f"map: {self.topic}: its origin is no pose; its numbers must be finite")
         if abs(self.origin.yaw) > 1e-6:
             raise InputError(
                 f"map: {self.topic}: its origin is turned by {self.origin.yaw:g} rad; only 0 is taken"
-            )
-        if not (0.0 < self.resolution_m < math.inf and self.cells.size):
-            raise InputError(
-                f"map: {self.topic}: {self.cells.size} cells of {self.resolution_m:g} m cannot be"
             )
         # messages round to 32 bits; saved maps have six digits
         resolution_m = round(self.resolution_m, 6)

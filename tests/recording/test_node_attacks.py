@@ -1,0 +1,282 @@
+"""A ROS 1 node that is fed malformed messages among sound ones gives the frames of the sound ones."""
+
+import random
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from midnet_bench.campaign.trial import Scalar
+from midnet_bench.recording import ros1_node
+from midnet_bench.recording.files.writer import Types
+from midnet_bench.recording.live import LiveOptions
+from midnet_bench.recording.settings import ReplaySettings
+from midnet_bench.workflows.export import export_trial
+
+SEED = 3
+NAMES = ["guard_1", "guard_2", "guard_3"]
+NS = 1_000_000_000
+FIFTY_YEARS_S = 50 * 365 * 86_400
+SCAN, POSE, MAP, TF = (
+    "sensor_msgs/msg/LaserScan",
+    "geometry_msgs/msg/PoseStamped",
+    "nav_msgs/msg/OccupancyGrid",
+    "tf2_msgs/msg/TFMessage",
+)
+OPTIONS = LiveOptions(NAMES, lambda resolution_m: ReplaySettings.of("paper", {}, resolution_m))
+TYPES = Types(1)
+
+
+class Raw(NamedTuple):
+    """A message on the wire."""
+
+    topic: str
+    kind: str
+    arrived_ns: int
+    data: bytes
+
+    @property
+    def message(self) -> Any:
+        return TYPES.store.deserialize_ros1(self.data, self.kind)
+
+    def said(self, message: Any) -> "Raw":
+        """The same with another message."""
+        return self._replace(data=bytes(TYPES.store.serialize_ros1(message, self.kind)))
+
+
+def drive(folder: Path, frames: int) -> list[Raw]:
+    """What a team of three says in a trial, on the topics that a node listens to."""
+    path = folder / f"{frames}.bag"
+    team: dict[str, Scalar] = {"robots": len(NAMES), "frames": frames, "engine": "fast"}
+    export_trial("detection", team, SEED, path, "ros1")
+    listened = OPTIONS.topics(True)
+    with AnyReader([path]) as bag:
+        return [
+            Raw(connection.topic, connection.msgtype, stamp_ns + 1000 * NS, raw)
+            for connection, stamp_ns, raw in bag.messages()
+            if connection.topic in listened
+        ]
+
+
+class Node(NamedTuple):
+    """What a node has published, and warned of."""
+
+    frames: list[bytes]
+    warnings: list[str]
+
+
+def node_of(messages: Sequence[Raw], monkeypatch: pytest.MonkeyPatch) -> Node:
+    """``ros1_node.spin`` over a rospy that hands it these messages, each at its time."""
+    heard, done = iter(messages), Node([], [])
+    now_s, called = [0.0], dict[str, Callable[[Any], None]]()
+
+    def is_shutdown() -> bool:
+        one = next(heard, None)
+        if one is None:
+            return True
+        now_s[0] = one.arrived_ns / NS
+        header = {"type": one.kind.replace("/msg/", "/")}
+        called[one.topic](SimpleNamespace(_connection_header=header, _buff=one.data))
+        return False
+
+    def subscriber(topic: str, kind: type, callback: Callable[[Any], None]) -> None:
+        called[topic] = callback
+
+    publisher = SimpleNamespace(publish=lambda raw: done.frames.append(raw._buff))
+    rospy = SimpleNamespace(
+        AnyMsg=type("AnyMsg", (), {}),
+        Publisher=lambda *arguments, **named: publisher,
+        Subscriber=subscriber,
+        init_node=lambda *arguments, **named: None,
+        is_shutdown=is_shutdown,
+        loginfo=lambda line: None,
+        logwarn=done.warnings.append,
+    )
+    found = {"rospy": rospy, "rosgraph": SimpleNamespace(is_master_online=lambda: True)}
+    monkeypatch.setattr(ros1_node, "importlib", SimpleNamespace(import_module=found.__getitem__))
+    monkeypatch.setattr(ros1_node, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    ros1_node.spin(OPTIONS, None)
+    return done
+
+
+def stamped(one: Raw, by_s: float) -> Raw:
+    """The same, stamped later; before the epoch there is no time."""
+    message = one.message
+    stamp_ns = message.header.stamp.sec * NS + message.header.stamp.nanosec + round(by_s * NS)
+    sec, nanosec = divmod(max(stamp_ns, 0), NS)
+    stamp = replace(message.header.stamp, sec=sec, nanosec=nanosec)
+    return one.said(replace(message, header=replace(message.header, stamp=stamp)))
+
+
+def moved(one: Raw, x: float) -> Raw:
+    message = one.message
+    position = replace(message.pose.position, x=x)
+    return one.said(replace(message, pose=replace(message.pose, position=position)))
+
+
+def ranged(one: Raw, ranges: Callable[[Any], Any]) -> Raw:
+    return one.said(replace(one.message, ranges=np.asarray(ranges(one.message.ranges), np.float32)))
+
+
+def scanned(one: Raw, **fields: Any) -> Raw:
+    return one.said(replace(one.message, **fields))
+
+
+def mapped(one: Raw, **fields: Any) -> Raw:
+    return one.said(replace(one.message, info=replace(one.message.info, **fields)))
+
+
+def of_no_turn(one: Raw) -> Raw:
+    pose = one.message.pose
+    return one.said(
+        replace(one.message, pose=replace(pose, orientation=replace(pose.orientation, w=0.0, z=0.0)))
+    )
+
+
+ANY: dict[str, Callable[[Raw], Raw]] = {
+    "three bytes": lambda one: one._replace(data=one.data[:3]),
+    "no byte": lambda one: one._replace(data=b""),
+    "half": lambda one: one._replace(data=one.data[: len(one.data) // 2]),
+    "noise": lambda one: one._replace(data=random.Random(1).randbytes(len(one.data))),
+    "lying length": lambda one: one._replace(data=one.data[:12] + b"\xff\xff\xff\xff" + one.data[16:]),
+    "another type": lambda one: one._replace(kind="std_msgs/msg/String"),
+}
+STAMPED: dict[str, Callable[[Raw], Raw]] = {
+    "50 years ahead": lambda one: stamped(one, FIFTY_YEARS_S),
+    "a day ahead": lambda one: stamped(one, 86_400.0),
+    "30 s ahead": lambda one: stamped(one, 30.0),
+    "50 years ago": lambda one: stamped(one, -FIFTY_YEARS_S),
+}
+MALFORMED: dict[str, dict[str, Callable[[Raw], Raw]]] = {
+    SCAN: {
+        **ANY,
+        **STAMPED,
+        "no range": lambda one: ranged(one, lambda ranges: ranges[:0]),
+        "half the beams": lambda one: ranged(one, lambda ranges: ranges[: len(ranges) // 2]),
+        "one beam": lambda one: ranged(one, lambda ranges: ranges[:1]),
+        "twice the beams": lambda one: ranged(one, lambda ranges: np.tile(ranges, 2)),
+        "ranges nan": lambda one: ranged(one, lambda ranges: np.nan * ranges),
+        "angle nan": lambda one: scanned(one, angle_min=np.nan),
+        "increment 0": lambda one: scanned(one, angle_increment=0.0),
+        "increment inf": lambda one: scanned(one, angle_increment=np.inf),
+        "limit nan": lambda one: scanned(one, range_max=np.nan),
+        "limit 0": lambda one: scanned(one, range_max=0.0),
+    },
+    POSE: {
+        **ANY,
+        **STAMPED,
+        "1e300": lambda one: moved(one, 1e300),
+        "nan": lambda one: moved(one, np.nan),
+        "inf": lambda one: moved(one, -np.inf),
+        "no turn": of_no_turn,
+    },
+    MAP: {
+        **ANY,
+        "empty": lambda one: one.said(
+            replace(one.message, data=one.message.data[:0], info=replace(one.message.info, width=0, height=0))
+        ),
+        "wrong size": lambda one: mapped(one, width=7),
+        "huge size": lambda one: mapped(one, width=2**32 - 1, height=2**32 - 1),
+        "resolution 0": lambda one: mapped(one, resolution=0.0),
+        "resolution nan": lambda one: mapped(one, resolution=np.nan),
+    },
+    TF: {name: made for name, made in ANY.items() if name != "noise"},
+}
+EVERY = [(kind, name) for kind, made in MALFORMED.items() for name in made]
+
+
+def with_malformed(sound: list[Raw], count: int) -> Iterator[Raw]:
+    """These messages and so many malformed ones among them, each stamped a little later than a sound one."""
+    rng = random.Random(count)
+    samples = {kind: [one for one in sound if one.kind == kind] for kind in MALFORMED}
+    places = sorted(rng.randrange(1, len(sound)) for _ in range(count))
+    for number, one in enumerate(sound):
+        yield one
+        while places and places[0] == number:
+            places.pop(0)
+            kind, name = rng.choice(EVERY)
+            before = [said for said in samples[kind] if said.arrived_ns <= one.arrived_ns]
+            template = before[-1] if before else samples[kind][0]
+            if kind in (SCAN, POSE):
+                template = stamped(template, 0.001)
+            yield MALFORMED[kind][name](template)._replace(arrived_ns=one.arrived_ns)
+
+
+def check(folder: Path, frames: int, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    sound = drive(folder, frames)
+    wanted = node_of(sound, monkeypatch)
+    assert len(wanted.frames) == frames - 1
+    assert wanted.warnings == []
+    mixed = list(with_malformed(sound, count))
+    found = node_of(mixed, monkeypatch)
+    assert found.frames == wanted.frames
+    lasts_min = 1 + frames // 300
+    assert 1 <= len(found.warnings) <= 14 * lasts_min
+    assert all(len(line) < 200 and line.isprintable() for line in found.warnings)
+    print(f"{len(mixed)} messages, {len(mixed) - len(sound)} malformed: {len(found.frames)} frames")
+
+
+def test_a_tenth_of_the_messages_is_malformed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    check(tmp_path, 60, 60, monkeypatch)
+
+
+@pytest.mark.slow
+def test_1000_of_10000_messages_are_malformed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    check(tmp_path, 1000, 1000, monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def few(tmp_path_factory: pytest.TempPathFactory) -> list[Raw]:
+    return drive(tmp_path_factory.mktemp("few"), 12)
+
+
+@pytest.mark.parametrize(("kind", "name"), EVERY)
+@pytest.mark.parametrize("place", ["first", "later"])
+def test_one_malformed_message(
+    kind: str, name: str, place: str, few: list[Raw], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    template = next(one for one in few if one.kind == kind)
+    at = few.index(template) if place == "first" else len(few) // 2
+    if place == "later":
+        template = next((one for one in few[at::-1] if one.kind == kind), template)
+    if place == "later" and kind in (SCAN, POSE):
+        template = stamped(template, 0.001)
+    bad = MALFORMED[kind][name](template)._replace(arrived_ns=few[at].arrived_ns)
+    found = node_of([*few[:at], bad, *few[at:]], monkeypatch)
+    assert found.frames == node_of(few, monkeypatch).frames
+    assert len(found.frames) == 11
+    if (place, kind, name) != ("later", MAP, "empty"):
+        assert len(found.warnings) <= 1
+
+
+@pytest.mark.parametrize("by_s", [FIFTY_YEARS_S, 3600.0, -3600.0])
+def test_a_clock_that_is_set_costs_a_second_or_two(
+    by_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def late(one: Raw) -> Raw:
+        return stamped(stamped(one, 7200.0), by_s) if one.kind in (SCAN, POSE) else one
+
+    def early(one: Raw) -> Raw:
+        return stamped(one, 7200.0) if one.kind in (SCAN, POSE) else one
+
+    sound = drive(tmp_path, 60)
+    middle_ns = sound[len(sound) // 2].arrived_ns
+    found = node_of([early(one) if one.arrived_ns < middle_ns else late(one) for one in sound], monkeypatch)
+    stamps_s = [int.from_bytes(frame[8:12], "little") - 7200 for frame in found.frames]
+    assert sum(0 <= stamp_s < 12 for stamp_s in stamps_s) >= 28
+    assert sum(0 <= stamp_s - by_s < 12 for stamp_s in stamps_s) >= 20
+
+
+def test_a_robot_whose_clock_is_off_does_not_silence_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sound = drive(tmp_path, 40)
+    off = [stamped(one, FIFTY_YEARS_S) if one.topic.startswith("/guard_2/") else one for one in sound]
+    found = node_of(off, monkeypatch)
+    assert len(found.frames) >= 25
+    assert len(found.warnings) == 1
