@@ -18,15 +18,16 @@ import re
 import shutil
 import sys
 import tempfile
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from functools import cache, partial
+from functools import cache, partial, wraps
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar, cast, overload
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -65,7 +66,9 @@ def njit(function: F | None = None, /, **options: Any) -> F | Callable[[F], F]:
 def _compiled(options: dict[str, Any], function: F) -> F:
     """``function`` for numba to compile at its first call, with numba's ``options``."""
     library = numba()
-    if folder() is None or library.config.DISABLE_JIT:
+    if library.config.DISABLE_JIT:
+        return _interpreted(function)
+    if folder() is None:
         dispatcher: F = library.njit(**options)(function)
         return dispatcher
     before = library.config.CACHE_LOCATOR_CLASSES
@@ -76,6 +79,59 @@ def _compiled(options: dict[str, Any], function: F) -> F:
         library.config.CACHE_LOCATOR_CLASSES = before
     _forgive(dispatcher._cache)  # type: ignore[attr-defined]
     return dispatcher
+
+
+class _Interpreted(threading.local):
+    """Whether Python runs a loop of this thread already."""
+
+    inside = False
+
+
+def _interpreted(function: F) -> F:
+    """``function`` run by Python (``NUMBA_DISABLE_JIT=1``) with the same bits as compiled.
+
+    A float given to it is a NumPy one inside, which single precision does not swallow; unsigned numbers wrap
+    without a word; and plain numbers come back.
+    """
+
+    @wraps(function)
+    def run(*arguments: Any, **named: Any) -> Any:
+        if _RUNNING.inside:
+            return function(*arguments, **named)
+        import numpy as np
+
+        _RUNNING.inside = True
+        try:
+            with np.errstate(all="ignore"):
+                return _plain(function(*map(_wide, arguments), **named))
+        finally:
+            _RUNNING.inside = False
+
+    return cast(F, run)
+
+
+_RUNNING = _Interpreted()
+
+
+def _each(convert: Callable[[Any], Any], value: tuple[Any, ...]) -> tuple[Any, ...]:
+    """A tuple, with names or without, of converted values."""
+    return type(value)._make(map(convert, value)) if hasattr(value, "_make") else tuple(map(convert, value))
+
+
+def _wide(value: Any) -> Any:
+    import numpy as np
+
+    if isinstance(value, tuple):
+        return _each(_wide, value)
+    return np.float64(value) if type(value) is float else value
+
+
+def _plain(value: Any) -> Any:
+    import numpy as np
+
+    if isinstance(value, tuple):
+        return _each(_plain, value)
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _forgive(loops: Any) -> None:
@@ -149,8 +205,8 @@ def prepare_folder() -> Path | None:
 
 @cache
 def folder() -> Path | None:
-    """Where this process keeps its machine code: ``<folder>/<digest>``; None if nowhere."""
-    root = prepare_folder()
+    """Where this process keeps its machine code: ``<folder>/<digest>``; None if nowhere, or it makes none."""
+    root = None if numba().config.DISABLE_JIT else prepare_folder()
     if root is None:
         return None
     path = root / digest()

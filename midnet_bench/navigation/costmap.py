@@ -456,7 +456,11 @@ def clear_line(flat: Cells, width: int, x0: int, y0: int, x1: int, y1: int, max_
     # counted from -major, so that a step aside is due when it comes to 0
     error = major // 2 - major
     # Unsigned, so that no index is asked whether it counts from the end; steps back wrap round.
-    index, along, both = np.uint64(y0 * width + x0), np.uint64(major_step), np.uint64(major_step + minor_step)
+    index, along, both = (
+        np.uint64(y0 * width + x0),
+        np.uint64(np.int64(major_step)),
+        np.uint64(np.int64(major_step + minor_step)),
+    )
     for _ in range(steps + 1):
         flat[index] = FREE_SPACE
         # no branch, which the processor would guess wrong half the time, and both outcomes at once

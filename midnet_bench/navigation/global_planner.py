@@ -289,7 +289,12 @@ def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[P
     cost = traversal.reshape(-1)
     potential = np.full(cost.size, UNREACHED, dtype=np.float32)
     # Unsigned, so that no index is asked whether it counts from the end; steps back wrap round.
-    left, right, down, up = np.uint32(-1), np.uint32(1), np.uint32(-width), np.uint32(width)
+    left, right, down, up = (
+        np.uint32(np.int64(-1)),
+        np.uint32(1),
+        np.uint32(np.int64(-width)),
+        np.uint32(width),
+    )
     # what a cell costs to enter, or BLOCKED while it waits its turn already
     entry = cost.copy()
     # one more than there are cells: what is not queued is written too, behind the last
@@ -482,7 +487,7 @@ def gradient_path(
 @njit
 def _descent(potential: Potentials, x: int, y: int) -> tuple[float, float]:
     """The unit vector downhill at a cell, from differences to those neighbours that have a potential."""
-    here = float(potential[y, x])
+    here = np.float64(potential[y, x])
     dx, dy = 0.0, 0.0
     if potential[y, x - 1] < UNREACHED:
         dx += potential[y, x - 1] - here
