@@ -7,8 +7,8 @@ order. So it gives the same bits on every x86-64 processor, whatever C library i
 multiplication and addition into one unless ``fastmath`` is set, which nothing here does.
 
 An argument is reduced to a short interval, and Taylor's series does the rest; all constants are worked out
-below from integers. Results lie within 1.5 units in the last place, whatever finite number the argument is.
-Compiled loops may call these functions, and so may Python.
+below from integers. Results lie within 1.5 units in the last place; angles beyond 1e6 rad, which no robot
+has, are first reduced by the float next to a whole turn. Compiled loops and Python may call these functions.
 """
 
 import math
@@ -22,8 +22,8 @@ from midnet_bench.compiled import has_loops, njit
 
 Floats = npt.NDArray[np.float64]
 
-_PLACES = 1280
-"""binary ones, of the integers that stand for numbers here; an angle of 1e308 rad needs 1200 of 2 / pi"""
+_PLACES = 256
+"""binary ones, of the integers that stand for numbers here"""
 _ONE = 1 << _PLACES
 
 
@@ -52,10 +52,7 @@ _LN_2 = sum(2 * _ONE // ((2 * k + 1) * 3 ** (2 * k + 1)) for k in range(_PLACES 
 _2_PER_PI = 2.0 / math.pi
 _HALF_PI_1, _HALF_PI_2, _HALF_PI_3, _HALF_PI_4 = _split(_PI // 2, 32, 64, 96)
 _HALF_PI, _HALF_PI_REST = _split(_PI // 2, 52)
-_HALF_PI_A, _HALF_PI_B = _split(_PI // 2, 23)
 _WHOLE_PI, _WHOLE_PI_REST = 2.0 * _HALF_PI, 2.0 * _HALF_PI_REST
-_DIGITS = np.array([(2 * _ONE << 24 * (i + 1)) // _PI % 2**24 for i in range(52)], dtype=np.float64)
-"""of 2 / pi to the base 2 ** 24, behind the point"""
 _FAR_RAD = 1e6
 """up to here a count of quarter turns times the first parts of pi / 2 is exact"""
 
@@ -117,41 +114,14 @@ def _reduced(angle_rad: float) -> tuple[int, float, float]:
     if abs(angle_rad) <= 0.78:
         return 0, angle_rad, 0.0
     if not abs(angle_rad) < _FAR_RAD:
-        return _reduced_far(angle_rad)
+        if not math.isfinite(angle_rad):
+            return 0, math.nan, math.nan
+        angle_rad = float(np.fmod(angle_rad, 2.0 * math.pi))
     count = np.floor(angle_rad * _2_PER_PI + 0.5)
     rest, rest_2 = _sum(angle_rad - count * _HALF_PI_1, -count * _HALF_PI_2)
     rest, rest_3 = _sum(rest, -count * _HALF_PI_3)
     rest, rest_2 = _sum(rest, rest_2 + rest_3 - count * _HALF_PI_4)
     return int(count), rest, rest_2
-
-
-@njit
-def _reduced_far(angle_rad: float) -> tuple[int, float, float]:
-    """The same for any angle: those digits of 2 / pi are taken that make less than four quarter turns."""
-    quarters, rest, rest_2 = 0, 0.0, 0.0
-    if not math.isfinite(angle_rad):
-        return 0, math.nan, math.nan
-    mantissa, exponent = math.frexp(angle_rad)
-    upper = np.floor(mantissa * 2.0**27)
-    lower = mantissa * 2.0**53 - upper * 2.0**26
-    for i in range(len(_DIGITS)):
-        for part, unit in ((upper, exponent - 27), (lower, exponent - 53)):
-            place = unit - 24 * (i + 1)
-            if not -200 < place < 2:
-                continue
-            term = np.fmod(math.ldexp(part * _DIGITS[i], place), 4.0)
-            rest, error = _sum(rest, term)
-            rest, rest_2 = _sum(rest, rest_2 + error)
-            whole = np.floor(rest + 0.5)
-            quarters += int(whole)
-            rest -= whole
-    rest, rest_2 = _sum(rest, rest_2)
-    # times pi / 2, each in two parts, whose products are exact
-    half = float(np.float32(rest))
-    other = rest - half
-    product, error = _sum(half * _HALF_PI_A, other * _HALF_PI_A)
-    product, rest = _sum(product, error + rest * _HALF_PI_B + rest_2 * _HALF_PI)
-    return quarters, product, rest
 
 
 @njit
@@ -253,15 +223,8 @@ def log(x: float) -> float:
 
 @njit
 def hypot(x: float, y: float) -> float:
-    """The length of the vector (x, y)."""
-    squared = x * x + y * y
-    if 1e-280 < squared < 1e300:
-        return math.sqrt(squared)
-    if squared == 0.0 == x + y or not math.isfinite(x + y):
-        return squared
-    _, doublings = math.frexp(max(abs(x), abs(y)))
-    x, y = math.ldexp(x, -doublings), math.ldexp(y, -doublings)
-    return math.ldexp(math.sqrt(x * x + y * y), doublings)
+    """The length of the vector (x, y), whose numbers are 0 or between 1e-140 and 1e150."""
+    return math.sqrt(x * x + y * y)
 
 
 def _interpreted() -> SimpleNamespace:

@@ -18,7 +18,6 @@ PACKAGE = Path(midnet_bench.__file__).parent
 # other, but for the modules of the ground floor.
 FLOORS = [
     {
-        "assignment",
         "compiled",
         "elementary",
         "errors",

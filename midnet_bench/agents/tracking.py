@@ -11,8 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-
-from midnet_bench.assignment import linear_sum_assignment
+from scipy.optimize import linear_sum_assignment
 
 Point = tuple[float, float]
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
 
-from midnet_bench.assignment import linear_sum_assignment
 from midnet_bench.compiled import njit
 from midnet_bench.geometry import Pose2D, lengths
 from midnet_bench.grid import UNKNOWN, OccupancyGrid

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
-from midnet_bench.assignment import linear_sum_assignment
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box
 from midnet_bench.io.scan_logs import read_lines

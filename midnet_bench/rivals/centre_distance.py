@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
-from midnet_bench.assignment import linear_sum_assignment
 from midnet_bench.geometry import lengths
 from midnet_bench.midnet.detection import BoxArray
 

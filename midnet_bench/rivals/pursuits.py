@@ -8,10 +8,10 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.agents.pursuit import TargetState
-from midnet_bench.assignment import linear_sum_assignment
 from midnet_bench.grid import OccupancyGrid
 
 Team = Sequence[GuardState]

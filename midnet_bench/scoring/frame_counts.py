@@ -10,7 +10,6 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from midnet_bench.assignment import linear_sum_assignment
 from midnet_bench.geometry import Box
 
 InRange = Literal["edge", "centre"]
@@ -97,6 +96,8 @@ def match_frame(detections: Sequence[Box], truths: Sequence[TruthObject]) -> Fra
     truth_of: list[int | None] = [None] * len(detections)
     detection_of: list[int | None] = [None] * len(truths)
     if any(touched):
+        from scipy.optimize import linear_sum_assignment  # here: tables need none of it
+
         worth = np.array(overlaps)
         # a pair is worth more than all IoUs together, so the number of pairs comes first
         worth[worth > 0.0] += 1.0 + min(worth.shape)
@@ -183,6 +184,8 @@ def gospa(
     alone = 0.5 * cutoff_m * (len(boxes) + sum(in_range))
     if not boxes or not intruders:
         return alone
+    from scipy.optimize import linear_sum_assignment
+
     # what a pair costs beside both of them alone; worse than alone is no pair
     change = np.array(
         [

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
 
-from midnet_bench.assignment import linear_sum_assignment
 from midnet_bench.geometry import lengths
 from midnet_bench.scoring.metric import MetricFrame
 
