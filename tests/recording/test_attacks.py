@@ -1,12 +1,27 @@
 """What a recording from elsewhere must not do: run code, take all memory, wait for ever, end in a trace."""
 
+import bz2
+import contextlib
+import io
 import json
+import os
+import signal
+import socket
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import lz4.frame
 import pytest
+import yaml
 
 from midnet_bench.recording.files.ros_messages import Message
-from tests.cli.command import Done, midnet_bench, one_line_of_complaint
+from midnet_bench.recording.files.unpacking import zstd
+from midnet_bench.recording.files.writer import bag_writer
+from tests.cli.command import REPOSITORY, Done, midnet_bench, one_line_of_complaint
 from tests.recording import recordings as made
 from tests.recording.recordings import Drive, Said
 
@@ -77,3 +92,185 @@ def test_what_the_user_types_counts_more_than_the_recording(tmp_path: Path) -> N
 def test_what_a_recording_says_of_itself_and_cannot_be_is_a_line(said: object, tmp_path: Path) -> None:
     bag = bag_that_says(tmp_path, said)
     assert "b.mcap: /midnet/replay" in one_line_of_complaint(replayed(bag))
+
+
+GIGABYTE = 1_000_000_000
+PEAK = (
+    "import resource, runpy, sys\n"
+    "resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))\n"
+    "try: runpy.run_module('midnet_bench', run_name='__main__', alter_sys=True)\n"
+    "finally: print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stdout)\n"
+)
+
+
+def refused_in_little_memory(folder: Path, bag: Path, *arguments: object) -> str:
+    """The line; the process may take 700 MB in all, its libraries included, and a minute."""
+    done = subprocess.run(
+        [sys.executable, "-c", PEAK, "replay", str(bag), *map(str, arguments)],
+        cwd=folder,
+        env={**os.environ, "NO_COLOR": "1", "PYTHONPATH": str(REPOSITORY)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    line = one_line_of_complaint(done)
+    peak_kb = int(done.stdout.splitlines()[-1])
+    print(f"{bag.name}: {bag.stat().st_size} bytes, at most {peak_kb / 1e3:.0f} MB")
+    assert peak_kb < 700_000
+    assert bag.name in line
+    return line
+
+
+def zeros_by(kind: str) -> bytes:
+    """Eight gigabytes of zeros, packed."""
+    piece = bytes(GIGABYTE // 100)
+    if kind == "bz2":  # of a stream each
+        return bz2.compress(piece) * 800
+    packer: Any = lz4.frame.LZ4FrameCompressor() if kind == "lz4" else zstd.ZstdCompressor()
+    begin = packer.begin() if kind == "lz4" else b""
+    return begin + b"".join(packer.compress(piece) for _ in range(800)) + packer.flush()
+
+
+def bomb(folder: Path, kind: str, says: int | None) -> Path:
+    """A bag whose only chunk unpacks to eight gigabytes; an MCAP file may say so, or lie."""
+    is_ros1 = kind.startswith("ros1")
+    path = folder / ("b.bag" if is_ros1 else "b.mcap")
+    with bag_writer(path, "ros1" if is_ros1 else "mcap") as writer:
+        packer: Any = writer._writer if is_ros1 else writer._writer.storage  # type: ignore[union-attr]
+        packing = kind.rpartition("-")[2]
+        packer.compressor = lambda data: zeros_by(packing)
+        setattr(packer, "compression_format" if is_ros1 else "compression", packing)
+        for one in made.scan_messages(DRIVE):
+            writer.write(one.topic, one.record_ns, one.message)
+        if says is not None:
+            packer.chunk.bio = _Lying(packer.chunk.bio, says)
+    return path
+
+
+class _Lying:
+    """A buffer that is as long as it says."""
+
+    def __init__(self, held: io.BytesIO, says: int) -> None:
+        self._held, self._says = held, says
+
+    def tell(self) -> int:
+        return self._says
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._held, name)
+
+
+@pytest.mark.parametrize(
+    ("kind", "says"),
+    [
+        ("ros1-bz2", None),
+        pytest.param("ros1-lz4", None, marks=pytest.mark.slow),
+        ("mcap-zstd", 6_400_000_000),
+        ("mcap-zstd", None),
+        pytest.param("mcap-lz4", None, marks=pytest.mark.slow),
+        pytest.param("mcap-lz4", 6_400_000_000, marks=pytest.mark.slow),
+    ],
+)
+def test_a_chunk_that_unpacks_to_gigabytes(kind: str, says: int | None, tmp_path: Path) -> None:
+    bag = bomb(tmp_path, kind, says)
+    assert "MB; record in smaller chunks" in refused_in_little_memory(tmp_path, bag)
+    if says is None and kind == "mcap-zstd":
+        bag.write_bytes(_without_summary(bag.read_bytes()))
+        assert "MB; record in smaller chunks" in refused_in_little_memory(tmp_path, bag)
+    if kind == "ros1-bz2":  # without its index, too
+        whole = bag.read_bytes()
+        bag.write_bytes(whole[: whole.rindex(b"chunk_pos=") - 40])
+        assert "MB; record in smaller chunks" in refused_in_little_memory(tmp_path, bag)
+
+
+def _without_summary(data: bytes) -> bytes:
+    """An MCAP file whose footer names no summary."""
+    return data[: -8 - 20] + bytes(20) + data[-8:]
+
+
+def ros2_folder(folder: Path, **metadata: object) -> Path:
+    """The folder of a ROS 2 bag with keys of its metadata changed."""
+    bag = made.write_bag(folder, made.scan_messages(DRIVE), "ros2")
+    file = bag / "metadata.yaml"
+    said = yaml.safe_load(file.read_text())
+    said["rosbag2_bagfile_information"] |= metadata
+    file.write_text(yaml.safe_dump(said))
+    return bag
+
+
+def test_a_file_and_messages_that_are_packed_as_a_whole(tmp_path: Path) -> None:
+    bag = ros2_folder(
+        tmp_path, compression_format="zstd", compression_mode="FILE", relative_file_paths=["bag.db3.zstd"]
+    )
+    (database,) = bag.glob("*.db3")
+    packed = bag / "bag.db3.zstd"
+    packed.write_bytes(zstd.compress(database.read_bytes()))
+    listed = midnet_bench("replay", bag, folder=tmp_path)
+    assert listed.returncode == 0, listed.stderr
+    assert "/scan" in listed.stdout
+    packed.write_bytes(zeros_by("zstd"))
+    assert "bag.db3.zstd: unpacks to more than" in refused_in_little_memory(tmp_path, bag)
+    packed.write_bytes(zstd.compress(database.read_bytes())[:-100])
+    assert "bag.db3.zstd: damaged" in one_line_of_complaint(midnet_bench("replay", bag, folder=tmp_path))
+
+
+def test_messages_that_are_packed_one_by_one(tmp_path: Path) -> None:
+    bag = ros2_folder(tmp_path, compression_format="zstd", compression_mode="MESSAGE")
+    (database,) = bag.glob("*.db3")
+    with contextlib.closing(sqlite3.connect(database)) as file, file:
+        for row, data in file.execute("select id, data from messages").fetchall():
+            file.execute("update messages set data = ? where id = ?", (zstd.compress(data), row))
+    listed = midnet_bench("replay", bag, folder=tmp_path)
+    assert listed.returncode == 0, listed.stderr
+    assert "60 beams" in listed.stdout
+    with contextlib.closing(sqlite3.connect(database)) as file, file:
+        file.execute("update messages set data = ?", (zeros_by("zstd")[:1_000_000],))
+    assert "MB; record in smaller chunks" in refused_in_little_memory(tmp_path, bag)
+
+
+@contextlib.contextmanager
+def soon() -> Iterator[None]:
+    """Fails what lasts longer than 20 s, a wait for ever included."""
+
+    def fail(*_: object) -> None:
+        raise TimeoutError("it waits for ever")
+
+    before = signal.signal(signal.SIGALRM, fail)
+    signal.alarm(20)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def opened_by(path: Path, kind: str) -> None:
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+    else:
+        with contextlib.chdir(path.parent), socket.socket(socket.AF_UNIX) as opened:
+            opened.bind(path.name)
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "socket"])
+@pytest.mark.parametrize("name", ["b.bag", "b.mcap", "b.db3", "b.csv", "b.log"])
+def test_a_bag_that_may_never_end(name: str, kind: str, tmp_path: Path) -> None:
+    opened_by(tmp_path / name, kind)
+    for given in ((), ("--map", "/map")):
+        with soon():
+            done = midnet_bench("replay", name, *given, folder=tmp_path)
+        assert name in one_line_of_complaint(done)
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "socket"])
+@pytest.mark.parametrize("named", ["more.db3", "more.db3.zstd", "metadata.yaml"])
+def test_a_folder_that_names_what_may_never_end(named: str, kind: str, tmp_path: Path) -> None:
+    mode = {"compression_format": "zstd", "compression_mode": "FILE"} if named.endswith("zstd") else {}
+    bag = ros2_folder(tmp_path, relative_file_paths=["bag.db3", named], **mode)
+    (bag / named).unlink(missing_ok=True)
+    opened_by(bag / named, kind)
+    with soon():
+        done = midnet_bench("replay", bag, folder=tmp_path)
+    assert named in one_line_of_complaint(done)

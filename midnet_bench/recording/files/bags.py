@@ -15,6 +15,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.recording.files.readings import KINDS, TF, Reading, Topic, decoded
 from midnet_bench.recording.files.unindexed import UnindexedRos1
+from midnet_bench.recording.files.unpacking import TooLargeError, check_files, check_size, unpacked
 
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 """which tf's first version calls tf/tfMessage"""
@@ -34,7 +35,10 @@ class Bag:
         self.path = str(path)
         self.remarks: list[str] = []
         self.mount: Pose2D | None = None  # transforms have it
+        check_files(path)
         self._is_ros1 = path.suffix == ".bag"
+        self._is_packed = False
+        """whether each message is packed by itself"""
         self._reader: Any = Ros1Reader(path) if self._is_ros1 else Ros2Reader(path)
         try:
             try:
@@ -44,10 +48,14 @@ class Bag:
                     raise
                 self._reader = UnindexedRos1(path)
                 self.remarks.append(f"{path}: its index is missing; its records are read in their order")
+            self._check_chunks()
             self.topics = self._topics()
             counts = sum(topic.messages for topic in self.topics.values())
             self.start_ns = int(self._reader.start_time) if counts else 0
             self.end_ns = int(self._reader.end_time) if counts else 0
+        except TooLargeError as error:
+            self.close()
+            raise InputError(f"{path}: {error}") from error
         except Exception as error:  # whatever a library raises of a file that is no bag
             self.close()
             raise InputError(f"{path}: no bag that can be read: {in_words(error)}{self._advice()}") from error
@@ -57,6 +65,19 @@ class Bag:
         if self._is_ros1:
             return "; if it is cut off or was never closed, 'rosbag reindex' repairs it"
         return "; if it was never closed, 'ros2 bag reindex' or 'mcap recover' repairs it"
+
+    def _check_chunks(self) -> None:
+        """Raises TooLargeError: a chunk is too large by what the index says of it."""
+        if isinstance(self._reader, Ros1Reader):
+            check_size(max((chunk.datasize for chunk in self._reader.chunks.values()), default=0))
+        if not isinstance(self._reader, Ros2Reader):
+            return
+        storage: Any = self._reader.storage
+        for part in getattr(storage, "storages", [storage]):
+            for chunk in getattr(part, "chunks", ()):
+                check_size(max(chunk.compressed_size, chunk.uncompressed_size))
+        if storage.metadata.compression_mode == "message":  # rosbags takes no count
+            storage.metadata, self._is_packed = storage.metadata._replace(compression_mode=None), True
 
     def _topics(self) -> dict[str, Topic]:
         found: dict[str, Topic] = {}
@@ -87,9 +108,12 @@ class Bag:
                 if topic.type != connection.msgtype:  # two types on one topic
                     topic = topic._replace(type=connection.msgtype, kind=KINDS[connection.msgtype])
                 known = TF_TYPE if topic.kind == TF else connection.msgtype
+                raw = unpacked("zstd", raw) if self._is_packed else raw
                 yield from decoded(topic, record_ns, decode(raw, known))
         except GeneratorExit:
             raise
+        except TooLargeError as error:
+            raise InputError(f"{self.path}: {error}") from error
         except Exception as error:  # whatever decoders raise of damaged bytes
             after_s = (record_ns - self.start_ns) / 1e9
             raise InputError(
@@ -118,5 +142,6 @@ def _types(is_ros1: bool) -> Typestore:
 def in_words(said: BaseException | str) -> str:
     """An error of another library, or a text from elsewhere, on one line, printable and not too long."""
     words = " ".join(str(said).split()) or type(said).__name__
+    words = f"{words} is missing" if isinstance(said, KeyError) else words
     plain = "".join(letter if letter.isprintable() else repr(letter)[1:-1] for letter in words)
     return plain if len(plain) <= 120 else f"{plain[:117]}..."
