@@ -247,6 +247,11 @@ LABYRINTH: Tables = {
         },
         "One row per trial and intruder.",
     ),
+    "captures": Columns(
+        {"intruder": _count("counted from 1"), "guard": _event("number of the guard that caught it")},
+        "One row per trial and caught intruder, only with `record`.",
+        optional=True,
+    ),
     "robots": ROBOTS,
     "metrics": METRICS,
     "recorded": RECORDED,

@@ -44,6 +44,9 @@ def test_a_labyrinth_trial_records_who_pursues_and_who_is_left() -> None:
     frames = [RecordedFrame.from_row(row) for row in tables["recorded"]]
     assert [frame.number for frame in frames] == list(range(1, len(frames) + 1))
     assert any(robot is not None and robot.pursues for frame in frames for robot in frame.robots)
+    caught = [row["intruder"] for row in tables["intruders"] if row["outcome"] == "caught"]
+    assert [row["intruder"] for row in tables["captures"]] == caught != []
+    assert {row["guard"] for row in tables["captures"]} <= {1, 2}
     for outcome in tables["intruders"]:
         name = f"intruder {outcome['intruder']}"
         there = [frame.number for frame in frames if name in [truth.name for truth in frame.truths]]
@@ -52,7 +55,7 @@ def test_a_labyrinth_trial_records_who_pursues_and_who_is_left() -> None:
         assert there == list(range(1, 1 + (len(frames) if left_s != left_s else round(5.0 * left_s))))
     without = run_labyrinth(LabyrinthParameters.from_flat({**values, "record": False}).with_files_read(), 1)
     # as texts: NaN is not equal to itself
-    assert {name: str(rows) for name, rows in tables.items() if name != "recorded"} == {
+    assert {name: str(rows) for name, rows in tables.items() if name not in ("recorded", "captures")} == {
         name: str(rows) for name, rows in without.tables.items()
     }
 

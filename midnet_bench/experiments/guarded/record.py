@@ -10,7 +10,7 @@ import numpy as np
 from midnet_bench.campaign.trial import Row
 from midnet_bench.geometry import Box, Pose2D
 
-FRAMES, ERRORS = "recorded", "errors"
+FRAMES, ERRORS, CAPTURES = "recorded", "errors", "captures"
 """the tables of a recorded trial"""
 BEAM_STEP = 4
 """each fourth beam of a scan is kept"""
@@ -43,23 +43,13 @@ class RecordedTruth(NamedTuple):
 
 
 class RecordedBox(NamedTuple):
-    """One guard's box before fusion."""
+    """One guard's box before fusion, or one box of the team."""
 
     guard: int
-    """index in the team"""
+    """index of the guard that it comes from"""
     box: Box
-    ally: int | None
-    """index of the ally that it was removed for"""
-
-
-class RecordedDetection(NamedTuple):
-    """One box of the team."""
-
-    guard: int
-    """index of the guard that it is said to come from"""
-    box: Box
-    truth: int | None
-    """the index of the truth that is paired with it"""
+    other: int | None
+    """before fusion the index of the ally that it was removed for; then that of the truth paired with it"""
 
 
 class RecordedFrame(NamedTuple):
@@ -72,7 +62,7 @@ class RecordedFrame(NamedTuple):
     truths: list[RecordedTruth]
     found: list[RecordedBox]
     """empty where a detector explains nothing"""
-    detections: list[RecordedDetection]
+    detections: list[RecordedBox]
     scans_m: list[list[float | None]]
     """of each guard the last scan, each fourth beam; None where nothing came back within 2.54 m"""
     sensors: list[Pose2D | None]
@@ -112,7 +102,7 @@ class RecordedFrame(NamedTuple):
                 [None if robot is None else _robot(robot) for robot in poses],
                 [RecordedTruth(name, _box(rest[:4]), bool(rest[4]), rest[5]) for name, *rest in truths],
                 [RecordedBox(guard, _box(rest[:4]), rest[4]) for guard, *rest in found],
-                [RecordedDetection(guard, _box(rest[:4]), rest[4]) for guard, *rest in detections],
+                [RecordedBox(guard, _box(rest[:4]), rest[4]) for guard, *rest in detections],
                 [
                     [None if cm == NO_RETURN else cm / 100.0 for cm in base64.b64decode(scan)]
                     for scan, _, _ in scans

@@ -11,7 +11,6 @@ from midnet_bench.experiments.guarded.record import (
     ERRORS,
     FRAMES,
     RecordedBox,
-    RecordedDetection,
     RecordedFrame,
     RecordedRobot,
     RecordedTruth,
@@ -117,7 +116,7 @@ class Recorder:
                 for box in view.found
             ],
             [
-                RecordedDetection(guard, box, truth)
+                RecordedBox(guard, box, truth)
                 for guard, box, truth in zip(frame.robots, frame.detections, match.truth_of, strict=True)
             ],
             [[] if guard.scan is None else recorded_scan(guard.scan.ranges_m) for guard in guards],

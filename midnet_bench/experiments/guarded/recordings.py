@@ -18,56 +18,56 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameters
 from midnet_bench.experiments.guarded.record import (
     BEAM_STEP,
+    CAPTURES,
     ERRORS,
     FRAMES,
     NO_RETURN,
+    RecordedBox,
     RecordedFrame,
     RecordedRobot,
 )
-from midnet_bench.page.recording import KINDS, STEP_MM, Recording, Rows, tracked
+from midnet_bench.page.recording import KINDS, STEP_MM, Event, Recording, Rows, tracked
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.robots.seams import ROBOTS
 
 TURN = round(2000.0 * math.pi / STEP_MM)
 """a whole turn in the page's steps of angle"""
-
+NEEDED = (FRAMES, "robots", ERRORS, "trial", "intruders", CAPTURES)
+"""tables of which a recording is made; detection has no outcomes, labyrinth no errors"""
 
 Key = tuple[Any, ...]
 """values of the grid's factors, and the seed"""
 
 
 def recordings(results: Results) -> Iterator[Recording]:
-    """Each recorded trial in the campaign's order; see :func:`keyed_recordings`."""
-    return (recording for _, recording in keyed_recordings(results))
-
-
-def keyed_recordings(results: Results) -> Iterator[tuple[Key, Recording]]:
-    """Each recorded trial in the campaign's order with its key, made on demand.
+    """Each recorded trial in the campaign's order, made on demand.
 
     Raises:
         InputError: a recorded frame is damaged.
     """
-    robots, errors = by_trial(results, "robots"), by_trial(results, ERRORS)
-    for key, trial in by_trial(results, FRAMES).items():
-        given = results.definition.parameters_of(dict(zip(results.factors, key[:-1], strict=True)))
-        cell = results.teams(trial.head(1))[0]
+    tables = {name: _by_trial(results, name) for name in NEEDED}
+    for key, frames in tables[FRAMES].items():
+        factors = dict(zip(results.factors, key[:-1], strict=True))
+        rows = {name: records(trials[key]) if key in trials else [] for name, trials in tables.items()}
         try:
-            yield key, _recording(cell, key[-1], given, trial, robots[key], errors.get(key), bool(errors))
+            made = _recording(results.definition.parameters_of(factors), key[-1], rows)
         except (IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
-            which = shown_cell({**dict(zip(results.factors, key[:-1], strict=True)), "seed": key[-1]})
+            which = shown_cell({**factors, "seed": key[-1]})
             raise InputError(
                 f"{results.directory}: table '{FRAMES}' ({which}): {str(error)[:80]}; run the trial again"
             ) from error
+        yield replace(made, cell=results.teams(frames.head(1))[0], explained=bool(tables[ERRORS]))
 
 
-def by_trial(results: Results, table: str) -> dict[Key, pd.DataFrame]:
+def _by_trial(results: Results, table: str) -> dict[Key, pd.DataFrame]:
     """A table's rows by the factors of the grid and the seed; nothing if no trial has it."""
     frame = results.tables.get(table)
     if frame is None or frame.empty:
         return {}
-    place_of = [*results.factors, "seed"]
-    return {_plain(key): rows for key, rows in frame.groupby(place_of, sort=False, dropna=False)}
+    return {
+        _plain(key): rows for key, rows in frame.groupby([*results.factors, "seed"], sort=False, dropna=False)
+    }
 
 
 def _plain(key: Hashable) -> Key:
@@ -75,79 +75,89 @@ def _plain(key: Hashable) -> Key:
     return tuple(part.item() if hasattr(part, "item") else part for part in parts)
 
 
-def _recording(
-    cell: str,
-    seed: int,
-    given: Mapping[str, Scalar],
-    frames: pd.DataFrame,
-    robots: pd.DataFrame,
-    errors: pd.DataFrame | None,
-    explained: bool,
-) -> Recording:
-    team = list(zip(robots["robot"].tolist(), (robots["role"] == "guard").tolist(), strict=True))
-    recorded = [RecordedFrame.from_row(row) for row in records(frames)]
-    model = _model(given)
-    words = _Words()
+def _recording(given: Mapping[str, Scalar], seed: int, tables: Mapping[str, Sequence[Row]]) -> Recording:
+    """One trial, of its parameters and its rows; its cell is still to be named."""
+    frames = [RecordedFrame.from_row(row) for row in tables[FRAMES]]
+    team = [(str(row["robot"]), row["role"] == "guard") for row in tables["robots"]]
+    name = str(given.get("robot", ""))
+    # the robot if it comes with the package: no file is run to show results
+    model: RobotModel = ROBOTS.make(name) if name in ROBOTS.own else BURGER
     beams = model.lidar.angles_rad[::BEAM_STEP].tolist()
-    has_scans = all(len(scan) in (0, len(beams)) for one in recorded for scan in one.scans_m)
+    has_scans = all(len(scan) in (0, len(beams)) for frame in frames for scan in frame.scans_m)
+    words: dict[str, int] = {"": 0}
+    rows: dict[str, Sequence[Rows]] = {
+        "robots": _robots(frames, [is_guard for _, is_guard in team]),
+        "truths": [
+            [
+                [_number(truth.name, words), *_sides(truth.box), int(truth.in_range), _index(truth.detection)]
+                for truth in frame.truths
+            ]
+            for frame in frames
+        ],
+        "found": tracked([_boxes(frame.found) for frame in frames]),
+        "detections": tracked([_boxes(frame.detections) for frame in frames]),
+        "errors": _errors(len(frames), tables[ERRORS], words),
+    }
     return Recording(
-        cell=cell,
+        cell="",
         seed=seed,
         plan=_plan(given, seed),
         hz=FRAME_HZ,
         robots=team,
         body=model.body,
         beams=(beams[0], beams[1] - beams[0]),
-        words=words.known,
-        frames={
-            "robots": _robots(recorded, [is_guard for _, is_guard in team]),
-            "truths": [
-                [
-                    [words.number(name), *_sides(box), int(in_range), _number(detection)]
-                    for name, box, in_range, detection in one.truths
-                ]
-                for one in recorded
-            ],
-            "found": tracked(
-                [[[box.guard, *_sides(box.box), _number(box.ally)] for box in one.found] for one in recorded]
-            ),
-            "detections": tracked(
-                [
-                    [[box.guard, *_sides(box.box), _number(box.truth)] for box in one.detections]
-                    for one in recorded
-                ]
-            ),
-            "errors": _errors(len(recorded), [] if errors is None else records(errors), words),
+        words=[*words][1:],
+        frames=rows,
+        scans={
+            "sensors": [_sensors(frame) if has_scans else () for frame in frames],
+            "beams": [_beams(frame) if has_scans else () for frame in frames],
         },
-        scans=_scans(recorded)
-        if has_scans
-        else {"sensors": [()] * len(recorded), "beams": [()] * len(recorded)},
-        explained=explained,
+        explained=False,
         window_m=_length(given, "local_size_m"),
         range_m=_length(given, "obstacle_range_m"),
         sensor=model.lidar.mount[:2],
+        events=_events(tables["intruders"], tables[CAPTURES]),
+        summary=_summary(tables),
     )
 
 
 def _length(given: Mapping[str, Scalar], name: str) -> float | None:
-    """A parameter in metres; None where results of an older version lack it, or cells differ in it."""
+    """A parameter in metres; None where cells differ in it."""
     value = given.get(name)
     return float(value) if isinstance(value, int | float) else None
 
 
-class _Words:
-    """Texts and the places at which a recording has them, from 1; the empty text is 0."""
+def _summary(tables: Mapping[str, Sequence[Row]]) -> str:
+    """What came of a labyrinth trial."""
+    return "".join(
+        f"{trial['caught']} of {len(tables['intruders'])} caught, {trial['escaped']} escaped; "
+        f"{trial['ended']} after {float(str(trial['duration_s'])):.1f} s"
+        for trial in tables["trial"]
+    )
 
-    def __init__(self) -> None:
-        self.known: list[str] = []
-        self._numbers: dict[str, int] = {"": 0}
 
-    def number(self, word: object) -> int:
-        text = "" if word is None or word != word else str(word)
-        if text not in self._numbers:
-            self.known.append(text)
-            self._numbers[text] = len(self.known)
-        return self._numbers[text]
+def _events(outcomes: Sequence[Row], captures: Sequence[Row]) -> list[Event]:
+    """What intruders of a labyrinth trial met, in the order of time."""
+    guards = {row["intruder"]: row["guard"] for row in captures}
+    events = []
+    for row in outcomes:
+        for what in ("detected", "caught", "escaped"):
+            at_s = float(str(row[f"{what}_at_s"]))
+            if not math.isnan(at_s):
+                by = f" by guard {guards[row['intruder']]}" if what == "caught" else ""
+                text = f"intruder {row['intruder']} {what}{by}, {at_s:.1f} s"
+                events.append(Event(round(at_s * FRAME_HZ), what, text))
+    return sorted(events, key=lambda event: event.frame)
+
+
+def _number(word: object, words: dict[str, int]) -> int:
+    """The place at which a recording has a text, from 1; the empty text, as an empty cell, is 0."""
+    text = "" if word is None or word != word else str(word)
+    return words.setdefault(text, len(words))
+
+
+def _index(index: int | None) -> int:
+    return 0 if index is None else index + 1
 
 
 def _steps(length: float) -> int:
@@ -155,14 +165,14 @@ def _steps(length: float) -> int:
     return round(1000.0 * length / STEP_MM)
 
 
-def _number(index: int | None) -> int:
-    return 0 if index is None else index + 1
-
-
 def _sides(box: Sequence[float]) -> tuple[int, int, int, int]:
     """x, y, width and height."""
     x, y, right, top = map(_steps, box)
     return x, y, right - x, top - y
+
+
+def _boxes(boxes: Sequence[RecordedBox]) -> list[list[int]]:
+    return [[guard, *_sides(box), _index(other)] for guard, box, other in boxes]
 
 
 def _turned(steps: int) -> int:
@@ -191,52 +201,39 @@ def _robot(robot: RecordedRobot, was: Sequence[int], is_guard: bool) -> list[int
     return [was[0], 1, x, y, was[4] + _turned(yaw - was[4]), *off, *goal]
 
 
-def _scans(frames: Sequence[RecordedFrame]) -> dict[str, list[Rows]]:
-    return {
-        "sensors": [
-            [
-                [guard, 1, *map(_steps, at)] if at else [guard, *[0] * 4]
-                for guard, at in enumerate(frame.sensors)
-            ]
-            for frame in frames
-        ],
-        "beams": [_beams([range_m for scan in frame.scans_m for range_m in scan]) for frame in frames],
-    }
+def _sensors(frame: RecordedFrame) -> Rows:
+    return [
+        [guard, 1, *map(_steps, at)] if at else [guard, *[0] * 4] for guard, at in enumerate(frame.sensors)
+    ]
 
 
-def _beams(ranges_m: Sequence[float | None]) -> Rows:
-    cm = np.array(
-        [NO_RETURN if range_m is None else round(100.0 * range_m) for range_m in ranges_m], dtype=np.int64
-    )
+def _beams(frame: RecordedFrame) -> Rows:
+    ranges_m = [range_m for scan in frame.scans_m for range_m in scan]
+    cm = np.array([NO_RETURN if one is None else round(100.0 * one) for one in ranges_m], dtype=np.int64)
     return np.stack((np.arange(len(cm)), (cm + 1) // 2), axis=1)
 
 
-def _errors(frames: int, errors: Sequence[Row], words: _Words) -> list[list[list[int]]]:
+def _errors(frames: int, errors: Sequence[Row], words: dict[str, int]) -> list[list[list[int]]]:
     rows: list[list[list[int]]] = [[] for _ in range(frames)]
     for error in errors:
-        sides = [float(str(error[side])) for side in ("x_min_m", "y_min_m", "x_max_m", "y_max_m")]
+        names = ("age_s", "offset_m", "x_min_m", "y_min_m", "x_max_m", "y_max_m")
+        age_s, offset_m, *sides = (float(str(error[name])) for name in names)
         number = int(str(error["frame"]))
         if number < 1:
             raise ValueError(f"frame {number}: is none")
         rows[number - 1].append(
             [
-                words.number(error["intruder"]),
+                _number(error["intruder"], words),
                 KINDS.index(str(error["kind"])),
-                words.number(error["cause"]),
+                _number(error["cause"], words),
                 int(str(error["guard"])),
-                words.number(error["by"]),
-                round(100.0 * float(str(error["age_s"]))),
-                _steps(float(str(error["offset_m"]))),
+                _number(error["by"], words),
+                round(100.0 * age_s),
+                _steps(offset_m),
                 *_sides(sides),
             ]
         )
     return rows
-
-
-def _model(given: Mapping[str, Scalar]) -> RobotModel:
-    """The robot if it comes with the package: no file is run to show results."""
-    name = str(given.get("robot", ""))
-    return ROBOTS.make(name) if name in ROBOTS.own else BURGER
 
 
 def _plan(given: Mapping[str, Scalar], seed: int) -> FloorPlan:

@@ -13,6 +13,7 @@ from midnet_bench.arena.layout import Layout, place
 from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
+from midnet_bench.experiments.guarded.record import CAPTURES
 from midnet_bench.experiments.guarded.recorder import Recorder
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.geometry import Box, Pose2D, lengths
@@ -245,7 +246,7 @@ def layout_of(parameters: LabyrinthParameters, seed: int) -> Layout:
 
 
 def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
-    """One trial: ``trial`` (one row), ``intruders``, ``robots``; by options ``metrics``, ``recorded``."""
+    """One trial: ``trial`` (one row), ``intruders``, ``robots``; by options others."""
     with LabyrinthTrial(parameters, seed) as trial:
         for _ in trial.frames():
             pass
@@ -282,4 +283,11 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
             **trial.metrics.tables(),
             **(trial.recorder.tables() if trial.recorder else {}),
         }
+        captures: list[Row] = [
+            {"intruder": number, "guard": outcome.caught_by.index + 1}
+            for number, outcome in enumerate(outcomes, 1)
+            if outcome.caught_by is not None
+        ]
+        if trial.recorder and captures:
+            tables[CAPTURES] = captures
         return TrialResult(tables, simulated_s=duration_s)
