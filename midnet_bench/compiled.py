@@ -31,6 +31,7 @@ from typing import Any, TypeVar, cast, overload
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+_LOG = logging.getLogger("midnet_bench")
 PACKAGE = Path(__file__).parent
 VARIABLE = "NUMBA_CACHE_DIR"
 """the environment variable, numba's own, that names the folder for compiled loops"""
@@ -194,13 +195,14 @@ def prepare_folder() -> Path | None:
     """The folder that holds one folder of machine code for each state of the sources; None if there is none.
 
     It is what ``NUMBA_CACHE_DIR`` names, else one in the user's cache (``XDG_CACHE_HOME``, ``~/.cache``).
-    Where that cannot be written it is a temporary one, which goes with this process; processes that this one
-    starts find it.
+    Where that cannot be written, or others can write it, it is a temporary one, which goes with this process;
+    processes that this one starts find it.
     """
-    if named := os.environ.get(VARIABLE):
-        return _writable(Path(named))
+    named = os.environ.get(VARIABLE)
+    if named == os.devnull:
+        return None
     home = os.environ.get("XDG_CACHE_HOME") or Path(os.path.expanduser("~"), ".cache")
-    return _writable(Path(home, "midnet-bench")) or _temporary()
+    return _private(Path(named or Path(home, "midnet-bench"))) or _temporary()
 
 
 @cache
@@ -209,10 +211,11 @@ def folder() -> Path | None:
     root = None if numba().config.DISABLE_JIT else prepare_folder()
     if root is None:
         return None
-    path = root / digest()
-    if not path.exists():
+    if not (root / digest()).exists():
         _forget_old(root)
-    return path
+    if (path := _private(root / digest())) or (root := _temporary()) is None:
+        return path
+    return _private(root / digest())
 
 
 def is_compiled(name: str) -> bool:
@@ -226,7 +229,6 @@ def note_compiled(name: str) -> None:
     path = folder()
     if path is not None:
         with contextlib.suppress(OSError):
-            path.mkdir(parents=True, exist_ok=True)
             (path / f"{name}.compiled").touch()
 
 
@@ -280,22 +282,26 @@ def _module(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def _writable(path: Path) -> Path | None:
-    """``path``, made if need be, if files can be written there and no other user could have."""
+def _private(path: Path) -> Path | None:
+    """``path``, made if need be, if files can be written there and no other user could have: they are run."""
     try:
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=path).close()
         is_own = not hasattr(os, "geteuid") or path.stat().st_uid == os.geteuid()
+        is_open = os.name == "posix" and path.stat().st_mode & 0o022
     except (OSError, ValueError, RuntimeError):
         return None
-    return path if is_own or str(path) == os.environ.get(VARIABLE) else None
+    if is_own and not is_open:
+        return path
+    _LOG.warning("%s: another user could have put machine code there: not used; delete it", path)
+    return None
 
 
 def _temporary() -> Path | None:
     try:
         path = Path(tempfile.mkdtemp(prefix="midnet-bench-compiled-"))
     except OSError:
-        logging.getLogger("midnet_bench").warning(
+        _LOG.warning(
             "compiled loops are not kept, since no folder can be written: each process compiles for a minute."
             " %s can name a folder",
             VARIABLE,

@@ -66,6 +66,11 @@ def kept(compiled_once: Path, tmp_path: Path) -> Path:
 
 def product(package: Path, kept: Path | str, more: str = "", cwd: Path | None = None) -> str:
     """What a fresh process prints that keeps its loops in ``kept``; ``more`` is run after it."""
+    return said(package, kept, more, cwd)[0]
+
+
+def said(package: Path, kept: Path | str, more: str = "", cwd: Path | None = None) -> tuple[str, str]:
+    """The same, and what it says on stderr."""
     done = subprocess.run(
         [sys.executable, "-c", f"{PRINT}\n{more}"],
         cwd=cwd or package.parent.parent,
@@ -81,7 +86,7 @@ def product(package: Path, kept: Path | str, more: str = "", cwd: Path | None = 
         text=True,
     )
     assert done.returncode == 0, done.stderr
-    return done.stdout.strip()
+    return done.stdout.strip(), done.stderr
 
 
 def compiled_files(folder: Path) -> set[Path]:
@@ -158,6 +163,39 @@ def test_without_a_folder_that_can_be_written_a_temporary_one_goes_with_the_proc
     assert told[0] == "6.0"
     assert Path(told[1]).is_relative_to(temporary)
     assert list(temporary.iterdir()) == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="permissions of POSIX")
+@pytest.mark.parametrize("which", ["root", "digest"])
+@pytest.mark.parametrize("mode", [0o777, 0o1777, 0o720])
+def test_machine_code_that_others_could_have_written_is_not_run(
+    which: str, mode: int, package: Path, tmp_path: Path
+) -> None:
+    kept = tmp_path / "kept"
+    kept.mkdir(mode=0o700)
+    more = "print(compiled.folder(), compiled.digest())"
+    opened = kept
+    if which == "digest":
+        opened = kept / product(package, kept, more).split()[-1]
+        for path in compiled_files(kept):
+            path.write_bytes(b"planted")
+    opened.chmod(mode)
+    before = compiled_files(kept)
+    done, told = said(package, kept, more)
+    assert done.split()[0] == "6.0"
+    assert not Path(done.split()[1]).is_relative_to(kept)
+    assert [line.partition(":")[0] for line in told.splitlines()] == [str(opened)]
+    assert compiled_files(kept) == before
+    opened.chmod(0o700)
+    if which == "root":
+        assert Path(product(package, kept, more).split()[1]).stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="root alone gives files away")
+def test_machine_code_of_another_user_is_not_run(tmp_path: Path) -> None:
+    os.chown(tmp_path, 65534, 65534)
+    assert compiled._private(tmp_path) is None
 
 
 @pytest.mark.slow
