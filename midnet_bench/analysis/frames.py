@@ -5,11 +5,11 @@ They come from a store, or, where there is none, from the files that a report wr
 store is written out as such files first, so the data frames are the same.
 """
 
+import contextlib
 import csv
 import gzip
 import json
 import logging
-import shutil
 import tempfile
 import warnings
 import weakref
@@ -30,7 +30,7 @@ from midnet_bench.campaign.provenance import Provenance, versions_note
 from midnet_bench.campaign.store import FILE_NAME, Store, open_store
 from midnet_bench.campaign.trial import VARIANT, Row, Scalar, factor_text
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.io.files import read_bounded
+from midnet_bench.io.files import read_bounded, temporary_folder
 
 CONFIGURATION = "configuration.json"
 PROVENANCE = "provenance.json"
@@ -214,14 +214,11 @@ def load_results(directory: str | Path, tables_of: TablesOf | None = None) -> Re
 
 
 def _from_store(directory: Path, tables_of: TablesOf | None) -> Results:
-    folder = Path(tempfile.mkdtemp(prefix="midnet-bench-"))
-    try:
+    with contextlib.ExitStack() as held:
+        folder = held.enter_context(temporary_folder(Path(tempfile.gettempdir(), "midnet-bench-tables")))
         with open_store(directory / FILE_NAME) as store:
             results = results_of(store, directory, folder, tables_of)
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
-    weakref.finalize(results.tables, shutil.rmtree, folder, ignore_errors=True)
+        weakref.finalize(results.tables, held.pop_all().close)
     return results
 
 

@@ -77,7 +77,8 @@ def drawn(table: Table, most: int | None) -> str:
         return "\n".join([*filled(table.title, most or width()), "nothing", *table.notes])
     if most is None:
         widths = [column.widths(False)[2] for column in columns.values()]
-        return "\n".join([table.title, *_laid_out(list(columns.values()), widths), *table.notes])
+        lines = [shown(table.title), *_laid_out(list(columns.values()), widths), *map(shown, table.notes)]
+        return "\n".join(lines)
     left_out: list[str] = []
     beside = [name for name in table.beside if name in columns]
     while len(columns) - len(left_out) > MOST_COLUMNS and beside:

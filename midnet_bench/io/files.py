@@ -172,10 +172,16 @@ def _forget_drafts(path: Path) -> None:
     for draft in path.parent.glob(f"*.{glob.escape(path.name)}.*.new"):
         with contextlib.suppress(OSError):  # it is in use, or another process has just removed it
             age_s = time.time() - draft.lstat().st_mtime
-            if LOCKED_WITHIN_S < age_s <= DRAFT_KEPT_S:
+            if age_s <= LOCKED_WITHIN_S:
+                continue
+            try:
                 os.close(_locked(draft))
-            if age_s > LOCKED_WITHIN_S:
-                _remove(draft)
+            except BlockingIOError:
+                continue
+            except OSError:
+                if age_s <= DRAFT_KEPT_S:
+                    continue
+            _remove(draft)
 
 
 def cannot_be_written(path: Path, error: OSError) -> MidnetBenchError:

@@ -2,6 +2,7 @@
 
 import bz2
 import contextlib
+import gc
 import io
 import json
 import os
@@ -10,6 +11,8 @@ import socket
 import sqlite3
 import subprocess
 import sys
+import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,12 +21,15 @@ import lz4.frame
 import pytest
 import yaml
 
+from midnet_bench.analysis.frames import load_results
+from midnet_bench.experiments import registry
 from midnet_bench.recording.files.ros_messages import Message
 from midnet_bench.recording.files.unpacking import zstd
 from midnet_bench.recording.files.writer import bag_writer
 from tests.cli.command import REPOSITORY, Done, midnet_bench, one_line_of_complaint
 from tests.recording import recordings as made
 from tests.recording.recordings import Drive, Said
+from tests.stores import labyrinth_store
 
 DRIVE = Drive(seconds=1.5, lidar=made.lidar_of(60))
 SAYS = {
@@ -274,3 +280,84 @@ def test_a_folder_that_names_what_may_never_end(named: str, kind: str, tmp_path:
     with soon():
         done = midnet_bench("replay", bag, folder=tmp_path)
     assert named in one_line_of_complaint(done)
+
+
+@pytest.mark.parametrize("given", [("--background", "first-1"), ("--map", "/map")])
+@pytest.mark.parametrize("far_m", [1e300, -1e300, 9e6, 1e8])
+def test_poses_that_lie_beyond_all(far_m: float, given: tuple[str, str], tmp_path: Path) -> None:
+    poses = made.pose_messages(DRIVE)
+    for number in (0, 3, 7, 8):
+        kind, said = poses[number].message
+        position = {**said["pose"]["position"], "x": far_m}
+        moved = {**said, "pose": {**said["pose"], "position": position}}
+        poses[number] = poses[number]._replace(message=Message(kind, moved))
+    bag = made.write_bag(tmp_path, [made.map_message(), *made.scan_messages(DRIVE), *poses])
+    setup = tmp_path / "setup.yaml"
+    setup.write_text(f"{given[0][2:]}: {given[1]}\npose: /pose\nmount: [0.1, 0.02, 2.86]\n")
+    done = midnet_bench("replay", bag, "--setup", setup, "-o", "out", folder=tmp_path)
+    assert done.returncode in (0, 2), done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Warning" not in done.stderr
+    assert sum(line.startswith("error") for line in done.stderr.splitlines()) == (done.returncode == 2)
+
+
+@pytest.mark.parametrize(
+    "name", ["/a\x1b]0;taken\x07", "/b\x1b[2J\x1b[H", "/c\r/hidden", "/d\u202egab", "/e\n/f"]
+)
+@pytest.mark.parametrize("arguments", [(), ("--wide",), ("--json",), ("--map", "/map")])
+def test_names_with_control_characters_are_escaped(
+    name: str, arguments: tuple[str, ...], tmp_path: Path
+) -> None:
+    scans = made.scan_messages(DRIVE, topic=name, frame=f"laser{name}")
+    more = made.scan_messages(DRIVE, topic=f"{name}2")
+    messages = [made.map_message(), *scans, *more, *made.pose_messages(DRIVE, topic=f"{name}/pose")]
+    bag = made.write_bag(tmp_path, messages, name=f"b{name[2:].replace('/', '')}")
+    done = midnet_bench("replay", bag, *arguments, folder=tmp_path)
+    assert done.returncode in (0, 2), done.stderr
+    for line in (done.stdout + done.stderr).split("\n"):
+        assert line.isprintable() or line == "", repr(line)
+
+
+def left_by_a_kill(code: str, folder: Path, pattern: str) -> list[Path]:
+    """What lies about after a process that runs ``code`` was killed, once it says that it is in the midst."""
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "TMPDIR": str(folder)}
+    command = [sys.executable, "-c", f"{code}\nprint('now', flush=True)\nimport time; time.sleep(600)"]
+    with subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True) as running:
+        assert running.stdout is not None
+        assert running.stdout.readline() == "now\n"
+        running.kill()
+    return list(folder.glob(pattern))
+
+
+@pytest.mark.parametrize("bag_format", ["mcap", "ros1", "ros2"])
+def test_the_draft_of_a_killed_export_is_gone_after_the_next(bag_format: str, tmp_path: Path) -> None:
+    code = (
+        "from pathlib import Path\nfrom midnet_bench.recording.files.writer import bag_writer\n"
+        f"held = bag_writer(Path('b'), {bag_format!r})\nheld.__enter__()"
+    )
+    (left,) = left_by_a_kill(code, tmp_path, ".b.*.new")
+    os.utime(left, (time.time() - 10, time.time() - 10))
+    with bag_writer(tmp_path / "b", bag_format):
+        assert not left.exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["b"]
+
+
+def test_what_a_killed_reader_of_results_left_is_gone_after_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "results").mkdir()
+    labyrinth_store(tmp_path / "results" / "campaign.sqlite", lambda k, q, seed: 1, seeds=2).close()
+    code = (
+        "from midnet_bench.analysis.frames import load_results\n"
+        "from midnet_bench.experiments import registry\n"
+        f"held = load_results({str(tmp_path / 'results')!r}, registry.tables_of)"
+    )
+    (left,) = left_by_a_kill(code, tmp_path, ".midnet-bench-*")
+    os.utime(left, (time.time() - 10, time.time() - 10))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    held = load_results(tmp_path / "results", registry.tables_of)
+    assert not left.exists()
+    assert len(list(tmp_path.glob(".midnet-bench-*"))) == 1
+    del held
+    gc.collect()
+    assert [path.name for path in tmp_path.iterdir()] == ["results"]
