@@ -8,6 +8,7 @@ from setuptools import find_namespace_packages, setup
 SHIPPED = {
     "midnet_bench.campaigns": "campaigns",
     "midnet_bench.reference.detection": "results/reference/detection",
+    "midnet_bench.reference.standard": "results/reference/standard",
     "midnet_bench.golden.smoke-detection": "results/reference/smoke/smoke-detection",
     "midnet_bench.golden.smoke-labyrinth": "results/reference/smoke/smoke-labyrinth",
 }

@@ -42,6 +42,17 @@ def errors(
             help="With --frame: draw each guard's grids A to D into this folder; the trial runs again.",
         ),
     ] = None,
+    steps: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="With --frame: walk the frame through the paper's equations, a page in this folder; the "
+            "trial runs again, recorded or not.",
+        ),
+    ] = None,
+    guard: Annotated[
+        int | None, typer.Option(metavar="N", help="With --steps: whose grids are shown, from 1.")
+    ] = None,
     versus: Annotated[
         Path | None,
         typer.Option(
@@ -69,9 +80,14 @@ def errors(
         show(None, [workflow.versus(directory, versus, own, versus_where or own)], as_json, wide)
         return
     if frame is None:
-        if grids is not None:
-            raise InputError("errors: --grids draws one frame; give --frame, such as --frame 60")
+        if grids is not None or steps is not None:
+            option = "--grids draws" if steps is None else "--steps walks through"
+            raise InputError(f"errors: {option} one frame; give --frame, such as --frame 60")
         show(None, workflow.errors(directory, own, seed), as_json, wide)
+        return
+    if steps is not None:
+        for file in workflow.steps(directory, seed, frame, own, steps, guard):
+            typer.echo(file)
         return
     seed = workflow.only_seed(directory, own) if seed is None else seed
     table = workflow.explain(directory, seed, frame, own)

@@ -1,0 +1,118 @@
+"""One frame, step by step: what section IV of the paper does with it, as a page with two pictures."""
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import NamedTuple
+
+from midnet_bench.drawing.plots import png_of_figure
+from midnet_bench.drawing.steps import Node, Tree, draw_fusion, draw_views, tree_of
+from midnet_bench.errors import InputError
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.io.files import write_atomically
+from midnet_bench.midnet.pipeline import Explanation, Observation
+from midnet_bench.midnet.settings import MIDNetSettings
+
+PAGE, GRIDS, FUSION = "steps.html", "steps-grids.png", "steps-fusion.png"
+STYLE = "body{font:16px/1.5 sans-serif;max-width:62em;margin:2em auto;padding:0 1em}img{max-width:100%}"
+
+
+class ExplainedFrame(NamedTuple):
+    """A frame of a trial or a recording with all that the page shows of it."""
+
+    title: str
+    """of which trial or recording, and when"""
+    prior_map: OccupancyGrid
+    observations: Sequence[Observation]
+    """of each robot, in index order"""
+    explanation: Explanation
+    settings: MIDNetSettings
+    has_paper_fusion: bool
+    """whether Algorithms 3 and 4 fused the boxes"""
+
+
+def write_steps(frame: ExplainedFrame, output: Path, guard: int | None = None) -> list[Path]:
+    """Write ``steps.html`` and its pictures; their paths.
+
+    Args:
+        frame: with at least one robot that has sent a costmap.
+        output: a folder, made if it is not there.
+        guard: whose grids are shown, from 1; the first with the most boxes unless given.
+
+    Raises:
+        InputError: there is no such guard, or the folder cannot be written.
+        MidnetBenchError: there is no room.
+    """
+    views = frame.explanation.views
+    counts = [len(view.found) for view in views]
+    shown = 1 + counts.index(max(counts)) if guard is None else guard
+    if not 1 <= shown <= len(views):
+        raise InputError(f"--guard {shown}: this frame has guards 1 to {len(views)}")
+    pictures = {GRIDS: draw_views(frame.observations[shown - 1], frame.explanation, shown - 1)}
+    tree = None
+    if frame.has_paper_fusion and len(views) > 1:
+        tree = tree_of(frame.explanation, frame.settings.iou_fuse)
+        pictures[FUSION] = draw_fusion(frame.prior_map, tree)
+    files = {name: png_of_figure(figure) for name, figure in pictures.items()}
+    for name, content in {**files, PAGE: _page(frame, shown, tree).encode()}.items():
+        write_atomically(output / name, content)
+    return [output / PAGE, *(output / name for name in files)]
+
+
+def _page(frame: ExplainedFrame, guard: int, tree: Tree | None) -> str:
+    """HTML: the steps with this frame's numbers."""
+    explanation, settings = frame.explanation, frame.settings
+    costmap = frame.observations[guard - 1].costmap
+    found = [len(view.found) for view in explanation.views]
+    removed, kept = len(explanation.removed), sum(len(view.kept) for view in explanation.views)
+    own = [f"guard {one.ally + 1}" for one in explanation.removed if one.detection.robot == guard - 1]
+    side_m = costmap.resolution * costmap.width
+    one_robot = [
+        f"<b>Costmap.</b> Guard {guard}, at the blue cross, sends {costmap.width} x {costmap.height} cells "
+        f"of {costmap.resolution:g} m, {side_m:.3g} m wide.",
+        f"<b>Grid A (Eq. 1).</b> Cells with a cost of {settings.thresh_local} (<code>thresh_local</code>) or "
+        "more are occupied: black.",
+        "<b>Grid B (Algorithm 1, Eqs. 2 to 4).</b> The binary prior map, cropped around the guard's pose.",
+        "<b>Grids C and D (Eqs. 5 and 6).</b> C is occupied in A and in B: mapped walls. D is occupied in A "
+        "alone: intruders and teammates, white.",
+        f"<b>Boxes (IV.B.4).</b> Each connected group of cells of D has a box: {found[guard - 1]} here. The "
+        f"guards have {', '.join(map(str, found))}, {sum(found)} in all.",
+    ]
+    team = [
+        f"<b>Allies (Algorithm 2).</b> A box that overlaps the square of a teammate's pose, side "
+        f"{settings.ally_diameter_m:g} m, with an IoU (Eq. 7) of {settings.iou_ally:g} or more is removed: "
+        f"{removed} of the {sum(found)}"
+        + (f", of guard {guard} those of {', '.join(own)}" if own else "")
+        + f". {kept} are left.",
+    ]
+    if tree is not None:
+        fused = "; ".join(
+            f"guards {first + 1} to {last + 1}: {_lost(tree, node)}"
+            for (first, last), node in tree.nodes.items()
+            if node.lost
+        )
+        team += [
+            "<b>The tree (Algorithm 3).</b> The list of guards is halved until each part is one guard. Then "
+            "the halves are fused from the bottom up.",
+            f"<b>Fusing two lists (Algorithm 4).</b> Two boxes with an IoU of {settings.iou_fuse:g} or more "
+            f"are one intruder; the larger one stays. {fused or 'No two are fused here'}. "
+            f"{len(tree.root.left)} boxes are left.",
+        ]
+    picture = f'<img src="{FUSION}" alt="All boxes on the map, and the tree of Algorithm 3">' if tree else ""
+    return f"""<!DOCTYPE html>
+<html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>One frame, step by step</title><style>{STYLE}</style>
+<h1>One frame, step by step</h1>
+<p>What section IV of the paper does with one frame: {escape(frame.title)}.</p>
+<h2>What one robot finds (sections IV.A and IV.B)</h2>
+<img src="{GRIDS}" alt="Costmap, grids A to D and boxes of guard {guard}">
+<ol>{"".join(f"<li>{text}</li>" for text in one_robot)}</ol>
+<h2>What the team keeps (section IV.C)</h2>
+{picture}
+<ol start="{len(one_robot) + 1}">{"".join(f"<li>{text}</li>" for text in team)}</ol>
+</html>
+"""
+
+
+def _lost(tree: Tree, node: Node) -> str:
+    return ", ".join(f"{tree.names[k]} into {tree.names[j]}" for k, j in node.lost)

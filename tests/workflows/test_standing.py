@@ -1,0 +1,81 @@
+"""``run standard``: a method in its place among the shipped ones."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from unittest import mock
+
+import pandas as pd
+import pytest
+
+from midnet_bench.analysis.frames import load_results
+from midnet_bench.campaign.definition import Definition
+from midnet_bench.experiments.registry import tables_of
+from midnet_bench.workflows import standing
+from tests.cli.command import Done, midnet_bench, rows
+from tests.cli.test_cli_parts import MINE
+
+SHORT = ("--seeds", 3, "--seed", 9101, "--frames", 10, "-q")
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def run(folder: Path, *arguments: object) -> Done:
+    done = midnet_bench("run", "standard", *SHORT, *arguments, folder=folder)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+@pytest.fixture
+def ground(tmp_path: Path) -> Iterator[Path]:
+    """A folder with a detector, where short results of two shipped detectors are the committed ones."""
+    (tmp_path / "mine.py").write_text(MINE)
+    run(tmp_path, "--detector", "midnet,subtraction", "-o", "reference")
+    with mock.patch.object(standing, "reference_folder", return_value=tmp_path / "reference"):
+        yield tmp_path
+
+
+def test_a_detector_of_one_s_own_stands_among_the_shipped_ones(ground: Path) -> None:
+    first = run(ground, "--detector", "mine.py:Returns", "-o", "mine")
+    table = rows(ground / "mine" / "leaderboard.csv")
+    assert {row["method"] for row in table} == {"midnet", "subtraction", "mine.py:Returns (yours)"}
+    scores = [float(row["f1_one_to_one"]) for row in table]
+    assert scores == sorted(scores, reverse=True)
+    for row in table:
+        grounds = [float(row[name]) for name in ("Map 1", "office", "people", "standing still")]
+        assert float(row["f1_one_to_one"]) == pytest.approx(sum(grounds) / 4.0)
+    (own,) = (row for row in table if row["method"].endswith("(yours)"))
+    assert own["digest"] in first.stdout
+    again = run(ground, "--detector", "mine.py:Returns", "-o", "again")
+    assert [row["digest"] for row in rows(ground / "again" / "leaderboard.csv")] == [
+        row["digest"] for row in table
+    ]
+    assert own["digest"] in again.stdout
+
+
+def test_a_shipped_method_again_has_the_committed_scores_or_says_that_it_has_not(ground: Path) -> None:
+    assert "to the last bit" in run(ground, "-o", "same").stdout
+    path = ground / "reference" / "scores.csv"
+    (ground / "reference" / "campaign.sqlite").unlink()
+    frame = pd.read_csv(path, float_precision="round_trip")
+    frame.loc[0, "gospa_m"] += 1e-9
+    frame.to_csv(path, index=False)
+    done = midnet_bench("report", "same", "-q", folder=ground)
+    assert "differ" in done.stdout
+
+
+def test_another_protocol_has_no_place(ground: Path) -> None:
+    done = run(ground, "--set", "obstacle_range_m=2", "-o", "other")
+    assert not (ground / "other" / "leaderboard.csv").exists()
+    assert "rank" not in done.stdout
+
+
+def test_the_committed_page_is_made_of_the_committed_results() -> None:
+    folder = standing.reference_folder()
+    results = load_results(folder, tables_of)
+    definition = Definition.from_json((folder / "configuration.json").read_text())
+    assert standing.is_standard(definition)
+    table = standing.standing(results, standing._stored_costs(folder))
+    assert standing.page(table) == (DOCS / "leaderboard.md").read_text(encoding="utf-8")
+    assert json.loads((folder / "provenance.json").read_text())[0]["command"].startswith(
+        "midnet-bench run standard"
+    )
