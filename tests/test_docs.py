@@ -118,7 +118,9 @@ def test_the_walkthrough_has_the_numbers_of_its_trial() -> None:
     assert f"Of the {sum(found_by_each)} boxes {len(removed)} are removed and {sum(kept)} are left" in words
     assert f"{len(frame.midnet.detections)} boxes are left" in words
     assert removed.count(walk.GUARD_SHOWN - 1) == 2
-    assert len(walk.draw_fusion(prior, found, mb.MIDNetSettings().iou_fuse).axes) == 2
+    tree = walk.tree_of(found, mb.MIDNetSettings().iou_fuse)
+    assert len(tree.root.left) == len(frame.midnet.detections)
+    assert len(walk.draw_fusion(prior, tree).axes) == 2
     assert len(walk.draw_views(frame.observations[2], found, 2).axes) == 6
 
 

@@ -79,7 +79,7 @@ class World:
         return self._active.copy()
 
     def step(self) -> None:
-        """Let one tick pass: first for people, who see where the robots are, then for the robots."""
+        """Let one tick pass: first for people, with the places of the robots, then for the robots."""
         if self.crowd.members:
             robots = self.poses()[self._active]
             robots[:, 2] = self.robot.body_reach_m

@@ -198,15 +198,15 @@ def page(table: Table) -> str:
 
 Five guards in Map 1, in an office, among people who walk, and among people who stand still:
 `campaigns/standard.yaml`, version 1. The score is the mean one-to-one F1 over the four. Its difference is
-from the paper's method on the same seeds, with a verdict by Holm at 5 %. A row is a detector, with the fusion and the
-patrol where they are not the paper's.
+from the paper's method on the same seeds, with a verdict by Holm at 5 %. A row is a detector, with the fusion
+and the patrol where they are not the paper's.
 
     midnet-bench run standard --detector mine.py:Mine
     midnet-bench run standard --detector subtraction --fusion "components(iou=0.02)"
 
 The first prints yours in its place; `--fusion` and `--patrol` do so for theirs. The second makes a row again
-and says whether every score is the committed one, to the last bit. To send a row, open a pull request with the
-file, the command and the digest. `make leaderboard` makes this page.
+and says whether every score is the committed one, to the last bit. To send a row, open a pull request with
+the file, the command and the digest. `make leaderboard` makes this page.
 
 {replace(table, rows=rows).to_markdown().strip()}
 """
