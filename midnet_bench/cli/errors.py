@@ -86,7 +86,9 @@ def errors(
         show(None, workflow.errors(directory, own, seed), as_json, wide)
         return
     if steps is not None:
-        for file in workflow.steps(directory, seed, frame, own, steps, guard):
+        from midnet_bench.workflows.steps import steps_of_trial
+
+        for file in steps_of_trial(directory, seed, frame, own, steps, guard):
             typer.echo(file)
         return
     seed = workflow.only_seed(directory, own) if seed is None else seed

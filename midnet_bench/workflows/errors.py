@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from itertools import islice
 from pathlib import Path
 
 import pandas as pd
@@ -17,8 +16,6 @@ from midnet_bench.experiments.guarded.record import RecordedFrame
 from midnet_bench.experiments.registry import columns, tables_of
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
 from midnet_bench.workflows.render import render_trial
-from midnet_bench.workflows.simulate import simulate
-from midnet_bench.workflows.steps import ExplainedFrame, write_steps
 
 WORST = 10
 """frames that ``errors`` names"""
@@ -96,51 +93,6 @@ def grids(directory: str | Path, seed: int, frame: int, where: Sequence[str], ou
         raise InputError(f"{directory}: name one value of {', '.join(definition.grid)} by --where")
     parameters = {**definition.parameters, "record": False}
     return render_trial(definition.experiment, parameters, seed, output, frame, clip=False)
-
-
-def steps(
-    directory: str | Path, seed: int | None, frame: int, where: Sequence[str], output: Path, guard: int | None
-) -> list[Path]:
-    """Walk one frame of a trial through section IV, see :func:`~.steps.write_steps`; the files written.
-
-    The trial runs again up to that frame, so it needs no recording.
-
-    Args:
-        directory: of a campaign of guarded arenas.
-        seed: of the trial; the campaign's only one unless given.
-        frame: counted from 1.
-        where: ``FACTOR=VALUE`` of the grid, as many as it takes to name one cell.
-        output: a folder.
-        guard: whose grids are shown, from 1.
-
-    Raises:
-        InputError: several trials match, there is no such frame, or the detector is not the paper's.
-    """
-    from midnet_bench.workflows.export import trial_of
-
-    experiment, parameters, seed = trial_of(directory, seed, where)
-    parameters = {**parameters, "record": False}
-    with simulate(experiment, seed=seed, explain=True, **parameters) as frames:
-        shown = next(islice(frames, frame - 1, None), None) if frame > 0 else None
-    if shown is None:
-        raise InputError(f"--frame {frame}: the trial has fewer frames, counted from 1")
-    midnet = getattr(shown, "midnet", shown)
-    if midnet.explanation is None:
-        raise InputError(f"--steps: detector={parameters['detector']} does not work by the paper's steps")
-    trial = frames.trial
-    title = f"{experiment}, seed {seed}, frame {frame} ({frame * FRAME_S:.1f} s)"
-    return write_steps(
-        ExplainedFrame(
-            title,
-            trial.prior_map,
-            midnet.observations,
-            midnet.explanation,
-            trial.parameters.midnet,
-            parameters.get("fusion", "paper") == "paper",
-        ),
-        output,
-        guard,
-    )
 
 
 def versus(

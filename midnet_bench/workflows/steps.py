@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from html import escape
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,8 +13,11 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import write_atomically
 from midnet_bench.midnet.pipeline import Explanation, Observation
 from midnet_bench.midnet.settings import MIDNetSettings
+from midnet_bench.workflows.export import trial_of
+from midnet_bench.workflows.simulate import simulate
 
 PAGE, GRIDS, FUSION = "steps.html", "steps-grids.png", "steps-fusion.png"
+FRAME_S = 0.2
 STYLE = "body{font:16px/1.5 sans-serif;max-width:62em;margin:2em auto;padding:0 1em}img{max-width:100%}"
 
 
@@ -29,6 +33,49 @@ class ExplainedFrame(NamedTuple):
     settings: MIDNetSettings
     has_paper_fusion: bool
     """whether Algorithms 3 and 4 fused the boxes"""
+
+
+def steps_of_trial(
+    directory: str | Path, seed: int | None, frame: int, where: Sequence[str], output: Path, guard: int | None
+) -> list[Path]:
+    """Walk one frame of a trial through section IV, see :func:`write_steps`; the files written.
+
+    The trial runs again up to that frame, so it needs no recording.
+
+    Args:
+        directory: of a campaign of guarded arenas.
+        seed: of the trial; the campaign's only one unless given.
+        frame: counted from 1.
+        where: ``FACTOR=VALUE`` of the grid, as many as it takes to name one cell.
+        output: a folder.
+        guard: whose grids are shown, from 1.
+
+    Raises:
+        InputError: several trials match, there is no such frame, or the detector is not the paper's.
+    """
+    experiment, parameters, seed = trial_of(directory, seed, where)
+    parameters = {**parameters, "record": False}
+    with simulate(experiment, seed=seed, explain=True, **parameters) as frames:
+        shown = next(islice(frames, frame - 1, None), None) if frame > 0 else None
+    if shown is None:
+        raise InputError(f"--frame {frame}: the trial has fewer frames, counted from 1")
+    midnet = getattr(shown, "midnet", shown)
+    if midnet.explanation is None:
+        raise InputError(f"--steps: detector={parameters['detector']} does not work by the paper's steps")
+    trial = frames.trial
+    title = f"{experiment}, seed {seed}, frame {frame} ({frame * FRAME_S:.1f} s)"
+    return write_steps(
+        ExplainedFrame(
+            title,
+            trial.prior_map,
+            midnet.observations,
+            midnet.explanation,
+            trial.parameters.midnet,
+            parameters.get("fusion", "paper") == "paper",
+        ),
+        output,
+        guard,
+    )
 
 
 def write_steps(frame: ExplainedFrame, output: Path, guard: int | None = None) -> list[Path]:
