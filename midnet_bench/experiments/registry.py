@@ -1,6 +1,5 @@
 """The experiments by name: those of this package, of installed packages, and of a user's own files."""
 
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
 from midnet_bench.campaign.columns import check_tables, shown
@@ -10,7 +9,7 @@ from midnet_bench.experiments.detection import DETECTION
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.experiments.labyrinth import LABYRINTH
 from midnet_bench.experiments.mapping import MAPPING
-from midnet_bench.plugins import load_reference
+from midnet_bench.plugins import load_reference, offered
 from midnet_bench.settings import leaves
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ _GONE = {
 
 def names() -> list[str]:
     """The names that :func:`experiment` knows, this package's first; beside them it takes references."""
-    return list(dict.fromkeys([*_OWN, *(point.name for point in entry_points(group=ENTRY_POINTS))]))
+    return list(dict.fromkeys([*_OWN, *(point.name for point in offered(ENTRY_POINTS))]))
 
 
 def experiment(name: str) -> Experiment:
@@ -54,8 +53,9 @@ def experiment(name: str) -> Experiment:
         raise InputError(f"experiment: '{name}': {_GONE[name]}")
     if ":" in name:
         return _checked(name, load_reference(name))
-    for point in entry_points(group=ENTRY_POINTS, name=name):
-        return _checked(point.value, load_reference(point.value))
+    for point in offered(ENTRY_POINTS):
+        if point.name == name:
+            return _checked(point.value, load_reference(point.value))
     raise InputError(f"experiment: unknown name '{name}'{nearest_name(name, names())}")
 
 
