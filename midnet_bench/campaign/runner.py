@@ -13,6 +13,7 @@ from pathlib import Path
 import joblib
 
 from midnet_bench.campaign import store as stores
+from midnet_bench.campaign import trust
 from midnet_bench.campaign.database import only_writer
 from midnet_bench.campaign.definition import Definition, ResolvedCampaign
 from midnet_bench.campaign.pending import PendingTrials, pending_trials
@@ -152,6 +153,7 @@ def run_campaign(
         if fresh and (aside := stores.back_up(path)):
             progress.note(f"the old store is kept as {aside}")
         with stores.open_or_create(path, campaign.definition_in(directory)) as store:
+            trust.remember(path, store.definition)
             store.write_cells(campaign.numbered_cells)
             inventory = store.inventory()
             _forget_damaged(store, inventory.damaged, progress)

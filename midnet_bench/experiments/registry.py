@@ -60,12 +60,21 @@ def experiment(name: str) -> Experiment:
 
 
 def experiment_of(results: "Results") -> Experiment:
-    """The experiment that results are of, also where a user's own file has it.
+    """The experiment that results are of. Raises InputError as :func:`experiment_in`."""
+    return experiment_in(results.definition, results.directory)
+
+
+def experiment_in(definition: "Definition", directory: "Path") -> Experiment:
+    """The experiment of the campaign in a folder, also where a user's own file has it.
 
     Raises:
-        InputError: as :func:`experiment`, such as when that file has gone.
+        InputError: as :func:`experiment`, such as when that file has gone; or the campaign names code that
+            the user has not run, see ``campaign.trust``.
     """
-    return experiment(results.definition.reference(results.directory))
+    from midnet_bench.campaign import trust
+
+    trust.check(definition, directory)
+    return experiment(definition.reference(directory))
 
 
 def tables_of(definition: "Definition", directory: "Path") -> "Tables":
@@ -76,11 +85,11 @@ def tables_of(definition: "Definition", directory: "Path") -> "Tables":
         directory: its folder.
 
     Raises:
-        InputError: as :func:`experiment`, or the definition gives a parameter what it cannot be.
+        InputError: as :func:`experiment_in`, or the definition gives a parameter what it cannot be.
     """
     from midnet_bench.campaign.definition import differs_between_cells
 
-    found = experiment(definition.reference(directory))
+    found = experiment_in(definition, directory)
     known = leaves(found.model)
     fixed = {
         name: [value]
