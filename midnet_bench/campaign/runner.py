@@ -133,8 +133,8 @@ def run_campaign(
         campaign: what to run; it may extend what the store was made for by trials or grid values.
         directory: where the store is or will be.
         jobs: worker processes of this machine, all its cores unless given.
-        backend: ``loky``, or ``dask`` with the address of its ``scheduler``.
-        scheduler: such as ``tcp://127.0.0.1:8786``.
+        backend: ``loky`` or ``dask``.
+        scheduler: of Dask, such as ``tcp://127.0.0.1:8786``; a cluster of this machine unless given.
         fresh: starts over and keeps the old store aside.
         retry_failed: runs failed trials again.
         progress: receives each outcome.
@@ -222,12 +222,13 @@ def _pool(
 ) -> Iterator[Pool]:
     """The pool that the options ask for; says what is wrong with them before anything is touched."""
     check_options(backend, jobs, scheduler)
-    if scheduler is not None:
+    workers = joblib.cpu_count() if jobs is None else jobs
+    if backend == "dask":
         from midnet_bench.campaign.dask_pool import DaskPool
 
-        pool: Pool = DaskPool(scheduler, progress.note)
+        pool: Pool = DaskPool(scheduler, progress.note, workers)
     else:
-        pool = LokyPool(joblib.cpu_count() if jobs is None else jobs, directory / ".running", progress.note)
+        pool = LokyPool(workers, directory / ".running", progress.note)
     with contextlib.closing(pool):
         yield pool
 

@@ -173,7 +173,10 @@ class Campaign:
     ] = "loky"
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Address of the Dask scheduler, such as tcp://127.0.0.1:8786."),
+        typer.Option(
+            metavar="ADDRESS",
+            help="Address of the Dask scheduler, such as tcp://127.0.0.1:8786 (default: Dask on this machine).",
+        ),
     ] = None
     dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Say what would run, and stop.")] = False
     fresh: Annotated[

@@ -339,7 +339,6 @@ def test_two_versions_of_the_code_in_one_store_are_told(
     [
         ({"jobs": 0}, "--jobs 0"),
         ({"backend": "slurm"}, "--backend slurm: unknown; valid: dask, loky"),
-        ({"backend": "dask"}, "give the scheduler's address"),
         ({"scheduler": "tcp://127.0.0.1:8786"}, "only with --backend dask"),
     ],
 )
