@@ -175,7 +175,7 @@ class Campaign:
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="Address of the Dask scheduler, such as tcp://127.0.0.1:8786 (default: Dask on this machine).",
+            help="Address of the Dask scheduler, such as tcp://127.0.0.1:8786 (default: on this machine).",
         ),
     ] = None
     dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Say what would run, and stop.")] = False
