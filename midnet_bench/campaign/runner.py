@@ -91,7 +91,7 @@ def plan(
     definition = campaign.definition
     finished = failed = 0
     measured_on, size = 0, RULE_OF_THUMB_BYTES
-    wall_s = math.fsum(campaign.expected_wall_s) / len(campaign.cells)
+    wall_s = math.fsum(one.expected_wall_s for one in campaign.checked) / len(campaign.cells)
     path = Path(directory) / stores.FILE_NAME
     if path.exists() and not fresh:
         with stores.open_store(path) as store:

@@ -197,7 +197,7 @@ class Campaign:
         Raises:
             InputError: a setting is no ``key=value``, is out of range, or is given in two ways.
         """
-        from midnet_bench.campaign.definition import parse_sweep, values_of
+        from midnet_bench.campaign.definition import parse_settings, values_of
 
         given: dict[str, Values] = {}
         for name, hint in get_type_hints(type(self), include_extras=True).items():
@@ -210,7 +210,7 @@ class Campaign:
             else:
                 given[key] = values_of(text, f"--{key}") if "," in text else text
         given |= {"record": True} if self.record else {}
-        settings = _given_once(given, parse_sweep(self.settings or [], self.map_file))
+        settings = _given_once(given, parse_settings(self.settings or [], self.map_file, is_sweep=True))
         check_values(experiment, given, "--{key}")
         check_values(experiment, settings, "--set {key}=")
         return given | settings
