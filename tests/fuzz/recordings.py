@@ -50,7 +50,7 @@ WAYS: tuple[tuple[str, ...], ...] = (
     ("--map", "/map", "--pose", "/pose", "--preset", "real"),
     ("--map", "map.yaml", "--pose", "tf"),
     (),
-    ("--map", "map.yaml", "--pose", "/pose", "--localize"),
+    ("--map", "map.yaml", "--pose", "/pose", "--steps", "3"),
     ("--map", "map.yaml", "--pose", "/pose", "--check"),
     ("--setup", "background.yaml", "--pose", "/pose"),
 )
