@@ -7,7 +7,7 @@ returns near a label ended, and what is in a box.
 import math
 import pickle
 from collections.abc import Iterator, Sequence
-from typing import IO, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -15,11 +15,12 @@ import numpy.typing as npt
 
 from midnet_bench.assembly.detector_node import DetectorNode
 from midnet_bench.geometry import Box, Pose2D
-from midnet_bench.grid import OccupancyGrid, cells_of
+from midnet_bench.grid import UNKNOWN, OccupancyGrid, cells_of, values_at
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.messages import Scan
 from midnet_bench.midnet.detection import bounding_boxes
 from midnet_bench.midnet.pipeline import Frame, RobotView
+from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.ray_counts import RayCounts
 from midnet_bench.recording.replay import ReplayFrame
 from midnet_bench.recording.settings import ReplaySettings
@@ -66,6 +67,8 @@ class Surroundings(NamedTuple):
     """(n,) whether the map knows nothing there, or ends before"""
 
 
+MAY_STAY = ("unlabelled", "near_wall", "unknown_cells", "single_return")
+"""causes that become ``unmapped`` where the whole recording shows that what is there stays put"""
 MOST_RECENT = 20
 """scans whose surroundings are kept: one of each robot"""
 
@@ -89,13 +92,12 @@ class Explainer:
         """
         self._preset, self._map, self._node, self._settings = preset, prior_map, node, settings
         self.counts = counts
-        shape = (prior_map.height, prior_map.width)
         solid = (prior_map.data == 100).astype(np.uint8)
         if solid.any():
             away = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
             self._wall_m = away.astype(np.float64) * prior_map.resolution
         else:
-            self._wall_m = np.full(shape, math.inf)
+            self._wall_m = np.full(solid.shape, math.inf)
         self._matcher: ScanToMap | None = None
         self._matched: dict[int, tuple[Scan, Pose2D | None]] = {}
         """robot -> its last scan that was matched to the map, and the pose that came of it"""
@@ -113,58 +115,19 @@ class Explainer:
         return known
 
     def _surroundings(self, points: Floats) -> Surroundings:
-        cells = cells_of(self._map, points)
-        on = self._on_map(cells)
-        columns, rows = cells[on].T
-        wall_m, unknown = np.full(len(points), math.inf), np.ones(len(points), np.bool_)
-        wall_m[on] = self._wall_m[rows, columns]
-        unknown[on] = self._map.data[rows, columns] < 0
-        return Surroundings(wall_m, unknown)
-
-    def wall_distances(self, points: Floats) -> Floats:
-        """(n,) metres from (n, 2) points to the nearest mapped wall; inf off the map."""
-        return self._surroundings(points).wall_m
-
-    def _on_map(self, cells: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-        return np.asarray(
-            (cells >= 0).all(axis=1) & (cells[:, 0] < self._map.width) & (cells[:, 1] < self._map.height)
-        )
+        wall_m = values_at(self._wall_m, self._map, points, math.inf)
+        return Surroundings(wall_m, values_at(self._map.data, self._map, points, UNKNOWN) < 0)
 
     def misses(
         self, frame: ReplayFrame, labels: Sequence[Label], missed: Sequence[int], near_m: float
     ) -> None:
         """Add a row for each missed label, by index, that a return lies near."""
-        view = None
-        for index in missed:
-            label = labels[index]
-            if view is None:
-                view = self._node.midnet.update(
-                    frame.outputs[self._preset].observations, explain=True, allies=frame.fresh_allies
-                )
+        made = frame.outputs[self._preset]
+        view = self._node.midnet.update(made.observations, explain=True, allies=frame.fresh_allies)
+        for label in (labels[index] for index in missed):
             cause, returns = self._miss_stage(frame, label, near_m, view)
-            nearest_m = min(
-                (
-                    box.distance_to_point(label.x, label.y)
-                    for box in frame.outputs[self._preset].frame.detections
-                ),
-                default=math.inf,
-            )
-            self._keep(
-                ErrorRow(
-                    frame.number,
-                    frame.time_ns / 1e9,
-                    "miss",
-                    cause,
-                    label.name,
-                    label.x,
-                    label.y,
-                    0.0,
-                    0.0,
-                    returns,
-                    0.0,
-                    nearest_m,
-                )
-            )
+            apart_m = [box.distance_to_point(label.x, label.y) for box in made.frame.detections]
+            self._keep(frame, "miss", cause, *label, 0.0, 0.0, returns, 0.0, min(apart_m, default=math.inf))
 
     def _miss_stage(self, frame: ReplayFrame, label: Label, near_m: float, view: Frame) -> tuple[str, int]:
         """The last stage that returns near a label reached with any robot, and their number."""
@@ -197,14 +160,12 @@ class Explainer:
         if not len(points):
             return "outside_window"
         prior = self._node.prior
-        cells = cells_of(prior, points)
-        on = (cells >= 0).all(axis=1) & (cells[:, 0] < prior.width) & (cells[:, 1] < prior.height)
-        if not on.any():
+        values = values_at(prior.data.astype(np.int16), prior, points, -1)
+        points_on, values_on = points[values >= 0], values[values >= 0]
+        if not len(points_on):
             return "outside_prior"
-        if not self._is_left(view.d, points[on], math.ceil(self._settings.local_reach_m / prior.resolution)):
-            on_map = cells_of(self._map, points)
-            on_map = on_map[self._on_map(on_map)]
-            unknown = self._map.data[on_map[:, 1], on_map[:, 0]] < 0
+        if not self._is_left(view.d, points_on, math.ceil(self._settings.local_reach_m / prior.resolution)):
+            unknown = self._surroundings(points_on).unknown
             is_unknown = self._settings.prior.unknown == "occupied" and unknown.mean() > 0.5
             return "unknown_cells" if is_unknown else "under_prior"
         if _near(view.kept, label, near_m):
@@ -216,65 +177,44 @@ class Explainer:
         grown = _near([Box._make(box) for box in contours], label, near_m)
         if not grown:
             return "displaced"
-        midnet, free = self._settings.midnet, np.count_nonzero(prior.data[cells[on, 1], cells[on, 0]])
+        midnet, free = self._settings.midnet, np.count_nonzero(values_on)
         if midnet.min_returns and free < midnet.min_returns <= len(points):
             return "under_prior"  # which leaves a rim of what was inflated, without its returns
-        largest = max(self._cells_of(box, prior) for box in grown)
+        # at most so many cells has the blob in a box
+        sides = [(box.x_max - box.x_min, box.y_max - box.y_min) for box in grown]
+        largest = max(round(x / prior.resolution) * round(y / prior.resolution) for x, y in sides)
         is_small = largest < midnet.min_area_cells or not midnet.min_returns
         return "too_small" if is_small else "too_few_returns"
 
     @staticmethod
-    def _cells_of(box: Sequence[float], prior: OccupancyGrid) -> int:
-        """At most so many cells has the blob in a box."""
-        return round((box[2] - box[0]) / prior.resolution) * round((box[3] - box[1]) / prior.resolution)
-
-    @staticmethod
     def _is_left(d: OccupancyGrid, points: Floats, reach: int) -> bool:
         """Whether a cell within ``reach`` cells of a point is left in D."""
-        for column, row in cells_of(d, points).tolist():
-            part = d.data[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
-            if part.any():
-                return True
-        return False
+        return any(
+            d.data[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1].any()
+            for column, row in cells_of(d, points).tolist()
+        )
 
     def boxes(
         self,
         frame: ReplayFrame,
         wrong: Sequence[int],
         labels: Labels | None,
-        truth_of: Sequence[int | None],
         touched: Sequence[Sequence[int]],
         distance_m: float,
     ) -> None:
         """Add a row for each box, by index, that is no label's own."""
         for index in wrong:
             box = frame.outputs[self._preset].frame.detections[index]
-            kind = "false" if labels is not None else "box"
-            name = ""
             returns, about = self._in_box(frame, box)
-            offset_m = middle(about.wall_m)
-            age_s = 0.0
             if labels is not None and touched[index]:
-                kind, cause, name = "fragment", "fragment", labels.there[touched[index][0]].name
+                kind, cause, age_s, name = "fragment", "fragment", 0.0, labels.there[touched[index][0]].name
             else:
+                kind = "box" if labels is None else "false"
                 cause, age_s, name = self._false_positive_source(frame, box, about, labels, distance_m)
-            may_stay = cause in ("unlabelled", "near_wall", "unknown_cells", "single_return")
-            self._keep(
-                ErrorRow(
-                    frame.number,
-                    frame.time_ns / 1e9,
-                    kind,
-                    cause,
-                    name,
-                    *box.center,
-                    box.x_max - box.x_min,
-                    box.y_max - box.y_min,
-                    len(returns),
-                    age_s,
-                    offset_m,
-                ),
-                returns if may_stay and len(returns) else None,
-            )
+            size = box.x_max - box.x_min, box.y_max - box.y_min
+            inside = returns if cause in MAY_STAY and len(returns) else None
+            cells = (kind, cause, name, *box.center, *size, len(returns), age_s, middle(about.wall_m))
+            self._keep(frame, *cells, inside=inside)
 
     def _false_positive_source(
         self,
@@ -296,21 +236,15 @@ class Explainer:
             if box.distance_to_point(estimate.pose.x, estimate.pose.y) <= reach_m:
                 return ("ally_late" if late else "ally_left"), estimate.age_s, plan.name
         for one in frame.observed:
-            if (
-                len(frame.observed) > 1
-                and box.distance_to_point(one.estimate.pose.x, one.estimate.pose.y) <= NEAR_M
-            ):
+            apart_m = box.distance_to_point(*one.estimate.pose[:2])
+            if len(frame.observed) > 1 and apart_m <= NEAR_M:
                 return "ally_left", one.estimate.age_s, f"robot {one.robot + 1}"
         for label in labels.there if labels else ():
             if box.distance_to_point(label.x, label.y) <= distance_m + NEAR_M:
                 return "displaced", 0.0, label.name
         if not len(about.wall_m):
             newest_s = self.counts.newest_hit_s((box.x_min, box.y_min), (box.x_max, box.y_max))
-            return (
-                "ghost",
-                max(frame.time_ns / 1e9 - newest_s, 0.0) if math.isfinite(newest_s) else math.inf,
-                "",
-            )
+            return "ghost", max(frame.time_ns / NS - newest_s, 0.0), ""
         if len(about.wall_m) == 1:
             return "single_return", 0.0, ""
         if np.count_nonzero(about.unknown) > 0.5 * len(about.unknown):
@@ -322,64 +256,57 @@ class Explainer:
 
     def _in_box(self, frame: ReplayFrame, box: Box) -> tuple[Floats, Surroundings]:
         """The returns of the last scans in a box or a cell beside it, and what the map has about them."""
-        points, walls, unknown = [], [], []
-        for one in frame.observed:
-            inside = is_inside(box, one.returns, self._map.resolution)
-            about = self.surroundings(one.returns)
-            points.append(one.returns[inside])
-            walls.append(about.wall_m[inside])
-            unknown.append(about.unknown[inside])
-        if len(points) == 1:
-            return points[0], Surroundings(walls[0], unknown[0])
-        return np.concatenate(points), Surroundings(np.concatenate(walls), np.concatenate(unknown))
+        inside = [is_inside(box, one.returns, self._map.resolution) for one in frame.observed]
+        about = [self.surroundings(one.returns) for one in frame.observed]
+        points, wall_m, unknown = (
+            np.concatenate([column[chosen] for column, chosen in zip(columns, inside, strict=True)])
+            for columns in ([one.returns for one in frame.observed], *zip(*about, strict=True))
+        )
+        return points, Surroundings(wall_m, unknown)
 
     def _better_pose_corrects(self, frame: ReplayFrame, box: Box) -> bool:
         """Whether a match of the scan to the map puts the box's returns back onto walls."""
-        if self._matcher is None:
-            self._matcher = ScanToMap(self._map)
+        grown_m = self._settings.prior_reach_m - self._settings.local_reach_m
         for one in frame.observed:
-            scan = one.scan
-            if scan is None:
-                continue
             points = one.returns[is_inside(box, one.returns, self._map.resolution)]
-            if not len(points):
+            if one.scan is None or not len(points):
                 continue
-            if one.robot not in self._matched or self._matched[one.robot][0] is not scan:
-                matched = self._matcher.match(scan.pose, scan.ranges_m, scan.lidar)
-                self._matched[one.robot] = scan, None if matched is None else matched[0]
-            pose = self._matched[one.robot][1]
+            pose = self._matched_pose(one.robot, one.scan)
             if pose is None:
                 continue
-            shifted = pose.transform(_local(scan.pose, points))
-            grown_m = self._settings.prior_reach_m - self._settings.local_reach_m
-            if float(np.median(self.wall_distances(shifted))) <= max(grown_m, self._map.resolution):
+            shifted = pose.transform(one.scan.pose.inverse().transform(points))
+            off_m = float(np.median(self._surroundings(shifted).wall_m))
+            if off_m <= max(grown_m, self._map.resolution):
                 return True
         return False
 
-    def _keep(self, row: ErrorRow, returns: Floats | None = None) -> None:
-        """Keep a row; ``returns``: in the box, of what may turn out to stay put."""
-        pickle.dump((tuple(row), returns), self._kept)
+    def _matched_pose(self, robot: int, scan: Scan) -> Pose2D | None:
+        """The pose by which a robot's scan lies best on the map; None if the scan cannot be matched."""
+        self._matcher = self._matcher or ScanToMap(self._map)
+        if robot not in self._matched or self._matched[robot][0] is not scan:
+            found = self._matcher.match(scan.pose, scan.ranges_m, scan.lidar)
+            self._matched[robot] = scan, None if found is None else found[0]
+        return self._matched[robot][1]
+
+    def _keep(self, frame: ReplayFrame, *cells: Any, inside: Floats | None = None) -> None:
+        """Keep a row, its cells from the kind on; ``inside``: returns in a box that may stay put."""
+        pickle.dump(((frame.number, frame.time_ns / NS, *cells), inside), self._kept)
 
     def settled(self) -> Iterator[ErrorRow]:
         """All rows in order, ``unmapped`` where the whole recording shows that what is there stays put."""
-        stays = self.counts.near_what_stays()
-        height, width = stays.shape
+        stays, counts = self.counts.near_what_stays(), self.counts
+        grid = OccupancyGrid(stays.astype(np.int8), counts.resolution_m, counts.origin)
         end = self._kept.tell()
         self._kept.seek(0)
         while self._kept.tell() < end:
-            cells_of_row, points = pickle.load(self._kept)
-            row = ErrorRow(*cells_of_row)
+            cells, points = pickle.load(self._kept)
+            row = ErrorRow(*cells)
             if points is not None:
-                cells = np.floor((points - self.counts.origin) / self.counts.resolution_m).astype(np.int64)
-                on = (cells >= 0).all(axis=1) & (cells[:, 0] < width) & (cells[:, 1] < height)
-                if on.any() and stays[cells[on, 1], cells[on, 0]].mean() > 0.5:
+                points_stay = values_at(grid.data, grid, points, -1)
+                points_stay = points_stay[points_stay >= 0]
+                if len(points_stay) and points_stay.mean() > 0.5:
                     row = row._replace(cause="unmapped")
             yield row
-
-
-def _local(pose: Pose2D, points: Floats) -> Floats:
-    """Points of the map frame in a robot's."""
-    return pose.inverse().transform(points)
 
 
 def _near(boxes: Sequence[Box], label: Label, near_m: float) -> list[Box]:
@@ -394,7 +321,7 @@ def near(points: Floats, label: Label, distance_m: float) -> Floats:
 
 def off_walls(explainer: Explainer, points: Floats) -> Floats:
     """Those of (n, 2) points that lie on no mapped wall; all of them if none does."""
-    free = points[explainer.wall_distances(points) > explainer.counts.resolution_m]
+    free = points[explainer._surroundings(points).wall_m > explainer.counts.resolution_m]
     return free if len(free) else points
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Pose2D
 from midnet_bench.recording.files.no_return import NoReturn, found_in
-from midnet_bench.recording.files.readings import NO_MOTION, NS, POSE, SCAN, PoseReading, Transform
+from midnet_bench.recording.files.readings import NO_MOTION, NS, POSE, SCAN, PoseReading
 from midnet_bench.recording.files.survey import Stream, Survey
 from midnet_bench.recording.setup import LARGEST, RecordingSetup
 
@@ -16,6 +16,7 @@ TF_POSE = "tf"
 """value of key ``pose`` for transforms"""
 ONE_ROBOT = "robot"
 """name of the only robot of a recording"""
+AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
 class Link(NamedTuple):
@@ -34,8 +35,8 @@ class Link(NamedTuple):
 
     def seen(self, surveys: Sequence[Survey]) -> list[PoseReading]:
         """Its readings where the recordings were looked at."""
-        one = surveys[self.source]
-        return one.streams[self.topic].poses if self.topic else one.transforms[self.frame, self.child]
+        survey = surveys[self.source]
+        return survey.streams[self.topic].poses if self.topic else survey.transforms[self.frame, self.child]
 
 
 class PoseChain(NamedTuple):
@@ -93,29 +94,19 @@ def robots_of(surveys: Sequence[Survey], setup: RecordingSetup, file_names: Sequ
     )
     robots = []
     for name, (source, topic) in scans.items():
-        stream = surveys[source].streams[topic]
+        stream, own = surveys[source].streams[topic], surveys[source].source.mount
         chain, mount, upside_down = _where(
             surveys, source, stream.scans[0].frame, poses.get(name), setup.map_frame, name
         )
-        own = surveys[source].source.mount
         if name in mounts:
             x, y, yaw_deg = mounts[name]
             mount = Pose2D(x, y, math.radians(yaw_deg))
-        elif own is not None and mount == Pose2D(0.0, 0.0, 0.0):
+        elif own is not None and mount == AT_ORIGIN:
             mount = own
-        robots.append(
-            RobotPlan(
-                name,
-                source,
-                topic,
-                chain,
-                mount,
-                upside_down != mirrored.get(name, False),
-                round(delays_s.get(name, 0.0) * NS),
-                found_in(stream.scans, setup.no_return),
-                beam_time(stream)[0],
-            )
-        )
+        is_mirrored = upside_down != mirrored.get(name, False)
+        delay_ns, no_return = round(delays_s.get(name, 0.0) * NS), found_in(stream.scans, setup.no_return)
+        beam_s = beam_time(stream)[0]
+        robots.append(RobotPlan(name, source, topic, chain, mount, is_mirrored, delay_ns, no_return, beam_s))
     return robots
 
 
@@ -139,22 +130,25 @@ def _scan_topics(
 
 
 def _all_scan_topics(surveys: Sequence[Survey], file_names: Sequence[str]) -> dict[str, tuple[int, str]]:
-    streams = [(number, one) for number, survey in enumerate(surveys) for one in survey.of_kind(SCAN)]
-    filled = [(number, one) for number, one in streams if any(len(scan.ranges_m) for scan in one.scans)]
+    streams = [(number, stream) for number, survey in enumerate(surveys) for stream in survey.of_kind(SCAN)]
+    filled = [
+        (number, stream.topic.name)
+        for number, stream in streams
+        if any(len(scan.ranges_m) for scan in stream.scans)
+    ]
     if not filled:
-        raise InputError(f"{_paths(surveys)}: {_no_scans(surveys, bool(streams))}")
+        paths = ", ".join(survey.source.path for survey in surveys)
+        raise InputError(f"{paths}: {_no_scans(surveys, bool(streams))}")
     if len(surveys) == 1:
-        topics = [one.topic.name for _, one in filled]
-        return dict(zip(_names(topics), [(0, topic) for topic in topics], strict=True))
+        return dict(zip(_names([topic for _, topic in filled]), filled, strict=True))
     by_file: dict[str, tuple[int, str]] = {}
-    for number, one in filled:
+    for number, topic in filled:
         if file_names[number] in by_file:
             raise InputError(
                 f"{surveys[number].source.path}: several topics have scans; choose in setup.yaml, "
-                f"'scan: {{NAME: TOPIC}}': "
-                f"{', '.join(other.topic.name for source, other in filled if source == number)}"
+                f"'scan: {{NAME: TOPIC}}': {', '.join(name for source, name in filled if source == number)}"
             )
-        by_file[file_names[number]] = (number, one.topic.name)
+        by_file[file_names[number]] = (number, topic)
     return by_file
 
 
@@ -176,23 +170,19 @@ def _no_scans(surveys: Sequence[Survey], has_topic: bool) -> str:
     return f"no scan: no message of sensor_msgs/LaserScan; {held}"
 
 
-def _paths(surveys: Sequence[Survey]) -> str:
-    return ", ".join(survey.source.path for survey in surveys)
-
-
-def check_topic(surveys: Sequence[Survey], source: int, topic: str, kind: str, said: str) -> None:
+def check_topic(surveys: Sequence[Survey], source: int, topic: str, kind: str, key: str) -> None:
     """Raises InputError: the source has no such topic, nothing in it, or another kind of message."""
     streams = surveys[source].streams
     if topic not in streams:
         known = [name for survey in surveys for name, one in survey.streams.items() if one.topic.kind == kind]
-        raise InputError(f"{said}: no topic '{topic}'{nearest_name(topic, known or streams)}")
+        raise InputError(f"{key}: no topic '{topic}'{nearest_name(topic, known or streams)}")
     if streams[topic].topic.kind != kind:
         raise InputError(
-            f"{said}: '{topic}' is {streams[topic].topic.type}, which gives no {kind}; 'midnet-bench replay "
+            f"{key}: '{topic}' is {streams[topic].topic.type}, which gives no {kind}; 'midnet-bench replay "
             f"{surveys[source].source.path}' lists what there is"
         )
     if not (streams[topic].scans or streams[topic].poses):
-        raise InputError(f"{said}: '{topic}' has no message where the recording was looked at")
+        raise InputError(f"{key}: '{topic}' has no message where the recording was looked at")
 
 
 def _where(
@@ -200,36 +190,23 @@ def _where(
 ) -> tuple[PoseChain, Pose2D, bool]:
     """A robot's poses, its laser's mount, and whether the laser is upside down."""
     survey = surveys[source]
-    fixed, above = _fixed_part(survey, laser)
-    if given is None:
-        given = _proposed_pose(survey, laser, map_frame, name)
+    above = _fixed_part(survey, laser)
+    given = _proposed_pose(survey, laser, map_frame, name) if given is None else given
     if given == TF_POSE:
-        chain = survey.chain(laser)
-        if map_frame not in chain:
+        if map_frame not in survey.chain(laser):
             raise InputError(_missing_link(survey, laser, map_frame, name))
-        base = above[-1]
         if map_frame in above:  # the whole chain is fixed: the laser is at rest
-            whole = _composed(survey, above[: above.index(map_frame) + 1])
-            pose = Pose2D(whole.x, whole.y, whole.yaw)
-            return PoseChain((pose,), "a fixed transform"), Pose2D(0.0, 0.0, 0.0), whole.is_upside_down
-        return (
-            _tf_chain(survey, source, base, map_frame),
-            Pose2D(fixed.x, fixed.y, fixed.yaw),
-            fixed.is_upside_down,
-        )
+            pose, is_upside_down = _composed(survey, above[: above.index(map_frame) + 1])
+            return PoseChain((pose,), "a fixed transform"), AT_ORIGIN, is_upside_down
+        return _tf_chain(survey, source, above[-1], map_frame), *_composed(survey, above)
     if given.startswith("at:"):
-        pose = mount_of(given[3:], "pose")
-        return PoseChain((pose,), given), Pose2D(fixed.x, fixed.y, fixed.yaw), fixed.is_upside_down
+        return PoseChain((mount_of(given[3:], "pose"),), given), *_composed(survey, above)
     topic_at = source_of(surveys, given, source)
     check_topic(surveys, topic_at, given, POSE, "pose")
     child = surveys[topic_at].streams[given].poses[0].child
     if child and child in above:
-        fixed = _composed(survey, above[: above.index(child) + 1])
-    return (
-        PoseChain((Link(topic_at, given),), given),
-        Pose2D(fixed.x, fixed.y, fixed.yaw),
-        fixed.is_upside_down,
-    )
+        above = above[: above.index(child) + 1]
+    return PoseChain((Link(topic_at, given),), given), *_composed(survey, above)
 
 
 def source_of(surveys: Sequence[Survey], topic: str, first: int) -> int:
@@ -238,53 +215,50 @@ def source_of(surveys: Sequence[Survey], topic: str, first: int) -> int:
     return next((number for number in at if topic in surveys[number].streams), first)
 
 
-def _fixed_part(survey: Survey, laser: str) -> tuple[Transform, list[str]]:
-    """The transform from the topmost frame that the laser is fixed to, and the frames up to it."""
+def _fixed_part(survey: Survey, laser: str) -> list[str]:
+    """The laser's frame and those above it that it is fixed to, upwards."""
     above = [laser]
     for frame in survey.chain(laser)[1:]:
         if not survey.is_fixed(frame, above[-1]):
             break
         above.append(frame)
-    return _composed(survey, above), above
+    return above
 
 
-def _composed(survey: Survey, frames: Sequence[str]) -> Transform:
-    """The first frame's pose in the last one's."""
+def _composed(survey: Survey, frames: Sequence[str]) -> tuple[Pose2D, bool]:
+    """The first frame's pose in the last one's, and whether it is upside down there."""
     whole = NO_MOTION
     for child, frame in itertools.pairwise(frames):
         whole = survey.fixed(frame, child).then(whole)
-    return whole
+    return Pose2D(whole.x, whole.y, whole.yaw), whole.is_upside_down
 
 
 def _tf_chain(survey: Survey, source: int, base: str, map_frame: str) -> PoseChain:
     frames = survey.chain(base)
     frames = frames[: frames.index(map_frame) + 1][::-1]
-    links: list[Link | Pose2D] = []
-    for frame, child in itertools.pairwise(frames):
-        if survey.is_fixed(frame, child):
-            pose = survey.fixed(frame, child)
-            links.append(Pose2D(pose.x, pose.y, pose.yaw))
-        else:
-            links.append(Link(source, "", frame, child))
+    links = [
+        _composed(survey, (child, frame))[0]
+        if survey.is_fixed(frame, child)
+        else Link(source, "", frame, child)
+        for frame, child in itertools.pairwise(frames)
+    ]
     return PoseChain(tuple(links), "tf " + " -> ".join(frames))
 
 
 def _missing_link(survey: Survey, laser: str, map_frame: str, name: str) -> str:
-    path, chain = survey.source.path, survey.chain(laser)
+    chain, line = survey.chain(laser), f"{survey.source.path}: robot '{name}': "
     if not survey.transforms:
         return (
-            f"{path}: robot '{name}': no transforms: there is no /tf; give --pose TOPIC, FILE.csv, "
+            f"{line}no transforms: there is no /tf; give --pose TOPIC, FILE.csv, "
             "or at:X,Y,YAW_DEG if it is at rest"
         )
-    said = f"{path}: robot '{name}': tf does not lead from '{map_frame}' to '{laser}'"
+    line += f"tf does not lead from '{map_frame}' to '{laser}': "
     if map_frame not in survey.parents().values():
-        return (
-            f"{said}: no transform begins at '{map_frame}', the chain ends at '{chain[-1]}'; give "
-            f"map_frame in setup.yaml"
-        )
+        line += f"no transform begins at '{map_frame}', the chain ends at '{chain[-1]}'"
+        return f"{line}; give map_frame in setup.yaml"
     if len(chain) == 1:
-        return f"{said}: no transform ends at '{laser}'; give --pose TOPIC, and mount in setup.yaml"
-    return f"{said}: nothing links '{chain[-1]}' to '{map_frame}'; give --pose TOPIC or FILE.csv"
+        return f"{line}no transform ends at '{laser}'; give --pose TOPIC, and mount in setup.yaml"
+    return f"{line}nothing links '{chain[-1]}' to '{map_frame}'; give --pose TOPIC or FILE.csv"
 
 
 def _proposed_pose(survey: Survey, laser: str, map_frame: str, name: str) -> str:
@@ -323,17 +297,16 @@ def beam_time(stream: Stream) -> tuple[float, str]:
     A laser turns once from one scan to the next. A driver's ``time_increment`` that does not make about one
     turn of it is rubbish.
     """
-    scan = next(one for one in stream.scans if len(one.ranges_m))
-    said_s, period_s = scan.time_increment_s, stream.period_ns / NS
-    step_rad = max(abs(scan.angle_increment_rad), 1e-6)
-    if not (period_s > 0.0 and step_rad < math.tau):
+    scan = next(scan for scan in stream.scans if len(scan.ranges_m))
+    stated_s, period_s = scan.time_increment_s, stream.period_ns / NS
+    turn = math.tau / max(abs(scan.angle_increment_rad), 1e-6)
+    if period_s <= 0.0:
         return 0.0, f"{len(stream.scans)} scans do not show how fast the laser turns"
-    turn = math.tau / step_rad
-    if 0.5 * period_s <= said_s * turn <= 1.2 * period_s:
-        return said_s, ""
+    if 0.5 * period_s <= stated_s * turn <= 1.2 * period_s:
+        return stated_s, ""
     beam_s = period_s / turn
     return beam_s, (
-        f"time_increment {said_s:g} s does not fit a turn of {turn:.0f} beams in {period_s:.3g} s; "
+        f"time_increment {stated_s:g} s does not fit a turn of {turn:.0f} beams in {period_s:.3g} s; "
         f"{beam_s:.3g} s are taken"
     )
 
@@ -342,19 +315,17 @@ def mount_of(text: str, option: str) -> Pose2D:
     """``X,Y,YAW_DEG``. Raises InputError: these are no three numbers."""
     parts = text.split(",")
     if len(parts) != 3:
-        raise InputError(
-            f"{option} {text}: three numbers with commas are needed: X,Y,YAW_DEG (metres, degrees)"
-        )
+        raise InputError(f"{option} {text}: three numbers are needed: X,Y,YAW_DEG (metres, degrees)")
     x, y, yaw_deg = (number_of(part, f"{option} {text}") for part in parts)
     return Pose2D(x, y, math.radians(yaw_deg))
 
 
-def number_of(text: str, said: str) -> float:
+def number_of(text: str, source: str) -> float:
     """A finite number, at most ``LARGEST``. Raises InputError otherwise."""
     try:
         value = float(text)
     except ValueError:
-        raise InputError(f"{said}: {text!r} is not a number") from None
+        raise InputError(f"{source}: {text!r} is not a number") from None
     if not abs(value) <= LARGEST:
-        raise InputError(f"{said}: {text!r} is out of range; allowed: -{LARGEST:g} to {LARGEST:g}")
+        raise InputError(f"{source}: {text!r} is out of range; allowed: -{LARGEST:g} to {LARGEST:g}")
     return value

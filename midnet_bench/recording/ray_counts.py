@@ -1,10 +1,11 @@
-"""Ray counting: how often each cell was hit and how often a beam went through it, from known poses.
+"""Ray counting: how often each cell was hit and how often a beam went through it; what is not on the map.
 
 That is all that a map needs where poses are known, or a laser stands still (the counting model of occupancy
 grids; GMapping keeps the same two numbers). It also separates stationary from moving objects.
 """
 
 import math
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from midnet_bench.compiled import njit
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import Scan
+from midnet_bench.midnet.binary_map import FREE
 from midnet_bench.navigation.costmap import line_steps
 
 Counts = npt.NDArray[np.int32]
@@ -60,29 +62,31 @@ class RayCounts:
         if self.began_s is None:
             self.began_s = scan.stamp_s
         self.newest_s = scan.stamp_s
-        cells = np.floor((points - self.origin) / self.resolution_m).astype(np.int64)
-        column, row = (math.floor((sensor[axis] - self.origin[axis]) / self.resolution_m) for axis in (0, 1))
-        since_s = np.float32(scan.stamp_s - self.began_s)
+        column, row = self._cells(np.array(sensor[:2])).tolist()
+        since_s, cells = np.float32(scan.stamp_s - self.began_s), self._cells(points)
         count_rays(self.hits, self.passes, self.first_s, self.last_s, column, row, cells, since_s)
+
+    def _cells(self, points: Floats) -> npt.NDArray[np.int64]:
+        """(..., 2) column and row of each of (..., 2) points."""
+        return np.asarray(np.floor((points - self.origin) / self.resolution_m).astype(np.int64))
 
     def _hold(self, low: Floats, high: Floats) -> None:
         """Grow until two corners, metres, lie inside."""
         if not (np.isfinite(low).all() and np.isfinite(high).all()):
             raise InputError("ray counts: a return lies nowhere; poses and ranges must be finite")
         rows, columns = self.hits.shape
-        first = np.floor((low - self.origin) / self.resolution_m).astype(np.int64)
-        last = np.floor((high - self.origin) / self.resolution_m).astype(np.int64)
-        left, below = (max(-int(first[axis]) + MARGIN_CELLS, 0) if first[axis] < 0 else 0 for axis in (0, 1))
-        right = int(last[0]) - columns + 1 + MARGIN_CELLS if last[0] >= columns else 0
-        above = int(last[1]) - rows + 1 + MARGIN_CELLS if last[1] >= rows else 0
+        first, last = self._cells(low).tolist(), self._cells(high).tolist()
+        left, below = (MARGIN_CELLS - cell if cell < 0 else 0 for cell in first)
+        right, above = (
+            cell - size + 1 + MARGIN_CELLS if cell >= size else 0
+            for cell, size in zip(last, (columns, rows), strict=True)
+        )
         if not (left or below or right or above):
             return
         if (rows + below + above) * (columns + left + right) > MOST_CELLS:
             wide_m = self.resolution_m * max(columns + left + right, rows + below + above)
-            raise InputError(
-                f"ray counts: returns {wide_m:.0f} m "
-                "apart need a map that is too large; are the poses in metres?"
-            )
+            line = f"ray counts: returns {wide_m:.0f} m apart need a map that is too large"
+            raise InputError(f"{line}; are the poses in metres?")
         around = ((below, above), (left, right))
         self.hits, self.passes = np.pad(self.hits, around), np.pad(self.passes, around)
         self.first_s = np.pad(self.first_s, around, constant_values=np.inf)
@@ -115,19 +119,63 @@ class RayCounts:
 
     def near_what_stays(self) -> npt.NDArray[np.bool_]:
         """The same with the cells beside them."""
-        return np.asarray(cv2.dilate(self.stays().astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+        return dilated(self.stays()) > 0
 
     def newest_hit_s(self, corner: tuple[float, float], opposite: tuple[float, float]) -> float:
         """When a cell of a rectangle was hit last, seconds of the scans' clock; -inf if never."""
-        (x0, y0), (x1, y1) = (
-            (
-                math.floor((x - self.origin[0]) / self.resolution_m),
-                math.floor((y - self.origin[1]) / self.resolution_m),
-            )
-            for x, y in (corner, opposite)
-        )
+        (x0, y0), (x1, y1) = self._cells(np.array((corner, opposite))).tolist()
         part = self.last_s[max(y0, 0) : max(y1 + 1, 0), max(x0, 0) : max(x1 + 1, 0)]
         return float(part.max(initial=-np.inf)) + (self.began_s or 0.0)
+
+
+class Unmapped(NamedTuple):
+    """One thing that stays put and is not on the map; map frame, metres, seconds of the scans' clock."""
+
+    x_min_m: float
+    y_min_m: float
+    x_max_m: float
+    y_max_m: float
+    cells: int
+    hits: int
+    first_s: float
+    """when it was hit first"""
+    last_s: float
+
+
+def unmapped(
+    counts: RayCounts, prior_map: OccupancyGrid, prior: OccupancyGrid
+) -> tuple[list[Unmapped], OccupancyGrid]:
+    """What stays put off the map's inflated walls, and the map with its cells occupied.
+
+    Args:
+        counts: of the whole recording, on the map's lattice; they may reach beyond the map.
+        prior_map: int8, 100 occupied.
+        prior: the grid that is subtracted, uint8, 0 occupied.
+    """
+    cell_m, (x0, y0), began_s = prior_map.resolution, prior_map.origin, counts.began_s or 0.0
+    row, column = (
+        round((prior_map.origin[axis] - counts.origin[axis]) / counts.resolution_m) for axis in (1, 0)
+    )
+    window = slice(row, row + prior_map.height), slice(column, column + prior_map.width)
+    on_map = counts.stays()[window] & (prior.data == FREE)
+    patched = np.where(on_map, np.int8(100), prior_map.data)
+    number, blobs = cv2.connectedComponents(dilated(on_map), connectivity=8)
+    hits, first_s, last_s = (part[window] for part in (counts.hits, counts.first_s, counts.last_s))
+    things = []
+    for blob in range(1, number):
+        cells = on_map & (blobs == blob)
+        rows, columns = np.nonzero(cells)
+        first_x, first_y = x0 + float(columns.min()) * cell_m, y0 + float(rows.min()) * cell_m
+        last_x, last_y = x0 + float(columns.max() + 1) * cell_m, y0 + float(rows.max() + 1) * cell_m
+        times_s = began_s + float(first_s[cells].min()), began_s + float(last_s[cells].max())
+        hits_in = int(hits[cells].sum())
+        things.append(Unmapped(first_x, first_y, last_x, last_y, len(rows), hits_in, *times_s))
+    return sorted(things, key=lambda thing: -thing.hits), prior_map.with_data(patched)
+
+
+def dilated(cells: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
+    """(rows, columns) the cells and those beside them."""
+    return np.asarray(cv2.dilate(cells.astype(np.uint8), np.ones((3, 3), np.uint8)))
 
 
 @njit
@@ -159,14 +207,14 @@ def count_rays(
     for k in range(len(ends)):
         dx, dy = ends[k, 0] - column, ends[k, 1] - row
         along, across, step_along, step_across = line_steps(dx, dy, width)
-        place, error = row * width + column, along // 2
+        cell, error = row * width + column, along // 2
         for _ in range(along):
-            flat_passes[place] += 1
-            place += step_along
+            flat_passes[cell] += 1
+            cell += step_along
             error += across
             if error >= along:
-                place += step_across
+                cell += step_across
                 error -= along
-        flat_hits[place] += 1
-        flat_first[place] = min(flat_first[place], time_s)
-        flat_last[place] = max(flat_last[place], time_s)
+        flat_hits[cell] += 1
+        flat_first[cell] = min(flat_first[cell], time_s)
+        flat_last[cell] = max(flat_last[cell], time_s)

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -192,13 +192,12 @@ class Replay:
         """share of the recordings that was read"""
 
     def _interpolator(self, chain: PoseChain) -> PoseInterpolator:
-        links: list[PoseTrack | Pose2D] = []
-        for link in chain.links:
-            if isinstance(link, Pose2D):
-                links.append(link)
-            else:
-                links.append(self._tracks.setdefault(link, PoseTrack()))
-        return PoseInterpolator(links)
+        return PoseInterpolator(
+            [
+                link if isinstance(link, Pose2D) else self._tracks.setdefault(link, PoseTrack())
+                for link in chain.links
+            ]
+        )
 
     def frames(self) -> Iterator[ReplayFrame]:
         """Each frame in order of time.
@@ -244,8 +243,7 @@ class Replay:
             item = _Pending(time_ns, order, robot, reading, self._exact.pop(robot, None), number)
             self._indices[robot] += 1
             if self._passed_ns is not None and time_ns < self._passed_ns:
-                self.tally.skip("came after later ones were taken", self._location(item))
-                return False
+                return self._skip(item, "came after later ones were taken")
             heapq.heappush(self._pending, item)
             if self._period_ns is not None and self._due is None:
                 self._due = math.ceil(time_ns / self._period_ns)
@@ -338,14 +336,10 @@ class Replay:
             yield number, reading
 
     def _passed(self, item: _Pending) -> Iterator[ReplayFrame]:
-        if item.robot is None:
-            made = self._frame(item, None)
-            if made is not None:
-                yield made
-        elif self._observe(item) and self._setup.rate_hz is None:
-            made = self._frame(item, item.robot)
-            if made is not None:
-                yield made
+        if item.robot is None or (self._observe(item) and self._setup.rate_hz is None):
+            frame = self._frame(item, item.robot)
+            if frame is not None:
+                yield frame
         for where in (*self._where, *self._others):
             where.forget(item.time_ns)
 
@@ -353,9 +347,11 @@ class Replay:
         tick_hz = self._setup.tick_hz
         return time_ns / NS if tick_hz is None else round(time_ns * tick_hz / NS) / tick_hz
 
-    def _location(self, item: _Pending) -> str:
+    def _skip(self, item: _Pending, why: str) -> Literal[False]:
+        """Count a scan that is not taken."""
         name = self.robots[item.robot or 0].name
-        return f"robot '{name}', scan {item.number} at {item.time_ns / NS:.3f} s"
+        self.tally.skip(why, f"robot '{name}', scan {item.number} at {item.time_ns / NS:.3f} s")
+        return False
 
     def _called(self, robot: int, track: int) -> str:
         links = [link for link in self.robots[robot].pose.links if isinstance(link, Link)]
@@ -367,33 +363,25 @@ class Replay:
         assert item.scan is not None
         robot, plan, scan = item.robot, self.robots[item.robot], item.scan
         if not len(scan.ranges_m):
-            self.tally.skip("has no range at all", self._location(item))
-            return False
-        estimate = self._where[robot].at(item.time_ns)
-        if estimate is None:
-            link = self._called(robot, self._where[robot].missing(item.time_ns)[0])
-            self.tally.skip(f"has no pose of {link} before it", self._location(item))
+            return self._skip(item, "has no range at all")
+        where, max_age_s = self._where[robot], self._setup.max_pose_age_s
+        estimate = where.at(item.time_ns)
+        if estimate is None or estimate.age_s > max_age_s:
             self.tally.without_pose += 1
-            return False
-        if estimate.age_s > self._setup.max_pose_age_s:
-            link = self._called(robot, self._where[robot].oldest(item.time_ns))
-            why = f"lies more than {self._setup.max_pose_age_s:g} s from a pose of {link}"
-            self.tally.skip(why, self._location(item))
-            self.tally.without_pose += 1
-            return False
+            if estimate is None:
+                return self._skip(
+                    item, f"has no pose of {self._called(robot, where.missing(item.time_ns)[0])} before it"
+                )
+            link = self._called(robot, where.oldest(item.time_ns))
+            return self._skip(item, f"lies more than {max_age_s:g} s from a pose of {link}")
+        if item.exact is None:
+            geometry, ranges_m = scan.geometry(plan.no_return.range_max_m), plan.no_return.cleaned(scan)
+        else:
+            geometry, ranges_m = tuple(item.exact[:4].tolist()), item.exact[4:]
         try:
-            lidar = geometry_of(
-                scan.geometry(plan.no_return.range_max_m)
-                if item.exact is None
-                else tuple(item.exact[:4].tolist()),
-                len(scan.ranges_m) if item.exact is None else len(item.exact) - 4,
-                plan.mount,
-                plan.is_mirrored,
-            )
+            lidar = geometry_of(geometry, len(ranges_m), plan.mount, plan.is_mirrored)
         except InputError as error:
-            self.tally.skip(str(error), self._location(item))
-            return False
-        ranges_m = plan.no_return.cleaned(scan) if item.exact is None else item.exact[4:]
+            return self._skip(item, str(error))
         if self._setup.deskew:
             ranges_m = self._deskewed(robot, item, ranges_m, lidar)
         scan_taken = Scan(ranges_m, lidar, estimate.pose, self._seconds(item.time_ns))
@@ -469,23 +457,14 @@ class Replay:
                 Observation(one.estimate.pose, node.costmaps[one.robot].published(), one.scan)
                 for one in observed
             ]
-            outputs[name] = DetectorOutput(
-                node.detect(observations, time_s, allies=fresh_allies), observations
-            )
+            boxes = node.detect(observations, time_s, allies=fresh_allies)
+            outputs[name] = DetectorOutput(boxes, observations)
         tally.first_ns = tally.first_ns if tally.frames else item.time_ns
         tally.last_ns = item.time_ns
         tally.frames += 1
-        index = item.number if scanned is not None else None
+        index, number = None if scanned is None else item.number, next(self._numbers)
         return ReplayFrame(
-            next(self._numbers),
-            item.time_ns,
-            index,
-            scanned,
-            observed,
-            allies,
-            fresh_allies,
-            followed,
-            outputs,
+            *(number, item.time_ns, index, scanned, observed, allies, fresh_allies, followed, outputs)
         )
 
     def void_poses(self) -> list[str]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from midnet_bench.geometry import Box, Pose2D, wrap_angle
+from midnet_bench.geometry import Box, wrap_angle
 from midnet_bench.messages import Scan
 from midnet_bench.recording.causes import Explainer
 from midnet_bench.recording.replay import ReplayFrame, RobotObservation
@@ -96,32 +96,6 @@ class Visibility(NamedTuple):
     """a return that lies on no mapped wall lies near it"""
 
 
-class View(NamedTuple):
-    """One robot's last scan, as far as labels are in it or not."""
-
-    seen: RobotObservation
-    scan: Scan
-    sensor: Pose2D
-    """map frame"""
-    first_rad: float
-    """the least angle of a beam, sensor frame"""
-    sweep_rad: float
-    """from there on"""
-
-    @classmethod
-    def of(cls, seen: RobotObservation, scan: Scan) -> "View":
-        """Of a robot at a frame."""
-        lidar = scan.lidar
-        last_rad = lidar.angle_min_rad + lidar.angle_increment_rad * (lidar.beams - 1)
-        return cls(
-            seen,
-            scan,
-            scan.pose.compose(lidar.mount),
-            min(lidar.angle_min_rad, last_rad),
-            abs(lidar.angle_increment_rad) * lidar.beams,
-        )
-
-
 class Scorer:
     """Scores frame after frame of one detector."""
 
@@ -135,14 +109,12 @@ class Scorer:
         score.frames += 1
         score.boxes += len(boxes)
         if labels is None:
-            everyone: list[int | None] = [None] * len(boxes)
-            self._explainer.boxes(frame, range(len(boxes)), None, everyone, [[]] * len(boxes), 0.0)
+            self._explainer.boxes(frame, range(len(boxes)), None, [[]] * len(boxes), 0.0)
             return None
         score.labelled += 1
         there, distance_m = labels.there, self._setup.match_distance_m
         match = matched(boxes, there, distance_m)
-        views = [View.of(one, one.scan) for one in frame.observed if one.scan is not None]
-        sights = [self._visibility(views, label) for label in there]
+        sights = [self._visibility(frame.observed, label) for label in there]
         in_range = [one.counts and one.is_visible for one in sights]
         score.not_visible += sum(one.counts and not one.is_visible for one in sights)
         truths = [
@@ -155,30 +127,38 @@ class Scorer:
         if missed:
             self._explainer.misses(frame, there, missed, distance_m)
         if wrong:
-            self._explainer.boxes(frame, wrong, labels, match.truth_of, match.touched, distance_m)
+            self._explainer.boxes(frame, wrong, labels, match.touched, distance_m)
         return FrameScore(there, in_range, match)
 
-    def _visibility(self, views: Sequence[View], label: Label) -> Visibility:
-        setup, counts, visible = self._setup, False, False
-        for one, scan, sensor, first, sweep in views:
-            if math.hypot(label.x - sensor.x, label.y - sensor.y) > self._range_m:
+    def _visibility(self, observed: Sequence[RobotObservation], label: Label) -> Visibility:
+        counts = is_visible = False
+        for one in observed:
+            if one.scan is None or not self._is_in_view(one.scan, label):
                 continue
-            if setup.window_m is not None and (
-                max(abs(label.x - scan.pose.x), abs(label.y - scan.pose.y)) > setup.window_m / 2.0
-            ):
-                continue
-            bearing = math.atan2(label.y - sensor.y, label.x - sensor.x)
-            if sweep < FULL_CIRCLE_RAD and (bearing - sensor.yaw - first) % math.tau > sweep:
-                continue
-            if setup.sector_deg is not None:
-                begin, end = map(math.radians, setup.sector_deg)
-                if (wrap_angle(bearing - scan.pose.yaw) - begin) % math.tau > (end - begin) % math.tau:
-                    continue
             counts = True
             dx, dy = one.returns[:, 0] - label.x, one.returns[:, 1] - label.y
-            near = dx * dx + dy * dy <= setup.match_distance_m * setup.match_distance_m
-            wall_m = self._explainer.surroundings(one.returns).wall_m
-            visible = visible or bool(
-                (wall_m[near] > OFF_WALLS_CELLS * self._explainer.counts.resolution_m).any()
-            )
-        return Visibility(counts, visible)
+            near = dx * dx + dy * dy <= self._setup.match_distance_m * self._setup.match_distance_m
+            wall_m = self._explainer.surroundings(one.returns).wall_m[near]
+            is_visible |= bool((wall_m > OFF_WALLS_CELLS * self._explainer.counts.resolution_m).any())
+        return Visibility(counts, is_visible)
+
+    def _is_in_view(self, scan: Scan, label: Label) -> bool:
+        """Whether a label lies in range and among the beams of a scan, in the setup's window and sector."""
+        setup, lidar, sensor = self._setup, scan.lidar, scan.pose.compose(scan.lidar.mount)
+        if math.hypot(label.x - sensor.x, label.y - sensor.y) > self._range_m:
+            return False
+        off_m = max(abs(label.x - scan.pose.x), abs(label.y - scan.pose.y))
+        if setup.window_m is not None and off_m > setup.window_m / 2.0:
+            return False
+        bearing = math.atan2(label.y - sensor.y, label.x - sensor.x)
+        last_rad = lidar.angle_min_rad + lidar.angle_increment_rad * (lidar.beams - 1)
+        first_rad, sweep_rad = (
+            min(lidar.angle_min_rad, last_rad),
+            abs(lidar.angle_increment_rad) * lidar.beams,
+        )
+        if sweep_rad < FULL_CIRCLE_RAD and (bearing - sensor.yaw - first_rad) % math.tau > sweep_rad:
+            return False
+        if setup.sector_deg is None:
+            return True
+        begin, end = map(math.radians, setup.sector_deg)
+        return (wrap_angle(bearing - scan.pose.yaw) - begin) % math.tau <= (end - begin) % math.tau

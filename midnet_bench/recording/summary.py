@@ -11,13 +11,13 @@ from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.survey import Survey, lag_in_words
-from midnet_bench.recording.fitting.samples import samples_of
-from midnet_bench.recording.fitting.setup_check import QUICK_SAMPLES, Proposal, SetBy, verdict
+from midnet_bench.recording.fitting.fit import samples_of
+from midnet_bench.recording.fitting.setup_check import NAMES, QUICK_SAMPLES, Proposal, SetBy, verdict
 from midnet_bench.recording.inputs import Note, ReplayInputs
 from midnet_bench.recording.plan import Link, RobotPlan, beam_time
 from midnet_bench.recording.poses import Clock
 from midnet_bench.recording.replay import Replay
-from midnet_bench.recording.scores import Scorer
+from midnet_bench.recording.scores import Score, Scorer
 from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.recording.setup import RecordingSetup
 from midnet_bench.recording.truth import LabelTable
@@ -66,35 +66,23 @@ def report_fit(inputs: ReplayInputs, robot: RobotPlan, note: Note) -> list[str]:
     return [] if found.fits or found.kinds == ("few returns",) else lines
 
 
-def setup_table(name: str, found: Proposal) -> Table:
+def setup_table(name: str, proposal: Proposal) -> Table:
     """The setup that was found: each parameter with how far it can be changed within noise."""
-    setup = found.setup
-    values = {
-        "mount x": (setup.mount.x, "m"),
-        "mount y": (setup.mount.y, "m"),
-        "mount yaw": (math.degrees(setup.mount.yaw), "deg"),
-        "scan delay": (setup.delay_s, "s"),
-        "map x": (setup.map_moved.x, "m"),
-        "map y": (setup.map_moved.y, "m"),
-        "map yaw": (math.degrees(setup.map_moved.yaw), "deg"),
-    }
+    setup = proposal.setup
+    values = (*setup.mount, setup.delay_s, *setup.map_moved)
     rows: list[dict[str, Scalar]] = []
-    for parameter, (value, unit) in values.items():
-        span = found.ranges.get(parameter)
-        factor = math.degrees(1.0) if unit == "deg" else 1.0
-        rows.append(
-            {
-                "parameter": parameter,
-                "value": value,
-                "unit": unit,
-                "less_by": None if span is None else span.below * factor,
-                "more_by": None if span is None else span.above * factor,
-                "sure": None if span is None else ("no" if span.is_open else "yes"),
-            }
-        )
+    for parameter, value in zip(NAMES, values, strict=False):
+        span = proposal.ranges.get(parameter)
+        factor = math.degrees(1.0) if parameter.endswith("yaw") else 1.0
+        row: dict[str, Scalar] = {"parameter": parameter, "value": value * factor}
+        row["unit"] = "deg" if parameter.endswith("yaw") else "s" if parameter == "scan delay" else "m"
+        if span is not None:
+            row |= {"less_by": span.below * factor, "more_by": span.above * factor}
+            row["sure"] = "no" if span.is_open else "yes"
+        rows.append(row)
     rows.append({"parameter": "mirrored", "value": "yes" if setup.is_mirrored else "no"})
-    rows.append({"parameter": "share before", "value": found.share_before})
-    rows.append({"parameter": "share after", "value": found.share_after})
+    rows.append({"parameter": "share before", "value": proposal.share_before})
+    rows.append({"parameter": "share after", "value": proposal.share_after})
     return Table(f"setup_{name}", f"{name}: the setup by which most returns lie on mapped walls", rows)
 
 
@@ -105,37 +93,34 @@ LAG_S = 0.02
 def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list[str]:
     """Whether scans and poses were stamped alike. Raises InputError: the stamps stand still."""
     scans = surveys[robot.source].streams[robot.scan_topic]
-    links = [link for link in robot.pose.links if isinstance(link, Link)]
-    poses = []
-    for link in links:
-        poses += [(one.record_ns - one.stamp_ns) / NS for one in link.seen(surveys)]
-    path = surveys[robot.source].source.path
-    if clock == "header" and scans.stamps_stand_still:
+    readings = {link.in_words: link.seen(surveys) for link in robot.pose.links if isinstance(link, Link)}
+    still = [(robot.scan_topic, "scans", scans.scans[0].stamp_ns)] if scans.stamps_stand_still else []
+    still += [
+        (link, "poses", poses[0].stamp_ns)
+        for link, poses in readings.items()
+        if len(poses) > 1 and len({pose.stamp_ns for pose in poses}) == 1
+    ]
+    if clock == "header" and still:
+        topic, what, stamp_ns = still[0]
         raise InputError(
-            f"{path}: {robot.scan_topic}: the stamps of the scans stand still at "
-            f"{scans.scans[0].stamp_ns / NS:g} s; use 'clock: record' in setup.yaml"
+            f"{surveys[robot.source].source.path}: {topic}: the stamps of the {what} stand still at "
+            f"{stamp_ns / NS:g} s; use 'clock: record' in setup.yaml"
         )
-    for link in links if clock == "header" else ():
-        seen = link.seen(surveys)
-        if len(seen) > 1 and len({one.stamp_ns for one in seen}) == 1:
-            raise InputError(
-                f"{path}: {link.in_words}: the stamps of the poses stand still at "
-                f"{seen[0].stamp_ns / NS:g} s; use 'clock: record' in setup.yaml"
-            )
-    lags_s = scans.lags_s
-    if not len(lags_s) or not poses:
+    scan_lags_s = scans.lags_s
+    pose_lags_s = [(pose.record_ns - pose.stamp_ns) / NS for poses in readings.values() for pose in poses]
+    if not len(scan_lags_s) or not pose_lags_s:
         return []
     lines = []
-    pose_lag_s = float(np.median(poses))
-    apart_s = float(np.median(lags_s)) - pose_lag_s
+    pose_lag_s = float(np.median(pose_lags_s))
+    apart_s = float(np.median(scan_lags_s)) - pose_lag_s
     if abs(apart_s) > LAG_S:
         lines.append(
-            f"{robot.name}: each scan is {lag_in_words(lags_s)}, a pose {1000.0 * pose_lag_s:.3g} ms: "
+            f"{robot.name}: each scan is {lag_in_words(scan_lags_s)}, a pose {1000.0 * pose_lag_s:.3g} ms: "
             f"'clock: header' puts a scan {1000.0 * apart_s:.0f} ms earlier than 'clock: record' "
             f"(now: {clock})"
         )
-    half = len(lags_s) // 2
-    drift_s = float(np.median(lags_s[half:]) - np.median(lags_s[:half])) if half else 0.0
+    half = len(scan_lags_s) // 2
+    drift_s = float(np.median(scan_lags_s[half:]) - np.median(scan_lags_s[:half])) if half else 0.0
     if abs(drift_s) > LAG_S:
         lines.append(
             f"{robot.name}: the clocks run apart: stamps and record times of the scans drift by "
@@ -150,41 +135,33 @@ AT_THE_START, AT_THE_START_SHARE = 3, 0.02
 
 def replay_faults(played: Replay, setup: RecordingSetup, note: Note) -> list[str]:
     """What was left out, a line each; what is no fault is noted."""
-    lines = []
     tally = played.tally
     taken, left = sum(tally.scans.values()), sum(tally.skipped.values())
+    faults = [
+        f"{count} of {count + taken} scans were left out: each {why}; the first: {tally.first[why]}"
+        for why, count in tally.skipped.items()
+    ]
     # poses begin a little after the scans, or end before them
-    few = tally.without_pose == left and left <= max(AT_THE_START, AT_THE_START_SHARE * taken)
-    for why, count in tally.skipped.items():
-        line = f"{count} of {count + taken} scans were left out: each {why}; the first: {tally.first[why]}"
-        if few:
+    if tally.without_pose == left and left <= max(AT_THE_START, AT_THE_START_SHARE * taken):
+        for line in faults:
             note(line)
-        else:
-            lines.append(line)
+        faults = []
     if tally.oldest_pose_s > 0.0:
         oldest_ms = 1000.0 * tally.oldest_pose_s
         note(f"no scan lies farther than {oldest_ms:.0f} ms from the poses that it is placed by")
-    lines += played.void_poses()
-    for name, count in played.pose_times():
-        if not count:
-            lines.append(f"{name}: no pose of it came")
+    faults += played.void_poses()
+    faults += [f"{name}: no pose of it came" for name, count in played.pose_times() if not count]
     if not tally.frames and tally.skipped:
-        lines.append(
+        faults.append(
             "scans and poses never meet in time: compare their stamps with 'midnet-bench replay FILE', "
             "and try 'clock: record' or offset_s in setup.yaml"
         )
     for name, age_s in tally.oldest_ally_s.items():
         oldest = "none yet" if math.isinf(age_s) else f"{age_s:.3f} s"
-        late = tally.late_allies[name]
-        note(
-            f"ally {name}: oldest pose at a frame: {oldest}"
-            + (
-                f"; in {late} of {tally.frames} frames over {setup.max_ally_age_s:g} s: not taken out there"
-                if late
-                else ""
-            )
-        )
-    return lines
+        late = f"in {tally.late_allies[name]} of {tally.frames} frames over {setup.max_ally_age_s:g} s"
+        line = f"ally {name}: oldest pose at a frame: {oldest}"
+        note(f"{line}; {late}: not taken out there" if tally.late_allies[name] else line)
+    return faults
 
 
 def unlabelled(
@@ -204,31 +181,30 @@ def unlabelled(
 def score_tables(scorers: Mapping[str, Scorer], has_truth: bool) -> list[Table]:
     """A row for each preset: what was looked at; with labels, the paper's scores and one-to-one scores."""
     scores = {name: scorer.score for name, scorer in scorers.items()}
-    frames = [one.looked_at(name) for name, one in scores.items()]
-    tables = [Table("recording_frames", "Frames and boxes", frames)]
-    if has_truth:
-        paper = [one.scored(name) for name, one in scores.items()]
-        own = [one.paired(name) for name, one in scores.items()]
-        title = "One-to-one matching: a second box on one label is false"
-        tables.append(Table("recording_scores", "Detection scores, as the paper counts", paper))
-        tables.append(Table("recording_matching", title, own))
-    return tables
+    kinds = [
+        ("recording_frames", "Frames and boxes", Score.looked_at),
+        ("recording_scores", "Detection scores, as the paper counts", Score.scored),
+        ("recording_matching", "One-to-one matching: a second box on one label is false", Score.paired),
+    ]
+    return [
+        Table(name, title, [row_of(score, preset) for preset, score in scores.items()])
+        for name, title, row_of in (kinds if has_truth else kinds[:1])
+    ]
 
 
 def cause_table(counted: Mapping[str, Counter[tuple[str, str]]]) -> Table:
     """How many errors of each kind and cause, by preset."""
-    found: list[dict[str, Scalar]] = []
-    for name, errors in counted.items():
-        for (kind, cause), count in errors.most_common():
-            meaning = (RECORDED_MISSES if kind == MISS else RECORDED_BOXES)[cause]
-            found.append(
-                {
-                    "preset": name,
-                    "kind": kind,
-                    "cause": cause,
-                    "count": count,
-                    "share": count / errors.total(),
-                    "meaning": meaning,
-                }
-            )
-    return Table("recording_causes", "What boxes are made of, and why labels were missed", found)
+    meanings = {False: RECORDED_BOXES, True: RECORDED_MISSES}
+    rows: list[dict[str, Scalar]] = [
+        {
+            "preset": name,
+            "kind": kind,
+            "cause": cause,
+            "count": count,
+            "share": count / errors.total(),
+            "meaning": meanings[kind == MISS][cause],
+        }
+        for name, errors in counted.items()
+        for (kind, cause), count in errors.most_common()
+    ]
+    return Table("recording_causes", "What boxes are made of, and why labels were missed", rows)

@@ -19,12 +19,12 @@ from midnet_bench.io.map_server import save_map
 from midnet_bench.messages import Scan
 from midnet_bench.recording import causes
 from midnet_bench.recording.files.readings import NS
+from midnet_bench.recording.fitting.fit import samples_of
 from midnet_bench.recording.fitting.localize import Localizer
-from midnet_bench.recording.fitting.samples import samples_of
 from midnet_bench.recording.fitting.setup_check import Proposal, SetBy, find_setup, line_of
 from midnet_bench.recording.inputs import Note, ReplayInputs, prepared
 from midnet_bench.recording.plan import AllyPlan
-from midnet_bench.recording.ray_counts import RayCounts
+from midnet_bench.recording.ray_counts import RayCounts, Unmapped, unmapped
 from midnet_bench.recording.replay import Replay, ReplayFrame
 from midnet_bench.recording.scores import Scorer
 from midnet_bench.recording.setup import EVERY, RecordingSetup
@@ -39,7 +39,6 @@ from midnet_bench.recording.summary import (
     unlabelled,
 )
 from midnet_bench.recording.truth import Label, Labels, LabelTable
-from midnet_bench.recording.unmapped import csv_of, unmapped
 
 SETUP_FILE = "setup.yaml"
 
@@ -241,7 +240,11 @@ def write_unmapped(
 ) -> list[Path]:
     """Write what stays put and is not on the map: ``unmapped.csv``, and the map with it."""
     things, patched = unmapped(counts, prior_map, prior)
-    write_atomically(folder / "unmapped.csv", csv_of(things))
+    rows = [
+        ",".join(f"{cell:.3f}" if isinstance(cell, float) else str(cell) for cell in thing)
+        for thing in things
+    ]
+    write_atomically(folder / "unmapped.csv", "\n".join([",".join(Unmapped._fields), *rows]) + "\n")
     save_map(patched, folder / "map_with_unmapped.yaml", comment="with what stays put and was not on it")
     note(f"{len(things)} things stay put and are not on the map; map_with_unmapped.yaml has them")
     return [folder / "unmapped.csv", folder / "map_with_unmapped.yaml"]

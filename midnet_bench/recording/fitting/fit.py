@@ -1,4 +1,4 @@
-"""How well scans lie on a map: the share of their returns on its walls."""
+"""How well the scans of a recording lie on a map: the share of their returns on its walls."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,11 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, values_at
 from midnet_bench.messages import LidarGeometry
-from midnet_bench.recording.poses import PoseTrack
+from midnet_bench.recording.files.readings import NS
+from midnet_bench.recording.files.survey import Survey, spread
+from midnet_bench.recording.plan import Link, RobotPlan
+from midnet_bench.recording.poses import Clock, PoseInterpolator, PoseTrack, stamp_ns
+from midnet_bench.recording.replay import geometry_of
 
 Floats = npt.NDArray[np.float64]
 
@@ -21,6 +25,10 @@ ON_WALL_M, ON_WALL_CELLS = 0.1, 1.5
 
 WALL_DEPTH_M = 0.2
 """Occupied cells further than this from any other are what lies behind a wall, not the wall."""
+
+MOST = 120
+REACH_S, STEP_S = 0.8, 0.04
+"""how far before and after a scan its robot's poses are sampled, and how densely"""
 
 
 class Sample(NamedTuple):
@@ -47,6 +55,55 @@ class Sample(NamedTuple):
         met &= (self.ranges_m >= lidar.range_min_m) & (self.ranges_m <= lidar.range_max_m)
         beams = np.flatnonzero(met)
         return beams, lidar.directions[beams] * self.ranges_m[beams, None]
+
+
+def samples_of(
+    surveys: Sequence[Survey],
+    robot: RobotPlan,
+    clock: Clock,
+    max_pose_age_s: float,
+    offsets_ns: Sequence[int],
+    most: int = MOST,
+) -> list[Sample]:
+    """At most so many scans of a robot that have a pose, spread over what was looked at."""
+    pose_of = _interpolator(surveys, robot, clock, offsets_ns)
+    scans = [scan for scan in surveys[robot.source].streams[robot.scan_topic].scans if len(scan.ranges_m)]
+    own_ns = offsets_ns[robot.source] if offsets_ns else 0
+    around_ns = (np.arange(-REACH_S, REACH_S + STEP_S / 2.0, STEP_S) * NS).astype(np.int64)
+    samples = []
+    for scan in spread(scans, most):
+        time_ns = stamp_ns(scan, clock) + own_ns - robot.delay_ns
+        estimate = pose_of.at(time_ns)
+        if estimate is None or estimate.age_s > max_pose_age_s:
+            continue
+        numbers = scan.geometry(robot.no_return.range_max_m)
+        try:
+            lidar = geometry_of(numbers, len(scan.ranges_m), robot.mount, robot.is_mirrored)
+        except InputError:
+            continue  # the replay says so
+        track = PoseTrack()
+        for near_ns in (time_ns + around_ns).tolist():
+            near = pose_of.at(near_ns)
+            if near is not None and near.age_s <= max_pose_age_s:
+                track.add(near_ns, near.pose)
+        samples.append(Sample(time_ns, robot.no_return.cleaned(scan), lidar, track))
+    return samples
+
+
+def _interpolator(
+    surveys: Sequence[Survey], robot: RobotPlan, clock: Clock, offsets_ns: Sequence[int]
+) -> PoseInterpolator:
+    """Where the robot was, by all the poses that were looked at."""
+    links: list[PoseTrack | Pose2D] = []
+    for link in robot.pose.links:
+        if not isinstance(link, Link):
+            links.append(link)
+            continue
+        track = PoseTrack()
+        for reading in link.seen(surveys):
+            track.take(stamp_ns(reading, clock) + (offsets_ns[link.source] if offsets_ns else 0), reading)
+        links.append(track)
+    return PoseInterpolator(links)
 
 
 class Walls:
@@ -83,9 +140,9 @@ class Walls:
             np.floor((points[:, k] - self.corner[k]) / self.grid.resolution).astype(np.int64) for k in (0, 1)
         )
         inside = (column >= 0) & (row >= 0) & (column < columns) & (row < rows)
-        found = np.full(len(points), self.far_m)
-        found[inside] = self.distances_m[row[inside], column[inside]]
-        return found
+        distances = np.full(len(points), self.far_m)
+        distances[inside] = self.distances_m[row[inside], column[inside]]
+        return distances
 
     def on_walls(self, points: Floats) -> npt.NDArray[np.bool_]:
         """(n,) whether each of (n, 2) points of the map frame lies on a mapped wall."""
@@ -130,10 +187,5 @@ def fit_of(samples: Sequence[Sample], walls: Walls) -> Fit:
         returns, on = returns + len(points), on + int(on_walls.sum())
         unknown += int((walls.unmapped(points) & ~on_walls).sum())
         off += bool(walls.unmapped(np.array([pose[:2]]))[0])
-    return Fit(_shares(returns, on, unknown), off / len(samples) if samples else math.nan)
-
-
-def _shares(returns: int, on_walls: int, unmapped: int) -> Shares:
-    if returns == 0:
-        return Shares(0, math.nan, math.nan)
-    return Shares(returns, on_walls / returns, unmapped / returns)
+    on_share, unknown_share = (count / returns if returns else math.nan for count in (on, unknown))
+    return Fit(Shares(returns, on_share, unknown_share), off / len(samples) if samples else math.nan)

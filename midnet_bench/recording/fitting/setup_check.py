@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from midnet_bench.geometry import wrap_angle
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.recording.files.survey import spread
 from midnet_bench.recording.fitting.fit import Fit, Sample, Walls, fit_of
 from midnet_bench.recording.fitting.setup_search import (
     DELAY,
@@ -86,13 +87,18 @@ class Proposal(NamedTuple):
 class Verdict(NamedTuple):
     """Whether scans, poses and map fit, for a line before any score."""
 
-    fits: bool
     kinds: tuple[str, ...]
-    """what is wrong: those of ``Proposal.kinds``, or "off the map", "other place", "few returns" """
+    """what is wrong: those of ``Proposal.kinds``, or "off the map", "other place", "few returns"
+    (empty: nothing)"""
     lines: tuple[str, ...]
     """one for each finding, with its figures and what corrects it; one that says that it fits"""
     share: float
     """of the returns that lie on mapped walls; NaN without one"""
+
+    @property
+    def fits(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.kinds
 
 
 def verdict(samples: Sequence[Sample], grid: OccupancyGrid, set_by: SetBy | None = None) -> Verdict:
@@ -115,36 +121,25 @@ def verdict(samples: Sequence[Sample], grid: OccupancyGrid, set_by: SetBy | None
             f"only {fit.total.returns} returns in {len(chosen)} of the scans: too few to say whether scans "
             "and map fit; are ranges, limits and the topic right?"
         )
-        return Verdict(False, ("few returns",), (line,), share)
-    found: list[tuple[str, str]] = []
+        return Verdict(("few returns",), (line,), share)
+    faults: dict[str, str] = {}
     if fit.robot_off_map > 0.5:
-        found.append(("off the map", _off_map(chosen, grid, fit)))
-    search = Search(Returns(chosen, QUICK_BEAMS), walls, chosen[0].lidar.mount)
-    best, others, plain = _one_change(search)
-    if best.share < GOOD:
-        best, others = _anywhere(search, best, others)
+        faults["off the map"] = _off_map(chosen, grid, fit)
+    search, plain, best, others = _quick_search(chosen, walls)
     gain = max(best.share - plain.share, best.score - plain.score)
     is_better = best.share >= plain.share + WORTH and gain >= ALARM
     if is_better and best.share >= GOOD:
         proposal = _proposal(search, plain, best, others)
-        return Verdict(
-            False,
-            (*(kind for kind, _ in found), *proposal.kinds),
-            (*(line for _, line in found), line_of(proposal, grid, set_by)),
-            share,
-        )
+        lines = (*faults.values(), line_of(proposal, grid, set_by))
+        return Verdict((*faults, *proposal.kinds), lines, share)
     if share < POOR:
         most = max(best.share, share)
-        line = (
+        faults["other place"] = (
             f"{share:.2f} of the returns lie on mapped walls, and no mount, turn, mirroring, delay or shift "
             f"of the map that was tried brings more than {most:.2f}: is it the map of this place and of the "
             "poses' frame (--map)? --check searches further"
         )
-        found.append(("other place", line))
-    if found:
-        kinds, lines = zip(*found, strict=True)
-        return Verdict(False, kinds, lines, share)
-    return Verdict(True, (), (_fits(fit, walls),), share)
+    return Verdict(tuple(faults), tuple(faults.values()) or (_fits(fit, walls),), share)
 
 
 def find_setup(samples: Sequence[Sample], grid: OccupancyGrid) -> Proposal:
@@ -163,11 +158,7 @@ def find_setup(samples: Sequence[Sample], grid: OccupancyGrid) -> Proposal:
         InputError: the map has no wall, or the samples have hardly a return.
     """
     walls = Walls(grid)
-    few = spread(samples, QUICK_SAMPLES)
-    coarse = Search(Returns(few, QUICK_BEAMS), walls, few[0].lidar.mount)
-    best, others, plain = _one_change(coarse)
-    if best.share < GOOD:
-        best, others = _anywhere(coarse, best, others)
+    _, _, best, others = _quick_search(spread(samples, QUICK_SAMPLES), walls)
     many = spread(samples, FULL_SAMPLES)
     fine = Search(Returns(many, FULL_BEAMS), walls, many[0].lidar.mount)
     plain = fine.as_it_is()
@@ -179,31 +170,30 @@ def find_setup(samples: Sequence[Sample], grid: OccupancyGrid) -> Proposal:
     return _proposal(fine, plain, best, others, with_ranges=True)
 
 
-def spread(samples: Sequence[Sample], most: int) -> list[Sample]:
-    """At most ``most`` samples, spread evenly over all."""
-    if len(samples) <= most:
-        return list(samples)
-    return [samples[round(k)] for k in np.linspace(0, len(samples) - 1, most)]
-
-
-def _one_change(search: Search) -> tuple[Candidate, list[Candidate], Candidate]:
-    """The most usual of the single changes that fit best, the others that fit as well, and none."""
+def _quick_search(
+    samples: Sequence[Sample], walls: Walls
+) -> tuple[Search, Candidate, Candidate, list[Candidate]]:
+    """A search of few returns: itself, no change, the most usual of the best changes, the others as good."""
+    search = Search(Returns(samples, QUICK_BEAMS), walls, samples[0].lidar.mount)
     plain = search.as_it_is()
+    best, others = _one_change(search, plain)
+    if best.share < GOOD:  # a place of the map anywhere in the plane, if that is clearly better
+        anywhere = max((search.anywhere(mirrored) for mirrored in (False, True)), key=lambda each: each.score)
+        if anywhere.score >= best.score + WORTH:
+            best, others = anywhere, []
+    return search, plain, best, others
+
+
+def _one_change(search: Search, plain: Candidate) -> tuple[Candidate, list[Candidate]]:
     tried = [search.turned(False), search.turned(True), search.moved()]
     if search.returns.speed_mps >= SLOWEST_MPS:
         tried.append(search.late())
     better = [each for each in tried if each.share >= plain.share + WORTH]
     if not better:
-        return plain, [], plain
+        return plain, []
     least = max(each.score for each in better) - max(WORTH, search.noise)
     alike = sorted((each for each in better if each.score >= least), key=lambda each: _oddity(each, plain))
-    return alike[0], alike[1:], plain
-
-
-def _anywhere(search: Search, best: Candidate, others: list[Candidate]) -> tuple[Candidate, list[Candidate]]:
-    """``best`` and ``others``, or a place of the map anywhere in the plane, if that is clearly better."""
-    found = max((search.anywhere(mirrored) for mirrored in (False, True)), key=lambda each: each.score)
-    return (found, []) if found.score >= best.score + WORTH else (best, others)
+    return alike[0], alike[1:]
 
 
 def _oddity(candidate: Candidate, plain: Candidate) -> float:
@@ -219,7 +209,7 @@ def _oddity(candidate: Candidate, plain: Candidate) -> float:
         return 1.0 + math.hypot(off[4], off[5]) / 0.5
     usual_m = 0.05 if plain.values[:3].any() else 0.2
     odd = math.hypot(off[0], off[1]) / usual_m + abs(wrap_angle(4.0 * float(off[2])) / 4.0) / 0.2
-    return odd + (abs(_quarter_turns(float(off[2]))) > 0) + (2.0 if candidate.mirrored else 0.0)
+    return odd + (_quarter_turns(float(off[2])) != 0) + 2.0 * candidate.mirrored
 
 
 def _quarter_turns(angle_rad: float) -> int:
@@ -229,9 +219,9 @@ def _quarter_turns(angle_rad: float) -> int:
 
 def _again(search: Search, candidate: Candidate, changed: tuple[int, ...]) -> Candidate:
     """The same, refined on this search's returns in those of its parameters."""
-    if not changed:
-        return search.candidate(candidate.changed, candidate.values, candidate.mirrored)
-    return search.refined(candidate, changed, wide_m=0.15)
+    if changed:
+        return search.refined(candidate, changed, wide_m=0.15)
+    return search.candidate(candidate.changed, candidate.values, candidate.mirrored)
 
 
 def _more(search: Search, best: Candidate) -> Candidate:
@@ -272,27 +262,21 @@ def _proposal(
     with_ranges: bool = False,
 ) -> Proposal:
     returns = search.returns
-    alike = tuple(_bare(returns, plain, each) for each in others if each.changed or each.mirrored)
-    ranges = {NAMES[k]: _range(search, best, k) for k in LARGEST_INTERVAL} if with_ranges else {}
     return _bare(returns, plain, best)._replace(
-        ranges=ranges,
-        alike=alike,
+        ranges={NAMES[k]: _range(search, best, k) for k in LARGEST_INTERVAL} if with_ranges else {},
+        alike=tuple(_bare(returns, plain, each) for each in others if each.changed or each.mirrored),
         cannot_tell=_cannot_tell(search, best),
     )
 
 
 def _bare(returns: Returns, plain: Candidate, candidate: Candidate) -> Proposal:
-    kinds, turned_rad = [], wrap_angle(float(candidate.values[2] - plain.values[2]))
-    if candidate.mirrored:
-        kinds.append("mirror")
-    if set(MOUNT) <= set(candidate.changed):
-        kinds.append("turn" if _quarter_turns(turned_rad) and not candidate.mirrored else "mount")
-    if set(DELAY) <= set(candidate.changed):
-        kinds.append("delay")
-    if set(MAP) <= set(candidate.changed):
-        kinds.append("map")
+    changed, turned_rad = set(candidate.changed), wrap_angle(float(candidate.values[2] - plain.values[2]))
+    mount = "turn" if _quarter_turns(turned_rad) and not candidate.mirrored else "mount"
+    kinds = ("mirror",) * candidate.mirrored + tuple(
+        kind for kind, own in ((mount, MOUNT), ("delay", DELAY), ("map", MAP)) if set(own) <= changed
+    )
     setup = returns.setup(candidate.values, candidate.mirrored)
-    return Proposal(tuple(kinds), setup, turned_rad, plain.share, candidate.share, {}, (), ())
+    return Proposal(kinds, setup, turned_rad, plain.share, candidate.share, {}, (), ())
 
 
 def _range(search: Search, best: Candidate, number: int) -> Range:
@@ -324,9 +308,8 @@ def _end(stays: Callable[[float], bool], farthest: float) -> tuple[float, bool]:
 
 def _cannot_tell(search: Search, best: Candidate) -> tuple[str, ...]:
     """Along which directions the returns say nothing."""
-    said = search.information(best)
-    sentences = []
-    strengths, ways = np.linalg.eigh(said[4:6, 4:6])
+    information, sentences = search.information(best), []
+    strengths, ways = np.linalg.eigh(information[4:6, 4:6])
     if strengths[0] < SEEN:
         angle = math.degrees(math.atan2(ways[1, 0], ways[0, 0])) % 180.0
         sentences.append(
@@ -338,44 +321,37 @@ def _cannot_tell(search: Search, best: Candidate) -> tuple[str, ...]:
         )
         return tuple(sentences)
     units = search.returns.units
-    left, by_mount = _left_over(said, DELAY, MOUNT)
+    left, by_mount = _left_over(information, DELAY, MOUNT)
     if left < ALIKE:
         x, y, yaw = (-0.1 * units[3] / units[:3] * by_mount[:, 0]).tolist()
         sentences.append(
             "without turns or changes of speed a scan delay of 0.1 s outputs as a mount that is off by "
             f"x {x:z.2f}, y {y:z.2f} m and {math.degrees(yaw):z.1f} degrees"
         )
-    if _left_over(said, (0,), MAP)[0] < ALIKE and _left_over(said, (1,), MAP)[0] < ALIKE:
+    if all(_left_over(information, (axis,), MAP)[0] < ALIKE for axis in (0, 1)):
         sentences.append("the heading hardly changes: a mount that is off outputs as a map that is moved")
     return tuple(sentences)
 
 
 def _left_over(
-    said: npt.NDArray[np.float64], what: tuple[int, ...], given: tuple[int, ...]
+    information: npt.NDArray[np.float64], what: tuple[int, ...], given: tuple[int, ...]
 ) -> tuple[float, npt.NDArray[np.float64]]:
     """The share of what parameters do to the returns that others cannot do as well, and how these would."""
-    own, cross = said[np.ix_(what, what)], said[np.ix_(given, what)]
-    by_others = np.linalg.pinv(said[np.ix_(given, given)], rcond=SEEN) @ cross
+    own, cross = information[np.ix_(what, what)], information[np.ix_(given, what)]
+    by_others = np.linalg.pinv(information[np.ix_(given, given)], rcond=SEEN) @ cross
     rest = own - cross.T @ by_others
     return float(np.trace(rest) / max(np.trace(own), 1e-12)), by_others
 
 
 def line_of(proposal: Proposal, grid: OccupancyGrid, set_by: SetBy | None = None) -> str:
     """What is wrong, the shares before and after, and what corrects it, in one line."""
-    set_by = set_by or SetBy()
+    set_by, after = set_by or SetBy(), f"{proposal.share_after:.2f}"
+    line = f"{proposal.share_before:.2f} of the returns lie on mapped walls, "
     if not proposal.kinds:
-        return (
-            f"{proposal.share_before:.2f} of the returns lie on mapped walls, and no other setup does better"
-        )
+        return line + "and no other setup does better"
     if not proposal.is_good:
-        return (
-            f"{proposal.share_before:.2f} of the returns lie on mapped walls, and no setup brings more than "
-            f"{proposal.share_after:.2f}: is it the map of this place (--map)?"
-        )
-    line = (
-        f"{proposal.share_before:.2f} of the returns lie on mapped walls, {proposal.share_after:.2f} if "
-        f"{_what(proposal)}: {correction_of(proposal, grid, set_by)}"
-    )
+        return f"{line}and no setup brings more than {after}: is it the map of this place (--map)?"
+    line += f"{after} if {_what(proposal)}: {correction_of(proposal, grid, set_by)}"
     if proposal.alike:
         other = proposal.alike[0]
         line += f"; or, which this recording cannot tell, if {_what(other)}"
@@ -413,9 +389,8 @@ def _what(proposal: Proposal) -> str:
         parts.append(f"the scans are turned by {90 * _quarter_turns(proposal.turned_rad)} degrees")
     elif "mount" in proposal.kinds:
         x, y, yaw = setup.mount
-        parts.append(
-            f"the laser sits at x {x:z.2f}, y {y:z.2f} m, {math.degrees(yaw):z.1f} degrees on the robot"
-        )
+        degrees = math.degrees(yaw)
+        parts.append(f"the laser sits at x {x:z.2f}, y {y:z.2f} m, {degrees:z.1f} degrees on the robot")
     if "delay" in proposal.kinds:
         late = "late" if setup.delay_s > 0.0 else "early"
         parts.append(f"the scans come {abs(setup.delay_s):.2f} s {late}")
