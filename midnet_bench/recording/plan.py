@@ -17,6 +17,8 @@ TF_POSE = "tf"
 ONE_ROBOT = "robot"
 """name of the only robot of a recording"""
 AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
+FARTHEST_LASER_M = 100.0
+"""from its robot's middle"""
 
 
 class Link(NamedTuple):
@@ -103,6 +105,10 @@ def robots_of(surveys: Sequence[Survey], setup: RecordingSetup, file_names: Sequ
             mount = Pose2D(x, y, math.radians(yaw_deg))
         elif own is not None and mount == AT_ORIGIN:
             mount = own
+        if max(abs(mount.x), abs(mount.y)) > FARTHEST_LASER_M:
+            raise InputError(
+                f"mount: robot '{name}': its laser sits {mount.x:g}, {mount.y:g} m off; give mount, in metres"
+            )
         is_mirrored = upside_down != mirrored.get(name, False)
         delay_ns, no_return = round(delays_s.get(name, 0.0) * NS), found_in(stream.scans, setup.no_return)
         beam_s = beam_time(stream)[0]

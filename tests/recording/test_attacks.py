@@ -294,11 +294,24 @@ def test_poses_that_lie_beyond_all(far_m: float, given: tuple[str, str], tmp_pat
     bag = made.write_bag(tmp_path, [made.map_message(), *made.scan_messages(DRIVE), *poses])
     setup = tmp_path / "setup.yaml"
     setup.write_text(f"{given[0][2:]}: {given[1]}\npose: /pose\nmount: [0.1, 0.02, 2.86]\n")
-    done = midnet_bench("replay", bag, "--setup", setup, "-o", "out", folder=tmp_path)
-    assert done.returncode in (0, 2), done.stderr
-    assert "Traceback" not in done.stderr
-    assert "Warning" not in done.stderr
-    assert sum(line.startswith("error") for line in done.stderr.splitlines()) == (done.returncode == 2)
+    for check in ((), ("--check",)):
+        with soon():
+            done = midnet_bench("replay", bag, "--setup", setup, "-o", "out", *check, folder=tmp_path)
+        assert done.returncode in (0, 2), done.stderr
+        assert "Traceback" not in done.stderr
+        assert "Warning" not in done.stderr
+        assert sum(line.startswith("error") for line in done.stderr.splitlines()) == (done.returncode == 2)
+
+
+@pytest.mark.parametrize("far_m", [200.0, 1e5, 1e7])
+def test_a_laser_that_sits_far_off_its_robot(far_m: float, tmp_path: Path) -> None:
+    bag = made.write_bag(
+        tmp_path, [made.map_message(), *made.scan_messages(DRIVE), *made.pose_messages(DRIVE)]
+    )
+    (tmp_path / "setup.yaml").write_text(f"map: /map\npose: /pose\nmount: [{far_m}, 0, 0]\n")
+    for check in ((), ("--check",)):
+        done = midnet_bench("replay", bag, "--setup", "setup.yaml", *check, folder=tmp_path)
+        assert "mount: robot 'robot'" in one_line_of_complaint(done)
 
 
 @pytest.mark.parametrize(

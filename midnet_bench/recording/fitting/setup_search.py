@@ -22,6 +22,8 @@ LARGEST_DELAY_S = 0.5
 _DELAY_STEP_S = 0.02
 FAR_M = 1.0
 """so far, along x and y, a moved map is looked for at first, in steps of a quarter of it"""
+LARGEST_PICTURE_M = 400.0
+"""from the middle of a robot's ways: a Fourier transform of a larger picture takes gigabytes"""
 _TURN_STEPS = 72
 COARSE_M, WIDE_M, NARROW_M = 0.3, 0.4, 0.06
 """Distance to a wall at which a return counts half, while whole turns and places are tried, and a quarter,
@@ -305,7 +307,10 @@ class Search:
         """
         cell_m = max(4.0 * self.walls.grid.resolution, 0.2)
         points = self.returns.place(self._start, mirrored)
-        reach = np.abs(points - self.returns.middle).max() if len(points) else 0.0
+        reaches = np.abs(points - self.returns.middle)
+        reach = reaches.max() if len(points) else 0.0
+        if reach > LARGEST_PICTURE_M:  # poses that jump far off: most returns must do
+            reach = min(float(np.quantile(reaches, 0.9)), LARGEST_PICTURE_M)
         size = 2 * math.ceil(reach / cell_m) + 1
         field = self.walls.distances_m
         coarse = max(round(cell_m / self.walls.grid.resolution), 1)
