@@ -33,7 +33,6 @@ NOT_SET = "(not set)"
 """what a message calls a parameter that a campaign leaves at its default"""
 MAX_CELLS = 10_000
 """of a grid; to check one takes some milliseconds"""
-RUN_ONCE = "they are run once, and their results stand under each"
 MAX_SHOWN_CHARACTERS = 60
 """of a value in a message: an arena that was read from a file is long"""
 
@@ -417,18 +416,14 @@ def resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     """
     try:
         return _resolve(campaign, experiments)
-    except InputError:
+    except InputError as error:
         if campaign._before_override is not None:  # a fault that was there before is the file's
             resolve(campaign._before_override, experiments)
-        raise
+        raise InputError(f"{campaign._source}: {error}") from error
 
 
 def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
-    source = campaign._source
-    try:
-        parameters = experiments.parameters_model(campaign.experiment)
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from error
+    parameters = experiments.parameters_model(campaign.experiment)
     _check_keys(campaign, parameters)
     _check_factors(campaign, experiments.columns(campaign.experiment))
     file, name = _file_and_name(campaign.experiment)
@@ -437,7 +432,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     count = math.prod(map(len, axes.values()))
     if count > MAX_CELLS:
         raise InputError(
-            f"{source}: grid: {count} cells, and each is checked before the first trial;"
+            f"grid: {count} cells, and each is checked before the first trial;"
             f" give at most {MAX_CELLS}, in several campaigns if need be"
         )
     products = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
@@ -445,7 +440,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
         checked = [_cell(campaign, parameters, product) for product in products]
     except InputError:
         # no fault of a cell if the parameters that all cells share are wrong by themselves
-        parameters.resolve(campaign.parameters, f"{source}: parameters")
+        parameters.resolve(campaign.parameters, "parameters")
         raise
     notes = [
         f"{factor}={_shown(value)} is there {times} times; it is run once"
@@ -486,28 +481,24 @@ def _check_keys(campaign: Campaign, parameters: type[Parameters]) -> None:
     """Raises InputError unless every key is a parameter of the experiment, and given in one place."""
     known = parameters.defaults()
     if VARIANT in known:
-        raise InputError(f"{campaign._source}: '{VARIANT}' is a campaign's own axis; rename that parameter")
+        raise InputError(f"'{VARIANT}' is a campaign's own axis; rename that parameter")
     sections: dict[str, Mapping[str, object]] = {"grid": campaign.grid, "parameters": campaign.parameters}
     sections |= {f"variants.{name}": changes for name, changes in campaign.variants.items()}
     for section, keys in sections.items():
         for key in keys:
             if key in campaign.grid and section.startswith("variants"):
-                raise InputError(f"{campaign._source}: {section}.{key}: also a factor of the grid")
+                raise InputError(f"{section}.{key}: also a factor of the grid")
             if key == "disturbance":
                 raise InputError(
-                    f"{campaign._source}: {section}.{key}: disturbances are variants of a 'detection'"
+                    f"{section}.{key}: disturbances are variants of a 'detection'"
                     " campaign now; see campaigns/robustness.yaml"
                 )
             if key not in known:
                 where = f"; 'midnet-bench parameters {campaign.experiment}' lists them"
-                raise InputError(
-                    f"{campaign._source}: {section}.{key}: unknown key{nearest_name(key, known, where)}"
-                )
+                raise InputError(f"{section}.{key}: unknown key{nearest_name(key, known, where)}")
     twice = sorted(set(campaign.grid) & set(campaign.parameters))
     if twice:
-        raise InputError(
-            f"{campaign._source}: parameters.{twice[0]}: also a factor of the grid; keep one of the two"
-        )
+        raise InputError(f"parameters.{twice[0]}: also a factor of the grid; keep one of the two")
 
 
 def _check_factors(campaign: Campaign, tables: Tables) -> None:
@@ -516,7 +507,7 @@ def _check_factors(campaign: Campaign, tables: Tables) -> None:
         for name, table in tables.items():
             if factor in table.columns:
                 raise InputError(
-                    f"{campaign._source}: grid.{factor}: the table '{name}' has a column of that name; give "
+                    f"grid.{factor}: the table '{name}' has a column of that name; give "
                     f"{factor} one value as a parameter, and run a campaign for each value"
                 )
 
@@ -525,7 +516,7 @@ def _cell(
     campaign: Campaign, parameters: type[Parameters], product: dict[str, Scalar]
 ) -> tuple[dict[str, Scalar], Parameters]:
     """The parameters of a cell, defaults filled in, as a trial has them and checked."""
-    source = f"{campaign._source}: cell {shown_cell(product)}"
+    source = f"cell {shown_cell(product)}"
     changes = campaign.variants.get(str(product.get(VARIANT)), {})
     given = {key: value for key, value in product.items() if key != VARIANT}
     checked = parameters.parse({**campaign.parameters, **changes, **given}, source)
@@ -548,60 +539,34 @@ def _resolved_variants(
 def _baseline(campaign: Campaign, compare: Baseline, grid: Mapping[str, Sequence[Scalar]]) -> Baseline:
     """With the baseline filled in. Raises InputError if there is no such factor, or no such value of it."""
     if compare.by not in grid:
-        raise InputError(
-            f"{campaign._source}: compare.by: '{compare.by}' is no factor{nearest_name(compare.by, grid)}"
-        )
+        raise InputError(f"compare.by: '{compare.by}' is no factor{nearest_name(compare.by, grid)}")
     baseline = grid[compare.by][0] if compare.baseline is None else compare.baseline
     if baseline not in grid[compare.by]:
         known = map(str, grid[compare.by])
         raise InputError(
-            f"{campaign._source}: compare.baseline: '{baseline}' is no value of"
-            f" {compare.by}{nearest_name(str(baseline), known)}"
+            f"compare.baseline: '{baseline}' is no value of {compare.by}{nearest_name(str(baseline), known)}"
         )
     return replace(compare, baseline=baseline)
 
 
 def same_trials(
-    grid: Mapping[str, Sequence[Scalar]], cells: Sequence[Mapping[str, Scalar]], same: Sequence[Hashable]
+    grid: Iterable[str], cells: Sequence[Mapping[str, Scalar]], same: Sequence[Hashable]
 ) -> list[str]:
-    """Which values of a grid give the trials of others, in a line each.
+    """Which cells give the trials of others, in a line.
 
     Args:
-        grid: factor -> values.
+        grid: the factors.
         cells: every cell's parameters.
         same: what a cell's trials have in common with those of other cells that give the same numbers.
     """
-    alike: dict[Hashable, list[Mapping[str, Scalar]]] = {}
-    for cell, key in zip(cells, same, strict=True):
-        alike.setdefault(key, []).append(cell)
-    if len(alike) == len(cells):
+    first: dict[Hashable, Mapping[str, Scalar]] = {}
+    pairs = [(cell, first.setdefault(key, cell)) for cell, key in zip(cells, same, strict=True)]
+    twins = [(own, other) for own, other in pairs if own is not other]
+    if not twins:
         return []
-    notes, told = [], set()
-    for factor in grid:
-        # value -> what it gives together with each choice of the other factors
-        given: dict[Scalar, list[Hashable]] = {}
-        for cell, key in zip(cells, same, strict=True):
-            given.setdefault(cell[factor], []).append(key)
-        classes: dict[tuple[Hashable, ...], list[Scalar]] = {}
-        for value, keys in given.items():
-            classes.setdefault(tuple(keys), []).append(value)
-        for equal in classes.values():
-            if len(equal) > 1:
-                *some, last = map(_shown, equal)
-                notes.append(f"{factor}: {', '.join(some)} and {last} give the same trials; {RUN_ONCE}")
-                told |= {(factor, value) for value in equal[1:]}
-    rest = [
-        (own, first)
-        for first, *others in alike.values()
-        for own in others
-        if not any((factor, own[factor]) in told for factor in grid)
-    ]
-    if rest:
-        own, first = ({factor: cell[factor] for factor in grid} for cell in rest[0])
-        like = "1 more cell is" if len(rest) == 2 else f"{len(rest) - 1} more cells are"
-        more = f", and {like} like this" if len(rest) > 1 else ""
-        notes.append(f"{shown_cell(own)} gives the same trials as {shown_cell(first)}{more}; {RUN_ONCE}")
-    return notes
+    own, other = (shown_cell({factor: cell[factor] for factor in grid}) for cell in twins[0])
+    more = f", and {len(twins) - 1} more likewise" if len(twins) > 1 else ""
+    return [f"{own} gives the same trials as {other}{more}; they are run once, results stand under each"]
 
 
 def _with_files(
@@ -650,27 +615,20 @@ def differs_between_cells(value: Scalar) -> bool:
 
 def differences(old: Definition, new: Definition) -> list[str]:
     """What forbids ``new`` to go on where ``old`` stopped; empty if it only adds trials or grid values."""
-    found: list[str] = []
+    found: dict[str, None] = {}
     for variant in old.variants or [""]:
-        found += [one for one in _differences(_flat(old, variant), _flat(new, variant)) if one not in found]
-    return found
-
-
-def _differences(
-    before: Mapping[str, Scalar | list[Scalar]], after: Mapping[str, Scalar | list[Scalar]]
-) -> list[str]:
-    found = []
-    for name in [*before, *(name for name in after if name not in before)]:
-        was, is_now = before.get(name, NOT_SET), after.get(name, NOT_SET)
-        if name == "trials":
-            extends = int(str(is_now)) >= int(str(was))
-        elif isinstance(was, list) and isinstance(is_now, list):
-            extends = all(value in is_now for value in was)
-        else:
-            extends = was == is_now
-        if not extends:
-            found.append(f"{name} {_shown(was)} -> {_shown(is_now)}")
-    return found
+        before, after = _flat(old, variant), _flat(new, variant)
+        for name in {**before, **after}:
+            was, is_now = before.get(name, NOT_SET), after.get(name, NOT_SET)
+            if name == "trials":
+                extends = new.trials >= old.trials
+            elif isinstance(was, list) and isinstance(is_now, list):
+                extends = all(value in is_now for value in was)
+            else:
+                extends = was == is_now
+            if not extends:
+                found[f"{name} {_shown(was)} -> {_shown(is_now)}"] = None
+    return list(found)
 
 
 def _flat(definition: Definition, variant: str) -> dict[str, Scalar | list[Scalar]]:

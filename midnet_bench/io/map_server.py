@@ -7,22 +7,21 @@ ignore in silence, is refused (item 18).
 """
 
 import io
-import math
 import struct
 import warnings
 import zlib
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
 import yaml
 from PIL import Image
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
-from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.checked_yaml import read_yaml, short
+from midnet_bench.io.checked_yaml import Spec, parse, read_yaml
 from midnet_bench.io.files import read_bounded, write_atomically
 
 LARGEST_BYTES = 200_000_000
@@ -117,19 +116,42 @@ OCCUPIED_PIXEL = 0
 UNKNOWN_PIXEL = 205
 
 
-@dataclass(frozen=True)
-class MapFile:
-    """What a map's YAML file says."""
+class MapFile(Spec):
+    """What a map's YAML file says. Keys that map_server does not know are passed over, as it does."""
+
+    model_config = ConfigDict(extra="ignore")
 
     image: Path
-    resolution: float
+    resolution: float = Field(gt=0.0)
     """metres per pixel"""
-    origin: tuple[float, float]
-    """(x, y), metres, of the lower left corner of the lower left pixel"""
-    negate: bool
-    occupied_thresh: float
-    free_thresh: float
-    mode: Mode
+    origin: tuple[float, float, float]
+    """(x, y), metres, of the lower left corner of the lower left pixel, and the yaw, which has to be 0"""
+    negate: Annotated[int, Field(ge=0, le=1)] | bool
+    """nav2's map_server takes true and false here"""
+    occupied_thresh: float = Field(gt=0.0, le=1.0)
+    free_thresh: float = Field(ge=0.0)
+    mode: Mode = "trinary"
+
+    @field_validator("image")
+    @classmethod
+    def _is_a_file(cls, image: Path) -> Path:
+        if image == Path():
+            raise ValueError("a file name is needed")
+        return image
+
+    @field_validator("origin")
+    @classmethod
+    def _is_not_rotated(cls, origin: tuple[float, float, float]) -> tuple[float, float, float]:
+        if origin[2] != 0.0:
+            raise ValueError("yaw must be 0; turn the image instead")
+        return origin
+
+    @field_validator("free_thresh")
+    @classmethod
+    def _is_below(cls, free: float, info: ValidationInfo) -> float:
+        if free >= info.data.get("occupied_thresh", 1.0):
+            raise ValueError("must be below occupied_thresh")
+        return free
 
 
 def load_map(yaml_path: str | Path) -> OccupancyGrid:
@@ -140,77 +162,13 @@ def load_map(yaml_path: str | Path) -> OccupancyGrid:
     Raises:
         InputError: either file is missing, unreadable, incomplete, or says what no map can.
     """
-    file = read_map_file(Path(yaml_path))
-    cells = occupancy(read_image(file.image, f"{yaml_path}: image"), file)
-    return OccupancyGrid(np.ascontiguousarray(cells[::-1]), file.resolution, file.origin)
-
-
-def read_map_file(yaml_path: Path) -> MapFile:
-    """The YAML file, checked. Keys that map_server does not know are passed over, as it does."""
-    values = read_yaml(yaml_path)
-    if not isinstance(values, dict):
-        raise InputError(f"{yaml_path}: (top level): a map's keys are needed: image, resolution, origin, ...")
-    reader = _Keys(yaml_path, values)
-    image = reader.get("image")
-    if not isinstance(image, str) or not image:
-        raise reader.error("image", f"a file name is needed (got {short(image)})")
-    resolution = reader.number("resolution")
-    if resolution <= 0.0:
-        raise reader.error("resolution", f"must be above 0 metres per pixel (got {resolution:g})")
-    negate = reader.get("negate")
-    # nav2's map_server takes true and false here
-    if not isinstance(negate, bool) and (negate := reader.number("negate")) not in (0, 1):
-        raise reader.error("negate", f"must be 0 or 1 (got {negate:g})")
-    occupied, free = reader.number("occupied_thresh"), reader.number("free_thresh")
-    if not 0.0 <= free < occupied <= 1.0:
-        raise reader.error(
-            "free_thresh", f"0 <= free_thresh < occupied_thresh <= 1 is needed (got {free:g}, {occupied:g})"
-        )
-    mode = values.get("mode", "trinary")
-    if mode not in get_args(Mode):
-        raise reader.error("mode", f"no such mode '{mode}'{nearest_name(str(mode), get_args(Mode))}")
-    return MapFile(
-        yaml_path.parent / image, resolution, reader.origin(), bool(negate), occupied, free, cast(Mode, mode)
-    )
-
-
-class _Keys:
-    """A YAML file's keys, with errors that name file and key."""
-
-    def __init__(self, path: Path, values: dict[object, Any]) -> None:
-        self.path = path
-        self.values = values
-
-    def error(self, key: str, what: str) -> InputError:
-        return InputError(f"{self.path}: {key}: {what}")
-
-    def get(self, key: str) -> Any:
-        if self.values.get(key) is None:
-            raise self.error(key, "missing key; map_server needs it")
-        return self.values[key]
-
-    def number(self, key: str) -> float:
-        return self._finite(key, self.get(key))
-
-    def origin(self) -> tuple[float, float]:
-        value = self.get("origin")
-        if not isinstance(value, list) or len(value) != 3:
-            raise self.error("origin", f"three numbers are needed, [x, y, yaw] (got {short(value)})")
-        x, y, yaw = (self._finite("origin", part) for part in value)
-        if yaw != 0.0:
-            raise self.error("origin", f"yaw must be 0 (got {yaw:g} rad); turn the image instead")
-        return x, y
-
-    def _finite(self, key: str, value: object) -> float:
-        # YAML 1.1 takes 5e-2 for a text
-        if isinstance(value, int | float | str) and not isinstance(value, bool):
-            try:
-                number = float(value)
-            except (ValueError, OverflowError):
-                number = math.nan
-            if math.isfinite(number):
-                return number
-        raise self.error(key, f"a number is needed (got {short(value)})")
+    path = Path(yaml_path)
+    values = read_yaml(path)
+    if isinstance(values, dict):
+        values = {key: value for key, value in values.items() if isinstance(key, str) and value is not None}
+    file = parse(MapFile, values, str(path))
+    cells = occupancy(read_image(path.parent / file.image, f"{path}: image"), file)
+    return OccupancyGrid(np.ascontiguousarray(cells[::-1]), file.resolution, file.origin[:2])
 
 
 def occupancy(image: npt.NDArray[np.uint8], file: MapFile) -> npt.NDArray[np.int8]:

@@ -194,14 +194,14 @@ def test_a_value_given_twice_is_run_once_and_told() -> None:
 
 
 def test_values_that_give_the_same_trials_are_told() -> None:
-    grid: dict[str, list[Scalar]] = {"a": [1, 2, 3], "b": [1, 2]}
+    grid = ["a", "b"]
     cells: list[dict[str, Scalar]] = [{"a": a, "b": b} for a in (1, 2, 3) for b in (1, 2)]
 
     assert same_trials(grid, cells, list(range(6))) == []
-    (note,) = same_trials(grid, cells, [1, 2, 1, 2, 3, 4])
-    assert note.startswith("a: 1 and 2 give the same trials; they are run once")
+    (note,) = same_trials(grid, cells, [1, 2, 3, 4, 5, 1])
+    assert note.startswith("a=3, b=2 gives the same trials as a=1, b=1; ")
     (note,) = same_trials(grid, cells, [1, 1, 2, 3, 4, 4])
-    assert note.startswith("a=1, b=2 gives the same trials as a=1, b=1, and 1 more cell is like this; ")
+    assert note.startswith("a=1, b=2 gives the same trials as a=1, b=1, and 1 more likewise; ")
 
 
 def test_a_setting_given_twice_is_refused() -> None:
