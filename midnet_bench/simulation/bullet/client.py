@@ -5,10 +5,10 @@ import os
 import sys
 from collections.abc import Iterator
 
-from midnet_bench.errors import MidnetBenchError
+from midnet_bench.errors import InputError
 
 
-class PyBulletMissingError(MidnetBenchError, ImportError):
+class PyBulletMissingError(InputError, ImportError):
     """PyBullet is not installed; an ImportError too, so that programs may look for it as for any package."""
 
 
@@ -40,7 +40,7 @@ try:
 except ImportError as error:
     raise PyBulletMissingError(
         "PyBullet is not installed: the engine 'bullet' needs it, and its ready-made wheels end at "
-        "CPython 3.11 (use Python 3.11 and install again, or take the engine 'fast')"
+        "CPython 3.11; take 'fast': --engine fast, or engine=\"fast\" in Python"
     ) from error
 
 _idle: list[int] = []
