@@ -1,17 +1,26 @@
 """References to Python objects: ``package.module:NAME`` or ``path/file.py:NAME``.
 
-A file that a trial needs is known by a digest of its bytes, and travels to the workers with the trial: they
-may run on another machine, and the file may change while they do.
+A file that a trial needs is known by a digest of its bytes and of all modules that it imports from no
+installed distribution. They travel to the workers with the trial: these may run on another machine, and files
+may change while they do. A file finds its neighbours under their own names, whatever the working folder is.
 """
 
+import ast
+import builtins
+import functools
 import hashlib
 import importlib
+import importlib.metadata
 import importlib.util
 import inspect
+import logging
+import os
 import pickle
 import sys
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, NamedTuple
@@ -25,6 +34,14 @@ DIGITS = 12
 FORMS = "expected package.module:NAME or path/file.py:NAME"
 
 
+class Module(NamedTuple):
+    """A module that a file brings, as it was read; a package without ``__init__.py`` is empty."""
+
+    file: str
+    content: bytes
+    is_package: bool
+
+
 class Source(NamedTuple):
     """A file with code, as it was read."""
 
@@ -34,6 +51,8 @@ class Source(NamedTuple):
     pickled: bytes = b""
     """of a class or function that is in no file, such as one of a notebook's cell; ``content`` is then its
     source and that of what it calls there"""
+    beside: Mapping[str, Module] = {}
+    """by name, the modules that it imports, and those that they do, of no installed distribution"""
 
 
 _KNOWN: dict[str, Source] = {}
@@ -56,10 +75,10 @@ def load_reference(reference: str) -> Any:
     if not (colon and place and name.isidentifier()):
         raise InputError(f"{reference}: {FORMS}")
     if place.endswith(".py"):
-        path = Path(place)
-        content = _read(path, reference)
-        digest = hashlib.sha256(str(path.resolve()).encode() + content).hexdigest()
-        module = _executed(digest, place, content, reference)
+        source = _source(Path(place), reference)._replace(name=place)
+        digest = hashlib.sha256(f"{Path(place).resolve()} {digest_of(source)}".encode()).hexdigest()
+        _KNOWN[digest] = source
+        module = _executed(digest, reference)
     else:
         module = _from_package(place, reference)
     return _named(name, module, place, reference)
@@ -71,10 +90,133 @@ def read_source(path: Path, reference: str) -> str:
     Raises:
         InputError: the file cannot be read; the message begins with ``reference``.
     """
-    content = _read(path, reference)
-    digest = hashlib.sha256(content).hexdigest()[:DIGITS]
-    _KNOWN[digest] = Source(path.name, content)
+    source = _source(path, reference)
+    digest = digest_of(source)
+    _KNOWN[digest] = source
     return digest
+
+
+def digest_of(source: Source) -> str:
+    """Of all its code; that of the file itself if it brings no more."""
+    found = hashlib.sha256(source.content)
+    for name, module in sorted(source.beside.items()):
+        found.update(f"\n{name} {len(module.content)}\n".encode() + module.content)
+    return found.hexdigest()[:DIGITS]
+
+
+def read_module(reference: str) -> str | None:
+    """The digest of a module that a reference is into, and of what it brings; None if it is installed."""
+    place = reference.rpartition(":")[0]
+    found = _brought(f"import {place}".encode(), [], "", {})
+    return digest_of(Source(place, b"", beside=found)) if found else None
+
+
+def _source(path: Path, reference: str) -> Source:
+    content = _read(path, reference)
+    return Source(path.name, content, beside=_brought(content, [str(path.parent.resolve())], "", {}))
+
+
+def _brought(content: bytes, folders: list[str], package: str, known: dict[str, Module]) -> dict[str, Module]:
+    """``known`` and the modules that ``content`` of ``package`` imports from no installed distribution.
+
+    They are looked for in ``folders`` first.
+    """
+    for name in _imported(content, package):
+        places: list[str] | None = [*folders, *sys.path]
+        parts = name.split(".")
+        for module in (".".join(parts[: count + 1]) for count in range(len(parts))):
+            spec = _spec(module, places)
+            if spec is None or _is_installed(spec):
+                break
+            places = spec.submodule_search_locations
+            if module in known:
+                continue
+            is_package = places is not None
+            source = b"" if spec.origin is None else _read(Path(spec.origin), module)
+            known[module] = Module(spec.origin or "", source, is_package)
+            _brought(source, folders, module if is_package else module.rpartition(".")[0], known)
+    return known
+
+
+def _imported(content: bytes, package: str) -> Iterator[str]:
+    """The names of modules that source of ``package`` imports anywhere, and of what it takes out of them."""
+    try:
+        nodes = [*ast.walk(ast.parse(content))]
+    except (SyntaxError, ValueError):  # said when it is executed
+        return
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (one.name for one in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: package.count(".") + 2 - node.level] if node.level else []
+            start = ".".join([*filter(None, above), *filter(None, [node.module])])
+            yield from (f"{start}.{one.name}".removeprefix(".") for one in node.names)
+
+
+def _spec(module: str, places: list[str] | None) -> ModuleSpec | None:
+    """Where a module's source is, which is neither Python's nor this package's; None if there is none."""
+    if module.partition(".")[0] in {*sys.stdlib_module_names, __package__} or places is None:
+        return None
+    spec = PathFinder.find_spec(module, [*places])
+    if spec is None and "." not in module and module not in sys.modules:
+        spec = importlib.util.find_spec(module)  # an editable install may have a finder of its own
+    elif spec is None and "." not in module:
+        spec = sys.modules[module].__spec__
+    return spec if spec is not None and (spec.origin is None or spec.origin.endswith(".py")) else None
+
+
+def _is_installed(spec: ModuleSpec) -> bool:
+    """Whether a distribution has it that is not editable: those lie elsewhere."""
+    place = Path(spec.origin or next(iter(spec.submodule_search_locations or []), ""))
+    return not {"site-packages", "dist-packages"}.isdisjoint(place.parts) and (
+        bool(distributions_of(spec.name)) or "." in spec.name
+    )
+
+
+def distributions_of(module: str) -> list[str]:
+    """The installed distributions that a module belongs to."""
+    folders = tuple((path, os.stat(path).st_mtime_ns) for path in sys.path if os.path.isdir(path))
+    return _distributions(folders).get(module.partition(".")[0], [])
+
+
+@functools.lru_cache(maxsize=1)
+def _distributions(folders: tuple[tuple[str, int], ...]) -> dict[str, list[str]]:
+    """Of each package its distributions; ``folders``: of modules, and when each was changed last.
+
+    Python reads a file of every distribution for it, 0.2 s in all.
+    """
+    found: dict[str, list[str]] = {}
+    for one in importlib.metadata.distributions():
+        try:
+            named = (one.read_text("top_level.txt") or "").split()
+            tops = named or {file.parts[0].partition(".")[0] for file in one.files or []}
+            for top in tops:
+                found.setdefault(top, []).append(one.metadata["Name"])
+        except Exception:  # a damaged distribution offers nothing
+            continue
+    return found
+
+
+def offered(group: str) -> list[EntryPoint]:
+    """What the installed packages offer in a group; one whose list cannot be read costs itself and a line."""
+    try:
+        return [*importlib.metadata.entry_points(group=group)]
+    except Exception:
+        return [point for point in _readable_entry_points() if point.group == group]
+
+
+@functools.cache
+def _readable_entry_points() -> list[EntryPoint]:
+    found: dict[str, list[EntryPoint]] = {}
+    for one in importlib.metadata.distributions():
+        name = getattr(one, "_path", one)
+        try:
+            found.setdefault(one.metadata["Name"], [*one.entry_points])
+        except Exception as error:
+            logging.getLogger("midnet_bench").warning(
+                "%s: its entry points cannot be read (%s): left out", name, type(error).__name__
+            )
+    return [point for points in found.values() for point in points]
 
 
 def from_source(digest: str, name: str, reference: str) -> Any:
@@ -85,12 +227,12 @@ def from_source(digest: str, name: str, reference: str) -> Any:
     """
     if digest not in _KNOWN:
         raise InputError(f"{reference}: no file with the digest {digest} is known here; give its path")
-    file, content, pickled = _KNOWN[digest]
-    if pickled:
+    source = _KNOWN[digest]
+    if source.pickled:
         if digest not in _MADE:
-            _MADE[digest] = pickle.loads(pickled)
+            _MADE[digest] = pickle.loads(source.pickled)
         return _MADE[digest]
-    return _named(name, _executed(digest, file, content, reference), file, reference)
+    return _named(name, _executed(digest, reference), source.name, reference)
 
 
 def reference_to(value: Any) -> Any:
@@ -125,7 +267,7 @@ def reference_to(value: Any) -> Any:
 
 
 def _sources_of(value: Any, known: dict[str, str]) -> list[str]:
-    """The source of a class or function, and of what it uses of its own module, each once and in order."""
+    """The source of a class or function, of what it uses of its own module, and the digests of modules."""
     if value.__qualname__ in known:
         return []
     known[value.__qualname__] = ""
@@ -138,11 +280,14 @@ def _sources_of(value: Any, known: dict[str, str]) -> list[str]:
             other = function.__globals__.get(name)
             if isinstance(other, str | int | float | tuple | bool):
                 found.append(f"{name} = {other!r}")
-            elif inspect.isclass(other) or inspect.isfunction(other):
+            elif inspect.isclass(other) or inspect.isfunction(other) or inspect.ismodule(other):
                 used.append(other)
     for other in used:
-        if other.__module__ == value.__module__:
+        module = other.__name__ if inspect.ismodule(other) else other.__module__
+        if module == value.__module__:
             found += _sources_of(other, known)
+        elif digest := read_module(f"{module}:"):
+            found.append(f"{module} = {digest}")
     return found
 
 
@@ -213,21 +358,67 @@ def _read(path: Path, reference: str) -> bytes:
         raise InputError(f"{reference}: {path} cannot be read: {error.strerror}") from error
 
 
-def _executed(digest: str, file: str, content: bytes, reference: str) -> ModuleType:
-    """The module of a file, executed once."""
+def _executed(digest: str, reference: str) -> ModuleType:
+    """The module of a known file, executed once."""
     name = f"{EXECUTED}{digest}"
     if name in sys.modules:
         return sys.modules[name]
+    if _Beside not in sys.meta_path:
+        sys.meta_path.insert(0, _Beside)
+    source = _KNOWN[digest]
     module = ModuleType(name)
-    module.__file__ = file
+    module.__path__, module.__package__ = [], name
     sys.modules[name] = module  # classes find their module by its name
     try:
-        # what was read, and not bytecode of a file that had the same time and size
-        exec(compile(content, file, "exec"), module.__dict__)
+        _execute(module, source.name, source.content)
     except Exception as error:
-        del sys.modules[name]
+        for one in [one for one in sys.modules if one.partition(".")[0] == name]:
+            del sys.modules[one]
         raise _not_imported(reference, error) from error
     return module
+
+
+def _execute(module: ModuleType, file: str, content: bytes) -> None:
+    """Run what was read, and not bytecode of a file that had the same time and size.
+
+    What it imports it finds among the modules beside its file first.
+    """
+    root = module.__name__.partition(".")[0]
+    beside = _KNOWN[root.removeprefix(EXECUTED)].beside
+
+    def find(name: str, *more: Any, **named: Any) -> Any:
+        level = named.get("level", more[3] if len(more) > 3 else 0)
+        if level or name not in beside:
+            return builtins.__import__(name, *more, **named)
+        found = builtins.__import__(f"{root}.{name}", *more, **named)
+        wants_parts = named.get("fromlist", more[2] if len(more) > 2 else ())
+        return found if wants_parts else getattr(found, name.partition(".")[0])
+
+    module.__file__ = file
+    module.__dict__["__builtins__"] = {**vars(builtins), "__import__": find}
+    exec(compile(content, file, "exec"), module.__dict__)
+
+
+class _Beside:
+    """Python's finder and loader of the modules that files bring: ``<module of the file>.<their name>``."""
+
+    @staticmethod
+    def find_spec(name: str, path: object = None, target: object = None) -> ModuleSpec | None:
+        root, _, inner = name.partition(".")
+        source = _KNOWN.get(root.removeprefix(EXECUTED)) if root.startswith(EXECUTED) else None
+        if source is None or inner not in source.beside:
+            return None
+        return ModuleSpec(name, _Beside, is_package=source.beside[inner].is_package)  # type: ignore[arg-type]
+
+    @staticmethod
+    def create_module(spec: ModuleSpec) -> None:
+        """As Python makes them."""
+
+    @staticmethod
+    def exec_module(module: ModuleType) -> None:
+        root, _, inner = module.__name__.partition(".")
+        one = _KNOWN[root.removeprefix(EXECUTED)].beside[inner]
+        _execute(module, one.file, one.content)
 
 
 def _not_imported(reference: str, error: Exception) -> InputError:

@@ -1,28 +1,35 @@
 """Extension points: options whose value names code of this package, of an installed one or of a user's file.
 
 A value is ``NAME``, ``package.module:NAME`` or ``path/file.py:NAME``, followed by options of the code in
-brackets: ``clusters(noise_m=0.02)``. :meth:`ExtensionPoint.pinned` adds ``#`` and a digest of the file,
-or ``@`` and the version of the installed package. So a trial's parameters state all that it depends on, and
-its id changes with the code.
+brackets: ``clusters(noise_m=0.02)``. :meth:`ExtensionPoint.pinned` adds ``#`` and a digest of the file or
+module and of all that it brings, or ``@`` and the version of the installed package. So a trial's parameters
+state all that it depends on, and its id changes with the code.
 """
 
 import contextlib
 import functools
 import importlib.metadata
 import inspect
-import os
 import re
-import sys
 import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
-from midnet_bench.plugins import EXECUTED, Source, from_source, load_reference, read_source, sources
+from midnet_bench.plugins import (
+    EXECUTED,
+    Source,
+    distributions_of,
+    from_source,
+    load_reference,
+    offered,
+    read_module,
+    read_source,
+    sources,
+)
 from midnet_bench.settings import Scalar
 
 _VALUE = re.compile(r"(?P<place>[^()#@]+)(?:\((?P<options>[^()]*)\))?(?:(?P<mark>[#@])(?P<pin>[\w.+-]+))?")
@@ -81,7 +88,7 @@ class ExtensionPoint:
 
     def names(self) -> list[str]:
         """The names that can be given, this package's first; beside them it takes references."""
-        return list(dict.fromkeys([*self.own, *(one.name for one in entry_points(group=self.entry_points))]))
+        return list(dict.fromkeys([*self.own, *(one.name for one in offered(self.entry_points))]))
 
     def is_own(self, value: str) -> bool:
         """Whether ``value`` names what comes with this package; InputError as :meth:`pinned`."""
@@ -192,9 +199,12 @@ class ExtensionPoint:
             if choice.pin:
                 return choice
             file, _, name = choice.place.rpartition(":")
-            digest = read_source(Path(file), choice.place)
-            return replace(choice, place=f"{Path(file).name}:{name}", mark="#", pin=digest)
-        version = _version(self._reference(choice))
+            pin = read_source(Path(file), choice.place)
+            return replace(choice, place=f"{Path(file).name}:{name}", mark="#", pin=pin)
+        reference = self._reference(choice)
+        if digest := read_module(reference):
+            return replace(choice, mark="#", pin=digest)
+        version = _version(reference)
         return replace(choice, mark="@" if version else "", pin=version)
 
     def _reference(self, choice: Choice) -> str:
@@ -203,17 +213,24 @@ class ExtensionPoint:
             return choice.place
         if (own := self.own.get(choice.place)) is not None:
             return own
-        for point in entry_points(group=self.entry_points, name=choice.place):
-            return point.value
+        for point in offered(self.entry_points):
+            if point.name == choice.place:
+                return point.value
         raise InputError(f"unknown name '{choice.place}'{nearest_name(choice.place, self.names())}")
 
     def _found(self, choice: Choice) -> Any:
         try:
             if choice.is_file:
                 return from_source(choice.pin, choice.place.rpartition(":")[2], str(choice))
-            return load_reference(self._reference(choice))
+            reference = self._reference(choice)
+            found = load_reference(reference)
         except InputError as error:
             raise InputError(f"{self.option}: {error}") from error
+        if choice.mark == "#" and (loaded := _loaded(reference)) != choice.pin:
+            raise InputError(
+                f"{self.option}: {choice}: the code that is loaded here is #{loaded}; start a new process"
+            )
+        return found
 
     def _class(self, choice: Choice) -> Any:
         found = self._found(choice)
@@ -259,20 +276,15 @@ def _options_of(found: Any) -> list[str]:
 
 def _version(reference: str) -> str:
     """Of the installed package that a reference is into; empty for a module that belongs to none."""
-    package = reference.partition(":")[0].partition(".")[0]
-    folders = tuple((path, os.stat(path).st_mtime_ns) for path in sys.path if os.path.isdir(path))
-    for distribution in _distributions(folders).get(package, []):
+    for distribution in distributions_of(reference.partition(":")[0]):
         return importlib.metadata.version(distribution)
     return ""
 
 
-@functools.lru_cache(maxsize=1)
-def _distributions(folders: tuple[tuple[str, int], ...]) -> Mapping[str, list[str]]:
-    """Of each package its distributions; ``folders``: of modules, and when each was changed last.
-
-    Python reads a file of every distribution for it, 0.2 s in all.
-    """
-    return importlib.metadata.packages_distributions()
+@functools.cache
+def _loaded(reference: str) -> str | None:
+    """The digest of a module, about when this process imported it."""
+    return read_module(reference)
 
 
 def _scalar(text: str) -> Scalar:

@@ -1,5 +1,6 @@
 """Real trials that tests share. Heavy rooms are imported on first use."""
 
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,12 @@ hypothesis.settings.load_profile("any machine")
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Slow tests first: a process that meets one at the end keeps the others waiting."""
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _state(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """What runs write down of the code that they ran goes into no home of anybody's."""
+    os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
 
 
 def campaign_folder(directory: Path, **campaign: Any) -> Path:

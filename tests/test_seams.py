@@ -1,10 +1,17 @@
 """What the options that name code take, and what a trial's parameters say of it."""
 
+import pickle
+import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from midnet_bench import plugins
 from midnet_bench.errors import InputError
+from midnet_bench.plugins import read_module
 from midnet_bench.rivals.seams import DETECTORS, FUSIONS
 from midnet_bench.seams import PluginError, code_in
 
@@ -57,6 +64,132 @@ def test_an_installed_package_is_known_by_its_version() -> None:
     assert FUSIONS.make(pinned).fuse([], 0.0).shape == (0, 4)
     with pytest.raises(InputError, match="what is here is"):
         FUSIONS.pinned("midnet_bench.rivals.plain_fusions:NoFusion@99.9")
+
+
+HELPED = """
+import helper
+from parts import size
+class Mine:
+    def __init__(self, prior_map, range_m):
+        import lazy
+        self.numbers = helper.NUMBER, size.SIDE, lazy.NUMBER
+    def detect(self, team): ...
+"""
+FILES = {
+    "mine.py": HELPED,
+    "helper.py": "import json, numpy\nfrom parts.size import SIDE\nNUMBER = SIDE + 1\n",
+    "parts/__init__.py": "",
+    "parts/size.py": "from . import unit\nSIDE = 2 * unit.M\n",
+    "parts/unit.py": "M = 10\n",
+    "lazy.py": "NUMBER = 7\n",
+}
+
+
+def lay(folder: Path, **changed: str) -> Path:
+    """The files of a plug-in in a folder, some of them changed."""
+    for name, text in FILES.items():
+        (folder / name).parent.mkdir(exist_ok=True, parents=True)
+        (folder / name).write_text(changed.get(name.rpartition("/")[2].removesuffix(".py"), text))
+    return folder
+
+
+def numbers_of(pinned: str) -> tuple[int, ...]:
+    return tuple(DETECTORS.make(pinned, None, 2.5).numbers)
+
+
+def test_a_file_brings_its_neighbours_and_each_of_them_counts(tmp_path: Path) -> None:
+    value = f"{lay(tmp_path / 'one')}/mine.py:Mine"
+    before = DETECTORS.pinned(value)
+    assert numbers_of(before) == (21, 20, 7)
+    assert DETECTORS.pinned(f"{lay(tmp_path / 'same')}/mine.py:Mine") == before
+    changes = {"helper": "NUMBER = 1", "size": "SIDE = 3", "unit": "M = 4", "lazy": "NUMBER = 8"}
+    found = [
+        DETECTORS.pinned(f"{lay(tmp_path / name, **{name: text})}/mine.py:Mine")
+        for name, text in changes.items()
+    ]
+    assert len({before, *found}) == 5
+    # side by side, each has its own neighbours
+    assert [*map(numbers_of, found)] == [(1, 20, 7), (4, 3, 7), (9, 8, 7), (21, 20, 8)]
+    assert numbers_of(before) == (21, 20, 7)
+    assert "helper" not in sys.modules
+
+
+def test_neighbours_travel_to_other_processes(tmp_path: Path) -> None:
+    pinned = DETECTORS.pinned(f"{lay(tmp_path)}/mine.py:Mine")
+    handed = pickle.dumps(code_in([pinned]))
+    shutil.rmtree(tmp_path)
+    code = (
+        "import pickle, sys\n"
+        "from midnet_bench.plugins import take_sources\n"
+        "from midnet_bench.rivals.seams import DETECTORS\n"
+        "take_sources(pickle.load(sys.stdin.buffer))\n"
+        f"print(DETECTORS.make({pinned!r}, None, 2.5).numbers)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], input=handed, capture_output=True)
+    assert done.stdout.decode().strip() == "(21, 20, 7)", done.stderr.decode()
+
+
+def test_a_helper_on_the_path_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lay(tmp_path / "path")
+    monkeypatch.syspath_prepend(tmp_path / "path")
+    (tmp_path / "mine.py").write_text(HELPED)
+    before = DETECTORS.pinned(f"{tmp_path}/mine.py:Mine")
+    lay(tmp_path / "path", unit="M = 11")
+    assert DETECTORS.pinned(f"{tmp_path}/mine.py:Mine") != before
+
+
+def test_a_module_of_no_distribution_is_digested_with_what_it_brings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lay(tmp_path)
+    (tmp_path / "mine.py").rename(tmp_path / "my_detector_module.py")
+    monkeypatch.syspath_prepend(tmp_path)
+    before = DETECTORS.pinned("my_detector_module:Mine")
+    assert re.fullmatch(r"my_detector_module:Mine#[0-9a-f]{12}", before)
+    assert numbers_of(before) == (21, 20, 7)
+    lay(tmp_path, helper="NUMBER = 1")
+    with pytest.raises(InputError, match="what is here is"):
+        DETECTORS.pinned(before)
+    with pytest.raises(InputError, match="start a new process"):
+        numbers_of(DETECTORS.pinned("my_detector_module:Mine"))
+    for name in ("helper", "lazy", "parts", "parts.size", "parts.unit", "my_detector_module"):
+        sys.modules.pop(name, None)
+
+
+def test_an_editable_package_is_digested_and_an_installed_one_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for place in ("site-packages", "src"):
+        package = lay(tmp_path / place) / f"own_{place[:3]}"
+        package.mkdir()
+        (package / "__init__.py").write_text(HELPED)
+        (tmp_path / place / f"own_{place[:3]}-2.0.dist-info").mkdir()
+        about = tmp_path / place / f"own_{place[:3]}-2.0.dist-info"
+        (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: own_{place[:3]}\nVersion: 2.0\n")
+        (about / "top_level.txt").write_text(f"own_{place[:3]}\nhelper\nparts\nlazy\n")
+        monkeypatch.syspath_prepend(tmp_path / place)
+    assert read_module("own_sit:Mine") is None
+    assert DETECTORS.pinned("own_sit:Mine").endswith("@2.0")
+    assert re.search("#[0-9a-f]{12}$", DETECTORS.pinned("own_src:Mine"))
+
+
+def test_a_package_whose_entry_points_cannot_be_read_costs_itself_and_a_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    for name, text in {
+        "broken": b"\xff\xfe[x",
+        "sound": b"[midnet_bench.detectors]\nmine = mine:Mine\n",
+    }.items():
+        about = tmp_path / f"{name}-1.0.dist-info"
+        about.mkdir()
+        (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+        (about / "entry_points.txt").write_bytes(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    plugins._readable_entry_points.cache_clear()
+    assert "mine" in DETECTORS.names()
+    assert DETECTORS.pinned("midnet") == "midnet"
+    assert [record.getMessage().count("broken-1.0") for record in caplog.records] == [1]
+    plugins._readable_entry_points.cache_clear()
 
 
 @pytest.mark.parametrize(

@@ -34,14 +34,22 @@ class DaskPool:
     Workers may come and go; while there are none, trials wait.
 
     Args:
-        scheduler: its address, such as ``tcp://127.0.0.1:8786``.
+        scheduler: its address, such as ``tcp://127.0.0.1:8786``; None for a cluster on this machine, which
+            ends with the pool.
         note: receives one line when the trials begin to wait for a worker.
+        workers: of a cluster on this machine.
 
     Raises:
         InputError: no scheduler answers at the address, or the workers lack this version of midnet-bench.
     """
 
-    def __init__(self, scheduler: str, note: Callable[[str], None]) -> None:
+    def __init__(self, scheduler: str | None, note: Callable[[str], None], workers: int = 1) -> None:
+        self._cluster: Any = None
+        if scheduler is None:
+            self._cluster = distributed.LocalCluster(  # type: ignore[no-untyped-call]
+                n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+            )
+            scheduler = str(self._cluster.scheduler_address)
         self._scheduler = scheduler
         self._note = note
         self._absent_since_s: float | None = None
@@ -160,6 +168,8 @@ class DaskPool:
     def close(self) -> None:
         """Leaves the cluster, which drops what it was still running for us."""
         self._client.close(timeout=CONNECT_TIMEOUT_S)  # type: ignore[no-untyped-call]
+        if self._cluster is not None:
+            self._cluster.close(timeout=CONNECT_TIMEOUT_S)
         for logger, level in zip(self._loggers, self._log_levels, strict=True):
             logger.setLevel(level)
 

@@ -125,13 +125,6 @@ def _refuse_write_ahead_log(path: Path) -> None:
         raise InputError(f"{path}: another program's SQLite file, not a campaign store; left as it is")
 
 
-def unknown_campaign(path: Path) -> InputError:
-    """What to raise when the definition in the store at ``path`` is damaged."""
-    return InputError(
-        f"{path}: damaged (which campaign it holds cannot be read); move it away, or --fresh to start over"
-    )
-
-
 def _check(connection: sqlite3.Connection, path: Path) -> None:
     """Raises InputError unless the file is a sound store of this version."""
     if _pragma(connection, "application_id") != APPLICATION_ID:

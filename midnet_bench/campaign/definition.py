@@ -9,11 +9,11 @@ import json
 import math
 import os
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Annotated, Protocol, TypeVar
+from typing import Annotated, Any, Protocol
 
 from pydantic import Field, PrivateAttr, Strict, TypeAdapter, field_validator
 
@@ -39,7 +39,6 @@ MAX_SHOWN_CHARACTERS = 60
 
 Values = Scalar | list[Scalar]
 """of an option on the command line: one, or several that make a factor of the grid"""
-Read = TypeVar("Read")
 
 
 class Experiments(Protocol):
@@ -78,7 +77,7 @@ class Campaign(Spec):
     name: Annotated[str, Strict()] = Field(
         "campaign", description="the file's name unless given; names its folder"
     )
-    grid: dict[str, list[Scalar]] = Field(
+    grid: dict[str, Annotated[list[Scalar], Field(min_length=1)]] = Field(
         default_factory=dict, description="factor -> values; a cell is one value of each"
     )
     variants: dict[str, dict[str, Scalar]] = Field(
@@ -130,14 +129,6 @@ class Campaign(Spec):
     def axes(self) -> dict[str, list[Scalar]]:
         """The factors of the grid with their values, the names of the variants before them."""
         return {**({VARIANT: [*self.variants]} if self.variants else {}), **self.grid}
-
-    @field_validator("grid")
-    @classmethod
-    def _has_values(cls, grid: dict[str, list[Scalar]]) -> dict[str, list[Scalar]]:
-        for factor, values in grid.items():
-            if not values:
-                raise ValueError(f"'{factor}' has no values; give at least one or leave it out")
-        return grid
 
 
 @dataclass(frozen=True)
@@ -204,10 +195,8 @@ class ResolvedCampaign:
     definition: Definition
     cells: list[dict[str, Scalar]]
     """every cell's parameters, defaults filled in, the grid's last factor changing fastest"""
-    efforts: list[float]
-    """about how long a trial of each cell takes, compared with the others"""
-    expected_wall_s: list[float]
-    """how long a trial of each cell takes on one core, by the experiment's own rule, seconds"""
+    checked: list[Parameters]
+    """the same as instances of the experiment's class"""
     sharing: list[Sharing]
     """what the trials of each cell share with those of other cells"""
     run_trials: RunTrials
@@ -318,26 +307,38 @@ def _variant(campaign: Campaign, name: str) -> dict[str, Scalar]:
     return campaign.variants[name]
 
 
-def parse_settings(settings: Iterable[str], map_file: Path | None = None) -> dict[str, Scalar]:
+def parse_settings(
+    settings: Iterable[str], map_file: Path | None = None, is_sweep: bool = False
+) -> dict[str, Any]:
     """``["capture=contact", "frames=200"]`` as a mapping, values read as YAML scalars.
 
     Args:
         settings: what ``--set`` gave.
         map_file: what ``--map`` gave, which is short for ``prior_map``.
+        is_sweep: whether commas part several values, as :func:`values_of` reads them.
 
     Raises:
         InputError: no ``=``, no key, a key given twice or known as another option, or no scalar.
     """
-    return _parsed(settings, map_file, _scalar)
-
-
-def parse_sweep(settings: Iterable[str], map_file: Path | None = None) -> dict[str, Values]:
-    """The same, where commas part several values: ``["thresh_local=60,80", "frames=200"]``.
-
-    Raises:
-        InputError: as :func:`parse_settings`, or a value between commas is missing.
-    """
-    return _parsed(settings, map_file, values_of)
+    parsed: dict[str, Any] = {}
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        key = key.strip()
+        option = f"--set {setting}" if len(setting) <= 60 else f"--set {setting[:57]}..."
+        if not equals or not key:
+            raise InputError(f"{option}: expected key=value")
+        if key in parsed:
+            raise InputError(f"{option}: '{key}' is set twice")
+        if key == "seed":
+            raise InputError(f"{option}: the seed is no parameter; give it by --seed")
+        parsed[key] = (values_of if is_sweep else _scalar)(text, option)
+    if map_file is not None:
+        if "prior_map" in parsed:
+            raise InputError(
+                f"--map {map_file}: --set prior_map={parsed['prior_map']} too; give one of the two"
+            )
+        parsed["prior_map"] = str(map_file)
+    return parsed
 
 
 def values_of(text: str, option: str) -> Values:
@@ -381,30 +382,6 @@ def _scalar(text: str, option: str) -> Scalar:
     if not isinstance(value, str | int | float | bool | None):
         raise InputError(f"{option}: the value must be one number, word or true/false")
     return value
-
-
-def _parsed(
-    settings: Iterable[str], map_file: Path | None, read: Callable[[str, str], Read]
-) -> dict[str, Read | str]:
-    parsed: dict[str, Read | str] = {}
-    for setting in settings:
-        key, equals, text = setting.partition("=")
-        key = key.strip()
-        option = f"--set {setting}" if len(setting) <= 60 else f"--set {setting[:57]}..."
-        if not equals or not key:
-            raise InputError(f"{option}: expected key=value")
-        if key in parsed:
-            raise InputError(f"{option}: '{key}' is set twice")
-        if key == "seed":
-            raise InputError(f"{option}: the seed is no parameter; give it by --seed")
-        parsed[key] = read(text, option)
-    if map_file is not None:
-        if "prior_map" in parsed:
-            raise InputError(
-                f"--map {map_file}: --set prior_map={parsed['prior_map']} too; give one of the two"
-            )
-        parsed["prior_map"] = str(map_file)
-    return parsed
 
 
 def resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
@@ -452,6 +429,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     for cell, found in checked:
         once.setdefault(TrialSpec(identity, cell, 0).trial_id, (cell, found))
     cells = [cell for cell, _ in once.values()]
+    code = code_in(value for cell in cells for value in cell.values())
     sharing = [Sharing(None, None)]  # a lone cell shares nothing, and what others do takes a compiler
     if len(once) > 1:
         sharing = [experiments.sharing(campaign.experiment, found) for _, found in once.values()]
@@ -468,10 +446,13 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
             compare=None if campaign.compare is None else _baseline(campaign, campaign.compare, grid),
         ),
         cells=cells,
-        efforts=[found.effort for _, found in once.values()],
-        expected_wall_s=[found.expected_wall_s for _, found in once.values()],
+        checked=[found for _, found in once.values()],
         sharing=sharing,
-        run_trials=_with_files(experiments.run_trials, None if file is None else campaign.experiment, cells),
+        run_trials=partial(
+            _run_with_files, experiments.run_trials, None if file is None else campaign.experiment, code
+        )
+        if file or code
+        else experiments.run_trials,
         experiment_file=file,
         notes=[*notes, *same_trials(grid, cells, [shared.result_key for shared in sharing])],
     )
@@ -569,28 +550,19 @@ def same_trials(
     return [f"{own} gives the same trials as {other}{more}; they are run once, results stand under each"]
 
 
-def _with_files(
-    run_trials: RunTrials, reference: str | None, cells: Sequence[Mapping[str, Scalar]]
-) -> RunTrials:
-    """``run_trials`` with what other processes need of the user's files: an experiment, parts of a trial."""
-    if reference is not None:
-        run_trials = partial(_run_from_file, run_trials, reference)
-    code = code_in(value for cell in cells for value in cell.values())
-    return partial(_run_with_code, run_trials, code) if code else run_trials
-
-
-def _run_with_code(
-    run_trials: RunTrials, code: Mapping[str, Source], specs: Sequence[TrialSpec]
+def _run_with_files(
+    run_trials: RunTrials, reference: str | None, code: Mapping[str, Source], specs: Sequence[TrialSpec]
 ) -> Sequence[TrialResult | Exception]:
+    """``run_trials`` in a process that has none of the user's files.
+
+    Args:
+        run_trials: see ``RunTrials``.
+        reference: the experiment's file; specs have the file's name alone, the same on any machine.
+        code: the files of parts of a trial.
+        specs: the trials.
+    """
     take_sources(code)
-    return run_trials(specs)
-
-
-def _run_from_file(
-    run_trials: RunTrials, reference: str, specs: Sequence[TrialSpec]
-) -> Sequence[TrialResult | Exception]:
-    """Trials whose experiment is in a file: specs have the file's name alone, the same on any machine."""
-    return run_trials([replace(spec, experiment=reference) for spec in specs])
+    return run_trials(specs if reference is None else [replace(one, experiment=reference) for one in specs])
 
 
 def _file_and_name(experiment: str) -> tuple[Path | None, str]:

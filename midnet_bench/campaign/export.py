@@ -66,12 +66,7 @@ def export_csv(store: Store, directory: Path, expected: Tables = MappingProxyTyp
         table(TIMING)
         for trial in store.trials():
             key: Row = {**definition.cell_of(trial.parameters), "seed": trial.seed}
-            timing: Row = {
-                "status": trial.status,
-                "wall_s": trial.wall_s,
-                "simulated_s": trial.simulated_s,
-                "finished_utc": trial.finished_utc,
-            }
+            timing: Row = {name: getattr(trial, name) for name in TIMING_TABLE[TIMING].columns}
             try:
                 check_tables(TIMING_TABLE, {TIMING: [timing]}, key)
             except ValueError as error:
@@ -80,7 +75,7 @@ def export_csv(store: Store, directory: Path, expected: Tables = MappingProxyTyp
             if trial.traceback is not None:
                 table(FAILURES).add(key, [{"trial_id": trial.trial_id, "reason": trial.reason}])
             else:
-                for name, rows in trial.tables_as(expected, definition.grid).items():
+                for name, rows in trial.tables(expected, definition.grid).items():
                     for row in rows:
                         for column in row.keys() & key.keys():
                             if row[column] != key[column]:
@@ -127,15 +122,11 @@ class _Growing:
 
     def _widen(self) -> None:
         """Writes the file anew under all columns; rows that came before a column have an empty cell in it."""
-        with (
-            temporary_path(self._path) as draft,
-            self._path.open(encoding="utf-8", newline="") as narrow,
-            draft.open("w", encoding="utf-8", newline="") as wide,
-        ):
-            writer = csv.writer(wide, lineterminator="\n")
+        with self._path.open(encoding="utf-8", newline="") as file:
+            _, *lines = csv.reader(file)
+        with self._path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
             writer.writerow(self._columns)
-            lines = csv.reader(narrow)
-            next(lines)
             writer.writerows(line + [""] * (len(self._columns) - len(line)) for line in lines)
 
 

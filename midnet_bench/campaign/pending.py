@@ -91,7 +91,8 @@ def pending_trials(
     nothing: set[int] = set()
     wanted = campaign.seeds
     ranked = sorted(
-        zip(campaign.numbered_cells, campaign.efforts, campaign.sharing, strict=True), key=lambda one: -one[1]
+        zip(campaign.numbered_cells, (one.effort for one in campaign.checked), campaign.sharing, strict=True),
+        key=lambda one: -one[1],
     )
     done = [
         inventory.finished.get(cell.number, nothing)

@@ -87,10 +87,6 @@ def check_options(backend: str, jobs: int | None, scheduler: str | None) -> None
     """Raises InputError unless the options that say where trials run go together."""
     if backend not in BACKENDS:
         raise InputError(f"--backend {backend}: unknown{nearest_name(backend, BACKENDS)}")
-    if backend == "dask" and scheduler is None:
-        raise InputError(
-            "--backend dask: give the scheduler's address, e.g. --scheduler tcp://127.0.0.1:8786"
-        )
     if backend != "dask" and scheduler is not None:
         raise InputError(f"--scheduler {scheduler}: only with --backend dask")
     if jobs is not None and jobs < 1:

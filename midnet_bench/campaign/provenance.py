@@ -75,11 +75,22 @@ def now_utc() -> str:
 
 
 def versions_note(runs: Iterable[Provenance]) -> list[str]:
-    """What the reader of numbers should know that come from these runs: nothing, or that the code changed."""
-    different = list(dict.fromkeys(_code(run) for run in runs))
-    if len(different) > 1:
-        return [f"these trials were run by {len(different)} versions of the code: {'; '.join(different)}"]
-    return []
+    """What the reader of numbers should know that come from these runs: nothing, or what changed."""
+    runs = [*runs]
+    notes = []
+    for made_by, name in ((_code, "versions of the code"), (_interpreter, "interpreters")):
+        different = list(dict.fromkeys(filter(None, map(made_by, runs))))
+        if len(different) > 1:
+            notes.append(f"these trials were run by {len(different)} {name}: {'; '.join(different)}")
+    return notes
+
+
+def _interpreter(run: Provenance) -> str:
+    """Python's minor version and NumPy's, whose last digits may differ from others'; empty if unknown."""
+    libraries = run.get("libraries")
+    numpy = libraries.get("numpy", "") if isinstance(libraries, dict) else ""
+    python, numpy = (".".join(one.split(".")[:2]) for one in (str(run.get("python", "")), numpy))
+    return f"{python} with NumPy {numpy}" if python and numpy else ""
 
 
 def code_of(runs: Iterable[Provenance]) -> str:

@@ -13,6 +13,7 @@ from pathlib import Path
 import joblib
 
 from midnet_bench.campaign import store as stores
+from midnet_bench.campaign import trust
 from midnet_bench.campaign.database import only_writer
 from midnet_bench.campaign.definition import Definition, ResolvedCampaign
 from midnet_bench.campaign.pending import PendingTrials, pending_trials
@@ -90,7 +91,7 @@ def plan(
     definition = campaign.definition
     finished = failed = 0
     measured_on, size = 0, RULE_OF_THUMB_BYTES
-    wall_s = math.fsum(campaign.expected_wall_s) / len(campaign.cells)
+    wall_s = math.fsum(one.expected_wall_s for one in campaign.checked) / len(campaign.cells)
     path = Path(directory) / stores.FILE_NAME
     if path.exists() and not fresh:
         with stores.open_store(path) as store:
@@ -132,8 +133,8 @@ def run_campaign(
         campaign: what to run; it may extend what the store was made for by trials or grid values.
         directory: where the store is or will be.
         jobs: worker processes of this machine, all its cores unless given.
-        backend: ``loky``, or ``dask`` with the address of its ``scheduler``.
-        scheduler: such as ``tcp://127.0.0.1:8786``.
+        backend: ``loky`` or ``dask``.
+        scheduler: of Dask, such as ``tcp://127.0.0.1:8786``; a cluster of this machine unless given.
         fresh: starts over and keeps the old store aside.
         retry_failed: runs failed trials again.
         progress: receives each outcome.
@@ -152,6 +153,7 @@ def run_campaign(
         if fresh and (aside := stores.back_up(path)):
             progress.note(f"the old store is kept as {aside}")
         with stores.open_or_create(path, campaign.definition_in(directory)) as store:
+            trust.remember(path, store.definition)
             store.write_cells(campaign.numbered_cells)
             inventory = store.inventory()
             _forget_damaged(store, inventory.damaged, progress)
@@ -220,12 +222,13 @@ def _pool(
 ) -> Iterator[Pool]:
     """The pool that the options ask for; says what is wrong with them before anything is touched."""
     check_options(backend, jobs, scheduler)
-    if scheduler is not None:
+    workers = joblib.cpu_count() if jobs is None else jobs
+    if backend == "dask":
         from midnet_bench.campaign.dask_pool import DaskPool
 
-        pool: Pool = DaskPool(scheduler, progress.note)
+        pool: Pool = DaskPool(scheduler, progress.note, workers)
     else:
-        pool = LokyPool(joblib.cpu_count() if jobs is None else jobs, directory / ".running", progress.note)
+        pool = LokyPool(workers, directory / ".running", progress.note)
     with contextlib.closing(pool):
         yield pool
 

@@ -6,7 +6,7 @@ import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any
 
 from midnet_bench.campaign import database, rows
@@ -57,17 +57,17 @@ class StoredTrial:
         """Of a failed trial the last line of its traceback: the exception and its message."""
         return _last_line(self.traceback or "")
 
-    @property
-    def tables(self) -> dict[str, list[Row]]:
-        """The tables of a finished trial. Raises InputError if they are none that a trial has."""
-        return self.tables_as({})
-
-    def tables_as(self, expected: Tables, factors: Iterable[str] = ()) -> dict[str, list[Row]]:
-        """The same; they also have to be those that the experiment of the trial has.
+    def tables(
+        self, expected: Tables = MappingProxyType({}), factors: Iterable[str] = ()
+    ) -> dict[str, list[Row]]:
+        """The tables of a finished trial.
 
         Args:
             expected: the experiment's tables; see :func:`columns.check_tables`.
             factors: of the campaign's grid, to name the trial by.
+
+        Raises:
+            InputError: they are none that a trial has, or none of the experiment's.
         """
         if self.payload is None:
             raise ValueError(f"trial {self.trial_id} has failed and has no tables")
@@ -80,14 +80,11 @@ class StoredTrial:
 
     def fault(self, what: str, factors: Iterable[str] = ()) -> InputError:
         """What to raise if something is wrong with the trial that no disk does to it."""
-        return InputError(
-            f"{self._named(factors)}: {what}; midnet-bench writes no such trials:"
-            " ask where this file comes from"
-        )
-
-    def _named(self, factors: Iterable[str]) -> str:
         key = {**{factor: self.parameters[factor] for factor in factors}, "seed": self.seed}
-        return f"{self.store}: trial {self.trial_id} ({shown_cell(key)})"
+        return InputError(
+            f"{self.store}: trial {self.trial_id} ({shown_cell(key)}): {what}; midnet-bench writes no such"
+            " trials: ask where this file comes from"
+        )
 
 
 @dataclass(frozen=True)
@@ -155,7 +152,10 @@ class Store:
             try:
                 self._definition = Definition.from_json(row[0] if row else "")
             except ValueError as error:
-                raise database.unknown_campaign(self.path) from error
+                raise InputError(
+                    f"{self.path}: damaged (which campaign it holds cannot be read); move it away, or"
+                    " --fresh to start over"
+                ) from error
         return self._definition
 
     def refuse_unless_extended_by(self, definition: Definition) -> None:

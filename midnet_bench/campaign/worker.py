@@ -17,7 +17,7 @@ from typing import IO, Any
 from midnet_bench import compiled
 from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.signals import SIGNALS_TO_END
-from midnet_bench.campaign.trial import RunTrials, TrialResult, TrialSpec, run_alone
+from midnet_bench.campaign.trial import RunTrials, TrialResult, TrialSpec
 
 try:
     import fcntl
@@ -60,24 +60,31 @@ def prepare_worker(parent_pid: int) -> None:
 def attempt_together(
     run_trials: RunTrials, specs: Sequence[TrialSpec], limit_s: float, marks: Path | None
 ) -> list[Outcome]:
-    """The outcomes of trials that share a simulation, each as :func:`attempt` would have it.
+    """The outcomes of trials that share a simulation; no exception leaves it but Ctrl-C's.
 
     Each gets an equal part of the wall time. Where they cannot be run together, or not within the time limit
     of one trial, each is run alone.
+
+    While they run, a file named by the first and by the process stands in ``marks``, so that the parent knows
+    what a worker does, or did when it died. A trial over its limit is interrupted; if it sits in native code
+    that cannot be interrupted, its process ends and the mark keeps the stack.
     """
-    if len(specs) == 1:
-        return [attempt(run_trials, specs[0], limit_s, marks)]
     start_s = time.perf_counter()
-    results = []
+    results: list[tuple[float, bytes] | str] = []
     with _mark(marks, specs[0].trial_id) as stack_file:
         try:
             with _time_limit(limit_s, stack_file):
                 _use_one_thread()
                 results = [_packed(result) for result in run_trials(specs)]
-        except KeyboardInterrupt:
+        except KeyboardInterrupt:  # workers never hear it: this is the campaign's own process
             raise
-        except BaseException:  # whoever it is about, meets it again alone
+        except BaseException as error:
             faulthandler.cancel_dump_traceback_later()
+            if len(specs) == 1:
+                failure = traceback.format_exc().strip()
+                if isinstance(error, TrialTimeout):
+                    failure += f": still running after its limit of {limit_s:g} s of wall time"
+                results = [failure]
     if not results:
         return [attempt(run_trials, spec, limit_s, marks) for spec in specs]
     wall_s = (time.perf_counter() - start_s) / len(specs)
@@ -89,6 +96,11 @@ def attempt_together(
     ]
 
 
+def attempt(run_trials: RunTrials, spec: TrialSpec, limit_s: float, marks: Path | None) -> Outcome:
+    """The outcome of one trial; see :func:`attempt_together`."""
+    return attempt_together(run_trials, [spec], limit_s, marks)[0]
+
+
 def _packed(result: TrialResult | Exception) -> tuple[float, bytes] | str:
     """A trial's simulated time and its tables ready to store; or why it failed."""
     try:
@@ -97,31 +109,6 @@ def _packed(result: TrialResult | Exception) -> tuple[float, bytes] | str:
         return float(result.simulated_s), encode_tables(result)
     except Exception:
         return traceback.format_exc().strip()
-
-
-def attempt(run_trials: RunTrials, spec: TrialSpec, limit_s: float, marks: Path | None) -> Outcome:
-    """The outcome of one trial; no exception leaves it but Ctrl-C's.
-
-    While the trial runs, a file named by it and by the process stands in ``marks``, so that the parent knows
-    what a worker does, or did when it died. A trial over its limit is interrupted; if it sits in native code
-    that cannot be interrupted, its process ends and the mark keeps the stack.
-    """
-    start_s = time.perf_counter()
-    with _mark(marks, spec.trial_id) as stack_file:
-        try:
-            with _time_limit(limit_s, stack_file):
-                _use_one_thread()
-                result = run_alone(run_trials, spec)
-                payload = encode_tables(result)
-        except KeyboardInterrupt:  # workers never hear it: this is the campaign's own process
-            raise
-        except BaseException as error:
-            faulthandler.cancel_dump_traceback_later()
-            failure = traceback.format_exc().strip()
-            if isinstance(error, TrialTimeout):
-                failure += f": still running after its limit of {limit_s:g} s of wall time"
-            return Outcome(spec.trial_id, time.perf_counter() - start_s, failure=failure)
-    return Outcome(spec.trial_id, time.perf_counter() - start_s, float(result.simulated_s), payload)
 
 
 def marked(marks: Path) -> dict[str, str]:

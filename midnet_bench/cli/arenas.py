@@ -126,9 +126,8 @@ def check(
     if closed and not as_json:
         pieces = ", ".join(f"{m2:.1f} m2 at ({x:.2f}, {y:.2f})" for m2, (x, y), _ in closed[:MOST_AREAS])
         more = ", ..." if len(closed) > MOST_AREAS else ""
-        typer.echo(
-            f"no robot can enter {sum(piece.area_m2 for piece in closed):.1f} m2 of floor: {pieces}{more}"
-        )
+        closed_m2 = math.fsum(piece.area_m2 for piece in closed)
+        typer.echo(f"no robot can enter {closed_m2:.1f} m2 of floor: {pieces}{more}")
         if not faults and output is None:
             typer.echo("If it is inside the building, draw it by -o check.png; --drop-specks drops lettering")
     if faults:

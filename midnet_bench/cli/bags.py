@@ -49,6 +49,7 @@ def export(
             help="The file, or the folder of ros2 (default results/export-...).",
         ),
     ] = None,
+    trust: options.Trust = False,
 ) -> None:
     """Run one trial and write every sensor and detector message to a ROS bag.
 

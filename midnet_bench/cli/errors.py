@@ -63,6 +63,7 @@ def errors(
     versus_where: Annotated[
         list[str] | None, typer.Option(metavar="FACTOR=VALUE", help="As --where, of the other campaign.")
     ] = None,
+    trust: options.Trust = False,
     as_json: options.Json = False,
     wide: options.Wide = False,
 ) -> None:

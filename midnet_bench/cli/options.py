@@ -1,6 +1,7 @@
 """Options that mean the same for every command; a dataclass is a group of them."""
 
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -98,6 +99,23 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else
 Wide = Annotated[
     bool, typer.Option("--wide", help="Print tables with all their columns, however long the lines.")
 ]
+Trust = Annotated[
+    bool,
+    typer.Option(
+        "--trust",
+        help="Run the code that results from elsewhere name.",
+        callback=lambda value: _trust(value),
+        expose_value=False,
+    ),
+]
+
+
+def _trust(is_given: bool) -> None:
+    if is_given or "midnet_bench.campaign.trust" in sys.modules:
+        from midnet_bench.campaign import trust
+
+        trust.all_code = is_given
+
 
 _MESSAGES = "Messages"
 Given = TypeVar("Given")
@@ -155,7 +173,10 @@ class Campaign:
     ] = "loky"
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Address of the Dask scheduler, such as tcp://127.0.0.1:8786."),
+        typer.Option(
+            metavar="ADDRESS",
+            help="Address of the Dask scheduler, such as tcp://127.0.0.1:8786 (default: on this machine).",
+        ),
     ] = None
     dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Say what would run, and stop.")] = False
     fresh: Annotated[
@@ -176,7 +197,7 @@ class Campaign:
         Raises:
             InputError: a setting is no ``key=value``, is out of range, or is given in two ways.
         """
-        from midnet_bench.campaign.definition import parse_sweep, values_of
+        from midnet_bench.campaign.definition import parse_settings, values_of
 
         given: dict[str, Values] = {}
         for name, hint in get_type_hints(type(self), include_extras=True).items():
@@ -189,7 +210,7 @@ class Campaign:
             else:
                 given[key] = values_of(text, f"--{key}") if "," in text else text
         given |= {"record": True} if self.record else {}
-        settings = _given_once(given, parse_sweep(self.settings or [], self.map_file))
+        settings = _given_once(given, parse_settings(self.settings or [], self.map_file, is_sweep=True))
         check_values(experiment, given, "--{key}")
         check_values(experiment, settings, "--set {key}=")
         return given | settings

@@ -62,9 +62,6 @@ class ReplayOptions:
         ),
     ] = None
     settings: options.Settings = None
-    localize: Annotated[
-        bool, typer.Option("--localize", help="Correct the poses by matching scans to the map.")
-    ] = False
     check: Annotated[
         bool,
         typer.Option(
@@ -74,6 +71,14 @@ class ReplayOptions:
     film: Annotated[
         bool, typer.Option("--film", help="Draw the recording: trial.mp4 and storyboard.png.")
     ] = False
+    steps: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Only walk frame N, counted from 0, through the paper's equations: steps.html.",
+            show_default=False,
+        ),
+    ] = None
     output: Annotated[
         Path | None,
         typer.Option(
@@ -95,7 +100,6 @@ class ReplayOptions:
             "truth": by_name(self.truth, "--truth"),
             "preset": self.preset,
             "settings": {**chosen.settings, **parse_settings(self.settings or [], None)},
-            "localize": self.localize,
         }
         changes = {key: value for key, value in given.items() if value}
         return chosen.changed(changes if self.map is None else {**changes, "background": None})
@@ -138,6 +142,13 @@ def replay(
         made = workflow.check(files, setup, note, given.output)
         show(None, made.tables, given.as_json, given.wide)
         note(f"written: {made.files[0]}; use it by --setup {made.files[0]}")
+        return
+    if given.steps is not None:
+        from midnet_bench.workflows.steps import steps_of_recording
+
+        folder = given.output or options.RESULTS / f"steps-{files[0].stem}"
+        for file in steps_of_recording(files, setup, given.steps, folder):
+            typer.echo(file)
         return
     with meter() as shown:
         made = workflow.replay(

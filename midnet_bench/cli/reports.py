@@ -70,6 +70,7 @@ def report(
             "Draw the figures only, into this folder, or one figure into this .pdf, .png or .svg file.",
         ),
     ] = None,
+    trust: options.Trust = False,
     as_json: options.Json = False,
     wide: options.Wide = False,
 ) -> None:
@@ -178,6 +179,7 @@ def compare(
             "PATH", "Also write tables and figures into this folder; with --rank, the page into this file."
         ),
     ] = None,
+    trust: options.Trust = False,
     as_json: options.Json = False,
     wide: options.Wide = False,
 ) -> None:
@@ -268,6 +270,7 @@ def verify(
             "--power", metavar="P", help="With --difference: probability of detecting it (default 0.8)."
         ),
     ] = None,
+    trust: options.Trust = False,
     as_json: options.Json = False,
     wide: options.Wide = False,
 ) -> None:

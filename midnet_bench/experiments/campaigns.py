@@ -41,8 +41,8 @@ def run_campaign(
         campaign: read from a file, or made in Python.
         directory: the folder for ``campaign.sqlite``, made if it is not there.
         jobs: worker processes of this machine, all its cores unless given.
-        backend: ``loky``, or ``dask`` with the address of its ``scheduler``.
-        scheduler: such as ``tcp://127.0.0.1:8786``.
+        backend: ``loky`` or ``dask``.
+        scheduler: of Dask, such as ``tcp://127.0.0.1:8786``; a cluster of this machine unless given.
         fresh: starts over and keeps the old store aside.
         retry_failed: runs failed trials again.
         progress: receives the state of the campaign; silent unless given.

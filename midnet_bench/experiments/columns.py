@@ -197,7 +197,7 @@ ERRORS = Columns(
     "intruder, by one-to-one matching.",
     optional=True,
 )
-"""as ``guarded.recorder.Recorder`` has them"""
+"""as ``guarded.record.Recorder`` has them"""
 
 DETECTION: Tables = {
     "scores": SCORES,

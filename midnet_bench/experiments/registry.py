@@ -1,6 +1,5 @@
 """The experiments by name: those of this package, of installed packages, and of a user's own files."""
 
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
 from midnet_bench.campaign.columns import check_tables, shown
@@ -10,7 +9,7 @@ from midnet_bench.experiments.detection import DETECTION
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.experiments.labyrinth import LABYRINTH
 from midnet_bench.experiments.mapping import MAPPING
-from midnet_bench.plugins import load_reference
+from midnet_bench.plugins import load_reference, offered
 from midnet_bench.settings import leaves
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ _GONE = {
 
 def names() -> list[str]:
     """The names that :func:`experiment` knows, this package's first; beside them it takes references."""
-    return list(dict.fromkeys([*_OWN, *(point.name for point in entry_points(group=ENTRY_POINTS))]))
+    return list(dict.fromkeys([*_OWN, *(point.name for point in offered(ENTRY_POINTS))]))
 
 
 def experiment(name: str) -> Experiment:
@@ -54,18 +53,28 @@ def experiment(name: str) -> Experiment:
         raise InputError(f"experiment: '{name}': {_GONE[name]}")
     if ":" in name:
         return _checked(name, load_reference(name))
-    for point in entry_points(group=ENTRY_POINTS, name=name):
-        return _checked(point.value, load_reference(point.value))
+    for point in offered(ENTRY_POINTS):
+        if point.name == name:
+            return _checked(point.value, load_reference(point.value))
     raise InputError(f"experiment: unknown name '{name}'{nearest_name(name, names())}")
 
 
 def experiment_of(results: "Results") -> Experiment:
-    """The experiment that results are of, also where a user's own file has it.
+    """The experiment that results are of. Raises InputError as :func:`experiment_in`."""
+    return experiment_in(results.definition, results.directory)
+
+
+def experiment_in(definition: "Definition", directory: "Path") -> Experiment:
+    """The experiment of the campaign in a folder, also where a user's own file has it.
 
     Raises:
-        InputError: as :func:`experiment`, such as when that file has gone.
+        InputError: as :func:`experiment`, such as when that file has gone; or the campaign names code that
+            the user has not run, see ``campaign.trust``.
     """
-    return experiment(results.definition.reference(results.directory))
+    from midnet_bench.campaign import trust
+
+    trust.check(definition, directory)
+    return experiment(definition.reference(directory))
 
 
 def tables_of(definition: "Definition", directory: "Path") -> "Tables":
@@ -76,11 +85,11 @@ def tables_of(definition: "Definition", directory: "Path") -> "Tables":
         directory: its folder.
 
     Raises:
-        InputError: as :func:`experiment`, or the definition gives a parameter what it cannot be.
+        InputError: as :func:`experiment_in`, or the definition gives a parameter what it cannot be.
     """
     from midnet_bench.campaign.definition import differs_between_cells
 
-    found = experiment(definition.reference(directory))
+    found = experiment_in(definition, directory)
     known = leaves(found.model)
     fixed = {
         name: [value]

@@ -169,7 +169,7 @@ class PlanarUkf:
 
         A pose or a covariance that is not finite corrects nothing.
         """
-        if not (math.isfinite(sum(pose)) and np.isfinite(covariance).all()):
+        if not (math.isfinite(pose.x + pose.y + pose.yaw) and np.isfinite(covariance).all()):
             return self.pose
         measured = np.array([pose.x, pose.y, self._near_yaw(pose.yaw)])
         self._correct(measured, covariance, _POSE)

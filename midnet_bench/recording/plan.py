@@ -305,9 +305,10 @@ def beam_time(stream: Stream) -> tuple[float, str]:
     """
     scan = next(scan for scan in stream.scans if len(scan.ranges_m))
     stated_s, period_s = scan.time_increment_s, stream.period_ns / NS
-    turn = math.tau / max(abs(scan.angle_increment_rad), 1e-6)
-    if period_s <= 0.0:
+    step_rad = max(abs(scan.angle_increment_rad), 1e-6)
+    if not (period_s > 0.0 and step_rad < math.tau):
         return 0.0, f"{len(stream.scans)} scans do not show how fast the laser turns"
+    turn = math.tau / step_rad
     if 0.5 * period_s <= stated_s * turn <= 1.2 * period_s:
         return stated_s, ""
     beam_s = period_s / turn

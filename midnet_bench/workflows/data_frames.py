@@ -83,8 +83,8 @@ def results(directory: str | Path) -> Results:
 
     def declared(definition: Definition, folder: Path) -> Tables:
         try:
-            registry.experiment(definition.reference(folder))
-        except InputError:  # its file has gone: the numbers can be read all the same
+            registry.experiment_in(definition, folder)
+        except InputError:  # its file has gone or does not count: the numbers can be read all the same
             return {}
         return registry.tables_of(definition, folder)
 

@@ -244,7 +244,9 @@ def cost_of(question: Question, arena: Arena, jobs: int | None = None) -> tuple[
 
     def wall_s(sizes: Sequence[int], trials: int) -> float:
         asked = [campaign_of(question, arena, robots, trials) for robots in sizes]
-        return sum(runner.plan(definition.resolve(one, registry), NOWHERE, jobs=jobs).wall_s for one in asked)
+        return math.fsum(
+            runner.plan(definition.resolve(one, registry), NOWHERE, jobs=jobs).wall_s for one in asked
+        )
 
     return wall_s((1, 2, 4, 3), BATCH), wall_s((1, 2, 4, 8, 6, 5), question.most_trials)
 

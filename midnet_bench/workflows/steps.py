@@ -13,6 +13,10 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import write_atomically
 from midnet_bench.midnet.pipeline import Explanation, Observation
 from midnet_bench.midnet.settings import MIDNetSettings
+from midnet_bench.recording.fitting.localize import Localizer
+from midnet_bench.recording.inputs import prepared
+from midnet_bench.recording.replay import Replay
+from midnet_bench.recording.setup import RecordingSetup
 from midnet_bench.workflows.export import trial_of
 from midnet_bench.workflows.simulate import simulate
 
@@ -78,6 +82,49 @@ def steps_of_trial(
     )
 
 
+def steps_of_recording(files: Sequence[Path], setup: RecordingSetup, frame: int, output: Path) -> list[Path]:
+    """Walk one frame of a recording through section IV, see :func:`write_steps`; the files written.
+
+    Args:
+        files: the recordings.
+        setup: as for a replay; the first of its presets is shown.
+        frame: counted from 0, as in ``boxes.csv``.
+        output: a folder.
+
+    Raises:
+        InputError: the recordings or the setup cannot be used, there is no such frame, or the detector is
+            not the paper's.
+    """
+    with prepared(files, setup, lambda line: None) as inputs:
+        name, prior_map = inputs.setup.presets[0], inputs.prior_map
+        settings = inputs.settings()[name]
+        allies = inputs.allies(settings.midnet.ally_diameter_m)
+        correctors = [Localizer(prior_map) for _ in inputs.robots] if inputs.setup.localize else []
+        played = Replay(
+            inputs.sources,
+            inputs.robots,
+            allies,
+            prior_map,
+            {name: settings},
+            inputs.setup,
+            inputs.offsets_ns,
+            correctors,
+        )
+        shown = next((one for one in played.frames() if one.number == frame), None)
+        if shown is None:
+            raise InputError(f"--steps {frame}: there are frames 0 to {played.tally.frames - 1}")
+        seen = shown.outputs[name].observations
+        midnet = played.nodes[name].midnet.update(seen, explain=True, allies=shown.fresh_allies)
+        if settings.detector != "midnet" or midnet.explanation is None:
+            raise InputError(f"--steps: detector={settings.detector} does not work by the paper's steps")
+        title = f"{inputs.names[0]}, preset {name}, frame {frame}"
+        has_paper_fusion = settings.fusion == "paper"
+        explained = ExplainedFrame(
+            title, prior_map, seen, midnet.explanation, settings.midnet, has_paper_fusion
+        )
+        return write_steps(explained, output)
+
+
 def write_steps(frame: ExplainedFrame, output: Path, guard: int | None = None) -> list[Path]:
     """Write ``steps.html`` and its pictures; their paths.
 
@@ -122,8 +169,8 @@ def _page(frame: ExplainedFrame, guard: int, tree: Tree | None) -> str:
         "<b>Grid B (Algorithm 1, Eqs. 2 to 4).</b> The binary prior map, cropped around the guard's pose.",
         "<b>Grids C and D (Eqs. 5 and 6).</b> C is occupied in A and in B: mapped walls. D is occupied in A "
         "alone: intruders and teammates, white.",
-        f"<b>Boxes (IV.B.4).</b> Each connected group of cells of D has a box: {found[guard - 1]} here. The "
-        f"guards have {', '.join(map(str, found))}, {sum(found)} in all.",
+        f"<b>Boxes (IV.B.4).</b> Each connected group of cells of D has a box: {found[guard - 1]} here."
+        + f" The guards have {', '.join(map(str, found))}, {sum(found)} in all." * (len(found) > 1),
     ]
     team = [
         f"<b>Allies (Algorithm 2).</b> A box that overlaps the square of a teammate's pose, side "

@@ -121,6 +121,21 @@ def test_a_cluster_gives_the_same_bytes_as_this_machine(tmp_path: Path, schedule
 
 
 @pytest.mark.slow
+def test_without_an_address_a_cluster_of_this_machine_is_started_and_ended(tmp_path: Path) -> None:
+    pytest.importorskip("dask")
+    there, here = tmp_path / "there", tmp_path / "here"
+    command = ("detection", "--engine", "fast", "--frames", "3", "--robots", "1,2", "-q")
+    for folder, more in ((there, ("--backend", "dask", "--jobs", "2")), (here, ())):
+        done = subprocess.run(
+            [sys.executable, "-m", "midnet_bench", *command, *more, "-o", folder],
+            env=environment(), capture_output=True, text=True, timeout=120,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    assert (there / "scores.csv").read_bytes() == (here / "scores.csv").read_bytes()
+    listed = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True).stdout
+    assert str(there) not in listed
+
+
 def test_an_experiment_in_a_file_runs_in_a_cluster(tmp_path: Path, scheduler: str) -> None:
     (tmp_path / "rolling.yaml").write_text("{experiment: dice.py:DICE, trials: 2}")
     shutil.copy(dice.__file__, tmp_path / "dice.py")

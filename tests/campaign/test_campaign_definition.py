@@ -13,7 +13,6 @@ from midnet_bench.campaign.definition import (
     override,
     parse_campaign,
     parse_settings,
-    parse_sweep,
     resolve,
     same_trials,
 )
@@ -80,7 +79,7 @@ def test_every_cell_meets_the_same_seeds() -> None:
         ("experiment: coins", "experiment: coin", "unknown name 'coin'; did you mean 'coins'?"),
         ("experiment: coins", "", "experiment: Field required"),
         ("  coins: [1, 2]", "  coin: [1, 2]", "grid.coin: unknown key; did you mean 'coins'?"),
-        ("  coins: [1, 2]", "  coins: []", "grid: 'coins' has no values"),
+        ("  coins: [1, 2]", "  coins: []", "grid.coins: too few items"),
         ("  coins: [1, 2]", "  coins: 1", "grid.coins: Input should be a valid list (got 1)"),
         ("  coins: [1, 2]", "  coins: [1, 0]", "cell coins=0, bias=0: coins: Input should be greater"),
         (
@@ -165,13 +164,13 @@ def test_a_setting_that_cannot_be_read_is_quoted(setting: str) -> None:
     ],
 )
 def test_commas_part_values_but_not_inside_brackets_and_quotes(text: str, values: object) -> None:
-    assert parse_sweep([f"key={text}"]) == {"key": values}
+    assert parse_settings([f"key={text}"], is_sweep=True) == {"key": values}
 
 
 @pytest.mark.parametrize("text", ["60,", ",60", "60,,80", "[1, 2],3"])
 def test_a_value_that_is_missing_between_commas_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="--set key="):
-        parse_sweep([f"key={text}"])
+        parse_settings([f"key={text}"], is_sweep=True)
 
 
 def test_several_values_make_a_factor_behind_those_that_are_there() -> None:

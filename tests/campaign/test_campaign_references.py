@@ -38,7 +38,7 @@ def project(tmp_path: Path) -> Path:
 def rows(directory: Path) -> dict[str, object]:
     """Trial id -> its only row."""
     with open_store(directory / "campaign.sqlite") as store:
-        return {trial.trial_id: trial.tables["rolls"][0] for trial in store.trials()}
+        return {trial.trial_id: trial.tables()["rolls"][0] for trial in store.trials()}
 
 
 def test_a_file_beside_the_campaigns_is_found_from_any_folder_and_kept_in_the_store(

@@ -57,7 +57,9 @@ def test_trials_come_back_whole_and_in_the_campaigns_order(filled: Path) -> None
         assert trial.trial_id == spec.trial_id
         assert trial.payload == encode_tables(coins.run_trial(spec))
         assert trial.simulated_s == trial.parameters["coins"]
-        assert [row["toss"] for row in trial.tables["tosses"]] == list(range(int(trial.parameters["coins"])))
+        assert [row["toss"] for row in trial.tables()["tosses"]] == list(
+            range(int(trial.parameters["coins"]))
+        )
     assert run["seed"] == 1
     assert run["ended_utc"] is not None
 
@@ -70,7 +72,7 @@ def test_a_failure_is_kept_and_a_later_success_takes_its_place(filled: Path) -> 
         failed = next(trial for trial in store.trials() if trial.trial_id == spec.trial_id)
         assert failed.traceback == "ValueError: no"
         with pytest.raises(ValueError, match="has failed"):
-            _ = failed.tables
+            _ = failed.tables()
 
         store.record(1, spec, attempt(coins.run_trials, spec, 60.0, None))
         assert set(store.statuses().values()) == {"finished"}
@@ -156,10 +158,10 @@ def test_a_damaged_trial_is_named_and_can_be_forgotten(filled: Path, column: str
             InputError,
             match=r"campaign\.sqlite: (trial \w{16} \(seed \d+\)|row 5) cannot be read, .* again to mend it",
         ):
-            _ = [trial.tables for trial in store.trials()]
+            _ = [trial.tables() for trial in store.trials()]
         assert list(store.inventory().damaged) == [5]
         store.forget([5])
-        kept = [trial.trial_id for trial in store.trials() if trial.tables]
+        kept = [trial.trial_id for trial in store.trials() if trial.tables()]
     assert len(kept) == 11
     assert set(kept) < set(wanted)
 
@@ -250,7 +252,9 @@ def test_no_flipped_bit_is_more_than_one_line_and_none_costs_more_than_it_must(
                 damaged = store.inventory().damaged
                 store.forget(damaged)
                 mended += bool(damaged)
-                assert len([trial for trial in store.trials() if trial.payload is None or trial.tables]) >= 11
+                assert (
+                    len([trial for trial in store.trials() if trial.payload is None or trial.tables()]) >= 11
+                )
         except InputError as error:
             refusals.append(str(error))
     assert mended > 0

@@ -20,7 +20,7 @@ from midnet_bench.campaign.definition import (
 from midnet_bench.campaign.trial import VARIANT
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
-from midnet_bench.experiments.detection.counting import with_boxes
+from midnet_bench.experiments.detection.tables import with_boxes
 
 VARIANTS = {
     "none": None,

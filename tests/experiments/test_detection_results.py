@@ -11,8 +11,7 @@ from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.experiments.detection.claims import claims
-from midnet_bench.experiments.detection.counting import PAPER, Team
-from midnet_bench.experiments.detection.tables import tables, window_notes
+from midnet_bench.experiments.detection.tables import PAPER, Team, tables, window_notes
 from tests.stores import detection_store
 
 SCORES = {1: {3: (0.9, 0.5, math.nan), 4: (0.7, 0.7, 0.7)}, 2: {3: (0.1, 0.2, 0.3), 4: (0.2, 0.3, 0.4)}}

@@ -7,6 +7,7 @@ there is a find. The same seed gives the same cases, whatever their number.
 import argparse
 import contextlib
 import gc
+import importlib
 import os
 import random
 import shutil
@@ -21,7 +22,7 @@ os.environ |= {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "NO_COLOR": "1"
 
 from midnet_bench import compiled
 from midnet_bench.experiments import registry
-from tests.fuzz import forked, originals
+from tests.fuzz import forked, originals, recordings
 from tests.fuzz.readers import READERS, Case
 
 
@@ -38,8 +39,10 @@ class Tried(NamedTuple):
 def warm_up(root: Path) -> None:
     """Import everything and load all compiled loops: a fork then has no more to do than its case."""
     originals.write_campaigns(root / "originals")
+    recordings.write_recordings(root / "originals" / "recordings")
     for name in registry.names():
         registry.experiment(name)
+    importlib.import_module("matplotlib.font_manager")  # it looks for its cache, which no case may write
     for number, name in enumerate(READERS):
         folder = root / f"warm-{number}"
         folder.mkdir()

@@ -66,8 +66,8 @@ class Ended:
             return ""
         if self.code != 2:
             return f"exit code {self.code}"
-        if lines and lines[0].startswith(VERBOSE):
-            del lines[0]
+        # a note of what is taken in place of what, before the refusal
+        lines = [line for line in lines if not line.startswith((VERBOSE, "note: "))]
         if len(lines) != 1:
             return f"{len(lines)} lines of refusal"
         if len(lines[0]) > LONGEST or not lines[0].isprintable():

@@ -27,7 +27,7 @@ from midnet_bench.settings import choices_of, leaves
 from midnet_bench.workflows.maps import write_trajectory
 from midnet_bench.workflows.report import write_report
 from midnet_bench.workflows.simulate import simulate
-from tests.fuzz import mutations, originals
+from tests.fuzz import mutations, originals, recordings
 
 Random = random.Random
 DRAWN = 0.03
@@ -211,6 +211,16 @@ def option(rng: Random | None, folder: Path) -> Case:
     return replace(command(*bounded, writes=(".",), good_codes=(0, 3, 4)), names=bounded)
 
 
+def _replayed(make: Callable[[Random | None, Path, Path], tuple[str, ...]]) -> Make:
+    """A recording listed, replayed or checked."""
+
+    def case(rng: Random | None, folder: Path) -> Case:
+        line = make(rng, campaigns_folder(folder) / "recordings", folder)
+        return command("replay", *line, "-o", "out", "-q", writes=("out",))
+
+    return case
+
+
 READERS: dict[str, Make] = {
     "campaign file": campaign,
     "arena file": arena,
@@ -222,6 +232,7 @@ READERS: dict[str, Make] = {
     "exported tables": tables,
     "experiment file": experiment,
     "command line": option,
+    **{name: _replayed(make) for name, make in recordings.RECORDINGS.items()},
 }
 
 

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import midnet_bench as mb
-from tests.cli.command import midnet_bench, one_line_of_complaint
+from tests.cli.command import midnet_bench, one_line_of_complaint, rows
 
 
 def steps(folder: Path, *arguments: object) -> str:
@@ -55,3 +55,18 @@ def test_wrong_frames_and_other_detectors_get_one_line(tmp_path: Path) -> None:
     ):
         done = midnet_bench("errors", *arguments, "--steps", "steps", folder=tmp_path)
         assert named in one_line_of_complaint(done)
+
+
+def test_a_recorded_frame_has_the_boxes_of_its_replay(tmp_path: Path) -> None:
+    recorded = ("--engine", "fast", "--robots", 2, "--frames", 12, "--format", "mcap", "-q")
+    assert midnet_bench("export", "detection", *recorded, "-o", "drive.mcap", folder=tmp_path).returncode == 0
+    assert midnet_bench("map", "--exact", "map1", "-o", "m", folder=tmp_path).returncode == 0
+    common = ("replay", "drive.mcap", "--map", "m/map.yaml", "--preset", "paper", "-q")
+    walked = midnet_bench(*common, "--steps", 8, "-o", "steps", folder=tmp_path)
+    assert walked.returncode == 0, walked.stderr
+    played = midnet_bench(*common, "-o", "played", folder=tmp_path)
+    assert played.returncode == 0, played.stderr
+    boxes = [row for row in rows(tmp_path / "played" / "boxes.csv") if row["frame"] == "8"]
+    assert f"{len(boxes)} boxes are left" in (tmp_path / "steps" / "steps.html").read_text()
+    done = midnet_bench(*common, "--steps", 99, folder=tmp_path)
+    assert "--steps 99" in one_line_of_complaint(done)

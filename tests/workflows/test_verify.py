@@ -20,7 +20,7 @@ from midnet_bench.analysis.power import (
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.detection.counting import PAPER, Team
+from midnet_bench.experiments.detection.tables import PAPER, Team
 from midnet_bench.experiments.labyrinth.tables import claims as labyrinth_claims
 from midnet_bench.workflows.verify import power_report, verify
 from tests.stores import detection_store, labyrinth_store

@@ -9,8 +9,17 @@ import pandas as pd
 from midnet_bench.analysis.claims import Finding, comparison, finding
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import Estimate, mean, ratio_of_sums
-from midnet_bench.experiments.detection.counting import COUNTS, PAPER, PAPER_FRAMES, SCORES, Team, paper_of
-from midnet_bench.experiments.detection.tables import by_seed, cells_of, score_over_seeds
+from midnet_bench.experiments.detection.tables import (
+    COUNTS,
+    PAPER,
+    PAPER_FRAMES,
+    SCORES,
+    Team,
+    by_seed,
+    cells_of,
+    paper_of,
+    score_over_seeds,
+)
 
 TOLERANCE = 0.05
 """how near a mean counts as the paper's"""

@@ -8,8 +8,15 @@ from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
 from midnet_bench.drawing.charts import STYLES, Panel, Style, panel_figure
 from midnet_bench.drawing.labels import axis_label
-from midnet_bench.experiments.detection.counting import PAPER, SCORES, Team, paper_of
-from midnet_bench.experiments.detection.tables import SHOWN, cells_of, score_over_seeds
+from midnet_bench.experiments.detection.tables import (
+    PAPER,
+    SCORES,
+    SHOWN,
+    Team,
+    cells_of,
+    paper_of,
+    score_over_seeds,
+)
 
 MOST_CELLS = 60
 """that a figure shows one beside the other"""

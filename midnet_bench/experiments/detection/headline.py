@@ -12,9 +12,18 @@ from midnet_bench.analysis.tables import Cell, Table, rounded
 from midnet_bench.analysis.words import team_in_words
 from midnet_bench.campaign.trial import Row
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.detection.counting import SCORES, Cells, Team, paper_of
 from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key
-from midnet_bench.experiments.detection.tables import HEADS, SHOWN, cells_of, score_over_seeds, window_notes
+from midnet_bench.experiments.detection.tables import (
+    HEADS,
+    SCORES,
+    SHOWN,
+    Cells,
+    Team,
+    cells_of,
+    paper_of,
+    score_over_seeds,
+    window_notes,
+)
 from midnet_bench.experiments.experiment import Headline
 from midnet_bench.experiments.guarded.metric_tables import metric_tables
 

@@ -15,7 +15,7 @@ from midnet_bench.experiments.guarded.arena import GuardedArena, ObservedFrame
 from midnet_bench.experiments.guarded.frame_trace import FrameTrace
 from midnet_bench.experiments.guarded.ground_truth import fused_by_identity
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
-from midnet_bench.experiments.guarded.recorder import Recorder
+from midnet_bench.experiments.guarded.record import Recorder
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.rng import stream
 from midnet_bench.scoring.causes import CauseCounter, Causes, total_causes

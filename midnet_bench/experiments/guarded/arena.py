@@ -223,20 +223,6 @@ class GuardedArena(RobotTrial):
                 for callback in self._scan_callbacks:
                     callback(robot, robot.scan, true.of(row))
 
-    def _sights(self, tests: Sequence[GuardParameters]) -> list[Sight]:
-        """What the detectors of ``tests`` work by; under an oracle the map or the scans may be others."""
-        exact = self.prior_map
-        if any(test.oracle == "map" for test in tests):
-            exact = prior_map_from(EXACT, self.parameters.arena, self.parameters.resolution_m)
-        return [
-            Sight(
-                test,
-                exact if test.oracle == "map" else self.prior_map,
-                test.oracle if test.oracle in OVERRIDING else None,
-            )
-            for test in tests
-        ]
-
     def _believed_start(self, name: str, start: Pose2D) -> Pose2D:
         """The initial pose estimate of a guard."""
         off_m, off_deg = self.parameters.start_error_m, self.parameters.start_error_deg
@@ -252,7 +238,18 @@ class GuardedArena(RobotTrial):
 
     def _make_nodes(self, tests: Sequence[GuardParameters]) -> dict[DetectorNode, Oracle]:
         """Make the detector's node of each test; those whose oracle overrides what guards measure."""
-        nodes = detector_nodes(self._sights(tests), self.parameters.robots)
+        exact = self.prior_map
+        if any(test.oracle == "map" for test in tests):
+            exact = prior_map_from(EXACT, self.parameters.arena, self.parameters.resolution_m)
+        sights = [
+            Sight(
+                test,
+                exact if test.oracle == "map" else self.prior_map,
+                test.oracle if test.oracle in OVERRIDING else None,
+            )
+            for test in tests
+        ]
+        nodes = detector_nodes(sights, self.parameters.robots)
         self.detector, *self.variant_detectors = nodes
         pairs = zip(nodes, tests, strict=True)
         overridden = {node: test.oracle for node, test in pairs if test.oracle in OVERRIDING}

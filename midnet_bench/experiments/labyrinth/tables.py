@@ -13,6 +13,7 @@ from midnet_bench.analysis.power import ALPHA, POWER, pilot_note, power_cells
 from midnet_bench.analysis.statistics import SHARE_METHOD, exact_mean, exact_sum, mean, ratio_of_sums
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.errors import InputError
+from midnet_bench.experiments.experiment import Headline
 from midnet_bench.experiments.guarded.metric_tables import metric_measures, metric_tables
 from midnet_bench.experiments.labyrinth.trials import (
     GUARD,
@@ -46,6 +47,34 @@ def tables(results: Results) -> list[Table]:
         speed_table(variants),
         *metric_tables(results),
     ]
+
+
+def headline(results: Results, reference: Results | None = None) -> Headline:
+    """The table of success rates, the rise with the team in words, and what to type next.
+
+    Args:
+        results: of a labyrinth campaign with a finished trial.
+        reference: not used; the paper prints no numbers of this test.
+    """
+    variants = variants_of(results)
+    sentences = []
+    for name, one in variants.items():
+        rates = {robots: one.success(None, robots) for robots in one.team_sizes}
+        known = [(robots, rate) for robots, rate in rates.items() if not math.isnan(rate.value)]
+        parts = [
+            f"{robots} robot{'' if robots == 1 else 's'} {rate.value:.0f} %"
+            for robots, rate in (known[:1] + known[-1:] if len(known) > 1 else known)
+        ]
+        if parts:
+            sentences.append(f"{name + ': c' if name else 'C'}aught of all intruders: {', '.join(parts)}.")
+    trials = results.definition.trials
+    following = (
+        f"{trials} trial{'' if trials == 1 else 's'} per cell say little: --seeds 20 runs the paper's number."
+        if trials < 20
+        else f"Next: 'midnet-bench verify {results.directory}' checks each claim of the paper."
+    )
+    notes = ["Times, health of the robots and speed: --wide."]
+    return Headline([success_table(variants), *metric_tables(results)], sentences, notes, following)
 
 
 def success_table(variants: Variants, name: str = "success_rate") -> Table:

@@ -62,15 +62,14 @@ class Variant:
         Trials of one seed share their intruders whatever their number, so over all numbers the seed is the
         unit: the mean of its rates, for the seeds at which every number of intruders has finished.
         """
-        if intruders is None:
-            return self._seed_means(self.trials, robots, "success_rate")
-        cell = self.cell(intruders, robots)
-        return dict(zip(cell["seed"].tolist(), cell["success_rate"].tolist(), strict=True))
+        if intruders is not None:
+            return _by_seed(self.cell(intruders, robots), "success_rate", 1)
+        return self._over_intruders(self.trials, robots, "success_rate")
 
     def health_by_seed(self, role: str, robots: int, column: str) -> dict[int, float]:
         """The mean of a column of ``robots`` over the robots of one role, as :meth:`rates_by_seed`."""
         mine = self.robots[(self.robots["role"] == role) & (self.robots["robots"] == robots)]
-        return self._seed_means(_means(mine, TRIAL, column), robots, column)
+        return self._over_intruders(_means(mine, TRIAL, column), robots, column)
 
     def success(self, intruders: int | None, robots: int) -> Estimate:
         """The mean success rate of a cell, percent; over all numbers of intruders if that is None."""
@@ -98,30 +97,20 @@ class Variant:
 
     def all_cells_by_seed(self, column: str) -> dict[int, float]:
         """The mean of a column of ``trials`` over all cells by seed; seeds that lack a cell are left out."""
-        cells = len(self.intruder_counts) * len(self.team_sizes)
-        complete = self.trials.groupby("seed")["seed"].transform("size") == cells
-        means = _means(self.trials[complete], ["seed"], column)
-        return dict(zip(means["seed"].tolist(), means[column].tolist(), strict=True))
+        return _by_seed(self.trials, column, len(self.intruder_counts) * len(self.team_sizes))
 
     def capture_time_by_seed(self) -> dict[int, float]:
         """Seconds from the start, mean over a seed's caught intruders; seeds without any are left out."""
-        times_s, times = (
-            _means(self.trials, ["seed"], name) for name in ("capture_times_s", "capture_times")
-        )
-        pairs = zip(times["seed"], times_s["capture_times_s"], times["capture_times"], strict=True)
-        return {int(seed): float(total_s / count) for seed, total_s, count in pairs if count}
+        times_s, times = (_by_seed(self.trials, name) for name in ("capture_times_s", "capture_times"))
+        return {seed: times_s[seed] / count for seed, count in times.items() if count}
 
     def health(self, role: str, robots: int, column: str) -> Estimate:
         """The mean of a column of ``robots`` over seeds, all numbers of intruders together."""
         values = self.health_by_seed(role, robots, column).values()
         return statistics.mean(list(values), within=(0.0, math.inf))
 
-    def _seed_means(self, trials: pd.DataFrame, robots: int, column: str) -> dict[int, float]:
-        """The mean over all numbers of intruders by seed; seeds that lack one are left out."""
-        mine = trials[trials["robots"] == robots]
-        complete = mine.groupby("seed")["seed"].transform("size") == len(self.intruder_counts)
-        means = _means(mine[complete].dropna(subset=[column]), ["seed"], column)
-        return dict(zip(means["seed"].tolist(), means[column].tolist(), strict=True))
+    def _over_intruders(self, trials: pd.DataFrame, robots: int, column: str) -> dict[int, float]:
+        return _by_seed(trials[trials["robots"] == robots], column, len(self.intruder_counts))
 
 
 def variants_of(results: Results) -> dict[str, Variant]:
@@ -207,6 +196,14 @@ def _placed(results: Results, frame: pd.DataFrame) -> pd.DataFrame:
         variant=results.other_factors(frame, *CELL),
         **{name: results.whole_numbers(frame, name) for name in CELL},
     )
+
+
+def _by_seed(frame: pd.DataFrame, column: str, rows: int | None = None) -> dict[int, float]:
+    """The mean of a column by seed, where it is known; of seeds with so many rows alone, if that is given."""
+    if rows is not None:
+        frame = frame[frame.groupby("seed")["seed"].transform("size") == rows]
+    means = _means(frame.dropna(subset=[column]), ["seed"], column)
+    return dict(zip(means["seed"].tolist(), means[column].tolist(), strict=True))
 
 
 def _means(frame: pd.DataFrame, keys: list[str], column: str) -> pd.DataFrame:

@@ -89,25 +89,16 @@ class Transform(NamedTuple):
     def then(self, other: "Transform") -> "Transform":
         """First ``other``, then this: the frame that ``other`` places in this one's."""
         ax, ay, az, aw = self.qx, self.qy, self.qz, self.qw
-        bx, by, bz, bw = other.qx, other.qy, other.qz, other.qw
-        x, y, z = self._turned(other.x, other.y, other.z)
+        x, y, z, bx, by, bz, bw = other
+        tx, ty, tz = 2.0 * (ay * z - az * y), 2.0 * (az * x - ax * z), 2.0 * (ax * y - ay * x)
         return Transform(
-            self.x + x,
-            self.y + y,
-            self.z + z,
+            self.x + (x + aw * tx + ay * tz - az * ty),
+            self.y + (y + aw * ty + az * tx - ax * tz),
+            self.z + (z + aw * tz + ax * ty - ay * tx),
             aw * bx + ax * bw + ay * bz - az * by,
             aw * by - ax * bz + ay * bw + az * bx,
             aw * bz + ax * by - ay * bx + az * bw,
             aw * bw - ax * bx - ay * by - az * bz,
-        )
-
-    def _turned(self, x: float, y: float, z: float) -> tuple[float, float, float]:
-        qx, qy, qz, qw = self.qx, self.qy, self.qz, self.qw
-        tx, ty, tz = 2.0 * (qy * z - qz * y), 2.0 * (qz * x - qx * z), 2.0 * (qx * y - qy * x)
-        return (
-            x + qw * tx + qy * tz - qz * ty,
-            y + qw * ty + qz * tx - qx * tz,
-            z + qw * tz + qx * ty - qy * tx,
         )
 
 
@@ -229,69 +220,39 @@ KINDS = {
 
 def decoded(topic: Topic, record_ns: int, message: Any) -> Iterator[Reading]:
     """The readings in one message of ROS: one, or of tf as many as there are transforms."""
+    of = (topic.name, record_ns)
     if topic.kind == SCAN:
-        yield ScanReading(
-            topic.name,
-            record_ns,
-            stamp_of(message.header),
-            plain_frame(message.header.frame_id),
-            np.asarray(message.ranges, dtype=np.float64),
-            float(message.angle_min),
-            float(message.angle_increment),
-            float(message.range_min),
-            float(message.range_max),
-            float(message.time_increment),
-        )
-    elif topic.kind == TF:
-        for one in message.transforms:
-            yield _transform(topic.name, record_ns, one)
-    elif topic.type == "geometry_msgs/msg/TransformStamped":
-        yield _transform(topic.name, record_ns, message)
+        angles = float(message.angle_min), float(message.angle_increment)
+        limits = float(message.range_min), float(message.range_max)
+        ranges_m = np.asarray(message.ranges, dtype=np.float64)
+        yield ScanReading(*of, *_stamped(message), ranges_m, *angles, *limits, float(message.time_increment))
+    elif topic.kind == TF or topic.type == "geometry_msgs/msg/TransformStamped":
+        for one in message.transforms if topic.kind == TF else [message]:
+            placed = _transform(one.transform.translation, one.transform.rotation)
+            yield PoseReading(*of, *_stamped(one), plain_frame(one.child_frame_id), placed)
     elif topic.kind == POSE:
-        pose = message.pose if topic.type.endswith("PoseStamped") else message.pose.pose
-        if topic.type.endswith("PoseWithCovarianceStamped"):
-            pose = message.pose.pose
-        at, turn = pose.position, pose.orientation
-        yield PoseReading(
-            topic.name,
-            record_ns,
-            stamp_of(message.header),
-            plain_frame(message.header.frame_id),
-            plain_frame(getattr(message, "child_frame_id", "")),
-            Transform(at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w),
-        )
+        pose = message.pose if topic.type.endswith("/PoseStamped") else message.pose.pose
+        child = plain_frame(getattr(message, "child_frame_id", ""))
+        yield PoseReading(*of, *_stamped(message), child, _transform(pose.position, pose.orientation))
     elif topic.kind == GRID:
-        info = message.info
-        at, turn = info.origin.position, info.origin.orientation
-        yield GridReading(
-            topic.name,
-            record_ns,
-            stamp_of(message.header),
-            np.asarray(message.data, dtype=np.int8).reshape(info.height, info.width),
-            float(info.resolution),
-            Transform(at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w),
-        )
+        info, (stamp_ns, _) = message.info, _stamped(message)
+        cells = np.asarray(message.data, dtype=np.int8).reshape(info.height, info.width)
+        origin = _transform(info.origin.position, info.origin.orientation)
+        yield GridReading(*of, stamp_ns, cells, float(info.resolution), origin)
     elif topic.kind == TEXT:
-        yield TextReading(topic.name, record_ns, str(message.data))
+        yield TextReading(*of, str(message.data))
     elif topic.kind == EXACT:
-        yield ExactReading(topic.name, record_ns, np.asarray(message.data, dtype=np.float64))
+        yield ExactReading(*of, np.asarray(message.data, dtype=np.float64))
 
 
-def _transform(topic: str, record_ns: int, one: Any) -> PoseReading:
-    at, turn = one.transform.translation, one.transform.rotation
-    return PoseReading(
-        topic,
-        record_ns,
-        stamp_of(one.header),
-        plain_frame(one.header.frame_id),
-        plain_frame(one.child_frame_id),
-        Transform(at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w),
-    )
+def _transform(at: Any, turn: Any) -> Transform:
+    return Transform(at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w)
 
 
-def stamp_of(header: Any) -> int:
-    """Nanoseconds."""
-    return int(header.stamp.sec) * NS + int(header.stamp.nanosec)
+def _stamped(message: Any) -> tuple[int, str]:
+    """A header's stamp, nanoseconds, and its frame."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * NS + int(stamp.nanosec), plain_frame(message.header.frame_id)
 
 
 def plain_frame(name: str) -> str:

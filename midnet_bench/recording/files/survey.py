@@ -48,16 +48,19 @@ class Stream:
     """from one scan to the next, as most of them are; 0 where no two were seen"""
 
     @property
+    def seen(self) -> Sequence[ScanReading | PoseReading]:
+        """Its scans, or its poses."""
+        return self.scans or self.poses
+
+    @property
     def lags_s(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
         """(n,) record time minus header stamp of what was seen, seconds."""
-        seen: Sequence[ScanReading | PoseReading] = self.scans or self.poses
-        return np.array([(one.record_ns - one.stamp_ns) / NS for one in seen], dtype=np.float64)
+        return np.array([(one.record_ns - one.stamp_ns) / NS for one in self.seen], dtype=np.float64)
 
     @property
     def stamps_stand_still(self) -> bool:
         """Whether several readings all have one stamp."""
-        seen: Sequence[ScanReading | PoseReading] = self.scans or self.poses
-        return len(seen) > 1 and len({one.stamp_ns for one in seen}) == 1
+        return len(self.seen) > 1 and len({one.stamp_ns for one in self.seen}) == 1
 
 
 @dataclass
@@ -78,11 +81,8 @@ class Survey:
 
     def of_kind(self, kind: str) -> list[Stream]:
         """In the order of their names; those of which nothing was seen are left out."""
-        return [
-            one
-            for one in self.streams.values()
-            if one.topic.kind == kind and (one.scans or one.poses or one.texts)
-        ]
+        found = (one for one in self.streams.values() if one.topic.kind == kind)
+        return [one for one in found if one.seen or one.texts]
 
     def parents(self) -> dict[str, str]:
         """Child -> frame, of all of tf."""
@@ -110,7 +110,7 @@ class Survey:
 
 
 def survey(source: Source) -> Survey:
-    """DetectorOutput into a recording: whole if it is short, else at stretches all over it.
+    """Look into a recording: whole if it is short, else at stretches all over it.
 
     Topics with few messages are looked at whole, and all of tf where it does not hang together otherwise.
 
@@ -163,7 +163,7 @@ def _sample(
             elif isinstance(reading, PoseReading):
                 if survey.source.topics[reading.topic].kind != TF:
                     survey.streams[reading.topic].poses.append(reading)
-                elif (pair := (reading.frame, reading.child)) not in known:
+                elif (pair := (reading.frame, reading.child)) not in known and reading.transform.is_pose:
                     readings = survey.transforms.setdefault(pair, [])
                     readings.append(reading)
                     if is_sparse and len(readings) > 2 * MOST_SCANS:
@@ -194,17 +194,10 @@ def listing(survey: Survey) -> list[dict[str, str]]:
     duration_s = survey.duration_s
     rows = []
     for name, stream in survey.streams.items():
-        topic = stream.topic
-        rate = topic.messages / duration_s if duration_s > 0.0 else math.nan
-        rows.append(
-            {
-                "topic": name,
-                "type": topic.type,
-                "messages": str(topic.messages),
-                "rate_hz": "" if math.isnan(rate) else f"{rate:.1f}",
-                "what": _what(stream),
-            }
-        )
+        of, messages = stream.topic.type, stream.topic.messages
+        rate = f"{messages / duration_s:.1f}" if duration_s > 0.0 else ""
+        row = {"topic": name, "type": of, "messages": str(messages), "rate_hz": rate, "what": _what(stream)}
+        rows.append(row)
     return rows
 
 

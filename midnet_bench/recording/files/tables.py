@@ -15,6 +15,7 @@ from midnet_bench.recording.files.readings import (
     NS,
     POSE,
     SCAN,
+    Floats,
     PoseReading,
     Reading,
     ScanReading,
@@ -133,8 +134,9 @@ def time_in(cells: dict[str, str], where: str) -> int:
 
 
 def planar(x: float, y: float, yaw: float) -> Transform:
-    """A pose in the plane."""
-    return Transform(x, y, 0.0, 0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0))
+    """A pose in the plane; one that is none where a number is not finite."""
+    half = yaw / 2.0 if math.isfinite(yaw) else math.nan
+    return Transform(x, y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
 
 
 def _of_csv(path: Path, lines: list[str]) -> Table:
@@ -154,20 +156,8 @@ def _of_csv(path: Path, lines: list[str]) -> Table:
             ranges: list[float] = []
             while cells.get(name := f"r{len(ranges)}"):
                 ranges.append(number_in(cells, name, where, finite=False))
-            found.append(
-                ScanReading(
-                    "scan",
-                    time_ns,
-                    time_ns,
-                    "laser",
-                    np.array(ranges, dtype=np.float64),
-                    first,
-                    step,
-                    least,
-                    most,
-                    0.0,
-                )
-            )
+            numbers = np.array(ranges, dtype=np.float64)
+            found.append(_scan(time_ns, numbers, first, step, least, most))
     return Table(path, found, [])
 
 
@@ -200,28 +190,22 @@ def _of_log(path: Path, log: ScanLog) -> Table:
             f"{path}: scan {fault[0] + 1}: {fault[1]}; the order of the scans serves as their time"
         )
         times = [k * STEP_NS for k in range(len(log))]
-    lidar = log.geometry
-    is_corrected = log.is_corrected
+    lidar, is_corrected = log.geometry, log.is_corrected
+    limits = (lidar.angle_min_rad, lidar.angle_increment_rad, lidar.range_min_m, lidar.range_max_m)
     found: list[Reading] = []
     for scan, time_ns in zip(log, times, strict=True):
         found.append(_pose("odometry", time_ns, "odom", scan.odometry))
         if scan.corrected is not None and is_corrected:
             found.append(_pose("pose", time_ns, "map", scan.corrected))
-        found.append(
-            ScanReading(
-                "scan",
-                time_ns,
-                time_ns,
-                "laser",
-                scan.ranges_m,
-                lidar.angle_min_rad,
-                lidar.angle_increment_rad,
-                lidar.range_min_m,
-                lidar.range_max_m,
-                0.0,
-            )
-        )
+        found.append(_scan(time_ns, scan.ranges_m, *limits))
     return Table(path, found, remarks, None if is_corrected else lidar.mount)
+
+
+def _scan(
+    time_ns: int, ranges_m: Floats, first: float, step: float, least: float, most: float
+) -> ScanReading:
+    """Angles in radians, limits in metres."""
+    return ScanReading("scan", time_ns, time_ns, "laser", ranges_m, first, step, least, most, 0.0)
 
 
 def _pose(topic: str, time_ns: int, frame: str, pose: Pose2D) -> PoseReading:

@@ -1,0 +1,112 @@
+"""Floats are added exactly or in a stated order: since Python 3.12 ``sum`` of floats rounds otherwise."""
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import midnet_bench
+
+PACKAGE = Path(midnet_bench.__file__).parent
+WHOLE = {
+    "(b > a if rises else b < a for a, b in zip(paired.before, paired.after, strict=True))",
+    "cores.values()",
+    "(len(wanted) - sum((seed in wanted for seed in seeds)) for seeds in done)",
+    "store.counts()",
+    "outcome.unusable.values()",
+    *("whole", "least", "middle", "half", "found", "in_range", "numbers", "zip(*frames, strict=True)"),
+    "(2 * _ONE // ((2 * k + 1) * 3 ** (2 * k + 1)) for k in range(_PLACES // 3))",
+    *(
+        f"cell[{key}]"
+        for key in ("'tp'", "'matched'", "'missed'", "'frames'", "'boxes'", "'collisions'", "key")
+    ),
+    "trials[count]",
+    "each[name]",
+    "(self._values_in(part, known) for part in node.value)",
+    "(self._values_in(part, known) for pair in node.value for part in pair)",
+    "(count for (of_side, of_cause, of_cell), count in self.counts.items() "
+    "if of_side == side and of_cell == cell and (cause in (None, of_cause)))",
+    "(topic.messages for topic in self.topics.values())",
+    "(surveys[one.source].streams[one.scan_topic].topic.messages for one in inputs.robots)",
+    "tally.scans.values()",
+    "tally.skipped.values()",
+    "(truth.in_range for truth in recorded.truths)",
+}
+"""what ``sum`` may add beside conditions and counts, since all of it is whole; floats take ``math.fsum``"""
+
+
+def is_count(node: ast.expr) -> bool:
+    """Whether what is added are conditions, lengths and whole numbers by their looks."""
+    if isinstance(node, ast.GeneratorExp | ast.ListComp):
+        return is_count(node.elt)
+    if isinstance(node, ast.Call):
+        function = ast.unparse(node.func)
+        if function == "map":
+            return ast.unparse(node.args[0]) == "len"
+        return function in ("len", "any", "all", "int") or function.endswith(("count_nonzero", "is_file"))
+    return (
+        isinstance(node, ast.Compare | ast.BoolOp)
+        or (isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not))
+        or (isinstance(node, ast.Constant) and isinstance(node.value, int))
+        or (isinstance(node, ast.Attribute) and node.attr.startswith("is_"))
+    )
+
+
+def sums(path: Path) -> list[ast.expr]:
+    """What the builtin ``sum`` adds in a file, also where ``map`` calls it."""
+    calls = [node for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, ast.Call)]
+    plain = [call.args[0] for call in calls if ast.unparse(call.func) == "sum"]
+    return plain + [call.args[1] for call in calls if ast.unparse(call).startswith("map(sum, ")]
+
+
+def test_sum_adds_whole_numbers_alone() -> None:
+    found = {
+        f"{path.relative_to(PACKAGE)}: {ast.unparse(node)}"
+        for path in PACKAGE.rglob("*.py")
+        for node in sums(path)
+        if not is_count(node) and ast.unparse(node) not in WHOLE
+    }
+    assert not found
+
+
+STRICT = """
+import builtins, sys
+
+plain = builtins.sum
+
+def strict(values, /, start=0):
+    values = list(values)
+    if sys._getframe(1).f_globals["__name__"].startswith("midnet_bench"):
+        for one in [start, *values]:
+            if isinstance(one, float) or getattr(getattr(one, "dtype", None), "kind", "") == "f":
+                raise AssertionError(f"sum of floats: {one!r}")
+    return plain(values, start)
+
+builtins.sum = strict
+from midnet_bench.cli import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command",
+    [
+        "detection --engine fast --frames 5 --robots 2 --seeds 1 --jobs 1 --metric ospa "
+        "--detector midnet,clusters,subtraction,background --fusion paper,tracks --record",
+        "labyrinth --engine fast --seeds 1 --jobs 1 --robots 2 --intruders 1 --set time_limit_s=10",
+        "map map2 --engine fast --robots 2 --set time_limit_s=8",
+    ],
+)
+def test_no_float_is_added_by_sum_in_a_trial_and_its_tables(command: str, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", STRICT, *command.split(), "-q", "-o", str(tmp_path / "out")],
+        env={**os.environ, "PYTHONPATH": str(PACKAGE.parent)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert not [*tmp_path.rglob("failures.csv")]

@@ -1,0 +1,106 @@
+"""Results name code: that of another's folder runs when the user asks for it, and the user's own at once."""
+
+import shutil
+import stat
+from pathlib import Path
+
+import pytest
+
+from midnet_bench.campaign import trust
+from midnet_bench.campaign.definition import Definition
+from midnet_bench.errors import InputError
+from midnet_bench.experiments import registry
+from tests.cli.command import midnet_bench
+from tests.stores import detection_store
+from tests.workflows.test_own_experiment import CAMPAIGN, DRIFT
+
+EVIL = "open({trap!r}, 'w').close()\n"
+COMMANDS = (
+    ("report",),
+    ("report", "--format", "svg"),
+    ("verify",),
+    ("compare", "--by", "robots"),
+    ("errors",),
+)
+
+
+@pytest.fixture
+def trap(tmp_path: Path) -> Path:
+    return tmp_path / "the code ran"
+
+
+@pytest.fixture
+def evil(tmp_path: Path, trap: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The name of a module that can be imported, and of a file in the working folder."""
+    (tmp_path / "evil_of_a_stranger.py").write_text(EVIL.format(trap=str(trap)))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return "evil_of_a_stranger"
+
+
+@pytest.mark.parametrize("place", ["{}.py:X", "{}:X"])
+@pytest.mark.parametrize("key", ["experiment", "detector", "metrics", "engine", "robot", "anything"])
+def test_no_command_runs_what_results_from_elsewhere_name(
+    key: str, place: str, evil: str, trap: Path, tmp_path: Path
+) -> None:
+    reference = place.format(evil)
+    parameters = {} if key == "experiment" else {key: f"ospa; {reference}" if key == "metrics" else reference}
+    folder = detection_store(tmp_path / "foreign", {1: {1: (1.0, 1.0, 1.0)}, 5: {1: (1.0, 1.0, 1.0)}}, None)
+    rewrite(folder, reference if key == "experiment" else "detection", parameters)
+    commands = [*COMMANDS, ("export", "--robots", "1")]
+    for command in commands if key in ("experiment", "detector") else commands[:1]:
+        done = midnet_bench(command[0], folder, *command[1:], folder=tmp_path)
+        assert (done.returncode, done.stdout, "--trust" in done.stderr) == (2, "", True), done
+        assert len(done.stderr.splitlines()) == 1
+        assert not trap.exists()
+    if key == "experiment":
+        midnet_bench("report", folder, "--trust", folder=tmp_path)
+        assert trap.exists()
+
+
+def rewrite(folder: Path, experiment: str, parameters: dict[str, str]) -> None:
+    """Another's experiment and parameters in the store of ``folder``."""
+    import sqlite3
+
+    connection = sqlite3.connect(folder / "campaign.sqlite")
+    definition = Definition(experiment, 1, 1, {"robots": [1, 5]}, dict(parameters))
+    connection.execute("UPDATE campaign SET definition = ?", (definition.to_json(),))
+    connection.commit()
+    connection.close()
+
+
+def test_ones_own_run_is_trusted_as_it_ran_and_no_copy_of_it(tmp_path: Path) -> None:
+    code = tmp_path / "walk.py"
+    code.write_text(DRIFT)
+    (tmp_path / "walking.yaml").write_text(CAMPAIGN)
+    assert midnet_bench("run", "walking.yaml", "-o", "mine", folder=tmp_path).returncode == 0
+
+    def exit_code(folder: str, *more: str) -> int:
+        return midnet_bench("verify", folder, *more, folder=tmp_path).returncode
+
+    assert exit_code("mine") == 0
+    shutil.copytree(tmp_path / "mine", tmp_path / "copy")
+    assert exit_code("copy") == 2
+    assert exit_code("copy", "--trust") == 0
+    (tmp_path / "mine").rename(tmp_path / "moved")
+    assert exit_code("moved") == 0
+    code.write_text(DRIFT + "\n# changed\n")
+    assert exit_code("moved") == 2
+    assert midnet_bench("run", "walking.yaml", "-o", "moved", folder=tmp_path).returncode == 0
+    assert exit_code("moved") == 0
+
+    notes = trust._file()
+    assert [stat.S_IMODE(one.stat().st_mode) for one in (notes.parent, notes)] == [0o700, 0o600]
+    notes.chmod(0o666)
+    assert exit_code("moved") == 2
+    notes.chmod(0o600)
+
+
+def test_what_comes_with_the_package_needs_no_trust(tmp_path: Path) -> None:
+    own = Definition(
+        "detection", 1, 1, {"arena": ["paper", '{"a": [1], "b": "x.y"}']}, {"detector": "midnet"}
+    )
+    trust.check(own, tmp_path)
+    module = "midnet_bench.experiments.detection:DETECTION"
+    assert registry.experiment_in(Definition(module, 1, 1, {}, {}), tmp_path).name == "detection"
+    with pytest.raises(InputError, match="--trust"):
+        trust.check(Definition("detection", 1, 1, {}, {"robot": "midnet_bench_evil.x:Y"}), tmp_path)
