@@ -28,7 +28,7 @@ def main() -> None:
     for line in sys.stdin:
         asked = json.loads(line)
         model = registry.parameters_model(asked["experiment"])
-        parameters = model.resolve(asked["parameters"], "--set")
+        parameters = model.parse(asked["parameters"], "--set").flat_values()
         spec = TrialSpec(asked["experiment"], parameters, asked["seed"])
         gc.collect()
         begin_s = cpu_s()

@@ -417,7 +417,7 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
         checked = [_cell(campaign, parameters, product) for product in products]
     except InputError:
         # no fault of a cell if the parameters that all cells share are wrong by themselves
-        parameters.resolve(campaign.parameters, "parameters")
+        parameters.parse(campaign.parameters, "parameters")
         raise
     notes = [
         f"{factor}={_shown(value)} is there {times} times; it is run once"

@@ -19,8 +19,8 @@ class Parameters(Settings):
     concern: ClassVar[str] = "parameters"
 
     @classmethod
-    def resolve(cls, values: Mapping[str, Any], source: str) -> dict[str, Scalar]:
-        """What a user wrote, checked, as the flat parameters of a trial; files by their contents.
+    def parse(cls, values: Mapping[str, Any], source: str) -> Self:
+        """What a user wrote, checked; files by their contents.
 
         Args:
             values: flat keys, as read from YAML.
@@ -30,11 +30,6 @@ class Parameters(Settings):
             InputError: ``source: key: what is wrong``: an unknown key, a value of the wrong type or out of
                 range, values that do not go together, or a file that cannot be used.
         """
-        return cls.parse(values, source).flat_values()
-
-    @classmethod
-    def parse(cls, values: Mapping[str, Any], source: str) -> Self:
-        """The same as an instance."""
         checked = parse(flat_model(cls), values, source)
         try:
             return cls.from_flat(checked.model_dump(exclude_unset=True)).with_files_read()

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
+from midnet_bench.io.checked_yaml import short
 from midnet_bench.io.files import read_bounded
 from midnet_bench.messages import LidarGeometry
 
@@ -33,8 +34,6 @@ LONGEST_MOUNT_M = 5.0
 
 LARGEST_BYTES = 200_000_000
 """of a log's text; five hours of a Burger's scans have as much: 360 readings, five times a second"""
-_LONGEST_SHOWN = 30
-"""characters of a word that a message quotes"""
 _SAME_PLACE = 1e-3
 """metres and radians by which a fixed laser may seem to move on the robot, for want of digits in the log"""
 
@@ -64,28 +63,16 @@ def count_of(word: str) -> int | None:
     return int(word) if word.isascii() and word.isdigit() and len(word) <= 9 else None
 
 
-def shown(word: str) -> str:
-    """A word for a message: in quotes, and no longer than a line has room for."""
-    return repr(word if len(word) <= _LONGEST_SHOWN else f"{word[:_LONGEST_SHOWN]}...")
-
-
-def numbers(words: list[str], where: str, what: str) -> list[float]:
-    """``words`` as floats. Raises InputError ``where: what: ...`` naming the first that is none."""
+def numbers(words: list[str], where: str, what: str, are_finite: bool = True) -> list[float]:
+    """``words`` as floats. Raises InputError ``where: what: `` and the first that is none, or not finite."""
     values = []
     for word in words:
         try:
             values.append(float(word))
         except ValueError:
-            raise InputError(f"{where}: {what}: {shown(word)} is not a number") from None
-    return values
-
-
-def finite(words: list[str], where: str, what: str) -> list[float]:
-    """``words`` as finite floats. Raises InputError as ``numbers`` does, also for nan and inf."""
-    values = numbers(words, where, what)
-    for word, value in zip(words, values, strict=True):
-        if not math.isfinite(value):
-            raise InputError(f"{where}: {what}: {shown(word)} is not a finite number")
+            raise InputError(f"{where}: {what}: {short(word)} is not a number") from None
+        if are_finite and not math.isfinite(values[-1]):
+            raise InputError(f"{where}: {what}: {short(word)} is not a finite number")
     return values
 
 
@@ -133,14 +120,10 @@ class ScanLog:
         return sum(int(np.count_nonzero(np.isnan(scan.ranges_m))) for scan in self.scans)
 
     @property
-    def negative_ranges(self) -> int:
-        """How many ranges are below 0; their beams say nothing either, as those with 0 do, which is usual."""
-        return sum(int(np.count_nonzero(scan.ranges_m < 0.0)) for scan in self.scans)
-
-    @property
     def warnings(self) -> list[str]:
         """A line for each kind of thing in the log that is not taken as it stands there."""
-        kinds = {"NaN or infinite": self.invalid_ranges, "negative": self.negative_ranges}
+        negative = sum(int(np.count_nonzero(scan.ranges_m < 0.0)) for scan in self.scans)
+        kinds = {"NaN or infinite": self.invalid_ranges, "negative": negative}
         total = len(self) * self.geometry.beams
         lines = [
             f"{self.path}: {count} of {total} ranges are {kind} and were left out"
@@ -164,26 +147,21 @@ def take_ranges(words: list[str], where: str) -> tuple[Floats, list[str]]:
     """
     count = count_of(words[0]) if words else None
     if count is None or count < 2:
-        found = shown(words[0]) if words else "nothing"
+        found = short(words[0]) if words else "nothing"
         raise InputError(f"{where}: the number of ranges must be a whole number from 2 on, not {found}")
     if len(words) - 1 < count:
         raise InputError(f"{where}: {count} ranges are announced, but only {len(words) - 1} words follow")
-    ranges_m = np.array(numbers(words[1 : 1 + count], where, "range"))
+    ranges_m = np.array(numbers(words[1 : 1 + count], where, "range", are_finite=False))
     return np.where(np.isfinite(ranges_m), ranges_m, np.nan), words[1 + count :]
 
 
-def check_newest(scans: list[LoggedScan], where: str) -> None:
-    """Raise InputError if the last scan is not as long as the first one, or its odometry is nonsense.
-
-    That is: further off than a map may be, or turned by more than a robot can have turned.
-    """
-    first, last = scans[0], scans[-1]
-    if len(first.ranges_m) != len(last.ranges_m):
-        raise InputError(
-            f"{where}: a scan of {len(last.ranges_m)} ranges in a log whose first scan has "
-            f"{len(first.ranges_m)}"
-        )
-    _check_pose(last.odometry, "odometry", where)
+def _add(scan: LoggedScan, scans: list[LoggedScan], where: str) -> None:
+    """Append a scan. Raise InputError if it is not as long as the first one, or its odometry is nonsense."""
+    scans.append(scan)
+    beams, first = len(scan.ranges_m), len(scans[0].ranges_m)
+    if beams != first:
+        raise InputError(f"{where}: a scan of {beams} ranges in a log whose first scan has {first}")
+    _check_pose(scan.odometry, "odometry", where)
 
 
 def _check_pose(pose: Pose2D, whose: str, where: str) -> None:
@@ -246,14 +224,13 @@ def parse_table(path: Path, lines: list[str]) -> ScanLog:
                 f"{where}: odometry missing: a line must read 'stamp x y theta n r1 .. rn', with the number "
                 "of ranges in the fifth place"
             )
-        stamp_s, x, y, yaw = finite(words[:4], where, "stamp and odometry")
+        stamp_s, x, y, yaw = numbers(words[:4], where, "stamp and odometry")
         ranges_m, rest = take_ranges(words[4:], where)
         if rest:
             raise InputError(
                 f"{where}: {len(ranges_m)} ranges are announced, but {len(rest)} more words follow"
             )
-        scans.append(LoggedScan(stamp_s, Pose2D(x, y, yaw), ranges_m))
-        check_newest(scans, where)
+        _add(LoggedScan(stamp_s, Pose2D(x, y, yaw), ranges_m), scans, where)
     return ScanLog(path, half_circle(len(scans[0].ranges_m)), scans)
 
 
@@ -293,8 +270,7 @@ def _parse_flaser(path: Path, lines: list[str]) -> ScanLog:
             )
         odometry, laser = _take_poses(rest, where)
         corrected = odometry.compose(laser)
-        scans.append(LoggedScan(finite(rest[6:7], where, "stamp")[0], odometry, ranges_m, corrected))
-        check_newest(scans, where)
+        _add(LoggedScan(numbers(rest[6:7], where, "stamp")[0], odometry, ranges_m, corrected), scans, where)
         lasers_on_base.append(laser)
     return _mounted(ScanLog(path, half_circle(len(scans[0].ranges_m)), scans), lasers_on_base)
 
@@ -307,14 +283,13 @@ def _parse_rawlaser(path: Path, lines: list[str]) -> ScanLog:
         if words[0] == "ODOM":
             if len(words) < 4:
                 raise InputError(f"{where}: odometry missing: ODOM must be followed by x y theta")
-            odometry = Pose2D(*finite(words[1:4], where, "odometry"))
+            odometry = Pose2D(*numbers(words[1:4], where, "odometry"))
         elif odometry is not None:
             scanner, ranges_m, rest = _take_scan(words, where)
-            stamp = finite(rest[:1], where, "stamp")
+            stamp = numbers(rest[:1], where, "stamp")
             if not stamp:
                 raise InputError(f"{where}: the line ends before the stamp of the scan")
-            scans.append(LoggedScan(stamp[0], odometry, ranges_m))
-            check_newest(scans, where)
+            _add(LoggedScan(stamp[0], odometry, ranges_m), scans, where)
             geometry = geometry or scanner
     if geometry is None:
         raise InputError(f"{path}: odometry missing: no ODOM line comes before a RAWLASER1 line")
@@ -334,8 +309,7 @@ def _parse_robotlaser(path: Path, lines: list[str]) -> ScanLog:
             )
         odometry, laser = _take_poses(rest, where)
         corrected = odometry.compose(laser)
-        scans.append(LoggedScan(finite(rest[-3:-2], where, "stamp")[0], odometry, ranges_m, corrected))
-        check_newest(scans, where)
+        _add(LoggedScan(numbers(rest[-3:-2], where, "stamp")[0], odometry, ranges_m, corrected), scans, where)
         geometries.append(scanner)
         lasers_on_base.append(laser)
     return _mounted(ScanLog(path, geometries[0], scans), lasers_on_base)
@@ -359,7 +333,7 @@ def _take_scan(words: list[str], where: str) -> tuple[LidarGeometry, Floats, lis
     """
     if len(words) < 9:
         raise InputError(f"{where}: the line ends before the number of ranges")
-    start_rad, _, step_rad, range_max_m = finite(words[2:6], where, "start angle, fov, step, largest range")
+    start_rad, _, step_rad, range_max_m = numbers(words[2:6], where, "start angle, fov, step, largest range")
     if step_rad == 0.0:
         raise InputError(f"{where}: angle step: 0 rad; one beam lies beside the other in every scanner")
     if range_max_m <= 0.0:
@@ -389,8 +363,8 @@ def _take_scan(words: list[str], where: str) -> tuple[LidarGeometry, Floats, lis
 
 def _take_poses(words: list[str], where: str) -> tuple[Pose2D, Pose2D]:
     """Of the laser's pose and the robot's, three words each: the robot's, and the laser's on the robot."""
-    laser = Pose2D(*finite(words[0:3], where, "laser pose"))
-    odometry = Pose2D(*finite(words[3:6], where, "odometry"))
+    laser = Pose2D(*numbers(words[0:3], where, "laser pose"))
+    odometry = Pose2D(*numbers(words[3:6], where, "odometry"))
     _check_pose(laser, "laser's pose", where)
     _check_pose(odometry, "odometry", where)
     return odometry, laser.relative_to(odometry)

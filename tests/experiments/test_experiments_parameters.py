@@ -28,7 +28,7 @@ from midnet_bench.workflows.readings import READINGS, readings_of
 @pytest.mark.parametrize("experiment", names())
 def test_a_trial_has_every_parameter(experiment: str) -> None:
     model = parameters_model(experiment)
-    assert list(model.resolve({}, "test")) == list(leaves(model))
+    assert list(model.parse({}, "test").flat_values()) == list(leaves(model))
 
 
 @pytest.mark.parametrize("experiment", names())
@@ -121,9 +121,9 @@ def test_values_that_do_not_go_together_are_told_before_any_trial() -> None:
     with pytest.raises(
         InputError, match=r"grid: .*costmap: inflation_radius_m 2\.5 spans more than 100 cells"
     ):
-        DetectionParameters.resolve({**values, "prior_map": "exact"}, "grid")
+        DetectionParameters.parse({**values, "prior_map": "exact"}, "grid")
     with pytest.raises(InputError, match=r"local planner: min_vel_x_mps 0\.3 must not exceed"):
-        DetectionParameters.resolve({"dwa_min_vel_x_mps": 0.3}, "grid")
+        DetectionParameters.parse({"dwa_min_vel_x_mps": 0.3}, "grid")
 
 
 SHORT: dict[str, Scalar] = {"robots": 2, "frames": 15, "prior_map": "exact", "odometry": "encoder"}
