@@ -616,9 +616,13 @@ def compare_exactly(run: Path, golden: Path | None = None, *, update: bool = Fal
 
 
 def update_golden(run: Path, golden: Path, tables: tuple[str, ...]) -> None:
-    """Make the numbers of ``run`` the golden ones, with the platform that made them."""
-    for name in tables:
-        write_atomically(golden / f"{name}.csv", (run / f"{name}.csv").read_bytes())
+    """Make the numbers of ``run`` the golden ones, with its platform. Raises InputError: one is not there."""
+    try:
+        numbers = {name: (run / f"{name}.csv").read_bytes() for name in tables}
+    except OSError as error:
+        raise InputError(f"{error.filename}: {error.strerror}; make it by 'midnet-bench report'") from error
+    for name, content in numbers.items():
+        write_atomically(golden / f"{name}.csv", content)
     write_atomically(golden / PLATFORM, json.dumps(_platform(), indent=1) + "\n")
 
 

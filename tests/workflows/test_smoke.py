@@ -151,3 +151,10 @@ def test_two_campaigns_are_compared_value_by_value(tmp_path: Path) -> None:
     (tmp_path / "one" / "trial.csv").rename(trial)
     with pytest.raises(InputError, match=r"trial\.csv: no such table"):
         compare_exactly(tmp_path / "one", tmp_path / "other")
+
+
+def test_numbers_that_are_not_there_replace_none(tmp_path: Path) -> None:
+    (tmp_path / "golden").mkdir()
+    with pytest.raises(InputError, match="scores"):
+        update_golden(tmp_path, tmp_path / "golden", ("scores",))
+    assert not list((tmp_path / "golden").iterdir())
