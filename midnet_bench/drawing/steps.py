@@ -13,7 +13,7 @@ from midnet_bench.drawing.palette import DETECTION, EXPLORERS, GUARD, RGB, hexad
 from midnet_bench.drawing.plots import new_figure, own_style
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.fusion import divide_and_conquer, fuse_detections, overlaps
+from midnet_bench.midnet.fusion import divide_and_conquer, fuse_detections
 from midnet_bench.midnet.pipeline import Explanation, Observation
 
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
@@ -52,19 +52,18 @@ def tree_of(explanation: Explanation, threshold: float) -> Tree:
     """The calls of Algorithm 3 for one frame; ``threshold``: the least IoU of boxes that are fused."""
     kept = [view.kept for view in explanation.views]
     boxes = [box for own in kept for box in own]
-    starts = np.cumsum([0, *map(len, kept)])
+    lists = np.split(np.arange(len(boxes)), np.cumsum([*map(len, kept)])[:-1])
     names = [f"{robot + 1}{name}" for robot, own in enumerate(kept) for name in _letters(len(own))]
-    seen = overlaps(np.array(boxes).reshape(-1, 4))
+    rows = np.array(boxes).reshape(-1, 4)
     nodes: dict[Span, Node] = {}
 
     def left_of(first: int, last: int) -> list[int]:
-        every = np.arange(len(boxes))
-        return [int(k) for k in divide_and_conquer(every, starts, first, last, seen, threshold)]
+        return [int(k) for k in divide_and_conquer(lists, first, last, rows, threshold)]
 
     def winner_of(i: int, j: int) -> int | None:
         """Algorithm 4 of two lists of one box: the one that is left, None if both are."""
         one, other = (np.array([k], dtype=np.int64) for k in (i, j))
-        left = fuse_detections(one, other, seen, threshold)
+        left = fuse_detections(one, other, rows, threshold)
         return int(left[0]) if len(left) == 1 else None
 
     def call(first: int, last: int) -> None:

@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.compiled import njit
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
@@ -23,8 +22,6 @@ BinaryArray = npt.NDArray[np.uint8]
 BoxArray = npt.NDArray[np.float64]
 """(n, 4): x_min, y_min, x_max, y_max of each box, metres, map frame"""
 Indices = npt.NDArray[np.int64]
-Eights = npt.NDArray[np.uint64]
-"""eight bytes of a ``BinaryArray`` at once"""
 
 # saved maps round their resolution to six decimals, ROS messages to 32 bits
 RESOLUTION_TOLERANCE = 1e-4
@@ -174,39 +171,15 @@ def foreground(a: BinaryArray, c: BinaryArray) -> BinaryArray:
     return cast(BinaryArray, cv2.absdiff(a, c))
 
 
-@njit
-def foreground_of_costs(
-    costs: npt.NDArray[np.int8], prior: BinaryArray, crop: Crop, thresh: int, unknown_occupied: bool
-) -> BinaryArray:
-    """D of Eqs. 1, 5 and 6 in one pass over the cells, where A and C are not needed: D is B where A is 0.
-
-    Args:
-        costs: the whole local grid, int8 published costs.
-        prior: the whole prior map.
-        crop: what they have in common.
-        thresh: of Eq. 1, 1 to 100.
-        unknown_occupied: whether a cell of cost -1 counts as occupied.
-    """
-    height, width = crop.y2_lmap - crop.y1_lmap, crop.x2_lmap - crop.x1_lmap
-    d = np.empty((height, width), np.uint8)
-    least = np.int8(thresh)
-    for r in range(height):  # plain rows and no short cuts, so that the compiler takes many cells at once
-        seen = costs[crop.y1_lmap + r, crop.x1_lmap : crop.x2_lmap]
-        known = prior[crop.y1_gmap + r, crop.x1_gmap : crop.x2_gmap]
-        row = d[r]
-        for x in range(width):
-            occupied = (seen[x] >= least) | ((seen[x] < 0) & unknown_occupied)
-            row[x] = known[x] if occupied else 0
-    return d
-
-
 def bounding_boxes(
     d: BinaryArray, first_cell: tuple[int, int], prior: OccupancyGrid, min_area_cells: int = 1
 ) -> BoxArray:
     """The upright rectangle around the outer contour of each blob of D: (n, 4) x_min, y_min, x_max, y_max.
 
     Metres, map frame. A box spans the outer edges of its cells, so one cell is one resolution wide (item 24).
-    Edges are counted from the prior map's origin: two robots that find the same cells give equal boxes.
+    Edges are counted from the prior map's origin: two robots that find the same cells give equal boxes. Blobs
+    are 8-connected. What lies in a hole is left out: a hollow blob is one object (item 22). The blob that
+    starts in the highest row comes first.
 
     Args:
         d: of :func:`foreground`.
@@ -214,107 +187,10 @@ def bounding_boxes(
         prior: the prior map.
         min_area_cells: rectangles of fewer cells are dropped; 1 keeps all (item 23).
     """
-    return blob_boxes(d, *first_cell, prior.resolution, *prior.origin, min_area_cells)
-
-
-@njit
-def blob_boxes(
-    d: BinaryArray, column: int, row: int, resolution_m: float, x_m: float, y_m: float, min_area_cells: int
-) -> BoxArray:
-    """What :func:`bounding_boxes` says, in the order of ``cv2.findContours`` and in half its time.
-
-    Blobs are 8-connected. Borders of holes are left out, and so is what lies in a hole: a hollow blob is one
-    object (item 22). The blob that starts in the highest row comes first.
-
-    Each row is cut into runs of free and of occupied cells, in turns, and each run joins those of its kind
-    that it touches in the row before. Free space goes on around the grid: run 0 lies below it, and is the
-    root of all the free space that no blob encloses.
-    """
-    height, width = d.shape
-    edges = edges_along_rows(d)
-    eights = edges.view(np.uint64)  # most cells are like their neighbours
-    begin, end, line, parent, top = np.empty((5, 1 + (height + 1) * (width + 2)), np.int64)
-    begin[0], end[0], parent[0] = -1, width + 1, 0
-    before, first, count = 0, 1, 1
-    for r in range(height + 1):
-        count = cut_into_runs(edges, eights, r, begin, end, count)
-        if count - first == 1 and first - before == 1:  # all free like the row before, which serves for both
-            count = first
-            continue
-        for run in range(first, count):
-            occupied = (run - first) & 1
-            line[run], parent[run], top[run] = r, run, r if occupied else -1
-            other = before + occupied
-            while other < first and begin[other] < end[run] + occupied:
-                if end[other] + occupied > begin[run]:  # occupied cells touch across corners too
-                    a, b = root(parent, run), root(parent, other)
-                    parent[max(a, b)] = min(a, b)
-                other += 2
-        before, first = first, count
-    blobs = 0
-    for run in range(1, count):
-        if top[run] >= 0:  # occupied; a blob's first run is its root, and gets the extent of all
-            own = root(parent, run)
-            blobs += own == run
-            begin[own], end[own] = min(begin[own], begin[run]), max(end[own], end[run])
-            top[own] = line[run]
-    boxes = np.empty((blobs, 4))
-    kept = 0
-    for run in range(count - 1, 0, -1):
-        cells = (end[run] - begin[run]) * (top[run] + 1 - line[run])
-        outer = top[run] >= 0 and parent[run] == run and root(parent, run - 1) == 0
-        if outer and cells >= min_area_cells:
-            boxes[kept, 0] = x_m + (column + begin[run]) * resolution_m
-            boxes[kept, 1] = y_m + (row + line[run]) * resolution_m
-            boxes[kept, 2] = x_m + (column + end[run]) * resolution_m
-            boxes[kept, 3] = y_m + (row + top[run] + 1) * resolution_m
-            kept += 1
-    return boxes[:kept]
-
-
-@njit
-def edges_along_rows(d: BinaryArray) -> BinaryArray:
-    """Not 0 where a cell of D differs from the one before it in its row; all around D is free.
-
-    (height, width + 1) of the cells, and columns of 0 that fill the last eight bytes.
-    """
-    height, width = d.shape
-    edges = np.zeros((height, 8 * (width // 8 + 1)), np.uint8)
-    for r in range(height):
-        edges[r, 0], edges[r, width] = d[r, 0], d[r, width - 1]
-        for x in range(1, width):
-            edges[r, x] = d[r, x] ^ d[r, x - 1]
-    return edges
-
-
-@njit(inline="always")
-def cut_into_runs(
-    edges: BinaryArray, eights: Eights, row: int, begin: Indices, end: Indices, count: int
-) -> int:
-    """Write where each run of a row begins and ends from place ``count`` on; return the place after the last.
-
-    The first and the last one are free and reach one cell out of the grid. There is one row more than D has.
-    """
-    height, width = edges.shape
-    begin[count] = -1
-    if row < height:
-        for eight in range(width // 8):
-            if eights[row, eight] != 0:
-                for x in range(8 * eight, 8 * eight + 8):
-                    if edges[row, x] != 0:
-                        end[count] = x
-                        count += 1
-                        begin[count] = x
-    end[count] = width + 1
-    return count + 1
-
-
-@njit(inline="always")
-def root(parent: Indices, run: int) -> int:
-    """The first of the runs that are joined with ``run``."""
-    while parent[run] != run:
-        run = parent[run]
-    return run
+    contours = cv2.findContours(d, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0] if d.size else ()
+    x, y, width, height = np.array([cv2.boundingRect(one) for one in contours]).reshape(-1, 4).T
+    corners = np.stack((x, y, x + width, y + height), axis=1)[width * height >= min_area_cells]
+    return np.tile(prior.origin, 2) + (corners + np.tile(first_cell, 2)) * prior.resolution
 
 
 def with_returns(boxes: BoxArray, points: npt.NDArray[np.float64], least: int) -> BoxArray:

@@ -21,7 +21,6 @@ from midnet_bench.midnet.detection import (
     common_occupancy,
     crop_to_prior,
     foreground,
-    foreground_of_costs,
     shrunk,
     with_returns,
 )
@@ -145,16 +144,9 @@ class MIDNet:
         """
         if not observations:
             return Frame([], [], Explanation([], []) if explain else None)
-        grids: list[_Grids] = []
-        found: list[BoxArray] = []
-        for observation in observations:
-            if explain:
-                crop = self._crop(observation)
-                grids.append(self._subtract(observation.costmap, crop))
-                found.append(self._boxes(grids[-1].d, crop, observation.scan))
-            else:
-                found.append(self._found(observation))
-        robots, squares, team = self._fuse(found, [observation.pose for observation in observations], allies)
+        grids = [self._grids(observation) for observation in observations]  # IV.A to IV.B.2
+        found = [self._boxes(one, seen) for one, seen in zip(grids, observations, strict=True)]  # IV.B.3, B.4
+        robots, squares, team = self._fuse(found, [one.pose for one in observations], allies)  # IV.C
         return Frame(
             [Box._make(box) for box in team.detections.tolist()],
             team.found_by.tolist(),
@@ -166,7 +158,7 @@ class MIDNet:
 
         Raises InputError as :meth:`update` does. ``fused`` of this is what ``update`` gives.
         """
-        return [self._found(observation) for observation in observations]
+        return [self._boxes(self._grids(one), one) for one in observations]
 
     def fused(self, found: Sequence[BoxArray], poses: Sequence[Pose2D]) -> list[Box]:
         """Section IV.C alone: the team's detections from the boxes of each robot and its latest pose.
@@ -204,38 +196,26 @@ class MIDNet:
         )
         return robots, squares, team
 
-    def _found(self, observation: Observation) -> BoxArray:
-        """Sections IV.A and IV.B for one robot, without the intermediates."""
-        crop, settings = self._crop(observation), self.settings
-        tracks_unknown = settings.unknown == "occupied"
-        d = foreground_of_costs(
-            observation.costmap.data, self.prior.data, crop, settings.thresh_local, tracks_unknown
-        )
-        return self._boxes(d, crop, observation.scan)
-
-    def _crop(self, observation: Observation) -> Crop:
-        """Section IV.B.1 for one robot."""
-        costmap = observation.costmap
+    def _grids(self, observation: Observation) -> _Grids:
+        """Sections IV.A, IV.B.1 and IV.B.2 for one robot. Raises InputError: a costmap that is not int8."""
+        costmap, settings = observation.costmap, self.settings
         if costmap.data.dtype != INT8:
             raise InputError(
                 f"costmap: its values are {costmap.data.dtype}; int8 is needed, as costmap_2d publishes them:"
                 " 0 to 100, and -1 where nothing is known"
             )
-        return crop_to_prior(costmap, self.prior, observation.pose, self.settings.align)
-
-    def _subtract(self, costmap: OccupancyGrid, crop: Crop) -> _Grids:
-        """Sections IV.A and IV.B.2 for one robot, step by step; ``foreground_of_costs`` gives the same D."""
-        local = binary_map(costmap.data, self.settings.thresh_local, self.settings.unknown)
-        a, b = crop.of_local(local), crop.of_prior(self.prior.data)
+        crop = crop_to_prior(costmap, self.prior, observation.pose, settings.align)  # Alg. 1, Eqs. 2 to 4
+        a = crop.of_local(binary_map(costmap.data, settings.thresh_local, settings.unknown))  # Eq. 1
+        b = crop.of_prior(self.prior.data)
         if crop.is_empty:
             return _Grids(crop, a, b, a, a)
-        c = common_occupancy(a, b)
-        return _Grids(crop, a, b, c, foreground(a, c))
+        c = common_occupancy(a, b)  # Eq. 5
+        return _Grids(crop, a, b, c, foreground(a, c))  # Eq. 6
 
-    def _boxes(self, d: BinaryArray, crop: Crop, scan: Scan | None) -> BoxArray:
+    def _boxes(self, grids: _Grids, observation: Observation) -> BoxArray:
         """Sections IV.B.3 and IV.B.4 for one robot; then, if asked for, only boxes with returns in them."""
-        settings = self.settings
-        boxes = bounding_boxes(d, (crop.x1_gmap, crop.y1_gmap), self.prior, settings.min_area_cells)
+        settings, crop, scan = self.settings, grids.crop, observation.scan
+        boxes = bounding_boxes(grids.d, (crop.x1_gmap, crop.y1_gmap), self.prior, settings.min_area_cells)
         if settings.min_returns and len(boxes):
             points = np.empty((0, 2)) if scan is None else scan.returns(math.inf)[1]
             boxes = with_returns(boxes, points, settings.min_returns)

@@ -14,7 +14,6 @@ from midnet_bench.midnet.fusion import (
     divide_and_conquer,
     fuse_detections,
     fuse_team,
-    overlaps,
 )
 from tests.midnet.plain_fusion import AllyRemoval, Detection, RemovedAlly
 
@@ -60,15 +59,16 @@ def remove_ally_detections(
 def fuse(s1: Sequence[Detection], s2: Sequence[Detection], threshold: float) -> list[Detection]:
     """Algorithm 4."""
     both = [*s1, *s2]
-    seen = overlaps(rows([one.box for one in both]))
     indices = np.arange(len(both))
-    found = fuse_detections(indices[: len(s1)], indices[len(s1) :], seen, threshold)
+    found = fuse_detections(
+        indices[: len(s1)], indices[len(s1) :], rows([one.box for one in both]), threshold
+    )
     return [both[k] for k in found]
 
 
 def conquer(lists: Sequence[Sequence[Detection]], left: int, right: int, threshold: float) -> list[Detection]:
     """Algorithm 3."""
     flat = [one for own in lists for one in own]
-    starts = np.cumsum([0, *(len(own) for own in lists)])
-    seen = overlaps(rows([one.box for one in flat]))
-    return [flat[k] for k in divide_and_conquer(np.arange(len(flat)), starts, left, right, seen, threshold)]
+    indices = np.split(np.arange(len(flat)), np.cumsum([len(own) for own in lists])[:-1])
+    boxes = rows([one.box for one in flat])
+    return [flat[k] for k in divide_and_conquer(indices, left, right, boxes, threshold)]
