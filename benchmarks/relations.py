@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.io.scan_logs import finite, read_lines
+from midnet_bench.io.scan_logs import numbers, read_lines
 from midnet_bench.io.trajectory import Trajectory
 
 _SAME_INSTANT_S = 0.01
@@ -113,5 +113,5 @@ def _rows(path: Path, columns: int, layout: str) -> list[list[float]]:
         where = f"{path}:{number}"
         if len(words) < columns:
             raise InputError(f"{where}: {len(words)} numbers where '{layout}' needs {columns}")
-        rows.append(finite(words[:columns], where, layout))
+        rows.append(numbers(words[:columns], where, layout))
     return rows

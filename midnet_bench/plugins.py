@@ -142,7 +142,7 @@ def _imported(content: bytes, package: str) -> Iterator[str]:
     """The names of modules that source of ``package`` imports anywhere, and of what it takes out of them."""
     try:
         nodes = [*ast.walk(ast.parse(content))]
-    except (SyntaxError, ValueError):  # said when it is executed
+    except (SyntaxError, ValueError, RecursionError, MemoryError):  # said when it is executed
         return
     for node in nodes:
         if isinstance(node, ast.Import):

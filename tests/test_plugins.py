@@ -70,3 +70,10 @@ def test_what_is_no_file_is_refused_at_once(tmp_path: Path, make: Callable[[Path
     make(tmp_path / "mine.py")
     with pytest.raises(InputError, match=r"mine\.py is no file; give one with Python code"):
         load_reference(f"{tmp_path / 'mine.py'}:Mine")
+
+
+@pytest.mark.parametrize("text", ["x = " + "[" * 100_000, "x = " + "-" * 100_000 + "1"])
+def test_a_file_that_is_nested_too_deeply_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "deep.py").write_text(text)
+    with pytest.raises(InputError, match="deep"):
+        load_reference(f"{tmp_path / 'deep.py'}:X")
