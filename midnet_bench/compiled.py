@@ -104,7 +104,7 @@ def _interpreted(function: F) -> F:
         _RUNNING.inside = True
         try:
             with np.errstate(all="ignore"):
-                return _plain(function(*map(_wide, arguments), **named))
+                return _converted(function(*_converted(arguments, True), **named), False)
         finally:
             _RUNNING.inside = False
 
@@ -114,24 +114,15 @@ def _interpreted(function: F) -> F:
 _RUNNING = _Interpreted()
 
 
-def _each(convert: Callable[[Any], Any], value: tuple[Any, ...]) -> tuple[Any, ...]:
-    """A tuple, with names or without, of converted values."""
-    return type(value)._make(map(convert, value)) if hasattr(value, "_make") else tuple(map(convert, value))
-
-
-def _wide(value: Any) -> Any:
+def _converted(value: Any, is_given: bool) -> Any:
+    """A float that is given as NumPy's, a number that comes back as Python's; those in tuples too."""
     import numpy as np
 
     if isinstance(value, tuple):
-        return _each(_wide, value)
-    return np.float64(value) if type(value) is float else value
-
-
-def _plain(value: Any) -> Any:
-    import numpy as np
-
-    if isinstance(value, tuple):
-        return _each(_plain, value)
+        each = (_converted(one, is_given) for one in value)
+        return type(value)._make(each) if hasattr(value, "_make") else tuple(each)
+    if is_given:
+        return np.float64(value) if type(value) is float else value
     return value.item() if isinstance(value, np.generic) else value
 
 

@@ -191,6 +191,8 @@ class ExtensionPoint:
                     f"{self.option}: {value[:80]}: {part!r} is no key=value, or its key is there twice"
                 )
             options[key] = _scalar(text)
+            if options[key] != options[key]:
+                raise InputError(f"{self.option}: {value[:80]}: {key}: a number is needed (got nan)")
         return Choice(found["place"].strip(), options, found["mark"] or "", found["pin"] or "")
 
     def _with_pin(self, choice: Choice) -> Choice:

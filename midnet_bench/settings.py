@@ -8,8 +8,9 @@ keys, such as ``thresh_local``: what a campaign file, ``--set`` and a trial's pa
 import functools
 import math
 import numbers
+import re
 import types
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any, ClassVar, Literal, Self, Union, cast, get_args, get_origin, get_type_hints
 
@@ -68,6 +69,10 @@ class Option:
             words = f"at most {_plain(high)}" if high is not None else ""
         multiple = f"a multiple of {self.multiple_of}" if self.multiple_of else ""
         return ", ".join(part for part in (words, multiple) if part)
+
+
+_NEEDS = re.compile(r"off unless (\w+)=([\w+|]+)")
+"""in a source"""
 
 
 def _plain(value: float) -> str:
@@ -145,6 +150,8 @@ class Settings:
 
     concern: ClassVar[str] = "settings"
     """what an error message calls the class"""
+    needs: ClassVar[str] = ""
+    """``key=value`` without which no option here has an effect; of one option its source says it"""
 
     def __post_init__(self) -> None:
         """Check every option. Raises InputError: ``concern: name: value is out of range; allowed: ...``."""
@@ -206,6 +213,8 @@ class Leaf:
     default: Scalar
     group: str
     """the titles of the groups it is in; empty for the root's own options"""
+    needs: tuple[str, str] | None
+    """key, or a field beside it, and value without which it has no effect"""
 
     def is_of_its_kind(self, value: Scalar) -> bool:
         """Whether an option can have this value; of a text, any."""
@@ -231,6 +240,21 @@ def leaves(settings: type[Settings]) -> Mapping[str, Leaf]:
     return _all_leaves(cast(Any, settings))
 
 
+def without_effect(
+    settings: type[Settings], given: Iterable[str], cells: Sequence[Mapping[str, Scalar]]
+) -> list[str]:
+    """A line for each of the ``given`` keys that has no effect in any of the cells, all keys' values."""
+    known = leaves(settings)
+    keys = {leaf.path: key for key, leaf in known.items()}
+    found = []
+    for leaf in (known[key] for key in given if key in known):
+        name, value = leaf.needs or ("", "")
+        decides = keys.get((*leaf.path[:-1], name), name)
+        if decides in known and not any(str(cell[decides]) in value.split("|") for cell in cells):
+            found.append(f"{leaf.key} has no effect unless {decides} is {value.replace('|', ' or ')}")
+    return found
+
+
 @functools.cache
 def _usual(settings: type[Settings]) -> Settings:
     return settings()
@@ -252,8 +276,10 @@ def choices_of(kind: Any) -> tuple[Any, ...]:
     return get_args(base) if get_origin(base) is Literal else ()
 
 
-def _leaves(settings: type[Settings], defaults: Settings, path: tuple[str, ...], here: _Group) -> list[Leaf]:
-    kinds, found = get_type_hints(settings), []
+def _leaves(
+    settings: type[Settings], defaults: Settings, path: tuple[str, ...], here: _Group, needs: str = ""
+) -> list[Leaf]:
+    kinds, found, needs = get_type_hints(settings), [], settings.needs or needs
     for one in fields(cast(Any, settings)):
         value, at = getattr(defaults, one.name), (*path, one.name)
         if "option" in one.metadata:
@@ -262,7 +288,9 @@ def _leaves(settings: type[Settings], defaults: Settings, path: tuple[str, ...],
                 said = replace(said, source=here.sources[one.name])
             key = here.keys.get(one.name, here.prefix + (said.key or one.name))
             if key is not None:
-                found.append(Leaf(key, at, said, kinds[one.name], value, here.title))
+                match = _NEEDS.search(f"{said.source} off unless {needs}")
+                pair = None if match is None else (match[1], match[2])
+                found.append(Leaf(key, at, said, kinds[one.name], value, here.title, pair))
         elif "group" in one.metadata:
             nested: _Group = one.metadata["group"]
             title = ", ".join(part for part in (here.title, nested.title) if part)
@@ -273,7 +301,7 @@ def _leaves(settings: type[Settings], defaults: Settings, path: tuple[str, ...],
                 if name.startswith(start)
             }
             inner = _Group(title, here.prefix + nested.prefix, nested.keys, {**nested.sources, **within})
-            found += _leaves(type(value), value, at, inner)
+            found += _leaves(type(value), value, at, inner, needs)
     return found
 
 

@@ -199,6 +199,7 @@ def test_a_package_whose_entry_points_cannot_be_read_costs_itself_and_a_line(
         ("midnet(thresh_local=3)", "goes by keys"),
         ("midnet#abc", "comes with midnet-bench"),
         ("clusters(noise=1)", "no option 'noise'; did you mean 'noise_m'?"),
+        ("clusters(noise_m=nan)", "noise_m: a number is needed"),
         ("clusters(noise_m)", "'noise_m' is no key=value"),
         ("clusters(noise_m=1, noise_m=2)", "there twice"),
         ("clusters(noise_m=1", "expected NAME"),

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.io.parameters import Parameters, flat_model
-from midnet_bench.settings import Settings, group, leaves, like, option
+from midnet_bench.settings import Settings, group, leaves, like, option, without_effect
 
 
 @dataclass(frozen=True)
@@ -154,6 +154,26 @@ def test_a_default_has_the_source_of_its_option_or_of_the_outermost_group_that_n
 def test_a_source_of_no_known_kind_is_a_fault_of_the_class(source: str) -> None:
     with pytest.raises(ValueError, match="a source begins with one of: paper, turtlebot3, "):
         option(1.0, "Load of the cart.", source=source)
+
+
+def test_an_option_without_effect_under_the_others_is_named() -> None:
+    usual = DetectionParameters.defaults()
+    given = ["wheel_slip", "nav_local_decay_s", "solver_iterations", "frames", "gyro_bias_radps"]
+    told = without_effect(DetectionParameters, given, [usual])
+    assert told == [
+        "wheel_slip has no effect unless odometry is encoder",
+        "nav_local_decay_s has no effect unless nav_local_memory is decay",
+    ]
+    mujoco = {**usual, "engine": "mujoco", "odometry": "encoder", "imu_noise": "none"}
+    assert [line.split()[0] for line in without_effect(DetectionParameters, given, [mujoco])] == [
+        "nav_local_decay_s",
+        "solver_iterations",
+        "gyro_bias_radps",
+    ]
+    assert "wheel_slip" not in str(without_effect(DetectionParameters, given, [usual, mujoco]))
+    rollout = [key for key in usual if key.startswith("rollout_")]
+    assert rollout
+    assert len(without_effect(DetectionParameters, rollout, [usual])) == len(rollout)
 
 
 def test_two_options_of_one_key_are_a_fault_of_the_class() -> None:

@@ -24,6 +24,7 @@ from midnet_bench.io.checked_yaml import Spec, load_yaml, parse, read_yaml
 from midnet_bench.io.parameters import Parameters
 from midnet_bench.plugins import Source, reference_to, take_sources
 from midnet_bench.seams import code_in
+from midnet_bench.settings import without_effect
 
 SEVERAL = " | "
 """between the values of a parameter that is not a factor of the grid and yet not the same in all cells"""
@@ -429,6 +430,8 @@ def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
     for cell, found in checked:
         once.setdefault(TrialSpec(identity, cell, 0).trial_id, (cell, found))
     cells = [cell for cell, _ in once.values()]
+    given = itertools.chain(campaign.parameters, campaign.grid, *campaign.variants.values())
+    notes += without_effect(parameters, dict.fromkeys(given), cells)
     code = code_in(value for cell in cells for value in cell.values())
     sharing = [Sharing(None, None)]  # a lone cell shares nothing, and what others do takes a compiler
     if len(once) > 1:

@@ -110,7 +110,7 @@ class UkfSettings(Settings):
     alpha: float = option(
         1.0,
         "Spread of the sigma points.",
-        gt=0,
+        ge=1e-4,
         le=10,
         source="ours: robot_localization's 0.001 weights the centre point by -1e6; the estimates are"
         " the same",

@@ -140,7 +140,7 @@ class CostmapSettings(Settings):
         source="package: costmap_2d, a mark stays until a beam clears it",
     )
     decay_s: float = option(
-        1.0, "How long a mark lives under decay.", gt=0, le=60, source="ours: off unless marks decay"
+        1.0, "How long a mark lives under decay.", gt=0, le=60, source="ours: off unless memory=decay"
     )
 
     def __post_init__(self) -> None:
@@ -462,6 +462,7 @@ class TrajectoryRolloutSettings(Settings):
     """
 
     concern: ClassVar[str] = "trajectory rollout"
+    needs: ClassVar[str] = "controller=trajectory_rollout"
 
     limits: LocalPlannerLimits = group(
         LocalPlannerLimits(

@@ -71,6 +71,9 @@ class CircleClusters:
             return []
         ranges_m = scan.ranges_m[beams]
         turn_rad = abs(scan.lidar.angle_increment_rad)
+        if self._incidence_rad <= turn_rad:
+            beams_deg = math.degrees(turn_rad)
+            raise ValueError(f"incidence_deg must be above the {beams_deg:g} degrees between two beams")
         widening = sin(turn_rad) / sin(self._incidence_rad - turn_rad)
         gaps_m = lengths(points - np.roll(points, 1, axis=0))
         apart = gaps_m > np.roll(ranges_m, 1) * widening + 3.0 * self._noise_m

@@ -41,7 +41,7 @@ class WorldSettings(Settings):
         "Iterations of the contact solver per physics step.",
         ge=1,
         le=1000,
-        source="package: pybullet, numSolverIterations",
+        source="package: pybullet, numSolverIterations; off unless engine=bullet|fast",
     )
 
 
@@ -141,21 +141,21 @@ class ImuSettings(Settings):
         "Standard deviation of the gyroscope's noise.",
         ge=0,
         le=1,
-        source="package: turtlebot3_burger.gazebo.xacro, imu, rate, stddev",
+        source="package: turtlebot3_burger.gazebo.xacro, imu, rate, stddev; off unless imu_noise=gazebo",
     )
     gyro_bias_radps: float = option(
         7.5e-6,
         "Mean size of the gyroscope's bias, which may have either sign.",
         ge=0,
         le=1,
-        source="package: turtlebot3_burger.gazebo.xacro, imu, rate, bias_mean",
+        source="package: turtlebot3_burger.gazebo.xacro, imu, rate, bias_mean; off unless imu_noise=gazebo",
     )
     gyro_bias_stddev_radps: float = option(
         8e-7,
         "Standard deviation of the size of the gyroscope's bias, drawn once per robot.",
         ge=0,
         le=1,
-        source="package: turtlebot3_burger.gazebo.xacro, imu, rate, bias_stddev",
+        source="package: turtlebot3_burger.gazebo.xacro, imu, rate, bias_stddev; off unless imu_noise=gazebo",
     )
 
 

@@ -221,3 +221,12 @@ def test_a_line_visits_the_cells_before_its_end(
     cells = np.zeros((9, 2), dtype=np.int64)
     count = trace_line(0, 0, end[0], end[1], cells)
     assert [(int(c), int(r)) for c, r in cells[:count]] == expected
+
+
+def test_a_climb_that_odometry_holds_as_hard_as_can_be_stays() -> None:
+    pose = Pose2D(1.7, 2.3, 0.4)
+    ends = room_scan(pose) / CELL_M
+    maps = mapped(pose, ends * CELL_M)
+    held = matching_in_cells(replace(SLAM_GMAPPING, angular_reliability=1e9, linear_reliability=1e9))
+    x, y, yaw = maps.to_cells(np.array([pose]) + 0.1)[0]
+    assert climb(maps.means, maps.tables[0], ends, x, y, yaw, held)[:3] == (x, y, yaw)

@@ -9,6 +9,7 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.geometry import Box, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.mapping.map_alignment import Fit
 from midnet_bench.mapping.merge import compose, match_maps, merge_by_features
 from midnet_bench.mapping.settings import MergeSettings
 from midnet_bench.rng import stream
@@ -269,3 +270,8 @@ def test_a_stricter_setting_refuses_what_the_default_accepts():
     ):
         refusal = match_maps(left, right, replace(MergeSettings(), **stricter)).refusal
         assert refusal.startswith(word)
+
+
+def test_evidence_at_a_least_agreement_of_1_counts_no_contradiction() -> None:
+    assert Fit(5.0, 0.0).evidence_m(1.0) == 5.0
+    assert Fit(5.0, 0.1).evidence_m(1.0) == -math.inf

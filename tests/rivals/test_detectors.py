@@ -123,3 +123,9 @@ def test_groups_are_cut_at_gaps_and_go_round() -> None:
     assert [len(group) for group in groups_of(points, 0.3)] == [2, 3]
     assert [len(group) for group in groups_of(points[:2], 0.3)] == [2]
     assert groups_of(points[:0], 0.3) == []
+
+
+def test_clusters_refuse_an_incidence_below_the_angle_between_beams() -> None:
+    pose = Pose2D(0.0, 0.0, 0.0)
+    with pytest.raises(ValueError, match="incidence_deg must be above"):
+        CircleClusters(room(), RANGE_M, incidence_deg=0.5).detect([seen(scan_of(pose, [DISC]), pose)])

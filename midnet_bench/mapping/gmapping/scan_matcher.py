@@ -176,6 +176,8 @@ def climb(
             dx, dy, dyaw = try_x - start_x, try_y - start_y, try_yaw - start_yaw
             away, turn = dx * dx + dy * dy, dyaw * dyaw
             pull = exp(-matching.odometry_pull * away - matching.heading_pull * turn)
+            if pull == 0.0:  # too far from odometry for any match
+                continue
             found = pull * match_score(
                 means, table, rotated if move < 4 else turned, try_x, try_y, matching.sigma, best / pull
             )
