@@ -122,7 +122,7 @@ def marked(marks: Path) -> dict[str, str]:
 def _mark(marks: Path | None, trial_id: str) -> Iterator[IO[str]]:
     mark = None if marks is None else marks / f"{trial_id}.{os.getpid()}"
     try:
-        stack_file = None if mark is None else mark.open("w")
+        stack_file = None if mark is None else mark.open("x")
     except OSError:  # no room for a mark is no reason to lose the trial
         stack_file = None
     if mark is None or stack_file is None:

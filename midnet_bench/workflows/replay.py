@@ -311,7 +311,8 @@ def _boxes_file(folder: Path) -> Iterator["csv._writer"]:  # type: ignore[name-d
     """``boxes.csv``, row by row; what was written stays, whatever ends the replay."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with open(folder / "boxes.csv", "w", encoding="utf-8", newline="") as file:
+        (folder / "boxes.csv").unlink(missing_ok=True)
+        with open(folder / "boxes.csv", "x", encoding="utf-8", newline="") as file:  # through no link
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(
                 ["preset", "frame", "t", "scan_index", "robot", "x_min_m", "y_min_m", "x_max_m", "y_max_m"]

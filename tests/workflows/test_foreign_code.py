@@ -10,6 +10,7 @@ from midnet_bench.campaign import trust
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
+from midnet_bench.workflows.replay import _boxes_file
 from tests.cli.command import midnet_bench
 from tests.stores import detection_store
 from tests.workflows.test_own_experiment import CAMPAIGN, DRIFT
@@ -93,6 +94,17 @@ def test_ones_own_run_is_trusted_as_it_ran_and_no_copy_of_it(tmp_path: Path) -> 
     notes.chmod(0o666)
     assert exit_code("moved") == 2
     notes.chmod(0o600)
+
+
+def test_boxes_of_a_replay_are_not_written_through_a_link(tmp_path: Path) -> None:
+    victim, folder = tmp_path / "thesis.txt", tmp_path / "out"
+    victim.write_text("years of work")
+    folder.mkdir()
+    (folder / "boxes.csv").symlink_to(victim)
+    with _boxes_file(folder) as writer:
+        writer.writerow(["paper"])
+    assert victim.read_text() == "years of work"
+    assert (folder / "boxes.csv").read_text().endswith("\npaper\n")
 
 
 def test_what_comes_with_the_package_needs_no_trust(tmp_path: Path) -> None:
