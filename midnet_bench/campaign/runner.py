@@ -15,7 +15,7 @@ import joblib
 from midnet_bench.campaign import store as stores
 from midnet_bench.campaign import trust
 from midnet_bench.campaign.database import only_writer
-from midnet_bench.campaign.definition import Definition, ResolvedCampaign
+from midnet_bench.campaign.definition import ResolvedCampaign
 from midnet_bench.campaign.pending import PendingTrials, pending_trials
 from midnet_bench.campaign.pools import LokyPool, Pool, WorkersLost, check_options
 from midnet_bench.campaign.progress import Progress
@@ -100,7 +100,7 @@ def plan(
             finished, failed = store.inventory(campaign.numbered_cells).count()
             if finished:
                 measured_on, wall_s, size = store.sizes()
-    all_trials = _count(definition)
+    all_trials = definition.cells * definition.trials
     to_run = all_trials - finished - (0 if retry_failed else failed)
     workers = min(jobs or joblib.cpu_count(), max(1, to_run))
     return Plan(
@@ -183,7 +183,7 @@ def _add_trials(
 ) -> None:
     """Runs the missing trials and stores each as it ends. Raises Interrupted on Ctrl-C."""
     run_id = store.begin_run(_provenance(campaign))
-    total = _count(campaign.definition)
+    total = campaign.definition.cells * campaign.definition.trials
 
     def keep(spec: TrialSpec, outcome: Outcome) -> None:
         store.record(run_id, spec, outcome)
@@ -285,10 +285,6 @@ def _run(
                     suspects.add(spec)
             if suspects and not alone:
                 note(f"a worker died; what was running is repeated, one at a time ({len(suspects)})")
-
-
-def _count(definition: Definition) -> int:
-    return definition.cells * definition.trials
 
 
 def _unusable(store: stores.Store) -> dict[str, int]:
