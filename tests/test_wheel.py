@@ -2,11 +2,13 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import sysconfig
 import venv
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -95,3 +97,19 @@ def test_the_expected_numbers_of_smoke_are_there(installed: Path, tmp_path: Path
         "platform.json robots.csv scores.csv",
         "intruders.csv platform.json robots.csv trial.csv",
     ], done.stderr
+
+
+def test_every_library_that_the_package_needs_is_pinned() -> None:
+    """Those of its libraries too: one that floats changes what a fresh machine runs."""
+    lines = (REPOSITORY / "constraints.txt").read_text("utf-8").split()
+    pinned = {re.sub("[-_.]+", "-", line.partition("==")[0]).lower() for line in lines}
+    needed, unread = set(), ["midnet-bench"]
+    while unread:
+        for line in metadata.requires(unread.pop()) or []:
+            name = re.sub("[-_.]+", "-", re.split(r"[^\w.-]", line)[0]).lower()
+            # one for another system or another Python is not here
+            if "extra ==" not in line and name not in needed and any(metadata.distributions(name=name)):
+                needed.add(name)
+                unread.append(name)
+    assert {"numpy", "apsw"} <= needed
+    assert needed - pinned == set()
