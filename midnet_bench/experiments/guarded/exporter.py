@@ -13,7 +13,8 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OCCUPIED, OccupancyGrid
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.recording.files import ros_messages as ros
-from midnet_bench.recording.files.ros_messages import MAP, NS, Marked, ros_name
+from midnet_bench.recording.files.readings import NS
+from midnet_bench.recording.files.ros_messages import MAP, Marked, ros_name
 from midnet_bench.recording.files.writer import BagWriter
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.settings import Scalar, leaves

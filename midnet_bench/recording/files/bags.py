@@ -110,8 +110,6 @@ class Bag:
                 known = TF_TYPE if topic.kind == TF else connection.msgtype
                 raw = unpacked("zstd", raw) if self._is_packed else raw
                 yield from decoded(topic, record_ns, decode(raw, known))
-        except GeneratorExit:
-            raise
         except TooLargeError as error:
             raise InputError(f"{self.path}: {error}") from error
         except Exception as error:  # whatever decoders raise of damaged bytes

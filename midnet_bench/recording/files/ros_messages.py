@@ -17,8 +17,6 @@ from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry
 
-NS = 1_000_000_000
-"""nanoseconds in a second"""
 MAP = "map"
 """the frame of all poses"""
 CUBE, TEXT = 1, 9

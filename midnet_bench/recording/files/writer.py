@@ -24,7 +24,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
 from midnet_bench.io.files import cannot_be_written, temporary_folder
-from midnet_bench.recording.files.ros_messages import NS, Message
+from midnet_bench.recording.files.readings import NS
+from midnet_bench.recording.files.ros_messages import Message
 
 ENDINGS = {"mcap": ".mcap", "ros2": "", "ros1": ".bag"}
 """of each format: a plain MCAP file, a ROS 2 bag's folder with an SQLite file, a ROS 1 bag"""
