@@ -49,13 +49,12 @@ class Option:
 
     def holds(self, value: float) -> bool:
         """Whether a number is within range; no NaN is, nor an infinite number."""
-        return (
-            math.isfinite(value)
-            and (self.ge is None or value >= self.ge)
-            and (self.gt is None or value > self.gt)
-            and (self.le is None or value <= self.le)
-            and (self.multiple_of is None or value % self.multiple_of == 0)
-        )
+        try:
+            is_above = math.isfinite(value) and (self.ge is None or value >= self.ge)
+        except OverflowError:  # an int that no float can be
+            return False
+        is_within = (self.gt is None or value > self.gt) and (self.le is None or value <= self.le)
+        return is_above and is_within and (self.multiple_of is None or value % self.multiple_of == 0)
 
     @property
     def allowed(self) -> str:

@@ -89,7 +89,7 @@ def _interpreter(run: Provenance) -> str:
     """Python's minor version and NumPy's, whose last digits may differ from others'; empty if unknown."""
     libraries = run.get("libraries")
     numpy = libraries.get("numpy", "") if isinstance(libraries, dict) else ""
-    python, numpy = (".".join(one.split(".")[:2]) for one in (str(run.get("python", "")), numpy))
+    python, numpy = (".".join(one.split(".")[:2]) for one in map(str, (run.get("python", ""), numpy)))
     return f"{python} with NumPy {numpy}" if python and numpy else ""
 
 

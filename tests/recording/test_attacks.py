@@ -91,10 +91,12 @@ def test_what_the_user_types_counts_more_than_the_recording(tmp_path: Path) -> N
         {**SAYS, "rate_hz": 1e308},
         {**SAYS, "robots": [{**SAYS["robots"][0], "mount": [0, 0, 10**400]}]},  # type: ignore[index]
         {**SAYS, "settings": {"detector": ["evil.py:X"]}},
+        {**SAYS, "settings": {"thresh_local": 10**400}},
+        {**SAYS, "settings": {"inflation_radius_m": -(10**400)}},
         {**SAYS, "settings": {"detector": 3, "fusion": None}},
         {**SAYS, "settings": {"\x1b]0;": "\x1b[2J"}},
     ],
-    ids=range(8),
+    ids=range(10),
 )
 def test_what_a_recording_says_of_itself_and_cannot_be_is_a_line(said: object, tmp_path: Path) -> None:
     bag = bag_that_says(tmp_path, said)
