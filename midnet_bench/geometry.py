@@ -8,6 +8,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
+Point = tuple[float, float]  # a place, metres
+
 
 @cache
 def _elementary() -> Callable[[], Any]:

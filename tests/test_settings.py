@@ -205,7 +205,7 @@ def test_flat_values_make_the_same_settings_again(changes: dict[str, Any]) -> No
     cart = Cart.from_flat(changes)
     assert changes.items() <= cart.flat_values().items()
     assert Cart.from_flat(cart.flat_values()) == cart
-    assert Cart.resolve(changes, "here") == cart.flat_values()
+    assert Cart.parse(changes, "here") == cart
 
 
 @pytest.mark.parametrize(
@@ -220,7 +220,7 @@ def test_flat_values_make_the_same_settings_again(changes: dict[str, Any]) -> No
 )
 def test_what_a_user_wrote_wrong_is_told_by_its_flat_key(values: dict[str, Any], complaint: str) -> None:
     with pytest.raises(InputError) as caught:
-        Cart.resolve(values, "f.yaml")
+        Cart.parse(values, "f.yaml")
     assert str(caught.value).startswith(complaint)
 
 

@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).parents[1]
-SOURCES = ("midnet_bench", "campaigns", "results/reference/smoke", "results/reference/detection")
+SHIPPED = ("smoke", "detection", "standard")
+SOURCES = ("midnet_bench", "campaigns", *(f"results/reference/{name}" for name in SHIPPED))
 FILES = ("pyproject.toml", "setup.py", "README.md", "LICENSE")
 
 pytestmark = pytest.mark.slow

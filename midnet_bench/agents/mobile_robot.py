@@ -7,14 +7,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.geometry import Point, Pose2D, wrap_angle
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf, UkfTeam
 from midnet_bench.messages import STOP, Command, LidarGeometry, Scan
 from midnet_bench.navigation.costmap import RollingCostmap
 from midnet_bench.navigation.navigator import Navigator, Status
 
-Point = tuple[float, float]
 GoalSource = Callable[["MobileRobot"], Point | None]
 """Where to next? Asked whenever a robot has no goal; None leaves it standing."""
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from midnet_bench.agents.settings import PatrolSettings
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import lengths
+from midnet_bench.geometry import Point, lengths
 from midnet_bench.grid import OCCUPIED, OccupancyGrid, connected_to
 
 DRIVABLE_M = 0.15
@@ -20,8 +20,6 @@ whole cells of 5 cm. One that reaches farther keeps its own reach."""
 DRAWS_PER_RELAXATION = 200
 RELAXATION = 0.9
 """After so many failed draws z shrinks by this factor (item 59)."""
-
-Point = tuple[float, float]
 
 
 def safe_distance(diagonal_m: float, robots: int, z_factor: float = PatrolSettings().z_factor) -> float:

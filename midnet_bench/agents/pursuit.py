@@ -9,9 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
-from midnet_bench.agents.mobile_robot import Guard, GuardState, Point
+from midnet_bench.agents.mobile_robot import Guard, GuardState
 from midnet_bench.agents.settings import PursuitSettings
 from midnet_bench.agents.tracking import Tracker
+from midnet_bench.geometry import Point
 
 
 @dataclass

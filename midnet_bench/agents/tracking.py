@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-Point = tuple[float, float]
+from midnet_bench.geometry import Point
 
 BOX_SIGMA_M = 0.1
 """Standard deviation of a box's centre along an axis; five guards' boxes are 0.098 m off in the mean (seeds

@@ -47,7 +47,10 @@ class DaskPool:
         self._cluster: Any = None
         if scheduler is None:
             self._cluster = distributed.LocalCluster(  # type: ignore[no-untyped-call]
-                n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+                n_workers=workers,
+                threads_per_worker=1,
+                dashboard_address="127.0.0.1:0",
+                silence_logs=logging.CRITICAL,
             )
             scheduler = str(self._cluster.scheduler_address)
         self._scheduler = scheduler

@@ -33,14 +33,13 @@ from midnet_bench.drawing.scene import (
     BURGER_LENGTH_M,
     Floats,
     FloorPlan,
-    Point,
     Robot,
     Setup,
     Truth,
     body_at,
 )
 from midnet_bench.drawing.signs import CORNERS, RING, place_of
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import Box, Point, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel

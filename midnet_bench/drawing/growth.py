@@ -20,9 +20,9 @@ from midnet_bench.drawing.canvas import (
     write_right,
 )
 from midnet_bench.drawing.palette import EXPLORERS, FAINT_INK, INK, RGB, WHITE
-from midnet_bench.drawing.scene import BURGER_LENGTH_M, Floats, FloorPlan, Point
+from midnet_bench.drawing.scene import BURGER_LENGTH_M, Floats, FloorPlan
 from midnet_bench.drawing.video import mp4_file
-from midnet_bench.geometry import Box, Pose2D, wrap_angle
+from midnet_bench.geometry import Box, Point, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel

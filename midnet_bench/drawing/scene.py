@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.layout import Layout
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import Box, Point, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
@@ -21,8 +21,6 @@ if TYPE_CHECKING:  # which takes a compiler
     from midnet_bench.midnet.pipeline import Explanation
 
 Floats = npt.NDArray[np.float64]
-Point = tuple[float, float]
-"""x, y: metres, map frame"""
 
 BURGER_LENGTH_M = float(np.ptp([x for x, _ in BURGER.body]))
 

@@ -10,7 +10,8 @@ import math
 
 import numpy as np
 
-from midnet_bench.drawing.scene import Floats, Point, Truth
+from midnet_bench.drawing.scene import Floats, Truth
+from midnet_bench.geometry import Point
 
 TRUE_POSITIVE = "true positive"
 DUPLICATE = "second box on one intruder"

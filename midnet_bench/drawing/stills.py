@@ -18,8 +18,8 @@ from midnet_bench.drawing.palette import (
     TRUTH,
 )
 from midnet_bench.drawing.panels import MARGIN_M, DetectionPanel, WorldPanel
-from midnet_bench.drawing.scene import Floats, Point, Scene, Setup
-from midnet_bench.geometry import Box
+from midnet_bench.drawing.scene import Floats, Scene, Setup
+from midnet_bench.geometry import Box, Point
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Explanation
 

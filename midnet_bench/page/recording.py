@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.geometry import Point
+
 if TYPE_CHECKING:
-    from midnet_bench.drawing.scene import FloorPlan, Point
+    from midnet_bench.drawing.scene import FloorPlan
 
 STEP_MM = 5
 """lengths and places on the page are whole multiples of it, angles of as many milliradians"""

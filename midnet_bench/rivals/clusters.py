@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.elementary import sin
+from midnet_bench.errors import InputError
 from midnet_bench.geometry import lengths, mean_point
 from midnet_bench.grid import OccupancyGrid, values_at
 from midnet_bench.messages import Scan
@@ -73,7 +74,10 @@ class CircleClusters:
         turn_rad = abs(scan.lidar.angle_increment_rad)
         if self._incidence_rad <= turn_rad:
             beams_deg = math.degrees(turn_rad)
-            raise ValueError(f"incidence_deg must be above the {beams_deg:g} degrees between two beams")
+            raise InputError(
+                f"detector clusters: incidence_deg: {math.degrees(self._incidence_rad):g} is out of range; "
+                f"allowed: above the {beams_deg:g} degrees between two beams"
+            )
         widening = sin(turn_rad) / sin(self._incidence_rad - turn_rad)
         gaps_m = lengths(points - np.roll(points, 1, axis=0))
         apart = gaps_m > np.roll(ranges_m, 1) * widening + 3.0 * self._noise_m

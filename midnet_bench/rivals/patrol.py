@@ -7,7 +7,8 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.agents.mobile_robot import GuardState, Point
+from midnet_bench.agents.mobile_robot import GuardState
+from midnet_bench.geometry import Point
 from midnet_bench.rivals.seams import PATROLS
 
 

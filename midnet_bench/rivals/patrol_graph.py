@@ -7,8 +7,7 @@ import numpy.typing as npt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from midnet_bench.agents.mobile_robot import Point
-from midnet_bench.geometry import lengths
+from midnet_bench.geometry import Point, lengths
 
 
 class PatrolGraph:

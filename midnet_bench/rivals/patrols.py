@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.agents.mobile_robot import GuardState, Point
-from midnet_bench.geometry import lengths
+from midnet_bench.agents.mobile_robot import GuardState
+from midnet_bench.geometry import Point, lengths
 from midnet_bench.rivals.patrol_graph import PatrolGraph
 
 SPEED_MPS = 0.22

@@ -17,7 +17,7 @@ from midnet_bench.arena.arena import OtherIntruders
 from midnet_bench.arena.free_space import FreeSpace, free_space
 from midnet_bench.arena.layout import OTHERS_MARGIN_M, Layout
 from midnet_bench.arena.solids import Solid
-from midnet_bench.geometry import Box, Pose2D, lengths
+from midnet_bench.geometry import Box, Point, Pose2D, lengths
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.costmap import LETHAL
 from midnet_bench.navigation.global_planner import potential_to
@@ -27,7 +27,6 @@ from midnet_bench.simulation.walking import Walkers
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
-Point = tuple[float, float]
 
 LEG_DIAMETER_M = 0.12
 

@@ -23,7 +23,7 @@ from midnet_bench.elementary import directions
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
-from midnet_bench.geometry import Pose2D, lengths
+from midnet_bench.geometry import Point, Pose2D, lengths
 from midnet_bench.grid import FREE, OCCUPIED_FROM, OccupancyGrid, connected_to
 from midnet_bench.io.checked_yaml import parsed_yaml, read_text
 from midnet_bench.io.files import write_atomically
@@ -31,7 +31,6 @@ from midnet_bench.io.map_server import load_map, read_image
 from midnet_bench.simulation.fast.outlines import outlines_of
 from midnet_bench.simulation.fast.rays import cast_on_outlines
 
-Point = tuple[float, float]
 Floats = npt.NDArray[np.float64]
 Unknown = Literal["wall", "free"]
 

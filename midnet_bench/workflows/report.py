@@ -14,7 +14,6 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.experiment import Headline
 from midnet_bench.experiments.registry import experiment_of, tables_of
 from midnet_bench.io.files import plain_name, write_atomically
-from midnet_bench.workflows import standing
 from midnet_bench.workflows.compare import Comparison, sweep, sweeps
 from midnet_bench.workflows.shipped import shipped_folder
 
@@ -118,8 +117,13 @@ def printed(results: Results, tables: Sequence[Table]) -> list[Table]:
 def headline(results: Results) -> Headline | None:
     """What a terminal shows of a campaign first, beside the packaged reference; None: its printed tables."""
     record = experiment_of(results)
-    if standing.is_standard(results.definition) and results.finished:
-        return standing.headline(results)
+    if (
+        results.definition.variants and results.finished
+    ):  # the protocol has some; others need no detectors here
+        from midnet_bench.workflows import standing
+
+        if standing.is_standard(results.definition):
+            return standing.headline(results)
     if record.headline is None or not results.finished:
         return None
     folder = shipped_folder(f"reference/{record.name}", f"{REFERENCE}/{record.name}")

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from midnet_bench.agents.mobile_robot import Point
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.sequential import BATCH, LEVEL, SequentialTest
 from midnet_bench.analysis.statistics import Estimate
@@ -30,7 +29,7 @@ from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.campaigns import run_campaign
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
-from midnet_bench.geometry import lengths
+from midnet_bench.geometry import Point, lengths
 from midnet_bench.io.files import write_atomically
 from midnet_bench.workflows.arenas import check as checked_arena
 

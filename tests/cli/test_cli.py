@@ -262,7 +262,6 @@ CAMPAIGN = ("run", "campaign.yaml")
         (None, ("run", "absent.yaml"), ["absent.yaml"]),
         (None, ("report", "absent"), ["absent"]),
         (None, ("labyrinth", "--backend", "dusk"), ["dusk", "dask"]),
-        (None, ("labyrinth", "--backend", "dask", "-n"), ["--backend dask", "--scheduler"]),
         (None, ("labyrinth", "--scheduler", "tcp://a:1", "-n"), ["--scheduler tcp://a:1", "--backend dask"]),
         (None, ("render", "--frame", "0"), ["frame", "0"]),
         (None, ("render", "mapping"), ["mapping", "midnet-bench map"]),

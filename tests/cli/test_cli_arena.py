@@ -192,7 +192,7 @@ def test_no_room_for_a_layout_and_no_place_to_patrol_are_faults(tmp_path: Path) 
             "plan.png: plane_m.0: Input should be less than or equal to 200",
         ),
         (("from-image", "white.png", "--resolution", 0.02), "white.png: there is no wall in it"),
-        (("from-map", "wrong.yaml"), "wrong.yaml: image: missing key"),
+        (("from-map", "wrong.yaml"), "wrong.yaml: image: Field required"),
         (("from-map", "plan.png"), "plan.png: "),
     ],
 )

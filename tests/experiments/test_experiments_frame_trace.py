@@ -13,6 +13,7 @@ from midnet_bench.campaign.trial import Row
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection
 from midnet_bench.experiments.guarded.record import RecordedFrame
+from midnet_bench.geometry import Point
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
 from midnet_bench.navigation.costmap import LETHAL
@@ -20,7 +21,6 @@ from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES, UNEXPLA
 
 pytestmark = pytest.mark.slow
 
-Point = tuple[float, float]
 LATE_SCANS = 3
 """the seed of a guard whose last scan is 0.167 s old at a frame"""
 

@@ -42,7 +42,7 @@ SETUP: dict[str, Any] = {
     "sector_deg": [-90.0, 90.0],
     "window_m": 4.0,
     "preset": "both",
-    "settings": {"thresh_local": 50, "detector": "clusters"},
+    "settings": {"thresh_local": 50, "detector": "clusters(incidence_deg=20)"},
     "unmapped": True,
 }
 WAYS: tuple[tuple[str, ...], ...] = (

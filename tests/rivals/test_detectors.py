@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import Scan
@@ -127,5 +128,5 @@ def test_groups_are_cut_at_gaps_and_go_round() -> None:
 
 def test_clusters_refuse_an_incidence_below_the_angle_between_beams() -> None:
     pose = Pose2D(0.0, 0.0, 0.0)
-    with pytest.raises(ValueError, match="incidence_deg must be above"):
+    with pytest.raises(InputError, match=r"incidence_deg: 0\.5 is out of range"):
         CircleClusters(room(), RANGE_M, incidence_deg=0.5).detect([seen(scan_of(pose, [DISC]), pose)])

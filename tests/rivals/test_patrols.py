@@ -4,8 +4,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from midnet_bench.agents.mobile_robot import GuardState, Point
+from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.errors import InputError
+from midnet_bench.geometry import Point
 from midnet_bench.rivals.patrol import TeamPatrol
 from midnet_bench.rivals.patrol_graph import PatrolGraph
 from midnet_bench.rivals.patrols import ConscientiousReactive, CoordinatedIdleness, CyclicRoute

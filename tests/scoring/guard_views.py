@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from midnet_bench.geometry import Box
+from midnet_bench.geometry import Box, Point
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.binary_map import FREE, OCCUPIED
 from midnet_bench.midnet.detection import bounding_boxes, common_occupancy, foreground
@@ -18,7 +18,6 @@ HALF_M = 2.0
 """the prior map reaches so far from the origin, to all four sides"""
 _STEPS = range(-2, 3)
 DISC = np.array([(x, y) for x in _STEPS for y in _STEPS if math.hypot(x, y) * RESOLUTION_M <= REACH_M])
-Point = tuple[float, float]
 _NOBODY: Point = (0.0, 0.0)
 
 

@@ -20,8 +20,8 @@ def test_that_it_is_missing_is_an_import_error_that_says_what_to_do() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     (line,) = done.stdout.splitlines()
-    assert "use Python 3.11 and install again" in line
-    assert line.endswith(" 1")
+    assert "take 'fast': --engine fast" in line
+    assert line.endswith(" 2")
     assert done.stderr == ""
 
 

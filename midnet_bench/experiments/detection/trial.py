@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from midnet_bench.agents.mobile_robot import MobileRobot, Point
+from midnet_bench.agents.mobile_robot import MobileRobot
 from midnet_bench.assembly.detector_node import DetectorNode
 from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.elementary import directions
@@ -16,6 +16,7 @@ from midnet_bench.experiments.guarded.frame_trace import FrameTrace
 from midnet_bench.experiments.guarded.ground_truth import fused_by_identity
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.record import Recorder
+from midnet_bench.geometry import Point
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.rng import stream
 from midnet_bench.scoring.causes import CauseCounter, Causes, total_causes

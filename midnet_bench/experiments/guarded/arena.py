@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
+from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
 from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, FreeSpace, free_space
 from midnet_bench.arena.layout import Layout, place
@@ -20,7 +20,7 @@ from midnet_bench.experiments.guarded.inputs import EXACT, prior_map_from
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ, OVERRIDING, GuardParameters, Oracle
 from midnet_bench.experiments.guarded.uplink import NetworkModel
 from midnet_bench.experiments.robot_trial import RobotTrial
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.geometry import Point, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf

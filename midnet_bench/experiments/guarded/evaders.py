@@ -9,11 +9,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.agents.mobile_robot import MobileRobot, Point
+from midnet_bench.agents.mobile_robot import MobileRobot
 from midnet_bench.arena.arena import Behaviour
 from midnet_bench.arena.free_space import FreeSpace
 from midnet_bench.arena.layout import Layout
-from midnet_bench.geometry import lengths
+from midnet_bench.geometry import Point, lengths
 from midnet_bench.rng import stream
 from midnet_bench.simulation.crowd import Crowd, DynamicObstacle
 from midnet_bench.simulation.fleet import CONTROL_HZ

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from midnet_bench.campaign.trial import Row
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import Box, Point, Pose2D
 
 if TYPE_CHECKING:
-    from midnet_bench.agents.mobile_robot import Guard, Point
+    from midnet_bench.agents.mobile_robot import Guard
     from midnet_bench.experiments.guarded.arena import GuardedArena
     from midnet_bench.experiments.guarded.frame_trace import FrameTrace
     from midnet_bench.midnet.pipeline import Frame

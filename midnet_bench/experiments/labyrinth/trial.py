@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from midnet_bench.agents.mobile_robot import Guard, MobileRobot, Point
+from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.agents.pursuit import Pursuit
 from midnet_bench.arena.free_space import doors
 from midnet_bench.arena.layout import Layout, place
@@ -15,7 +15,7 @@ from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.record import CAPTURES, Recorder
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
-from midnet_bench.geometry import Box, Pose2D, lengths
+from midnet_bench.geometry import Box, Point, Pose2D, lengths
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rivals.pursuit import TeamPursuit
 from midnet_bench.rng import stream

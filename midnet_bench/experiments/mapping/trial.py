@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.agents.explorer import Explorer, hand_out_frontiers
-from midnet_bench.agents.mobile_robot import Point
 from midnet_bench.arena.arena import Arena, MobileIntruders, StationaryIntruders
 from midnet_bench.arena.layout import place
 from midnet_bench.arena.prior_maps import render_exact
@@ -16,7 +15,7 @@ from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.experiments.guarded.inputs import arena_from
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.robot_trial import RobotTrial
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Point, Pose2D
 from midnet_bench.grid import MapWindow, OccupancyGrid
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import FrontierExplorer
