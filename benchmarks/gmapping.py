@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.mapping.gmapping.filter import GMapping
-from midnet_bench.mapping.gmapping.settings import BURGER, BURGER_UKF, TURTLEBOT3, GmappingSettings
-from midnet_bench.mapping.gmapping.threads import cores
+from midnet_bench.mapping.gmapping.particle_map import cores
+from midnet_bench.mapping.gmapping.settings import BURGER_UKF, GmappingSettings
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
 
@@ -79,11 +79,10 @@ def measure(name: str, settings: GmappingSettings, seconds: float = 120.0, threa
 
 
 def main(seconds: float = 120.0) -> None:
-    for name, settings in (("TURTLEBOT3", TURTLEBOT3), ("BURGER", BURGER)):
+    for name, settings in (("TURTLEBOT3", GmappingSettings()), ("BURGER_UKF", BURGER_UKF)):
         for threads in sorted({1, cores()}):
             measure(name, settings, seconds, threads)
 
 
 if __name__ == "__main__":
     main()
-    measure("BURGER_UKF", BURGER_UKF)

@@ -134,28 +134,6 @@ class FrontierExplorer:
         self._least_distance_m = math.inf
         self._progress_time_s = 0.0
 
-    @property
-    def blacklist(self) -> tuple[tuple[float, float], ...]:
-        """The goals given up so far, metres."""
-        return tuple(self._blacklist)
-
-    def plan(
-        self,
-        robot: Pose2D,
-        costmap: OccupancyGrid,
-        time_s: float,
-        taken: Sequence[tuple[float, float]] = (),
-    ) -> tuple[float, float] | None:
-        """The goal to drive to, (x, y) metres in the costmap's frame; None when nothing is left.
-
-        Args:
-            robot: the robot's pose in the costmap's frame.
-            costmap: int8, -1 unknown, 0 to 100.
-            time_s: now; never less than at the last call.
-            taken: goals of the other robots.
-        """
-        return self.choose(find_frontiers(costmap, robot, self._settings), time_s, taken)
-
     def offers(self, robot: Pose2D, costmap: OccupancyGrid) -> list[Frontier]:
         """The frontiers that the robot can reach and has not given up, cheapest first; or all of them."""
         frontiers = find_frontiers(costmap, robot, self._settings)
@@ -164,11 +142,16 @@ class FrontierExplorer:
     def choose(
         self, frontiers: Sequence[Frontier], time_s: float, taken: Sequence[tuple[float, float]] = ()
     ) -> tuple[float, float] | None:
-        """As ``plan``, of ``frontiers`` that come in the order of preference.
+        """The goal to drive to, (x, y) metres in the map frame; None when nothing is left.
 
         Call it at a planning rate (the package: 1 Hz, its launch files 0.33 Hz) and after each ``report``. A
         goal near the last one is the same goal: when the way to it has not become shorter for
         ``progress_timeout_s``, it is given up.
+
+        Args:
+            frontiers: in the order of preference.
+            time_s: now; never less than at the last call.
+            taken: goals of the other robots.
         """
         while True:
             choice = self._choose(frontiers, taken)

@@ -1,8 +1,7 @@
 """One map of a team's maps, whether or not the robots know where they started."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -14,9 +13,10 @@ from midnet_bench.grid import UNKNOWN, OccupancyGrid, cell_centers, values_at
 from midnet_bench.mapping.map_alignment import WallMap, coarse_placements, fit, propose, refine
 from midnet_bench.mapping.settings import MergeSettings
 
+_HERE = Pose2D(0.0, 0.0, 0.0)
 
-@dataclass(frozen=True)
-class MapMatch:
+
+class MapMatch(NamedTuple):
     """What came of matching a map against another: a placement, or why there is none."""
 
     placement: Pose2D | None
@@ -25,26 +25,15 @@ class MapMatch:
     """why not; empty when there is a placement"""
     confidence: float
     """inliers / (8 + 0.3 * matches) of the features; 0 without features"""
-    agreement: float
-    """share of shared wall at the best placement found, 0 to 1"""
-    evidence_m: float
+    evidence_m: float = 0.0
     """shared wall less weighted contradictions, metres"""
 
 
-@dataclass(frozen=True)
-class TeamMerge:
-    """The merged map of a team and how it came about."""
-
-    merged: OccupancyGrid
-    placements: tuple[Pose2D | None, ...]
-    """each map's frame in the frame of the first map that was merged; None for one that was left out"""
-    matches: Mapping[tuple[int, int], MapMatch]
-    """the outcome of every pair (first, second)"""
+Matches = dict[tuple[int, int], MapMatch]
+"""of each pair of a team's maps by their places in the team, the lower one first"""
 
 
-def match_maps(
-    first: OccupancyGrid, second: OccupancyGrid, settings: MergeSettings | None = None
-) -> MapMatch:
+def match_maps(first: OccupancyGrid, second: OccupancyGrid, settings: MergeSettings) -> MapMatch:
     """Where ``second`` lies in ``first``: a rigid placement, or a refusal with its reason.
 
     Features propose a placement; the grids improve it and judge it: how much wall they share, how
@@ -57,15 +46,14 @@ def match_maps(
     Args:
         first: int8, -1 unknown, 0 to 100, occupied from 65 on.
         second: the same.
-        settings: the defaults if None.
+        settings: what is trusted.
     """
-    settings = settings or MergeSettings()
     proposal = propose(first, second)
     if proposal is None:
-        return MapMatch(None, "too few features match", 0.0, 0.0, 0.0)
+        return MapMatch(None, "too few features match", 0.0)
     if abs(proposal.scale - 1.0) > settings.max_scale_error:
         refusal = f"features want a scale of {proposal.scale:.3f}, not 1"
-        return MapMatch(None, refusal, proposal.confidence, 0.0, 0.0)
+        return MapMatch(None, refusal, proposal.confidence)
 
     a, b = WallMap.of(first), WallMap.of(second)
     poses = [refine(a, b, proposal.pose)]
@@ -83,27 +71,7 @@ def match_maps(
     overlap = evidence[best] / min(a.wall_m, b.wall_m)
     refusal = _refusal(proposal.confidence, fits[best].agreement, overlap, rival, settings)
     placement = None if refusal else poses[best]
-    return MapMatch(placement, refusal, proposal.confidence, fits[best].agreement, evidence[best])
-
-
-def merge_by_features(maps: Sequence[OccupancyGrid], settings: MergeSettings | None = None) -> TeamMerge:
-    """The maps of a team whose start poses are unknown, merged as far as the matches can be trusted.
-
-    All pairs are matched; the largest group that accepted pairs connect is drawn in the frame of its
-    first map, each map placed over the pairs with the most evidence. Maps outside the group are left
-    out, so with no accepted pair the result is the first map alone.
-
-    Args:
-        maps: at least one; int8, -1 unknown, 0 to 100.
-        settings: the defaults if None.
-    """
-    matches = {(i, j): match_maps(maps[i], maps[j], settings) for i, j in combinations(range(len(maps)), 2)}
-    by_evidence = sorted(matches.items(), key=lambda item: (-item[1].evidence_m, item[0]))
-    links = [(*pair, match.placement) for pair, match in by_evidence if match.placement is not None]
-    groups = [_grow(root, links) for root in range(len(maps))]
-    largest = max(groups, key=len)
-    merged = compose([maps[k] for k in sorted(largest)], [largest[k] for k in sorted(largest)])
-    return TeamMerge(merged, tuple(largest.get(k) for k in range(len(maps))), matches)
+    return MapMatch(placement, refusal, proposal.confidence, evidence[best])
 
 
 def compose(maps: Sequence[OccupancyGrid], placements: Sequence[Pose2D]) -> OccupancyGrid:
@@ -188,61 +156,55 @@ def _corners(grid: OccupancyGrid) -> npt.NDArray[np.float64]:
     return np.array([(x_min, y_min), (x_max, y_min), (x_min, y_max), (x_max, y_max)])
 
 
-_HERE = Pose2D(0.0, 0.0, 0.0)
-
-
-class TeamMap(NamedTuple):
-    """One map of several robots' maps."""
-
-    grid: OccupancyGrid
-    """int8, -1 unknown, 0 to 100"""
-    confidence: float
-    """of the features: of the worst pair accepted, of the best if all were refused; NaN without pairs"""
-    refusals: list[str]
-    """a line for each pair of maps that was not merged, and why"""
-
-
 def largest(maps: Sequence[OccupancyGrid]) -> OccupancyGrid:
     """The map that knows most cells; the first of several."""
     return max(maps, key=lambda grid: np.count_nonzero(grid.data >= 0))
 
 
-def by_known_starts(maps: Sequence[OccupancyGrid]) -> TeamMap:
+def by_known_starts(maps: Sequence[OccupancyGrid]) -> OccupancyGrid:
     """The team's map where every robot began its own at its known start: all are in one frame."""
-    return TeamMap(compose(maps, [_HERE] * len(maps)), math.nan, [])
+    return compose(maps, [_HERE] * len(maps))
 
 
 def by_features(
-    maps: Sequence[OccupancyGrid], starts: Sequence[Pose2D], settings: MergeSettings | None = None
-) -> TeamMap:
-    """The team's map where no robot knows another's start; the largest single map if merging is refused.
+    maps: Sequence[OccupancyGrid], starts: Sequence[Pose2D], settings: MergeSettings
+) -> tuple[OccupancyGrid, Matches]:
+    """The team's map where no robot knows another's start, and what came of matching every pair.
 
-    Each map is handed to the merger in a frame that begins at its robot's start, so that nothing but the
-    features can bring them together. The start of the first robot among the merged then lays the result
-    into the common frame, so that it can be compared with a true map.
+    Each map is matched in a frame that begins at its robot's start, so that nothing but the features can
+    bring them together. The largest group that accepted pairs connect is drawn, each map placed over the
+    pairs with the most evidence. Maps outside the group are left out; where every pair is refused, the
+    largest single map comes back. The start of the first robot among the merged lays the result into the
+    common frame, so that it can be compared with a true map.
 
     Args:
-        maps: one per robot; int8, in the common frame.
+        maps: one per robot; int8, -1 unknown, 0 to 100, in the common frame.
         starts: where each robot started, common frame.
-        settings: what is trusted; the defaults if None.
+        settings: what is trusted.
     """
     own = [compose([grid], [start.inverse()]) for grid, start in zip(maps, starts, strict=True)]
-    team = merge_by_features(own, settings)
-    placed = [(k, placement) for k, placement in enumerate(team.placements) if placement is not None]
-    root = starts[placed[0][0]]
-    grid = (
-        largest(maps)
-        if len(placed) == 1
-        else compose(
-            [maps[k] for k, _ in placed],
-            [root.compose(placement).compose(starts[k].inverse()) for k, placement in placed],
-        )
-    )
-    accepted = [match.confidence for match in team.matches.values() if match.placement is not None]
-    refused = {pair: match for pair, match in team.matches.items() if match.placement is None}
-    best_refused = max((match.confidence for match in refused.values()), default=math.nan)
-    refusals = [
+    matches = {(i, j): match_maps(own[i], own[j], settings) for i, j in combinations(range(len(maps)), 2)}
+    by_evidence = sorted(matches.items(), key=lambda item: (-item[1].evidence_m, item[0]))
+    links = [(*pair, match.placement) for pair, match in by_evidence if match.placement is not None]
+    placed = max((_grow(root, links) for root in range(len(maps))), key=len)
+    if len(placed) == 1:
+        return largest(maps), matches
+    merged = sorted(placed)
+    root = starts[merged[0]]
+    placements = [root.compose(placed[k]).compose(starts[k].inverse()) for k in merged]
+    return compose([maps[k] for k in merged], placements), matches
+
+
+def confidence(matches: Matches) -> float:
+    """Of the features: of the worst pair accepted, of the best if all were refused; NaN without pairs."""
+    accepted = [match.confidence for match in matches.values() if not match.refusal]
+    return min(accepted, default=max((match.confidence for match in matches.values()), default=math.nan))
+
+
+def refusals(matches: Matches) -> list[str]:
+    """A line for each pair of maps that was not merged, and why."""
+    return [
         f"the maps of robots {first + 1} and {second + 1} were not merged: {match.refusal}"
-        for (first, second), match in refused.items()
+        for (first, second), match in matches.items()
+        if match.refusal
     ]
-    return TeamMap(grid, min(accepted, default=best_refused), refusals)

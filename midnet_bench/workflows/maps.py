@@ -38,9 +38,9 @@ from midnet_bench.io.files import cannot_be_written, write_atomically
 from midnet_bench.io.map_server import load_map, save_binary_map, save_map
 from midnet_bench.io.scan_logs import ScanLog
 from midnet_bench.io.trajectory import clock_fault, write_tum
+from midnet_bench.mapping.gmapping.particle_map import cores
 from midnet_bench.mapping.gmapping.settings import RECORDED_LOG
-from midnet_bench.mapping.gmapping.threads import cores
-from midnet_bench.mapping.graph_slam.settings import GraphSlamSettings
+from midnet_bench.mapping.graph_slam.slam import parameters
 from midnet_bench.mapping.log_mapping import MappingResult, Slam, map_scans
 from midnet_bench.mapping.map_score import reachable_free
 from midnet_bench.robots.burger import BURGER
@@ -238,7 +238,7 @@ def map_log(
     digest = hashlib.sha256(log.path.read_bytes()).hexdigest()
     configuration: dict[str, Any] = {"log": name, "sha256": digest, "seed": seed}
     if particles is None:
-        configuration["graph_slam"] = asdict(GraphSlamSettings())
+        configuration["graph_slam"] = parameters()
         by = "graph SLAM"
     else:
         configuration["gmapping"] = asdict(replace(RECORDED_LOG, particles=particles))

@@ -19,7 +19,7 @@ from midnet_bench.mapping.gmapping.filter import (
     scan_rays,
     systematic_resample,
 )
-from midnet_bench.mapping.gmapping.settings import BURGER, BURGER_UKF, TURTLEBOT3, GmappingSettings
+from midnet_bench.mapping.gmapping.settings import BURGER_UKF, GmappingSettings
 from midnet_bench.messages import LidarGeometry
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
@@ -27,6 +27,19 @@ from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, Drive, drive
 
 LIDAR = LDS_01
 START = Pose2D(1.0, 1.0, 0.0)
+TURTLEBOT3 = GmappingSettings()
+WHEELS = GmappingSettings(
+    max_usable_range_m=4.0,
+    sigma_m2=0.05 * 0.05,
+    linear_reliability=10.0,
+    noise_srr=0.01,
+    noise_srt=0.02,
+    noise_str=0.01,
+    noise_stt=0.02,
+    linear_update_m=0.2,
+    temporal_update_s=None,
+)
+"""a Burger without a gyroscope"""
 
 
 def test_weights_by_hand() -> None:
@@ -103,7 +116,7 @@ def test_any_number_of_threads_gives_the_same_bytes(journey: Drive) -> None:
 @pytest.mark.parametrize("count", ["1", "2"])
 def test_cores_are_those_that_numba_may_use(count: str) -> None:
     # joblib's workers set the variable to 1
-    code = "from midnet_bench.mapping.gmapping.threads import cores; print(cores())"
+    code = "from midnet_bench.mapping.gmapping.particle_map import cores; print(cores())"
     environment = {**os.environ, "NUMBA_NUM_THREADS": count}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert done.stdout.strip() == count
@@ -121,7 +134,7 @@ class Mapped(NamedTuple):
 
 @pytest.fixture(scope="module")
 def mapped(journey: Drive) -> Mapped:
-    return Mapped(journey, run(journey, BURGER, seed=0))
+    return Mapped(journey, run(journey, WHEELS, seed=0))
 
 
 def errors(mapped: Mapped) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -192,7 +205,7 @@ def test_free_space_is_known_to_be_free(mapped: Mapped) -> None:
 def test_drawing_the_map_on_the_way_changes_nothing(journey: Drive) -> None:
     """A noisy filter that resamples, so that drawn scans are taken back and drawn anew."""
     settings = replace(
-        BURGER, particles=8, likelihood_gain=0.2, noise_srr=0.2, noise_srt=0.3, linear_reliability=0.0
+        WHEELS, particles=8, likelihood_gain=0.2, noise_srr=0.2, noise_srt=0.3, linear_reliability=0.0
     )
     part = shortened(journey, 150)
     once = run(part, settings, 3)
@@ -236,7 +249,7 @@ def test_a_scan_is_integrated_when_the_robot_drove_turned_or_waited_enough() -> 
 
 
 def test_without_a_usable_beam_the_odometry_is_followed() -> None:
-    quiet = replace(BURGER, noise_srr=0.0, noise_srt=0.0, noise_str=0.0, noise_stt=0.0)
+    quiet = replace(WHEELS, noise_srr=0.0, noise_srt=0.0, noise_str=0.0, noise_stt=0.0)
     slam = GMapping(LIDAR, quiet, Pose2D(2.0, 3.0, math.pi / 2), stream(0, "gmapping"))
     silent = np.full(LIDAR.beams, math.nan)
     slam.process(Pose2D(0.0, 0.0, 0.0), silent, 0.0)
@@ -250,7 +263,7 @@ def test_the_map_grows_when_the_robot_leaves_it() -> None:
     jambs = [(x, y, x, y * 1.3) for x in range(-3, 44, 2) for y in (-1.0, 1.0)]
     corridor = np.array(doors + jambs)
     journey = drive(corridor, LIDAR, Pose2D(0.0, 0.0, 0.0), [(40.0, 0.0)], np.random.default_rng(1), 0.0, 0.0)
-    slam = run(journey, replace(BURGER, particles=5, linear_update_m=0.8), 0)
+    slam = run(journey, replace(WHEELS, particles=5, linear_update_m=0.8), 0)
     grid = slam.occupancy()
     x_min, y_min, x_max, y_max = grid.extent
     assert x_min < -2.9
@@ -261,6 +274,6 @@ def test_the_map_grows_when_the_robot_leaves_it() -> None:
 
 
 def test_a_scan_of_another_length_is_refused() -> None:
-    slam = GMapping(LIDAR, BURGER, START, stream(0, "gmapping"))
+    slam = GMapping(LIDAR, WHEELS, START, stream(0, "gmapping"))
     with pytest.raises(ValueError, match="360 beams"):
         slam.process(START, np.ones(90), 0.0)

@@ -5,7 +5,7 @@ import pytest
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.mapping.gmapping.filter import move_particles, noise_deviations
-from midnet_bench.mapping.gmapping.settings import SLAM_GMAPPING, GmappingSettings
+from midnet_bench.mapping.gmapping.settings import RECORDED_LOG, GmappingSettings
 
 SHARES = GmappingSettings(noise_srr=0.1, noise_srt=0.2, noise_str=0.3, noise_stt=0.4)
 
@@ -32,5 +32,5 @@ def test_draws_have_these_deviations_in_the_old_robot_frame() -> None:
 
 def test_a_standing_robot_gets_no_noise() -> None:
     poses = np.array([[1.0, 2.0, 0.5], [-1.0, 0.0, -2.0]])
-    moved = move_particles(poses, Pose2D(0.0, 0.0, 0.0), SLAM_GMAPPING, np.random.default_rng(0))
+    moved = move_particles(poses, Pose2D(0.0, 0.0, 0.0), RECORDED_LOG, np.random.default_rng(0))
     assert moved == pytest.approx(poses, abs=1e-15)

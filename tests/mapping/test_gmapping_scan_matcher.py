@@ -17,7 +17,7 @@ from midnet_bench.mapping.gmapping.scan_matcher import (
     matching_in_cells,
     rotate_beams,
 )
-from midnet_bench.mapping.gmapping.settings import BURGER_UKF, SLAM_GMAPPING
+from midnet_bench.mapping.gmapping.settings import BURGER_UKF, RECORDED_LOG
 from tests.mapping.gmapping_room import ROOM, cast
 
 CELL_M = 0.05
@@ -115,7 +115,7 @@ def test_the_climb_finds_back_to_a_known_offset(offset: tuple[float, float, floa
     maps = mapped(pose, ends)
     start = maps.to_cells(np.array([pose]) + offset)
     matched, likelihoods, _ = match_particles(
-        maps.means, maps.tables, ends / CELL_M, start, matching_in_cells(SLAM_GMAPPING)
+        maps.means, maps.tables, ends / CELL_M, start, matching_in_cells(RECORDED_LOG)
     )
     x, y, yaw = maps.to_metres(matched)[0]
     assert math.hypot(x - pose.x, y - pose.y) < 0.004
@@ -127,7 +127,7 @@ def test_the_climb_never_ends_below_its_start_and_reports_the_score_of_its_end()
     pose = Pose2D(1.7, 2.3, 0.4)
     ends = room_scan(pose) / CELL_M
     maps = mapped(pose, ends * CELL_M)
-    matching = matching_in_cells(SLAM_GMAPPING)
+    matching = matching_in_cells(RECORDED_LOG)
     rotated = np.empty_like(ends)
     for seed in range(10):
         shift = np.random.default_rng(seed).normal(0.0, 0.15, 3)
@@ -147,7 +147,7 @@ def test_a_match_at_or_below_the_minimum_score_leaves_the_particle_where_it_was(
     maps = mapped(pose, ends)
     start = maps.to_cells(np.array([pose]) + np.array([0.04, 0.0, 0.0]))
     for minimum, moves in ((350.0, True), (360.0, False)):
-        matching = matching_in_cells(replace(SLAM_GMAPPING, minimum_score=minimum))
+        matching = matching_in_cells(replace(RECORDED_LOG, minimum_score=minimum))
         matched, _, _ = match_particles(maps.means, maps.tables, ends / CELL_M, start, matching)
         assert (matched[0, 0] != start[0, 0]) == moves
 
@@ -166,7 +166,7 @@ def test_the_odometry_holds_against_the_pull_of_a_corridor() -> None:
     ends = scan(0.4)
     slid = []
     for reliability in (0.0, 20.0):
-        settings = replace(SLAM_GMAPPING, sigma_m2=0.0025, linear_reliability=reliability)
+        settings = replace(RECORDED_LOG, sigma_m2=0.0025, linear_reliability=reliability)
         matched, _, _ = match_particles(
             maps.means,
             maps.tables,
@@ -198,7 +198,7 @@ def test_the_price_of_a_beam_into_the_unknown() -> None:
     ends = room_scan(pose)
     maps = mapped(pose, ends)
     lost = maps.to_cells(np.array([[200.0, 0.0, 0.0]]))
-    for settings, expected in ((SLAM_GMAPPING, -0.5 / 0.075), (BURGER_UKF, -0.02 / 0.01)):
+    for settings, expected in ((RECORDED_LOG, -0.5 / 0.075), (BURGER_UKF, -0.02 / 0.01)):
         _, likelihoods, _ = match_particles(
             maps.means, maps.tables, ends / CELL_M, lost, matching_in_cells(settings)
         )
@@ -227,6 +227,6 @@ def test_a_climb_that_odometry_holds_as_hard_as_can_be_stays() -> None:
     pose = Pose2D(1.7, 2.3, 0.4)
     ends = room_scan(pose) / CELL_M
     maps = mapped(pose, ends * CELL_M)
-    held = matching_in_cells(replace(SLAM_GMAPPING, angular_reliability=1e9, linear_reliability=1e9))
+    held = matching_in_cells(replace(RECORDED_LOG, angular_reliability=1e9, linear_reliability=1e9))
     x, y, yaw = maps.to_cells(np.array([pose]) + 0.1)[0]
     assert climb(maps.means, maps.tables[0], ends, x, y, yaw, held)[:3] == (x, y, yaw)

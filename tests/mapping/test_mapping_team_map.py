@@ -8,7 +8,8 @@ import pytest
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.mapping.map_score import closed_spaces
-from midnet_bench.mapping.merge import by_features, by_known_starts
+from midnet_bench.mapping.merge import by_features, by_known_starts, confidence, refusals
+from midnet_bench.mapping.settings import MergeSettings
 from midnet_bench.rng import stream
 from tests.mapping.drawn_buildings import map_of, rooms, viewpoints
 
@@ -22,10 +23,9 @@ def grid(picture, resolution=1.0, origin=(0.0, 0.0)):
 
 
 def test_maps_in_one_frame_are_laid_over_each_other():
-    team = by_known_starts([grid("?# \n???"), grid("?  \n  ?")])
-    assert team.grid.data.tolist() == grid("?# \n  ?").data.tolist()
-    assert math.isnan(team.confidence)
-    assert team.refusals == []
+    merged = by_known_starts([grid("?# \n???"), grid("?  \n  ?")])
+    assert merged.data.tolist() == grid("?# \n  ?").data.tolist()
+    assert math.isnan(confidence({}))
 
 
 @pytest.mark.slow
@@ -38,13 +38,13 @@ def test_maps_of_one_building_find_together_by_features_whatever_the_starts():
         for low, high in ((0.0, 0.8), (0.2, 1.0))
     ]
     starts = [Pose2D(2.0, 3.0, 0.4), Pose2D(6.0, 4.0, -2.0)]
-    team = by_features(maps, starts)
-    assert team.refusals == []
-    assert team.confidence >= 0.7
+    merged, matches = by_features(maps, starts, MergeSettings())
+    assert refusals(matches) == []
+    assert confidence(matches) >= 0.7
     # laid over each other by what they show, they agree with the maps laid over each other by their frame
-    together = by_known_starts(maps).grid
-    rows, columns = np.nonzero(team.grid.data == 100)
-    walls = {together.cell_at(*team.grid.center_of(c, r)) for c, r in zip(columns, rows, strict=True)}
+    together = by_known_starts(maps)
+    rows, columns = np.nonzero(merged.data == 100)
+    walls = {together.cell_at(*merged.center_of(c, r)) for c, r in zip(columns, rows, strict=True)}
     thick = {
         (int(c) + i, int(r) + j)
         for r, c in np.argwhere(together.data == 100)
@@ -61,11 +61,11 @@ def test_a_refused_merge_leaves_the_map_that_knows_most():
     small = square.copy()
     small[:, 30:] = -1
     maps = [OccupancyGrid(data, 0.05, (0.0, 0.0)) for data in (small, square)]
-    team = by_features(maps, [Pose2D(1.0, 1.0, 0.0), Pose2D(1.5, 1.0, 2.0)])
-    assert team.grid.data.tobytes() == square.tobytes()
-    assert len(team.refusals) == 1
-    assert team.refusals[0].startswith("the maps of robots 1 and 2 were not merged: ")
-    assert team.confidence < 0.7
+    merged, matches = by_features(maps, [Pose2D(1.0, 1.0, 0.0), Pose2D(1.5, 1.0, 2.0)], MergeSettings())
+    assert merged.data.tobytes() == square.tobytes()
+    (line,) = refusals(matches)
+    assert line.startswith("the maps of robots 1 and 2 were not merged: ")
+    assert confidence(matches) < 0.7
 
 
 ROOMS = """

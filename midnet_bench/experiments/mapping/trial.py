@@ -21,7 +21,7 @@ from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import FrontierExplorer
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.map_score import MapScore, closed_spaces, score_map
-from midnet_bench.mapping.merge import by_features, by_known_starts, largest
+from midnet_bench.mapping.merge import by_features, by_known_starts, confidence, largest, refusals
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream
 from midnet_bench.simulation.fleet import SCAN_HZ
@@ -134,12 +134,12 @@ class ExplorationTrial(RobotTrial):
         """The map so far and its quality."""
         parts = self._parts()
         starts, truth = self.layout.robots, self.truth()
-        team = (
-            by_known_starts(parts)
+        merged, matches = (
+            (by_known_starts(parts), {})
             if self._knows_starts
             else by_features(parts, starts, self.parameters.merging)
         )
-        grid = self._plane.cut(team.grid)
+        grid = self._plane.cut(merged)
         score = score_map(grid, truth, starts[0][:2], robot_radius_m=self.robot.radius_m)
         return Exploration(
             grid=grid,
@@ -148,8 +148,8 @@ class ExplorationTrial(RobotTrial):
             time_s=self.time_s,
             distance_m=math.fsum(self.fleet.health.distances_m.tolist()),
             finished=self._is_finished,
-            merge_confidence=team.confidence,
-            warnings=self._warnings(score, truth) + team.refusals,
+            merge_confidence=confidence(matches),
+            warnings=self._warnings(score, truth) + refusals(matches),
         )
 
     def truth(self) -> OccupancyGrid:
@@ -160,7 +160,7 @@ class ExplorationTrial(RobotTrial):
     def _publish(self) -> None:
         """Let every robot go by the newest map: the team's, or its own if starts are not known."""
         parts = self._parts()
-        self._newest = by_known_starts(parts).grid if self._knows_starts else largest(parts)
+        self._newest = by_known_starts(parts) if self._knows_starts else largest(parts)
         for explorer, part in zip(self.explorers, parts, strict=True):
             explorer.take_map(self._newest if self._knows_starts else part)
         if self._knows_starts and len(self.explorers) > 1:

@@ -13,10 +13,9 @@ from midnet_bench.elementary import directions, exponentials
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.trajectory import Trajectory
-from midnet_bench.mapping.gmapping.particle_map import ParticleMaps
+from midnet_bench.mapping.gmapping.particle_map import ParticleMaps, ParticleThreads
 from midnet_bench.mapping.gmapping.scan_matcher import match_particles, matching_in_cells
 from midnet_bench.mapping.gmapping.settings import GmappingSettings
-from midnet_bench.mapping.gmapping.threads import ParticleThreads
 from midnet_bench.mapping.gmapping.visit_map import VisitMap
 from midnet_bench.messages import LidarGeometry
 from midnet_bench.rng import standard_normals

@@ -1,11 +1,15 @@
 """The maps that particles match scans against: patches of cells, shared until one is written to."""
 
 import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.compiled import njit
+from midnet_bench.compiled import njit, numba
 from midnet_bench.elementary import cos_sin
 from midnet_bench.mapping.gmapping.scan_matcher import (
     EMPTY,
@@ -15,7 +19,12 @@ from midnet_bench.mapping.gmapping.scan_matcher import (
     IndexArray,
     MeanArray,
 )
-from midnet_bench.mapping.gmapping.threads import ParticleThreads
+
+PartT = TypeVar("PartT")
+PARTS_PER_THREAD = 4
+"""some particles climb longer than others; a thread that is done takes the next part"""
+_FULLNESS = 0.1
+"""hits / visits above which a cell counts as an obstacle in matching (GMapping's fullnessThreshold)"""
 
 
 @njit
@@ -50,8 +59,26 @@ def trace_line(column: int, row: int, end_column: int, end_row: int, cells: npt.
     return count
 
 
-_FULLNESS = 0.1
-"""hits / visits above which a cell counts as an obstacle in matching (GMapping's fullnessThreshold)"""
+def cores() -> int:
+    """How many threads a process that works alone should take; ``NUMBA_NUM_THREADS`` says it if set."""
+    return int(numba().config.NUMBA_NUM_THREADS)
+
+
+class ParticleThreads:
+    """Calls compiled loops that release Python's lock (``nogil``) for parts of the particles at once.
+
+    Each particle is worked on by itself, so the number of threads changes no result.
+    """
+
+    def __init__(self, particles: int, threads: int) -> None:
+        parts = min(particles, threads * PARTS_PER_THREAD) if threads > 1 else 1
+        ends = [particles * part // parts for part in range(parts + 1)]
+        self._parts = [slice(begin, end) for begin, end in pairwise(ends)]
+        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+
+    def over_particles(self, loop: Callable[[slice], PartT]) -> list[PartT]:
+        """What ``loop`` gives for each part, in the order of the particles."""
+        return list(map(loop, self._parts) if self._pool is None else self._pool.map(loop, self._parts))
 
 
 class ParticleMaps:

@@ -1,6 +1,6 @@
 """GMapping's parameters under their meanings, and the sets of values to run it with."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from midnet_bench.settings import Settings, option
@@ -158,43 +158,18 @@ class GmappingSettings(Settings):
     )
 
 
-TURTLEBOT3 = GmappingSettings()
-
-TURTLEBOT3_MULTI = GmappingSettings(
-    max_usable_range_m=4.0,
-    minimum_score=100.0,
-    noise_srr=0.01,
-    noise_srt=0.02,
-    noise_str=0.01,
-    noise_stt=0.02,
-    linear_update_m=0.2,
-)
-"""turtlebot3_gazebo ``multi_turtlebot3_slam.launch`` (which asks for 120 particles): trusts its odometry."""
-
-SLAM_GMAPPING = GmappingSettings(
-    max_usable_range_m=None, minimum_score=0.0, angular_update_rad=0.5, temporal_update_s=None
-)
-"""The defaults in slam_gmapping itself, meant for a SICK laser on a Pioneer."""
-
-RECORDED_LOG = replace(SLAM_GMAPPING, linear_update_m=0.3, angular_update_rad=0.3)
-"""For logs: what slam_gmapping uses, but hardly a scan of a log that was thinned before is passed over."""
-
-BURGER = replace(
-    TURTLEBOT3_MULTI,
-    minimum_score=50.0,
-    sigma_m2=0.05 * 0.05,
-    linear_reliability=10.0,
+RECORDED_LOG = GmappingSettings(
+    max_usable_range_m=None,
+    minimum_score=0.0,
+    linear_update_m=0.3,
+    angular_update_rad=0.3,
     temporal_update_s=None,
 )
-"""A Burger with wheel odometry and a LiDAR of 1 cm noise, for which the published values are too loose.
+"""slam_gmapping's own defaults, but hardly a scan of a log that was thinned before is passed over."""
 
-sigma = 0.05 m^2 hardly tells a match from one 5 cm off; here it is the square of a cell. In a corridor the
-score alone pulls the robot back to where more of its beams meet what it has seen; the odometry's pull
-holds against that. Time alone is no reason to integrate: a standing robot has nothing to add.
-"""
-
-BURGER_UKF = replace(
-    BURGER,
+BURGER_UKF = GmappingSettings(
+    max_usable_range_m=4.0,
+    sigma_m2=0.05 * 0.05,
     linear_step_m=0.0125,
     angular_step_rad=0.003,
     iterations=4,
@@ -202,17 +177,24 @@ BURGER_UKF = replace(
     angular_reliability=1e4,
     likelihood_sigma_m2=0.01,
     miss_m2=0.02,
+    noise_srr=0.01,
     noise_srt=0.001,
+    noise_str=0.01,
     noise_stt=0.001,
     linear_update_m=0.4,
+    temporal_update_s=None,
 )
 """A Burger whose odometry frame is the UKF's: its heading is a gyroscope's and drifts by 1e-5 rad/s.
 
+turtlebot3_gazebo's ``multi_turtlebot3_slam.launch`` trusts the odometry, but matches too loosely for a LiDAR
+of 1 cm noise: sigma = 0.05 m^2 hardly tells a match from one 5 cm off; here it is the square of a cell. In
+a corridor the score alone pulls the robot back to where more of its beams meet what it has seen; the
+odometry's pull holds against that. Time alone is no reason to integrate: a standing robot has nothing to add.
+
 A match is good to about half a milliradian, the heading's change from one scan to the next is known a
-hundred times better, and every match adds an error of its own: with ``BURGER`` a labyrinth's map turned by up
-to 0.04 rad before a loop closed, where the UKF alone was off by 0.006. So the odometry pulls in both about as
-hard as its share in what is known, the finest steps are 0.8 mm and 0.2 mrad, and a scan is matched half as
-often. The noise lets particles differ by as much as the gyroscope's drift until a loop closes.
+hundred times better, and every match adds an error of its own. So the odometry pulls in both about as
+hard as its share in what is known, the finest steps are 0.8 mm and 0.2 mrad, and a scan is matched only each
+0.4 m. The noise lets particles differ by as much as the gyroscope's drift until a loop closes.
 
 While exploring, many beams end where the map is still empty. GMapping's fixed price for them is that of a
 wall 0.7 m away, so luck at the map's edge decides which particle is best; here it is that of a wall 0.14 m

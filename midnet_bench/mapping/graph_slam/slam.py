@@ -15,11 +15,49 @@ from midnet_bench.mapping.gmapping.filter import ScanRays, scan_rays
 from midnet_bench.mapping.gmapping.visit_map import VisitMap
 from midnet_bench.mapping.graph_slam.correlative_matcher import HitField, Window, hit_field, match
 from midnet_bench.mapping.graph_slam.pose_graph import PoseGraph
-from midnet_bench.mapping.graph_slam.settings import GraphSlamSettings
 from midnet_bench.messages import LidarGeometry
 
 Floats = npt.NDArray[np.float64]
 
+# Chosen on one log and on drawn buildings for a laser of 180 beams or more: docs/studies/slips.md.
+LINEAR_UPDATE_M = 0.3
+"""a scan becomes a node after a drive of this length,"""
+ANGULAR_UPDATE_RAD = 0.3
+"""or after a turn by this angle, radians"""
+FARTHEST_M = 25.0
+"""farther returns are drawn, but not matched"""
+THIN_M = 0.1
+"""one return in a square of this side is matched: near walls count no more than far ones"""
+RUNNING_SCANS = 20
+"""a new scan is matched against so many before it"""
+COLLAPSED = 0.75
+"""a match below this share of the median of the last 50 scores is searched for again in a wide window,"""
+GAIN = 0.1
+"""whose match is taken if its score is better by this much"""
+LOOP_RADIUS_M = 4.0
+"""a loop may close with scans from so near"""
+LOOP_SCANS = 10
+"""and is matched against so many before and after the nearest of them"""
+LOOP_SCORE = 0.55
+"""a loop closes with a better match than this, which lies between 0 and 1"""
+LATELY_SCANS = 8
+"""after a long way without a loop, so many scans are matched at once, as one"""
+LONG_WAY_M = 10.0
+"""what a long way is"""
+SURPRISE_M = 0.3
+"""a closure that moves the robot by more than this"""
+SURPRISE_RAD = 0.1
+"""or turns it by more than this, radians, is believed only"""
+AGREEING = 3
+"""when so many within eight nodes agree, to as much as a surprise"""
+HIT_DEVIATION_M = 0.1
+"""how far a hit may be off its wall: what an edge of the graph weighs"""
+ODOMETRY_DEVIATION = 0.2
+"""how far the odometry may be off between two nodes, metres and radians"""
+RESOLUTION_M = 0.05
+"""side of a cell of the map"""
+OCCUPIED_THRESHOLD = 0.25
+"""cells hit in more than this share of the visits are occupied in the map"""
 NARROW = Window(0.3, 0.2, 0.5, 0.5)
 """around what the odometry says; its pull holds where a corridor says nothing"""
 WIDE = Window(1.0, 3.2, 0.05, 0.01)
@@ -31,6 +69,15 @@ _FEWEST_POINTS = 20
 """fewer close no loop"""
 _DRAWN_M, _DRAWN_RAD = 0.02, 0.005
 """a scan that the graph moved by less stays where it is drawn until the map is drawn anew"""
+
+
+def parameters() -> dict[str, float]:
+    """The public numbers above by their names in small letters, as the file beside a map lists them."""
+    return {
+        name.lower(): value
+        for name, value in globals().items()
+        if name.isupper() and not name.startswith("_") and isinstance(value, int | float)
+    }
 
 
 class _Scan(NamedTuple):
@@ -66,14 +113,10 @@ class GraphSlam:
     Args:
         geometry: of the sensor and its mount.
         initial: the robot's base in the map frame when the first scan arrives.
-        settings: the parameters.
     """
 
-    def __init__(
-        self, geometry: LidarGeometry, initial: Pose2D, settings: GraphSlamSettings | None = None
-    ) -> None:
+    def __init__(self, geometry: LidarGeometry, initial: Pose2D) -> None:
         self.geometry = geometry
-        self.settings = settings or GraphSlamSettings()
         self._initial = initial
         self._graph = PoseGraph()
         self._scans: list[_Scan] = []
@@ -87,7 +130,7 @@ class GraphSlam:
         self._relaxed = 0
         """the node at which the graph was optimized last"""
         self._pending: list[_Closure] = []
-        self._visit_map = VisitMap(self.settings.resolution_m)
+        self._visit_map = VisitMap(RESOLUTION_M)
         self._drawn = np.empty((0, 3))
 
     def process(self, odometry_pose: Pose2D, ranges_m: Floats, time_s: float) -> bool:
@@ -104,14 +147,9 @@ class GraphSlam:
             self._driven_m += math.hypot(step.x, step.y)
             self._turned_rad += abs(step.yaw)
         self._odometry = odometry_pose
-        settings = self.settings
-        if not (
-            first
-            or self._driven_m >= settings.linear_update_m
-            or self._turned_rad >= settings.angular_update_rad
-        ):
+        if not (first or self._driven_m >= LINEAR_UPDATE_M or self._turned_rad >= ANGULAR_UPDATE_RAD):
             return False
-        scan = _matchable(self.geometry, ranges_m, settings)
+        scan = _matchable(self.geometry, ranges_m)
         mount = self.geometry.mount
         score = math.nan
         if first:
@@ -155,7 +193,7 @@ class GraphSlam:
         Only scans that moved visibly since the last call are drawn again; ``anew`` draws all.
         """
         if anew:
-            self._visit_map, self._drawn = VisitMap(self.settings.resolution_m), np.empty((0, 3))
+            self._visit_map, self._drawn = VisitMap(RESOLUTION_M), np.empty((0, 3))
         poses = self._graph.poses
         old = len(self._drawn)
         moved = np.abs(poses[:old] - self._drawn)
@@ -167,23 +205,23 @@ class GraphSlam:
         for node in range(old, len(poses)):
             self._visit_map.add(poses[node], *self._scans[node].rays)
         self._drawn = np.concatenate([self._drawn, poses[old:]])
-        return self._visit_map.occupancy(self.settings.occupied_threshold)
+        return self._visit_map.occupancy(OCCUPIED_THRESHOLD)
 
     def _follow(self, scan: _Scan, step: Pose2D) -> float:
         """Add the scan's node, ``step`` by the wheels after the last one; its score, NaN without a match."""
-        settings, last = self.settings, len(self._scans) - 1
+        last = len(self._scans) - 1
         pose, score = self._graph.pose(last).compose(step), math.nan
-        field = self._field(range(max(0, last + 1 - settings.running_scans), last + 1), pose, WIDE.half_m)
+        field = self._field(range(max(0, last + 1 - RUNNING_SCANS), last + 1), pose, WIDE.half_m)
         if field is not None and len(scan.points):
             found = match(field, scan.points, pose, NARROW)
             usual = [score for score in self._scores[-50:] if math.isfinite(score)]
-            if usual and found.score < settings.collapsed * statistics.median(usual):
+            if usual and found.score < COLLAPSED * statistics.median(usual):
                 slipped = match(field, scan.points, pose, WIDE)
-                if slipped.score > found.score + settings.gain:
+                if slipped.score > found.score + GAIN:
                     found = slipped
             pose, score = found
         information = self._matched_information(scan, self._graph.pose(last), pose, score)
-        by_wheels = 1.0 / (settings.odometry_deviation * settings.odometry_deviation)
+        by_wheels = 1.0 / (ODOMETRY_DEVIATION * ODOMETRY_DEVIATION)
         information += np.diag([by_wheels, by_wheels, by_wheels])
         self._graph.add_node(pose)
         self._graph.add_edge(last, last + 1, pose.relative_to(self._graph.pose(last)), information)
@@ -201,7 +239,7 @@ class GraphSlam:
             if self._far_apart(closure.pose, here):
                 self._pending.append(closure)
                 alike = [old for old in self._pending if self._agree(old, closure)]
-                if len(alike) >= self.settings.agreeing:
+                if len(alike) >= AGREEING:
                     surprised = True
                     believed += alike
                     self._pending = [old for old in self._pending if not self._agree(old, closure)]
@@ -220,10 +258,10 @@ class GraphSlam:
 
     def _earlier_visits(self, late: int) -> list[int]:
         """The nearest node of each earlier visit within reach, the nearest visits first."""
-        settings, poses = self.settings, self._graph.poses
-        old = max(0, late - settings.running_scans)
+        poses = self._graph.poses
+        old = max(0, late - RUNNING_SCANS)
         away = lengths(poses[:old, :2] - poses[late, :2])
-        near = np.flatnonzero(away < settings.loop_radius_m + self._loop_window().half_m)
+        near = np.flatnonzero(away < LOOP_RADIUS_M + self._loop_window().half_m)
         if len(near) == 0 or len(self._scans[late].points) < _FEWEST_POINTS:
             return []
         visits = np.split(near, np.flatnonzero(np.diff(near) > 3) + 1)
@@ -242,21 +280,21 @@ class GraphSlam:
 
     def _closure(self, early: int, scan: _Scan) -> list[_Closure]:
         """The match of the newest node's scan with those around an early node, if it is good enough."""
-        settings, late = self.settings, len(self._scans) - 1
+        late = len(self._scans) - 1
         nodes = range(
-            max(0, early - settings.loop_scans),
-            min(late - settings.running_scans, early + settings.loop_scans + 1),
+            max(0, early - LOOP_SCANS),
+            min(late - RUNNING_SCANS, early + LOOP_SCANS + 1),
         )
         pose, window = self._graph.pose(late), self._loop_window()
         field = self._field(nodes, pose, window.half_m + NARROW.half_m)
         if field is None:
             return []
-        if self._untied_m > settings.long_way_m:
+        if self._untied_m > LONG_WAY_M:
             pose, score = match(field, self._lately(), pose, window)
-            if score < settings.loop_score:
+            if score < LOOP_SCORE:
                 return []
         pose, score = match(field, scan.points, pose, NARROW)
-        if score < settings.loop_score:
+        if score < LOOP_SCORE:
             return []
         seen_from = self._graph.pose(early)
         information = self._matched_information(scan, seen_from, pose, score)
@@ -264,13 +302,13 @@ class GraphSlam:
 
     def _lately(self) -> Floats:
         """(B, 2) points of the last scans in the newest one's frame, thinned, metres."""
-        last = range(max(0, len(self._scans) - self.settings.lately_scans), len(self._scans))
+        last = range(max(0, len(self._scans) - LATELY_SCANS), len(self._scans))
         here = self._graph.pose(len(self._scans) - 1)
         points = np.concatenate(
             [self._graph.pose(node).relative_to(here).transform(self._scans[node].points) for node in last]
         )
-        points = points[lengths(points) < self.settings.farthest_m]
-        return points[_thinned(points, self.settings.thin_m)]
+        points = points[lengths(points) < FARTHEST_M]
+        return points[_thinned(points, THIN_M)]
 
     def _agree(self, old: _Closure, new: _Closure) -> bool:
         """Whether two closures move the robot alike, the way between them driven as the graph has it."""
@@ -279,7 +317,7 @@ class GraphSlam:
 
     def _far_apart(self, one: Pose2D, other: Pose2D) -> bool:
         turn_rad = abs(wrap_angle(one.yaw - other.yaw))
-        return one.distance_to(other) > self.settings.surprise_m or turn_rad > self.settings.surprise_rad
+        return one.distance_to(other) > SURPRISE_M or turn_rad > SURPRISE_RAD
 
     def _matched_information(self, scan: _Scan, seen_from: Pose2D, pose: Pose2D, score: float) -> Floats:
         """(3, 3) what a match tells: each point holds it along its wall's normal; 0 without a match."""
@@ -290,7 +328,7 @@ class GraphSlam:
         by_pose = np.stack(
             [cos * along_x - sin * along_y, sin * along_x + cos * along_y, x * along_y - y * along_x], axis=1
         )
-        share = score / self.settings.hit_deviation_m
+        share = score / HIT_DEVIATION_M
         told: Floats = share * share * (by_pose[:, :, None] * by_pose[:, None, :]).sum(axis=0)
         return told
 
@@ -298,7 +336,7 @@ class GraphSlam:
         """The hits of some nodes as far as a scan from the window around a pose can meet them."""
         hits = [self._graph.pose(node).transform(self._scans[node].points) for node in nodes]
         near = np.concatenate(hits)
-        limit_m = self.settings.farthest_m + window_m
+        limit_m = FARTHEST_M + window_m
         near = near[np.abs(near - (around.x, around.y)).max(axis=1) < limit_m]
         return hit_field(near) if len(near) else None
 
@@ -307,10 +345,10 @@ class GraphSlam:
         return pose._replace(yaw=wrap_angle(pose.yaw))
 
 
-def _matchable(geometry: LidarGeometry, ranges_m: Floats, settings: GraphSlamSettings) -> _Scan:
+def _matchable(geometry: LidarGeometry, ranges_m: Floats) -> _Scan:
     rays = scan_rays(geometry, ranges_m, math.inf)
     hits = rays.ends_m[: rays.hits]
-    hits = hits[lengths(hits) < settings.farthest_m]
+    hits = hits[lengths(hits) < FARTHEST_M]
     normals = np.zeros_like(hits)
     if len(hits) > 2:
         # a wall where the beams before and after end near each other
@@ -318,7 +356,7 @@ def _matchable(geometry: LidarGeometry, ranges_m: Floats, settings: GraphSlamSet
         gap_m = lengths(across)
         wall = (gap_m > 0.0) & (gap_m < 0.2 + 0.1 * lengths(hits[1:-1]))
         normals[1:-1][wall] = np.stack([-across[wall, 1], across[wall, 0]], axis=1) / gap_m[wall, None]
-    kept = _thinned(hits, settings.thin_m)
+    kept = _thinned(hits, THIN_M)
     return _Scan(rays, hits[kept], normals[kept])
 
 
