@@ -11,15 +11,16 @@ import scipy.fft
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cell_centers, values_at
+from midnet_bench.mapping.hill_climb import hill_climb
 
 FloatArray = npt.NDArray[np.float64]
+Image = npt.NDArray[np.float32]
 
 TOLERANCE_M = 0.1
 """Walls this near to each other are the same wall; a wall deeper than this in free space contradicts it."""
 
-_REACHES_M = (0.2, 0.1, 0.05)
-_FINEST_STEP_M = 0.002
-_MOVES = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
+_REACHES_M = {0.2: 3, 0.1: 3, 0.05: 4}
+"""reach of a wall's pull, metres: how often the step is halved, to 3 mm at last"""
 _POINTS = 1500
 _COARSE_CELL_M = 0.1
 _PEAKS_PER_TURN = 2
@@ -120,11 +121,11 @@ class WallMap:
     """(N, 2) centres of the occupied cells, metres"""
     open_space: FloatArray
     """(M, 2) centres of the free cells deeper than the tolerance"""
-    to_wall_m: npt.NDArray[np.float32]
+    to_wall_m: Image
     """(H, W) from each cell to the nearest occupied one"""
-    depth_m: npt.NDArray[np.float32]
+    depth_m: Image
     """(H, W) from each free cell to the nearest that is not free; 0 there"""
-    pulls: tuple[npt.NDArray[np.float32], ...]
+    pulls: tuple[Image, ...]
     """(H, W) each, from far-reaching to near: what a wall of the other map gains here, -1 to 1"""
 
     @property
@@ -189,9 +190,9 @@ def fit(a: WallMap, b: WallMap, pose: Pose2D) -> Fit:
 def refine(a: WallMap, b: WallMap, pose: Pose2D) -> Pose2D:
     """The placement near ``pose`` at which walls lie best on walls and not in open space.
 
-    A hill climb of six moves with halving steps (2 mm at last) on a score that is summed over the walls
-    of both maps; its reach shrinks from 0.2 to 0.05 m. Open space has to count against a wall: on
-    walls alone, two views of a wall from either side settle face on face, a wall's thickness off.
+    A hill climb on a score that is summed over the walls of both maps; its reach shrinks from 0.2 to 0.05 m.
+    Open space has to count against a wall: on walls alone, two views of a wall from either side settle face
+    on face, a wall's thickness off.
     """
     points_a, points_b = (m.walls[:: max(1, len(m.walls) // _POINTS)] for m in (a, b))
     middle = b.walls.mean(axis=0)
@@ -201,27 +202,14 @@ def refine(a: WallMap, b: WallMap, pose: Pose2D) -> Pose2D:
     from_middle = to_middle.inverse()
     at = pose.compose(to_middle)
 
-    for pull_a, pull_b, reach_m in zip(a.pulls, b.pulls, _REACHES_M, strict=True):
-        last_step_m = _FINEST_STEP_M if reach_m == _REACHES_M[-1] else reach_m / 8.0
-        best, step_m = -math.inf, reach_m
-        moves = [at]
-        while step_m >= last_step_m:
-            scores = []
-            for move in moves:
-                placed = move.compose(from_middle)
-                on_a = _interpolated(pull_a, a.grid, placed.transform(points_b))
-                on_b = _interpolated(pull_b, b.grid, placed.inverse().transform(points_a))
-                scores.append(on_a + on_b)
-            winner = int(np.argmax(scores))
-            if scores[winner] > best:
-                best, at = scores[winner], moves[winner]
-            else:
-                step_m /= 2.0
-            turn = step_m / radius_m
-            moves = [
-                Pose2D(at.x + dx * step_m, at.y + dy * step_m, at.yaw + dyaw * turn)
-                for dx, dy, dyaw in _MOVES
-            ]
+    def score(pulls: tuple[Image, Image], pose: Pose2D, enough: float) -> float:
+        placed = pose.compose(from_middle)
+        on_a = _interpolated(pulls[0], a.grid, placed.transform(points_b))
+        return on_a + _interpolated(pulls[1], b.grid, placed.inverse().transform(points_a))
+
+    both = zip(a.pulls, b.pulls, strict=True)
+    for pulls, (reach_m, halvings) in zip(both, _REACHES_M.items(), strict=True):
+        at, _ = hill_climb(score, pulls, at, reach_m, reach_m / radius_m, halvings)
     return at.compose(from_middle)
 
 
@@ -280,13 +268,13 @@ def _grown(cells: FloatArray) -> npt.NDArray[np.bool_]:
     return cv2.dilate(cells, np.ones((3, 3))) > 0.0
 
 
-def _distance_m(mask: npt.NDArray[np.bool_], resolution: float) -> npt.NDArray[np.float32]:
+def _distance_m(mask: npt.NDArray[np.bool_], resolution: float) -> Image:
     """(H, W) float32 from each set cell's centre to the nearest cell that is not set, metres."""
     cells = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return np.asarray(cells * resolution, dtype=np.float32)
 
 
-def _interpolated(image: npt.NDArray[np.float32], grid: OccupancyGrid, points: FloatArray) -> float:
+def _interpolated(image: Image, grid: OccupancyGrid, points: FloatArray) -> float:
     """The sum over the points of the image's values between cell centres; 0 off the grid."""
     columns, rows = ((points - grid.origin) / grid.resolution - 0.5).astype(np.float32).T.copy()
     values = cv2.remap(

@@ -16,10 +16,10 @@ from midnet_bench.mapping.gmapping.filter import (
     GMapping,
     effective_particles,
     normalized_weights,
-    scan_rays,
     systematic_resample,
 )
 from midnet_bench.mapping.gmapping.settings import BURGER_UKF, GmappingSettings
+from midnet_bench.mapping.scans import scan_rays
 from midnet_bench.messages import LidarGeometry
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01

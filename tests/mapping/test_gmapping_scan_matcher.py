@@ -8,16 +8,17 @@ import numpy.typing as npt
 import pytest
 
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.gmapping.particle_map import ParticleMaps, trace_line
+from midnet_bench.mapping.gmapping.particle_map import ParticleMaps
 from midnet_bench.mapping.gmapping.scan_matcher import (
     climb,
     log_likelihood,
     match_particles,
     match_score,
     matching_in_cells,
-    rotate_beams,
 )
 from midnet_bench.mapping.gmapping.settings import BURGER_UKF, RECORDED_LOG
+from midnet_bench.mapping.hill_climb import rotate
+from midnet_bench.mapping.scans import trace_line
 from tests.mapping.gmapping_room import ROOM, cast
 
 CELL_M = 0.05
@@ -73,7 +74,7 @@ def test_score_and_likelihood_equal_the_slow_twin(seed: int) -> None:
     guess = Pose2D(pose.x + 0.07, pose.y - 0.03, pose.yaw + 0.05)
     x, y, yaw = maps.to_cells(np.array([guess]))[0]
     rotated = np.empty_like(beams)
-    rotate_beams(beams / CELL_M, yaw, rotated)
+    rotate(beams / CELL_M, yaw, rotated)
     points = placed(guess, beams)
 
     score = match_score(maps.means, maps.tables[0], rotated, x, y, 0.05 / CELL_M**2, 0.0)
@@ -131,11 +132,11 @@ def test_the_climb_never_ends_below_its_start_and_reports_the_score_of_its_end()
     rotated = np.empty_like(ends)
     for seed in range(10):
         shift = np.random.default_rng(seed).normal(0.0, 0.15, 3)
-        x, y, yaw = maps.to_cells(np.array([pose]) + shift)[0]
-        rotate_beams(ends, yaw, rotated)
+        x, y, yaw = start = Pose2D(*maps.to_cells(np.array([pose]) + shift)[0])
+        rotate(ends, yaw, rotated)
         before = match_score(maps.means, maps.tables[0], rotated, x, y, matching.sigma, 0.0)
-        x, y, yaw, score = climb(maps.means, maps.tables[0], ends, x, y, yaw, matching)
-        rotate_beams(ends, yaw, rotated)
+        (x, y, yaw), score = climb(maps.means, maps.tables[0], ends, start, matching)
+        rotate(ends, yaw, rotated)
         after = match_score(maps.means, maps.tables[0], rotated, x, y, matching.sigma, 0.0)
         assert score == pytest.approx(after)
         assert score >= before
@@ -228,5 +229,5 @@ def test_a_climb_that_odometry_holds_as_hard_as_can_be_stays() -> None:
     ends = room_scan(pose) / CELL_M
     maps = mapped(pose, ends * CELL_M)
     held = matching_in_cells(replace(RECORDED_LOG, angular_reliability=1e9, linear_reliability=1e9))
-    x, y, yaw = maps.to_cells(np.array([pose]) + 0.1)[0]
-    assert climb(maps.means, maps.tables[0], ends, x, y, yaw, held)[:3] == (x, y, yaw)
+    start = Pose2D(*maps.to_cells(np.array([pose]) + 0.1)[0])
+    assert climb(maps.means, maps.tables[0], ends, start, held)[0] == start

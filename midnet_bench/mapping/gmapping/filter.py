@@ -4,7 +4,6 @@ The filter, then what it is made of: its motion model, the rays of a scan, weigh
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,18 +15,10 @@ from midnet_bench.io.trajectory import Trajectory
 from midnet_bench.mapping.gmapping.particle_map import ParticleMaps, ParticleThreads
 from midnet_bench.mapping.gmapping.scan_matcher import match_particles, matching_in_cells
 from midnet_bench.mapping.gmapping.settings import GmappingSettings
-from midnet_bench.mapping.gmapping.visit_map import VisitMap
+from midnet_bench.mapping.scans import ScanRays, UpdateGate, scan_rays
+from midnet_bench.mapping.visit_map import VisitMap
 from midnet_bench.messages import LidarGeometry
 from midnet_bench.rng import standard_normals
-
-
-class ScanRays(NamedTuple):
-    """What a scan says, as rays from the sensor."""
-
-    ends_m: npt.NDArray[np.float64]
-    """(B, 2) ends of the rays in the sensor frame"""
-    hits: int
-    """how many of them, from the first on, end at an obstacle; the others only clear"""
 
 
 class GMapping:
@@ -67,8 +58,9 @@ class GMapping:
         self._maps = ParticleMaps(settings.particles, settings.resolution_m, self._threads)
         self._correction = initial
         self._odometry = Pose2D(0.0, 0.0, 0.0)
-        self._driven_m = 0.0
-        self._turned_rad = 0.0
+        self._gate = UpdateGate(
+            settings.linear_update_m, settings.angular_update_rad, settings.temporal_update_s
+        )
         self._stamps_s: list[float] = []
         self._scores: list[float] = []
         self._scans: list[ScanRays] = []
@@ -89,16 +81,14 @@ class GMapping:
         if ranges_m.shape != (self.geometry.beams,):
             raise ValueError(f"a scan of shape {ranges_m.shape} from a sensor of {self.geometry.beams} beams")
         first = not self._stamps_s
+        step = Pose2D(0.0, 0.0, 0.0)
         if not first:
             mount = self.geometry.mount
             step = odometry_pose.compose(mount).relative_to(self._odometry.compose(mount))
             self._poses = move_particles(self._poses, step, self.settings, self._rng)
-            self._driven_m += math.hypot(step.x, step.y)
-            self._turned_rad += abs(step.yaw)
         self._odometry = odometry_pose
-        if not first and not self._is_due(time_s):
+        if not self._gate.passes(step, time_s):
             return False
-        self._driven_m = self._turned_rad = 0.0
 
         rays = scan_rays(self.geometry, ranges_m, self._usable_m)
         ancestors = np.arange(self.settings.particles)
@@ -162,17 +152,6 @@ class GMapping:
     @property
     def _best(self) -> int:
         return int(np.argmax(self._weight_sums))
-
-    def _is_due(self, time_s: float) -> bool:
-        settings = self.settings
-        return (
-            self._driven_m >= settings.linear_update_m
-            or self._turned_rad >= settings.angular_update_rad
-            or (
-                settings.temporal_update_s is not None
-                and time_s - self._stamps_s[-1] > settings.temporal_update_s
-            )
-        )
 
     def _match(self, rays: ScanRays) -> float:
         """Put every particle on its scan match and add the log-likelihood to its weights.
@@ -266,32 +245,6 @@ def move_particles(
             (yaw + np.pi) % (2.0 * np.pi) - np.pi,
         ]
     )
-
-
-def scan_rays(geometry: LidarGeometry, ranges_m: npt.NDArray[np.float64], usable_m: float) -> ScanRays:
-    """The rays of a scan: first those that hit something nearer than ``usable_m``, then those that clear.
-
-    GMapping's rule (``registerScan``): a return below ``usable_m`` clears and hits; one from there up to the
-    sensor's largest range (0.01 m less, as slam_gmapping sets it) clears up to ``usable_m``. Not a number,
-    0, anything below the sensor's least range and a finite return beyond its largest say nothing.
-    Infinity means "nothing within range" (REP 117) and clears up to ``usable_m``; GMapping drops it,
-    and then never clears open space.
-
-    Args:
-        geometry: of the sensor; one convention of beam angles for matching and drawing (GMapping has two,
-            half a beam apart).
-        ranges_m: (B,) as the sensor reported them.
-        usable_m: ``maxUrange``.
-    """
-    largest_m = geometry.range_max_m - 0.01
-    usable_m = min(usable_m, largest_m)
-    angles = geometry.angles_rad
-    valid = (ranges_m >= geometry.range_min_m) & (ranges_m > 0.0)
-    hit = valid & (ranges_m < usable_m)
-    clear = valid & ~hit & ((ranges_m <= largest_m) | np.isposinf(ranges_m))
-    lengths = np.concatenate([ranges_m[hit], np.full(np.count_nonzero(clear), usable_m)])
-    ends = lengths[:, None] * directions(np.concatenate([angles[hit], angles[clear]]))
-    return ScanRays(ends, int(np.count_nonzero(hit)))
 
 
 def normalized_weights(log_weights: npt.NDArray[np.float64], gain: float) -> npt.NDArray[np.float64]:

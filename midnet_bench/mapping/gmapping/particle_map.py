@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit, numba
-from midnet_bench.elementary import cos_sin
 from midnet_bench.mapping.gmapping.scan_matcher import (
     EMPTY,
     PATCH_CELLS,
@@ -19,44 +18,13 @@ from midnet_bench.mapping.gmapping.scan_matcher import (
     IndexArray,
     MeanArray,
 )
+from midnet_bench.mapping.scans import trace_rays
 
 PartT = TypeVar("PartT")
 PARTS_PER_THREAD = 4
 """some particles climb longer than others; a thread that is done takes the next part"""
 _FULLNESS = 0.1
 """hits / visits above which a cell counts as an obstacle in matching (GMapping's fullnessThreshold)"""
-
-
-@njit
-def trace_line(column: int, row: int, end_column: int, end_row: int, cells: npt.NDArray[np.int64]) -> int:
-    """How many cells Bresenham's line visits before its end cell; ``cells[:count]`` holds them.
-
-    As GMapping draws it (``gridlinetraversal.h``): where a line passes midway between two cells it takes
-    another one than costmap_2d's, which ``navigation.costmap.line_steps`` walks, in a third of all lines.
-
-    Args:
-        column: of the first cell.
-        row: of the first cell.
-        end_column: of the end cell.
-        end_row: of the end cell.
-        cells: (M, 2) int64, overwritten with (column, row); M of at least max(|dx|, |dy|).
-    """
-    dx, dy = abs(end_column - column), abs(end_row - row)
-    step_x = 1 if end_column > column else -1
-    step_y = 1 if end_row > row else -1
-    error = dx - dy
-    count = max(dx, dy)
-    for k in range(count):
-        cells[k, 0] = column
-        cells[k, 1] = row
-        twice = 2 * error
-        if twice > -dy:
-            error -= dy
-            column += step_x
-        if twice < dx:
-            error += dx
-            row += step_y
-    return count
 
 
 def cores() -> int:
@@ -187,20 +155,16 @@ def mark_patches(tables: IndexArray, poses: FloatArray, ends: FloatArray, hits: 
     Those in which a ray ends, and those with hits that a ray passes through.
     """
     touched = np.zeros(tables.shape, dtype=np.bool_)
-    longest = 3 + math.ceil(np.sqrt((ends * ends).sum(axis=1).max())) if ends.shape[0] else 0
-    line = np.empty((longest, 2), dtype=np.int64)
     for n in range(tables.shape[0]):
-        cos, sin = cos_sin(poses[n, 2])
-        column, row = math.floor(poses[n, 0]), math.floor(poses[n, 1])
-        for b in range(ends.shape[0]):
-            end_column = math.floor(poses[n, 0] + cos * ends[b, 0] - sin * ends[b, 1])
-            end_row = math.floor(poses[n, 1] + sin * ends[b, 0] + cos * ends[b, 1])
-            for k in range(trace_line(column, row, end_column, end_row, line)):
-                patch_row, patch_column = line[k, 1] >> PATCH_SHIFT, line[k, 0] >> PATCH_SHIFT
-                if tables[n, patch_row, patch_column] != 0:
-                    touched[n, patch_row, patch_column] = True
-            if b < hits:
-                touched[n, end_row >> PATCH_SHIFT, end_column >> PATCH_SHIFT] = True
+        cells, placed = trace_rays(poses[n], ends)
+        for k in range(cells.shape[0]):
+            row, column = cells[k, 1] >> PATCH_SHIFT, cells[k, 0] >> PATCH_SHIFT
+            if tables[n, row, column] != 0:
+                touched[n, row, column] = True
+        for b in range(hits):
+            touched[n, math.floor(placed[b, 1]) >> PATCH_SHIFT, math.floor(placed[b, 0]) >> PATCH_SHIFT] = (
+                True
+            )
     return touched
 
 
@@ -215,28 +179,21 @@ def register_rays(
     hits: int,
 ) -> None:
     """Count a scan into patches that ``mark_patches`` found and each particle owns: passes, then hits."""
-    longest = 3 + math.ceil(np.sqrt((ends * ends).sum(axis=1).max())) if ends.shape[0] else 0
-    line = np.empty((longest, 2), dtype=np.int64)
     for n in range(tables.shape[0]):
-        cos, sin = cos_sin(poses[n, 2])
-        column, row = math.floor(poses[n, 0]), math.floor(poses[n, 1])
-        for b in range(ends.shape[0]):
-            end_column = math.floor(poses[n, 0] + cos * ends[b, 0] - sin * ends[b, 1])
-            end_row = math.floor(poses[n, 1] + sin * ends[b, 0] + cos * ends[b, 1])
-            for k in range(trace_line(column, row, end_column, end_row, line)):
-                patch = tables[n, line[k, 1] >> PATCH_SHIFT, line[k, 0] >> PATCH_SHIFT]
-                r, c = line[k, 1] & (PATCH_CELLS - 1), line[k, 0] & (PATCH_CELLS - 1)
-                if cell_hits[patch, r, c] == 0:
-                    continue
-                cell_visits[patch, r, c] += 1
-                if cell_hits[patch, r, c] <= _FULLNESS * cell_visits[patch, r, c]:
-                    cell_hits[patch, r, c] = 0
-                    cell_visits[patch, r, c] = 0
-                    means[patch, r, c, :] = EMPTY
+        cells, placed = trace_rays(poses[n], ends)
+        for k in range(cells.shape[0]):
+            patch = tables[n, cells[k, 1] >> PATCH_SHIFT, cells[k, 0] >> PATCH_SHIFT]
+            r, c = cells[k, 1] & (PATCH_CELLS - 1), cells[k, 0] & (PATCH_CELLS - 1)
+            if cell_hits[patch, r, c] == 0:
+                continue
+            cell_visits[patch, r, c] += 1
+            if cell_hits[patch, r, c] <= _FULLNESS * cell_visits[patch, r, c]:
+                cell_hits[patch, r, c] = 0
+                cell_visits[patch, r, c] = 0
+                means[patch, r, c, :] = EMPTY
         for b in range(hits):
-            end_x = poses[n, 0] + cos * ends[b, 0] - sin * ends[b, 1]
-            end_y = poses[n, 1] + sin * ends[b, 0] + cos * ends[b, 1]
-            column, row = math.floor(end_x), math.floor(end_y)
+            x, y = placed[b, 0], placed[b, 1]
+            column, row = math.floor(x), math.floor(y)
             patch = tables[n, row >> PATCH_SHIFT, column >> PATCH_SHIFT]
             r, c = row & (PATCH_CELLS - 1), column & (PATCH_CELLS - 1)
             if cell_hits[patch, r, c] == 0:
@@ -244,5 +201,5 @@ def register_rays(
             cell_hits[patch, r, c] += 1
             cell_visits[patch, r, c] += 1
             share = 1.0 / cell_hits[patch, r, c]
-            means[patch, r, c, 0] += (end_x - (column - c) - means[patch, r, c, 0]) * share
-            means[patch, r, c, 1] += (end_y - (row - r) - means[patch, r, c, 1]) * share
+            means[patch, r, c, 0] += (x - (column - c) - means[patch, r, c, 0]) * share
+            means[patch, r, c, 1] += (y - (row - r) - means[patch, r, c, 1]) * share

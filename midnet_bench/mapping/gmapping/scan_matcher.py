@@ -1,4 +1,4 @@
-"""How well a scan fits a particle's map, and the hill climb to the pose where it fits best.
+"""How well a scan fits a particle's map, and the pose where it fits best.
 
 Poses and beams are in *cells* here: metres divided by the map's resolution, counted from the corner of
 the map's table, so that the cell of a point is its floor. Maps are the patches of ``particle_map``.
@@ -11,8 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
-from midnet_bench.elementary import cos_sin, exp
+from midnet_bench.elementary import exp
+from midnet_bench.geometry import Pose2D
 from midnet_bench.mapping.gmapping.settings import GmappingSettings
+from midnet_bench.mapping.hill_climb import hill_climb, rotate
 
 PATCH_CELLS = 32
 """side of a patch, cells"""
@@ -105,15 +107,6 @@ def nearest_hit_squared(means: MeanArray, table: IndexArray, x: float, y: float)
 
 
 @njit
-def rotate_beams(beams: FloatArray, yaw: float, rotated: FloatArray) -> None:
-    """Fill ``rotated`` (B, 2) with the beam ends (B, 2) turned by ``yaw``, radians."""
-    cos, sin = cos_sin(yaw)
-    for b in range(beams.shape[0]):
-        rotated[b, 0] = cos * beams[b, 0] - sin * beams[b, 1]
-        rotated[b, 1] = sin * beams[b, 0] + cos * beams[b, 1]
-
-
-@njit
 def match_score(
     means: MeanArray, table: IndexArray, rotated: FloatArray, x: float, y: float, sigma: float, enough: float
 ) -> float:
@@ -144,55 +137,32 @@ def log_likelihood(
     return total
 
 
+_Climb = tuple[MeanArray, IndexArray, FloatArray, FloatArray, FloatArray, Pose2D, Matching]
+"""map, beams, a copy of them turned by a yaw, that yaw as (1,), the first pose, and the parameters"""
+
+
+@njit
+def _held_score(args: _Climb, pose: Pose2D, enough: float) -> float:
+    """The score of a pose, times exp(-odometry_pull * d^2 - heading_pull * t^2) at d and t from the first."""
+    means, table, beams, rotated, rotated_yaw, start, matching = args
+    dx, dy, turn = pose.x - start.x, pose.y - start.y, pose.yaw - start.yaw
+    pull = exp(-matching.odometry_pull * (dx * dx + dy * dy) - matching.heading_pull * (turn * turn))
+    if pull == 0.0:  # too far from odometry for any match
+        return 0.0
+    if pose.yaw != rotated_yaw[0]:
+        rotate(beams, pose.yaw, rotated)
+        rotated_yaw[0] = pose.yaw
+    return pull * match_score(means, table, rotated, pose.x, pose.y, matching.sigma, enough / pull)
+
+
 @njit
 def climb(
-    means: MeanArray, table: IndexArray, beams: FloatArray, x: float, y: float, yaw: float, matching: Matching
-) -> tuple[float, float, float, float]:
-    """(x, y, yaw, score) of the best pose that a hill climb from (x, y, yaw) finds.
-
-    Each round tries +x, -x, -y, +y (map axes), +yaw, -yaw and takes the best if it beats the present score;
-    a round that finds nothing halves both steps; the end is a fruitless round after ``iterations`` halvings
-    (``scanmatcher.cpp``, optimize). The score of a pose at distance d and turn t from the start counts
-    exp(-odometry_pull * d^2 - heading_pull * t^2) times.
-    """
-    rotated = np.empty_like(beams)
-    turned = np.empty_like(beams)
-    rotate_beams(beams, yaw, rotated)
-    score = match_score(means, table, rotated, x, y, matching.sigma, 0.0)
-    start_x, start_y, start_yaw = x, y, yaw
-    linear_step, angular_step = matching.linear_step, matching.angular_step
-    halvings = 0
-    while True:
-        best, best_x, best_y, best_yaw = score, x, y, yaw
-        for move in range(6):
-            try_x, try_y, try_yaw = x, y, yaw
-            if move < 2:
-                try_x += linear_step if move == 0 else -linear_step
-            elif move < 4:
-                try_y += -linear_step if move == 2 else linear_step
-            else:
-                try_yaw += angular_step if move == 4 else -angular_step
-                rotate_beams(beams, try_yaw, turned)
-            dx, dy, dyaw = try_x - start_x, try_y - start_y, try_yaw - start_yaw
-            away, turn = dx * dx + dy * dy, dyaw * dyaw
-            pull = exp(-matching.odometry_pull * away - matching.heading_pull * turn)
-            if pull == 0.0:  # too far from odometry for any match
-                continue
-            found = pull * match_score(
-                means, table, rotated if move < 4 else turned, try_x, try_y, matching.sigma, best / pull
-            )
-            if found > best:
-                best, best_x, best_y, best_yaw = found, try_x, try_y, try_yaw
-        if best > score:
-            if best_yaw != yaw:
-                rotate_beams(beams, best_yaw, rotated)
-            score, x, y, yaw = best, best_x, best_y, best_yaw
-        elif halvings < matching.iterations:
-            halvings += 1
-            linear_step *= 0.5
-            angular_step *= 0.5
-        else:
-            return x, y, yaw, score
+    means: MeanArray, table: IndexArray, beams: FloatArray, start: Pose2D, matching: Matching
+) -> tuple[Pose2D, float]:
+    """The best pose that a hill climb from ``start``, held by its odometry, finds, and its score."""
+    args = (means, table, beams, np.empty_like(beams), np.full(1, np.nan), start, matching)
+    m = matching
+    return hill_climb(_held_score, args, start, m.linear_step, m.angular_step, m.iterations)
 
 
 @njit(nogil=True)
@@ -217,11 +187,12 @@ def match_particles(
     scores = np.empty(poses.shape[0])
     rotated = np.empty_like(beams)
     for n in range(poses.shape[0]):
-        x, y, yaw, score = climb(means, tables[n], beams, poses[n, 0], poses[n, 1], poses[n, 2], matching)
+        start = Pose2D(poses[n, 0], poses[n, 1], poses[n, 2])
+        found, score = climb(means, tables[n], beams, start, matching)
         scores[n] = score
         if score > matching.minimum_score:
-            matched[n, 0], matched[n, 1], matched[n, 2] = x, y, yaw
-        rotate_beams(beams, matched[n, 2], rotated)
+            matched[n, 0], matched[n, 1], matched[n, 2] = found.x, found.y, found.yaw
+        rotate(beams, matched[n, 2], rotated)
         likelihoods[n] = log_likelihood(
             means,
             tables[n],

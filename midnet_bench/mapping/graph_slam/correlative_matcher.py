@@ -11,8 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
-from midnet_bench.elementary import cos_sin, exp
+from midnet_bench.elementary import exp
 from midnet_bench.geometry import Pose2D
+from midnet_bench.mapping.hill_climb import hill_climb, rotate
 
 Floats = npt.NDArray[np.float64]
 Field = npt.NDArray[np.uint8]
@@ -79,12 +80,6 @@ def hit_field(hits_m: Floats) -> HitField:
     return HitField(fine, coarse, corner)
 
 
-def match(field: HitField, points_m: Floats, guess: Pose2D, window: Window) -> Match:
-    """Where in the window around ``guess`` the points (B, 2), in the sensor's frame, fit best."""
-    x, y, yaw, score = _search(field, points_m, guess, window)
-    return Match(Pose2D(x, y, yaw), score)
-
-
 @njit(nogil=True)
 def _smear(field: Field, hits: Floats) -> None:
     """Raise the field around the mean hit of each cell; hits in cells from the corner."""
@@ -111,14 +106,6 @@ def _smear(field: Field, hits: Floats) -> None:
                 value = np.uint8(FULL * exp(-spread * (dx * dx + dy * dy)) + 0.5)
                 if value > field[r, c]:
                     field[r, c] = value
-
-
-@njit
-def _turn(points: Floats, yaw: float, turned: Floats) -> None:
-    cos, sin = cos_sin(yaw)
-    for b in range(points.shape[0]):
-        turned[b, 0] = cos * points[b, 0] - sin * points[b, 1]
-        turned[b, 1] = sin * points[b, 0] + cos * points[b, 1]
 
 
 @njit
@@ -155,25 +142,21 @@ def _rank_blocks(coarse: Field, cells: npt.NDArray[np.int64], blocks: int, turn_
     return bounds
 
 
-@njit(nogil=True)
-def _search(
-    field: HitField, points_m: Floats, guess: Pose2D, window: Window
-) -> tuple[float, float, float, float]:
-    """(x, y, yaw, score) as ``match`` gives it."""
-    fine, corner = field.fine, field.corner
+@njit
+def _search(field: HitField, points: Floats, guess: Pose2D, window: Window, pull: float) -> Pose2D:
+    """The best pose of the window, to a cell and a step of the angle; lengths in cells."""
+    fine = field.fine
     rows, columns = fine.shape
-    count, full = points_m.shape[0], FULL * points_m.shape[0]
-    points = points_m / CELL_M
-    x0, y0 = (guess.x - corner[0]) / CELL_M, (guess.y - corner[1]) / CELL_M
+    count, full = points.shape[0], FULL * points.shape[0]
+    x0, y0 = guess.x, guess.y
     half, half_turns = math.ceil(window.half_m / CELL_M), math.ceil(window.half_rad / ANGLE_STEP_RAD)
-    pull = window.pull_per_m2 * CELL_M * CELL_M
     turned = np.empty_like(points)
     cells = np.empty((2 * half_turns + 1, count, 2), dtype=np.int64)
     turn_pulls = np.empty(2 * half_turns + 1)
     for a in range(2 * half_turns + 1):
         turn = (a - half_turns) * ANGLE_STEP_RAD
         turn_pulls[a] = window.pull_per_rad2 * turn * turn
-        _turn(points, guess.yaw + turn, turned)
+        rotate(points, guess.yaw + turn, turned)
         for b in range(count):
             cells[a, b, 0] = math.floor(x0 + turned[b, 0]) - half
             cells[a, b, 1] = math.floor(y0 + turned[b, 1]) - half
@@ -196,34 +179,33 @@ def _search(
                 score = total / full - pull * (dx * dx + dy * dy) - turn_pulls[a]
                 if score > best:
                     best, best_a, best_i, best_j = score, a, i, j
-    x, y = x0 + best_i - half, y0 + best_j - half
     yaw = guess.yaw + (best_a - half_turns) * ANGLE_STEP_RAD
-    step, turn_step, halvings = _CLIMB_STEP_M / CELL_M, _CLIMB_STEP_RAD, 0
-    best = -math.inf
-    while True:
-        before, best_x, best_y, best_yaw = best, x, y, yaw
-        for move in range(7):
-            try_x, try_y, try_yaw = x, y, yaw
-            if move == 1 or move == 2:
-                try_x += step if move == 1 else -step
-            elif move == 3 or move == 4:
-                try_y += step if move == 3 else -step
-            elif move == 5 or move == 6:
-                try_yaw += turn_step if move == 5 else -turn_step
-            _turn(points, try_yaw, turned)
-            dx, dy, turn = try_x - x0, try_y - y0, try_yaw - guess.yaw
-            away = pull * (dx * dx + dy * dy) + window.pull_per_rad2 * turn * turn
-            score = _likeness(fine, turned, try_x, try_y) / full - away
-            if score > best:
-                best, best_x, best_y, best_yaw = score, try_x, try_y, try_yaw
-        if best > before:
-            x, y, yaw = best_x, best_y, best_yaw
-        elif halvings < _HALVINGS:
-            halvings += 1
-            step *= 0.5
-            turn_step *= 0.5
-        else:
-            break
-    _turn(points, yaw, turned)
-    score = _likeness(fine, turned, x, y) / full
-    return corner[0] + x * CELL_M, corner[1] + y * CELL_M, yaw, score
+    return Pose2D(x0 + best_i - half, y0 + best_j - half, yaw)
+
+
+_Climb = tuple[Field, Floats, Floats, Pose2D, float, float]
+"""fine field, points, room for them turned, the guess in cells, and the pulls per squared cell and radian"""
+
+
+@njit
+def _held_score(args: _Climb, pose: Pose2D, enough: float) -> float:
+    """Mean likeness of the points at a pose, less the pulls; lengths in cells."""
+    fine, points, turned, guess, pull, turn_pull = args
+    rotate(points, pose.yaw, turned)
+    dx, dy, turn = pose.x - guess.x, pose.y - guess.y, pose.yaw - guess.yaw
+    away = pull * (dx * dx + dy * dy) + turn_pull * turn * turn
+    return _likeness(fine, turned, pose.x, pose.y) / (FULL * points.shape[0]) - away
+
+
+@njit(nogil=True)
+def match(field: HitField, points_m: Floats, guess: Pose2D, window: Window) -> Match:
+    """Where in the window around ``guess`` the points (B, 2), in the sensor's frame, fit best."""
+    corner, points, turned = field.corner, points_m / CELL_M, np.empty_like(points_m)
+    start = Pose2D((guess.x - corner[0]) / CELL_M, (guess.y - corner[1]) / CELL_M, guess.yaw)
+    pull = window.pull_per_m2 * CELL_M * CELL_M
+    args = (field.fine, points, turned, start, pull, window.pull_per_rad2)
+    found = _search(field, points, start, window, pull)
+    found, _ = hill_climb(_held_score, args, found, _CLIMB_STEP_M / CELL_M, _CLIMB_STEP_RAD, _HALVINGS)
+    rotate(points, found.yaw, turned)
+    score = _likeness(field.fine, turned, found.x, found.y) / (FULL * points.shape[0])
+    return Match(Pose2D(corner[0] + found.x * CELL_M, corner[1] + found.y * CELL_M, found.yaw), score)

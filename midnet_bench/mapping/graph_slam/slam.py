@@ -11,10 +11,10 @@ import numpy.typing as npt
 from midnet_bench.geometry import Pose2D, lengths, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.trajectory import Trajectory
-from midnet_bench.mapping.gmapping.filter import ScanRays, scan_rays
-from midnet_bench.mapping.gmapping.visit_map import VisitMap
 from midnet_bench.mapping.graph_slam.correlative_matcher import HitField, Window, hit_field, match
 from midnet_bench.mapping.graph_slam.pose_graph import PoseGraph
+from midnet_bench.mapping.scans import ScanRays, UpdateGate, scan_rays
+from midnet_bench.mapping.visit_map import VisitMap
 from midnet_bench.messages import LidarGeometry
 
 Floats = npt.NDArray[np.float64]
@@ -124,7 +124,7 @@ class GraphSlam:
         self._scores: list[float] = []
         self._odometry = initial
         self._node_odometry = initial
-        self._driven_m = self._turned_rad = 0.0
+        self._gate = UpdateGate(LINEAR_UPDATE_M, ANGULAR_UPDATE_RAD)
         self._untied_m = 0.0
         """driven since the last closed loop"""
         self._relaxed = 0
@@ -142,12 +142,9 @@ class GraphSlam:
             time_s: when the scan was taken, seconds.
         """
         first = not self._scans
-        if not first:
-            step = odometry_pose.relative_to(self._odometry)
-            self._driven_m += math.hypot(step.x, step.y)
-            self._turned_rad += abs(step.yaw)
+        step = Pose2D(0.0, 0.0, 0.0) if first else odometry_pose.relative_to(self._odometry)
         self._odometry = odometry_pose
-        if not (first or self._driven_m >= LINEAR_UPDATE_M or self._turned_rad >= ANGULAR_UPDATE_RAD):
+        if not self._gate.passes(step, time_s):
             return False
         scan = _matchable(self.geometry, ranges_m)
         mount = self.geometry.mount
@@ -157,12 +154,11 @@ class GraphSlam:
         else:
             step = odometry_pose.compose(mount).relative_to(self._node_odometry.compose(mount))
             score = self._follow(scan, step)
-            self._untied_m += self._driven_m
+            self._untied_m += self._gate.way_m
         self._scans.append(scan)
         self._stamps_s.append(time_s)
         self._scores.append(score)
         self._node_odometry = odometry_pose
-        self._driven_m = self._turned_rad = 0.0
         self._close_loops(scan)
         return True
 

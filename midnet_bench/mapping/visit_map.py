@@ -6,9 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
-from midnet_bench.elementary import cos_sin
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.mapping.gmapping.particle_map import trace_line
+from midnet_bench.mapping.scans import trace_rays
 
 _MARGIN_CELLS = 64
 """spare cells on each side when the map grows, so that it does not grow with every scan"""
@@ -69,7 +68,7 @@ class VisitMap:
         self._grow(pose[:2] - reach_m, pose[:2] + reach_m)
         cells = pose.copy()
         cells[:2] = pose[:2] / self.resolution_m - self._origin_cells
-        trace_rays(self._hits, self._visits, cells, ends_m / self.resolution_m, hits, count)
+        _count(self._hits, self._visits, cells, ends_m / self.resolution_m, hits, count)
 
     def _grow(self, low_m: npt.NDArray[np.float64], high_m: npt.NDArray[np.float64]) -> None:
         low = np.floor(low_m / self.resolution_m).astype(np.int64) - 1
@@ -89,7 +88,7 @@ class VisitMap:
 
 
 @njit
-def trace_rays(
+def _count(
     cell_hits: npt.NDArray[np.int32],
     cell_visits: npt.NDArray[np.int32],
     pose: npt.NDArray[np.float64],
@@ -98,14 +97,10 @@ def trace_rays(
     count: int,
 ) -> None:
     """Add ``count`` (1 or -1) to the visits and hits of the cells on a scan's rays; all lengths in cells."""
-    line = np.empty((3 + math.ceil(np.sqrt((ends * ends).sum(axis=1).max())), 2), dtype=np.int64)
-    cos, sin = cos_sin(pose[2])
-    column, row = math.floor(pose[0]), math.floor(pose[1])
-    for b in range(ends.shape[0]):
-        end_column = math.floor(pose[0] + cos * ends[b, 0] - sin * ends[b, 1])
-        end_row = math.floor(pose[1] + sin * ends[b, 0] + cos * ends[b, 1])
-        for k in range(trace_line(column, row, end_column, end_row, line)):
-            cell_visits[line[k, 1], line[k, 0]] += count
-        if b < hits:
-            cell_visits[end_row, end_column] += count
-            cell_hits[end_row, end_column] += count
+    cells, placed = trace_rays(pose, ends)
+    for k in range(cells.shape[0]):
+        cell_visits[cells[k, 1], cells[k, 0]] += count
+    for b in range(hits):
+        column, row = math.floor(placed[b, 0]), math.floor(placed[b, 1])
+        cell_visits[row, column] += count
+        cell_hits[row, column] += count
