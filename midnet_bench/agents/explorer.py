@@ -89,7 +89,7 @@ class Explorer(MobileRobot):
         self.progress.update(self.pose.x, self.pose.y, time_s, self.goal is not None)
         self._settle_goal(time_s)
         if self._has_new_map or (self._has_map and self.goal is None and not self.is_done):
-            frontiers = self._frontiers.offers(self.pose, self.navigator.global_costmap.published())
+            frontiers = self.offers(self.navigator.global_costmap.published())
             taken = [mate.goal for mate in self.mates if mate.goal is not None]
             self.explore(frontiers, time_s, taken)
         if self.goal is None:

@@ -6,11 +6,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from midnet_bench.arena.solids import Solid, gap_m
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.checked_yaml import Spec, parse, parsed_yaml, read_text
 from midnet_bench.robots.model import LOWEST_SOLID_M
 
@@ -29,7 +31,7 @@ MOST_BLOCKS = 5000
 Size = tuple[Length, Length]
 Shape = Literal["box", "cylinder"]
 Kind = Literal["person", "box", "cylinder"]
-Deeds = Literal["stand", "wander", "hide", "follow"]
+Deed = Literal["stand", "wander", "hide", "follow"]
 Seconds = Annotated[float, Field(ge=0.0, le=36_000.0)]
 PERSON_RADIUS_M = 0.25
 """about the middle between the feet: what a person needs to pass"""
@@ -79,7 +81,7 @@ class StationaryIntruders(Spec):
 class Behaviour(Spec):
     """What an intruder does. Keys at their default are not written: older arenas stay the same text."""
 
-    behaviour: Annotated[Deeds, Field(exclude_if=lambda deed: deed == "wander")] = "wander"
+    behaviour: Annotated[Deed, Field(exclude_if=lambda deed: deed == "wander")] = "wander"
     """``stand``; ``wander`` to random places; ``hide`` out of sight of all guards; ``follow`` ``path_m``"""
     path_m: Annotated[tuple[Point, ...], Field(exclude_if=lambda points: not points)] = ()
     """goes from each point to the next, and from the last to the first"""
@@ -178,13 +180,15 @@ class Arena(Spec):
         burgers = self.mobile_intruders
         return bool(self.other_intruders) or burgers.behaviour != "wander" or burgers.pause_s > 0.0
 
-    def wall_segments(self) -> tuple[tuple[Point, Point], ...]:
-        """The two ends of every straight piece of wall, along its middle."""
-        return tuple((a, b) for line in self.walls for a, b in pairwise(line))
+    def plane_grid(self, resolution_m: float, value: np.generic) -> OccupancyGrid:
+        """A grid over the whole plane, of ``value`` and its dtype throughout."""
+        columns, rows = (math.ceil(side / resolution_m - 1e-9) for side in self.plane_m)
+        origin = (-columns * resolution_m / 2.0, -rows * resolution_m / 2.0)
+        return OccupancyGrid(np.full((rows, columns), value), resolution_m, origin)
 
     def wall_solids(self) -> tuple[Solid, ...]:
         """Every straight piece of wall as a box, then the blocks."""
-        return _boxes(self.wall_segments(), self.blocks, self.wall_thickness_m, self.wall_height_m)
+        return _boxes(self.walls, self.blocks, self.wall_thickness_m, self.wall_height_m)
 
     def placed_solids(self) -> tuple[Solid, ...]:
         """The stationary intruders whose place the file fixes."""
@@ -203,14 +207,14 @@ class Arena(Spec):
 
 @lru_cache(maxsize=16)
 def _boxes(
-    segments: tuple[tuple[Point, Point], ...],
+    walls: tuple[tuple[Point, ...], ...],
     blocks: tuple[Corners, ...],
     thickness_m: float,
     height_m: float,
 ) -> tuple[Solid, ...]:
     """Made once in a process: the same in every trial in one arena, and each remembers its outline."""
     return (
-        *(Solid.segment(a, b, thickness_m, height_m) for a, b in segments),
+        *(Solid.segment(a, b, thickness_m, height_m) for line in walls for a, b in pairwise(line)),
         *(Solid.upright(Box(*block), height_m) for block in blocks),
     )
 
@@ -285,10 +289,10 @@ def _check_places(arena: Arena, source: str) -> None:
             raise InputError(
                 f"{source}: blocks.{number}: it leaves the plane, which ends at ({half[0]:g}, {half[1]:g})"
             )
-    x, y = arena.robots.center_m
-    if abs(x) >= arena.enclosure_m[0] / 2.0 or abs(y) >= arena.enclosure_m[1] / 2.0:
-        raise InputError(f"{source}: robots.center_m: ({x:g}, {y:g}) is not inside the enclosure")
-    _check_points(arena, source)
+    half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
+    for key, (x, y) in _inner_points(arena).items():
+        if abs(x) >= half_x or abs(y) >= half_y:
+            raise InputError(f"{source}: {key}: ({x:g}, {y:g}) is not inside the enclosure")
     walls = arena.wall_solids()
     for number, solid in enumerate(arena.placed_solids()):
         if abs(solid.pose.x) > half[0] or abs(solid.pose.y) > half[1] or gap_m(solid, walls) <= 0.0:
@@ -297,14 +301,11 @@ def _check_places(arena: Arena, source: str) -> None:
             )
 
 
-def _check_points(arena: Arena, source: str) -> None:
-    """Raise InputError if intruders are to go or to start where the enclosure ends."""
-    named = {"mobile_intruders.path_m": arena.mobile_intruders.path_m}
+def _inner_points(arena: Arena) -> dict[str, Point]:
+    """Key and value of every point at which robots and intruders start or to which they go."""
+    lists = {"mobile_intruders.path_m": arena.mobile_intruders.path_m}
     for number, group in enumerate(arena.other_intruders):
-        named[f"other_intruders.{number}.path_m"] = group.path_m
-        named[f"other_intruders.{number}.starts_m"] = group.starts_m
-    half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
-    for key, points in named.items():
-        for number, (x, y) in enumerate(points):
-            if abs(x) >= half_x or abs(y) >= half_y:
-                raise InputError(f"{source}: {key}.{number}: ({x:g}, {y:g}) is not inside the enclosure")
+        lists[f"other_intruders.{number}.path_m"] = group.path_m
+        lists[f"other_intruders.{number}.starts_m"] = group.starts_m
+    points = {f"{key}.{k}": point for key, listed in lists.items() for k, point in enumerate(listed)}
+    return {"robots.center_m": arena.robots.center_m, **points}

@@ -58,30 +58,28 @@ class Speck(NamedTuple):
 
 def without_specks(dark: OccupancyGrid, most_m: float) -> OccupancyGrid:
     """The same without pieces of wall that are at most ``most_m`` long along both axes."""
-    labels, small = _pieces_up_to(dark, most_m)
+    labels, _, small = _pieces_up_to(dark, most_m)
     return dark.with_data(dark.data & ~np.isin(labels, small))
 
 
 def specks(dark: OccupancyGrid, most_m: float) -> list[Speck]:
     """The pieces of wall that are at most ``most_m`` long along both axes, the largest first."""
-    labels, small = _pieces_up_to(dark, most_m)
+    _, boxes, small = _pieces_up_to(dark, most_m)
     found = []
-    for label in small:
-        rows, columns = np.nonzero(labels == label)
-        low, left, high, right = rows.min(), columns.min(), rows.max(), columns.max()
-        size_m = (1 + max(high - low, right - left)) * dark.resolution
-        x, y = (dark.x_centers[[left, right]].sum() / 2.0, dark.y_centers[[low, high]].sum() / 2.0)
-        found.append(Speck(float(size_m), (float(x), float(y))))
+    for left, low, width, height in boxes[small].tolist():
+        x = float(dark.x_centers[[left, left + width - 1]].sum()) / 2.0
+        y = float(dark.y_centers[[low, low + height - 1]].sum()) / 2.0
+        found.append(Speck(max(width, height) * dark.resolution, (x, y)))
     return sorted(found, key=lambda speck: -speck.size_m)
 
 
-def _pieces_up_to(dark: OccupancyGrid, most_m: float) -> tuple[npt.NDArray[np.int32], list[int]]:
-    """The number of each cell's piece, and the numbers of those that are small enough."""
+def _pieces_up_to(
+    dark: OccupancyGrid, most_m: float
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+    """Each cell's piece; each piece's first column and row, width and height; the pieces small enough."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(dark.data.astype(np.uint8), connectivity=8)
-    sides = stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1) * dark.resolution
-    return np.asarray(labels, np.int32), [
-        label for label in range(1, len(stats)) if sides[label] <= most_m + 1e-9
-    ]
+    sides_m = stats[1:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1) * dark.resolution
+    return np.asarray(labels), np.asarray(stats[:, :4]), 1 + np.flatnonzero(sides_m <= most_m + 1e-9)
 
 
 def cropped(dark: OccupancyGrid) -> OccupancyGrid:

@@ -1,6 +1,5 @@
 """Where a Burger's centre may be: the set that goals, starts and escapes are drawn from."""
 
-import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -11,7 +10,7 @@ from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.solids import Solid
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import lengths
-from midnet_bench.grid import OccupancyGrid, connected_to
+from midnet_bench.grid import OccupancyGrid, cell_centers, connected_to
 
 RESOLUTION_M = 0.05
 GOAL_CLEARANCE_M = 0.4
@@ -28,15 +27,9 @@ class FreeSpace:
     """bool (rows, columns) over the plane, map frame: True where a centre may be"""
 
     @cached_property
-    def _cells(self) -> tuple[npt.NDArray[np.int64], ...]:
-        """Rows and columns of the free cells, (n,) each."""
-        return np.nonzero(self.grid.data)
-
-    @cached_property
-    def _centers(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Where the free cells' centres are: x and y, (n,) each, metres."""
-        rows, columns = self._cells
-        return self.grid.x_centers[columns], self.grid.y_centers[rows]
+    def _centers(self) -> npt.NDArray[np.float64]:
+        """(n, 2) x, y of the free cells' centres, metres."""
+        return cell_centers(self.grid, self.grid.data)
 
     def contains(self, x: float, y: float) -> bool:
         """Whether the cell that holds (x, y) is free."""
@@ -45,7 +38,7 @@ class FreeSpace:
 
     def distance_to(self, x: float, y: float) -> float:
         """Metres from (x, y) to the centre of the nearest free cell."""
-        return float(lengths(np.stack(self._centers, axis=-1) - (x, y)).min())
+        return float(lengths(self._centers - (x, y)).min())
 
     def draw(
         self,
@@ -57,16 +50,14 @@ class FreeSpace:
 
         Takes one number from ``rng``. Raises InputError when there is no such cell.
         """
-        rows, columns = self._cells
+        places = self._centers
         if away_from is not None:
-            x, y = self._centers
-            far = lengths(np.stack((x - away_from[0], y - away_from[1]), axis=-1)) >= at_least_m
-            rows, columns = rows[far], columns[far]
-        if rows.size == 0:
+            places = places[lengths(places - away_from) >= at_least_m]
+        if len(places) == 0:
             place = "" if away_from is None else f" from ({away_from[0]:g}, {away_from[1]:g})"
             raise InputError(f"arena: no free point is {at_least_m:g} m away{place}; lower escape_distance_m")
-        choice = int(rng.integers(rows.size))
-        return self.grid.center_of(int(columns[choice]), int(rows[choice]))
+        x, y = places[int(rng.integers(len(places)))].tolist()
+        return x, y
 
 
 @lru_cache(maxsize=16)
@@ -78,15 +69,9 @@ def widest_pair_m(arena: Arena, clearance_m: float) -> float:
     """
     free = free_space(arena, clearance_m).grid
     # of a row of cells only the two ends can be the farthest from anything
-    ends = [
-        (free.x_centers[column], free.y_centers[row])
-        for row in np.flatnonzero(free.data.any(axis=1)).tolist()
-        for column in (
-            int(free.data[row].argmax()),
-            free.data.shape[1] - 1 - int(free.data[row][::-1].argmax()),
-        )
-    ]
-    points = np.array(ends)
+    rows = np.repeat(np.flatnonzero(free.data.any(axis=1)), 2)
+    columns = np.concatenate([np.flatnonzero(row)[[0, -1]] for row in free.data[rows[::2]]])
+    points = np.stack((free.x_centers[columns], free.y_centers[rows]), axis=1)
     return float(lengths(points[:, None] - points[None]).max())
 
 
@@ -126,7 +111,7 @@ def free_space(arena: Arena, clearance_m: float, obstacles: tuple[Solid, ...] = 
     Raises:
         InputError: the security robots' start is not free.
     """
-    near = cells_near(arena, (*arena.wall_solids(), *obstacles), clearance_m)
+    near = cells_near(arena, obstacles, clearance_m)
     half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
     inside = (np.abs(near.x_centers) < half_x) & (np.abs(near.y_centers) < half_y)[:, None]
     reachable = connected_to(*near.cell_at(*arena.robots.center_m), ~near.data & inside)
@@ -137,27 +122,18 @@ def free_space(arena: Arena, clearance_m: float, obstacles: tuple[Solid, ...] = 
     return FreeSpace(near.with_data(reachable))
 
 
-def cells_near(arena: Arena, solids: tuple[Solid, ...], distance_m: float) -> OccupancyGrid:
-    """A bool grid over the plane: True where a cell's centre is closer than ``distance_m`` to a solid."""
-    walls = arena.wall_solids()
-    if solids[: len(walls)] != walls:
-        return _marked(_empty(arena.plane_m), solids, distance_m)
-    near = _near_walls(arena.plane_m, walls, distance_m)
-    return _marked(near.with_data(near.data.copy()), solids[len(walls) :], distance_m)
+def cells_near(arena: Arena, obstacles: tuple[Solid, ...], distance_m: float) -> OccupancyGrid:
+    """A bool grid over the plane: True where a cell's centre is closer than this to a wall or an obstacle."""
+    near = _near_walls(arena, distance_m)
+    return _marked(near.with_data(near.data.copy()), obstacles, distance_m)
 
 
 @lru_cache(maxsize=16)
-def _near_walls(plane_m: tuple[float, float], walls: tuple[Solid, ...], distance_m: float) -> OccupancyGrid:
+def _near_walls(arena: Arena, distance_m: float) -> OccupancyGrid:
     """What walls alone give: the same in every trial in one arena."""
-    near = _marked(_empty(plane_m), walls, distance_m)
+    near = _marked(arena.plane_grid(RESOLUTION_M, np.False_), arena.wall_solids(), distance_m)
     near.data.flags.writeable = False
     return near
-
-
-def _empty(plane_m: tuple[float, float]) -> OccupancyGrid:
-    columns, rows = (math.ceil(side / RESOLUTION_M - 1e-9) for side in plane_m)
-    origin = (-columns * RESOLUTION_M / 2.0, -rows * RESOLUTION_M / 2.0)
-    return OccupancyGrid(np.zeros((rows, columns), dtype=np.bool_), RESOLUTION_M, origin)
 
 
 def _marked(near: OccupancyGrid, solids: tuple[Solid, ...], distance_m: float) -> OccupancyGrid:

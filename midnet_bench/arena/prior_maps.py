@@ -25,9 +25,7 @@ def render_exact(arena: Arena, resolution_m: float = 0.05) -> OccupancyGrid:
     them, a thickness of an odd number of cells puts the faces in the middle of cells, where the LiDAR's
     noise seldom carries a return into the next one. Intruders are no part of it.
     """
-    columns, rows = (math.ceil(side / resolution_m - 1e-9) for side in arena.plane_m)
-    origin = (-columns * resolution_m / 2.0, -rows * resolution_m / 2.0)
-    grid = OccupancyGrid(np.full((rows, columns), FREE, dtype=np.int8), resolution_m, origin)
+    grid = arena.plane_grid(resolution_m, np.int8(FREE))
     half_cell = resolution_m / 2.0
     x, y = grid.x_centers, grid.y_centers
     for wall in arena.wall_solids():

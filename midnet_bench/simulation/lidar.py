@@ -220,7 +220,7 @@ class LidarSensors:
         )
         # farther from the axle's cell no solid can be within the sensor's least range
         blind_m = abs(self._lidar.mount.x) + self._lidar.range_min_m + _CELL_M
-        self._blind_cells = cells_near(layout.arena, layout.solids, blind_m)
+        self._blind_cells = cells_near(layout.arena, layout.stationary, blind_m)
         self._to_disc = Pose2D(self._disc.offset_x_m, 0.0, 0.0)
         self.newest: NoiseFreeScan | None = None
         """what the last scan met; for the referee"""

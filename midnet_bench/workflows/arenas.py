@@ -161,7 +161,7 @@ def check(name_or_path: str) -> CheckedArena:
     arena = load_arena(name_or_path)
     solids = arena.wall_solids() + arena.placed_solids()
     faults = _starts(arena, solids)
-    reachable, closed = _floor(arena, solids)
+    reachable, closed = _floor(arena)
     if reachable.data.any():
         faults += [_room_fault(piece) for piece in closed if not piece.is_outside]
         faults += _patrol(arena)
@@ -178,9 +178,9 @@ def check(name_or_path: str) -> CheckedArena:
     return CheckedArena(arena, faults, sorted(closed, key=lambda piece: -piece.area_m2))
 
 
-def _floor(arena: Arena, solids: tuple[Solid, ...]) -> tuple[OccupancyGrid, list[ClosedFloor]]:
+def _floor(arena: Arena) -> tuple[OccupancyGrid, list[ClosedFloor]]:
     """Where a guard can drive, bool, and where it has room but cannot come."""
-    near = cells_near(arena, solids, DRIVABLE_M)
+    near = cells_near(arena, arena.placed_solids(), DRIVABLE_M)
     inside = _inside(arena, near)
     floor = ~near.data & inside
     reachable = near.with_data(connected_to(*near.cell_at(*arena.robots.center_m), floor))
