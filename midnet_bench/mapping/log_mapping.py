@@ -13,6 +13,7 @@ from midnet_bench.io.trajectory import Trajectory
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.gmapping.settings import RECORDED_LOG
 from midnet_bench.mapping.graph_slam.slam import GraphSlam
+from midnet_bench.mapping.grid_slam import GridSlam
 from midnet_bench.rng import stream
 
 MAX_LOOKS = 200
@@ -25,8 +26,7 @@ and the matcher did not find back, the scan had 0.40 at most.
 GRAPH_COLLAPSED = 0.3
 """The same for graph SLAM, which matches with the last scans alone: that log's worst scan has 0.35 of it."""
 
-Slam = GMapping | GraphSlam
-Look = Callable[[int, Slam], None]
+Look = Callable[[int, GridSlam], None]
 """Is shown the SLAM after so many scans; it may ask for its map, pose and trajectory."""
 
 
@@ -44,21 +44,6 @@ class MappingResult:
     """the number, from 1, of the scan that each pose of the trajectory belongs to"""
     warnings: list[str]
     """one line for each kind of thing in the log that was not taken as it stands, and where the map broke"""
-
-
-def start_mapping(log: ScanLog, particles: int | None, seed: int, threads: int = 1) -> Slam:
-    """SLAM ready for the first scan of the log: GMapping with the ``RECORDED_LOG`` settings, or graph SLAM.
-
-    Args:
-        log: the scans.
-        particles: of GMapping; None: graph SLAM.
-        seed: of GMapping's motion noise and resampling.
-        threads: that GMapping's particles are shared between.
-    """
-    if particles is None:
-        return GraphSlam(log.geometry, log.scans[0].odometry)
-    settings = replace(RECORDED_LOG, particles=particles)
-    return GMapping(log.geometry, settings, log.scans[0].odometry, stream(seed, "gmapping"), threads)
 
 
 @contextlib.contextmanager
@@ -94,7 +79,11 @@ def map_scans(
     Raises:
         InputError: no scan that counts has a usable range.
     """
-    slam = start_mapping(log, particles, seed, threads)
+    start = log.scans[0].odometry
+    slam: GridSlam = GraphSlam(log.geometry, start)
+    if particles is not None:
+        settings = replace(RECORDED_LOG, particles=particles)
+        slam = GMapping(log.geometry, settings, start, stream(seed, "gmapping"), threads)
     every = math.ceil(len(log) / (MAX_LOOKS - 1))
     integrated = []
     for done, scan in enumerate(log, start=1):

@@ -1,4 +1,4 @@
-"""Scans as both kinds of SLAM take them: which are due, what rays they are, what cells the rays pass."""
+"""Scans as both kinds of SLAM take them: what rays they are, and what cells the rays pass."""
 
 import math
 from typing import NamedTuple
@@ -8,33 +8,7 @@ import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, directions
-from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import LidarGeometry
-
-
-class UpdateGate:
-    """Lets a scan pass after a drive, a turn or a wait (linearUpdate, angularUpdate, temporalUpdate)."""
-
-    def __init__(self, linear_m: float, angular_rad: float, temporal_s: float | None = None) -> None:
-        """The first scan passes in any case; without ``temporal_s`` time alone is no reason."""
-        self._limits = linear_m, angular_rad, math.inf if temporal_s is None else temporal_s
-        self._driven_m = self._turned_rad = 0.0
-        self._passed_s = -math.inf
-        self.way_m = 0.0
-        """driven between the last two scans that passed"""
-
-    def passes(self, step: Pose2D, time_s: float) -> bool:
-        """Whether the scan at ``time_s`` is due, ``step`` after the one before; if so, all counts from it."""
-        self._driven_m += math.hypot(step.x, step.y)
-        self._turned_rad += abs(step.yaw)
-        linear_m, angular_rad, temporal_s = self._limits
-        is_first = self._passed_s == -math.inf
-        has_moved = self._driven_m >= linear_m or self._turned_rad >= angular_rad
-        if not (is_first or has_moved or time_s - self._passed_s > temporal_s):
-            return False
-        self.way_m, self._passed_s = self._driven_m, time_s
-        self._driven_m = self._turned_rad = 0.0
-        return True
 
 
 class ScanRays(NamedTuple):

@@ -41,7 +41,8 @@ from midnet_bench.io.trajectory import clock_fault, write_tum
 from midnet_bench.mapping.gmapping.particle_map import cores
 from midnet_bench.mapping.gmapping.settings import RECORDED_LOG
 from midnet_bench.mapping.graph_slam.slam import parameters
-from midnet_bench.mapping.log_mapping import MappingResult, Slam, map_scans
+from midnet_bench.mapping.grid_slam import GridSlam
+from midnet_bench.mapping.log_mapping import MappingResult, map_scans
 from midnet_bench.mapping.map_score import reachable_free
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
@@ -274,7 +275,7 @@ def write_trajectory(result: MappingResult, log: Path, path: Path) -> list[str]:
     return [f"{scan}: {what}; {path.name} has the numbers of scans in place of stamps"]
 
 
-def log_snapshot(done: int, slam: Slam) -> MapSnapshot:
+def log_snapshot(done: int, slam: GridSlam) -> MapSnapshot:
     """The map and path (of GMapping: the best particle's) after ``done`` scans, as plain data to be drawn."""
     grid = slam.occupancy()
     known_m2 = float(np.count_nonzero(grid.data >= 0)) * grid.resolution**2

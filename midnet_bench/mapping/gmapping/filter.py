@@ -10,18 +10,16 @@ import numpy.typing as npt
 
 from midnet_bench.elementary import directions, exponentials
 from midnet_bench.geometry import Pose2D, wrap_angle
-from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.trajectory import Trajectory
 from midnet_bench.mapping.gmapping.particle_map import ParticleMaps, ParticleThreads
 from midnet_bench.mapping.gmapping.scan_matcher import match_particles, matching_in_cells
 from midnet_bench.mapping.gmapping.settings import GmappingSettings
-from midnet_bench.mapping.scans import ScanRays, UpdateGate, scan_rays
-from midnet_bench.mapping.visit_map import VisitMap
+from midnet_bench.mapping.grid_slam import GridSlam
+from midnet_bench.mapping.scans import ScanRays, scan_rays
 from midnet_bench.messages import LidarGeometry
 from midnet_bench.rng import standard_normals
 
 
-class GMapping:
+class GMapping(GridSlam):
     """The filter as openslam_gmapping releases it (``gridslamprocessor``), for one planar LiDAR.
 
     As released, a particle is put *on* the maximum of its scan match; the improved proposal of the papers
@@ -45,7 +43,8 @@ class GMapping:
         rng: np.random.Generator,
         threads: int = 1,
     ) -> None:
-        self.geometry = geometry
+        update = (settings.linear_update_m, settings.angular_update_rad, settings.temporal_update_s)
+        super().__init__(geometry, update, settings.resolution_m, settings.occupied_threshold)
         self.settings = settings
         self._rng = rng
         usable_m = settings.max_usable_range_m
@@ -58,26 +57,11 @@ class GMapping:
         self._maps = ParticleMaps(settings.particles, settings.resolution_m, self._threads)
         self._correction = initial
         self._odometry = Pose2D(0.0, 0.0, 0.0)
-        self._gate = UpdateGate(
-            settings.linear_update_m, settings.angular_update_rad, settings.temporal_update_s
-        )
-        self._stamps_s: list[float] = []
-        self._scores: list[float] = []
-        self._scans: list[ScanRays] = []
         self._history: list[npt.NDArray[np.float64]] = []
         self._ancestors: list[npt.NDArray[np.int64]] = []
-        self._visit_map = VisitMap(settings.resolution_m)
-        self._drawn: list[int] = []
-        self._bases: dict[tuple[int, int], Pose2D] = {}
 
     def process(self, odometry_pose: Pose2D, ranges_m: npt.NDArray[np.float64], time_s: float) -> bool:
-        """Take a scan; True if it was integrated, False if the robot had not moved or waited enough.
-
-        Args:
-            odometry_pose: the robot's base in the odometry frame when the scan was taken.
-            ranges_m: (beams,) metres.
-            time_s: when the scan was taken, seconds.
-        """
+        """As :meth:`GridSlam.process`."""
         if ranges_m.shape != (self.geometry.beams,):
             raise ValueError(f"a scan of shape {ranges_m.shape} from a sensor of {self.geometry.beams} beams")
         first = not self._stamps_s
@@ -87,7 +71,7 @@ class GMapping:
             step = odometry_pose.compose(mount).relative_to(self._odometry.compose(mount))
             self._poses = move_particles(self._poses, step, self.settings, self._rng)
         self._odometry = odometry_pose
-        if not self._gate.passes(step, time_s):
+        if not self._is_due(step, time_s):
             return False
 
         rays = scan_rays(self.geometry, ranges_m, self._usable_m)
@@ -97,9 +81,7 @@ class GMapping:
             score = self._match(rays)
             ancestors = self._resample(ancestors)
         self._maps.register(self._poses, *rays)
-        self._stamps_s.append(time_s)
-        self._scores.append(score)
-        self._scans.append(rays)
+        self._integrate(rays, time_s, score)
         self._history.append(self._poses)
         self._ancestors.append(ancestors)
         self._correction = self._base_pose(self._poses[self._best]).compose(odometry_pose.inverse())
@@ -117,46 +99,13 @@ class GMapping:
         return pose._replace(yaw=wrap_angle(pose.yaw))
 
     @property
-    def trajectory(self) -> Trajectory:
-        """Where the best particle's lineage places the robot's base at each integrated scan."""
-        poses = [self._base_at(k, particle) for k, particle in enumerate(self._best_lineage())]
-        return Trajectory(np.array(self._stamps_s), np.array(poses, dtype=np.float64).reshape(-1, 3))
-
-    @property
-    def scores(self) -> list[float]:
-        """How well each integrated scan fitted the best particle's map then, 0 to 1 per beam that hit.
-
-        NaN for the first scan, which had no map to fit, and for one without a hit.
-        """
-        return list(self._scores)
-
-    def occupancy(self, anew: bool = False) -> OccupancyGrid:
-        """The map along the best particle's trajectory: int8, 100 occupied, 0 free, -1 unknown.
-
-        Only what differs from the last call is drawn; ``anew`` draws all scans again, so that not even a
-        rounding at a cell's edge depends on how often the map was read before.
-        """
-        if anew:
-            self._visit_map, self._drawn = VisitMap(self.settings.resolution_m), []
-        lineage = self._best_lineage()
-        same = 0
-        while same < len(self._drawn) and self._drawn[same] == lineage[same]:
-            same += 1
-        for k in range(same, len(self._drawn)):
-            self._visit_map.remove(self._history[k][self._drawn[k]], *self._scans[k])
-        for k in range(same, len(lineage)):
-            self._visit_map.add(self._history[k][lineage[k]], *self._scans[k])
-        self._drawn = lineage
-        return self._visit_map.occupancy(self.settings.occupied_threshold)
-
-    @property
     def _best(self) -> int:
         return int(np.argmax(self._weight_sums))
 
     def _match(self, rays: ScanRays) -> float:
         """Put every particle on its scan match and add the log-likelihood to its weights.
 
-        The best particle's score comes back, as :attr:`scores` has it.
+        The best particle's score per beam that hit comes back, as :attr:`scores` has it.
         """
         maps, poses = self._maps, self._maps.to_cells(self._poses)
         beams = rays.ends_m[: rays.hits] / self.settings.resolution_m
@@ -181,25 +130,14 @@ class GMapping:
         self._maps.resample(ancestors)
         return ancestors
 
-    def _best_lineage(self) -> list[int]:
-        """The place among the particles of the best one's ancestor at each integrated scan."""
-        lineage: list[int] = []
+    def _sensor_poses(self) -> npt.NDArray[np.float64]:
+        """(N, 3) of the best particle's ancestor at each integrated scan."""
+        poses = np.empty((len(self._history), 3))
         particle = self._best
-        for ancestors in reversed(self._ancestors):
-            lineage.append(particle)
-            particle = int(ancestors[particle])
-        return lineage[::-1]
-
-    def _base_at(self, k: int, particle: int) -> Pose2D:
-        """Where a particle placed the robot's base at an integrated scan; worked out once."""
-        if (k, particle) not in self._bases:
-            self._bases[k, particle] = self._base_pose(self._history[k][particle])
-        return self._bases[k, particle]
-
-    def _base_pose(self, sensor_pose: npt.NDArray[np.float64]) -> Pose2D:
-        x, y, yaw = (float(value) for value in sensor_pose)
-        pose = Pose2D(x, y, yaw).compose(self.geometry.mount.inverse())
-        return pose._replace(yaw=wrap_angle(pose.yaw))
+        for k in reversed(range(len(poses))):
+            poses[k] = self._history[k][particle]
+            particle = int(self._ancestors[k][particle])
+        return poses
 
 
 def noise_deviations(increment: Pose2D, settings: GmappingSettings) -> npt.NDArray[np.float64]:

@@ -9,12 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.geometry import Pose2D, lengths, wrap_angle
-from midnet_bench.grid import OccupancyGrid
-from midnet_bench.io.trajectory import Trajectory
 from midnet_bench.mapping.graph_slam.correlative_matcher import HitField, Window, hit_field, match
 from midnet_bench.mapping.graph_slam.pose_graph import PoseGraph
-from midnet_bench.mapping.scans import ScanRays, UpdateGate, scan_rays
-from midnet_bench.mapping.visit_map import VisitMap
+from midnet_bench.mapping.grid_slam import GridSlam
+from midnet_bench.mapping.scans import ScanRays, scan_rays
 from midnet_bench.messages import LidarGeometry
 
 Floats = npt.NDArray[np.float64]
@@ -67,8 +65,6 @@ _MOST_CHAINS = 3
 _PENDING_NODES = 8
 _FEWEST_POINTS = 20
 """fewer close no loop"""
-_DRAWN_M, _DRAWN_RAD = 0.02, 0.005
-"""a scan that the graph moved by less stays where it is drawn until the map is drawn anew"""
 
 
 def parameters() -> dict[str, float]:
@@ -81,9 +77,8 @@ def parameters() -> dict[str, float]:
 
 
 class _Scan(NamedTuple):
-    """A scan as it is drawn and as it is matched."""
+    """A scan as it is matched."""
 
-    rays: ScanRays
     points: Floats
     """(B, 2) thinned hits in the sensor frame, metres"""
     normals: Floats
@@ -102,7 +97,7 @@ class _Closure(NamedTuple):
     information: Floats
 
 
-class GraphSlam:
+class GraphSlam(GridSlam):
     """SLAM with one hypothesis: what a slip of the wheels or a loop shows to be wrong is put right later.
 
     A scan is searched for in a window around the odometry's pose in the map of the last scans; if its score
@@ -115,38 +110,31 @@ class GraphSlam:
         initial: the robot's base in the map frame when the first scan arrives.
     """
 
+    _SLACK = (0.02, 0.005)
+
     def __init__(self, geometry: LidarGeometry, initial: Pose2D) -> None:
-        self.geometry = geometry
+        update = (LINEAR_UPDATE_M, ANGULAR_UPDATE_RAD, None)
+        super().__init__(geometry, update, RESOLUTION_M, OCCUPIED_THRESHOLD)
         self._initial = initial
         self._graph = PoseGraph()
-        self._scans: list[_Scan] = []
-        self._stamps_s: list[float] = []
-        self._scores: list[float] = []
+        self._matched: list[_Scan] = []
         self._odometry = initial
         self._node_odometry = initial
-        self._gate = UpdateGate(LINEAR_UPDATE_M, ANGULAR_UPDATE_RAD)
         self._untied_m = 0.0
         """driven since the last closed loop"""
         self._relaxed = 0
         """the node at which the graph was optimized last"""
         self._pending: list[_Closure] = []
-        self._visit_map = VisitMap(RESOLUTION_M)
-        self._drawn = np.empty((0, 3))
 
     def process(self, odometry_pose: Pose2D, ranges_m: Floats, time_s: float) -> bool:
-        """Take a scan; True if it became a node, False if the robot had not moved enough.
-
-        Args:
-            odometry_pose: the robot's base in the odometry frame when the scan was taken.
-            ranges_m: (beams,) metres.
-            time_s: when the scan was taken, seconds.
-        """
+        """As :meth:`GridSlam.process`; an integrated scan is a node of the graph."""
         first = not self._scans
         step = Pose2D(0.0, 0.0, 0.0) if first else odometry_pose.relative_to(self._odometry)
         self._odometry = odometry_pose
-        if not self._gate.passes(step, time_s):
+        if not self._is_due(step, time_s):
             return False
-        scan = _matchable(self.geometry, ranges_m)
+        rays = scan_rays(self.geometry, ranges_m, math.inf)
+        scan = _matchable(rays)
         mount = self.geometry.mount
         score = math.nan
         if first:
@@ -154,10 +142,9 @@ class GraphSlam:
         else:
             step = odometry_pose.compose(mount).relative_to(self._node_odometry.compose(mount))
             score = self._follow(scan, step)
-            self._untied_m += self._gate.way_m
-        self._scans.append(scan)
-        self._stamps_s.append(time_s)
-        self._scores.append(score)
+            self._untied_m += self._way_m
+        self._matched.append(scan)
+        self._integrate(rays, time_s, score)
         self._node_odometry = odometry_pose
         self._close_loops(scan)
         return True
@@ -169,39 +156,12 @@ class GraphSlam:
     @property
     def best_pose(self) -> Pose2D:
         """The robot's base in the map frame: the last node, and the odometry since."""
-        pose = self._base_at(len(self._scans) - 1).compose(self._odometry.relative_to(self._node_odometry))
+        since = self._odometry.relative_to(self._node_odometry)
+        pose = self._base_pose(self._graph.poses[-1]).compose(since)
         return pose._replace(yaw=wrap_angle(pose.yaw))
 
-    @property
-    def trajectory(self) -> Trajectory:
-        """Where the graph places the robot's base at each node."""
-        poses = [self._base_at(node) for node in range(len(self._scans))]
-        return Trajectory(np.array(self._stamps_s), np.array(poses, dtype=np.float64).reshape(-1, 3))
-
-    @property
-    def scores(self) -> list[float]:
-        """How well each node's scan fitted those before it, 0 to 1; NaN where there was nothing to fit."""
-        return list(self._scores)
-
-    def occupancy(self, anew: bool = False) -> OccupancyGrid:
-        """The map along the trajectory: int8, 100 occupied, 0 free, -1 unknown.
-
-        Only scans that moved visibly since the last call are drawn again; ``anew`` draws all.
-        """
-        if anew:
-            self._visit_map, self._drawn = VisitMap(RESOLUTION_M), np.empty((0, 3))
-        poses = self._graph.poses
-        old = len(self._drawn)
-        moved = np.abs(poses[:old] - self._drawn)
-        visibly = (moved[:, :2].max(axis=1) > _DRAWN_M) | (moved[:, 2] > _DRAWN_RAD)
-        for node in map(int, np.flatnonzero(visibly)):
-            self._visit_map.remove(self._drawn[node], *self._scans[node].rays)
-            self._visit_map.add(poses[node], *self._scans[node].rays)
-            self._drawn[node] = poses[node]
-        for node in range(old, len(poses)):
-            self._visit_map.add(poses[node], *self._scans[node].rays)
-        self._drawn = np.concatenate([self._drawn, poses[old:]])
-        return self._visit_map.occupancy(OCCUPIED_THRESHOLD)
+    def _sensor_poses(self) -> Floats:
+        return self._graph.poses
 
     def _follow(self, scan: _Scan, step: Pose2D) -> float:
         """Add the scan's node, ``step`` by the wheels after the last one; its score, NaN without a match."""
@@ -210,7 +170,7 @@ class GraphSlam:
         field = self._field(range(max(0, last + 1 - RUNNING_SCANS), last + 1), pose, WIDE.half_m)
         if field is not None and len(scan.points):
             found = match(field, scan.points, pose, NARROW)
-            usual = [score for score in self._scores[-50:] if math.isfinite(score)]
+            usual = [score for score in self.scores[-50:] if math.isfinite(score)]
             if usual and found.score < COLLAPSED * statistics.median(usual):
                 slipped = match(field, scan.points, pose, WIDE)
                 if slipped.score > found.score + GAIN:
@@ -258,7 +218,7 @@ class GraphSlam:
         old = max(0, late - RUNNING_SCANS)
         away = lengths(poses[:old, :2] - poses[late, :2])
         near = np.flatnonzero(away < LOOP_RADIUS_M + self._loop_window().half_m)
-        if len(near) == 0 or len(self._scans[late].points) < _FEWEST_POINTS:
+        if len(near) == 0 or len(self._matched[late].points) < _FEWEST_POINTS:
             return []
         visits = np.split(near, np.flatnonzero(np.diff(near) > 3) + 1)
         nearest = [int(visit[np.argmin(away[visit])]) for visit in visits]
@@ -301,7 +261,7 @@ class GraphSlam:
         last = range(max(0, len(self._scans) - LATELY_SCANS), len(self._scans))
         here = self._graph.pose(len(self._scans) - 1)
         points = np.concatenate(
-            [self._graph.pose(node).relative_to(here).transform(self._scans[node].points) for node in last]
+            [self._graph.pose(node).relative_to(here).transform(self._matched[node].points) for node in last]
         )
         points = points[lengths(points) < FARTHEST_M]
         return points[_thinned(points, THIN_M)]
@@ -330,19 +290,14 @@ class GraphSlam:
 
     def _field(self, nodes: Sequence[int], around: Pose2D, window_m: float) -> HitField | None:
         """The hits of some nodes as far as a scan from the window around a pose can meet them."""
-        hits = [self._graph.pose(node).transform(self._scans[node].points) for node in nodes]
+        hits = [self._graph.pose(node).transform(self._matched[node].points) for node in nodes]
         near = np.concatenate(hits)
         limit_m = FARTHEST_M + window_m
         near = near[np.abs(near - (around.x, around.y)).max(axis=1) < limit_m]
         return hit_field(near) if len(near) else None
 
-    def _base_at(self, node: int) -> Pose2D:
-        pose = self._graph.pose(node).compose(self.geometry.mount.inverse())
-        return pose._replace(yaw=wrap_angle(pose.yaw))
 
-
-def _matchable(geometry: LidarGeometry, ranges_m: Floats) -> _Scan:
-    rays = scan_rays(geometry, ranges_m, math.inf)
+def _matchable(rays: ScanRays) -> _Scan:
     hits = rays.ends_m[: rays.hits]
     hits = hits[lengths(hits) < FARTHEST_M]
     normals = np.zeros_like(hits)
@@ -353,7 +308,7 @@ def _matchable(geometry: LidarGeometry, ranges_m: Floats) -> _Scan:
         wall = (gap_m > 0.0) & (gap_m < 0.2 + 0.1 * lengths(hits[1:-1]))
         normals[1:-1][wall] = np.stack([-across[wall, 1], across[wall, 0]], axis=1) / gap_m[wall, None]
     kept = _thinned(hits, THIN_M)
-    return _Scan(rays, hits[kept], normals[kept])
+    return _Scan(hits[kept], normals[kept])
 
 
 def _thinned(points: Floats, side_m: float) -> npt.NDArray[np.int64]:
