@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from midnet_bench.compiled import njit
-from midnet_bench.geometry import Pose2D, lengths
+from midnet_bench.geometry import Point, Pose2D, lengths
 from midnet_bench.grid import UNKNOWN, OccupancyGrid
 from midnet_bench.mapping.settings import FrontierSettings
 
@@ -29,15 +29,13 @@ class Frontier(NamedTuple):
     """number of its unknown cells times the resolution"""
     distance_m: float
     """the way from the robot to its nearest cell, over traversable cells"""
-    centroid: tuple[float, float]
+    centroid: Point
     """mean of its unknown cells' centres"""
     approaches: npt.NDArray[np.float64]
     """(K, 2) x, y of the reachable cells that touch it, nearest to the centroid first"""
 
 
-def find_frontiers(
-    costmap: OccupancyGrid, robot: Pose2D, settings: FrontierSettings | None = None
-) -> list[Frontier]:
+def find_frontiers(costmap: OccupancyGrid, robot: Pose2D, settings: FrontierSettings) -> list[Frontier]:
     """The frontiers that the robot can reach, cheapest first; empty when there is none.
 
     As in explore_lite: the search starts at the traversable cell nearest to the robot's and spreads over
@@ -52,9 +50,8 @@ def find_frontiers(
     Args:
         costmap: int8, -1 unknown, 0 to 100 published costs; not changed.
         robot: in the grid's frame. A robot off the grid starts from the nearest cell on it.
-        settings: the defaults if None.
+        settings: what counts as a frontier, and its cost.
     """
-    settings = settings or FrontierSettings()
     padded = np.pad(costmap.data.astype(np.int8, copy=False), 1, constant_values=100)
     traversable = (padded >= 0) & (padded < settings.traversable_below)
     start = _nearest_cell(traversable, *costmap.cell_at(robot.x, robot.y))
@@ -125,12 +122,12 @@ class FrontierExplorer:
     ``second_chances`` times before the exploration counts as done; team mates' goals are left to them.
     """
 
-    def __init__(self, settings: FrontierSettings | None = None) -> None:
+    def __init__(self, settings: FrontierSettings) -> None:
         """An explorer that has no goal yet."""
-        self._settings = settings or FrontierSettings()
-        self._blacklist: list[tuple[float, float]] = []
+        self._settings = settings
+        self._blacklist: list[Point] = []
         self._chances = self._settings.second_chances
-        self._goal: tuple[float, float] | None = None
+        self._goal: Point | None = None
         self._least_distance_m = math.inf
         self._progress_time_s = 0.0
 
@@ -140,8 +137,8 @@ class FrontierExplorer:
         return [frontier for frontier in frontiers if self._is_open(frontier.approaches).any()] or frontiers
 
     def choose(
-        self, frontiers: Sequence[Frontier], time_s: float, taken: Sequence[tuple[float, float]] = ()
-    ) -> tuple[float, float] | None:
+        self, frontiers: Sequence[Frontier], time_s: float, taken: Sequence[Point] = ()
+    ) -> Point | None:
         """The goal to drive to, (x, y) metres in the map frame; None when nothing is left.
 
         Call it at a planning rate (the package: 1 Hz, its launch files 0.33 Hz) and after each ``report``. A
@@ -179,25 +176,17 @@ class FrontierExplorer:
             self._blacklist.append(self._goal)
             self._goal = None
 
-    def _choose(
-        self, frontiers: Sequence[Frontier], taken: Sequence[tuple[float, float]]
-    ) -> tuple[tuple[float, float], float] | None:
+    def _choose(self, frontiers: Sequence[Frontier], taken: Sequence[Point]) -> tuple[Point, float] | None:
         """(goal, way to its frontier) of the first open frontier, one far from ``taken`` if any."""
-        fallback = None
-        for frontier in frontiers:
-            approaches = frontier.approaches
-            open_to_try = self._is_open(approaches)
-            free_of_mates = open_to_try.copy()
-            for point in taken:
-                offset = lengths(approaches - point)
-                free_of_mates &= offset >= self._settings.taken_radius_m
-            for candidates, wanted in ((free_of_mates, True), (open_to_try, fallback is None)):
-                if wanted and candidates.any():
-                    x, y = approaches[np.argmax(candidates)].tolist()
-                    if candidates is free_of_mates:
-                        return (x, y), frontier.distance_m
-                    fallback = (x, y), frontier.distance_m
-        return fallback
+        for apart_m in (self._settings.taken_radius_m, 0.0):
+            for frontier in frontiers:
+                goals = frontier.approaches[self._is_open(frontier.approaches)]
+                for point in taken:
+                    goals = goals[lengths(goals - point) >= apart_m]
+                if len(goals):
+                    x, y = goals[0].tolist()
+                    return (x, y), frontier.distance_m
+        return None
 
     def _is_open(self, approaches: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
         """(K,) for each of (K, 2) goals whether none that was given up is near."""
@@ -207,7 +196,7 @@ class FrontierExplorer:
         return is_open
 
 
-def _within(a: tuple[float, float], b: tuple[float, float], half_width_m: float) -> bool:
+def _within(a: Point, b: Point, half_width_m: float) -> bool:
     return abs(a[0] - b[0]) < half_width_m and abs(a[1] - b[1]) < half_width_m
 
 

@@ -87,7 +87,7 @@ class GridSlam(ABC):
         moved = np.abs(poses[:old] - self._drawn)
         again = (moved[:, :2].max(axis=1) > self._SLACK[0]) | (moved[:, 2] > self._SLACK[1])
         for k in map(int, np.flatnonzero(again)):
-            self._visit_map.remove(self._drawn[k], *self._scans[k])
+            self._visit_map.add(self._drawn[k], *self._scans[k], count=-1)
             self._visit_map.add(poses[k], *self._scans[k])
             self._drawn[k] = poses[k]
         for k in range(old, len(poses)):

@@ -8,13 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Point
 from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cell_centers, connected_to, values_at
-from midnet_bench.robots.burger import BURGER
-
-BURGER_RADIUS_M = BURGER.radius_m
-
-SAME_FRAME = Pose2D(0.0, 0.0, 0.0)
 
 _SLACK = 1e-6
 """Keeps cells exactly one cell apart within one cell, whatever the rounding."""
@@ -33,14 +28,8 @@ class MapScore(NamedTuple):
     """mean distance from the map's occupied cells to the nearest true one, between centres, metres"""
 
 
-def score_map(
-    built: OccupancyGrid,
-    truth: OccupancyGrid,
-    start: tuple[float, float],
-    built_in_truth: Pose2D = SAME_FRAME,
-    robot_radius_m: float = BURGER_RADIUS_M,
-) -> MapScore:
-    """The four numbers for ``built``.
+def score_map(built: OccupancyGrid, truth: OccupancyGrid, start: Point, robot_radius_m: float) -> MapScore:
+    """The four numbers for ``built``, which is in the frame of ``truth``.
 
     A reachable cell that the map takes for occupied counts as covered, because a wall's surface falls on
     either side of a cell's edge: a wrong wall shows in the precision. Recall asks for the faces of walls
@@ -51,19 +40,17 @@ def score_map(
         built: int8, -1 unknown, 0 to 100; occupied from 65 on.
         truth: the same, nothing to be explored where it is -1.
         start: (x, y) of a place in the truth's frame that the robot can stand on.
-        built_in_truth: the built map's frame in the truth's frame.
         robot_radius_m: of the disc that the robot counts as.
 
     Raises:
         ValueError: if no robot can stand at ``start``.
     """
     reachable = reachable_free(truth, start, robot_radius_m)
-    places = built_in_truth.inverse().transform(cell_centers(truth, reachable))
-    known = values_at(built.data, built, places, outside=-1) >= 0
+    known = values_at(built.data, built, cell_centers(truth, reachable), outside=-1) >= 0
 
     faces = (truth.data >= OCCUPIED_FROM) & (cv2.dilate(reachable.view(np.uint8), np.ones((3, 3))) > 0)
     walls = cell_centers(truth, truth.data >= OCCUPIED_FROM)
-    found = built_in_truth.transform(cell_centers(built, built.data >= OCCUPIED_FROM))
+    found = cell_centers(built, built.data >= OCCUPIED_FROM)
     one_cell = truth.resolution * (1.0 + _SLACK)
     return MapScore(
         free_covered=_mean(known),
@@ -73,9 +60,7 @@ def score_map(
     )
 
 
-def reachable_free(
-    truth: OccupancyGrid, start: tuple[float, float], robot_radius_m: float = BURGER_RADIUS_M
-) -> npt.NDArray[np.bool_]:
+def reachable_free(truth: OccupancyGrid, start: Point, robot_radius_m: float) -> npt.NDArray[np.bool_]:
     """(H, W) bool: the free cells that a disc can cover, driving from ``start`` and touching nothing.
 
     Args:
@@ -97,9 +82,7 @@ def reachable_free(
     return free & ((to_centres - 0.5) * truth.resolution <= robot_radius_m)
 
 
-def closed_spaces(
-    truth: OccupancyGrid, start: tuple[float, float], robot_radius_m: float = BURGER_RADIUS_M
-) -> npt.NDArray[np.bool_]:
+def closed_spaces(truth: OccupancyGrid, start: Point, robot_radius_m: float) -> npt.NDArray[np.bool_]:
     """(H, W) bool: the free cells that ``reachable_free`` leaves out in pieces of a disc's area or more.
 
     Rooms without a door or with one too narrow; not the odd cells in corners that no disc can cover.

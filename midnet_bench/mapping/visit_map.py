@@ -9,6 +9,8 @@ from midnet_bench.compiled import njit
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.mapping.scans import trace_rays
 
+Floats = npt.NDArray[np.float64]
+
 _MARGIN_CELLS = 64
 """spare cells on each side when the map grows, so that it does not grow with every scan"""
 
@@ -27,19 +29,22 @@ class VisitMap:
         self._hits = np.zeros((0, 0), dtype=np.int32)
         self._visits = np.zeros((0, 0), dtype=np.int32)
 
-    def add(self, pose: npt.NDArray[np.float64], ends_m: npt.NDArray[np.float64], hits: int) -> None:
+    def add(self, pose: Floats, ends_m: Floats, hits: int, count: int = 1) -> None:
         """Trace a scan.
 
         Args:
             pose: (3,) sensor pose in the map frame, metres and radians.
             ends_m: (B, 2) float64 ends of the rays in the sensor frame.
             hits: how many of them, from the first on, end at an obstacle.
+            count: 1; -1 takes back a scan that was added with the same arguments.
         """
-        self._trace(pose, ends_m, hits, 1)
-
-    def remove(self, pose: npt.NDArray[np.float64], ends_m: npt.NDArray[np.float64], hits: int) -> None:
-        """Take back a scan that was added with the same arguments."""
-        self._trace(pose, ends_m, hits, -1)
+        if len(ends_m) == 0:
+            return
+        reach_m = math.sqrt(float(np.square(ends_m).sum(axis=1).max()))
+        self._grow(pose[:2] - reach_m, pose[:2] + reach_m)
+        cells = pose.copy()
+        cells[:2] = pose[:2] / self.resolution_m - self._origin_cells
+        _count(self._hits, self._visits, cells, ends_m / self.resolution_m, hits, count)
 
     def occupancy(self, occupied_threshold: float) -> OccupancyGrid:
         """int8 grid of what is known: 100 where hits / visits exceeds the threshold, 0 elsewhere, -1 unknown.
@@ -59,18 +64,7 @@ class VisitMap:
         corner_y = float(self._origin_cells[1] + rows[0]) * self.resolution_m
         return OccupancyGrid(data.astype(np.int8), self.resolution_m, (corner_x, corner_y))
 
-    def _trace(
-        self, pose: npt.NDArray[np.float64], ends_m: npt.NDArray[np.float64], hits: int, count: int
-    ) -> None:
-        if len(ends_m) == 0:
-            return
-        reach_m = math.sqrt(float(np.square(ends_m).sum(axis=1).max()))
-        self._grow(pose[:2] - reach_m, pose[:2] + reach_m)
-        cells = pose.copy()
-        cells[:2] = pose[:2] / self.resolution_m - self._origin_cells
-        _count(self._hits, self._visits, cells, ends_m / self.resolution_m, hits, count)
-
-    def _grow(self, low_m: npt.NDArray[np.float64], high_m: npt.NDArray[np.float64]) -> None:
+    def _grow(self, low_m: Floats, high_m: Floats) -> None:
         low = np.floor(low_m / self.resolution_m).astype(np.int64) - 1
         high = np.floor(high_m / self.resolution_m).astype(np.int64) + 2
         if self._visits.size == 0:
@@ -91,8 +85,8 @@ class VisitMap:
 def _count(
     cell_hits: npt.NDArray[np.int32],
     cell_visits: npt.NDArray[np.int32],
-    pose: npt.NDArray[np.float64],
-    ends: npt.NDArray[np.float64],
+    pose: Floats,
+    ends: Floats,
     hits: int,
     count: int,
 ) -> None:

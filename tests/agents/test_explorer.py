@@ -13,6 +13,7 @@ from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import FrontierExplorer
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.gmapping.settings import BURGER_UKF
+from midnet_bench.mapping.settings import FrontierSettings
 from midnet_bench.messages import STOP
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.navigation.settings import NavigatorSettings, burger_global
@@ -34,7 +35,7 @@ def explorer(start: Pose2D, number: int = 1) -> Explorer:
         Navigator(AREA.empty(), NavigatorSettings(global_costmap=costmap)),
         PlanarUkf(start, UkfSettings.for_odometry("encoder")),
         GMapping(LIDAR, replace(BURGER_UKF, particles=3), start, stream(1, "gmapping", number)),
-        FrontierExplorer(),
+        FrontierExplorer(FrontierSettings()),
         AREA,
         30.0,
     )

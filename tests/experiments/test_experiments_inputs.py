@@ -18,6 +18,7 @@ from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
 from midnet_bench.mapping.map_score import score_map
+from midnet_bench.robots.burger import BURGER
 
 
 def free_map(path: Path, side_m: float, center: tuple[float, float] = (0.0, 0.0)) -> Path:
@@ -73,7 +74,7 @@ def test_the_worst_explored_maps_cover_their_arenas_and_are_worse() -> None:
         start = robot_starts(load_arena(arena), 1)[0]
         f1 = []
         for name in ("explored", "explored-worst"):
-            score = score_map(prior_map_from(name, arena, 0.05), truth, (start.x, start.y))
+            score = score_map(prior_map_from(name, arena, 0.05), truth, (start.x, start.y), BURGER.radius_m)
             f1.append(score.occupied_precision * score.occupied_recall)
         assert f1[1] < f1[0]
 

@@ -207,7 +207,7 @@ def test_team_mates_share_one_long_frontier():
     wall_of_unknown = grid("\n".join(["#" * 14, *["#     ?#######"] * 12, "#" * 14]))
     explorer = FrontierExplorer(FrontierSettings(min_frontier_size_m=1.0))
     first = plan(explorer, at(2, 6), wall_of_unknown, 0.0)
-    second = plan(FrontierExplorer(), at(2, 6), wall_of_unknown, 0.0, taken=[first])
+    second = plan(FrontierExplorer(FrontierSettings()), at(2, 6), wall_of_unknown, 0.0, taken=[first])
     assert first[0] == second[0] == 5.5
     assert abs(first[1] - second[1]) >= FrontierSettings().taken_radius_m
 
@@ -282,7 +282,7 @@ def see(known, walls, column, row):
 def test_exploration_of_a_building_ends_when_all_of_it_is_seen(robots):
     walls = building()
     known = np.full(walls.shape, -1, dtype=np.int8)
-    explorers = [FrontierExplorer() for _ in range(robots)]
+    explorers = [FrontierExplorer(FrontierSettings()) for _ in range(robots)]
     cells = [(10 + 3 * k, 30) for k in range(robots)]
     goals = [None] * robots
     for tick in range(60):

@@ -140,7 +140,7 @@ class ExplorationTrial(RobotTrial):
             else by_features(parts, starts, self.parameters.merging)
         )
         grid = self._plane.cut(merged)
-        score = score_map(grid, truth, starts[0][:2], robot_radius_m=self.robot.radius_m)
+        score = score_map(grid, truth, starts[0][:2], self.robot.radius_m)
         return Exploration(
             grid=grid,
             parts=parts,
