@@ -80,21 +80,6 @@ def nearest_hit_squared(means: MeanArray, table: IndexArray, x: float, y: float)
     if not (1 <= column < columns * PATCH_CELLS - 1 and 1 <= row < rows * PATCH_CELLS - 1):
         return _NONE_SQUARED
     best = _NONE_SQUARED
-    inner_column = column & (PATCH_CELLS - 1)
-    inner_row = row & (PATCH_CELLS - 1)
-    if 1 <= inner_column < PATCH_CELLS - 1 and 1 <= inner_row < PATCH_CELLS - 1:
-        patch = table[row >> PATCH_SHIFT, column >> PATCH_SHIFT]
-        if patch == 0:
-            return best
-        inner_x = x - (column - inner_column)
-        inner_y = y - (row - inner_row)
-        for r in range(inner_row - 1, inner_row + 2):
-            for c in range(inner_column - 1, inner_column + 2):
-                dx = means[patch, r, c, 0] - inner_x
-                dy = means[patch, r, c, 1] - inner_y
-                best = min(best, dx * dx + dy * dy)
-        return best
-    # the nine cells lie in more than one patch
     for r in range(row - 1, row + 2):
         for c in range(column - 1, column + 2):
             patch = table[r >> PATCH_SHIFT, c >> PATCH_SHIFT]
