@@ -69,8 +69,8 @@ def resampled(grid: OccupancyGrid, resolution_m: float) -> OccupancyGrid:
     is_occupied, is_unknown = grid.data >= OCCUPIED_FROM, grid.data < FREE
     # what wins is larger: free and its costs, unknown, occupied
     ranks = np.where(is_occupied, 101, np.where(is_unknown, 100, grid.data)).astype(np.int8)
-    # half a new cell beyond the map is unknown
-    ranks = np.pad(ranks, ((0, 1), (0, 1)), constant_values=100)
+    # half a new cell beyond the map is unknown; one row and column more for reduceat to end at
+    ranks = np.pad(ranks, ((0, 2), (0, 2)), constant_values=100)
     for axis, size in enumerate(sizes):
         ranks = _greatest(ranks, axis, size, ratio)
     values = np.where(ranks == 101, OCCUPIED, np.where(ranks == 100, UNKNOWN, ranks)).astype(np.int8)
@@ -79,15 +79,10 @@ def resampled(grid: OccupancyGrid, resolution_m: float) -> OccupancyGrid:
 
 def _greatest(values: npt.NDArray[np.int8], axis: int, size: int, ratio: float) -> npt.NDArray[np.int8]:
     """The greatest of the values that share length with each of ``size`` cells, each ``ratio`` cells long."""
-    last = values.shape[axis] - 1
     edges = np.arange(size + 1) * ratio
-    first = np.floor(edges[:-1] + _HAIR).astype(np.int64)
-    end = np.ceil(edges[1:] - _HAIR).astype(np.int64)
-    found = values.take(np.minimum(first, last), axis)
-    for step in range(1, int((end - first).max())):
-        within = np.minimum(np.minimum(first + step, end - 1), last)
-        np.maximum(found, values.take(within, axis), out=found)
-    return found
+    ends = np.floor(edges[:-1] + _HAIR), np.ceil(edges[1:] - _HAIR)
+    pairs = np.minimum(np.stack(ends, axis=1).astype(np.int64).ravel(), values.shape[axis] - 1)
+    return np.asarray(np.maximum.reduceat(values, pairs, axis).take(np.arange(0, 2 * size, 2), axis))
 
 
 FOLDER = Path(__file__).parent / "maps"
