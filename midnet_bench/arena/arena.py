@@ -31,7 +31,7 @@ MOST_BLOCKS = 5000
 Size = tuple[Length, Length]
 Shape = Literal["box", "cylinder"]
 Kind = Literal["person", "box", "cylinder"]
-Deed = Literal["stand", "wander", "hide", "follow"]
+BehaviourName = Literal["stand", "wander", "hide", "follow"]
 Seconds = Annotated[float, Field(ge=0.0, le=36_000.0)]
 PERSON_RADIUS_M = 0.25
 """about the middle between the feet: what a person needs to pass"""
@@ -81,7 +81,7 @@ class StationaryIntruders(Spec):
 class Behaviour(Spec):
     """What an intruder does. Keys at their default are not written: older arenas stay the same text."""
 
-    behaviour: Annotated[Deed, Field(exclude_if=lambda deed: deed == "wander")] = "wander"
+    behaviour: Annotated[BehaviourName, Field(exclude_if=lambda name: name == "wander")] = "wander"
     """``stand``; ``wander`` to random places; ``hide`` out of sight of all guards; ``follow`` ``path_m``"""
     path_m: Annotated[tuple[Point, ...], Field(exclude_if=lambda points: not points)] = ()
     """goes from each point to the next, and from the last to the first"""
@@ -175,7 +175,7 @@ class Arena(Spec):
     ] = ()
 
     @property
-    def has_deeds(self) -> bool:
+    def has_behaviours(self) -> bool:
         """Whether an intruder does anything else than drive from one random place to the next."""
         burgers = self.mobile_intruders
         return bool(self.other_intruders) or burgers.behaviour != "wander" or burgers.pause_s > 0.0

@@ -24,7 +24,7 @@ _TRIES, _RESTARTS = 200, 20
 
 
 @dataclass(frozen=True)
-class Other:
+class OtherIntruder:
     """One of an arena's other intruders at its start."""
 
     group: OtherIntruders
@@ -44,7 +44,7 @@ class Layout:
     """security robots' starts: base_footprint, the point under the middle of the axle"""
     intruders: tuple[Pose2D, ...]
     """mobile intruders' starts, likewise"""
-    others: tuple["Other", ...] = ()
+    others: tuple[OtherIntruder, ...] = ()
     """people and things that move by themselves"""
     mobile_scale: float = 1.0
     """what beams meet of a mobile intruder, as a multiple of what they meet of a security robot"""
@@ -188,12 +188,12 @@ def _draw_mobile(
 
 def _place_others(
     arena: Arena, seed: int, stationary: tuple[Solid, ...], starts: npt.NDArray[np.float64]
-) -> tuple[Other, ...]:
+) -> tuple[OtherIntruder, ...]:
     """People and things: those with a start of their own, then those whose place is drawn, group by group.
 
     Mobile robots are no matter to them, so that their number changes no place.
     """
-    others: list[Other] = []
+    others: list[OtherIntruder] = []
     for group_number, group in enumerate(arena.other_intruders):
         key = f"arena '{arena.name}': other_intruders.{group_number}"
         free = free_space(arena, group.radius_m + OTHERS_MARGIN_M, stationary)
@@ -213,7 +213,7 @@ def _place_others(
                     and lengths(starts - (x, y)).min() >= least_m
                     and np.all(lengths(taken - (x, y)) > gaps_m)
                 ):
-                    others.append(Other(group, Pose2D(x, y, float(rng.uniform(-math.pi, math.pi)))))
+                    others.append(OtherIntruder(group, Pose2D(x, y, float(rng.uniform(-math.pi, math.pi)))))
                     break
             else:
                 if number < len(group.starts_m):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from midnet_bench.arena.arena import Arena, OtherIntruders, checked_arena, load_arena
-from midnet_bench.arena.layout import Layout, Other, place
+from midnet_bench.arena.layout import Layout, OtherIntruder, place
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.simulation.crowd import LEG_DIAMETER_M, Crowd
@@ -24,7 +24,7 @@ BIG["walls"] = [[[-20, -20], [20, -20], [20, 20], [-20, 20], [-20, -20]]]
 
 
 def layout_of(*others: tuple[dict[str, object], Pose2D], arena: Arena = EMPTY, robots: int = 0) -> Layout:
-    standing = tuple(Other(OtherIntruders.model_validate(group), pose) for group, pose in others)
+    standing = tuple(OtherIntruder(OtherIntruders.model_validate(group), pose) for group, pose in others)
     layout = place(arena, 1, max(robots, 1))
     return replace(layout, robots=layout.robots[:robots], others=standing)
 

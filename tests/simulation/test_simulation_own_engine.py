@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from midnet_bench.arena.arena import OtherIntruders
-from midnet_bench.arena.layout import Other
+from midnet_bench.arena.layout import OtherIntruder
 from midnet_bench.geometry import Pose2D
 from midnet_bench.messages import Command
 from midnet_bench.robots.burger import BURGER
@@ -21,7 +21,7 @@ from tests.simulation.scenes import OWN_ENGINE, FastWorld, run, scene, sensors
 STARTS = [(-1.0, 0.5, 0.3), (1.0, -0.5, 3.0)]
 
 
-def own(folder: Path, text: str = OWN_ENGINE, others: tuple[Other, ...] = ()) -> World:
+def own(folder: Path, text: str = OWN_ENGINE, others: tuple[OtherIntruder, ...] = ()) -> World:
     (folder / "stub.py").write_text(text)
     engine = SIMULATORS.pinned(f"{folder}/stub.py:World")
     return World(replace(scene(STARTS), others=others), WorldSettings(engine=engine), BURGER)
@@ -71,7 +71,7 @@ def test_one_that_is_removed_is_not_asked_for_again(tmp_path: Path) -> None:
 
 def test_one_that_can_is_told_of_what_stands_in_the_robots_way(tmp_path: Path) -> None:
     walled = OWN_ENGINE + "\n    def obstruct(self, solids):\n        self.states[0, 0] = solids[0].pose.x\n"
-    box = Other(OtherIntruders(kind="box"), Pose2D(0.7, 1.5, 0.0))
+    box = OtherIntruder(OtherIntruders(kind="box"), Pose2D(0.7, 1.5, 0.0))
     xs = {text: own(tmp_path, text, (box,)) for text in (OWN_ENGINE, walled)}
     for world in xs.values():
         world.step()

@@ -77,7 +77,7 @@ class GuardedArena(RobotTrial):
         )
         self._evaders = (
             Evaders(self.layout, self.intruders, self.goal_space(), self.crowd, seed, len(self.guards))
-            if self.arena.has_deeds
+            if self.arena.has_behaviours
             else None
         )
         self._scan_callbacks: list[ScanCallback] = []

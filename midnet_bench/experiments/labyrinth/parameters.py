@@ -159,7 +159,7 @@ class LabyrinthParameters(GuardParameters):
     def with_files_read(self) -> Self:
         """See :class:`Parameters`; the arena has doors if intruders escape by them."""
         read = super().with_files_read()
-        if arena_from(read.arena).has_deeds:
+        if arena_from(read.arena).has_behaviours:
             raise InputError(
                 "arena: the labyrinth's intruders are Burgers on their way out: leave out other_intruders, "
                 "and behaviour and pause_s of mobile_intruders; 'detection' knows them"

@@ -19,47 +19,47 @@ Floats = npt.NDArray[np.float64]
 
 # Chosen on one log and on drawn buildings for a laser of 180 beams or more: docs/studies/slips.md.
 LINEAR_UPDATE_M = 0.3
-"""a scan becomes a node after a drive of this length,"""
+"""A scan becomes a node after a drive of this length (Karto: MinimumTravelDistance)."""
 ANGULAR_UPDATE_RAD = 0.3
-"""or after a turn by this angle, radians"""
+"""A scan becomes a node after a turn by this angle too (Karto: MinimumTravelHeading)."""
 FARTHEST_M = 25.0
-"""farther returns are drawn, but not matched"""
+"""Farther returns are drawn, but not matched."""
 THIN_M = 0.1
-"""one return in a square of this side is matched: near walls count no more than far ones"""
+"""One return in a square of this side is matched: near walls count no more than far ones."""
 RUNNING_SCANS = 20
-"""a new scan is matched against so many before it"""
+"""A new scan is matched against so many before it (Karto: ScanBufferSize)."""
 COLLAPSED = 0.75
-"""a match below this share of the median of the last 50 scores is searched for again in a wide window,"""
+"""Below this share of the median of the last 50 scores a match is searched for in ``WIDE`` too."""
 GAIN = 0.1
-"""whose match is taken if its score is better by this much"""
+"""The match in ``WIDE`` is taken if its score is better by this much."""
 LOOP_RADIUS_M = 4.0
-"""a loop may close with scans from so near"""
+"""A loop may close with scans from so near (Karto: LoopSearchMaximumDistance)."""
 LOOP_SCANS = 10
-"""and is matched against so many before and after the nearest of them"""
+"""A closure is matched against so many scans before and after the nearest of an earlier visit."""
 LOOP_SCORE = 0.55
-"""a loop closes with a better match than this, which lies between 0 and 1"""
+"""Least score of a closure, 0 to 1 (Karto: LoopMatchMinimumResponseFine)."""
 LATELY_SCANS = 8
-"""after a long way without a loop, so many scans are matched at once, as one"""
+"""After a long way without a loop so many scans are matched at once, as one."""
 LONG_WAY_M = 10.0
-"""what a long way is"""
+"""How far a long way is."""
 SURPRISE_M = 0.3
-"""a closure that moves the robot by more than this"""
+"""A closure that moves the robot by more than this is a surprise."""
 SURPRISE_RAD = 0.1
-"""or turns it by more than this, radians, is believed only"""
+"""A closure that turns the robot by more than this is one too."""
 AGREEING = 3
-"""when so many within eight nodes agree, to as much as a surprise"""
+"""So many surprises within eight nodes have to agree before they are taken."""
 HIT_DEVIATION_M = 0.1
-"""how far a hit may be off its wall: what an edge of the graph weighs"""
+"""Standard deviation of a hit from its wall: what an edge of the graph weighs."""
 ODOMETRY_DEVIATION = 0.2
-"""how far the odometry may be off between two nodes, metres and radians"""
+"""Standard deviation of the odometry between two nodes, metres and radians."""
 RESOLUTION_M = 0.05
-"""side of a cell of the map"""
+"""Side of a cell of the map."""
 OCCUPIED_THRESHOLD = 0.25
-"""cells hit in more than this share of the visits are occupied in the map"""
+"""Cells hit in more than this share of the visits are occupied in the map."""
 NARROW = Window(0.3, 0.2, 0.5, 0.5)
-"""around what the odometry says; its pull holds where a corridor says nothing"""
+"""Search window around the odometry's pose; its pull holds where a corridor says nothing."""
 WIDE = Window(1.0, 3.2, 0.05, 0.01)
-"""where the wheels may have slipped to"""
+"""Search window as wide as wheels slip."""
 _MOST_CHAINS = 3
 """of old scans with which one scan may close loops"""
 _PENDING_NODES = 8
@@ -141,7 +141,7 @@ class GraphSlam(GridSlam):
             self._graph.add_node(self._initial.compose(mount))
         else:
             step = odometry_pose.compose(mount).relative_to(self._node_odometry.compose(mount))
-            score = self._follow(scan, step)
+            score = self._add_node(scan, step)
             self._untied_m += self._way_m
         self._matched.append(scan)
         self._integrate(rays, time_s, score)
@@ -163,7 +163,7 @@ class GraphSlam(GridSlam):
     def _sensor_poses(self) -> Floats:
         return self._graph.poses
 
-    def _follow(self, scan: _Scan, step: Pose2D) -> float:
+    def _add_node(self, scan: _Scan, step: Pose2D) -> float:
         """Add the scan's node, ``step`` by the wheels after the last one; its score, NaN without a match."""
         last = len(self._scans) - 1
         pose, score = self._graph.pose(last).compose(step), math.nan
@@ -188,7 +188,7 @@ class GraphSlam(GridSlam):
         late = len(self._scans) - 1
         here = self._graph.pose(late)
         closures = [closure for early in self._earlier_visits(late) for closure in self._closure(early, scan)]
-        believed = [closure for closure in closures if not self._far_apart(closure.pose, here)]
+        accepted = [closure for closure in closures if not self._far_apart(closure.pose, here)]
         self._pending = [closure for closure in self._pending if late - closure.late <= _PENDING_NODES]
         surprised = False
         for closure in closures:
@@ -197,11 +197,11 @@ class GraphSlam(GridSlam):
                 alike = [old for old in self._pending if self._agree(old, closure)]
                 if len(alike) >= AGREEING:
                     surprised = True
-                    believed += alike
+                    accepted += alike
                     self._pending = [old for old in self._pending if not self._agree(old, closure)]
-        if not believed:
+        if not accepted:
             return
-        for closure in believed:
+        for closure in accepted:
             self._graph.add_edge(
                 closure.early, closure.late, closure.measured, closure.information, doubted=True
             )
@@ -237,16 +237,13 @@ class GraphSlam(GridSlam):
     def _closure(self, early: int, scan: _Scan) -> list[_Closure]:
         """The match of the newest node's scan with those around an early node, if it is good enough."""
         late = len(self._scans) - 1
-        nodes = range(
-            max(0, early - LOOP_SCANS),
-            min(late - RUNNING_SCANS, early + LOOP_SCANS + 1),
-        )
+        nodes = range(max(0, early - LOOP_SCANS), min(late - RUNNING_SCANS, early + LOOP_SCANS + 1))
         pose, window = self._graph.pose(late), self._loop_window()
         field = self._field(nodes, pose, window.half_m + NARROW.half_m)
         if field is None:
             return []
         if self._untied_m > LONG_WAY_M:
-            pose, score = match(field, self._lately(), pose, window)
+            pose, score = match(field, self._recent_points(), pose, window)
             if score < LOOP_SCORE:
                 return []
         pose, score = match(field, scan.points, pose, NARROW)
@@ -256,7 +253,7 @@ class GraphSlam(GridSlam):
         information = self._matched_information(scan, seen_from, pose, score)
         return [_Closure(early, late, pose, pose.relative_to(seen_from), information)]
 
-    def _lately(self) -> Floats:
+    def _recent_points(self) -> Floats:
         """(B, 2) points of the last scans in the newest one's frame, thinned, metres."""
         last = range(max(0, len(self._scans) - LATELY_SCANS), len(self._scans))
         here = self._graph.pose(len(self._scans) - 1)
@@ -276,7 +273,7 @@ class GraphSlam(GridSlam):
         return one.distance_to(other) > SURPRISE_M or turn_rad > SURPRISE_RAD
 
     def _matched_information(self, scan: _Scan, seen_from: Pose2D, pose: Pose2D, score: float) -> Floats:
-        """(3, 3) what a match tells: each point holds it along its wall's normal; 0 without a match."""
+        """(3, 3) information of a match: each point holds it along its wall's normal; 0 without a match."""
         if not math.isfinite(score):
             return np.zeros((3, 3))
         cos, sin = pose.relative_to(seen_from).direction
@@ -285,8 +282,8 @@ class GraphSlam(GridSlam):
             [cos * along_x - sin * along_y, sin * along_x + cos * along_y, x * along_y - y * along_x], axis=1
         )
         share = score / HIT_DEVIATION_M
-        told: Floats = share * share * (by_pose[:, :, None] * by_pose[:, None, :]).sum(axis=0)
-        return told
+        information: Floats = share * share * (by_pose[:, :, None] * by_pose[:, None, :]).sum(axis=0)
+        return information
 
     def _field(self, nodes: Sequence[int], around: Pose2D, window_m: float) -> HitField | None:
         """The hits of some nodes as far as a scan from the window around a pose can meet them."""
