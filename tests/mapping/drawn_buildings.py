@@ -12,6 +12,13 @@ from midnet_bench.grid import OccupancyGrid
 
 WALL_M = 0.15
 RANGE_M = 3.5
+VALUES = {" ": 0, "#": 100, "?": -1, ".": 30, "~": 50, "i": 99}
+
+
+def grid(picture: str, resolution: float = 1.0, origin: tuple[float, float] = (0.0, 0.0)) -> OccupancyGrid:
+    """A map or costmap drawn as text; the first line has the highest y."""
+    rows = [[VALUES[letter] for letter in line] for line in reversed(picture.strip("\n").split("\n"))]
+    return OccupancyGrid(np.array(rows, dtype=np.int8), resolution, origin)
 
 
 class Building(NamedTuple):

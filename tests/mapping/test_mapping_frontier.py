@@ -12,14 +12,7 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.mapping.frontier import Frontier, FrontierExplorer, assign_frontiers, find_frontiers
 from midnet_bench.mapping.settings import FrontierSettings
-
-VALUES = {" ": 0, "#": 100, "?": -1, "i": 99, "~": 50}
-
-
-def grid(picture, resolution=1.0, origin=(0.0, 0.0)):
-    """A costmap drawn as text; the first line has the highest y."""
-    rows = [[VALUES[letter] for letter in line] for line in reversed(picture.strip("\n").split("\n"))]
-    return OccupancyGrid(np.array(rows, dtype=np.int8), resolution, origin)
+from tests.mapping.drawn_buildings import grid
 
 
 def at(column, row):

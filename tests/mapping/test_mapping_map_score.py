@@ -4,16 +4,8 @@ import numpy as np
 import pytest
 
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.mapping.map_score import reachable_free, score_map
-
-VALUES = {" ": 0, "#": 100, "?": -1}
-
-
-def grid(picture, resolution=1.0, origin=(0.0, 0.0)):
-    """A map drawn as text; the first line has the highest y."""
-    rows = [[VALUES[letter] for letter in line] for line in reversed(picture.strip("\n").split("\n"))]
-    return OccupancyGrid(np.array(rows, dtype=np.int8), resolution, origin)
-
+from midnet_bench.mapping.map_score import closed_spaces, reachable_free, score_map
+from tests.mapping.drawn_buildings import grid
 
 TRUTH = grid(
     """
@@ -138,3 +130,25 @@ def test_the_corner_that_a_disc_cannot_fill_is_not_reachable():
 def test_a_start_where_no_robot_fits_is_an_error(start):
     with pytest.raises(ValueError, match="fits"):
         reachable_free(TRUTH, start, 0.4)
+
+
+ROOMS = """
+################
+#      #       #
+#      #       #
+#      #########
+#        #     #
+#      # #     #
+#      #       #
+#      # #     #
+################
+"""
+
+
+def test_a_room_without_a_door_and_one_behind_a_slit_are_closed():
+    closed = closed_spaces(grid(ROOMS, resolution=0.1), (0.35, 0.45), robot_radius_m=0.15)
+    cells = {(int(c), 8 - int(r)) for r, c in np.argwhere(closed)}
+    assert {(10, 1), (14, 2)} <= cells
+    assert {(12, 5), (10, 7), (8, 6)} <= cells
+    # the room the robot stands in is not, nor are its corners, which no disc can cover
+    assert not {(x, y) for x, y in cells if x < 7}

@@ -10,19 +10,22 @@ from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.geometry import Box, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.mapping.map_alignment import Fit
-from midnet_bench.mapping.merge import by_features, compose, match_maps
+from midnet_bench.mapping.merge import by_features, by_known_starts, compose, confidence, match_maps, refusals
 from midnet_bench.mapping.settings import MergeSettings
 from midnet_bench.rng import stream
-from tests.mapping.drawn_buildings import Building, corridor, hull, map_of, random_frame, rooms, viewpoints
+from tests.mapping.drawn_buildings import (
+    VALUES,
+    Building,
+    corridor,
+    grid,
+    hull,
+    map_of,
+    random_frame,
+    rooms,
+    viewpoints,
+)
 
 SAME = Pose2D(0.0, 0.0, 0.0)
-VALUES = {" ": 0, "#": 100, "?": -1, ".": 30}
-
-
-def grid(picture, resolution=1.0, origin=(0.0, 0.0)):
-    """A map drawn as text; the first line has the highest y."""
-    rows = [[VALUES[letter] for letter in line] for line in reversed(picture.strip("\n").split("\n"))]
-    return OccupancyGrid(np.array(rows, dtype=np.int8), resolution, origin)
 
 
 def drawn(merged):
@@ -272,3 +275,49 @@ def test_a_stricter_setting_refuses_what_the_default_accepts():
 def test_evidence_at_a_least_agreement_of_1_counts_no_contradiction() -> None:
     assert Fit(5.0, 0.0).evidence_m(1.0) == 5.0
     assert Fit(5.0, 0.1).evidence_m(1.0) == -math.inf
+
+
+def test_maps_in_one_frame_are_laid_over_each_other():
+    merged = by_known_starts([grid("?# \n???"), grid("?  \n  ?")])
+    assert merged.data.tolist() == grid("?# \n  ?").data.tolist()
+    assert math.isnan(confidence({}))
+
+
+@pytest.mark.slow
+def test_maps_of_one_building_find_together_by_features_whatever_the_starts():
+    rng = stream(3, "building")
+    building = rooms(rng)
+    here = Pose2D(0.0, 0.0, 0.0)
+    maps = [
+        map_of(building, viewpoints(building, rng, low, high), here, rng, 0.0)
+        for low, high in ((0.0, 0.8), (0.2, 1.0))
+    ]
+    starts = [Pose2D(2.0, 3.0, 0.4), Pose2D(6.0, 4.0, -2.0)]
+    merged, matches = by_features(maps, starts, MergeSettings())
+    assert refusals(matches) == []
+    assert confidence(matches) >= 0.7
+    # laid over each other by what they show, they agree with the maps laid over each other by their frame
+    together = by_known_starts(maps)
+    rows, columns = np.nonzero(merged.data == 100)
+    walls = {together.cell_at(*merged.center_of(c, r)) for c, r in zip(columns, rows, strict=True)}
+    thick = {
+        (int(c) + i, int(r) + j)
+        for r, c in np.argwhere(together.data == 100)
+        for i in (-2, -1, 0, 1, 2)
+        for j in (-2, -1, 0, 1, 2)
+    }
+    assert len(walls & thick) > 0.98 * len(walls)
+
+
+def test_a_refused_merge_leaves_the_map_that_knows_most():
+    square = np.full((60, 60), -1, dtype=np.int8)
+    square[10:50, 10:50] = 100
+    square[12:48, 12:48] = 0
+    small = square.copy()
+    small[:, 30:] = -1
+    maps = [OccupancyGrid(data, 0.05, (0.0, 0.0)) for data in (small, square)]
+    merged, matches = by_features(maps, [Pose2D(1.0, 1.0, 0.0), Pose2D(1.5, 1.0, 2.0)], MergeSettings())
+    assert merged.data.tobytes() == square.tobytes()
+    (line,) = refusals(matches)
+    assert line.startswith("the maps of robots 1 and 2 were not merged: ")
+    assert confidence(matches) < 0.7
