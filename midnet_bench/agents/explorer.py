@@ -12,7 +12,7 @@ from midnet_bench.grid import MapWindow, OccupancyGrid
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import Frontier, FrontierExplorer, assign_frontiers
 from midnet_bench.mapping.gmapping.filter import GMapping
-from midnet_bench.messages import STOP, Command, LidarGeometry
+from midnet_bench.messages import LidarGeometry
 from midnet_bench.navigation.navigator import Navigator
 
 MATE_RADIUS_M = 0.3
@@ -84,17 +84,12 @@ class Explorer(MobileRobot):
         self._has_map = self._has_new_map = True
         self.is_done = False
 
-    def control(self, time_s: float) -> Command:
-        """The velocity to drive at until the next cycle; a new map or the end of a drive calls for a plan."""
-        self.progress.update(self.pose.x, self.pose.y, time_s, self.goal is not None)
-        self._settle_goal(time_s)
+    def _choose_goal(self, time_s: float) -> None:
+        """A new map or the end of a drive calls for a plan."""
         if self._has_new_map or (self._has_map and self.goal is None and not self.is_done):
             frontiers = self.offers(self.navigator.global_costmap.published())
             taken = [mate.goal for mate in self.mates if mate.goal is not None]
             self.explore(frontiers, time_s, taken)
-        if self.goal is None:
-            return STOP
-        return self.navigator.control(self.pose, Command(*self.velocity), time_s)
 
     def offers(self, costmap: OccupancyGrid) -> list[Frontier]:
         """The frontiers of ``costmap`` that it can reach and has not given up, cheapest first."""

@@ -89,12 +89,15 @@ class MobileRobot:
         """The velocity to drive at until the next cycle."""
         self.progress.update(self.pose.x, self.pose.y, time_s, self.goal is not None)
         self._settle_goal(time_s)
+        self._choose_goal(time_s)
         if self.goal is None:
-            goal = self.next_goal(self)
-            if goal is None:
-                return STOP
-            self.drive_to(goal)
+            return STOP
         return self.navigator.control(self.pose, Command(*self.velocity), time_s)
+
+    def _choose_goal(self, time_s: float) -> None:
+        """Drive to the next goal if there is none at hand."""
+        if self.goal is None and (goal := self.next_goal(self)) is not None:
+            self.drive_to(goal)
 
     def _settle_goal(self, time_s: float) -> None:
         """Count and drop a goal that was reached, given up, or brought no progress for too long (item 62)."""

@@ -28,8 +28,6 @@ GROUND_M = 1.0
 """of the plane, on each side of the enclosure"""
 ROOM_SHARE = 0.05
 """A room inside has at least this share of the floor of the largest one."""
-_ROWS = 64
-"""looked at together"""
 
 
 def dark_cells(pixels: npt.NDArray[np.uint8], resolution_m: float) -> OccupancyGrid:
@@ -128,27 +126,14 @@ def _grown(dark: Cells, row: int, column: int) -> Rectangle:
     right = column + _run(dark[row, column:])
     left = column + 1 - _run(dark[row, column::-1])
     band = dark[:, left:right]
-    high = row + _full_rows(band, row, 1)
-    low = row + 1 - _full_rows(band, row, -1)
+    high = row + _run(np.all(band[row:], axis=1))
+    low = row + 1 - _run(np.all(band[row::-1], axis=1))
     return low, left, high, right
 
 
 def _run(cells: Cells) -> int:
     """How many are set from the first on."""
     return int(np.append(cells, False).argmin())
-
-
-def _full_rows(band: Cells, first: int, way: int) -> int:
-    """How many rows are full from the first on, upwards (1) or downwards (-1)."""
-    rows: Cells = band[first::way]
-    count = 0
-    while count < len(rows):
-        full: Cells = np.all(rows[count : count + _ROWS], axis=1)
-        run = _run(full)
-        count += run
-        if run < len(full):
-            break
-    return count
 
 
 def start_of_guards(dark: OccupancyGrid) -> tuple[float, float]:
