@@ -136,8 +136,8 @@ class Explorer(MobileRobot):
 def hand_out_frontiers(team: Sequence[Explorer], time_s: float) -> None:
     """Send each explorer to a frontier of its own, as the central program can that hears all of them.
 
-    It lays their global costmaps over each other, a cell free where it is to any of them, and knows where
-    they believe themselves to be. Between two maps an explorer that has arrived chooses by itself.
+    It lays their global costmaps over each other, a cell free where it is to any of them, and knows their
+    estimated poses. Between two maps an explorer that has arrived chooses by itself.
     """
     costmaps = [explorer.navigator.global_costmap.published() for explorer in team]
     least = np.minimum.reduce([costmap.data.view(np.uint8) for costmap in costmaps])  # unknown is 255

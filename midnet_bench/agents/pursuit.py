@@ -138,6 +138,6 @@ class Pursuit:
         unseen_s = time_s - known.seen_s
         if unseen_s > self._settings.timeout_s:
             return True
-        # an oracle would have told
+        # ground truth reports a lost target itself
         looks = self._settings.rule != "oracle" and unseen_s > EMPTY_AFTER_S
         return looks and any(math.dist(guard.state.place, known.place) < NEAR_M for guard in known.pursuers)

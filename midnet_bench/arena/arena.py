@@ -251,7 +251,7 @@ def load_arena(name_or_path: str | Path) -> Arena:
 
 @lru_cache(maxsize=16)
 def _written_arena(yaml: str, path: str, source: str) -> Arena:
-    """The arena that a file's text describes; every trial asks for it twice, and arenas are never changed."""
+    """The arena that a file's text describes; read once: every trial needs it twice."""
     return checked_arena(parsed_yaml(yaml, path), source)
 
 

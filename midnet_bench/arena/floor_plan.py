@@ -158,7 +158,7 @@ def start_of_guards(dark: OccupancyGrid) -> tuple[float, float]:
     inner = areas.copy()
     inner[edges] = 0
     is_room = inner.max() >= ROOM_SHARE * areas.max()
-    # beyond the grid nobody can stand: its edge counts as wall
+    # the grid's edge counts as wall
     room_m = cv2.distanceTransform(np.pad(floor, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
     room_m = np.where(labels == (inner if is_room else areas).argmax(), room_m * dark.resolution, 0.0)
     rows, columns = np.nonzero(room_m >= min(START_CLEARANCE_M, float(room_m.max())))

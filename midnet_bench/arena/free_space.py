@@ -105,7 +105,7 @@ def doors(arena: Arena, key: str = "escape_at") -> list[tuple[float, float]]:
 def free_space(arena: Arena, clearance_m: float, obstacles: tuple[Solid, ...] = ()) -> FreeSpace:
     """Cells whose centre is ``clearance_m`` or more from every wall and from ``obstacles``.
 
-    Without ``obstacles`` it is what the guards believe (the prior map has no intruder in it), with
+    Without ``obstacles`` it is what the guards know (the prior map has no intruder in it), with
     ``layout.stationary`` it is the truth. Distances are exact, not taken on the grid.
 
     Raises:

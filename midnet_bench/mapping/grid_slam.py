@@ -15,7 +15,7 @@ from midnet_bench.messages import LidarGeometry
 
 
 class GridSlam(ABC):
-    """SLAM that keeps its scans and draws a grid of them at the poses that it believes in now."""
+    """SLAM that keeps its scans and draws a grid of them at its newest estimate of their poses."""
 
     _SLACK = (0.0, 0.0)
     """a scan that moved by no more, metres and radians, stays where it is drawn"""

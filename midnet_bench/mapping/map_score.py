@@ -32,7 +32,7 @@ def score_map(built: OccupancyGrid, truth: OccupancyGrid, start: Point, robot_ra
     """The four numbers for ``built``, which is in the frame of ``truth``.
 
     A reachable cell that the map takes for occupied counts as covered, because a wall's surface falls on
-    either side of a cell's edge: a wrong wall shows in the precision. Recall asks for the faces of walls
+    either side of a cell's edge: a wrong wall shows in the precision. Recall counts the faces of walls
     alone, as no LiDAR sees the inside or the far side. Within one cell: at most one of the true grid's cells
     apart in x and in y, from centre to centre.
 

@@ -40,7 +40,7 @@ def match_maps(first: OccupancyGrid, second: OccupancyGrid, settings: MergeSetti
     much of one's wall stands in the other's open space, and whether the maps would fit elsewhere too.
     A square room fits in four ways, and then none is drawn.
 
-    Not as in multirobot_map_merge: the package believes a pair whose features agree (confidence >= 1),
+    Not as in multirobot_map_merge: the package accepts a pair whose features agree (confidence >= 1),
     keeps the features' scale in its transform and looks neither at the grids nor for a second solution.
 
     Args:

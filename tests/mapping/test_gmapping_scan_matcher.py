@@ -17,7 +17,7 @@ from midnet_bench.mapping.gmapping.scan_matcher import (
     matching_in_cells,
 )
 from midnet_bench.mapping.gmapping.settings import BURGER_UKF, RECORDED_LOG
-from midnet_bench.mapping.hill_climb import rotate
+from midnet_bench.mapping.hill_climb import hill_climb, rotate
 from midnet_bench.mapping.scans import trace_line
 from tests.mapping.gmapping_room import ROOM, cast
 
@@ -231,3 +231,16 @@ def test_a_climb_that_odometry_holds_as_hard_as_can_be_stays() -> None:
     held = matching_in_cells(replace(RECORDED_LOG, angular_reliability=1e9, linear_reliability=1e9))
     start = Pose2D(*maps.to_cells(np.array([pose]) + 0.1)[0])
     assert climb(maps.means, maps.tables[0], ends, start, held)[0] == start
+
+
+def test_the_hill_climb_takes_the_best_of_six_steps_and_halves_them() -> None:
+    tried: list[tuple[float, ...]] = []
+
+    def score(goal_x: float, pose: Pose2D, enough: float) -> float:
+        tried.append(tuple(pose))
+        return -abs(pose.x - goal_x) - abs(pose.y) - abs(pose.yaw)
+
+    assert hill_climb(score, 0.75, Pose2D(0.0, 0.0, 0.0), 1.0, 1.0, 2) == ((0.75, 0.0, 0.0), 0.0)
+    assert tried[:4] == [(0, 0, 0), (1, 0, 0), (-1, 0, 0), (0, -1, 0)]
+    assert tried[4:7] == [(0, 1, 0), (0, 0, 1), (0, 0, -1)]
+    assert hill_climb(score, 0.75, Pose2D(0.0, 0.0, 0.0), 1.0, 1.0, 1)[0].x == 1.0

@@ -71,7 +71,7 @@ def matching_in_cells(settings: GmappingSettings) -> Matching:
 def nearest_hit_squared(means: MeanArray, table: IndexArray, x: float, y: float) -> float:
     """Squared distance from (x, y) to the nearest mean hit point in the 3 x 3 cells around it, cells^2.
 
-    More than 1e12 if those cells hold no hits. GMapping also asks that a cell some way back along the beam be
+    More than 1e12 if those cells hold no hits. GMapping also wants a cell some way back along the beam to be
     free, but looks at an unrelated cell, so the test never decides anything; it is left out here.
     """
     column = math.floor(x)

@@ -82,7 +82,7 @@ class _Scan(NamedTuple):
     points: Floats
     """(B, 2) thinned hits in the sensor frame, metres"""
     normals: Floats
-    """(B, 2) unit normals of the walls that they lie on, as far as neighbouring beams tell them; else 0"""
+    """(B, 2) unit normals of the walls that they lie on, by the beams beside them; 0 where far apart"""
 
 
 class _Closure(NamedTuple):
