@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -11,7 +10,7 @@ import numpy.typing as npt
 from midnet_bench.agents.settings import PatrolSettings
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Point, lengths
-from midnet_bench.grid import OCCUPIED, OccupancyGrid, connected_to
+from midnet_bench.grid import OCCUPIED, OccupancyGrid, cell_centers, connected_to
 
 DRIVABLE_M = 0.15
 """How near to an occupied cell a robot's centre may come: the reach of a Burger's footprint, 0.1485 m, in
@@ -49,46 +48,18 @@ def patrol_points(
     Raises:
         InputError: there is no such cell.
     """
-    points = _patrol_points(
-        prior_map.data.tobytes(),
-        prior_map.data.shape,
-        prior_map.resolution,
-        prior_map.origin,
-        start,
-        enclosure_m,
-        clearance_m,
-        reach_m,
-    )
-    if not len(points):
-        raise InputError(
-            f"prior_map: no cell is {clearance_m:g} m from walls and within reach of the guards' start "
-            f"({start[0]:g}, {start[1]:g}); is it the map of this arena?"
-        )
-    return points
-
-
-@lru_cache(maxsize=16)
-def _patrol_points(
-    cells: bytes,
-    shape: tuple[int, int],
-    resolution: float,
-    origin: Point,
-    start: Point,
-    enclosure_m: tuple[float, float],
-    clearance_m: float,
-    reach_m: float,
-) -> npt.NDArray[np.float64]:
-    """(n, 2), read-only, for an int8 map by its contents: the same for all trials of a cell of a campaign."""
-    prior_map = OccupancyGrid(np.frombuffer(cells, dtype=np.int8).reshape(shape), resolution, origin)
     free = (prior_map.data != OCCUPIED).astype(np.uint8)
     distance_m = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * prior_map.resolution
     x, y = prior_map.x_centers, prior_map.y_centers
     inside = (np.abs(x) < enclosure_m[0] / 2.0) & (np.abs(y) < enclosure_m[1] / 2.0)[:, None]
     drivable = (distance_m >= max(DRIVABLE_M, reach_m)) & inside & (prior_map.data >= 0)
     reachable = connected_to(*prior_map.cell_at(*start), drivable)
-    rows, columns = np.nonzero(reachable & (distance_m >= clearance_m))
-    points = np.column_stack([x[columns], y[rows]])
-    points.flags.writeable = False
+    points = cell_centers(prior_map, reachable & (distance_m >= clearance_m))
+    if not len(points):
+        raise InputError(
+            f"prior_map: no cell is {clearance_m:g} m from walls and within reach of the guards' start "
+            f"({start[0]:g}, {start[1]:g}); is it the map of this arena?"
+        )
     return points
 
 
