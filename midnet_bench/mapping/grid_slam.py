@@ -9,8 +9,7 @@ import numpy.typing as npt
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.trajectory import Trajectory
-from midnet_bench.mapping.scans import ScanRays
-from midnet_bench.mapping.visit_map import VisitMap
+from midnet_bench.mapping.scans import ScanRays, VisitMap
 from midnet_bench.messages import LidarGeometry
 
 

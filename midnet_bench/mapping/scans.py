@@ -1,4 +1,4 @@
-"""Scans as both kinds of SLAM take them: what rays they are, and what cells the rays pass."""
+"""Scans as both kinds of SLAM take them: their rays, the cells that these pass, and the map drawn of them."""
 
 import math
 from typing import NamedTuple
@@ -8,19 +8,25 @@ import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, directions
+from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import LidarGeometry
+
+Floats = npt.NDArray[np.float64]
+
+_MARGIN_CELLS = 64
+"""spare cells on each side when the map grows, so that it does not grow with every scan"""
 
 
 class ScanRays(NamedTuple):
     """What a scan says, as rays from the sensor."""
 
-    ends_m: npt.NDArray[np.float64]
+    ends_m: Floats
     """(B, 2) ends of the rays in the sensor frame"""
     hits: int
     """how many of them, from the first on, end at an obstacle; the others only clear"""
 
 
-def scan_rays(geometry: LidarGeometry, ranges_m: npt.NDArray[np.float64], usable_m: float) -> ScanRays:
+def scan_rays(geometry: LidarGeometry, ranges_m: Floats, usable_m: float) -> ScanRays:
     """The rays of a scan: first those that hit something nearer than ``usable_m``, then those that clear.
 
     GMapping's rule (``registerScan``): a return below ``usable_m`` clears and hits; one from there up to the
@@ -47,9 +53,7 @@ def scan_rays(geometry: LidarGeometry, ranges_m: npt.NDArray[np.float64], usable
 
 
 @njit
-def trace_rays(
-    pose: npt.NDArray[np.float64], ends: npt.NDArray[np.float64]
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+def trace_rays(pose: Floats, ends: Floats) -> tuple[npt.NDArray[np.int64], Floats]:
     """((M, 2) column and row of each cell that rays visit before their end cells, (B, 2) x, y of their ends).
 
     Args:
@@ -94,3 +98,88 @@ def trace_line(column: int, row: int, end_column: int, end_row: int, cells: npt.
             error += dx
             row += step_y
     return count
+
+
+class VisitMap:
+    """Hits and visits of traced scans; a scan can be taken back, which leaves no trace of it.
+
+    Bresenham from the sensor's cell to the end cell: every cell before the last gets a visit, the last one a
+    visit and a hit; a ray that only clears stops before its last cell (GMapping, ``computeActiveArea`` and
+    ``registerScan`` with generateMap).
+    """
+
+    def __init__(self, resolution_m: float) -> None:
+        self.resolution_m = resolution_m
+        self._origin_cells = np.zeros(2, dtype=np.int64)
+        self._hits = np.zeros((0, 0), dtype=np.int32)
+        self._visits = np.zeros((0, 0), dtype=np.int32)
+
+    def add(self, pose: Floats, ends_m: Floats, hits: int, count: int = 1) -> None:
+        """Trace a scan.
+
+        Args:
+            pose: (3,) sensor pose in the map frame, metres and radians.
+            ends_m: (B, 2) float64 ends of the rays in the sensor frame.
+            hits: how many of them, from the first on, end at an obstacle.
+            count: 1; -1 takes back a scan that was added with the same arguments.
+        """
+        if len(ends_m) == 0:
+            return
+        reach_m = math.sqrt(float(np.square(ends_m).sum(axis=1).max()))
+        self._grow(pose[:2] - reach_m, pose[:2] + reach_m)
+        cells = pose.copy()
+        cells[:2] = pose[:2] / self.resolution_m - self._origin_cells
+        _count(self._hits, self._visits, cells, ends_m / self.resolution_m, hits, count)
+
+    def occupancy(self, occupied_threshold: float) -> OccupancyGrid:
+        """int8 grid of what is known: 100 where hits / visits exceeds the threshold, 0 elsewhere, -1 unknown.
+
+        As large as the known cells; its origin is the corner of cell (0, 0), a multiple of the resolution
+        (GMapping publishes that cell's centre, half a cell off the convention).
+        """
+        rows = np.flatnonzero(self._visits.any(axis=1))
+        columns = np.flatnonzero(self._visits.any(axis=0))
+        if len(rows) == 0:
+            return OccupancyGrid(np.zeros((0, 0), dtype=np.int8), self.resolution_m, (0.0, 0.0))
+        window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+        hits, visits = self._hits[window], self._visits[window]
+        data = np.where(hits > occupied_threshold * visits, 100, 0)
+        data[visits == 0] = -1
+        corner_x = float(self._origin_cells[0] + columns[0]) * self.resolution_m
+        corner_y = float(self._origin_cells[1] + rows[0]) * self.resolution_m
+        return OccupancyGrid(data.astype(np.int8), self.resolution_m, (corner_x, corner_y))
+
+    def _grow(self, low_m: Floats, high_m: Floats) -> None:
+        low = np.floor(low_m / self.resolution_m).astype(np.int64) - 1
+        high = np.floor(high_m / self.resolution_m).astype(np.int64) + 2
+        if self._visits.size == 0:
+            self._origin_cells = low.copy()
+        size = np.array(self._visits.shape[::-1])
+        before = self._origin_cells - low
+        after = high - self._origin_cells - size
+        before = np.where(before > 0, before + _MARGIN_CELLS, 0)
+        after = np.where(after > 0, after + _MARGIN_CELLS, 0)
+        if before.any() or after.any():
+            widths = ((before[1], after[1]), (before[0], after[0]))
+            self._hits = np.pad(self._hits, widths)
+            self._visits = np.pad(self._visits, widths)
+            self._origin_cells = self._origin_cells - before
+
+
+@njit
+def _count(
+    cell_hits: npt.NDArray[np.int32],
+    cell_visits: npt.NDArray[np.int32],
+    pose: Floats,
+    ends: Floats,
+    hits: int,
+    count: int,
+) -> None:
+    """Add ``count`` (1 or -1) to the visits and hits of the cells on a scan's rays; all lengths in cells."""
+    cells, placed = trace_rays(pose, ends)
+    for k in range(cells.shape[0]):
+        cell_visits[cells[k, 1], cells[k, 0]] += count
+    for b in range(hits):
+        column, row = math.floor(placed[b, 0]), math.floor(placed[b, 1])
+        cell_visits[row, column] += count
+        cell_hits[row, column] += count

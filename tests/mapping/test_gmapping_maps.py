@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from midnet_bench.mapping.gmapping.particle_map import ParticleMaps
 from midnet_bench.mapping.gmapping.scan_matcher import EMPTY, PATCH_CELLS
-from midnet_bench.mapping.visit_map import VisitMap
+from midnet_bench.mapping.scans import VisitMap
 
 CELL_M = 0.05
 Points = npt.NDArray[np.float64]
