@@ -126,11 +126,6 @@ class UkfSettings(Settings):
         0.0, "Second spread of the sigma points.", ge=0, le=10, source="package: robot_localization, kappa"
     )
 
-    @classmethod
-    def for_odometry(cls, source: Literal["world", "encoder"]) -> "UkfSettings":
-        """The defaults for exact odometry (``world``) or for wheels that slip (``encoder``)."""
-        return cls().suited_to(source)
-
     def suited_to(self, source: Literal["world", "encoder"]) -> "UkfSettings":
         """These settings, what odometry's source decides filled in.
 

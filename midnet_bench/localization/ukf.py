@@ -10,7 +10,6 @@ from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.localization.settings import UkfSettings
-from midnet_bench.messages import Imu, Odometry
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -22,13 +21,7 @@ WIDE_YAW_RAD = 0.5
 """how far from the mean the headings of sigma points may lie; their mean way is 2 % too short there"""
 
 _POSE, _YAW = 0, 2
-"""number of the first state that a measurement of the pose, or of yaw and velocities, says something of"""
-
-_ONLY = np.zeros(1, dtype=np.int64)
-"""the row of a filter in a team of one"""
-
-_NOTHING = np.full(2, np.nan)
-"""a reading of which every value is left out"""
+"""index of the first state that is measured: by a pose; by odometry and IMU"""
 
 
 class PlanarUkf:
@@ -56,12 +49,51 @@ class PlanarUkf:
     A value of a reading that is NaN or infinite is left out, as the package does, and the others are taken.
     """
 
-    def __init__(self, initial: Pose2D, settings: UkfSettings, time_s: float = 0.0) -> None:
-        """A robot at rest at ``initial``, its pose in the map frame, at ``time_s``."""
+    def __init__(self, initial: Pose2D, settings: UkfSettings) -> None:
+        """A robot at rest at ``initial``, its pose in the map frame; a ``UkfTeam`` steps it."""
         self.settings = settings
-        self._time_s = time_s
         self._state = np.array([initial.x, initial.y, initial.yaw, 0.0, 0.0, 0.0])
         self._covariance = settings.initial_variance * np.eye(6)
+
+    @property
+    def pose(self) -> Pose2D:
+        """The estimated pose in the map frame, yaw within [-pi, pi)."""
+        x, y, yaw = self._state[:3].tolist()
+        return Pose2D(x, y, wrap_angle(yaw))
+
+    def correct_pose(self, pose: Pose2D, covariance: FloatArray) -> Pose2D:
+        """The pose after a correction with an absolute one, such as a scan matched to the map.
+
+        Args:
+            pose: measured in the map frame.
+            covariance: (3, 3) float64 of x, y, yaw; metres and radians, squared; positive definite.
+
+        A pose or a covariance that is not finite corrects nothing.
+        """
+        if not (math.isfinite(pose.x + pose.y + pose.yaw) and np.isfinite(covariance).all()):
+            return self.pose
+        estimated_yaw = float(self._state[2])  # not wrapped
+        yaw = estimated_yaw + wrap_angle(pose.yaw - estimated_yaw)
+        self._state[:], self._covariance[:] = corrected(
+            self._state, self._covariance, np.array([pose.x, pose.y, yaw]), covariance, _POSE
+        )
+        return self.pose
+
+
+class UkfTeam:
+    """The filters of n robots with one set of settings, stepped by one compiled call; each is independent."""
+
+    def __init__(self, filters: Sequence[PlanarUkf]) -> None:
+        """Makes each filter's state a view of its row here. Raises ValueError if their settings differ."""
+        settings = filters[0].settings
+        if any(other.settings != settings for other in filters):
+            raise ValueError("the filters of a team need the same settings")
+        self.states: FloatArray = np.array([each._state for each in filters])
+        """(n, 6)"""
+        self.covariances: FloatArray = np.array([each._covariance for each in filters])
+        """(n, 6, 6)"""
+        for row, each in enumerate(filters):
+            each._state, each._covariance = self.states[row], self.covariances[row]
         self._process_noise = np.array(settings.process_noise)
         self._change_lasts = 1.0 if settings.twist_is_mean else 0.5
         self._scale = settings.alpha * settings.alpha * (6 + settings.kappa)
@@ -75,78 +107,18 @@ class PlanarUkf:
         self._twist_and_imu_noise = np.diag([yaw, vx, vy, gyro_rate * self._gyro_share])
         self._variances = np.array([yaw, vx, vy, wheel_rate, gyro_rate])
 
-    @property
-    def pose(self) -> Pose2D:
-        """The estimated pose in the map frame, yaw within [-pi, pi)."""
-        x, y, yaw = self._state[:3].tolist()
-        return Pose2D(x, y, wrap_angle(yaw))
+    def step(self, rows: npt.NDArray[np.int64], twists: FloatArray, imus: FloatArray, dt_s: float) -> None:
+        """Let ``dt_s`` > 0 seconds pass for the filters of ``rows``, given the newest sensor readings.
 
-    @property
-    def velocity(self) -> tuple[float, float]:
-        """(forward velocity in m/s, turn rate in rad/s), body frame."""
-        return float(self._state[3]), float(self._state[5])
-
-    @property
-    def covariance(self) -> FloatArray:
-        """(6, 6) float64, a copy: the covariance of x, y, yaw, vx, vy, vyaw."""
-        return self._covariance.copy()
-
-    def step(self, odometry: Odometry, imu: Imu, dt_s: float) -> Pose2D:
-        """The pose ``dt_s`` > 0 seconds after the last step, given what odometry and IMU say now."""
-        twist = np.array([[odometry.linear_mps, odometry.angular_radps]])
-        imus = np.array([[imu.yaw_rad, imu.yaw_rate_radps]])
-        self.step_rows(_ONLY, self._state[None], self._covariance[None], twist, imus, dt_s)
-        self._time_s += dt_s
-        return self.pose
-
-    def take_odometry(self, odometry: Odometry, time_s: float) -> Pose2D:
-        """The pose at ``time_s``, given odometry's twist of then; see :meth:`take_imu`."""
-        return self._take(np.array([odometry.linear_mps, odometry.angular_radps]), _NOTHING, time_s)
-
-    def take_imu(self, imu: Imu, time_s: float) -> Pose2D:
-        """The pose at ``time_s``, given what the IMU says of then.
-
-        For sensors that speak at times of their own: the filter predicts up to each reading's stamp and
-        corrects there. A reading of the same instant as the last one corrects without prediction, and so
-        does, as in the package, one that comes late.
-
-        Raises:
-            ValueError: ``time_s`` is not finite, or the filter belongs to a ``UkfTeam``.
+        ``twists``: (n, 2) forward speed (m/s) and yaw rate (rad/s) of odometry; ``imus``: (n, 2) or more, yaw
+        (rad) and yaw rate (rad/s) first. Raises ValueError unless ``dt_s`` is positive.
         """
-        return self._take(_NOTHING, np.array([imu.yaw_rad, imu.yaw_rate_radps]), time_s)
-
-    def _take(self, twist: FloatArray, imu: FloatArray, time_s: float) -> Pose2D:
-        dt_s = time_s - self._time_s
-        if not math.isfinite(dt_s):
-            raise ValueError(f"time_s: {time_s} after {self._time_s}; both must be finite, outside of a team")
-        state, covariance = self._state, self._covariance
-        if dt_s > 0.0:
-            lasts_s, weights = self._change_lasts * dt_s, (self._mean_weights, self._covariance_weights)
-            state, covariance = predicted(
-                state, covariance, self._process_noise, dt_s, lasts_s, self._scale, *weights
-            )
-            self._time_s = time_s
-        self._state[:], self._covariance[:] = corrected_value_by_value(
-            state, covariance, twist, imu, self._variances
-        )
-        return self.pose
-
-    def step_rows(
-        self,
-        rows: npt.NDArray[np.int64],
-        states: FloatArray,
-        covariances: FloatArray,
-        twists: FloatArray,
-        imus: FloatArray,
-        dt_s: float,
-    ) -> None:
-        """Step the filters of ``rows``, with this one's settings, in place; arguments as for ``UkfTeam``."""
         if not dt_s > 0.0:
             raise ValueError(f"dt_s must be positive, got {dt_s}")
         step_filters(
             rows,
-            states,
-            covariances,
+            self.states,
+            self.covariances,
             twists,
             imus,
             dt_s,
@@ -159,55 +131,6 @@ class PlanarUkf:
             self._twist_and_imu_noise,
             self._variances,
         )
-
-    def correct_pose(self, pose: Pose2D, covariance: FloatArray) -> Pose2D:
-        """The pose after a correction with an absolute one, such as a scan matched to the map.
-
-        Args:
-            pose: measured in the map frame.
-            covariance: (3, 3) float64 of x, y, yaw; metres and radians, squared; positive definite.
-
-        A pose or a covariance that is not finite corrects nothing.
-        """
-        if not (math.isfinite(pose.x + pose.y + pose.yaw) and np.isfinite(covariance).all()):
-            return self.pose
-        measured = np.array([pose.x, pose.y, self._near_yaw(pose.yaw)])
-        self._correct(measured, covariance, _POSE)
-        return self.pose
-
-    def _near_yaw(self, yaw_rad: float) -> float:
-        """``yaw_rad`` plus the whole turns that bring it nearest to the estimate, which is not wrapped."""
-        estimate = float(self._state[2])
-        return estimate + wrap_angle(yaw_rad - estimate)
-
-    def _correct(self, measured: FloatArray, noise: FloatArray, first: int) -> None:
-        """Take a measurement of the states from number ``first`` on, of covariance ``noise``."""
-        self._state[:], self._covariance[:] = corrected(self._state, self._covariance, measured, noise, first)
-
-
-class UkfTeam:
-    """The filters of n robots with one set of settings, stepped by one compiled call; each is on its own."""
-
-    def __init__(self, filters: Sequence[PlanarUkf]) -> None:
-        """Takes the filters' states over: what is done to a filter from now on is done to its row here."""
-        self._first = filters[0]
-        if any(other.settings != filters[0].settings for other in filters):
-            raise ValueError("the filters of a team need the same settings")
-        self.states: FloatArray = np.array([each._state for each in filters])
-        """(n, 6)"""
-        self.covariances: FloatArray = np.array([each._covariance for each in filters])
-        """(n, 6, 6)"""
-        for row, each in enumerate(filters):
-            each._state, each._covariance = self.states[row], self.covariances[row]
-            each._time_s = math.nan  # the team's readings carry no stamps
-
-    def step(self, rows: npt.NDArray[np.int64], twists: FloatArray, imus: FloatArray, dt_s: float) -> None:
-        """Let ``dt_s`` > 0 seconds pass for the filters of ``rows``, given what their sensors say now.
-
-        ``twists``: (n, 2) forward speed (m/s) and yaw rate (rad/s) of odometry; ``imus``: (n, 2) or more, yaw
-        (rad) and yaw rate (rad/s) first.
-        """
-        self._first.step_rows(rows, self.states, self.covariances, twists, imus, dt_s)
 
 
 def _merwe_weights(settings: UkfSettings) -> tuple[FloatArray, FloatArray]:

@@ -33,7 +33,7 @@ def explorer(start: Pose2D, number: int = 1) -> Explorer:
         f"explorer {number}",
         start,
         Navigator(AREA.empty(), NavigatorSettings(global_costmap=costmap)),
-        PlanarUkf(start, UkfSettings.for_odometry("encoder")),
+        PlanarUkf(start, UkfSettings().suited_to("encoder")),
         GMapping(LIDAR, replace(BURGER_UKF, particles=3), start, stream(1, "gmapping", number)),
         FrontierExplorer(FrontierSettings()),
         AREA,

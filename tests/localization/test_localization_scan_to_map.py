@@ -9,8 +9,7 @@ from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.settings import UkfSettings
-from midnet_bench.localization.ukf import PlanarUkf
-from midnet_bench.messages import Imu, Odometry
+from midnet_bench.localization.ukf import PlanarUkf, UkfTeam
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
 
@@ -133,10 +132,11 @@ def test_a_corridor_leaves_the_filter_its_own_mind_along_it_only():
         grid.data[row, bumps[(bumps > 20) & (bumps < grid.width - 20)]] = 100
     scan_to_map = ScanToMap(grid)
     truth = Pose2D(6.0, 0.75, 0.0)
-    ukf = PlanarUkf(Pose2D(6.2, 0.85, 0.0), UkfSettings.for_odometry("encoder"))
+    ukf = PlanarUkf(Pose2D(6.2, 0.85, 0.0), UkfSettings().suited_to("encoder"))
+    team = UkfTeam([ukf])
     for _ in range(200):
         truth = truth.compose(Pose2D(0.04, 0.0, 0.0))
-        ukf.step(Odometry(truth, 0.2, 0.0), Imu(0.0, 0.0, 0.0), 0.2)
+        team.step(np.array([0]), np.array([[0.2, 0.0]]), np.array([[0.0, 0.0]]), 0.2)
         ukf.correct_pose(*scan_to_map.match(ukf.pose, scan(truth, 20.0, 1.5, rng=rng), LIDAR))
     assert ukf.pose.x - truth.x == pytest.approx(0.2, abs=0.02)
     assert ukf.pose.y == pytest.approx(0.75, abs=0.01)
@@ -237,16 +237,15 @@ def test_turning_the_building_turns_the_answer(quarter, at):
 
 def test_a_robot_with_wrong_wheels_stays_on_the_map():
     start, dt_s = Pose2D(1.0, 0.6, 0.0), 0.1
-    settings_ = UkfSettings.for_odometry("encoder")
-    alone, with_map = PlanarUkf(start, settings_), PlanarUkf(start, settings_)
+    settings_ = UkfSettings().suited_to("encoder")
+    alone, with_map = filters = PlanarUkf(start, settings_), PlanarUkf(start, settings_)
+    team = UkfTeam(filters)
     scan_to_map, rng = ScanToMap(room(3.0, 3.0)), stream(6, "drive")
     truth = start
     for step in range(1200):  # two minutes round a circle, wheels that say 3 % too much
         truth = truth.compose(Pose2D(0.2 * dt_s, 0.0, 0.25 * dt_s))
-        odometry = Odometry(truth, 0.2 * 1.03, 0.25)
-        imu = Imu(wrap_angle(truth.yaw + 0.002), 0.25, 0.0)
-        for ukf in (alone, with_map):
-            ukf.step(odometry, imu, dt_s)
+        twists, imus = [[0.2 * 1.03, 0.25]] * 2, [[wrap_angle(truth.yaw + 0.002), 0.25]] * 2
+        team.step(np.arange(2), np.array(twists), np.array(imus), dt_s)
         if step % 2:
             with_map.correct_pose(*scan_to_map.match(with_map.pose, scan(truth, 3.0, 3.0, rng=rng), LIDAR))
         if step > 600:
