@@ -33,9 +33,8 @@ FLOORS = [
     {"robots"},
     {"midnet"},
     {"localization", "mapping", "navigation"},
+    {"detectors"},
     {"agents"},
-    {"rivals"},
-    {"assembly"},
     {"arena"},
     {"simulation"},
     {"scoring"},
@@ -125,7 +124,7 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
         pytest.fail(" <- ".join(error.args[1]))
 
 
-@pytest.mark.parametrize("room", ["assembly", "recording"])
+@pytest.mark.parametrize("room", ["detectors", "recording"])
 def test_what_works_on_recordings_needs_no_simulator(room: str) -> None:
     """Not by way of other rooms either."""
     needed, new = set(), {name for name in SOURCES if name not in ABOVE_ALL and room_of(name) == room}
@@ -154,12 +153,11 @@ def test_libraries_stay_where_they_belong() -> None:
 TRIAL_ROOMS = {
     "agents",
     "arena",
-    "assembly",
+    "detectors",
     "localization",
     "mapping",
     "midnet",
     "navigation",
-    "rivals",
     "robots",
     "scoring",
     "simulation",

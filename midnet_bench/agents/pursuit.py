@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 from midnet_bench.agents.mobile_robot import Guard, GuardState
 from midnet_bench.agents.settings import PursuitSettings
-from midnet_bench.agents.tracking import Tracker
+from midnet_bench.detectors.tracking import Tracker
 from midnet_bench.geometry import Point
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from midnet_bench.seams import ExtensionPoint
 from midnet_bench.settings import Settings, option
 
 
@@ -86,3 +87,31 @@ class PursuitSettings(Settings):
         key="pursuit_retarget_m",
         source="ours: the paper has no rule of pursuit",
     )
+
+
+PATROLS = ExtensionPoint(
+    option="patrol",
+    entry_points="midnet_bench.patrols",
+    method="next_point",
+    own={
+        "paper": None,
+        "cyclic": "midnet_bench.agents.graph_patrols:CyclicRoute",
+        "reactive": "midnet_bench.agents.graph_patrols:ConscientiousReactive",
+        "coordinated": "midnet_bench.agents.graph_patrols:CoordinatedIdleness",
+    },
+)
+"""see ``agents/patrol_rule.py``"""
+
+PURSUITS = ExtensionPoint(
+    option="pursuit",
+    entry_points="midnet_bench.pursuits",
+    method="pursue",
+    own={
+        "nearest": "midnet_bench.agents.distance_pursuits:Nearest",
+        "all": "midnet_bench.agents.distance_pursuits:All",
+        "assignment": "midnet_bench.agents.distance_pursuits:Assignment",
+        "none": "midnet_bench.agents.distance_pursuits:Nobody",
+        "oracle": None,
+    },
+)
+"""see ``agents/pursuit.py``"""

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.assembly.detector_node import DetectorNode
+from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import UNKNOWN, OccupancyGrid, cells_of, values_at
 from midnet_bench.localization.scan_to_map import ScanToMap

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from midnet_bench.analysis.tables import Table
+from midnet_bench.detectors.seams import DETECTORS, FUSIONS
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import load_map
@@ -23,7 +24,6 @@ from midnet_bench.recording.replay import Replay
 from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.recording.setup import EVERY, RecordingSetup
 from midnet_bench.recording.truth import LabelTable
-from midnet_bench.rivals.seams import DETECTORS, FUSIONS
 from midnet_bench.robots.seams import ROBOTS
 from midnet_bench.settings import Scalar
 

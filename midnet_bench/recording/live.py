@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from midnet_bench.assembly.detector_node import DetectorNode, DetectorSettings
+from midnet_bench.detectors.detector_node import DetectorNode, DetectorSettings
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid

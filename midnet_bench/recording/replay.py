@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from midnet_bench.assembly.detector_node import DetectorNode
+from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from midnet_bench.detectors.seams import DETECTORS, FUSIONS
 from midnet_bench.midnet.binary_map import PriorMapSettings
 from midnet_bench.midnet.settings import MIDNetSettings
 from midnet_bench.navigation.settings import MIDNET_SOURCES, CostmapSettings
-from midnet_bench.rivals.seams import DETECTORS, FUSIONS
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.robots.seams import ROBOTS
 from midnet_bench.settings import Scalar, Settings, group, option

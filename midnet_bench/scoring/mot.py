@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from midnet_bench.agents.tracking import Tracker
+from midnet_bench.detectors.tracking import Tracker
 from midnet_bench.scoring.metric import MetricFrame
 
 
@@ -15,9 +15,9 @@ class ClearMot:
     Bernardin and Stiefelhagen, "Evaluating multiple object tracking performance: the CLEAR MOT metrics",
     EURASIP Journal on Image and Video Processing (2008); Ristani et al., "Performance measures and a data set
     for multi-target, multi-camera tracking", ECCV workshops 2016, for identities. Boxes have no identity of
-    their own, so they get those of the tracks that guards pursue (``agents/tracking.py``). A box farther than
-    ``cutoff_m`` from an intruder, centre to centre, is not on it. Intruders out of range and boxes on them
-    are left out.
+    their own, so they get those of the tracks that guards pursue (``detectors/tracking.py``). A box farther
+    than ``cutoff_m`` from an intruder, centre to centre, is not on it. Intruders out of range and boxes on
+    them are left out.
     """
 
     def __init__(self, cutoff_m: float = 1.0) -> None:

@@ -16,13 +16,18 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import GuardState
+from midnet_bench.agents.patrol_rule import TeamPatrol
 from midnet_bench.agents.pursuit import TargetState
-from midnet_bench.agents.tracking import Tracker
+from midnet_bench.agents.pursuit_rule import TeamPursuit
+from midnet_bench.agents.settings import PATROLS, PURSUITS
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.campaign.definition import parse_campaign, resolve
 from midnet_bench.campaign.pools import LokyPool, WorkersLost
 from midnet_bench.campaign.worker import attempt
+from midnet_bench.detectors.detector_node import detected, fused
+from midnet_bench.detectors.seams import DETECTORS, FUSIONS
+from midnet_bench.detectors.tracking import Tracker
 from midnet_bench.elementary import directions
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
@@ -34,10 +39,6 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import STOP, Command
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
-from midnet_bench.rivals.patrol import TeamPatrol
-from midnet_bench.rivals.pursuit import TeamPursuit
-from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS, PURSUITS
-from midnet_bench.rivals.team import detected, fused
 from midnet_bench.robots.burger import BURGER, LDS_01
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.robots.seams import ROBOTS

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from midnet_bench.assembly.detector_node import binary_prior
 from midnet_bench.campaign.trial import Scalar
+from midnet_bench.detectors.detector_node import binary_prior
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.grid import OccupancyGrid

@@ -2,11 +2,11 @@ import numpy as np
 
 from midnet_bench.agents.mobile_robot import Guard
 from midnet_bench.agents.pursuit import Pursuit
+from midnet_bench.agents.pursuit_rule import TeamPursuit
 from midnet_bench.agents.settings import PursuitSettings
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.navigator import Navigator
-from midnet_bench.rivals.pursuit import TeamPursuit
 
 FLOOR = OccupancyGrid(np.zeros((200, 200), np.int8), 0.05, (-5.0, -5.0))
 

@@ -8,8 +8,8 @@ import pytest
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
-from midnet_bench.assembly.detector_node import binary_prior
 from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec
+from midnet_bench.detectors.detector_node import binary_prior
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial, run_detection

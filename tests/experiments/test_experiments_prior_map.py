@@ -9,9 +9,9 @@ import pytest
 from midnet_bench.arena import prior_maps as explored_map
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
-from midnet_bench.assembly.detector_node import binary_prior
 from midnet_bench.campaign.definition import Campaign, resolve
 from midnet_bench.campaign.trial import TrialSpec
+from midnet_bench.detectors.detector_node import binary_prior
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from midnet_bench.assembly.detector_node import DetectorNode
 from midnet_bench.campaign.trial import Scalar
+from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial

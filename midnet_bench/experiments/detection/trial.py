@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 
 from midnet_bench.agents.mobile_robot import MobileRobot
-from midnet_bench.assembly.detector_node import DetectorNode
 from midnet_bench.campaign.trial import Row, TrialResult
+from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.elementary import directions
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.arena import GuardedArena, ObservedFrame

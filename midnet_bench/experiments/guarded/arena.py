@@ -9,10 +9,12 @@ import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
+from midnet_bench.agents.patrol_rule import TeamPatrol
+from midnet_bench.agents.settings import PATROLS
 from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, FreeSpace, free_space
 from midnet_bench.arena.layout import Layout, place
-from midnet_bench.assembly.detector_node import DetectorNode, Sight, detector_nodes
 from midnet_bench.campaign.trial import Row
+from midnet_bench.detectors.detector_node import DetectorNode, Sight, detector_nodes
 from midnet_bench.elementary import cos, sin
 from midnet_bench.experiments.guarded.evaders import Evaders
 from midnet_bench.experiments.guarded.ground_truth import ScanCallback, Trial, overrides_of
@@ -26,8 +28,6 @@ from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.midnet.pipeline import Frame, Observation
 from midnet_bench.navigation.navigator import Navigator
-from midnet_bench.rivals.patrol import TeamPatrol
-from midnet_bench.rivals.seams import PATROLS
 from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.scoring.metric import MetricFrame

@@ -12,7 +12,7 @@ import numpy as np
 
 from midnet_bench.agents.mobile_robot import Guard
 from midnet_bench.arena.solids import Solid
-from midnet_bench.assembly.detector_node import DetectorNode
+from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.elementary import cos_sin
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.geometry import Box, lengths

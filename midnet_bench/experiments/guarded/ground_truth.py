@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.arena.solids import Solid
-from midnet_bench.assembly.detector_node import DetectorNode
+from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.experiments.guarded.parameters import Oracle
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.messages import LidarGeometry, Scan

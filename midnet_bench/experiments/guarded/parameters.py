@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, Self
 
-from midnet_bench.agents.settings import GoalSettings, PatrolSettings
+from midnet_bench.agents.settings import PATROLS, GoalSettings, PatrolSettings
 from midnet_bench.arena.arena import Arena
+from midnet_bench.detectors.seams import DETECTORS, FUSIONS
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.inputs import (
     EXPLORED,
@@ -20,7 +21,6 @@ from midnet_bench.localization.settings import ScanToMapSettings, UkfSettings
 from midnet_bench.midnet.binary_map import PriorMapSettings
 from midnet_bench.midnet.settings import MIDNetSettings
 from midnet_bench.navigation.settings import MIDNET_SOURCES, CostmapSettings, NavigatorSettings
-from midnet_bench.rivals.seams import DETECTORS, FUSIONS, PATROLS
 from midnet_bench.scoring.seams import NONE, pinned_metrics
 from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.settings import NetworkSettings, SimulationSettings

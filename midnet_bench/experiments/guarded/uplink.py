@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
-from midnet_bench.assembly.detector_node import DetectorNode
+from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import Scan

@@ -4,14 +4,13 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
-from midnet_bench.agents.settings import PursuitSettings
+from midnet_bench.agents.settings import PURSUITS, PursuitSettings
 from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, doors, free_space, widest_pair_m
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.inputs import arena_from
 from midnet_bench.experiments.guarded.parameters import GuardParameters
 from midnet_bench.geometry import Point
-from midnet_bench.rivals.seams import PURSUITS
 from midnet_bench.settings import group, like, option
 
 DOOR_M = 0.6

@@ -8,6 +8,7 @@ import numpy as np
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.agents.pursuit import Pursuit
+from midnet_bench.agents.pursuit_rule import TeamPursuit
 from midnet_bench.arena.free_space import doors
 from midnet_bench.arena.layout import Layout, place
 from midnet_bench.campaign.trial import Row, TrialResult
@@ -17,7 +18,6 @@ from midnet_bench.experiments.guarded.record import CAPTURES, Recorder
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.geometry import Box, Point, Pose2D, lengths
 from midnet_bench.midnet.pipeline import Frame
-from midnet_bench.rivals.pursuit import TeamPursuit
 from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import TruthObject, match_frame, truths_in_range
 from midnet_bench.scoring.metric import TrialMetrics

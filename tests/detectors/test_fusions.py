@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from midnet_bench.detectors.centre_distance import CentreDistance
+from midnet_bench.detectors.fusion import Fusion, ious
+from midnet_bench.detectors.kalman_tracks import KalmanTracks
+from midnet_bench.detectors.plain_fusions import ConnectedComponents, NoFusion, NonMaximumSuppression
+from midnet_bench.detectors.weighted_boxes import WeightedBoxes
 from midnet_bench.geometry import Box
-from midnet_bench.rivals.centre_distance import CentreDistance
-from midnet_bench.rivals.fusion import Fusion, ious
-from midnet_bench.rivals.kalman_tracks import KalmanTracks
-from midnet_bench.rivals.plain_fusions import ConnectedComponents, NoFusion, NonMaximumSuppression
-from midnet_bench.rivals.weighted_boxes import WeightedBoxes
 
 Boxes = npt.NDArray[np.float64]
 BLIND_TO_ORDER = [NoFusion, NonMaximumSuppression, ConnectedComponents, WeightedBoxes]

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from midnet_bench.agents.tracking import Tracker
+from midnet_bench.detectors.plain_fusions import ConnectedComponents
+from midnet_bench.detectors.tracking import Tracker
 from midnet_bench.midnet.detection import BoxArray
-from midnet_bench.rivals.plain_fusions import ConnectedComponents
 
 
 @dataclass
@@ -19,7 +19,7 @@ class _Seen:
 
 
 class KalmanTracks:
-    """Connected components, followed from frame to frame by constant velocity (``agents/tracking.py``).
+    """Connected components, followed from frame to frame by constant velocity (``detectors/tracking.py``).
 
     A track is reported from its ``hits``-th box on, and ends ``keep_s`` after its last one. A box that is
     reported without being seen stays where it was last.

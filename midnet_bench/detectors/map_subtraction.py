@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from midnet_bench.detectors.detector import extents, groups_of
 from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, values_at
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
-from midnet_bench.rivals.detector import extents, groups_of
 
 
 def wall_distances(prior_map: OccupancyGrid) -> OccupancyGrid:

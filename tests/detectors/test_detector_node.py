@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from midnet_bench.assembly.detector_node import DetectorNode
+from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
@@ -23,7 +23,7 @@ import sys
 for room in ("simulation", "arena", "agents", "campaign"):
     sys.modules[f"midnet_bench.{room}"] = None
 sys.modules["pybullet"] = None
-import midnet_bench.assembly.detector_node
+import midnet_bench.detectors.detector_node
 """
     subprocess.run([sys.executable, "-c", program], check=True)
 

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from midnet_bench.agents.tracking import BOX_SIGMA_M, DRIFT_M2PS3, SPEED_SIGMA_MPS, Tracker
+from midnet_bench.detectors.tracking import BOX_SIGMA_M, DRIFT_M2PS3, SPEED_SIGMA_MPS, Tracker
 
 
 def test_a_moving_box_keeps_its_number_and_a_jump_begins_a_track() -> None:

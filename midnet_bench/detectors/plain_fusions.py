@@ -8,8 +8,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from midnet_bench.detectors.fusion import all_of, ious, pair_ious
 from midnet_bench.midnet.detection import BoxArray
-from midnet_bench.rivals.fusion import all_of, ious, pair_ious
 
 
 class NoFusion:

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import GuardState
+from midnet_bench.agents.settings import PATROLS
 from midnet_bench.geometry import Point
-from midnet_bench.rivals.seams import PATROLS
 
 
 class PatrolRule(Protocol):

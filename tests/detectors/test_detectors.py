@@ -6,15 +6,15 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from midnet_bench.detectors.background import RunningMean
+from midnet_bench.detectors.clusters import CircleClusters
+from midnet_bench.detectors.detector import groups_of
+from midnet_bench.detectors.map_subtraction import MapSubtraction
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.messages import Scan
 from midnet_bench.midnet.pipeline import Observation
-from midnet_bench.rivals.background import RunningMean
-from midnet_bench.rivals.clusters import CircleClusters
-from midnet_bench.rivals.detector import groups_of
-from midnet_bench.rivals.map_subtraction import MapSubtraction
 from midnet_bench.robots.burger import LDS_01
 
 HALF_M = 2.0

@@ -6,8 +6,8 @@ import numpy as np
 
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.agents.pursuit import TargetState
+from midnet_bench.agents.settings import PURSUITS
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.rivals.seams import PURSUITS
 
 WITH_ORACLE = "nearest"
 """the rule that the referee's truth decides for"""

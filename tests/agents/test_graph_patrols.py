@@ -4,13 +4,17 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from midnet_bench.agents.graph_patrols import (
+    ConscientiousReactive,
+    CoordinatedIdleness,
+    CyclicRoute,
+    PatrolGraph,
+)
 from midnet_bench.agents.mobile_robot import GuardState
+from midnet_bench.agents.patrol_rule import TeamPatrol
+from midnet_bench.agents.settings import PATROLS
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Point
-from midnet_bench.rivals.patrol import TeamPatrol
-from midnet_bench.rivals.patrol_graph import PatrolGraph
-from midnet_bench.rivals.patrols import ConscientiousReactive, CoordinatedIdleness, CyclicRoute
-from midnet_bench.rivals.seams import PATROLS
 from midnet_bench.seams import PluginError
 
 RULES = [CyclicRoute, ConscientiousReactive, CoordinatedIdleness]
@@ -103,4 +107,4 @@ def test_what_comes_from_outside_is_watched(tmp_path, monkeypatch: pytest.Monkey
         with pytest.raises(PluginError, match=says):
             patrol.next_point(0, [GuardState((0.0, 0.0), None)], 0.0)
     with pytest.raises(InputError, match="expected a class with a method 'next_point'"):
-        PATROLS.pinned("midnet_bench.rivals.plain_fusions:NoFusion")
+        PATROLS.pinned("midnet_bench.detectors.plain_fusions:NoFusion")

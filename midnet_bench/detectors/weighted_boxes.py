@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from midnet_bench.detectors.fusion import all_of, ious
 from midnet_bench.geometry import mean_point
 from midnet_bench.midnet.detection import BoxArray
-from midnet_bench.rivals.fusion import all_of, ious
 
 
 class WeightedBoxes:

@@ -1,0 +1,355 @@
+"""``DetectorNode``: from a map, poses and scans to the team's boxes; no simulator, arena or agent."""
+
+import math
+from collections.abc import Hashable, Sequence
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from midnet_bench.detectors.detector import Detector
+from midnet_bench.detectors.fusion import Fusion
+from midnet_bench.detectors.seams import DETECTORS, FUSIONS
+from midnet_bench.errors import InputError, MidnetBenchError
+from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.messages import LidarGeometry, Scan
+from midnet_bench.midnet.binary_map import PriorMapSettings, binary_map
+from midnet_bench.midnet.detection import BoxArray
+from midnet_bench.midnet.pipeline import Ally, Frame, MIDNet, MIDNetSettings, Observation
+from midnet_bench.navigation.costmap import RollingCostmap, static_costs
+from midnet_bench.navigation.settings import CostmapSettings
+from midnet_bench.seams import ExtensionPoint
+
+Number = TypeVar("Number", bound=np.generic)
+
+
+class DetectorSettings(Protocol):
+    """All that lies between a map, poses and scans and MIDNet's boxes; an experiment's parameters have it."""
+
+    @property
+    def prior_costmap(self) -> CostmapSettings:
+        """The global costmap of the prior map."""
+
+    @property
+    def prior(self) -> PriorMapSettings:
+        """The threshold on it."""
+
+    @property
+    def local_costmap(self) -> CostmapSettings:
+        """Each robot's local costmap."""
+
+    @property
+    def midnet_settings(self) -> MIDNetSettings:
+        """MIDNet itself."""
+
+    @property
+    def detector(self) -> str:
+        """The detector, a value of ``DETECTORS``."""
+
+    @property
+    def fusion(self) -> str:
+        """The fusion, a value of ``FUSIONS``."""
+
+
+class TeamFusion:
+    """Algorithm 2, and then the chosen fusion."""
+
+    def __init__(self, midnet: MIDNet, fusion: str) -> None:
+        """For one trial; ``fusion``: a pinned value of ``FUSIONS``. Raises PluginError: it cannot be made."""
+        self._midnet, self._name = midnet, fusion
+        self._fusion: Any = None if FUSIONS.is_made_here(fusion) else FUSIONS.make(fusion)
+
+    @property
+    def is_the_papers(self) -> bool:
+        """Whether Algorithms 3 and 4 do it, which remember nothing."""
+        return self._fusion is None
+
+    def fuse(
+        self,
+        found: Sequence[BoxArray],
+        poses: Sequence[Pose2D],
+        time_s: float,
+        allies: Sequence[Ally] = (),
+    ) -> tuple[BoxArray, list[int]]:
+        """The team's boxes, and for each the robot with the box that is nearest to it; frames come in order.
+
+        Args:
+            found: for each robot, at least one, (n, 4) boxes, map frame, metres, its allies among them.
+            poses: each robot's latest.
+            time_s: of the frame.
+            allies: others to be removed.
+
+        Raises:
+            PluginError: the fusion failed, or gave what are no boxes.
+        """
+        team = self._midnet.team_of(found, poses, allies)
+        if self._fusion is None:
+            return team.detections, team.found_by.tolist()
+        every = np.concatenate(found)[team.kept]
+        lists = [every[team.starts[i] : team.starts[i + 1]] for i in range(len(found))]
+        boxes = fused(self._fusion, self._name, lists, time_s)
+        robots = np.repeat(np.arange(len(lists)), [len(own) for own in lists])
+        if not len(every):
+            return boxes, [0] * len(boxes)
+        from scipy.spatial import KDTree  # a quarter of a second, which no trial of the paper's fusion needs
+
+        _, nearest = KDTree(_centres(every)).query(_centres(boxes))
+        return boxes, robots[nearest].tolist()
+
+
+class AskedOnce:
+    """A detector for one trial, or for several that see the same: it is called once for each frame."""
+
+    def __init__(self, name: str, prior_map: OccupancyGrid, range_m: float) -> None:
+        """Nothing is made before the first frame, so that what fails then costs only trials that ask.
+
+        Args:
+            name: a pinned value of ``DETECTORS`` that names another one than MIDNet's own.
+            prior_map: int8, 100 occupied, map frame.
+            range_m: up to which an intruder has to be found.
+        """
+        self._name, self._arguments = name, (prior_map, range_m)
+        self._detector: Any = None
+        self._time_s = math.nan
+        self._found: list[BoxArray] | MidnetBenchError = []
+
+    def found(self, observations: Sequence[Observation], time_s: float) -> list[BoxArray]:
+        """For each robot (n, 4) boxes, map frame, metres; frames must come in order.
+
+        Raises:
+            PluginError: it cannot be made, it failed, or it gave what are no boxes.
+        """
+        if time_s != self._time_s:
+            self._time_s = time_s
+            try:
+                if self._detector is None:
+                    self._detector = DETECTORS.make(self._name, *self._arguments)
+                self._found = detected(self._detector, self._name, observations)
+            except MidnetBenchError as error:
+                self._found = error
+        if isinstance(self._found, MidnetBenchError):
+            raise self._found
+        return self._found
+
+
+class DetectorNode:
+    """The prior map that is subtracted, a local costmap for each robot, and MIDNet over them."""
+
+    def __init__(
+        self,
+        settings: DetectorSettings,
+        prior_map: OccupancyGrid,
+        robots: int,
+        like: "DetectorNode | None" = None,
+    ) -> None:
+        """For a team of ``robots``; ``prior_map``: int8, 100 occupied, map frame.
+
+        ``like``: a node that sees the same by the same local costmaps, to share them and its scans, and its
+        detector if that is the same, too.
+        """
+        self.prior = binary_prior(prior_map, settings)
+        self.midnet = MIDNet(self.prior, settings.midnet_settings)
+        self._settings = settings
+        local_costmap = settings.local_costmap
+        self.costmaps: list[RollingCostmap] = (
+            [RollingCostmap(local_costmap, prior_map.origin) for _ in range(robots)]
+            if like is None
+            else like.costmaps
+        )
+        """by robot, map frame"""
+        self._detector: AskedOnce | None = None
+        if like is not None and like._settings.detector == settings.detector:
+            self._detector = like._detector
+        elif not DETECTORS.is_made_here(settings.detector):
+            fixed = prior_map.with_data(_fixed(prior_map.data))
+            self._detector = AskedOnce(settings.detector, fixed, local_costmap.obstacle_range_m)
+        self.scans: list[Scan | None] = [None] * robots if like is None else like.scans
+        """by robot, the last one that :meth:`observe` took"""
+
+    @cached_property
+    def _fusion(self) -> TeamFusion:
+        """Made at the first frame: what fails costs no other node."""
+        return TeamFusion(self.midnet, self._settings.fusion)
+
+    @property
+    def is_the_papers(self) -> bool:
+        """Whether section IV is done as it is written, and no frame depends on an earlier one."""
+        return self._detector is None and self._fusion.is_the_papers
+
+    def observe(
+        self,
+        robot: int,
+        pose: Pose2D,
+        ranges_m: npt.NDArray[np.float64],
+        lidar: LidarGeometry,
+        time_s: float,
+    ) -> None:
+        """Take one scan into a robot's costmap: (beams,) metres, and its pose then, map frame.
+
+        A guard that was given its costmap does this by itself, and has its last scan. Geometry may change
+        from scan to scan.
+
+        Raises:
+            InputError: no such robot, a pose or a geometry that is not finite, as many ranges as there are no
+                beams, or a time that is not finite.
+        """
+        if not 0 <= robot < len(self.costmaps):
+            raise InputError(f"scan: robot {robot}: there are {len(self.costmaps)}, counted from 0")
+        _check(pose, ranges_m, lidar, time_s)
+        self.scans[robot] = Scan(ranges_m, lidar, pose, time_s)
+        self.costmaps[robot].update(pose, pose.compose(lidar.mount), ranges_m, lidar, time_s)
+
+    def window(self, robot: int) -> Box:
+        """Where a robot's local costmap lies, map frame, metres."""
+        layer = self.costmaps[robot].layer
+        return Box(*OccupancyGrid(layer.cells, layer.settings.resolution, layer.origin).extent)
+
+    def detect(
+        self,
+        observations: Sequence[Observation],
+        time_s: float,
+        explain: bool = False,
+        allies: Sequence[Ally] = (),
+    ) -> Frame:
+        """The team's detections at this instant; frames must come in order, each once.
+
+        ``allies`` are taken out as robots are, by pose and size; they have no costmap. ``explain`` keeps what
+        MIDNet's own detector did. Another detector cannot write into what it receives: others receive it too.
+
+        Raises:
+            PluginError: the detector or the fusion cannot be made, failed, or gave what are no boxes.
+        """
+        if self.is_the_papers or not observations:
+            return self.midnet.update(observations, explain, allies)
+        explanation = None
+        if self._detector is None:
+            found = self.midnet.found_by_each(observations)
+            if explain:
+                explanation = self.midnet.update(observations, explain, allies).explanation
+        else:
+            found = self._detector.found([_read_only(observation) for observation in observations], time_s)
+        poses = [observation.pose for observation in observations]
+        boxes, found_by = self._fusion.fuse(found, poses, time_s, allies)
+        return Frame([Box._make(row) for row in boxes.tolist()], found_by, explanation)
+
+    def detect_in_opposite_order(self, observations: Sequence[Observation]) -> list[Box] | None:
+        """The boxes that MIDNet would give of these if the last robot came first (item 35).
+
+        None where another detector or fusion is at work: it may keep a state, and must not be called twice.
+        """
+        return self.midnet.update(observations[::-1]).detections if self.is_the_papers else None
+
+    def observations(
+        self, poses: Sequence[Pose2D], scans: Sequence[Scan | None] | None = None
+    ) -> list[Observation]:
+        """Each robot's latest pose, its costmap, and its last scan: ``scans``, else those observed here."""
+        each = zip(poses, self.costmaps, self.scans if scans is None else scans, strict=True)
+        return [Observation(pose, costmap.published(), scan) for pose, costmap, scan in each]
+
+
+class Sight(NamedTuple):
+    """What one of several nodes over a team works by."""
+
+    settings: DetectorSettings
+    prior_map: OccupancyGrid
+    fed: Hashable
+    """nodes see the same if this, ``prior_map`` and their local costmaps' settings are the same"""
+
+
+def detector_nodes(sights: Sequence[Sight], robots: int) -> list[DetectorNode]:
+    """A node for each of ``sights`` over one team; what is the same in two of them is there once."""
+    nodes: list[DetectorNode] = []
+    alike: dict[Hashable, DetectorNode] = {}
+    for settings, prior_map, fed in sights:
+        seen = (settings.local_costmap, id(prior_map), fed)
+        like = alike.get((seen, settings.detector), alike.get(seen))
+        nodes.append(DetectorNode(settings, prior_map, robots, like))
+        alike.setdefault(seen, nodes[-1])
+        alike.setdefault((seen, settings.detector), nodes[-1])
+    return nodes
+
+
+def _check(pose: Pose2D, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry, time_s: float) -> None:
+    """What compiled loops would read beyond an array of, or never come back from."""
+    if not all(map(math.isfinite, (*pose, time_s))):
+        raise InputError(f"scan: pose ({pose.x}, {pose.y}, {pose.yaw}) at {time_s} s: must be finite")
+    if ranges_m.ndim != 1 or len(ranges_m) != lidar.beams:
+        shape = " x ".join(map(str, ranges_m.shape))
+        raise InputError(f"scan: {shape} ranges of a LiDAR of {lidar.beams} beams; give one for each beam")
+    angles = (lidar.angle_min_rad, lidar.angle_increment_rad, *lidar.mount)
+    limits = (lidar.range_min_m, lidar.range_max_m)
+    if not all(map(math.isfinite, angles)) or any(map(math.isnan, limits)):
+        raise InputError(f"scan: LiDAR {lidar}: its angles, mount and limits must be numbers")
+
+
+def _read_only(told: Observation) -> Observation:
+    costmap = told.costmap.with_data(_fixed(told.costmap.data))
+    scan = told.scan and told.scan._replace(ranges_m=_fixed(told.scan.ranges_m))
+    return Observation(told.pose, costmap, scan)
+
+
+def _fixed(array: npt.NDArray[Number]) -> npt.NDArray[Number]:
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def binary_prior(prior_map: OccupancyGrid, settings: DetectorSettings) -> OccupancyGrid:
+    """The grid that MIDNet subtracts, uint8, 0 occupied: global costmap, then Eq. 1 (section II.A)."""
+    costs = static_costs(prior_map, settings.prior_costmap)
+    return costs.with_data(binary_map(costs.data, settings.prior.thresh, settings.prior.unknown))
+
+
+def detected(detector: Detector, name: str, observations: Sequence[Observation]) -> list[BoxArray]:
+    """For each robot (n, 4) boxes, map frame, metres, by ``detector``, which ``DETECTORS`` knows as ``name``.
+
+    Raises:
+        PluginError: it failed, or gave what are no boxes of each robot.
+    """
+    with DETECTORS.calling(name):
+        found = list(detector.detect(observations))
+    if len(found) != len(observations):
+        raise DETECTORS.refused(
+            name,
+            f"detect gave {len(found)} lists of boxes for {len(observations)} robots; "
+            "give one for each, empty where there is nothing",
+        )
+    return [checked_boxes(own, DETECTORS, name) for own in found]
+
+
+def fused(fusion: Fusion, name: str, lists: Sequence[BoxArray], time_s: float) -> BoxArray:
+    """(n, 4) boxes of the team, map frame, metres, by ``fusion``, which ``FUSIONS`` knows as ``name``.
+
+    Raises:
+        PluginError: it failed, or gave what are no boxes.
+    """
+    with FUSIONS.calling(name):
+        boxes = fusion.fuse(lists, time_s)
+    return checked_boxes(boxes, FUSIONS, name)
+
+
+def _centres(boxes: BoxArray) -> BoxArray:
+    return (boxes[:, :2] + boxes[:, 2:]) / 2.0
+
+
+def checked_boxes(given: object, seam: ExtensionPoint, name: str) -> BoxArray:
+    """``given`` by code of ``seam`` as (n, 4) float64. Raises PluginError if they are no boxes."""
+    said = f"{seam.method} gave"
+    try:
+        boxes = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise seam.refused(name, f"{said} no numbers: {' '.join(str(error).split())}") from error
+    if boxes.size == 0:
+        return np.empty((0, 4))
+    if boxes.ndim != 2 or boxes.shape[1] != 4:
+        raise seam.refused(name, f"{said} an array of shape {boxes.shape}; boxes have the shape (n, 4)")
+    if not np.isfinite(boxes).all():
+        wrong = boxes[~np.isfinite(boxes).all(axis=1)][0]
+        raise seam.refused(name, f"{said} a box that is not finite: {wrong}")
+    empty = (boxes[:, :2] >= boxes[:, 2:]).any(axis=1)
+    if empty.any():
+        needed = "x_min < x_max and y_min < y_max are needed"
+        raise seam.refused(name, f"{said} a box without area: {boxes[empty][0]}; {needed}")
+    return boxes
