@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Hashable, Sequence
-from functools import cached_property
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -57,14 +56,11 @@ class TeamFusion:
     """Algorithm 2, and then the chosen fusion."""
 
     def __init__(self, midnet: MIDNet, fusion: str) -> None:
-        """For one trial; ``fusion``: a pinned value of ``FUSIONS``. Raises PluginError: it cannot be made."""
+        """For one trial; ``fusion``: a pinned value of ``FUSIONS``, made when it is first used."""
         self._midnet, self._name = midnet, fusion
-        self._fusion: Any = None if FUSIONS.is_made_here(fusion) else FUSIONS.make(fusion)
-
-    @property
-    def is_the_papers(self) -> bool:
-        """Whether Algorithms 3 and 4 do it, which remember nothing."""
-        return self._fusion is None
+        self.is_the_papers = FUSIONS.is_made_here(fusion)
+        """whether Algorithms 3 and 4 do it, which remember nothing"""
+        self._fusion: Any = None
 
     def fuse(
         self,
@@ -82,11 +78,13 @@ class TeamFusion:
             allies: others to be removed.
 
         Raises:
-            PluginError: the fusion failed, or gave what are no boxes.
+            PluginError: the fusion cannot be made, failed, or gave what are no boxes.
         """
         team = self._midnet.team_of(found, poses, allies)
-        if self._fusion is None:
+        if self.is_the_papers:
             return team.detections, team.found_by.tolist()
+        if self._fusion is None:
+            self._fusion = FUSIONS.make(self._name)
         every = np.concatenate(found)[team.kept]
         lists = [every[team.starts[i] : team.starts[i + 1]] for i in range(len(found))]
         boxes = fused(self._fusion, self._name, lists, time_s)
@@ -167,16 +165,9 @@ class DetectorNode:
             self._detector = AskedOnce(settings.detector, fixed, local_costmap.obstacle_range_m)
         self.scans: list[Scan | None] = [None] * robots if like is None else like.scans
         """by robot, the last one that :meth:`observe` took"""
-
-    @cached_property
-    def _fusion(self) -> TeamFusion:
-        """Made at the first frame: what fails costs no other node."""
-        return TeamFusion(self.midnet, self._settings.fusion)
-
-    @property
-    def is_the_papers(self) -> bool:
-        """Whether section IV is done as it is written, and no frame depends on an earlier one."""
-        return self._detector is None and self._fusion.is_the_papers
+        self._fusion = TeamFusion(self.midnet, settings.fusion)
+        self.is_the_papers = self._detector is None and self._fusion.is_the_papers
+        """whether section IV is done as it is written, and no frame depends on an earlier one"""
 
     def observe(
         self,
