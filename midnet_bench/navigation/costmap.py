@@ -4,6 +4,7 @@ Costs and their published values first, then the layers and the costmaps, last t
 """
 
 import math
+from abc import ABC, abstractmethod
 from functools import lru_cache
 from typing import Any
 
@@ -211,7 +212,65 @@ def _moved(
     return new
 
 
-class RollingCostmap:
+class Costmap(ABC):
+    """What both costmaps share: an obstacle layer that scans and clearing change, and its inflation."""
+
+    def __init__(self, settings: CostmapSettings, layer: ObstacleLayer) -> None:
+        self.settings = settings
+        self.layer = layer
+        self._inflation = _Inflation(settings)
+
+    @property
+    @abstractmethod
+    def costs(self) -> Cells:
+        """(H, W) uint8 costs, row 0 lowest y, up to date. Not to be written to."""
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """(x, y) of the lower-left corner, metres."""
+        return self.layer.origin
+
+    def update(
+        self,
+        pose: Pose2D,
+        sensor_pose: Pose2D,
+        ranges_m: npt.NDArray[np.float64],
+        geometry: LidarGeometry,
+        time_s: float,
+    ) -> None:
+        """Take one scan into the obstacle layer.
+
+        ``pose`` and ``sensor_pose``: the robot's base and its LiDAR at the scan's instant, in the costmap's
+        frame. ``ranges_m``: (B,), inf or NaN where nothing came back.
+
+        Raises:
+            ValueError: a pose is not finite, or the ranges are not one for each beam.
+        """
+        pose.require_finite()
+        sensor_pose.require_finite()
+        self._follow(pose)
+        self.layer.update(pose, sensor_pose, ranges_m, geometry, time_s)
+        self._invalidate(sensor_pose)
+
+    def clear_outside(self, x: float, y: float, side_m: float) -> None:
+        """Forget the obstacle layer (never a static map) outside a square centred on (x, y), metres."""
+        self.layer.clear_outside(x, y, side_m)
+        self._invalidate()
+
+    def published(self) -> OccupancyGrid:
+        """The costmap as nav_msgs has it: int8, 0 to 100 and -1."""
+        return OccupancyGrid(published(self.costs), self.settings.resolution, self.origin)
+
+    @abstractmethod
+    def _follow(self, pose: Pose2D) -> None:
+        """Move the costmap to the robot, if it is a window."""
+
+    @abstractmethod
+    def _invalidate(self, sensor_pose: Pose2D | None = None) -> None:
+        """Have the costs computed anew: all of them, or those that a scan from ``sensor_pose`` reaches."""
+
+
+class RollingCostmap(Costmap):
     """A square window that follows its robot: an obstacle layer and its inflation, no static map.
 
     The window always lies on the lattice of ``lattice_origin`` (a prior map's origin, say). With
@@ -222,16 +281,9 @@ class RollingCostmap:
     """
 
     def __init__(self, settings: CostmapSettings, lattice_origin: tuple[float, float] = (0.0, 0.0)) -> None:
-        self.settings = settings
-        self._side_cells = settings.size_cells
-        self.layer = ObstacleLayer(settings, self._side_cells, self._side_cells, lattice_origin)
-        self._inflation = _Inflation(settings)
+        side = self._side_cells = settings.size_cells
+        super().__init__(settings, ObstacleLayer(settings, side, side, lattice_origin))
         self._costs: Cells | None = None
-
-    @property
-    def origin(self) -> tuple[float, float]:
-        """(x, y) of the lower-left corner, metres."""
-        return self.layer.origin
 
     @property
     def costs(self) -> Cells:
@@ -240,37 +292,11 @@ class RollingCostmap:
             self._costs = self._inflation(self.layer.cells)
         return self._costs
 
-    def update(
-        self,
-        pose: Pose2D,
-        sensor_pose: Pose2D,
-        ranges_m: npt.NDArray[np.float64],
-        geometry: LidarGeometry,
-        time_s: float,
-    ) -> None:
-        """Move the window to the robot and take one scan.
+    def _follow(self, pose: Pose2D) -> None:
+        self.layer.move_to(*self._window(pose), self._side_cells, self._side_cells)
 
-        ``pose`` and ``sensor_pose``: the robot's base and its LiDAR at the scan's instant, in the costmap's
-        frame. ``ranges_m``: (B,), inf or NaN where nothing came back.
-
-        Raises:
-            ValueError: a pose is not finite, or the ranges are not one for each beam.
-        """
-        pose.require_finite()
-        sensor_pose.require_finite()
-        column, row = self._window(pose)
-        self.layer.move_to(column, row, self._side_cells, self._side_cells)
-        self.layer.update(pose, sensor_pose, ranges_m, geometry, time_s)
+    def _invalidate(self, sensor_pose: Pose2D | None = None) -> None:
         self._costs = None
-
-    def clear_outside(self, x: float, y: float, side_m: float) -> None:
-        """Forget all obstacles outside a square centred on (x, y)."""
-        self.layer.clear_outside(x, y, side_m)
-        self._costs = None
-
-    def published(self) -> OccupancyGrid:
-        """The costmap as nav_msgs has it: int8, 0 to 100 and -1."""
-        return OccupancyGrid(published(self.costs), self.settings.resolution, self.origin)
 
     def _window(self, pose: Pose2D) -> tuple[int, int]:
         """Column and row of the lattice at which the window is to begin."""
@@ -282,7 +308,7 @@ class RollingCostmap:
         return column + int(x - half - column), row + int(y - half - row)
 
 
-class GlobalCostmap:
+class GlobalCostmap(Costmap):
     """The costmap of a whole map: static layer, obstacle layer, inflation.
 
     Scans are taken into the obstacle layer at once, but the inflation around them waits until ``costs`` is
@@ -290,12 +316,11 @@ class GlobalCostmap:
     """
 
     def __init__(self, settings: CostmapSettings, static_map: OccupancyGrid) -> None:
-        self.settings = settings
-        self._inflation = _Inflation(settings)
+        layer = ObstacleLayer(settings, static_map.width, static_map.height, static_map.origin)
+        super().__init__(settings, layer)
         self._scan_cells = 1 + reach_cells(
             max(settings.raytrace_range_m, settings.obstacle_range_m), settings.resolution
         )
-        self.layer = ObstacleLayer(settings, static_map.width, static_map.height, static_map.origin)
         self.set_static(static_map)
         self._touched = (0, 0, 0, 0)  # without any obstacle the costs are the static ones
 
@@ -321,11 +346,6 @@ class GlobalCostmap:
         self._touched = (0, 0, static_map.width, static_map.height)
 
     @property
-    def origin(self) -> tuple[float, float]:
-        """(x, y) of the lower-left corner, metres."""
-        return self.layer.origin
-
-    @property
     def costs(self) -> Cells:
         """(H, W) uint8 costs, row 0 lowest y, up to date. Not to be written to."""
         x0, y0, x1, y1 = self._touched
@@ -339,37 +359,20 @@ class GlobalCostmap:
             self._touched = (0, 0, 0, 0)
         return self._costs
 
-    def update(
-        self,
-        pose: Pose2D,
-        sensor_pose: Pose2D,
-        ranges_m: npt.NDArray[np.float64],
-        geometry: LidarGeometry,
-        time_s: float,
-    ) -> None:
-        """Take one scan; arguments and errors as for ``RollingCostmap.update``."""
-        pose.require_finite()
-        sensor_pose.require_finite()
-        self.layer.update(pose, sensor_pose, ranges_m, geometry, time_s)
-        if self.layer.remembers_for_ever:
+    def is_open_between(self, start: tuple[float, float], end: tuple[float, float]) -> bool:
+        """Whether no wall of the static map crosses the straight line between two points of it, metres."""
+        return bool(is_open_line(self.static, *self.layer.to_cells(*start), *self.layer.to_cells(*end)))
+
+    def _follow(self, pose: Pose2D) -> None:
+        """The costmap of a whole map stays."""
+
+    def _invalidate(self, sensor_pose: Pose2D | None = None) -> None:
+        if sensor_pose is not None and self.layer.remembers_for_ever:
             x, y = self.layer.to_cells(sensor_pose.x, sensor_pose.y)
             column, row, reach = math.floor(x), math.floor(y), self._scan_cells
             self._touch(column - reach, row - reach, column + reach + 1, row + reach + 1)
         else:
             self._touch(0, 0, self.static.shape[1], self.static.shape[0])
-
-    def clear_outside(self, x: float, y: float, side_m: float) -> None:
-        """Forget the obstacle layer (never the static map) outside a square centred on (x, y)."""
-        self.layer.clear_outside(x, y, side_m)
-        self._touch(0, 0, self.static.shape[1], self.static.shape[0])
-
-    def is_open_between(self, start: tuple[float, float], end: tuple[float, float]) -> bool:
-        """Whether no wall of the static map crosses the straight line between two points of it, metres."""
-        return bool(is_open_line(self.static, *self.layer.to_cells(*start), *self.layer.to_cells(*end)))
-
-    def published(self) -> OccupancyGrid:
-        """The costmap as nav_msgs has it: int8, 0 to 100 and -1."""
-        return OccupancyGrid(published(self.costs), self.settings.resolution, self.origin)
 
     def _touch(self, x0: int, y0: int, x1: int, y1: int) -> None:
         box = self._clipped(x0, y0, x1, y1)
@@ -433,13 +436,24 @@ def _box(bounds: tuple[int, int, int, int]) -> tuple[slice, slice]:
 def line_steps(dx: int, dy: int, width: int) -> tuple[int, int, int, int]:
     """(steps along the dominant axis, steps along the other, flat index step of each) of a grid line.
 
-    The line is Bresenham's; x dominates ties. Walk it with an error that starts at half the dominant count.
+    The line is Bresenham's; x dominates ties. ``next_cell`` walks it, with an
+    error that starts at half the dominant count.
     """
     step_x = 1 if dx > 0 else -1
     step_y = width if dy > 0 else -width
     if abs(dx) >= abs(dy):
         return abs(dx), abs(dy), step_x, step_y
     return abs(dy), abs(dx), step_y, step_x
+
+
+@njit
+def next_cell(index: int, error: int, line: tuple[int, int, int, int]) -> tuple[int, int]:
+    """(flat index, error) one step farther along ``line``, which ``line_steps`` gives."""
+    major, minor, major_step, minor_step = line
+    error += minor
+    if error >= major:
+        return index + major_step + minor_step, error - major
+    return index + major_step, error
 
 
 @njit
@@ -479,16 +493,12 @@ def is_open_line(cells: Cells, x0: float, y0: float, x1: float, y1: float) -> bo
     if not (0.0 <= x0 < width and 0.0 <= y0 < height and 0.0 <= x1 < width and 0.0 <= y1 < height):
         return False
     flat = cells.reshape(-1)
-    major, minor, major_step, minor_step = line_steps(int(x1) - int(x0), int(y1) - int(y0), width)
-    index, error = int(y0) * width + int(x0), major // 2
-    for _ in range(major + 1):
+    line = line_steps(int(x1) - int(x0), int(y1) - int(y0), width)
+    index, error = int(y0) * width + int(x0), line[0] // 2
+    for _ in range(line[0] + 1):
         if flat[index] == LETHAL:
             return False
-        index += major_step
-        error += minor
-        if error >= major:
-            index += minor_step
-            error -= major
+        index, error = next_cell(index, error, line)
     return True
 
 
@@ -512,18 +522,13 @@ def clear_polygon(cells: Cells, corners: Floats) -> None:
     for i in range(n):
         x0, y0 = int(corners[i - 1, 0]), int(corners[i - 1, 1])
         x1, y1 = int(corners[i, 0]), int(corners[i, 1])
-        major, minor, major_step, minor_step = line_steps(x1 - x0, y1 - y0, width)
-        error = major // 2
-        index = y0 * width + x0
-        for _ in range(major + 1):
+        line = line_steps(x1 - x0, y1 - y0, width)
+        index, error = y0 * width + x0, line[0] // 2
+        for _ in range(line[0] + 1):
             y, x = index // width, index % width
             lowest[x] = min(lowest[x], y)
             highest[x] = max(highest[x], y)
-            index += major_step
-            error += minor
-            if error >= major:
-                index += minor_step
-                error -= major
+            index, error = next_cell(index, error, line)
     for x in range(width):
         for y in range(lowest[x], highest[x] + 1):
             cells[y, x] = FREE_SPACE

@@ -19,6 +19,7 @@ from midnet_bench.navigation.costmap import (
     RollingCostmap,
     clear_polygon,
     line_steps,
+    next_cell,
     placed,
 )
 from midnet_bench.navigation.settings import LocalPlannerLimits
@@ -259,16 +260,11 @@ def outline_cost(costs: Cells, x: float, y: float, cos_yaw: float, sin_yaw: floa
         if not (0.0 <= new_x < width and 0.0 <= new_y < height):
             return ILLEGAL
         x0, y0 = int(old_x), int(old_y)
-        major, minor, major_step, minor_step = line_steps(int(new_x) - x0, int(new_y) - y0, width)
-        error = major // 2
-        index = y0 * width + x0
-        for _ in range(major + 1):
+        line = line_steps(int(new_x) - x0, int(new_y) - y0, width)
+        index, error = y0 * width + x0, line[0] // 2
+        for _ in range(line[0] + 1):
             highest = max(highest, int(flat[index]))
-            index += major_step
-            error += minor
-            if error >= major:
-                index += minor_step
-                error -= major
+            index, error = next_cell(index, error, line)
         old_x, old_y = new_x, new_y
     return ILLEGAL if highest >= LETHAL else highest
 
