@@ -16,8 +16,8 @@ from urllib.parse import unquote, urlsplit
 import midnet_bench
 
 CPU_S = 5
-MEMORY_BYTES = 1 << 30
-"""resident, together with the interpreter and all libraries"""
+MEMORY_BYTES = 800 << 20
+"""resident, on top of what the forked process has already: 1 GB with this package and its libraries"""
 WALL_S = 600
 """after which a command hangs that needs no processor time"""
 FILE_BYTES = 500_000_000
@@ -42,6 +42,9 @@ class Ended:
     outside: str
     """the first path that it tried to write to and should not, or nothing"""
     peak_bytes: int
+    """resident"""
+    inherited_bytes: int
+    """of these, what the forked process had resident"""
     cpu_s: float
 
     def find(self, good_codes: Sequence[int] = (0,)) -> str:
@@ -56,7 +59,7 @@ class Ended:
             return f"dies of {signal.Signals(-self.code).name}"
         if self.code == ESCAPED or "Traceback (most recent call last)" in self.stderr:
             return "traceback"
-        if self.peak_bytes > MEMORY_BYTES:
+        if self.peak_bytes - self.inherited_bytes > MEMORY_BYTES:
             return f"takes {self.peak_bytes / 2**20:.0f} MB"
         lines = self.stderr.splitlines()
         # what Python says of a user's own file is his to hear
@@ -89,6 +92,7 @@ def run(
     error_file, outside_file = (os.memfd_create(name) for name in ("stderr", "outside"))
     sys.stdout.flush()
     sys.stderr.flush()
+    inherited_bytes = _resident_bytes()
     pid = os.fork()
     if pid == 0:
         _in_the_fork(call, folder, may_write, named, error_file, outside_file)
@@ -103,8 +107,13 @@ def run(
         said,
         outside.partition("\n")[0],
         used.ru_maxrss * 1024,
+        inherited_bytes,
         used.ru_utime + used.ru_stime,
     )
+
+
+def _resident_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 def _content(file: int) -> str:
@@ -146,9 +155,7 @@ def _in_the_fork(
 
 def _bound() -> None:
     """Limit this process. Libraries map more memory than they touch: what may come on top is bounded."""
-    pages_mapped, pages_resident = map(int, Path("/proc/self/statm").read_text().split()[:2])
-    page = resource.getpagesize()
-    most = pages_mapped * page + max(0, MEMORY_BYTES - pages_resident * page)
+    most = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + MEMORY_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
     resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S + 1))
     resource.setrlimit(resource.RLIMIT_FSIZE, (FILE_BYTES, FILE_BYTES))
