@@ -1,20 +1,23 @@
-"""Settings said once: default, source, range and help of an option stand at its field, in nested dataclasses.
+"""Settings stated once: default, range, sentence and source of an option stand at its field, on pydantic.
 
-A settings class is a frozen dataclass of :class:`Settings` in the room of the code that obeys it, its fields
-made by :func:`option`. An experiment nests such classes by :func:`group`. The leaves of that tree have flat
-keys, such as ``thresh_local``: what a campaign file, ``--set`` and a trial's parameters hold.
+A settings class is a frozen dataclass of :class:`Settings` in the room of the code that obeys it.
+:func:`option` makes a field that users set, :func:`fixed` one that they do not. An experiment nests such
+classes by :func:`group`. The options of that tree have flat keys, such as ``thresh_local``: what a campaign
+file, ``--set`` and a trial's parameters hold.
 """
 
 import functools
-import math
-import numbers
 import re
 import types
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import Field, dataclass, field, fields, replace
-from typing import Any, ClassVar, Literal, Self, Union, cast, get_args, get_origin, get_type_hints
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import Field as Member
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, cast, get_args, get_origin, get_type_hints
 
 from midnet_bench.errors import InputError, nearest_name
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
 
 Scalar = str | int | float | bool | None
 """What a flat key or a table cell may hold; NaN stands for an undefined number."""
@@ -25,96 +28,47 @@ TurtleBot3's navigation files of release 0.2.1; those of release 1.0.0 where the
 ROS package's default, a data sheet or the robot's Gazebo description; our choice. ``ours: off`` is a choice
 that changes nothing unless another option does."""
 
-
-@dataclass(frozen=True)
-class Option:
-    """What is said of one option, its default apart."""
-
-    help: str
-    """a sentence that stands alone, in the field's words, with the unit if the name does not have it"""
-    key: str | None
-    """its flat key, before a group's prefix; None: the field's name"""
-    ge: float | None
-    gt: float | None
-    le: float | None
-    multiple_of: int | None
-    source: str = ""
-    """where the default is from, see ``SOURCES``; empty if nothing says so"""
-
-    def __post_init__(self) -> None:
-        """Raises ValueError: a source that begins with none of ``SOURCES``."""
-        kind, colon, _ = self.source.partition(": ")
-        if self.source and not (colon and kind in SOURCES):
-            raise ValueError(f"'{self.source}': a source begins with one of: {', '.join(SOURCES)}")
-
-    def holds(self, value: float) -> bool:
-        """Whether a number is within range; no NaN is, nor an infinite number."""
-        try:
-            is_above = math.isfinite(value) and (self.ge is None or value >= self.ge)
-        except OverflowError:  # an int that no float can be
-            return False
-        is_within = (self.gt is None or value > self.gt) and (self.le is None or value <= self.le)
-        return is_above and is_within and (self.multiple_of is None or value % self.multiple_of == 0)
-
-    @property
-    def allowed(self) -> str:
-        """The range in words: ``1 to 100``, ``above 0 and at most 1``, ``0 or more``; empty without any."""
-        low, high = self.ge, self.le
-        if self.gt is not None:
-            words = f"above {_plain(self.gt)}" + (f" and at most {_plain(high)}" if high is not None else "")
-        elif low is not None:
-            words = f"{_plain(low)} or more" if high is None else f"{_plain(low)} to {_plain(high)}"
-        else:
-            words = f"at most {_plain(high)}" if high is not None else ""
-        multiple = f"a multiple of {self.multiple_of}" if self.multiple_of else ""
-        return ", ".join(part for part in (words, multiple) if part)
-
-
 _NEEDS = re.compile(r"off unless (\w+)=([\w+|]+)")
 """in a source"""
 
 
-def _plain(value: float) -> str:
-    """A bound without an exponent where it is a whole number below a thousand million."""
-    return f"{value:.0f}" if abs(value) < 1e9 and value == math.floor(value) else f"{value:g}"
-
-
-@dataclass(frozen=True)
-class _Group:
-    title: str
-    prefix: str
-    keys: Mapping[str, str | None]
-    sources: Mapping[str, str]
-
-
-def option(
-    default: Scalar,
-    help: str,
-    *,
-    ge: float | None = None,
-    gt: float | None = None,
-    le: float | None = None,
-    multiple_of: int | None = None,
-    key: str | None = None,
-    source: str = "",
-) -> Any:
-    """A dataclass field with a default, its source, a range and a sentence of help.
+def option(default: Scalar, help: str, *, source: str = "", key: str | None = None, **limits: float) -> Any:
+    """A field that users set.
 
     Args:
         default: of the type that the field is annotated with: str, int, float, bool, a Literal, or one of
             these or None.
-        help: see :class:`Option`.
-        ge: the least number allowed.
-        gt: every number allowed is above this one.
-        le: the greatest number allowed.
-        multiple_of: of an integer.
-        key: the flat key if it is not the field's name.
+        help: a sentence that stands alone, in the field's words, with the unit if the name does not have it.
         source: where the default is from: one of ``SOURCES``, then file and key, section, or reason.
+        key: the flat key, before a group's prefix, if it is not the field's name.
+        limits: of a number, as pydantic names them: ``ge``, ``gt``, ``le``, ``multiple_of``.
 
     Raises:
         ValueError: a source of another kind.
     """
-    return field(default=default, metadata={"option": Option(help, key, ge, gt, le, multiple_of, source)})
+    said = {"help": help, "limits": limits, "key": key, "source": _known(source)}
+    return field(default=default, metadata=said)
+
+
+def fixed(default: Scalar, source: str) -> Any:
+    """A field without a flat key: a value that no user turns, with its source. ValueError as for option."""
+    return field(default=default, metadata={"source": _known(source)})
+
+
+def _known(source: str) -> str:
+    kind, colon, _ = source.partition(": ")
+    if source and not (colon and kind in SOURCES):
+        raise ValueError(f"'{source}': a source begins with one of: {', '.join(SOURCES)}")
+    return source
+
+
+class Group(NamedTuple):
+    """Settings of one concern inside others."""
+
+    title: str = ""
+    prefix: str = ""
+    only: tuple[str, ...] | None = None
+    sources: Mapping[str, str] = {}
 
 
 def group(
@@ -122,45 +76,43 @@ def group(
     title: str,
     *,
     prefix: str = "",
-    keys: Mapping[str, str | None] | None = None,
+    only: tuple[str, ...] | None = None,
     sources: Mapping[str, str] | None = None,
 ) -> Any:
-    """A dataclass field that nests the settings of one concern.
+    """A field that nests the settings of one concern.
 
     Args:
         default: an instance, whose values are the defaults here.
         title: what a list of options calls the concern here.
         prefix: stands before the flat keys of all its options.
-        keys: field name -> whole flat key for those that differ, None for one that cannot be set here.
+        only: the names of the fields that can be set here; None: all options.
         sources: field name -> source of the default here; in a group within this one ``group.field``.
     """
-    nested = _Group(title, prefix, dict(keys or {}), dict(sources or {}))
-    return field(default=default, metadata={"group": nested})
+    return field(default=default, metadata={"group": Group(title, prefix, only, dict(sources or {}))})
 
 
 def like(owner: type["Settings"], name: str, default: Scalar, source: str = "") -> Any:
     """The option ``name`` of the class ``owner`` again, with another default and its source."""
-    (found,) = (one for one in fields(cast(Any, owner)) if one.name == name)
-    return field(default=default, metadata={"option": replace(found.metadata["option"], source=source)})
+    (found,) = (one for one in _members(owner) if one.name == name)
+    return field(default=default, metadata={**found.metadata, "source": _known(source)})
 
 
 class Settings:
-    """Base of frozen dataclasses of options: no instance holds a value that is out of its range."""
-
-    concern: ClassVar[str] = "settings"
-    """what an error message calls the class"""
-    needs: ClassVar[str] = ""
-    """``key=value`` without which no option here has an effect; of one option its source says it"""
+    """Base of frozen dataclasses of options: pydantic checks each value when one is made."""
 
     def __post_init__(self) -> None:
-        """Check every option. Raises InputError: ``concern: name: value is out of range; allowed: ...``."""
-        for one, said, kind in _options(cast(Any, type(self))):
-            value = getattr(self, one)
-            checked = _checked(value, said, kind)
-            if checked is _WRONG:
-                raise InputError(f"{self.concern}: {one}: {_what_is_wrong(value, said, kind)}")
-            if checked is not value:
-                object.__setattr__(self, one, checked)
+        """Check every option. Raises InputError: ``class: field: what is wrong``."""
+        kind: Any = type(self)
+        values = {name: getattr(self, name) for name in _model(kind).model_fields}
+        try:
+            checked = _model(kind).model_validate(values)
+        except ValueError as error:  # pydantic's, which takes long to import
+            first = cast(Any, error).errors()[0]
+            name, value = first["loc"][0], first["input"]
+            raise InputError(f"{kind.__name__}: {name}: {first['msg']} (got {value!r})") from error
+        for name, value in values.items():
+            if (taken := getattr(checked, name)) is not value:
+                object.__setattr__(self, name, taken)
 
     @classmethod
     def from_flat(cls, values: Mapping[str, Scalar]) -> Self:
@@ -193,50 +145,92 @@ class Settings:
 
     def flat_values(self) -> dict[str, Scalar]:
         """The value of each flat key, in the order of the fields."""
-        found: dict[str, Scalar] = {}
-        for key, leaf in leaves(type(self)).items():
-            found[key] = functools.reduce(getattr, leaf.path, cast(Any, self))
-        return found
+        return {key: leaf.value_in(self) for key, leaf in leaves(type(self)).items()}
 
 
 @dataclass(frozen=True)
 class Leaf:
-    """One option of a tree of settings."""
+    """One value of a tree of settings."""
 
-    key: str
+    key: str | None
+    """None: it cannot be set"""
     path: tuple[str, ...]
     """the attributes that lead to it"""
-    option: Option
-    kind: Any
-    """its type annotation"""
+    help: str
+    """what it does, a sentence; empty of one that cannot be set"""
+    limits: Mapping[str, float]
+    """its range, as pydantic names it"""
+    annotation: Any
     default: Scalar
+    source: str
+    """where the default is from, see ``SOURCES``; empty if nothing says so"""
     group: str
     """the titles of the groups it is in; empty for the root's own options"""
-    needs: tuple[str, str] | None
-    """key, or a field beside it, and value without which it has no effect"""
 
-    def is_of_its_kind(self, value: Scalar) -> bool:
-        """Whether an option can have this value; of a text, any."""
-        base = _without_none(self.kind)
-        if base in (bool, int, float) or value is None:
-            return _checked(value, self.option, self.kind) is not _WRONG
-        return isinstance(value, str) or value in choices_of(self.kind)
+    @property
+    def kind(self) -> Any:
+        """Its type annotation without ``| None``."""
+        return get_args(self.annotation)[0] if self.takes_none else self.annotation
+
+    @property
+    def takes_none(self) -> bool:
+        """Whether it may be None."""
+        return type(None) in get_args(self.annotation)
+
+    @property
+    def choices(self) -> tuple[Any, ...]:
+        """The values of a Literal annotation; empty for any other."""
+        return get_args(self.kind) if get_origin(self.kind) is Literal else ()
+
+    @property
+    def needs(self) -> tuple[str, str] | None:
+        """Key, or a field beside it, and value without which it has no effect, as its source says."""
+        found = _NEEDS.search(self.source)
+        return None if found is None else (found[1], found[2])
+
+    @property
+    def range(self) -> str:
+        """The range in words: ``1 to 100``, ``above 0 and at most 1``, ``0 or more``; empty without any."""
+        low, above, high, multiple = map(self.limits.get, ("ge", "gt", "le", "multiple_of"))
+        if above is not None:
+            words = f"above {_plain(above)}" + (f" and at most {_plain(high)}" if high is not None else "")
+        elif low is not None:
+            words = f"{_plain(low)} or more" if high is None else f"{_plain(low)} to {_plain(high)}"
+        else:
+            words = f"at most {_plain(high)}" if high is not None else ""
+        return ", ".join(filter(None, (words, f"a multiple of {multiple}" if multiple else "")))
 
     @property
     def allowed(self) -> str:
         """What it may be, in words: the choices or the range, else its type."""
-        choices, base = choices_of(self.kind), _without_none(self.kind)
-        words = " | ".join(map(str, choices)) or self.option.allowed
-        if base is bool:
-            words = "true | false"
-        if not words:
-            words = {str: "text", int: "a whole number", float: "a number"}[base]
-        return f"{words}, or null" if base is not self.kind else words
+        kinds = {bool: "true | false", str: "text", int: "a whole number", float: "a number"}
+        words = " | ".join(map(str, self.choices)) or self.range or kinds[self.kind]
+        return f"{words}, or null" if self.takes_none else words
+
+    def value_in(self, settings: Settings) -> Scalar:
+        """Its value in settings of its tree."""
+        return cast(Scalar, functools.reduce(getattr, self.path, cast(Any, settings)))
 
 
 def leaves(settings: type[Settings]) -> Mapping[str, Leaf]:
     """Flat key -> option, of a settings class and of all that is nested in it, in the order of the fields."""
-    return _all_leaves(cast(Any, settings))
+    return _leaves(cast(Any, settings))
+
+
+@functools.cache
+def _leaves(settings: type[Settings]) -> Mapping[str, Leaf]:
+    found: dict[str, Leaf] = {}
+    for leaf in all_values(settings):
+        if leaf.key in found:
+            raise ValueError(f"{settings.__name__}: two options have the flat key '{leaf.key}'")
+        if leaf.key is not None:
+            found[leaf.key] = leaf
+    return types.MappingProxyType(found)
+
+
+def all_values(settings: type[Settings]) -> Iterator[Leaf]:
+    """The options of a tree of settings, and the values that cannot be set."""
+    yield from _walk(settings.usual(), (), Group())
 
 
 def without_effect(
@@ -246,12 +240,17 @@ def without_effect(
     known = leaves(settings)
     keys = {leaf.path: key for key, leaf in known.items()}
     found = []
-    for leaf in (known[key] for key in given if key in known):
-        name, value = leaf.needs or ("", "")
-        decides = keys.get((*leaf.path[:-1], name), name)
+    for key in given:
+        name, value = (known[key].needs if key in known else None) or ("", "")
+        decides = keys.get((*known[key].path[:-1], name), name) if name else ""
         if decides in known and not any(str(cell[decides]) in value.split("|") for cell in cells):
-            found.append(f"{leaf.key} has no effect unless {decides} is {value.replace('|', ' or ')}")
+            found.append(f"{key} has no effect unless {decides} is {value.replace('|', ' or ')}")
     return found
+
+
+def _plain(value: float) -> str:
+    """A bound without an exponent where it is a whole number below a thousand million."""
+    return f"{value:.0f}" if abs(value) < 1e9 and value == int(value) else f"{value:g}"
 
 
 @functools.cache
@@ -260,48 +259,45 @@ def _usual(settings: type[Settings]) -> Settings:
 
 
 @functools.cache
-def _all_leaves(settings: type[Settings]) -> Mapping[str, Leaf]:
-    found: dict[str, Leaf] = {}
-    for leaf in _leaves(settings, settings.usual(), (), _Group("", "", {}, {})):
-        if leaf.key in found:
-            raise ValueError(f"{settings.__name__}: two options have the flat key '{leaf.key}'")
-        found[leaf.key] = leaf
-    return types.MappingProxyType(found)
+def _model(settings: type[Settings]) -> "type[BaseModel]":
+    """What checks the options of a class itself, in the types that are declared."""
+    from pydantic import ConfigDict, Field, create_model
+
+    kinds = get_type_hints(settings)
+    named: Any = {
+        one.name: (kinds[one.name], Field(**one.metadata["limits"]))
+        for one in _members(settings)
+        if "limits" in one.metadata
+    }
+    checks = ConfigDict(strict=True, allow_inf_nan=False)
+    return create_model(settings.__name__, __config__=checks, **named)
 
 
-def choices_of(kind: Any) -> tuple[Any, ...]:
-    """The values of a Literal annotation; empty for any other."""
-    base = _without_none(kind)
-    return get_args(base) if get_origin(base) is Literal else ()
+def _members(settings: Any) -> tuple[Member[Any], ...]:
+    return fields(settings)
 
 
-def _leaves(
-    settings: type[Settings], defaults: Settings, path: tuple[str, ...], here: _Group, needs: str = ""
-) -> list[Leaf]:
-    kinds, found, needs = get_type_hints(settings), [], settings.needs or needs
-    for one in fields(cast(Any, settings)):
-        value, at = getattr(defaults, one.name), (*path, one.name)
-        if "option" in one.metadata:
-            said: Option = one.metadata["option"]
-            if one.name in here.sources:
-                said = replace(said, source=here.sources[one.name])
-            key = here.keys.get(one.name, here.prefix + (said.key or one.name))
-            if key is not None:
-                match = _NEEDS.search(f"{said.source} off unless {needs}")
-                pair = None if match is None else (match[1], match[2])
-                found.append(Leaf(key, at, said, kinds[one.name], value, here.title, pair))
-        elif "group" in one.metadata:
-            nested: _Group = one.metadata["group"]
-            title = ", ".join(part for part in (here.title, nested.title) if part)
-            start = f"{one.name}."
+def _walk(defaults: Settings, path: tuple[str, ...], here: Group) -> Iterator[Leaf]:
+    kinds = get_type_hints(type(defaults))
+    for one in _members(defaults):
+        name, said, value = one.name, one.metadata, getattr(defaults, one.name)
+        if "source" in said:
+            is_open = "limits" in said and (here.only is None or name in here.only)
+            key = here.prefix + (said["key"] or name) if is_open else None
+            source, help = here.sources.get(name, said["source"]), said.get("help", "")
+            limits = said.get("limits", {})
+            yield Leaf(key, (*path, name), help, limits, kinds[name], value, source, here.title)
+        elif "group" in said:
+            inner: Group = said["group"]
+            start = f"{name}."
             within = {
-                name.removeprefix(start): source
-                for name, source in here.sources.items()
-                if name.startswith(start)
+                key.removeprefix(start): source
+                for key, source in here.sources.items()
+                if key.startswith(start)
             }
-            inner = _Group(title, here.prefix + nested.prefix, nested.keys, {**nested.sources, **within})
-            found += _leaves(type(value), value, at, inner, needs)
-    return found
+            title = ", ".join(filter(None, (here.title, inner.title)))
+            nested = Group(title, here.prefix + inner.prefix, inner.only, {**inner.sources, **within})
+            yield from _walk(value, (*path, name), nested)
 
 
 def _changed(settings: Settings, tree: Mapping[str, Any]) -> Settings:
@@ -310,47 +306,3 @@ def _changed(settings: Settings, tree: Mapping[str, Any]) -> Settings:
         for name, value in tree.items()
     }
     return cast(Settings, replace(cast(Any, settings), **changes)) if changes else settings
-
-
-@functools.cache
-def _options(settings: type[Settings]) -> list[tuple[str, Option, Any]]:
-    kinds = get_type_hints(settings)
-    named: tuple[Field[Any], ...] = fields(cast(Any, settings))
-    return [(one.name, one.metadata["option"], kinds[one.name]) for one in named if "option" in one.metadata]
-
-
-_WRONG = object()
-
-
-def _checked(value: Any, said: Option, kind: Any) -> Any:
-    """``value`` in the type of the annotation, or ``_WRONG``."""
-    base = _without_none(kind)
-    if value is None and base is not kind:
-        return None
-    if get_origin(base) is Literal:
-        return value if value in get_args(base) else _WRONG
-    if base in (bool, str):
-        return value if isinstance(value, base) else _WRONG
-    wanted = numbers.Integral if base is int else numbers.Real
-    if isinstance(value, bool) or not isinstance(value, wanted) or not said.holds(cast(float, value)):
-        return _WRONG
-    return value if type(value) is base else base(value)
-
-
-def _what_is_wrong(value: Any, said: Option, kind: Any) -> str:
-    choices = choices_of(kind)
-    if choices:
-        return f"no such choice '{value}'{nearest_name(str(value), choices)}"
-    if isinstance(value, numbers.Real) and not isinstance(value, bool) and said.allowed:
-        return f"{value} is out of range; allowed: {said.allowed}"
-    base = _without_none(kind)
-    wanted = {bool: "true or false", str: "a text", int: "a whole number", float: "a finite number"}[base]
-    return f"{wanted} is needed (got {value!r})"
-
-
-def _without_none(kind: Any) -> Any:
-    """The annotation without ``| None``."""
-    if get_origin(kind) in (Union, types.UnionType):
-        (base,) = (one for one in get_args(kind) if one is not type(None))
-        return base
-    return kind

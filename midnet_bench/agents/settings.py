@@ -1,7 +1,6 @@
 """What can be set of patrol, pursuit and of how a robot keeps at a goal."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from midnet_bench.seams import ExtensionPoint
 from midnet_bench.settings import Settings, option
@@ -11,12 +10,10 @@ from midnet_bench.settings import Settings, option
 class GoalSettings(Settings):
     """How long a robot keeps at a goal."""
 
-    concern: ClassVar[str] = "goals"
-
     timeout_s: float = option(
         30.0,
-        "A robot that has stayed within half a metre of one place for this long gives its goal up and gets "
-        "another.",
+        "A robot that has stayed within half a metre of one place for this long gives its goal up and"
+        " gets another.",
         gt=0,
         le=600,
         key="goal_timeout_s",
@@ -28,19 +25,17 @@ class GoalSettings(Settings):
 class PatrolSettings(Settings):
     """The random patrol of section V.B."""
 
-    concern: ClassVar[str] = "patrol"
-
     rule: str = option(
         "paper",
-        "Where guards go that have nothing to do: paper (random points of section V.B), cyclic, reactive, "
-        "coordinated, or your own as package.module:NAME or file.py:NAME.",
+        "Where guards go that have nothing to do: paper (random points of section V.B), cyclic, "
+        "reactive, coordinated, or your own as package.module:NAME or file.py:NAME.",
         key="patrol",
         source="paper: V.B",
     )
     z_factor: float = option(
         0.5,
-        "Least distance between patrol goals, as a share of the arena's diagonal divided by the number of "
-        "robots (z = p / 2q in Eq. 12 is 0.5).",
+        "Least distance between patrol goals, as a share of the arena's diagonal divided by the "
+        "number of robots (z = p / 2q in Eq. 12 is 0.5).",
         gt=0,
         le=2,
         source="paper: V.B, Eq. 12",
@@ -59,14 +54,13 @@ class PatrolSettings(Settings):
 class PursuitSettings(Settings):
     """Which guards go after a detected intruder, and for how long."""
 
-    concern: ClassVar[str] = "pursuit"
-
     rule: str = option(
         "nearest",
-        "Which guards go after a detected intruder: the nearest one while the others patrol (nearest), "
-        "every guard after the intruder nearest to it (all), pairs of least total distance (assignment), "
-        "none, or your own as package.module:NAME or file.py:NAME. Targets are tracks of MIDNet's boxes; "
-        "under oracle the referee names the intruder of each box instead, and tells who is caught or gone.",
+        "Which guards go after a detected intruder: the nearest one while the others patrol "
+        "(nearest), every guard after the intruder nearest to it (all), pairs of least total distance"
+        " (assignment), none, or your own as package.module:NAME or file.py:NAME. Targets are tracks "
+        "of MIDNet's boxes; under oracle the referee names the intruder of each box instead, and "
+        "tells who is caught or gone.",
         key="pursuit",
         source="ours: the paper converges to intruders without a rule",
     )
@@ -80,8 +74,8 @@ class PursuitSettings(Settings):
     )
     retarget_m: float = option(
         0.25,
-        "A pursuer gets a new goal once its target has moved this far; a Burger needs more than a second "
-        "for 0.25 m.",
+        "A pursuer gets a new goal once its target has moved this far; a Burger needs more than a "
+        "second for 0.25 m.",
         ge=0,
         le=5,
         key="pursuit_retarget_m",

@@ -55,9 +55,9 @@ def _list(experiment: str, options: "list[Leaf]", as_json: bool) -> None:
             lines += ["", one.group]
             group = one.group
         allowed = f" ({one.allowed})" if one.allowed else ""
-        texts = [(2, f"{one.key} = {_written(one.default)}{allowed}"), (6, one.option.help)]
-        if one.option.source:
-            texts.append((6, f"source: {one.option.source}"))
+        texts = [(2, f"{one.key} = {_written(one.default)}{allowed}"), (6, one.help)]
+        if one.source:
+            texts.append((6, f"source: {one.source}"))
         for indent, text in texts:
             first, *more = filled(text, width() - indent) or [""]
             lines += [" " * indent + first, *(" " * 6 + line for line in more)]
@@ -75,10 +75,8 @@ def _explain(name: str, users: "dict[str, Leaf]", as_json: bool) -> None:
     typer.echo(name)
     users_of: dict[tuple[str, ...], list[str]] = {}
     for experiment, leaf in users.items():
-        option = leaf.option
-        users_of.setdefault((option.help, _written(leaf.default), leaf.allowed, option.source), []).append(
-            experiment
-        )
+        said = (leaf.help, _written(leaf.default), leaf.allowed, leaf.source)
+        users_of.setdefault(said, []).append(experiment)
     for (help, default, allowed, source), experiments in users_of.items():
         _print_paragraph(help)
         typer.echo(f"  default: {default}\n  allowed: {allowed}\n  experiments: {', '.join(experiments)}")
@@ -97,20 +95,18 @@ def _print_paragraph(text: str) -> None:
 
 
 def _described(leaf: "Leaf") -> dict[str, Any]:
-    from midnet_bench.settings import choices_of
-
-    option = leaf.option
+    limits = leaf.limits
     return {
         "key": leaf.key,
         "default": leaf.default,
-        "choices": list(choices_of(leaf.kind)) or None,
-        "minimum": option.ge,
-        "above": option.gt,
-        "maximum": option.le,
-        "multiple_of": option.multiple_of,
+        "choices": list(leaf.choices) or None,
+        "minimum": limits.get("ge"),
+        "above": limits.get("gt"),
+        "maximum": limits.get("le"),
+        "multiple_of": limits.get("multiple_of"),
         "group": leaf.group or None,
-        "help": option.help,
-        "source": option.source or None,
+        "help": leaf.help,
+        "source": leaf.source or None,
     }
 
 

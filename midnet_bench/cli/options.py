@@ -80,11 +80,11 @@ def help_of(name: str, command: str) -> str | None:
     if experiment == command:
         campaign = load_campaign(packaged_campaigns()[command])
         default = campaign.grid.get(key, campaign.parameters.get(key, default))
-    texts = [leaf.option.allowed] if name in NUMBERS else []
+    texts = [leaf.range] if name in NUMBERS else []
     if default is not None:
         values = default if isinstance(default, list) else [default]
         texts.append("default " + ",".join(map(str, values)))
-    sentence = re.split(r"[.;] |\.$", leaf.option.help)[0]
+    sentence = re.split(r"[.;] |\.$", leaf.help)[0]
     return sentence + f" ({'; '.join(texts)})" * bool(texts) + "."
 
 
@@ -259,9 +259,11 @@ def check_values(experiment: str, given: "Mapping[str, Values]", option: str) ->
     """
     from midnet_bench.errors import InputError
     from midnet_bench.experiments.registry import parameters_model
+    from midnet_bench.io.parameters import can_be
     from midnet_bench.settings import leaves
 
-    known = leaves(parameters_model(experiment))
+    model = parameters_model(experiment)
+    known = leaves(model)
     for key, values in given.items():
         named = option.format(key=OPTION_OF.get(key, key))
         if key not in known:
@@ -270,9 +272,9 @@ def check_values(experiment: str, given: "Mapping[str, Values]", option: str) ->
             raise InputError(f"{named} does not go with '{experiment}', which has no such parameter")
         for value in values if isinstance(values, list) else [values]:
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            if is_number and not known[key].is_of_its_kind(value) and known[key].option.allowed:
+            if is_number and known[key].range and not can_be(model, key, value):
                 gap = "" if option.endswith("=") else " "
-                raise InputError(f"{named}{gap}{value}: must be {known[key].option.allowed}")
+                raise InputError(f"{named}{gap}{value}: must be {known[key].range}")
 
 
 def settings_with(

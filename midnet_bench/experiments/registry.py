@@ -10,7 +10,6 @@ from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.experiments.labyrinth import LABYRINTH
 from midnet_bench.experiments.mapping import MAPPING
 from midnet_bench.plugins import load_reference, offered
-from midnet_bench.settings import leaves
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -88,6 +87,8 @@ def tables_of(definition: "Definition", directory: "Path") -> "Tables":
         InputError: as :func:`experiment_in`, or the definition gives a parameter what it cannot be.
     """
     from midnet_bench.campaign.definition import differs_between_cells
+    from midnet_bench.io.parameters import can_be
+    from midnet_bench.settings import leaves
 
     found = experiment_in(definition, directory)
     known = leaves(found.model)
@@ -101,7 +102,7 @@ def tables_of(definition: "Definition", directory: "Path") -> "Tables":
         if name not in known:
             raise InputError(f"{directory}: the grid's '{name}' is no parameter of '{found.name}'")
         for value in values:
-            if not known[name].is_of_its_kind(value):
+            if not can_be(found.model, name, value):
                 allowed = known[name].allowed
                 raise InputError(f"{directory}: {name} cannot be {shown(value)}; allowed: {allowed}")
     return found.columns

@@ -4,7 +4,7 @@ import functools
 from collections.abc import Mapping
 from typing import Any, ClassVar, Self, cast
 
-from pydantic import Field, create_model
+from pydantic import Field, ValidationError, create_model
 
 from midnet_bench.errors import InputError
 from midnet_bench.io.checked_yaml import Spec, parse
@@ -61,6 +61,17 @@ class Parameters(Settings):
         return {key: leaf.default for key, leaf in leaves(cls).items()}
 
 
+def can_be(parameters: type[Settings], key: str, value: Scalar) -> bool:
+    """Whether an option can have a value; of a text, any."""
+    if isinstance(value, str):
+        return leaves(parameters)[key].kind not in (bool, int, float)
+    try:
+        flat_model(parameters).model_validate({key: value}, strict=True)
+    except ValidationError:
+        return False
+    return True
+
+
 def flat_model(parameters: type[Settings]) -> type[Spec]:
     """The pydantic model of the flat keys: what YAML and the command line are checked against."""
     return _model(cast(Any, parameters))
@@ -70,9 +81,7 @@ def flat_model(parameters: type[Settings]) -> type[Spec]:
 def _model(parameters: type[Settings]) -> type[Spec]:
     named: dict[str, Any] = {}
     for key, leaf in leaves(parameters).items():
-        said = leaf.option
-        limits = {name: getattr(said, name) for name in ("ge", "gt", "le", "multiple_of")}
-        given = {name: limit for name, limit in limits.items() if limit is not None}
-        named[key] = (leaf.kind, Field(leaf.default, description=said.help, **given))
+        limits: Any = leaf.limits
+        named[key] = (leaf.annotation, Field(leaf.default, description=leaf.help, **limits))
     made: type[Spec] = create_model(parameters.__name__, __base__=Spec, **named)
     return made

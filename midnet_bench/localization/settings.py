@@ -1,9 +1,9 @@
 """What can be set of the pose filter and of the fit of scans to the map."""
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import Literal
 
-from midnet_bench.settings import Settings, option
+from midnet_bench.settings import Settings, fixed, option
 
 _TWIST_VARIANCE = {"world": (0.0, 0.0, 0.0), "encoder": (1e-4, 1e-4, 1e-2)}
 """vx, vy, vyaw by the odometry's source; see ``UkfSettings.suited_to``"""
@@ -19,28 +19,14 @@ class UkfSettings(Settings):
     its definiteness, and the estimates are the same to far below a millimetre.
     """
 
-    concern: ClassVar[str] = "pose filter"
-
-    vx_variance: float | None = option(
-        None,
-        "Variance of odometry's forward velocity, (m/s)^2; null: 0 for world, 1e-4 for encoder.",
-        ge=0,
-        le=100,
-        source="package: gazebo_ros_diff_drive, which publishes 0; encoder's is ours",
+    vx_variance: float | None = fixed(
+        None, "package: gazebo_ros_diff_drive, which publishes 0; encoder's is ours"
     )
-    vy_variance: float | None = option(
-        None,
-        "Variance of the sideways velocity, which wheels hold to 0, (m/s)^2; null: as vx.",
-        ge=0,
-        le=100,
-        source="package: gazebo_ros_diff_drive, which publishes 0; encoder's is ours",
+    vy_variance: float | None = fixed(
+        None, "package: gazebo_ros_diff_drive, which publishes 0; encoder's is ours"
     )
-    vyaw_variance: float | None = option(
-        None,
-        "Variance of odometry's turn rate, (rad/s)^2; null: 0 for world, 1e-2 for encoder.",
-        ge=0,
-        le=100,
-        source="package: gazebo_ros_diff_drive, which publishes 0; encoder's is ours",
+    vyaw_variance: float | None = fixed(
+        None, "package: gazebo_ros_diff_drive, which publishes 0; encoder's is ours"
     )
     twist_is_mean: bool = False
     """whether odometry's twist is the mean since the last step, as encoders give it, or of the instant"""
@@ -51,80 +37,19 @@ class UkfSettings(Settings):
         le=100,
         source="ours: neither the paper nor TurtleBot3 gives one",
     )
-    imu_yaw_rate_variance: float = option(
-        1e-6,
-        "Variance of the gyroscope's turn rate, (rad/s)^2.",
-        ge=0,
-        le=100,
-        source="ours: neither the paper nor TurtleBot3 gives one",
+    imu_yaw_rate_variance: float = fixed(1e-6, "ours: neither the paper nor TurtleBot3 gives one")
+    process_noise_x: float = fixed(0.05, "package: robot_localization, process_noise_covariance")
+    process_noise_y: float = fixed(0.05, "package: robot_localization, process_noise_covariance")
+    process_noise_yaw: float = fixed(0.06, "package: robot_localization, process_noise_covariance")
+    process_noise_vx: float = fixed(0.025, "package: robot_localization, process_noise_covariance")
+    process_noise_vy: float = fixed(0.025, "package: robot_localization, process_noise_covariance")
+    process_noise_vyaw: float = fixed(0.02, "package: robot_localization, process_noise_covariance")
+    initial_variance: float = fixed(1e-9, "package: robot_localization, initial_estimate_covariance")
+    alpha: float = fixed(
+        1.0, "ours: robot_localization's 0.001 weights the centre point by -1e6; the estimates are the same"
     )
-    process_noise_x: float = option(
-        0.05,
-        "Variance that x gains per second, m^2/s.",
-        ge=0,
-        le=100,
-        source="package: robot_localization, process_noise_covariance",
-    )
-    process_noise_y: float = option(
-        0.05,
-        "Variance that y gains per second, m^2/s.",
-        ge=0,
-        le=100,
-        source="package: robot_localization, process_noise_covariance",
-    )
-    process_noise_yaw: float = option(
-        0.06,
-        "Variance that the heading gains per second, rad^2/s.",
-        ge=0,
-        le=100,
-        source="package: robot_localization, process_noise_covariance",
-    )
-    process_noise_vx: float = option(
-        0.025,
-        "Variance that the forward velocity gains per second, m^2/s^3.",
-        ge=0,
-        le=100,
-        source="package: robot_localization, process_noise_covariance",
-    )
-    process_noise_vy: float = option(
-        0.025,
-        "Variance that the sideways velocity gains per second, m^2/s^3.",
-        ge=0,
-        le=100,
-        source="package: robot_localization, process_noise_covariance",
-    )
-    process_noise_vyaw: float = option(
-        0.02,
-        "Variance that the turn rate gains per second, rad^2/s^3.",
-        ge=0,
-        le=100,
-        source="package: robot_localization, process_noise_covariance",
-    )
-    initial_variance: float = option(
-        1e-9,
-        "Variance of every state at the start, whose pose is known.",
-        gt=0,
-        le=100,
-        source="package: robot_localization, initial_estimate_covariance",
-    )
-    alpha: float = option(
-        1.0,
-        "Spread of the sigma points.",
-        ge=1e-4,
-        le=10,
-        source="ours: robot_localization's 0.001 weights the centre point by -1e6; the estimates are"
-        " the same",
-    )
-    beta: float = option(
-        2.0,
-        "Prior knowledge of the distribution; 2 is best for a normal one.",
-        ge=0,
-        le=10,
-        source="package: robot_localization, beta",
-    )
-    kappa: float = option(
-        0.0, "Second spread of the sigma points.", ge=0, le=10, source="package: robot_localization, kappa"
-    )
+    beta: float = fixed(2.0, "package: robot_localization, beta")
+    kappa: float = fixed(0.0, "package: robot_localization, kappa")
 
     def suited_to(self, source: Literal["world", "encoder"]) -> "UkfSettings":
         """These settings, what odometry's source decides filled in.
@@ -163,34 +88,7 @@ class UkfSettings(Settings):
 class ScanToMapSettings(Settings):
     """When a scan's fit to the map is believed, and how much. All values are our choice."""
 
-    concern: ClassVar[str] = "scan to map"
-
-    min_beams: int = option(
-        30,
-        "A scan with fewer beams on walls corrects nothing: a twelfth of the circle may be one wall.",
-        ge=3,
-        le=360,
-        source="ours: off unless localization=ukf+map",
-    )
-    min_share: float = option(
-        0.3,
-        "A scan with a smaller share of its returns on walls corrects nothing.",
-        ge=0,
-        le=1,
-        source="ours: off unless localization=ukf+map",
-    )
-    correlated_beams: float = option(
-        10.0,
-        "Beams that count as one independent measurement: neighbours, and the next scan, meet the same "
-        "cells.",
-        gt=0,
-        le=360,
-        source="ours: off unless localization=ukf+map",
-    )
-    unseen_deviation: float = option(
-        1.0,
-        "Standard deviation along a direction of which the scan says nothing, metres and radians.",
-        gt=0,
-        le=100,
-        source="ours: off unless localization=ukf+map",
-    )
+    min_beams: int = fixed(30, "ours: off unless localization=ukf+map")
+    min_share: float = fixed(0.3, "ours: off unless localization=ukf+map")
+    correlated_beams: float = fixed(10.0, "ours: off unless localization=ukf+map")
+    unseen_deviation: float = fixed(1.0, "ours: off unless localization=ukf+map")

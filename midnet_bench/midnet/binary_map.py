@@ -1,7 +1,7 @@
 """Section IV.A: a costmap as a binary grid."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -22,12 +22,10 @@ Unknown = Literal["free", "occupied"]
 class PriorMapSettings(Settings):
     """How the prior map's costmap becomes the grid that is subtracted."""
 
-    concern: ClassVar[str] = "prior map"
-
     thresh: int = option(
         30,
-        "Cost from which a cell of the prior map's costmap counts as occupied, thresh of Eq. 1; 30 is 0.225 "
-        "m around a wall, a higher one reaches less far.",
+        "Cost from which a cell of the prior map's costmap counts as occupied, thresh of Eq. 1; 30 is"
+        " 0.225 m around a wall, a higher one reaches less far.",
         ge=1,
         le=100,
         key="thresh_global",
@@ -35,8 +33,8 @@ class PriorMapSettings(Settings):
     )
     unknown: Unknown = option(
         "free",
-        "What counts as lying in cells of the prior map that nobody has explored: nothing (free) or a wall "
-        "(occupied).",
+        "What counts as lying in cells of the prior map that nobody has explored: nothing (free) or a"
+        " wall (occupied).",
         key="unknown_in_prior",
         source="paper: IV.A, white is a free or an unknown cell",
     )

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 from midnet_bench.errors import InputError
 from midnet_bench.midnet.binary_map import Unknown
@@ -16,12 +16,10 @@ AllyRemove = Literal["first", "best", "all"]
 class MIDNetSettings(Settings):
     """What section IV leaves open; the defaults are our readings."""
 
-    concern: ClassVar[str] = "midnet"
-
     thresh_local: int = option(
         99,
-        "Cost from which a cell of a local costmap counts as occupied, thresh of Eq. 1; 99 is 0.105 m "
-        "around a return, a lower one reaches farther.",
+        "Cost from which a cell of a local costmap counts as occupied, thresh of Eq. 1; 99 is 0.105 m"
+        " around a return, a lower one reaches farther.",
         ge=1,
         le=100,
         source="ours: IV.A gives no number; 99 is a Burger's robot_radius around a return",
@@ -34,8 +32,8 @@ class MIDNetSettings(Settings):
     )
     align: Align = option(
         "floor",
-        "Which part of the prior map a local costmap is compared with: by the robot's pose, rounded down to "
-        "cells (floor, Eqs. 2 to 4), or by the costmap's own origin (origin).",
+        "Which part of the prior map a local costmap is compared with: by the robot's pose, rounded "
+        "down to cells (floor, Eqs. 2 to 4), or by the costmap's own origin (origin).",
         source="paper: IV.B.1, Eqs. 2 to 4, rounded down",
     )
     min_area_cells: int = option(
@@ -43,8 +41,8 @@ class MIDNetSettings(Settings):
     )
     min_returns: int = option(
         0,
-        "A box that holds fewer returns of its robot's last scan is dropped; 0 keeps all, boxes of marks "
-        "without any return too.",
+        "A box that holds fewer returns of its robot's last scan is dropped; 0 keeps all, boxes of "
+        "marks without any return too.",
         ge=0,
         le=1000,
         source="paper: IV.B.4, each contour has a box",
@@ -53,8 +51,8 @@ class MIDNetSettings(Settings):
     """taken off each side of a box as soon as it is found, >= 0; changes every later IoU (item 25)"""
     ally_diameter_m: float = option(
         0.225,
-        "Side of the square that a guard is taken to fill, di of Algorithm 2: the diameter of the circle "
-        "about the robot's length and width, of a Burger 0.138 x 0.178 m.",
+        "Side of the square that a guard is taken to fill, di of Algorithm 2: the diameter of the "
+        "circle about the robot's length and width, of a Burger 0.138 x 0.178 m.",
         gt=0,
         le=2,
         source="paper: IV.C.1, di; length and width are those of the Burger's data sheet",
@@ -68,8 +66,8 @@ class MIDNetSettings(Settings):
     )
     ally_remove: AllyRemove = option(
         "first",
-        "Which boxes of one guard are removed for one ally: the first that overlaps enough, the one that "
-        "overlaps most (best), or all that overlap enough.",
+        "Which boxes of one guard are removed for one ally: the first that overlaps enough, the one "
+        "that overlaps most (best), or all that overlap enough.",
         source="paper: IV.C.1, Algorithm 2 breaks after one box",
     )
     iou_fuse: float = option(

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import lengths
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import Outline, RobotModel
-from midnet_bench.settings import Settings, group, option
+from midnet_bench.settings import Settings, fixed, group, option
 
 Footprint = Outline
 """the corners of a convex polygon in order, (x, y) in the base frame, metres"""
@@ -56,28 +56,16 @@ class CostmapSettings(Settings):
     ``burger_local`` and ``burger_global`` give what a TurtleBot3 navigates with.
     """
 
-    concern: ClassVar[str] = "costmap"
-
-    resolution: float = option(
-        0.05,
-        "Side of a cell, metres.",
-        ge=0.01,
-        le=0.2,
-        key="resolution_m",
-        source="package: costmap_2d, resolution",
-    )
+    resolution: float = fixed(0.05, "package: costmap_2d, resolution")
     size_m: float = option(
         5.0,
         "Side of the square window around the robot; a costmap over a map has the map's size.",
         ge=1,
         le=200,
+        key="local_size_m",
         source="ours: holds the whole obstacle range; costmap_2d's 10 m would cost time",
     )
-    centered: bool = option(
-        True,
-        "Keep the robot's cell in the middle (Eqs. 2 to 4); costmap_2d's window may lag by a cell.",
-        source="paper: IV.B.1, the robot is always in the middle of the window",
-    )
+    centered: bool = fixed(True, "paper: IV.B.1, the robot is always in the middle of the window")
     obstacle_range_m: float = option(
         2.5,
         "Returns nearer than this mark obstacles; for MIDNet that is the usable range.",
@@ -122,11 +110,7 @@ class CostmapSettings(Settings):
         "Free the cells under the robot's own footprint at every scan.",
         source="package: costmap_2d, footprint_clearing_enabled",
     )
-    track_unknown: bool = option(
-        False,
-        "Tell cells that no beam has met from free ones.",
-        source="package: costmap_2d, track_unknown_space",
-    )
+    track_unknown: bool = fixed(False, "package: costmap_2d, track_unknown_space")
     inf_is_valid: bool = option(
         False,
         "Let a beam without a return clear its way; in TurtleBot3's files it does not, and ghosts remain.",
@@ -134,8 +118,9 @@ class CostmapSettings(Settings):
     )
     memory: Memory = option(
         "persistent",
-        "How long an obstacle stays marked: until a beam passes through it (persistent, as costmap_2d), "
-        "until the next scan (single_scan), or for decay_s after the last scan that met it (decay).",
+        "How long an obstacle stays marked: until a beam passes through it (persistent, as "
+        "costmap_2d), until the next scan (single_scan), or for decay_s after the last scan that met "
+        "it (decay).",
         key="local_map",
         source="package: costmap_2d, a mark stays until a beam clears it",
     )
@@ -243,8 +228,6 @@ class LocalPlannerLimits(Settings):
     The defaults are those of dwa_local_planner_params.yaml of TurtleBot3 0.2.1.
     """
 
-    concern: ClassVar[str] = "local planner"
-
     max_vel_x_mps: float = option(
         0.18,
         "Highest forward speed; a Burger reaches 0.22.",
@@ -252,68 +235,16 @@ class LocalPlannerLimits(Settings):
         le=1,
         source="turtlebot3: dwa_local_planner_params.yaml, max_vel_x",
     )
-    min_vel_x_mps: float = option(
-        -0.18,
-        "Lowest forward speed; a negative one lets the robot drive backwards.",
-        ge=-1,
-        le=1,
-        source="turtlebot3: dwa_local_planner_params.yaml, min_vel_x",
-    )
-    max_vel_trans_mps: float = option(
-        0.18,
-        "Highest speed in any direction.",
-        gt=0,
-        le=1,
-        source="turtlebot3: dwa_local_planner_params.yaml, max_trans_vel",
-    )
-    min_vel_trans_mps: float = option(
-        0.05,
-        "No command is slower than this and turns slower than min_vel_theta_radps too.",
-        ge=0,
-        le=1,
-        source="turtlebot3: dwa_local_planner_params.yaml, min_trans_vel",
-    )
-    max_vel_theta_radps: float = option(
-        1.8,
-        "Highest turn rate.",
-        gt=0,
-        le=10,
-        source="turtlebot3: dwa_local_planner_params.yaml, max_rot_vel",
-    )
-    min_vel_theta_radps: float = option(
-        0.7,
-        "No command turns slower than this and drives slower than min_vel_trans_mps too.",
-        ge=0,
-        le=10,
-        source="turtlebot3: dwa_local_planner_params.yaml, min_rot_vel",
-    )
-    acc_lim_x_mps2: float = option(
-        2.0,
-        "Highest forward acceleration.",
-        gt=0,
-        le=100,
-        source="turtlebot3: dwa_local_planner_params.yaml, acc_lim_x",
-    )
-    acc_lim_theta_radps2: float = option(
-        2.0,
-        "Highest turn acceleration.",
-        gt=0,
-        le=100,
-        source="turtlebot3: dwa_local_planner_params.yaml, acc_lim_theta",
-    )
-    xy_goal_tolerance_m: float = option(
-        0.05,
-        "A goal is reached within this distance.",
-        gt=0,
-        le=1,
-        source="turtlebot3: dwa_local_planner_params.yaml, xy_goal_tolerance",
-    )
-    yaw_goal_tolerance_rad: float = option(
-        0.15,
-        "A goal is reached when the robot's heading is within this of the goal's.",
-        gt=0,
-        le=4,
-        source="turtlebot3: dwa_local_planner_params.yaml, yaw_goal_tolerance",
+    min_vel_x_mps: float = fixed(-0.18, "turtlebot3: dwa_local_planner_params.yaml, min_vel_x")
+    max_vel_trans_mps: float = fixed(0.18, "turtlebot3: dwa_local_planner_params.yaml, max_trans_vel")
+    min_vel_trans_mps: float = fixed(0.05, "turtlebot3: dwa_local_planner_params.yaml, min_trans_vel")
+    max_vel_theta_radps: float = fixed(1.8, "turtlebot3: dwa_local_planner_params.yaml, max_rot_vel")
+    min_vel_theta_radps: float = fixed(0.7, "turtlebot3: dwa_local_planner_params.yaml, min_rot_vel")
+    acc_lim_x_mps2: float = fixed(2.0, "turtlebot3: dwa_local_planner_params.yaml, acc_lim_x")
+    acc_lim_theta_radps2: float = fixed(2.0, "turtlebot3: dwa_local_planner_params.yaml, acc_lim_theta")
+    xy_goal_tolerance_m: float = fixed(0.05, "turtlebot3: dwa_local_planner_params.yaml, xy_goal_tolerance")
+    yaw_goal_tolerance_rad: float = fixed(
+        0.15, "turtlebot3: dwa_local_planner_params.yaml, yaw_goal_tolerance"
     )
 
     def __post_init__(self) -> None:
@@ -363,89 +294,43 @@ class DwaSettings(Settings):
     ``use_dwa: false`` (that is Trajectory Rollout's way of sampling).
     """
 
-    concern: ClassVar[str] = "dwa"
-
     limits: LocalPlannerLimits = group(LocalPlannerLimits(), "limits")
     sim_time_s: float = option(
         1.5,
         "How far ahead each velocity is simulated.",
         gt=0,
         le=10,
-        source="turtlebot3 1.0.0: dwa_local_planner_params_burger.yaml, sim_time; with 0.2.1's 3.5 s "
-        "guards give up 40 of 139 goals, not 0 of 188",
+        source="turtlebot3 1.0.0: dwa_local_planner_params_burger.yaml, sim_time; with 0.2.1's 3.5 s guards "
+        "give up 40 of 139 goals, not 0 of 188",
     )
-    sim_granularity_m: float = option(
-        0.025,
-        "Distance between simulated points.",
-        gt=0,
-        le=1,
-        source="package: dwa_local_planner, sim_granularity",
-    )
-    angular_sim_granularity_rad: float = option(
-        0.1,
-        "Turn between simulated points.",
-        gt=0,
-        le=1,
-        source="package: dwa_local_planner, angular_sim_granularity",
-    )
-    vx_samples: int = option(
-        20,
-        "Forward speeds tried.",
-        ge=1,
-        le=200,
-        source="turtlebot3: dwa_local_planner_params.yaml, vx_samples",
-    )
-    vth_samples: int = option(
-        40,
-        "Turn rates tried.",
-        ge=1,
-        le=200,
-        source="turtlebot3: dwa_local_planner_params.yaml, vtheta_samples",
-    )
-    path_distance_bias: float = option(
-        32.0,
-        "Weight of the distance from the plan.",
-        ge=0,
-        le=1000,
-        source="turtlebot3: dwa_local_planner_params.yaml, path_distance_bias",
-    )
+    sim_granularity_m: float = fixed(0.025, "package: dwa_local_planner, sim_granularity")
+    angular_sim_granularity_rad: float = fixed(0.1, "package: dwa_local_planner, angular_sim_granularity")
+    vx_samples: int = fixed(20, "turtlebot3: dwa_local_planner_params.yaml, vx_samples")
+    vth_samples: int = fixed(40, "turtlebot3: dwa_local_planner_params.yaml, vtheta_samples")
+    path_distance_bias: float = fixed(32.0, "turtlebot3: dwa_local_planner_params.yaml, path_distance_bias")
     goal_distance_bias: float = option(
         20.0,
         "Weight of the distance from the local goal.",
         ge=0,
         le=1000,
-        source="turtlebot3 1.0.0: dwa_local_planner_params_burger.yaml, goal_distance_bias; with "
-        "0.2.1's 24 and occdist_scale an unmapped box ahead takes 87 s, not 30 s",
+        source="turtlebot3 1.0.0: dwa_local_planner_params_burger.yaml, goal_distance_bias; with 0.2.1's 24 "
+        "and occdist_scale an unmapped box ahead takes 87 s, not 30 s",
     )
     occdist_scale: float = option(
         0.02,
         "Weight of the highest cost under the robot.",
         ge=0,
         le=1000,
-        source="turtlebot3 1.0.0: dwa_local_planner_params_burger.yaml, occdist_scale; 0.2.1's 0.04 "
-        "as goal_distance_bias",
+        source="turtlebot3 1.0.0: dwa_local_planner_params_burger.yaml, occdist_scale; 0.2.1's 0.04 as "
+        "goal_distance_bias",
     )
-    forward_point_distance_m: float = option(
-        0.325,
-        "How far ahead of the robot lies the point by which its heading is judged.",
-        ge=0,
-        le=5,
-        source="turtlebot3: dwa_local_planner_params.yaml, forward_point_distance",
+    forward_point_distance_m: float = fixed(
+        0.325, "turtlebot3: dwa_local_planner_params.yaml, forward_point_distance"
     )
-    oscillation_reset_dist_m: float = option(
-        0.05,
-        "Moving this far allows the forbidden directions again.",
-        ge=0,
-        le=5,
-        source="turtlebot3: dwa_local_planner_params.yaml, oscillation_reset_dist",
+    oscillation_reset_dist_m: float = fixed(
+        0.05, "turtlebot3: dwa_local_planner_params.yaml, oscillation_reset_dist"
     )
-    oscillation_reset_angle_rad: float = option(
-        0.2,
-        "Turning this far allows the forbidden directions again.",
-        ge=0,
-        le=7,
-        source="package: dwa_local_planner, oscillation_reset_angle",
-    )
+    oscillation_reset_angle_rad: float = fixed(0.2, "package: dwa_local_planner, oscillation_reset_angle")
 
 
 _BASE = "base_local_planner_params.yaml"
@@ -461,9 +346,6 @@ class TrajectoryRolloutSettings(Settings):
     of what the robot does.
     """
 
-    concern: ClassVar[str] = "trajectory rollout"
-    needs: ClassVar[str] = "controller=trajectory_rollout"
-
     limits: LocalPlannerLimits = group(
         LocalPlannerLimits(
             max_vel_x_mps=0.18,
@@ -476,6 +358,7 @@ class TrajectoryRolloutSettings(Settings):
             yaw_goal_tolerance_rad=0.05,
         ),
         "limits",
+        only=(),
         sources={
             "max_vel_x_mps": f"turtlebot3: {_BASE}, max_vel_x",
             "min_vel_x_mps": f"turtlebot3: {_BASE}, min_vel_x",
@@ -490,104 +373,30 @@ class TrajectoryRolloutSettings(Settings):
         },
     )
     """``min_vel_theta_radps`` is min_in_place_vel_theta"""
-    sim_time_s: float = option(
-        1.5,
-        "How far ahead each velocity is simulated.",
-        gt=0,
-        le=10,
-        source=f"{_UNUSED}; as DWA's, with the file's 0.8 s a slow robot looks no farther than its start",
+    sim_time_s: float = fixed(
+        1.5, f"{_UNUSED}; as DWA's, with the file's 0.8 s a slow robot looks no farther than its start"
     )
-    sim_granularity_m: float = option(
-        0.025,
-        "Distance between simulated points.",
-        gt=0,
-        le=1,
-        source="package: base_local_planner, sim_granularity; the file's 0.05 m as sim_time",
+    sim_granularity_m: float = fixed(
+        0.025, "package: base_local_planner, sim_granularity; the file's 0.05 m as sim_time"
     )
-    angular_sim_granularity_rad: float = option(
-        0.025,
-        "Turn between simulated points.",
-        gt=0,
-        le=1,
-        source="package: base_local_planner, angular_sim_granularity",
+    angular_sim_granularity_rad: float = fixed(0.025, "package: base_local_planner, angular_sim_granularity")
+    vx_samples: int = fixed(18, "turtlebot3: base_local_planner_params.yaml, vx_samples")
+    vtheta_samples: int = fixed(20, "turtlebot3: base_local_planner_params.yaml, vtheta_samples")
+    path_distance_bias: float = fixed(0.6, "package: base_local_planner, pdist_scale")
+    goal_distance_bias: float = fixed(0.8, "package: base_local_planner, gdist_scale")
+    occdist_scale: float = fixed(
+        0.05, f"{_UNUSED}; with the package's 0.01 a robot cuts corners until it is stuck"
     )
-    vx_samples: int = option(
-        18,
-        "Forward speeds tried.",
-        ge=1,
-        le=200,
-        source="turtlebot3: base_local_planner_params.yaml, vx_samples",
-    )
-    vtheta_samples: int = option(
-        20,
-        "Turn rates tried.",
-        ge=1,
-        le=200,
-        source="turtlebot3: base_local_planner_params.yaml, vtheta_samples",
-    )
-    path_distance_bias: float = option(
-        0.6,
-        "Weight of the distance from the plan.",
-        ge=0,
-        le=1000,
-        source="package: base_local_planner, pdist_scale",
-    )
-    goal_distance_bias: float = option(
-        0.8,
-        "Weight of the distance from the local goal.",
-        ge=0,
-        le=1000,
-        source="package: base_local_planner, gdist_scale",
-    )
-    occdist_scale: float = option(
-        0.05,
-        "Weight of the highest cost under the robot.",
-        ge=0,
-        le=1000,
-        source=f"{_UNUSED}; with the package's 0.01 a robot cuts corners until it is stuck",
-    )
-    heading_lookahead_m: float = option(
-        0.325,
-        "How far ahead of the robot lies the point by which a turn on the spot is judged.",
-        ge=0,
-        le=5,
-        source="package: base_local_planner, heading_lookahead",
-    )
-    oscillation_reset_dist_m: float = option(
-        0.05,
-        "Moving this far allows turns on the spot to both sides again.",
-        ge=0,
-        le=5,
-        source="package: base_local_planner, oscillation_reset_dist",
-    )
-    escape_vel_mps: float = option(
-        -0.1,
-        "Speed at which a robot that is stuck backs up.",
-        ge=-1,
-        le=0,
-        source="package: base_local_planner, escape_vel",
-    )
-    escape_reset_dist_m: float = option(
-        0.10,
-        "Backing up ends after this distance.",
-        ge=0,
-        le=5,
-        source="package: base_local_planner, escape_reset_dist",
-    )
-    escape_reset_theta_rad: float = option(
-        math.pi / 2,
-        "Backing up ends after a turn by this angle.",
-        ge=0,
-        le=7,
-        source="package: base_local_planner, escape_reset_theta",
-    )
+    heading_lookahead_m: float = fixed(0.325, "package: base_local_planner, heading_lookahead")
+    oscillation_reset_dist_m: float = fixed(0.05, "package: base_local_planner, oscillation_reset_dist")
+    escape_vel_mps: float = fixed(-0.1, "package: base_local_planner, escape_vel")
+    escape_reset_dist_m: float = fixed(0.10, "package: base_local_planner, escape_reset_dist")
+    escape_reset_theta_rad: float = fixed(math.pi / 2, "package: base_local_planner, escape_reset_theta")
 
 
 @dataclass(frozen=True)
 class NavigatorSettings(Settings):
     """move_base on a Burger."""
-
-    concern: ClassVar[str] = "navigator"
 
     controller: Literal["dwa", "trajectory_rollout"] = option(
         "dwa",
@@ -602,25 +411,19 @@ class NavigatorSettings(Settings):
         burger_local(),
         "local costmap",
         prefix="nav_local_",
-        keys={"memory": "nav_local_memory"},
+        only=("inflation_radius_m", "cost_scaling_factor"),
         sources=BURGER_SOURCES,
     )
     global_costmap: CostmapSettings = group(
         burger_global(),
         "global costmap",
         prefix="nav_global_",
-        keys={"memory": "nav_global_memory", "resolution": None, "size_m": None, "centered": None}
-        | {"track_unknown": None},
+        only=("inflation_radius_m", "cost_scaling_factor"),
         sources=BURGER_SOURCES,
     )
     bare_footprint: Footprint = BURGER.footprint
     """the robot's outline without padding: what a robot that is stuck may still move with"""
-    allow_unknown: bool = option(
-        True,
-        "Let plans cross cells that no beam has met.",
-        key="nav_allow_unknown",
-        source="package: navfn, allow_unknown",
-    )
+    allow_unknown: bool = fixed(True, "package: navfn, allow_unknown")
     goal_tolerance_m: float = option(
         0.5,
         "A goal that a scanned obstacle covers is approached up to this distance (navfn's "
@@ -641,72 +444,26 @@ class NavigatorSettings(Settings):
         source="turtlebot3 1.0.0: move_base_params.yaml, planner_frequency; with 0.2.1's 2 Hz bodies touch "
         "12 times in 100 labyrinth trials",
     )
-    planner_patience_s: float = option(
-        1.0,
-        "Without a plan for this long, a recovery begins.",
-        ge=0,
-        le=600,
-        key="nav_planner_patience_s",
-        source="turtlebot3: move_base_params.yaml, planner_patience",
-    )
+    planner_patience_s: float = fixed(1.0, "turtlebot3: move_base_params.yaml, planner_patience")
     controller_patience_s: float = option(
         15.0,
         "Without a legal velocity for this long, a recovery begins.",
         ge=0,
         le=600,
         key="nav_controller_patience_s",
-        source="turtlebot3 1.0.0: move_base_params.yaml, controller_patience; after 0.2.1's 1.0 s a "
-        "recovery would come before DWA's way off",
+        source="turtlebot3 1.0.0: move_base_params.yaml, controller_patience; after 0.2.1's 1.0 s a recovery"
+        " would come before DWA's way off",
     )
-    oscillation_timeout_s: float = option(
-        10.0,
-        "Without leaving the oscillation distance for this long, a recovery begins.",
-        ge=0,
-        le=600,
-        key="nav_oscillation_timeout_s",
-        source="turtlebot3: move_base_params.yaml, oscillation_timeout",
+    oscillation_timeout_s: float = fixed(10.0, "turtlebot3: move_base_params.yaml, oscillation_timeout")
+    oscillation_distance_m: float = fixed(0.2, "turtlebot3: move_base_params.yaml, oscillation_distance")
+    conservative_reset_dist_m: float = fixed(
+        0.1, "turtlebot3: move_base_params.yaml, conservative_reset_dist"
     )
-    oscillation_distance_m: float = option(
-        0.2,
-        "A robot that moves this far does not oscillate.",
-        ge=0,
-        le=5,
-        key="nav_oscillation_distance_m",
-        source="turtlebot3: move_base_params.yaml, oscillation_distance",
+    aggressive_reset_dist_m: float = fixed(1.84, "package: move_base, 4 x circumscribed_radius")
+    wave_period_s: float = fixed(
+        1.0, "ours: a plan from the costs takes time; changes near the plan call for one at once"
     )
-    conservative_reset_dist_m: float = option(
-        0.1,
-        "The first recovery forgets obstacles outside a square of this side around the robot.",
-        ge=0,
-        le=50,
-        key="nav_conservative_reset_dist_m",
-        source="turtlebot3: move_base_params.yaml, conservative_reset_dist",
-    )
-    aggressive_reset_dist_m: float = option(
-        1.84,
-        "The third recovery forgets obstacles outside a square of this side (four times move_base's "
-        "circumscribed radius of 0.46 m).",
-        ge=0,
-        le=50,
-        key="nav_aggressive_reset_dist_m",
-        source="package: move_base, 4 x circumscribed_radius",
-    )
-    wave_period_s: float = option(
-        1.0,
-        "Least time between two global plans from the costs for one goal.",
-        ge=0,
-        le=600,
-        key="nav_replan_period_s",
-        source="ours: a plan from the costs takes time; changes near the plan call for one at once",
-    )
-    change_radius_m: float = option(
-        0.3,
-        "Obstacles that come or go this near to the plan ahead call for a new one.",
-        ge=0,
-        le=5,
-        key="nav_change_radius_m",
-        source="ours: move_base plans from the costs each time",
-    )
+    change_radius_m: float = fixed(0.3, "ours: move_base plans from the costs each time")
 
     def of_robot(self, robot: RobotModel) -> "NavigatorSettings":
         """The same for another robot than a Burger: its outlines, and limits within what it can do."""

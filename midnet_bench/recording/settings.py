@@ -68,7 +68,10 @@ class ReplaySettings(Settings):
     costmap: CostmapSettings = group(
         CostmapSettings(size_m=3.5, raytrace_range_m=3.5, inf_is_valid=True),
         "MIDNet's local costmaps",
-        keys={"size_m": None, "centered": None, "track_unknown": None, "resolution": None},
+        only=(
+            *("obstacle_range_m", "raytrace_range_m", "inflation_radius_m", "cost_scaling_factor"),
+            *("inscribed_radius_m", "footprint_clearing", "inf_is_valid", "memory", "decay_s"),
+        ),
         sources=MIDNET_SOURCES,
     )
     midnet: MIDNetSettings = group(MIDNetSettings(), "MIDNet")

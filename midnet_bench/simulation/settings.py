@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import Literal
 
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.robots.seams import ROBOTS
-from midnet_bench.settings import Scalar, Settings, group, option
+from midnet_bench.settings import Scalar, Settings, fixed, group, option
 from midnet_bench.simulation.engine import SIMULATORS
 
 LidarNoise = Literal["gazebo", "datasheet", "none"]
@@ -19,13 +19,11 @@ ImuNoise = Literal["gazebo", "none"]
 class WorldSettings(Settings):
     """How the physics is stepped."""
 
-    concern: ClassVar[str] = "world"
-
     engine: str = option(
         "bullet",
-        "What moves the robots and casts their beams: PyBullet, with wheels on a floor (bullet), compiled "
-        "loops of our own, planar and several times as fast (fast), MuJoCo, planar, with the extra "
-        "midnet-bench[mujoco] (mujoco), or yours as package.module:NAME or file.py:NAME.",
+        "What moves the robots and casts their beams: PyBullet, with wheels on a floor (bullet), "
+        "compiled loops of our own, planar and several times as fast (fast), MuJoCo, planar, with the"
+        " extra midnet-bench[mujoco] (mujoco), or yours as package.module:NAME or file.py:NAME.",
         source="ours: PyBullet, for the paper's Gazebo (III)",
     )
     step_hz: int = option(
@@ -36,12 +34,8 @@ class WorldSettings(Settings):
         multiple_of=10,
         source="ours: Gazebo steps at 1000 Hz and its wheels' plugin at 30 Hz",
     )
-    solver_iterations: int = option(
-        50,
-        "Iterations of the contact solver per physics step.",
-        ge=1,
-        le=1000,
-        source="package: pybullet, numSolverIterations; off unless engine=bullet|fast",
+    solver_iterations: int = fixed(
+        50, "package: pybullet, numSolverIterations; off unless engine=bullet|fast"
     )
 
 
@@ -49,18 +43,17 @@ class WorldSettings(Settings):
 class LidarSettings(Settings):
     """What the LiDARs' beams meet, and how wrong their ranges are."""
 
-    concern: ClassVar[str] = "lidar"
-
     robot_profile: RobotProfile = option(
         "urdf",
-        "What LiDAR beams meet of another robot: what is in their plane, of a Burger its LiDAR housing, "
-        "11 cm wide (urdf), or a disc of the whole robot's radius, of a Burger 0.105 m (disc).",
+        "What LiDAR beams meet of another robot: what is in their plane, of a Burger its LiDAR "
+        "housing, 11 cm wide (urdf), or a disc of the whole robot's radius, of a Burger 0.105 m "
+        "(disc).",
         source="package: turtlebot3_burger.urdf.xacro, collision",
     )
     noise: LidarNoise = option(
         "gazebo",
-        "Range noise of the LDS-01: 10 mm at every range (gazebo), the maker's precision and accuracy, which "
-        "grow with the range (datasheet), or none.",
+        "Range noise of the LDS-01: 10 mm at every range (gazebo), the maker's precision and "
+        "accuracy, which grow with the range (datasheet), or none.",
         key="lidar_noise",
         source="package: turtlebot3_burger.gazebo.xacro, lds_lfcd_sensor, noise",
     )
@@ -85,8 +78,6 @@ class OdometrySettings(Settings):
     that leaves 2 mm after a metre.
     """
 
-    concern: ClassVar[str] = "odometry"
-
     source: OdometrySource = option(
         "world",
         "Odometry that is exact, as Gazebo publishes it for a Burger (world), or computed from wheel "
@@ -96,8 +87,8 @@ class OdometrySettings(Settings):
     )
     radius_error: float = option(
         0.005,
-        "Standard deviation of each wheel's radius, as a share of it, drawn once per robot; under odometry: "
-        "encoder.",
+        "Standard deviation of each wheel's radius, as a share of it, drawn once per robot; under "
+        "odometry: encoder.",
         ge=0,
         le=0.2,
         key="wheel_radius_error",
@@ -127,43 +118,27 @@ class OdometrySettings(Settings):
 class ImuSettings(Settings):
     """The Burger's IMU; defaults: what its description states."""
 
-    concern: ClassVar[str] = "imu"
-
     noise: ImuNoise = option(
         "gazebo",
-        "Errors of the IMU: those that the Burger's description states (gazebo), or none, as Gazebo's ROS 1 "
-        "plugin published it.",
+        "Errors of the IMU: those that the Burger's description states (gazebo), or none, as Gazebo's"
+        " ROS 1 plugin published it.",
         key="imu_noise",
         source="ours: the description states errors that Gazebo's ROS 1 plugin leaves out",
     )
-    gyro_stddev_radps: float = option(
-        2e-4,
-        "Standard deviation of the gyroscope's noise.",
-        ge=0,
-        le=1,
-        source="package: turtlebot3_burger.gazebo.xacro, imu, rate, stddev; off unless imu_noise=gazebo",
+    gyro_stddev_radps: float = fixed(
+        2e-4, "package: turtlebot3_burger.gazebo.xacro, imu, rate, stddev; off unless imu_noise=gazebo"
     )
-    gyro_bias_radps: float = option(
-        7.5e-6,
-        "Mean size of the gyroscope's bias, which may have either sign.",
-        ge=0,
-        le=1,
-        source="package: turtlebot3_burger.gazebo.xacro, imu, rate, bias_mean; off unless imu_noise=gazebo",
+    gyro_bias_radps: float = fixed(
+        7.5e-6, "package: turtlebot3_burger.gazebo.xacro, imu, rate, bias_mean; off unless imu_noise=gazebo"
     )
-    gyro_bias_stddev_radps: float = option(
-        8e-7,
-        "Standard deviation of the size of the gyroscope's bias, drawn once per robot.",
-        ge=0,
-        le=1,
-        source="package: turtlebot3_burger.gazebo.xacro, imu, rate, bias_stddev; off unless imu_noise=gazebo",
+    gyro_bias_stddev_radps: float = fixed(
+        8e-7, "package: turtlebot3_burger.gazebo.xacro, imu, rate, bias_stddev; off unless imu_noise=gazebo"
     )
 
 
 @dataclass(frozen=True)
 class NetworkSettings(Settings):
     """What happens to the messages from the guards to MIDNet; by default they arrive, all and at once."""
-
-    concern: ClassVar[str] = "network"
 
     delay_s: float = option(
         0.0,
@@ -207,8 +182,6 @@ class NetworkSettings(Settings):
 @dataclass(frozen=True)
 class SimulationSettings(Settings):
     """A world and the sensors of the robots in it."""
-
-    concern: ClassVar[str] = "simulation"
 
     robot: str = option(
         "burger",

@@ -496,7 +496,7 @@ def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figur
 
     leaf = leaves(record.model).get(x)
     ranges = {measure: record.range_of(measure) for measure in means}
-    return table, curves_figure(axis_label(x, leaf.option.help if leaf else ""), panels, means, ranges)
+    return table, curves_figure(axis_label(x, leaf.help if leaf else ""), panels, means, ranges)
 
 
 def sweeps(results: Results) -> list[tuple[Table, "Figure"]]:

@@ -2,9 +2,8 @@
 
 import json
 import re
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -21,7 +20,9 @@ from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.mapping.trial import ExplorationTrial
 from midnet_bench.experiments.registry import names, parameters_model
-from midnet_bench.settings import Settings, leaves
+from midnet_bench.localization.settings import UkfSettings
+from midnet_bench.navigation.settings import LocalPlannerLimits
+from midnet_bench.settings import all_values, leaves
 from midnet_bench.workflows.readings import READINGS, readings_of
 
 
@@ -34,7 +35,7 @@ def test_a_trial_has_every_parameter(experiment: str) -> None:
 @pytest.mark.parametrize("experiment", names())
 def test_each_help_is_a_sentence_that_stands_alone(experiment: str) -> None:
     for key, leaf in leaves(parameters_model(experiment)).items():
-        help = leaf.option.help
+        help = leaf.help
         assert re.fullmatch(r"[A-Zd].{15,}\.", help), (key, help)
         assert not re.search(r"\bitems? \d", help), (key, help)
 
@@ -45,36 +46,15 @@ def test_the_page_of_readings_names_options_that_there_are() -> None:
     named = {option for row in rows for option in re.findall(r"`(\w+)`", row[-1])}
     assert {"thresh_local", "z_factor", "unknown_in_local"} <= named <= known
     assert [one.item for one in readings_of("localization")] == ["10"]
-    assert readings_of("dwa_vx_samples") == []
+    assert readings_of("dying_guards") == []
 
 
-def test_each_setting_is_somewhere_to_be_set() -> None:
-    """Of the classes that the experiments nest, every option has a flat key, or another option sets it."""
-    hidden = set()
-    for parameters in (DetectionParameters(), LabyrinthParameters(), MappingParameters()):
-        paths = {leaf.path for leaf in leaves(type(parameters)).values()}
-        hidden |= {path for path in _paths(parameters, ()) if path not in paths}
-    assert hidden == {
-        ("costmap", "resolution"),  # resolution_m, which the prior map shares
-        ("costmap", "centered"),  # Eqs. 2 to 4 ask for it
-        ("costmap", "track_unknown"),  # unknown_in_local
-        ("gmapping", "resolution_m"),  # resolution_m
-        ("navigator", "global_costmap", "resolution"),  # resolution_m
-        ("navigator", "global_costmap", "size_m"),  # it has the map's size
-        ("navigator", "global_costmap", "centered"),
-        ("navigator", "global_costmap", "track_unknown"),
-    }
-
-
-def _paths(settings: Any, path: tuple[str, ...]) -> set[tuple[str, ...]]:
-    found: set[tuple[str, ...]] = set()
-    for one in fields(settings):
-        value = getattr(settings, one.name)
-        if isinstance(value, Settings):
-            found |= _paths(value, (*path, one.name))
-        elif "option" in one.metadata:
-            found.add((*path, one.name))
-    return found
+def test_each_option_is_somewhere_to_be_set_and_they_are_few() -> None:
+    """Of the classes that the experiments nest; what no user turns is declared by ``fixed``."""
+    every = [leaf for name in names() for leaf in all_values(parameters_model(name))]
+    open_at = {(leaf.path[-1], leaf.help) for leaf in every if leaf.key}
+    assert {leaf.path for leaf in every if leaf.help and (leaf.path[-1], leaf.help) not in open_at} == set()
+    assert len({leaf.key for leaf in every if leaf.key}) <= MOST_OPTIONS
 
 
 def test_what_several_parts_share_reaches_each_of_them() -> None:
@@ -105,15 +85,15 @@ def test_what_several_parts_share_reaches_each_of_them() -> None:
 
 def test_the_pose_filter_suits_its_odometry_unless_told() -> None:
     filters = [
-        DetectionParameters.from_flat({"odometry": odometry, **more}).pose_filter
-        for odometry, more in (("world", {}), ("encoder", {}), ("encoder", {"ukf_vy_variance": 0.5}))
+        DetectionParameters.from_flat({"odometry": odometry}).pose_filter for odometry in ("world", "encoder")
     ]
     assert [one.twist_variance for one in filters if one is not None] == [
         (0.0, 0.0, 0.0),
         (1e-4, 1e-4, 1e-2),
-        (1e-4, 0.5, 1e-2),
     ]
-    assert [one.twist_is_mean for one in filters if one is not None] == [False, True, True]
+    assert [one.twist_is_mean for one in filters if one is not None] == [False, True]
+    told = UkfSettings(vy_variance=0.5).suited_to("encoder")
+    assert told.twist_variance == (1e-4, 0.5, 1e-2)
 
 
 def test_values_that_do_not_go_together_are_told_before_any_trial() -> None:
@@ -123,9 +103,10 @@ def test_values_that_do_not_go_together_are_told_before_any_trial() -> None:
     ):
         DetectionParameters.parse({**values, "prior_map": "exact"}, "grid")
     with pytest.raises(InputError, match=r"local planner: min_vel_x_mps 0\.3 must not exceed"):
-        DetectionParameters.parse({"dwa_min_vel_x_mps": 0.3}, "grid")
+        LocalPlannerLimits(min_vel_x_mps=0.3)
 
 
+MOST_OPTIONS = 120
 SHORT: dict[str, Scalar] = {"robots": 2, "frames": 15, "prior_map": "exact", "odometry": "encoder"}
 
 
@@ -141,10 +122,8 @@ def usual() -> str:
         {"wheel_radius_error": 0.1},
         {"wheel_separation_error": 0.1},
         {"imu_noise": "none", "ukf_imu_yaw_variance": 0.01},
-        {"gyro_stddev_radps": 0.1},
-        {"ukf_process_noise_vyaw": 2.0, "ukf_imu_yaw_variance": 0.01},
+        {"ukf_imu_yaw_variance": 0.01},
         {"step_hz": 120},
-        {"solver_iterations": 5},
         {"dwa_max_vel_x_mps": 0.1},
         {"nav_local_inflation_radius_m": 0.2},
         {"patrol_clearance_m": 1.0},
@@ -170,18 +149,15 @@ def test_a_team_works_on_maps_of_another_resolution() -> None:
 def test_settings_of_explorers_and_pursuers_reach_their_code() -> None:
     explorers = MappingParameters.of(
         robots=2,
-        frontier_taken_radius_m=0.7,
-        gmapping_minimum_score=20,
-        merge_min_overlap=0.5,
+        particles=7,
         merge="features",
         nav_goal_tolerance_m=0.1,
     )
     with ExplorationTrial(explorers, 1) as exploration:
         explorer = exploration.explorers[0]
-        assert explorer._frontiers._settings.taken_radius_m == 0.7
         assert explorer.navigator.settings.goal_tolerance_m == 0.1
-        assert explorer.slam.settings.minimum_score == 20.0
-    with LabyrinthTrial(LabyrinthParameters.of(pursuit_retarget_m=1.0, scan_to_map_min_beams=90), 1) as trial:
+        assert explorer.slam.settings.particles == 7
+    with LabyrinthTrial(LabyrinthParameters.of(pursuit_retarget_m=1.0), 1) as trial:
         assert trial.pursuit._settings.retarget_m == 1.0
 
 

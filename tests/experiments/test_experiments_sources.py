@@ -13,7 +13,7 @@ from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.recording.settings import ReplaySettings
-from midnet_bench.settings import SOURCES, Leaf, Settings, leaves
+from midnet_bench.settings import SOURCES, Leaf, Settings, all_values
 from midnet_bench.workflows.readings import READINGS
 
 PARTS: Mapping[str, tuple[type[Settings], ...]] = {
@@ -28,6 +28,15 @@ PARTS: Mapping[str, tuple[type[Settings], ...]] = {
 }
 """column of the page's table -> the parameters that it counts"""
 EVERY = (*PARTS["all"], ReplaySettings)
+ELSEWHERE = {
+    "costmap.resolution",  # resolution_m, which the prior map shares
+    "costmap.track_unknown",  # unknown_in_local
+    "gmapping.resolution_m",  # resolution_m
+    "navigator.global_costmap.resolution",  # resolution_m
+    "navigator.global_costmap.size_m",  # it has the map's size
+    "navigator.global_costmap.centered",
+}
+"""values that cannot be set where they stand: another option decides them, or nothing reads them"""
 
 RELEASES: Mapping[str, Mapping[str, Mapping[str, float | str]]] = {
     "turtlebot3": {
@@ -83,7 +92,7 @@ RELEASES: Mapping[str, Mapping[str, Mapping[str, float | str]]] = {
 
 @pytest.mark.parametrize("parameters", EVERY)
 def test_every_option_has_a_source(parameters: type[Settings]) -> None:
-    missing = [key for key, leaf in leaves(parameters).items() if not leaf.option.source]
+    missing = [leaf.path for leaf in all_values(parameters) if not leaf.source]
     assert missing == []
 
 
@@ -99,7 +108,7 @@ def _changed_without_source(
     """Paths of options whose value is not the one of their class; ``told``: relative paths with sources."""
     for one in fields(settings):
         value, at = getattr(settings, one.name), (*path, one.name)
-        if "option" in one.metadata and value != one.default and one.name not in told:
+        if "source" in one.metadata and value != one.default and one.name not in told:
             yield at
         elif "group" in one.metadata:
             within = tuple(name.partition(".")[2] for name in told if name.startswith(f"{one.name}."))
@@ -108,8 +117,8 @@ def _changed_without_source(
 
 def test_values_that_name_a_file_of_turtlebot3_are_the_files() -> None:
     read: dict[str, set[tuple[str, str]]] = {release: set() for release in RELEASES}
-    for key, leaf in ((key, leaf) for one in EVERY for key, leaf in leaves(one).items()):
-        release, _, place = leaf.option.source.partition(": ")
+    for key, leaf in ((_named(leaf), leaf) for one in EVERY for leaf in all_values(one)):
+        release, _, place = leaf.source.partition(": ")
         if release in RELEASES:
             file, name = place.partition(";")[0].split(", ")
             value = RELEASES[release][file][name]
@@ -123,12 +132,17 @@ def test_values_that_name_a_file_of_turtlebot3_are_the_files() -> None:
 
 @functools.cache
 def _defaults(part: str) -> Mapping[tuple[str, str, str], Leaf]:
-    """Each default once: (key, default, source) -> option."""
+    """Each value once: (key, or path of one that cannot be set; value; source) -> its declaration."""
     return {
-        (key, str(leaf.default), leaf.option.source): leaf
+        (_named(leaf), str(leaf.default), leaf.source): leaf
         for parameters in PARTS[part]
-        for key, leaf in leaves(parameters).items()
+        for leaf in all_values(parameters)
+        if _named(leaf) not in ELSEWHERE
     }
+
+
+def _named(leaf: Leaf) -> str:
+    return leaf.key or ".".join(leaf.path)
 
 
 def _kind(source: str) -> str:

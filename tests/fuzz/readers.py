@@ -23,7 +23,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.registry import parameters_model
 from midnet_bench.io.scan_logs import read_scan_log
 from midnet_bench.mapping.log_mapping import held_in_memory, map_scans
-from midnet_bench.settings import choices_of, leaves
+from midnet_bench.settings import leaves
 from midnet_bench.workflows.maps import write_trajectory
 from midnet_bench.workflows.report import write_report
 from midnet_bench.workflows.simulate import simulate
@@ -244,9 +244,9 @@ def campaigns_folder(folder: Path) -> Path:
 def _setting(name: str, rng: Random) -> tuple[str, Any]:
     """A parameter of an experiment, and a value for it: at a limit, about the default, or any."""
     key, leaf = rng.choice(sorted(leaves(parameters_model(name)).items()))
-    limits = [limit for limit in (leaf.option.ge, leaf.option.gt, leaf.option.le) if limit is not None]
+    limits = [limit for name, limit in leaf.limits.items() if name != "multiple_of"]
     kind = rng.random()
-    if kind < 0.3 and (allowed := [*limits, *choices_of(leaf.kind)]):
+    if kind < 0.3 and (allowed := [*limits, *leaf.choices]):
         return key, rng.choice(allowed)
     if kind < 0.7 and isinstance(leaf.default, int | float):
         return key, mutations.near(leaf.default, rng)

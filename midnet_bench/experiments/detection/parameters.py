@@ -32,27 +32,27 @@ class DetectionParameters(GuardParameters):
     )
     in_range: InRange = option(
         "centre",
-        "When an intruder counts as within a guard's usable range: when its nearest point is (edge), or "
-        "when its centre is (centre).",
+        "When an intruder counts as within a guard's usable range: when its nearest point is (edge), "
+        "or when its centre is (centre).",
         source="ours: V.A fits both; both are reported",
     )
     require_line_of_sight: bool | None = option(
         None,
-        "Count an intruder as missed only if a beam of some guard could meet it; null: in every arena but "
-        "the paper's, whose text counts hidden intruders too.",
+        "Count an intruder as missed only if a beam of some guard could meet it; null: in every arena"
+        " but the paper's, whose text counts hidden intruders too.",
         source="paper: V.A, an intruder behind another is a false negative",
     )
     tp_boxes: TruePositives = option(
         "every",
-        "Which boxes are true positives: all that overlap an intruder (every), or one for each intruder, "
-        "further boxes on it then counting for nothing (one_per_intruder) or as false positives "
-        "(surplus_false).",
+        "Which boxes are true positives: all that overlap an intruder (every), or one for each "
+        "intruder, further boxes on it then counting for nothing (one_per_intruder) or as false "
+        "positives (surplus_false).",
         source="paper: V.A, definition of tp",
     )
     truth_box: Literal["extent", "inflated"] = option(
         "extent",
-        "An intruder's true box: the extent of its shape (extent), or that grown by the local costmap's "
-        "inflation (inflated).",
+        "An intruder's true box: the extent of its shape (extent), or that grown by the local "
+        "costmap's inflation (inflated).",
         source="paper: V.A, ground truth bounding boxes",
     )
 

@@ -63,9 +63,9 @@ class GuardParameters(Parameters):
 
     preset: Preset = option(
         "paper",
-        "Which values are the defaults: the paper's by its own sources (paper), or those with the highest "
-        "scores (best): local_size_m=6, local_map=decay, decay_s=0.5, fusion=components(iou=0.02), "
-        "align=origin. What is set beside it comes first.",
+        "Which values are the defaults: the paper's by its own sources (paper), or those with the "
+        "highest scores (best): local_size_m=6, local_map=decay, decay_s=0.5, "
+        "fusion=components(iou=0.02), align=origin. What is set beside it comes first.",
         source="ours: off, paper changes nothing",
     )
     arena: str = option(
@@ -73,10 +73,10 @@ class GuardParameters(Parameters):
     )
     prior_map: str | None = option(
         None,
-        "The map that is subtracted and driven by: explored by robots as the package has it, the best of 30 "
-        "maps (explored) or the worst (explored-worst), drawn from the arena's walls (exact), or a "
-        "map_server YAML file; null: explored where the package has such a map (map1, map2, empty), else "
-        "exact.",
+        "The map that is subtracted and driven by: explored by robots as the package has it, the best"
+        " of 30 maps (explored) or the worst (explored-worst), drawn from the arena's walls (exact), "
+        "or a map_server YAML file; null: explored where the package has such a map (map1, map2, "
+        "empty), else exact.",
         source="paper: II.A, explored, and the best map saved",
     )
     robots: int = option(
@@ -84,8 +84,8 @@ class GuardParameters(Parameters):
     )
     localization: Literal["ukf", "ukf+map", "truth"] = option(
         "ukf",
-        "Which pose is used to crop the map and to drive: the pose filter's (ukf), the filter's corrected by "
-        "matching scans to the prior map (ukf+map), or the true one (truth).",
+        "Which pose is used to crop the map and to drive: the pose filter's (ukf), the filter's "
+        "corrected by matching scans to the prior map (ukf+map), or the true one (truth).",
         source="paper: II.B, robot_localization",
     )
     detector: str = option(
@@ -102,14 +102,14 @@ class GuardParameters(Parameters):
     )
     metrics: str = option(
         NONE,
-        "Further metrics, taken frame by frame: none, or ospa, first_detection, idleness, mot or your own as "
-        "package.module:NAME or file.py:NAME; several with semicolons between them.",
+        "Further metrics, taken frame by frame: none, or ospa, first_detection, idleness, mot or your"
+        " own as package.module:NAME or file.py:NAME; several with semicolons between them.",
         source="ours: off, the paper has none beside Eqs. 8 to 12",
     )
     record: bool = option(
         False,
-        "Keep every frame's boxes, poses and scans, and the cause of each error; with an oracle the errors "
-        "alone. 'errors' and the player of 'report' read them.",
+        "Keep every frame's boxes, poses and scans, and the cause of each error; with an oracle the "
+        "errors alone. 'errors' and the player of 'report' read them.",
         source="ours: off, an output",
     )
     resolution_m: float = option(
@@ -171,12 +171,12 @@ class GuardParameters(Parameters):
     )
     oracle: Oracle = option(
         "none",
-        "Which cause of error is taken from the detector alone, with the guards' motion as it is: true poses "
-        "(pose), the prior map drawn from the walls (map), one more scan at the frame's instant (delay), a "
-        "costmap that holds obstacle_range_m all round (window), local_map=single_scan (marks), beams on "
-        "guards void and no box removed (allies), intruders seen through (occlusion), that and window "
-        "(sight), exact ranges (noise), "
-        "align=origin (crop), boxes fused by whose intruder they touch (fusion).",
+        "Which cause of error is taken from the detector alone, with the guards' motion as it is: "
+        "true poses (pose), the prior map drawn from the walls (map), one more scan at the frame's "
+        "instant (delay), a costmap that holds obstacle_range_m all round (window), "
+        "local_map=single_scan (marks), beams on guards void and no box removed (allies), intruders "
+        "seen through (occlusion), that and window (sight), exact ranges (noise), align=origin "
+        "(crop), boxes fused by whose intruder they touch (fusion).",
         source="ours: off, the paper has none",
     )
 
@@ -184,14 +184,13 @@ class GuardParameters(Parameters):
     costmap: CostmapSettings = group(
         CostmapSettings(size_m=3.5, raytrace_range_m=3.5, inf_is_valid=True),
         "MIDNet's local costmaps",
-        keys={"resolution": None, "size_m": "local_size_m", "centered": None, "track_unknown": None},
         sources=MIDNET_SOURCES,
     )
     midnet: MIDNetSettings = group(MIDNetSettings(), "MIDNet")
     simulation: SimulationSettings = group(SimulationSettings(), "simulation")
     network: NetworkSettings = group(NetworkSettings(), "network")
     ukf: UkfSettings = group(UkfSettings(), "pose filter", prefix="ukf_")
-    scan_to_map: ScanToMapSettings = group(ScanToMapSettings(), "scan to map", prefix="scan_to_map_")
+    scan_to_map: ScanToMapSettings = group(ScanToMapSettings(), "scan to map")
     navigator: NavigatorSettings = group(NavigatorSettings(), "navigator")
     patrol: PatrolSettings = group(PatrolSettings(), "patrol")
     goals: GoalSettings = group(GoalSettings(), "goals")

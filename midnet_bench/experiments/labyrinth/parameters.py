@@ -27,8 +27,8 @@ class LabyrinthParameters(GuardParameters):
     )
     capture: Literal["within", "detected", "contact"] = option(
         "within",
-        "When a detected intruder is caught: when a guard is within capture_distance_m and no wall between "
-        "them (within), at once (detected), or when a guard touches it (contact).",
+        "When a detected intruder is caught: when a guard is within capture_distance_m and no wall "
+        "between them (within), at once (detected), or when a guard touches it (contact).",
         source="ours: V.B counts caught intruders and does not say when one is",
     )
     capture_distance_m: float = option(
@@ -40,8 +40,8 @@ class LabyrinthParameters(GuardParameters):
     )
     after_capture: Literal["leaves", "drives_on"] = option(
         "leaves",
-        "What a caught intruder does: it leaves the arena (leaves), or goes on to its escape as a caught one "
-        "and keeps the trial going (drives_on).",
+        "What a caught intruder does: it leaves the arena (leaves), or goes on to its escape as a "
+        "caught one and keeps the trial going (drives_on).",
         source="ours: V.B does not say what a caught intruder does",
     )
     intruder_wait_s: float = option(
@@ -72,14 +72,14 @@ class LabyrinthParameters(GuardParameters):
     )
     escape_at: Literal["anywhere", "doors"] = option(
         "anywhere",
-        "Where intruders escape to: any free point inside the walls (anywhere), or the middle of a gap in "
-        "the outer wall (doors), the farthest if none is escape_distance_m away.",
+        "Where intruders escape to: any free point inside the walls (anywhere), or the middle of a "
+        "gap in the outer wall (doors), the farthest if none is escape_distance_m away.",
         source="paper: V.B, random escape locations",
     )
     start_at: str = option(
         "anywhere",
-        "Where intruders start: any free place (anywhere), the middle of a gap in the outer wall (doors), or "
-        "one of these places: (X,Y) in metres, with spaces between them.",
+        "Where intruders start: any free place (anywhere), the middle of a gap in the outer wall "
+        "(doors), or one of these places: (X,Y) in metres, with spaces between them.",
         source="paper: V.B, spawned at different locations",
     )
     escape_radius_m: float = option(
@@ -98,8 +98,8 @@ class LabyrinthParameters(GuardParameters):
     )
     ends: Literal["nobody_left", "time_limit"] = option(
         "nobody_left",
-        "When a trial ends: when no intruder is left in the arena or the time is up (nobody_left), or only "
-        "when the time is up (time_limit).",
+        "When a trial ends: when no intruder is left in the arena or the time is up (nobody_left), or"
+        " only when the time is up (time_limit).",
         source="ours: V.B does not say when a trial ends",
     )
     pursuit: PursuitSettings = group(PursuitSettings(), "pursuit")

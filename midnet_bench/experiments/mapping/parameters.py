@@ -36,8 +36,8 @@ class MappingParameters(Parameters):
     )
     merge: Literal["start_poses", "features"] = option(
         "start_poses",
-        "How the robots' maps are merged: by their known start poses while they explore (start_poses), or by "
-        "matching features of the maps at the end (features).",
+        "How the robots' maps are merged: by their known start poses while they explore "
+        "(start_poses), or by matching features of the maps at the end (features).",
         source="package: multirobot_map_merge, known_init_poses",
     )
     time_limit_s: float = option(
@@ -67,12 +67,10 @@ class MappingParameters(Parameters):
     gmapping: GmappingSettings = group(
         BURGER_UKF,
         "GMapping",
-        prefix="gmapping_",
-        keys={"particles": "particles", "resolution_m": None},
         sources=BURGER_UKF_SOURCES,
     )
-    frontier: FrontierSettings = group(FrontierSettings(), "frontier exploration", prefix="frontier_")
-    merging: MergeSettings = group(MergeSettings(), "merging by features", prefix="merge_")
+    frontier: FrontierSettings = group(FrontierSettings(), "frontier exploration")
+    merging: MergeSettings = group(MergeSettings(), "merging by features")
     navigator: NavigatorSettings = group(
         NavigatorSettings(global_costmap=replace(burger_global(), track_unknown=True)),
         "navigator",

@@ -1,9 +1,8 @@
 """GMapping's parameters under their meanings, and the sets of values to run it with."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from midnet_bench.settings import Settings, option
+from midnet_bench.settings import Settings, fixed, option
 
 
 @dataclass(frozen=True)
@@ -16,146 +15,32 @@ class GmappingSettings(Settings):
     both are built in. The map has no initial size: it holds what was seen and grows.
     """
 
-    concern: ClassVar[str] = "gmapping"
-
     particles: int = option(
         30, "Particles of each robot's GMapping.", ge=1, le=1000, source="package: slam_gmapping, particles"
     )
-    max_usable_range_m: float | None = option(
-        3.0,
-        "Farther returns only clear, up to this distance (maxUrange); null: the sensor's largest range.",
-        gt=0,
-        le=100,
-        source="package: turtlebot3_slam, gmapping_params.yaml, maxUrange",
+    max_usable_range_m: float | None = fixed(3.0, "package: turtlebot3_slam, gmapping_params.yaml, maxUrange")
+    sigma_m2: float = fixed(0.05, "package: slam_gmapping, sigma")
+    linear_step_m: float = fixed(0.05, "package: slam_gmapping, lstep")
+    angular_step_rad: float = fixed(0.05, "package: slam_gmapping, astep")
+    iterations: int = fixed(5, "package: slam_gmapping, iterations")
+    linear_reliability: float = fixed(0.0, "package: openslam_gmapping, m_linearOdometryReliability")
+    angular_reliability: float = fixed(0.0, "package: openslam_gmapping, m_angularOdometryReliability")
+    likelihood_sigma_m2: float = fixed(0.075, "package: slam_gmapping, lsigma")
+    miss_m2: float = fixed(0.5, "package: openslam_gmapping, nullLikelihood")
+    likelihood_gain: float = fixed(3.0, "package: slam_gmapping, ogain")
+    minimum_score: float = fixed(50.0, "package: turtlebot3_slam, gmapping_params.yaml, minimumScore")
+    noise_srr: float = fixed(0.1, "package: slam_gmapping, srr")
+    noise_srt: float = fixed(0.2, "package: slam_gmapping, srt")
+    noise_str: float = fixed(0.1, "package: slam_gmapping, str")
+    noise_stt: float = fixed(0.2, "package: slam_gmapping, stt")
+    linear_update_m: float = fixed(1.0, "package: slam_gmapping, linearUpdate")
+    angular_update_rad: float = fixed(0.2, "package: turtlebot3_slam, gmapping_params.yaml, angularUpdate")
+    temporal_update_s: float | None = fixed(
+        0.5, "package: turtlebot3_slam, gmapping_params.yaml, temporalUpdate"
     )
-    sigma_m2: float = option(
-        0.05,
-        "Width of the scan-match score exp(-d^2 / sigma), m^2: 1/e at its square root.",
-        gt=0,
-        le=100,
-        source="package: slam_gmapping, sigma",
-    )
-    linear_step_m: float = option(
-        0.05,
-        "First step of the hill climb along x and y (lstep).",
-        gt=0,
-        le=1,
-        source="package: slam_gmapping, lstep",
-    )
-    angular_step_rad: float = option(
-        0.05,
-        "First step of the hill climb in heading (astep).",
-        gt=0,
-        le=1,
-        source="package: slam_gmapping, astep",
-    )
-    iterations: int = option(
-        5,
-        "How often both steps of the hill climb are halved.",
-        ge=0,
-        le=20,
-        source="package: slam_gmapping, iterations",
-    )
-    linear_reliability: float = option(
-        0.0,
-        "A match at distance d from the odometry's pose scores exp(-reliability * d^2) times as much, 1/m^2 "
-        "(m_linearOdometryReliability, which GMapping leaves off).",
-        ge=0,
-        source="package: openslam_gmapping, m_linearOdometryReliability",
-    )
-    angular_reliability: float = option(
-        0.0,
-        "The same for a match turned away from the odometry's heading, 1/rad^2 "
-        "(m_angularOdometryReliability).",
-        ge=0,
-        source="package: openslam_gmapping, m_angularOdometryReliability",
-    )
-    likelihood_sigma_m2: float = option(
-        0.075,
-        "Width of a beam's log-likelihood -d^2 / sigma, m^2 (lsigma).",
-        gt=0,
-        le=100,
-        source="package: slam_gmapping, lsigma",
-    )
-    miss_m2: float = option(
-        0.5,
-        "d^2 of a beam with nothing near its end (nullLikelihood, built in in GMapping).",
-        ge=0,
-        le=100,
-        source="package: openslam_gmapping, nullLikelihood",
-    )
-    likelihood_gain: float = option(
-        3.0,
-        "How much the particles' weights are flattened (ogain).",
-        gt=0,
-        le=1000,
-        source="package: slam_gmapping, ogain",
-    )
-    minimum_score: float = option(
-        50.0,
-        "A match counts only above this score, which lies between 0 and the number of usable beams.",
-        ge=0,
-        le=10_000,
-        source="package: turtlebot3_slam, gmapping_params.yaml, minimumScore",
-    )
-    noise_srr: float = option(
-        0.1,
-        "Metres of translation noise per metre driven.",
-        ge=0,
-        le=10,
-        source="package: slam_gmapping, srr",
-    )
-    noise_srt: float = option(
-        0.2, "Radians of rotation noise per metre driven.", ge=0, le=10, source="package: slam_gmapping, srt"
-    )
-    noise_str: float = option(
-        0.1,
-        "Metres of translation noise per radian turned.",
-        ge=0,
-        le=10,
-        source="package: slam_gmapping, str",
-    )
-    noise_stt: float = option(
-        0.2, "Radians of rotation noise per radian turned.", ge=0, le=10, source="package: slam_gmapping, stt"
-    )
-    linear_update_m: float = option(
-        1.0,
-        "A scan is integrated after a drive of this length.",
-        ge=0,
-        le=100,
-        source="package: slam_gmapping, linearUpdate",
-    )
-    angular_update_rad: float = option(
-        0.2,
-        "A scan is integrated after a turn by this angle.",
-        ge=0,
-        le=10,
-        source="package: turtlebot3_slam, gmapping_params.yaml, angularUpdate",
-    )
-    temporal_update_s: float | None = option(
-        0.5,
-        "A scan is integrated after this time; null: time alone is no reason.",
-        ge=0,
-        le=3600,
-        source="package: turtlebot3_slam, gmapping_params.yaml, temporalUpdate",
-    )
-    resample_threshold: float = option(
-        0.5,
-        "Resample when fewer than this share of the particles is effective.",
-        ge=0,
-        le=1,
-        source="package: slam_gmapping, resampleThreshold",
-    )
-    resolution_m: float = option(
-        0.05, "Side of a cell (delta).", gt=0, le=1, source="package: slam_gmapping, delta"
-    )
-    occupied_threshold: float = option(
-        0.25,
-        "Cells hit in more than this share of the visits are published as occupied (occ_thresh).",
-        ge=0,
-        le=1,
-        source="package: slam_gmapping, occ_thresh",
-    )
+    resample_threshold: float = fixed(0.5, "package: slam_gmapping, resampleThreshold")
+    resolution_m: float = fixed(0.05, "package: slam_gmapping, delta")
+    occupied_threshold: float = fixed(0.25, "package: slam_gmapping, occ_thresh")
 
 
 RECORDED_LOG = GmappingSettings(
