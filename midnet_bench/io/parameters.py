@@ -1,5 +1,6 @@
 """``Parameters``: an experiment's settings as the flat keys of a campaign file and of ``--set``."""
 
+import contextlib
 import functools
 from collections.abc import Mapping
 from typing import Any, ClassVar, Self, cast
@@ -9,8 +10,6 @@ from pydantic import Field, ValidationError, create_model
 from midnet_bench.errors import InputError
 from midnet_bench.io.checked_yaml import Spec, parse
 from midnet_bench.settings import Scalar, Settings, leaves
-
-RULE_OF_THUMB_WALL_S = 15.0
 
 
 class Parameters(Settings):
@@ -53,7 +52,7 @@ class Parameters(Settings):
     @property
     def expected_wall_s(self) -> float:
         """About how long a trial takes on one core, seconds, for an estimate before any is measured."""
-        return RULE_OF_THUMB_WALL_S
+        return 15.0  # a rule of thumb
 
     @classmethod
     def defaults(cls) -> dict[str, Scalar]:
@@ -63,13 +62,11 @@ class Parameters(Settings):
 
 def can_be(parameters: type[Settings], key: str, value: Scalar) -> bool:
     """Whether an option can have a value; of a text, any."""
-    if isinstance(value, str):
-        return leaves(parameters)[key].kind not in (bool, int, float)
-    try:
-        flat_model(parameters).model_validate({key: value}, strict=True)
-    except ValidationError:
-        return False
-    return True
+    with contextlib.suppress(ValidationError):
+        if isinstance(value, str):
+            return leaves(parameters)[key].kind not in (bool, int, float)
+        return bool(flat_model(parameters).model_validate({key: value}, strict=True))
+    return False
 
 
 def flat_model(parameters: type[Settings]) -> type[Spec]:
@@ -81,7 +78,6 @@ def flat_model(parameters: type[Settings]) -> type[Spec]:
 def _model(parameters: type[Settings]) -> type[Spec]:
     named: dict[str, Any] = {}
     for key, leaf in leaves(parameters).items():
-        limits: Any = leaf.limits
-        named[key] = (leaf.annotation, Field(leaf.default, description=leaf.help, **limits))
-    made: type[Spec] = create_model(parameters.__name__, __base__=Spec, **named)
-    return made
+        field = Field(leaf.default, description=leaf.help, **cast(Any, leaf.limits))
+        named[key] = (leaf.annotation, field)
+    return cast(type[Spec], create_model(parameters.__name__, __base__=Spec, **named))

@@ -1,4 +1,6 @@
+import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -357,24 +359,25 @@ def test_grids_that_may_not_be_written_to_will_do() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    "changes",
     [
-        ({"thresh_local": 0}, "thresh_local: 0 is out of range; allowed: 1 to 100"),
-        ({"thresh_local": 101}, "thresh_local: 101 is out of range"),
-        ({"min_area_cells": 0}, "min_area_cells: 0 is out of range"),
-        ({"deflate_boxes_m": -0.1}, "deflate_boxes_m: -0.1 is out of range"),
-        ({"deflate_boxes_m": float("nan")}, "deflate_boxes_m: nan is out of range"),
-        ({"ally_diameter_m": 0.0}, "ally_diameter_m: 0.0 is out of range"),
-        ({"iou_ally": 0.0}, "iou_ally: 0.0 is out of range; allowed: above 0 and at most 1"),
-        ({"iou_fuse": 1.1}, "iou_fuse: 1.1 is out of range"),
-        ({"unknown": "fre"}, "unknown: no such choice 'fre'; did you mean 'free'"),
-        ({"align": "origins"}, "align: no such choice 'origins'; did you mean 'origin'"),
-        ({"ally_remove": "none"}, "ally_remove: no such choice 'none'"),
+        {"thresh_local": 0},
+        {"thresh_local": 101},
+        {"min_area_cells": 0},
+        {"deflate_boxes_m": -0.1},
+        {"deflate_boxes_m": float("nan")},
+        {"ally_diameter_m": 0.0},
+        {"iou_ally": 0.0},
+        {"iou_fuse": 1.1},
+        {"unknown": "fre"},
+        {"align": "origins"},
+        {"ally_remove": "none"},
     ],
 )
-def test_settings_out_of_range_are_refused_by_name(changes: dict[str, object], message: str) -> None:
-    with pytest.raises(InputError, match=message.replace(".", r"\.")):
-        MIDNetSettings(**changes)  # type: ignore[arg-type]
+def test_settings_out_of_range_are_refused_by_name(changes: dict[str, Any]) -> None:
+    ((name, value),) = changes.items()
+    with pytest.raises(InputError, match=f"{name}: .*{re.escape(repr(value))}"):
+        MIDNetSettings(**changes)
 
 
 def test_prior_map_that_is_not_binary_is_refused() -> None:

@@ -488,10 +488,6 @@ def test_trajectory_rollout_backs_away_from_a_collision_and_then_goes_on() -> No
 def test_settings_that_cannot_be_are_refused() -> None:
     with pytest.raises(InputError, match="min_vel_x_mps"):
         LocalPlannerLimits(min_vel_x_mps=0.5)
-    with pytest.raises(InputError, match="vx_samples"):
-        DwaSettings(vx_samples=0)
-    with pytest.raises(InputError, match="sim_time_s"):
-        TrajectoryRolloutSettings(sim_time_s=0.0)
 
 
 # At the goal
