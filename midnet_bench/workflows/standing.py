@@ -8,7 +8,7 @@ import contextlib
 import hashlib
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,19 +53,19 @@ def is_standard(definition: Definition) -> bool:
         protocol = Definition.from_json((reference_folder() / CONFIGURATION).read_text(encoding="utf-8"))
     except OSError:
         return False
-    return _protocol(definition, protocol) == _protocol(protocol, protocol)
+    # a parameter that only one of both knows came later, or is fixed by now: at its default either way
+    common = (definition.parameters.keys() & protocol.parameters.keys()) - {*METHOD}
+    return _protocol(definition, common) == _protocol(protocol, common)
 
 
-def _protocol(definition: Definition, like: Definition) -> tuple[object, ...]:
-    """What has to agree; parameters that ``like`` does not know came later, and are at their defaults."""
-    known = like.parameters.keys() - {*METHOD}
-    parameters = {key: value for key, value in definition.parameters.items() if key in known}
+def _protocol(definition: Definition, common: Set[str]) -> tuple[object, ...]:
+    """What has to agree of two campaigns with ``common`` parameters."""
     others = {factor: values for factor, values in definition.grid.items() if factor not in METHOD}
     return (
         definition.experiment,
         definition.base_seed,
         definition.trials,
-        parameters,
+        {key: definition.parameters[key] for key in common},
         others,
         definition.variants,
     )

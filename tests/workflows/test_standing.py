@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 
 from midnet_bench.analysis.frames import load_results
-from midnet_bench.campaign.definition import Definition
+from midnet_bench.campaign.definition import Definition, load_campaign, resolve
+from midnet_bench.experiments import registry
 from midnet_bench.experiments.registry import tables_of
 from midnet_bench.workflows import standing
 from tests.cli.command import Done, midnet_bench, rows
@@ -67,6 +68,11 @@ def test_another_protocol_has_no_place(ground: Path) -> None:
     done = run(ground, "--set", "obstacle_range_m=2", "-o", "other")
     assert not (ground / "other" / "leaderboard.csv").exists()
     assert "rank" not in done.stdout
+
+
+def test_the_packaged_campaign_keeps_to_the_protocol_of_the_committed_results() -> None:
+    campaign = load_campaign(DOCS.parent / "campaigns" / "standard.yaml")
+    assert standing.is_standard(resolve(campaign, registry).definition)
 
 
 def test_the_committed_page_is_made_of_the_committed_results() -> None:
