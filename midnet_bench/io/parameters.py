@@ -3,7 +3,7 @@
 import contextlib
 import functools
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self, cast
+from typing import Any, Self, cast
 
 from pydantic import Field, ValidationError, create_model
 
@@ -14,8 +14,6 @@ from midnet_bench.settings import Scalar, Settings, leaves
 
 class Parameters(Settings):
     """Base of an experiment's parameters: a frozen dataclass of its own options and of nested settings."""
-
-    concern: ClassVar[str] = "parameters"
 
     @classmethod
     def parse(cls, values: Mapping[str, Any], source: str) -> Self:
