@@ -21,8 +21,7 @@ from midnet_bench.detectors.detector_node import TeamFusion
 from midnet_bench.detectors.fusion import ious
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.binary_map import FREE
-from midnet_bench.midnet.detection import BoxArray
+from midnet_bench.midnet.detection import FREE, BoxArray
 from midnet_bench.midnet.pipeline import MIDNet
 from midnet_bench.midnet.settings import MIDNetSettings
 from midnet_bench.rng import standard_normals, stream

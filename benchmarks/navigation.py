@@ -8,9 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import Command
 from midnet_bench.navigation.costmap import GlobalCostmap, RollingCostmap
 from midnet_bench.navigation.global_planner import potential_to
 from midnet_bench.navigation.navigator import Navigator, compile_kernels

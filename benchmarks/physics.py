@@ -12,10 +12,10 @@ import numpy as np
 from benchmarks.growth import grown
 from midnet_bench.arena.arena import OtherIntruders, load_arena
 from midnet_bench.arena.layout import place
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command
 from midnet_bench.rng import stream
 from midnet_bench.simulation.crowd import Crowd
-from midnet_bench.simulation.lidar import LidarSensors
+from midnet_bench.simulation.sensors import LidarSensors
 from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.world import World
 

@@ -17,8 +17,7 @@ from midnet_bench.arena.layout import place
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import run_detection
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
-from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import BURGER, LDS_01
 from midnet_bench.simulation.bullet.client import bullet

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import midnet_bench as mb
-from midnet_bench.drawing.plots import png_of_figure
+from midnet_bench.drawing.canvas import png_of
 from midnet_bench.drawing.steps import draw_fusion, draw_views, tree_of
 from midnet_bench.experiments.guarded.arena import ObservedFrame
 from midnet_bench.grid import OccupancyGrid
@@ -30,8 +30,8 @@ def main() -> None:
         "walk-grids.png": draw_views(frame.observations[guard], found, guard),
         "walk-fusion.png": draw_fusion(prior, tree_of(found, mb.MIDNetSettings().iou_fuse)),
     }
-    for name, figure in pictures.items():
-        (IMAGES / name).write_bytes(png_of_figure(figure))
+    for name, picture in pictures.items():
+        (IMAGES / name).write_bytes(png_of(picture))
         print(IMAGES / name)
 
 

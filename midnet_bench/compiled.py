@@ -42,6 +42,8 @@ _IMPORTS = re.compile(
     rb"^\s*(?:from|import) (midnet_bench[\w.]*)(?: import (\([^)]*\)|[^\n]*))?", re.MULTILINE
 )
 _WITHOUT_EFFECT = (VARIABLE, "NUMBA_NUM_THREADS")
+before_first_loop: list[Callable[[], object]] = []
+"""what is called once, before this process loads or compiles its first loop"""
 after_compiling: list[Callable[[], None]] = []
 """what is called each time that this process has compiled a loop for one signature"""
 
@@ -343,11 +345,8 @@ def _load_array_functions() -> None:
     with _without("scipy.linalg"):
         module = importlib.import_module("numba.np.arraymath")
     module._HAVE_BLAS = find_spec("scipy") is not None  # type: ignore[attr-defined]
-
-
-def has_loops() -> bool:
-    """Whether this process has loaded or compiled any loop; where none are kept, always."""
-    return _load_array_functions.cache_info().currsize > 0 or folder() is None
+    for call in before_first_loop:
+        call()
 
 
 @contextlib.contextmanager

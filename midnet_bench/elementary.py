@@ -12,13 +12,14 @@ has, are first reduced by the float next to a whole turn. Compiled loops and Pyt
 """
 
 import math
+from functools import partial
 from types import FunctionType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.compiled import has_loops, njit
+from midnet_bench.compiled import before_first_loop, folder, njit
 
 Floats = npt.NDArray[np.float64]
 
@@ -236,12 +237,11 @@ def _interpreted() -> SimpleNamespace:
     return SimpleNamespace(**functions)
 
 
-_COMPILED, _INTERPRETED = SimpleNamespace(**globals()), _interpreted()
+from_python = _interpreted()
+"""these functions for calls from Python: compiled once this process has a loop, before that interpreted
 
-
-def from_python() -> SimpleNamespace:
-    """These functions for calls from Python: compiled once this process has a loop, before that interpreted.
-
-    Both give the same bits; numba takes half a second for a process's first loop, which a report needs not.
-    """
-    return _COMPILED if has_loops() else _INTERPRETED
+Both give the same bits; numba takes half a second for a process's first loop, which a report needs not.
+"""
+before_first_loop.append(partial(vars(from_python).update, globals()))
+if folder() is None:  # every process compiles or interprets
+    vars(from_python).update(globals())

@@ -2,12 +2,13 @@
 
     python -m tests.kills [--kills 100] [--terms 20] [--seed 1]
 
-A small labyrinth campaign is begun, struck at a random moment, and begun again, until all blows are dealt;
-then it may finish. Blows are shared out over four scenes: processes that start, that run trials and store
-them, that export a finished campaign, that compile into an empty cache. A kill (SIGKILL) hits the parent
-alone, one worker, or the whole group; SIGTERM the parent or the group. After each blow every exported file
-must be whole. At the end of each scene all files and the store's rows must be those of a run that nobody
-disturbed, and nothing else may be in the folder. Prints what was hit; exits with 1 if anything differs.
+A command is begun, struck at a random moment, and begun again, until all blows are dealt; then it may
+finish. Blows are shared out over scenes: a small labyrinth campaign that starts, that runs trials and stores
+them, that exports a finished campaign, that compiles into an empty cache; and each other command that
+writes files. A kill (SIGKILL) hits the parent alone, one worker, or the whole group; SIGTERM the parent or
+the group. After each blow every exported file must be whole. At the end of each scene all files and the
+store's rows must be those of a run that was left alone, and nothing else may be in the folder. Prints what
+was hit; exits with 1 if anything differs.
 """
 
 import argparse
@@ -38,6 +39,33 @@ grid: {robots: [1, 2]}
 trials: 4
 parameters: {engine: fast, intruders: 1, time_limit_s: 4, prior_map: exact}
 """
+FAST = ("--engine", "fast", "--seed", "9001", "-q")
+COMMANDS = {
+    "detection": (
+        "detection",
+        "--robots",
+        "1,2",
+        "--frames",
+        "8",
+        "--record",
+        "--jobs",
+        "2",
+        *FAST,
+        "-o",
+        "{at}",
+    ),
+    "size": ("size", "map1", "--within", "4", "--probability", "0.5", "--trials", "40", *FAST, "-o", "{at}"),
+    "map": ("map", "map1", "--set", "time_limit_s=6", *FAST, "-o", "{at}"),
+    "render": ("render", "--frames", "8", "--frame", "8", *FAST, "-o", "{at}"),
+    "export": ("export", "detection", "--robots", "2", "--frames", "20", *FAST, "-o", "{at}/drive.mcap"),
+    "replay": ("replay", "{inputs}/export/drive.mcap", "--bag", "{at}/found.mcap", "-q", "-o", "{at}"),
+    "report": ("report", "{at}", "-q"),
+    "errors": ("errors", "{at}", "-q"),
+}
+"""the commands that write files, but for ``run``"""
+READS_A_CAMPAIGN = ("report", "errors")
+GOES_ON = ("running", "detection", "size")
+"""scenes in which a file of a part of the trials is another one"""
 TELL_TIMES = ("timing.csv", "provenance.json", "labyrinth_speed")
 """files of which no two runs have the same, by the beginnings of their names"""
 MEASURED = re.compile(rb"<h3>Speed of one worker</h3>.*?(?=<h[23])|<h2>Provenance.*", re.DOTALL)
@@ -64,7 +92,7 @@ class Scene:
 
     phase: str
     arguments: tuple[str, ...]
-    """of the command; the folder comes last"""
+    """of the command; ``{at}`` is the folder"""
     prepare: Callable[[Path], None]
     """makes the folder in which the command begins"""
     began: Began
@@ -73,7 +101,8 @@ class Scene:
     wanted: dict[str, object]
     """the :func:`contents` of a folder that nobody disturbed"""
     has_workers: bool = True
-    """if not, the trials ran before, and their times are to be the same too"""
+    same_times: bool = False
+    """the trials ran before, and their times are to be the same too"""
     cache: Path | None = None
     """for machine code, unless it is the user's own"""
 
@@ -86,12 +115,15 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=100)
     parser.add_argument("--terms", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--scenes", help="only these, with a comma between")
     options = parser.parse_args()
     chance = random.Random(options.seed)
     hit: collections.Counter[tuple[str, Blow]] = collections.Counter()
     faults: list[str] = []
     with tempfile.TemporaryDirectory(prefix="kills-") as folder:
         scenes = list(make_scenes(Path(folder)))
+        if options.scenes:
+            scenes = [scene for scene in scenes if scene.phase in options.scenes.split(",")]
         try:
             for number, scene in enumerate(scenes):
                 kills = len(range(number, options.kills, len(scenes)))
@@ -135,7 +167,7 @@ def print_table(hit: collections.Counter[tuple[str, Blow]]) -> None:
 def make_scenes(folder: Path) -> Iterator[Scene]:
     """Runs everything undisturbed once, to know what must come out and how long each phase takes."""
     (folder / "small.yaml").write_text(CAMPAIGN)
-    run = ("run", str(folder / "small.yaml"), "--jobs", "2", "-q", "-o")
+    run = ("run", str(folder / "small.yaml"), "--jobs", "2", "-q", "-o", "{at}")
     finished = folder / "finished"
 
     starts_s, runs_s, _ = measured(run, finished, runs, writes)
@@ -149,13 +181,39 @@ def make_scenes(folder: Path) -> Iterator[Scene]:
     again = folder / "again"
     finished_store(again)
     _, exports_s = measured(run, again, writes)
-    yield Scene("exporting", run, finished_store, writes, exports_s, contents(again, True), has_workers=False)
+    exported_again = contents(again, True)
+    yield Scene("exporting", run, finished_store, writes, exports_s, exported_again, False, same_times=True)
 
     yield Scene("running", run, Path.mkdir, runs, runs_s, fresh)
+    yield from scenes_of_commands(folder / "alone")
     # last, for the end of it compiles everything
     yield Scene(
         "compiling", run, Path.mkdir, lambda at, pid: True, COMPILES_S, fresh, cache=folder / "compiled"
     )
+
+
+def scenes_of_commands(alone: Path) -> Iterator[Scene]:
+    """A scene of each command of :data:`COMMANDS`, struck from its first moment to its last."""
+    for name, arguments in COMMANDS.items():
+        arguments = tuple(argument.replace("{inputs}", str(alone)) for argument in arguments)
+
+        def prepare(at: Path, reads: bool = name in READS_A_CAMPAIGN) -> None:
+            if reads:
+                shutil.copytree(alone / "detection", at)
+            else:
+                at.mkdir(parents=True)
+
+        prepare(alone / name)
+        (whole_s,) = measured(arguments, alone / name)
+        yield Scene(
+            name,
+            arguments,
+            prepare,
+            lambda at, pid: True,
+            whole_s,
+            contents(alone / name),
+            has_workers=name in GOES_ON,
+        )
 
 
 def runs(at: Path, pid: int) -> bool:
@@ -255,8 +313,8 @@ def at_a_moment(
         time.sleep(min(left_s, 0.02))
     if process.poll() is not None:
         return None
-    if scene.cache is not None:  # before its workers begin
-        return "compiling"
+    if scene.phase in COMMANDS or scene.cache is not None:  # the latter: before its workers begin
+        return scene.phase
     if runs(at, process.pid):
         return "running"
     return "starting" if scene.phase == "starting" and not writes(at, process.pid) else "exporting"
@@ -284,7 +342,8 @@ def begun(
     variables = {**environment(), "PYTHONWARNINGS": "default"}
     if cache is not None:
         variables["NUMBA_CACHE_DIR"] = str(cache)
-    command = [sys.executable, "-P", "-m", "midnet_bench", *arguments, str(at)]
+    filled = [argument.replace("{at}", str(at)) for argument in arguments]
+    command = [sys.executable, "-P", "-m", "midnet_bench", *filled]
     with (
         tempfile.TemporaryFile() as said,
         subprocess.Popen(
@@ -331,38 +390,41 @@ def is_there(group: int) -> bool:
 
 def contents(at: Path, tells_times: bool = False) -> dict[str, object]:
     """File name -> bytes, of what a command exported; what its store holds, row by row; all names."""
+    found: dict[str, object] = {"names": sorted(path.name for path in at.iterdir())}
+    if not (at / FILE_NAME).is_file():
+        return found | exported(at, tells_times)
     rows = "*" if tells_times else "cell, seed, simulated_s, traceback, result"
     with contextlib.closing(sqlite3.connect(at / FILE_NAME)) as store:
-        found: dict[str, object] = {
+        found |= {
             "definition": store.execute("SELECT * FROM campaign").fetchall(),
             "cells": store.execute("SELECT * FROM cells ORDER BY cell").fetchall(),
             "trials": store.execute(f"SELECT {rows} FROM trials ORDER BY cell, seed").fetchall(),
             "state": store.execute("PRAGMA integrity_check").fetchall(),
         }
-    return found | {"names": sorted(path.name for path in at.iterdir())} | exported(at, tells_times)
+    return found | exported(at, tells_times)
 
 
 def exported(at: Path, tells_times: bool) -> dict[str, bytes]:
     """The files that are neither hidden nor the store."""
     return {
         path.name: path.read_bytes() if tells_times else MEASURED.sub(b"", path.read_bytes())
-        for path in at.iterdir()
-        if not path.name.startswith((".", FILE_NAME))
+        for path in at.glob("[!.]*")
+        if path.is_file() and not path.name.startswith(FILE_NAME)
         if tells_times or not path.name.startswith(TELL_TIMES)
     }
 
 
 def not_whole(scene: Scene, at: Path) -> list[str]:
     """Of a folder whose campaign was struck: which exported files are not as they must be in the end."""
-    if scene.phase == "running":
-        return []  # that of a part of the trials is another one
-    there = exported(at, not scene.has_workers)
+    if scene.phase in GOES_ON:
+        return []
+    there = exported(at, scene.same_times)
     return [f"{name} is not whole" for name, found in there.items() if found != scene.wanted.get(name)]
 
 
 def differences(scene: Scene, at: Path) -> list[str]:
     """What is not as in the folder that nobody disturbed."""
-    found = contents(at, not scene.has_workers)
+    found = contents(at, scene.same_times)
     return [
         f"{name} differs" + (f": {found.get(name)}" if name == "names" else "")
         for name in {**found, **scene.wanted}

@@ -44,7 +44,7 @@ MUTANTS = [
     Mutant(
         "who is in range is told by a constant, not by obstacle_range_m",
         "experiments/detection/trial.py",
-        "range_m = test.costmap.obstacle_range_m",
+        "range_m = scorer.test.costmap.obstacle_range_m",
         "range_m = 2.5",
         "experiments/test_experiments_usable_range.py::test_usable_range_follows_obstacle_range",
     ),
@@ -57,7 +57,7 @@ MUTANTS = [
     ),
     Mutant(
         "stuck after 8 s instead of 5 s",
-        "simulation/integrity.py",
+        "simulation/fleet.py",
         "STUCK_AFTER_S = 5.0",
         "STUCK_AFTER_S = 8.0",
         "simulation/test_simulation_standstill.py::test_a_stand_counts_from_five_seconds_on",
@@ -109,7 +109,7 @@ def killed_by(mutant: Mutant, folder: Path) -> list[str]:
     if not mutant.compiled:
         environment["NUMBA_DISABLE_JIT"] = "1"
     done = subprocess.run(
-        [*command, "-p", "no:cacheprovider", "-p", "no:xdist"],
+        [*command, "-p", "no:cacheprovider", "-p", "no:xdist", f"--basetemp={folder / 'tmp'}"],
         cwd=folder,
         env={**environment, "PYTHONPATH": str(folder)},
         capture_output=True,
@@ -119,7 +119,9 @@ def killed_by(mutant: Mutant, folder: Path) -> list[str]:
     if done.returncode not in (0, TESTS_FAILED):
         raise ValueError(f"{mutant.name}: the tests did not run:\n{done.stdout}{done.stderr}")
     failed = [line.split()[1] for line in done.stdout.splitlines() if line.startswith("FAILED ")]
-    return failed if done.returncode == TESTS_FAILED else []
+    if done.returncode == TESTS_FAILED and not failed:
+        raise ValueError(f"{mutant.name}: no test failed, but one could not begin:\n{done.stdout}")
+    return failed
 
 
 def main() -> int:

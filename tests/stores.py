@@ -10,7 +10,7 @@ from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import Store, open_or_create
 from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome
-from midnet_bench.scoring.causes import Causes
+from midnet_bench.scoring.frame_counts import Causes
 
 Caught = Callable[[int, int, int], int]
 """(intruders, robots, seed) -> how many were caught"""

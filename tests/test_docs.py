@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from types import ModuleType
 
+import cv2
 import nbformat
 import pytest
 from nbclient import NotebookClient
@@ -120,8 +121,15 @@ def test_the_walkthrough_has_the_numbers_of_its_trial() -> None:
     assert removed.count(walk.GUARD_SHOWN - 1) == 2
     tree = walk.tree_of(found, mb.MIDNetSettings().iou_fuse)
     assert len(tree.root.left) == len(frame.midnet.detections)
-    assert len(walk.draw_fusion(prior, tree).axes) == 2
-    assert len(walk.draw_views(frame.observations[2], found, 2).axes) == 6
+    drawn = {
+        "walk-fusion.png": walk.draw_fusion(prior, tree),
+        "walk-grids.png": walk.draw_views(
+            frame.observations[walk.GUARD_SHOWN - 1], found, walk.GUARD_SHOWN - 1
+        ),
+    }
+    for name, picture in drawn.items():
+        committed = cv2.imread(str(DOCS / "images" / name))[..., ::-1]
+        assert cv2.absdiff(committed, picture).mean() < 1.0, "run docs/make_walkthrough.py"
 
 
 def test_the_pages_are_found() -> None:

@@ -7,16 +7,18 @@ import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import MobileRobot
 from midnet_bench.elementary import directions
-from midnet_bench.geometry import Pose2D, lengths, wrap_angle
+from midnet_bench.geometry import LidarGeometry, Pose2D, lengths, wrap_angle
 from midnet_bench.grid import MapWindow, OccupancyGrid
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import Frontier, FrontierExplorer, assign_frontiers
 from midnet_bench.mapping.gmapping.filter import GMapping
-from midnet_bench.messages import LidarGeometry
 from midnet_bench.navigation.navigator import Navigator
 
 MATE_RADIUS_M = 0.3
 """A return this near to where a mate says it is comes from that mate: its body and both poses' errors."""
+
+_BODIES = 7.0
+"""A robot that is done leaves this many inscribed radii round it free for mates: three bodies' width."""
 
 
 class Explorer(MobileRobot):
@@ -56,14 +58,19 @@ class Explorer(MobileRobot):
         self.mates: Sequence[Explorer] = ()
         """the explorers that share this one's frame: their goals are left to them, they are no walls"""
         self.is_done = False
-        """whether its newest map has no frontier left for it"""
+        """whether its newest map has no frontier and no gap left for it; it drives out of the way then"""
         self._odometry_pose = start
         self._correction = Pose2D(0.0, 0.0, 0.0)
         """map -> odom: none until a scan says otherwise"""
         self._frontiers = frontiers
         self._area = area
+        self._map = area.empty()
         self._has_map = False
         self._has_new_map = False
+        self._looks = False
+        """whether it has come to its goal and waits for a scan from there"""
+        self._has_parked = False
+        """whether it has been sent out of the way since its last frontier"""
 
     def localize(self, pose: Pose2D, velocity: tuple[float, float]) -> None:
         """Go by the pose filter's newest pose, odometry frame; the map frame's follows by the correction."""
@@ -76,24 +83,28 @@ class Explorer(MobileRobot):
         if self.slam.process(self._odometry_pose, self._without_mates(ranges_m, lidar), time_s):
             self._correction = self.slam.correction
             self._correct()
+        self._looks = False
         super().observe(ranges_m, lidar, time_s)
 
     def take_map(self, grid: OccupancyGrid) -> None:
         """Go by a newer map, the team's or the robot's own: int8, map frame."""
-        self.navigator.set_static(self._area.cut(grid))
+        self._map = self._area.cut(grid)
+        self.navigator.set_static(self._map)
         self._has_map = self._has_new_map = True
         self.is_done = False
 
     def _choose_goal(self, time_s: float) -> None:
         """A new map or the end of a drive calls for a plan."""
-        if self._has_new_map or (self._has_map and self.goal is None and not self.is_done):
+        has_arrived = self._has_map and self.goal is None and not self.is_done and not self._looks
+        if self._has_new_map or has_arrived:
             frontiers = self.offers(self.navigator.global_costmap.published())
-            taken = [mate.goal for mate in self.mates if mate.goal is not None]
+            taken = [mate.goal for mate in self.mates if mate.goal is not None and not mate.is_done]
             self.explore(frontiers, time_s, taken)
 
     def offers(self, costmap: OccupancyGrid) -> list[Frontier]:
-        """The frontiers of ``costmap`` that it can reach and has not given up, cheapest first."""
-        return self._frontiers.offers(self.pose, costmap)
+        """The frontiers and gaps of ``costmap`` that it can reach and has not given up, cheapest first."""
+        looks = np.concatenate([each.slam.trajectory.poses[:, :2] for each in (self, *self.mates)])
+        return self._frontiers.offers(self.pose, costmap, self._map, looks)
 
     def explore(
         self, frontiers: Sequence[Frontier], time_s: float, taken: Sequence[tuple[float, float]]
@@ -102,16 +113,33 @@ class Explorer(MobileRobot):
         self._has_new_map = False
         goal = self._frontiers.choose(frontiers, time_s, taken)
         if goal is None:
+            self._park()
+        else:
+            self.is_done = self._has_parked = False
+            if goal != self.goal:
+                self.drive_to(goal)
+
+    def _park(self) -> None:
+        """Be done: go where no mate needs to pass, once, or stay."""
+        if self._has_parked:
             self.is_done = True
-            self.cancel_goal()
-        elif goal != self.goal:
-            self.drive_to(goal)
+            return
+        self.cancel_goal()
+        self.is_done = self._has_parked = True
+        radius_m = _BODIES * self.navigator.settings.global_costmap.inscribed_radius_m
+        place = self._frontiers.parking_place(self.pose, self.navigator.global_costmap.published(), radius_m)
+        if place is not None:
+            self.drive_to(place)
 
     def _settle_goal(self, time_s: float) -> None:
         had_goal, given_up = self.goal is not None, self.progress.goals_given_up
         super()._settle_goal(time_s)
-        if had_goal and self.goal is None:
-            self._frontiers.report(succeeded=self.progress.goals_given_up == given_up)
+        if had_goal and self.goal is None and not self.is_done:
+            succeeded = self.progress.goals_given_up == given_up
+            self._frontiers.report(succeeded)
+            if succeeded:
+                self._looks = True
+                self.slam.take_next()
 
     def _without_mates(
         self, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry
@@ -147,5 +175,5 @@ def hand_out_frontiers(team: Sequence[Explorer], time_s: float) -> None:
     for explorer, own, place in zip(team, offers, assign_frontiers(offers), strict=True):
         preferred = own if place is None else [own[place], *own[:place], *own[place + 1 :]]
         explorer.explore(preferred, time_s, taken)
-        if explorer.goal is not None:
+        if explorer.goal is not None and not explorer.is_done:
             taken.append(explorer.goal)

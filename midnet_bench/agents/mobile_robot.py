@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Point, Pose2D, wrap_angle
+from midnet_bench.geometry import STOP, Command, LidarGeometry, Point, Pose2D, Scan, wrap_angle
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf, UkfTeam
-from midnet_bench.messages import STOP, Command, LidarGeometry, Scan
 from midnet_bench.navigation.costmap import RollingCostmap
 from midnet_bench.navigation.navigator import Navigator, Status
 
@@ -116,23 +115,10 @@ class MobileRobot:
 class Guard(MobileRobot):
     """A mobile robot that also keeps costmaps for MIDNet, beside those it drives by (II.B and IV.A)."""
 
-    def __init__(
-        self,
-        index: int,
-        name: str,
-        start: Pose2D,
-        navigator: Navigator,
-        ukf: PlanarUkf | None,
-        next_goal: GoalSource,
-        goal_timeout_s: float,
-        scan_to_map: ScanToMap | None = None,
-        detection_costmaps: Sequence[RollingCostmap] = (),
-    ) -> None:
-        """As ``MobileRobot``; each of ``detection_costmaps``, map frame, takes every scan of this robot."""
-        super().__init__(index, name, start, navigator, ukf, next_goal, goal_timeout_s, scan_to_map)
-        self.detection_costmaps = detection_costmaps
-        self.scan: Scan | None = None
-        """the last one"""
+    detection_costmaps: Sequence[RollingCostmap] = ()
+    """map frame; each takes every scan of this robot"""
+    scan: Scan | None = None
+    """the last one"""
 
     @property
     def state(self) -> GuardState:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from midnet_bench.seams import ExtensionPoint
+from midnet_bench.extension_points import ExtensionPoint
 from midnet_bench.settings import Settings, option
 
 
@@ -94,7 +94,7 @@ PATROLS = ExtensionPoint(
         "coordinated": "midnet_bench.agents.graph_patrols:CoordinatedIdleness",
     },
 )
-"""see ``agents/patrol_rule.py``"""
+"""see ``agents/patrol.py``"""
 
 PURSUITS = ExtensionPoint(
     option="pursuit",

@@ -9,9 +9,8 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from midnet_bench.arena.solids import Solid, gap_m
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import Box, Pose2D, Solid, gap_m
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.checked_yaml import Spec, parse, parsed_yaml, read_text
 from midnet_bench.robots.model import LOWEST_SOLID_M

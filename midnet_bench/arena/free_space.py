@@ -7,9 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.arena.arena import Arena
-from midnet_bench.arena.solids import Solid
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import lengths
+from midnet_bench.geometry import Solid, lengths
 from midnet_bench.grid import OccupancyGrid, cell_centers, connected_to
 
 RESOLUTION_M = 0.05

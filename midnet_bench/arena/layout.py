@@ -8,9 +8,8 @@ import numpy.typing as npt
 
 from midnet_bench.arena.arena import Arena, OtherIntruders, StationaryIntruders
 from midnet_bench.arena.free_space import free_space
-from midnet_bench.arena.solids import Solid, gap_m
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D, lengths
+from midnet_bench.geometry import Pose2D, Solid, gap_m, lengths
 from midnet_bench.rng import stream
 
 TEAM = 5
@@ -98,7 +97,7 @@ def robot_starts(arena: Arena, robots: int) -> tuple[Pose2D, ...]:
         return (Pose2D(x, y, 0.0),)
     from midnet_bench.elementary import from_python  # which needs a compiler
 
-    radius = arena.robots.spacing_m / 2.0 / from_python().sin(math.pi / robots)
+    radius = arena.robots.spacing_m / 2.0 / from_python.sin(math.pi / robots)
     center = Pose2D(x, y, 0.0)
     turns = (Pose2D(0.0, 0.0, 2.0 * math.pi * k / robots) for k in range(robots))
     return tuple(center.compose(turn.compose(Pose2D(radius, 0.0, 0.0))) for turn in turns)

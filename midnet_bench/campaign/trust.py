@@ -17,8 +17,8 @@ from pathlib import Path
 from midnet_bench.campaign.definition import SEVERAL, Definition
 from midnet_bench.campaign.store import FILE_NAME
 from midnet_bench.errors import InputError
+from midnet_bench.extension_points import several
 from midnet_bench.io.files import read_bounded
-from midnet_bench.seams import several
 
 MOST_BYTES = 50_000_000
 _CODE = re.compile(r"(?P<place>.+\.py|[\w.]+):[^\W\d]\w*(?P<pin>[(#@].*)?", re.DOTALL)
@@ -71,7 +71,7 @@ def _code_of(definition: Definition, directory: Path) -> Iterator[tuple[str, str
     texts = dict.fromkeys(
         part
         for value in values
-        if isinstance(value, str)
+        if isinstance(value, str) and ":" in value
         for one in value.split(SEVERAL)
         for part in several(one)
     )

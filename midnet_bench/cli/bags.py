@@ -1,5 +1,6 @@
 """Commands for ROS: ``export`` and ``node``."""
 
+import contextlib
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -93,7 +94,7 @@ def export(
     typer.echo(path)
 
 
-@command(example="midnet-bench node guard_1 guard_2 --ros 1 --set local_size_m=6")
+@command(example="midnet-bench node guard_1 guard_2 --ros 2 --set local_size_m=6")
 def node(
     robots: Annotated[
         list[str],
@@ -101,7 +102,7 @@ def node(
             metavar="NAME...", help="The robots; also ROS's remappings, such as /guard_1/scan:=/tb3_0/scan."
         ),
     ],
-    ros: Annotated[Literal["1"], typer.Option("--ros", help="The version of ROS; 1 so far.")] = "1",
+    ros: Annotated[Literal["1", "2"], typer.Option("--ros", help="The version of ROS.")] = "2",
     map_file: Annotated[
         Path | None,
         typer.Option("--map", metavar="FILE", help="The prior map: a map_server YAML (default topic /map)."),
@@ -132,16 +133,17 @@ def node(
     ] = "real",
     settings: options.Settings = None,
 ) -> None:
-    """Run MIDNet as a node of ROS 1: /map, /NAME/scan and poses in, /midnet/detections (MarkerArray) out.
+    """Run MIDNet as a node of ROS: /map, /NAME/scan and poses in, /midnet/detections (MarkerArray) out.
 
-    It needs rospy from Debian's packages (docs/ros.md). Each frame uses exactly the messages stamped before
-    it, whatever the playback speed.
+    ROS 2: rclpy, or without it midnet-bench[ros2]. ROS 1: rospy (docs/ros.md). Each frame uses exactly the
+    messages stamped before it, whatever the playback speed.
     """
     from midnet_bench.campaign.definition import parse_settings
     from midnet_bench.io.map_server import load_map
-    from midnet_bench.recording import ros1_node
+    from midnet_bench.recording import ros1_node, ros2_node
     from midnet_bench.recording.live import LiveOptions
     from midnet_bench.recording.plan import mount_of
+    from midnet_bench.recording.ros_node import spin
     from midnet_bench.recording.settings import ReplaySettings
     from midnet_bench.recording.setup import RecordingSetup, by_name
 
@@ -157,4 +159,6 @@ def node(
         patience,
     )
     prior_map = None if map_file is None else load_map(map_file)
-    ros1_node.spin(chosen, prior_map, [name for name in robots if ":=" in name])
+    renamed = [name for name in robots if ":=" in name]
+    with contextlib.suppress(KeyboardInterrupt):  # the end that a node has
+        spin(ros1_node.Rospy(renamed) if ros == "1" else ros2_node.node_of(renamed), chosen, prior_map)

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from midnet_bench.campaign.definition import Campaign
     from midnet_bench.campaign.runner import CampaignOutcome, Plan
 
+EXECUTION = ("jobs", "backend", "scheduler", "fresh", "retry_failed")
+"""options of how a campaign is run, none of which changes a number"""
 MAX_REASONS = 5
 """different reasons that are listed when trials fail; failures.csv has them all"""
 
@@ -94,55 +96,24 @@ def _run_file(file: Path, chosen: options.Campaign) -> None:
 
 def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
     from midnet_bench.campaign.definition import resolve
-    from midnet_bench.campaign.runner import plan, run_campaign
+    from midnet_bench.campaign.runner import plan
     from midnet_bench.cli.progress import CampaignProgress, compiling
     from midnet_bench.cli.reports import log_page, present
     from midnet_bench.experiments import registry
-    from midnet_bench.experiments.campaigns import refuse_missing_engine
-    from midnet_bench.experiments.warm_up import compile_ahead
+    from midnet_bench.experiments.campaigns import run_resolved
     from midnet_bench.workflows.campaigns import recorded_if_small
 
     directory = chosen.output or options.RESULTS / campaign.name
     resolved = resolve(campaign, registry)
     for note in resolved.notes:
         messages.log.info("note: %s", note)
+    given = {name: getattr(chosen, name) for name in EXECUTION}
     if chosen.dry_run:
-        ahead = plan(
-            resolved,
-            directory,
-            jobs=chosen.jobs,
-            backend=chosen.backend,
-            scheduler=chosen.scheduler,
-            retry_failed=chosen.retry_failed,
-            fresh=chosen.fresh,
-        )
+        ahead = plan(resolved, directory, **given)
         _print_plan(resolved.definition.experiment, ahead, directory, chosen.as_json)
         return
-
-    if (
-        chosen.backend == "loky"
-        and plan(
-            resolved, directory, jobs=chosen.jobs, retry_failed=chosen.retry_failed, fresh=chosen.fresh
-        ).to_run
-    ):
-        refuse_missing_engine(resolved)
-
-    def prepare() -> None:
-        if chosen.backend == "loky":  # Dask's workers may be other machines
-            with compiling() as show:
-                compile_ahead(resolved, show)
-
-    outcome = run_campaign(
-        recorded_if_small(resolved),
-        directory,
-        jobs=chosen.jobs,
-        backend=chosen.backend,
-        scheduler=chosen.scheduler,
-        fresh=chosen.fresh,
-        retry_failed=chosen.retry_failed,
-        progress=CampaignProgress(),
-        prepare=prepare,
-    )
+    small = recorded_if_small(resolved)
+    outcome = run_resolved(small, directory, compiling, progress=CampaignProgress(), **given)
     present(directory, chosen.as_json, 2, chosen.wide)  # a lone point is no curve, and takes seconds to draw
     if not chosen.as_json:
         log_page(directory)

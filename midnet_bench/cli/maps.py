@@ -38,7 +38,7 @@ def make_map(
     exact: Annotated[bool, typer.Option("--exact", help="Draw the arena's walls without exploring.")] = False,
     from_log: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Run SLAM over a recorded log: a CARMEN log or a table of scans."),
+        typer.Option(metavar="FILE", help="Run SLAM over a recording: a bag, a CARMEN log, a table."),
     ] = None,
     from_map: Annotated[
         Path | None,
@@ -101,7 +101,7 @@ def make_map(
             _refuse("--slam graph", {"--particles": particles})
         elif slam == "gmapping":
             particles = particles or PARTICLES
-        made = _map_log(from_log, particles, seed, with_clip, output or _folder(from_log.name))
+        made = _map_log(from_log, slam, particles, seed, with_clip, output or _folder(from_log.name))
     elif from_map is not None:
         from midnet_bench.workflows.maps import resample
 
@@ -137,15 +137,20 @@ def _joined(named: "Mapping[str, Scalar]", settings: list[str] | None) -> "dict[
     return {**values, **options.settings_with(values, settings)}
 
 
-def _map_log(path: Path, particles: int | None, seed: int, clip: bool, output: Path) -> "MadeMap":
+def _map_log(
+    path: Path, slam: str | None, particles: int | None, seed: int, clip: bool, output: Path
+) -> "MadeMap":
     from midnet_bench.cli.progress import meter
-    from midnet_bench.io.scan_logs import read_scan_log
-
-    log = read_scan_log(path)
-    # after the log is read: these take seconds, and a bad log is refused at once
+    from midnet_bench.mapping.graph_slam.slam import FEWEST_BEAMS
     from midnet_bench.mapping.log_mapping import held_in_memory
     from midnet_bench.workflows.maps import map_log
+    from midnet_bench.workflows.read_log import read_log
 
+    log = read_log(path, lambda line: messages.log.info("%s", line))
+    if slam is None and particles is None and log.geometry.beams < FEWEST_BEAMS:
+        beams = log.geometry.beams
+        messages.log.info("%s: %d beams are too few for graph SLAM: GMapping maps it", path, beams)
+        particles = PARTICLES
     with meter() as bar, held_in_memory(log):
         return map_log(
             *(log, particles, seed, output, clip),

@@ -1,5 +1,8 @@
 """``replay``: MIDNet on a recording."""
 
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -51,6 +54,22 @@ class ReplayOptions:
             "[NAME=]TOPIC", "Robot's pose: a topic, tf, a CSV or TUM file, or at:X,Y,YAW_DEG for one at rest."
         ),
     ] = None
+    start: Annotated[
+        list[str] | None,
+        _text("[NAME=]X,Y,YAW_DEG", "Where the robot began on the map, if its poses are by odometry."),
+    ] = None
+    place: Annotated[
+        Literal["found"] | None,
+        typer.Option(help="Find where the robot began, if its poses are by odometry.", show_default=False),
+    ] = None
+    from_s: Annotated[
+        float | None,
+        typer.Option("--from", metavar="S", help="Use scans from S seconds on.", show_default=False),
+    ] = None
+    to_s: Annotated[
+        float | None,
+        typer.Option("--to", metavar="S", help="Use scans up to S seconds.", show_default=False),
+    ] = None
     truth: Annotated[
         list[str] | None,
         _text("FILE|NAME=TOPIC", "Labels: a CSV (t or scan_index, id, x, y), or the pose of an intruder."),
@@ -71,6 +90,12 @@ class ReplayOptions:
     film: Annotated[
         bool, typer.Option("--film", help="Draw the recording: trial.mp4 and storyboard.png.")
     ] = False
+    bag: Annotated[
+        Path | None,
+        _text(
+            "FILE", "Write boxes, tracks, foreground, scans and tf to a bag: .mcap, .bag, or a ROS 2 folder."
+        ),
+    ] = None
     steps: Annotated[
         int | None,
         typer.Option(
@@ -97,12 +122,46 @@ class ReplayOptions:
         given: dict[str, Any] = {
             "map": self.map,
             "pose": by_name(self.pose, "--pose"),
+            "start": self._starts(),
+            "from_s": self.from_s,
+            "to_s": self.to_s,
             "truth": by_name(self.truth, "--truth"),
             "preset": self.preset,
             "settings": {**chosen.settings, **parse_settings(self.settings or [], None)},
         }
         changes = {key: value for key, value in given.items() if value}
         return chosen.changed(changes if self.map is None else {**changes, "background": None})
+
+    @contextmanager
+    def naming_options(self) -> Iterator[None]:
+        """Errors in the block that begin with a key name the option by which its value was typed."""
+        from midnet_bench.errors import InputError
+
+        typed = {key: f"--{key}" for key in ("map", "pose", "start", "truth") if getattr(self, key)}
+        typed |= {"start": "--place"} if self.place else {}
+        typed |= {"from_s": "--from", "to_s": "--to"}
+        try:
+            yield
+        except InputError as error:
+            key, colon, rest = str(error).removeprefix("replay: ").partition(": ")
+            if key not in typed:
+                raise
+            raise InputError(f"{typed[key]}{colon}{rest}") from error
+
+    def _starts(self) -> dict[str, Any]:
+        from midnet_bench.errors import InputError
+        from midnet_bench.recording.plan import mount_of
+        from midnet_bench.recording.setup import EVERY, FOUND, by_name
+
+        if self.place and self.start:
+            raise InputError("--start and --place: give one of the two")
+        if self.place:
+            return {EVERY: FOUND}
+        return {
+            name: [place.x, place.y, math.degrees(place.yaw)]
+            for name, text in by_name(self.start, "--start").items()
+            for place in [mount_of(text, "--start")]
+        }
 
 
 @command(example="midnet-bench replay robot.bag --map map.yaml --pose /amcl_pose")
@@ -129,7 +188,7 @@ def replay(
     def note(line: str) -> None:
         messages.log.info("%s", line)
 
-    if given.map is None and given.setup is None:
+    if given.map is None and given.setup is None and given.bag is None:
         tables, lines, faults = list_topics(files)
         show(None, tables, given.as_json, given.wide)
         for line in lines:
@@ -137,28 +196,30 @@ def replay(
         if faults:
             raise InputError("; ".join(faults)[:600])
         return
-    setup = given.chosen()
-    if given.check:
-        made = workflow.check(files, setup, note, given.output)
-        show(None, made.tables, given.as_json, given.wide)
-        note(f"written: {made.files[0]}; use it by --setup {made.files[0]}")
-        return
-    if given.steps is not None:
-        from midnet_bench.workflows.steps import steps_of_recording
+    with given.naming_options():
+        setup = given.chosen()
+        if given.check:
+            made = workflow.check(files, setup, note, given.output)
+            show(None, made.tables, given.as_json, given.wide)
+            note(f"written: {made.files[0]}; use it by --setup {made.files[0]}")
+            return
+        if given.steps is not None:
+            from midnet_bench.workflows.steps import steps_of_recording
 
-        folder = given.output or options.RESULTS / f"steps-{files[0].stem}"
-        for file in steps_of_recording(files, setup, given.steps, folder):
-            typer.echo(file)
-        return
-    with meter() as shown:
-        made = workflow.replay(
-            files,
-            setup,
-            note,
-            lambda share: shown.show(share, 1.0, f"{share:.0%} of the recording"),
-            given.film,
-            given.output,
-        )
+            folder = given.output or options.RESULTS / f"steps-{files[0].stem}"
+            for file in steps_of_recording(files, setup, given.steps, folder):
+                typer.echo(file)
+            return
+        with meter() as shown:
+            made = workflow.replay(
+                files,
+                setup,
+                note,
+                lambda share: shown.show(share, 1.0, f"{share:.0%} of the recording"),
+                given.film,
+                given.output,
+                given.bag,
+            )
     show(None, made.tables, given.as_json, given.wide)
     if not given.as_json:
         messages.log_folder(made.files[0].parent)

@@ -1,1 +1,1 @@
-"""What MIDNet is compared with: other detectors and fusions, behind the seams where yours go in."""
+"""What MIDNet is compared with: other detectors and fusions, at the extension points that are also yours."""

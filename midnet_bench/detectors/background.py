@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.elementary import exp
+from midnet_bench.geometry import Scan
 from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid
-from midnet_bench.messages import Scan
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
 

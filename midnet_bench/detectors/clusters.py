@@ -14,9 +14,8 @@ import numpy.typing as npt
 from midnet_bench.detectors.map_subtraction import wall_distances
 from midnet_bench.elementary import sin
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import lengths, mean_point
+from midnet_bench.geometry import Scan, lengths, mean_point
 from midnet_bench.grid import OccupancyGrid, values_at
-from midnet_bench.messages import Scan
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
 

@@ -8,18 +8,17 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.detectors.detector import Detector
+from midnet_bench.detectors.evidence import WallEvidence
 from midnet_bench.detectors.fusion import Fusion
-from midnet_bench.detectors.seams import DETECTORS, FUSIONS
 from midnet_bench.errors import InputError, MidnetBenchError
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.extension_points import DETECTORS, FUSIONS, ExtensionPoint
+from midnet_bench.geometry import Box, LidarGeometry, Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import LidarGeometry, Scan
-from midnet_bench.midnet.binary_map import PriorMapSettings, binary_map
-from midnet_bench.midnet.detection import BoxArray
+from midnet_bench.midnet.detection import BoxArray, binary_map
 from midnet_bench.midnet.pipeline import Ally, Frame, MIDNet, MIDNetSettings, Observation
+from midnet_bench.midnet.settings import PriorMapSettings
 from midnet_bench.navigation.costmap import RollingCostmap, static_costs
 from midnet_bench.navigation.settings import CostmapSettings
-from midnet_bench.seams import ExtensionPoint
 
 Number = TypeVar("Number", bound=np.generic)
 
@@ -148,7 +147,10 @@ class DetectorNode:
         detector if that is the same, too.
         """
         self.prior = binary_prior(prior_map, settings)
-        self.midnet = MIDNet(self.prior, settings.midnet_settings)
+        midnet = settings.midnet_settings
+        area_m2 = midnet.return_area_m2
+        shares = WallEvidence(prior_map, area_m2).shares if area_m2 > 0.0 else None
+        self.midnet = MIDNet(self.prior, midnet, shares)
         self._settings = settings
         local_costmap = settings.local_costmap
         self.costmaps: list[RollingCostmap] = (
@@ -194,8 +196,7 @@ class DetectorNode:
 
     def window(self, robot: int) -> Box:
         """Where a robot's local costmap lies, map frame, metres."""
-        layer = self.costmaps[robot].layer
-        return Box(*OccupancyGrid(layer.cells, layer.settings.resolution, layer.origin).extent)
+        return self.costmaps[robot].extent
 
     def detect(
         self,

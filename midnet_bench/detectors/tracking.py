@@ -30,11 +30,11 @@ GATE = 9.21
 class _Track:
     """Position and velocity along x and y; both axes have one covariance."""
 
-    def __init__(self, place: Point, time_s: float) -> None:
+    def __init__(self, place: Point, time_s: float, speed_sigma_mps: float, drift_m2ps3: float) -> None:
         self.state = np.array([place, (0.0, 0.0)])
         """(2, 2) x, y of the position, metres, and of the velocity, m/s"""
-        self.covariance = np.diag([BOX_VARIANCE_M2, SPEED_SIGMA_MPS * SPEED_SIGMA_MPS])
-        self._time_s = time_s
+        self.covariance = np.diag([BOX_VARIANCE_M2, speed_sigma_mps * speed_sigma_mps])
+        self._time_s, self._drift_m2ps3 = time_s, drift_m2ps3
 
     def predict(self, time_s: float) -> None:
         """Move on to a later time."""
@@ -44,9 +44,9 @@ class _Track:
         self.state = np.stack((place + dt * velocity, velocity))
         # written out: BLAS takes its additions' order from the processor
         (of_place, of_both), (_, of_velocity) = self.covariance.tolist()
-        both = of_both + dt * of_velocity + DRIFT_M2PS3 * (dt * dt / 2.0)
-        of_place += dt * (2.0 * of_both + dt * of_velocity) + DRIFT_M2PS3 * (dt * dt * dt / 3.0)
-        self.covariance = np.array([[of_place, both], [both, of_velocity + DRIFT_M2PS3 * dt]])
+        both = of_both + dt * of_velocity + self._drift_m2ps3 * (dt * dt / 2.0)
+        of_place += dt * (2.0 * of_both + dt * of_velocity) + self._drift_m2ps3 * (dt * dt * dt / 3.0)
+        self.covariance = np.array([[of_place, both], [both, of_velocity + self._drift_m2ps3 * dt]])
 
     def distance2(self, place: Point) -> float:
         """The squared Mahalanobis distance of a box's centre."""
@@ -63,8 +63,9 @@ class _Track:
 class Tracker:
     """Gives boxes their tracks' numbers, which count up from 0 and do not come again."""
 
-    def __init__(self) -> None:
-        """No tracks yet."""
+    def __init__(self, speed_sigma_mps: float = SPEED_SIGMA_MPS, drift_m2ps3: float = DRIFT_M2PS3) -> None:
+        """No tracks yet; how fast what is followed moves at first, and how its speed changes."""
+        self._motion = speed_sigma_mps, drift_m2ps3
         self._tracks: dict[int, _Track] = {}
         self._next = 0
 
@@ -83,7 +84,7 @@ class Tracker:
                 known.correct(place)
             else:
                 numbers[i] = self._next
-                self._tracks[self._next] = _Track(place, time_s)
+                self._tracks[self._next] = _Track(place, time_s, *self._motion)
                 self._next += 1
         return numbers
 

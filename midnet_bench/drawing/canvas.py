@@ -57,6 +57,10 @@ LEAST_SCALE_PX = 40.0
 """a bar that shows the scale is no shorter, if one of ``SCALES_M`` is long enough"""
 MIN_BURGER_PX = 14.0
 """Robots in a large arena are drawn larger than they are, so that they stay visible."""
+OUTSIDE: RGB = (204, 204, 204)
+"""no grid"""
+GREYS = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
+GRID_LABEL_PX = 15
 _SHIFT = 4
 """OpenCV takes coordinates in sixteenths of a pixel, which keeps slow motion smooth."""
 
@@ -328,6 +332,21 @@ def paint_sign(canvas: Canvas, truth: Truth, enlarged: float = 1.0, least_px: fl
     left, top = column - mask.shape[1] / 2.0, row - mask.shape[0] / 2.0
     _blend(canvas.picture, mask, round(left), round(top), WHITE)
     return Box(x - half_x, y - half_y, x + half_x, y + half_y)
+
+
+def paint_grid(page: Picture, left: int, top: int, side_px: int, view: Box, grid: OccupancyGrid) -> Canvas:
+    """A grid of greys (uint8) in a square of a page; the canvas of that square, which shows ``view``."""
+    tile = page[top : top + side_px, left : left + side_px]
+    tile[:] = OUTSIDE
+    canvas = Canvas(tile, view, GRID_LABEL_PX)
+    canvas.cells(grid, GREYS)
+    return canvas
+
+
+def paint_removed(canvas: Canvas, box: Box, ally: str) -> None:
+    """A box that was taken for an ally, and which."""
+    canvas.dashes(_corners(box)[[0, 1, 2, 3, 0]], GUARD)
+    canvas.label((box.x_max, box.y_max), ally, GUARD, 7, -5)
 
 
 def blank_page(width: int, height: int) -> Picture:

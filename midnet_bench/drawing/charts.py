@@ -1,14 +1,18 @@
-"""What charts of numbers share: series that colour-blind readers tell apart, estimates with intervals."""
+"""What charts of numbers share: series that colour-blind readers tell apart, estimates with intervals.
 
+By matplotlib, Agg only: no window, no global state.
+"""
+
+import contextlib
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import cycle
 from math import ceil
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib import rc_context
+from matplotlib import rc_context, rcParamsDefault
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -19,7 +23,6 @@ from matplotlib.ticker import MaxNLocator
 
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Cell, Table
-from midnet_bench.drawing.plots import own_style
 from midnet_bench.errors import InputError
 
 DPI = 200
@@ -52,6 +55,13 @@ STYLES = (
     Style("#000000", "v", (0, (5, 1, 1, 1, 1, 1))),
 )
 """Okabe and Ito's colours"""
+
+
+@contextlib.contextmanager
+def own_style() -> Iterator[None]:
+    """Matplotlib draws by its defaults, whatever a ``matplotlibrc`` says; also a decorator."""
+    with rc_context({key: value for key, value in rcParamsDefault.items() if not key.startswith("backend")}):
+        yield
 
 
 def chart(width_in: float, height_in: float, w_pad: float = 0.12, h_pad: float = 0.08) -> Figure:

@@ -1,21 +1,20 @@
-"""How a map grew, in an exploration or along a recorded log: snapshots, a page of six of them, a video."""
+"""How a map grew, in an exploration or along a recorded log: snapshots, a page of six of them, a film."""
 
 import zlib
 from bisect import bisect_right
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from midnet_bench.drawing import legend
 from midnet_bench.drawing.canvas import (
     Canvas,
     Picture,
     blank_page,
     paint_floor_plan,
     paint_robot,
-    text_mask,
     write,
     write_right,
 )
@@ -34,25 +33,19 @@ _CODES = np.repeat(np.array([FREE, WALL, UNKNOWN], dtype=np.uint8), (65, 63, 128
 
 WIDTH, HEIGHT = 1280, 720
 LAST_PICTURE_S = 2.0
-"""how long a video stands still at its end"""
+"""how long a film stands still at its end"""
 
 SNAPSHOTS, COLUMNS = 6, 3
 TILE_PX, GAP_PX, HEAD_PX, CAPTION_PX = 480, 12, 44, 26
 MIN_TILE_PX = 240
 
 ARENA_MARGIN_M = 0.25
-COLUMN_LEFT, COLUMN_RIGHT = 744, 1264
-TRUTH_LEFT, TRUTH_TOP, TRUTH_PX = 764, 112, 480
-LEGEND_TOP = 622
-EXPLORATION_PICTURES_PER_S = 20
+EXPLORATION_PICTURES_PER_S, LOG_PICTURES_PER_S = 20, 10
 SPEEDS = (1, 2, 4, 8, 16, 32, 64, 128, 256)
-MAX_VIDEO_S = 30.0
+MAX_FILM_S = 30.0
 
 MIN_MARGIN_M, MARGIN_SHARE = 0.25, 0.02
-MAP_TOP = 80
-LEFT, RIGHT = 16, 1264
-SECOND_LINE, LEGEND_LEFT = 46, 752
-LOG_PICTURES_PER_S = 10
+MAP_TOP, SECOND_LINE, LEGEND_LEFT = 80, 46, 330
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,90 +162,77 @@ class MapPanel:
         _paint_robots(canvas, snapshot.believed, snapshot.model)
 
 
-def growth_page(
-    history: MapHistory,
-    clocks: Sequence[float],
-    panel: MapPanel,
-    heading: str,
-    caption: Callable[[MapSnapshot], str],
-) -> Picture:
-    """(height, width, 3) the snapshots at ``clocks`` in reading order, each under its caption."""
-    across, down = panel.width_px + GAP_PX, panel.height_px + GAP_PX + CAPTION_PX
-    rows = -(-len(clocks) // COLUMNS)
-    page = blank_page(COLUMNS * across + GAP_PX, HEAD_PX + rows * down)
-    write(page, GAP_PX, 10, heading, 20, INK, bold=True)
-    for place, clock in enumerate(clocks):
-        snapshot = history.at(clock)
-        top = HEAD_PX + place // COLUMNS * down
-        left = GAP_PX + place % COLUMNS * across
-        write(page, left, top, caption(snapshot), 16, INK)
-        top += CAPTION_PX
-        panel.paint(page[top : top + panel.height_px, left : left + panel.width_px], snapshot)
-    return page
+class Growth:
+    """The pictures of how one map grew: a page of six snapshots, and a film."""
 
+    def __init__(self, history: MapHistory, heading: str, plan: FloorPlan | None = None) -> None:
+        """``plan``: the arena that was explored; None of a log, whose clock counts scans."""
+        self._history, self._heading, self._plan = history, heading, plan
+        self._view = history.view() if plan is None else plan.view(ARENA_MARGIN_M)
 
-def exploration_page(plan: FloorPlan, team: str, history: MapHistory) -> Picture:
-    """(height, width, 3) six snapshots from the beginning to the end, evenly spread, in reading order.
+    def page(self) -> Picture:
+        """(height, width, 3) snapshots from the first to the last, evenly spread, each under its caption.
 
-    Args:
-        plan: of the arena that was explored.
-        team: the explorers, such as "explored by 2 Burgers".
-        history: with the share of the reachable free cells as ``known``.
-    """
-    times_s = np.linspace(history.clocks[0], history.clocks[-1], SNAPSHOTS).tolist()
-    panel = MapPanel(plan.view(ARENA_MARGIN_M), TILE_PX, TILE_PX)
+        Six of an exploration, at most six of a log.
+        """
+        clocks = self._history.clocks
+        if self._plan is None:
+            chosen = np.unique(np.linspace(0, len(clocks) - 1, SNAPSHOTS).round().astype(int)).tolist()
+            shown = [clocks[k] for k in chosen]
+        else:
+            shown = np.linspace(clocks[0], clocks[-1], SNAPSHOTS).tolist()
+        view = self._view
+        aspect = (view.y_max - view.y_min) / (view.x_max - view.x_min)
+        panel = MapPanel(view, TILE_PX, min(max(round(TILE_PX * aspect), MIN_TILE_PX), TILE_PX))
+        across, down = panel.width_px + GAP_PX, panel.height_px + GAP_PX + CAPTION_PX
+        page = blank_page(COLUMNS * across + GAP_PX, HEAD_PX + -(-len(shown) // COLUMNS) * down)
+        write(page, GAP_PX, 10, self._heading, 20, INK, bold=True)
+        for place, clock in enumerate(shown):
+            snapshot = self._history.at(clock)
+            left, top = GAP_PX + place % COLUMNS * across, HEAD_PX + place // COLUMNS * down
+            write(page, left, top, ": ".join(self._words(snapshot)), 16, INK)
+            top += CAPTION_PX
+            panel.paint(page[top : top + panel.height_px, left : left + panel.width_px], snapshot)
+        return page
 
-    def caption(snapshot: MapSnapshot) -> str:
-        return f"{snapshot.clock:.0f} s: {percent(snapshot.known)} explored"
+    def write_film(self, path: Path) -> None:
+        """Write an MP4 of at most about half a minute. Raises what ``mp4_file`` does.
 
-    return growth_page(history, times_s, panel, f"{plan.title}: {team}", caption)
+        A short exploration is shown in real time, beside the true arena; of a log each snapshot.
+        """
+        clocks, heading, rate = self._history.clocks, self._heading, LOG_PICTURES_PER_S
+        map_px, entries = WIDTH, ENTRIES[:-1]  # robots of a log have no goals
+        if self._plan is not None:
+            entries = ENTRIES
+            speed = next((s for s in SPEEDS if clocks[-1] <= MAX_FILM_S * s), SPEEDS[-1])
+            heading, rate, map_px = f"{heading}; {speed} x real time", EXPLORATION_PICTURES_PER_S, WIDTH // 2
+            clocks = [*np.arange(clocks[0], clocks[-1], speed / rate).tolist(), clocks[-1]]
+        panel = MapPanel(self._view, map_px, HEIGHT - MAP_TOP)
+        blank = blank_page(WIDTH, HEIGHT)
+        write(blank, GAP_PX, 10, heading, 20, INK, bold=True)
+        legend.write_beside(blank, legend.beside(entries, LEGEND_LEFT, WIDTH, 13), SECOND_LINE + 9, 0, 13)
+        if self._plan is not None:
+            paint_floor_plan(Canvas(blank[MAP_TOP:, map_px:], self._view), self._plan)
+        with mp4_file(path, WIDTH, HEIGHT, rate) as append:
+            for clock in clocks:
+                picture, snapshot = blank.copy(), self._history.at(clock)
+                panel.paint(picture[MAP_TOP:, :map_px], snapshot)
+                if self._plan is not None:
+                    truth = Canvas(picture[MAP_TOP:, map_px:], self._view)
+                    _paint_robots(truth, snapshot.poses, snapshot.model)
+                now, known = self._words(snapshot)
+                write_right(picture, WIDTH - GAP_PX, 10, now, 20, INK)
+                write(picture, GAP_PX, SECOND_LINE, known, 16, INK)
+                append(picture)
+            for _ in range(round(LAST_PICTURE_S * rate)):
+                append(picture)
 
-
-def write_exploration_video(plan: FloorPlan, team: str, history: MapHistory, path: Path) -> None:
-    """Write an MP4 of at most about half a minute, map and true arena side by side.
-
-    A short exploration is shown in real time. Arguments as for ``exploration_page``; raises what
-    ``mp4_file`` does.
-    """
-    begin_s, end_s = history.clocks[0], history.clocks[-1]
-    speed = next((s for s in SPEEDS if end_s <= MAX_VIDEO_S * s), SPEEDS[-1])
-    panel = MapPanel(plan.view(ARENA_MARGIN_M), HEIGHT, HEIGHT)
-    times_s = np.arange(begin_s, end_s, speed / EXPLORATION_PICTURES_PER_S).tolist()
-    page = _exploration_video_page(plan, team, speed)
-
-    def paint(picture: Picture, snapshot: MapSnapshot) -> None:
-        panel.paint(picture[:, :HEIGHT], snapshot)
-        _paint_robots(Canvas(_truth_of(picture), panel.view), snapshot.poses, snapshot.model)
-        write_right(picture, COLUMN_RIGHT, 8, f"{snapshot.clock:.0f} s", 24, INK)
-        write(picture, COLUMN_LEFT, 62, f"{percent(snapshot.known)} explored", 18, INK, bold=True)
-
-    _write_video(path, history, [*times_s, end_s], EXPLORATION_PICTURES_PER_S, page, paint)
-
-
-def log_page(history: MapHistory, heading: str) -> Picture:
-    """(height, width, 3) at most six snapshots from the first scan to the last, evenly spread."""
-    clocks, view = history.clocks, history.view()
-    chosen = np.unique(np.linspace(0, len(clocks) - 1, SNAPSHOTS).round().astype(int)).tolist()
-    aspect = (view.y_max - view.y_min) / (view.x_max - view.x_min)
-    panel = MapPanel(view, TILE_PX, min(max(round(TILE_PX * aspect), MIN_TILE_PX), TILE_PX))
-
-    def caption(snapshot: MapSnapshot) -> str:
-        return f"{_scans(snapshot, clocks[-1])}: {_known(snapshot)}"
-
-    return growth_page(history, [clocks[k] for k in chosen], panel, heading, caption)
-
-
-def write_log_video(history: MapHistory, heading: str, path: Path) -> None:
-    """Write an MP4 of all snapshots, about 20 seconds at most. Raises what ``mp4_file`` does."""
-    panel = MapPanel(history.view(), WIDTH, HEIGHT - MAP_TOP)
-    clocks = history.clocks
-
-    def paint(picture: Picture, snapshot: MapSnapshot) -> None:
-        panel.paint(picture[MAP_TOP:], snapshot)
-        write_right(picture, RIGHT, 10, _scans(snapshot, clocks[-1]), 20, INK)
-        write(picture, LEFT, SECOND_LINE, _known(snapshot), 16, INK)
-
-    _write_video(path, history, clocks, LOG_PICTURES_PER_S, _log_video_page(heading), paint)
+    def _words(self, snapshot: MapSnapshot) -> tuple[str, str]:
+        """When a snapshot was taken, and how much the map knows then."""
+        if self._plan is None:
+            last = self._history.clocks[-1]
+            return f"scan {snapshot.clock:.0f} of {last:.0f}", f"{snapshot.known:.0f} m² known"
+        return f"{snapshot.clock:.0f} s", f"{percent(snapshot.known)} explored"
 
 
 def color_of(robot: int) -> RGB:
@@ -265,68 +245,6 @@ def percent(share: float) -> str:
     return f"{np.floor(1000.0 * share) / 10.0:.1f} %"
 
 
-def _write_video(
-    path: Path,
-    history: MapHistory,
-    clocks: Sequence[float],
-    pictures_per_s: int,
-    page: Picture,
-    paint: Callable[[Picture, MapSnapshot], None],
-) -> None:
-    """A picture at each of ``clocks``, painted over a copy of ``page``; the last one stands still."""
-    height, width = page.shape[:2]
-    with mp4_file(path, width, height, pictures_per_s) as append:
-        for clock in clocks:
-            picture = page.copy()
-            paint(picture, history.at(clock))
-            append(picture)
-        for _ in range(round(LAST_PICTURE_S * pictures_per_s)):
-            append(picture)
-
-
-def _exploration_video_page(plan: FloorPlan, team: str, speed: int) -> Picture:
-    """What stands still in the video of an exploration."""
-    page = blank_page(WIDTH, HEIGHT)
-    write(page, COLUMN_LEFT, 10, plan.title, 20, INK, bold=True)
-    write(page, COLUMN_LEFT, 38, f"{team}; {speed} x real time", 14, INK)
-    write(page, TRUTH_LEFT, TRUTH_TOP - 20, "the arena and the robots in it", 13, FAINT_INK)
-    paint_floor_plan(Canvas(_truth_of(page), plan.view(ARENA_MARGIN_M)), plan)
-    canvas = Canvas(page, Box(0.0, -HEIGHT, WIDTH, 0.0))
-    for row, (code, text) in enumerate(((FREE, "free"), (WALL, "occupied"), (UNKNOWN, "unknown"))):
-        _paint_shade(page, COLUMN_LEFT + 20, LEGEND_TOP + 24 * row - 9, code, text)
-    left = COLUMN_LEFT + 180.0
-    y = -float(LEGEND_TOP)
-    paint_robot(canvas, Pose2D(left, y, 0.0), 18.0 / BURGER_LENGTH_M, color_of(0))
-    canvas.line([(left - 14.0, y - 24.0), (left + 12.0, y - 24.0)], color_of(0), 2)
-    canvas.cross((left, y - 48.0), color_of(0))
-    texts = ("robot; on the map, its believed pose", "its path", "the frontier it is driving to")
-    for row, text in enumerate(texts):
-        write(page, round(left) + 24, LEGEND_TOP + 24 * row - 9, text, 13, INK)
-    return page
-
-
-def _truth_of(page: Picture) -> Picture:
-    """The part of an exploration's video that shows the true arena."""
-    return page[TRUTH_TOP : TRUTH_TOP + TRUTH_PX, TRUTH_LEFT : TRUTH_LEFT + TRUTH_PX]
-
-
-def _log_video_page(heading: str) -> Picture:
-    """What stands still in the video of a log."""
-    page = blank_page(WIDTH, HEIGHT)
-    write(page, LEFT, 10, heading, 20, INK, bold=True)
-    left = LEGEND_LEFT
-    for code, text in ((FREE, "free"), (WALL, "occupied"), (UNKNOWN, "unknown")):
-        _paint_shade(page, left, SECOND_LINE, code, text)
-        left += 60 + text_mask(text, 13).shape[1]
-    canvas = Canvas(page, Box(0.0, -HEIGHT, WIDTH, 0.0))
-    y = -(SECOND_LINE + 9.0)
-    paint_robot(canvas, Pose2D(left + 8.0, y, 0.0), 18.0 / BURGER_LENGTH_M, color_of(0))
-    write(page, left + 28, SECOND_LINE, "robot", 13, INK)
-    canvas.line([(left + 100.0, y), (left + 126.0, y)], color_of(0), 2)
-    write(page, left + 134, SECOND_LINE, "its path", 13, INK)
-    return page
-
-
 def _paint_robots(canvas: Canvas, poses: Floats, model: RobotModel) -> None:
     """Robots at (n, 3) poses, large enough to be seen; numbered if there are several."""
     for robot, pose in enumerate(poses.tolist()):
@@ -336,17 +254,25 @@ def _paint_robots(canvas: Canvas, poses: Floats, model: RobotModel) -> None:
             canvas.label((x, y), str(robot + 1), color_of(robot), 14, -14)
 
 
-def _paint_shade(page: Picture, left: int, top: int, code: int, text: str) -> None:
-    """A line of a legend: what a shade of the map means."""
+def _robot(canvas: Canvas, x: float, y: float) -> None:
+    paint_robot(canvas, Pose2D(x, y, 0.0), 18.0 / BURGER_LENGTH_M, color_of(0))
+
+
+def shade(code: int) -> RGB:
+    """Of free, unknown or occupied cells on a map."""
     red, green, blue = SHADES[code].tolist()
-    cv2.rectangle(page, (left, top + 3), (left + 16, top + 15), (red, green, blue), -1)
-    cv2.rectangle(page, (left, top + 3), (left + 16, top + 15), FAINT_INK, 1)
-    write(page, left + 26, top, text, 13, INK)
+    return red, green, blue
 
 
-def _scans(snapshot: MapSnapshot, of: float) -> str:
-    return f"scan {snapshot.clock:.0f} of {of:.0f}"
-
-
-def _known(snapshot: MapSnapshot) -> str:
-    return f"{snapshot.known:.0f} m² known"
+CELLS: tuple[legend.Entry, ...] = (
+    legend.swatch(shade(WALL), "occupied"),
+    legend.swatch(shade(FREE), "free", FAINT_INK),
+    legend.swatch(shade(UNKNOWN), "unknown"),
+)
+ENTRIES: tuple[legend.Entry, ...] = (
+    *CELLS,
+    (_robot, "robot, on the map where it believes to be"),
+    (lambda canvas, x, y: canvas.line([(x - 14.0, y), (x + 12.0, y)], color_of(0), 2), "its path"),
+    (lambda canvas, x, y: canvas.cross((x, y), color_of(0)), "its goal"),
+)
+"""what the marks of a film mean"""

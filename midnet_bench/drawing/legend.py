@@ -12,6 +12,7 @@ from midnet_bench.drawing.canvas import (
     paint_robot,
     paint_scans,
     paint_sign,
+    text_mask,
     write,
 )
 from midnet_bench.drawing.palette import (
@@ -128,6 +129,26 @@ def write_legend(
         middle = top + row_px * row
         mark(canvas, left + 8.0, -float(middle))
         write(page, left + 29, middle - round(0.7 * size_px), text, size_px, INK)
+
+
+def beside(entries: Sequence[Entry], left: int, right: int, size_px: int) -> list[tuple[Entry, int, int]]:
+    """Each entry with its pixels from the left and its row: as many in a row as there is room for."""
+    placed, at, row = [], left, 0
+    for entry in entries:
+        wide = 52 + text_mask(entry[1], size_px).shape[1]
+        if at + wide > right and at > left:
+            at, row = left, row + 1
+        placed.append((entry, at, row))
+        at += wide
+    return placed
+
+
+def write_beside(
+    page: Picture, placed: Sequence[tuple[Entry, int, int]], top: int, row_px: int, size_px: int
+) -> None:
+    """Write what :func:`beside` placed; the middle of its first row is at ``top``."""
+    for entry, left, row in placed:
+        write_legend(page, [entry], left, top + row_px * row, 0, size_px)
 
 
 def _guard(canvas: Canvas, x: float, y: float) -> None:

@@ -98,13 +98,6 @@ class Setup:
         """A guard's local costmap: a square about its believed position, along the map's axes, metres."""
         return Box.square(guard.believed.x, guard.believed.y, self.local_size_m)
 
-    @property
-    def reach(self) -> str:
-        """The legend's words for the local costmap and the usable range."""
-        return (
-            f"local costmap {self.local_size_m:g} m (square),\nLiDAR range {self.usable_range_m:g} m (circle)"
-        )
-
 
 @dataclass(frozen=True)
 class Robot:
@@ -126,11 +119,6 @@ class Robot:
     def outline(self) -> Floats:
         """(n, 2) its body from above, map frame, metres."""
         return body_at(self.pose, model=self.model)
-
-    @property
-    def front(self) -> Point:
-        """(x, y) of the middle of its front edge."""
-        return self.pose.compose(Pose2D(max(x for x, _ in self.model.body), 0.0, 0.0))[:2]
 
     @property
     def sensor(self) -> Point:
@@ -237,11 +225,6 @@ class Scene:
     def guards(self) -> list[Robot]:
         """The guards."""
         return [robot for robot in self.robots if robot.is_guard]
-
-    @property
-    def intruders(self) -> list[Robot]:
-        """The mobile intruders at large."""
-        return [robot for robot in self.robots if not robot.is_guard]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from midnet_bench.drawing.charts import FONT_PT, STYLES, chart, light_grid
-from midnet_bench.drawing.plots import own_style
+from midnet_bench.drawing.charts import FONT_PT, STYLES, chart, light_grid, own_style
 from midnet_bench.drawing.scene import Floats
 
 LABELLED = 12

@@ -1,23 +1,32 @@
 """One frame in pictures: a guard's grids A to D, and the tree in which all guards' boxes are fused."""
 
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, TypeVar
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
-from matplotlib.patheffects import withStroke
 
-from midnet_bench.drawing.palette import DETECTION, EXPLORERS, GUARD, RGB, hexadecimal
-from midnet_bench.drawing.plots import new_figure, own_style
+from midnet_bench.drawing.canvas import (
+    Canvas,
+    Labels,
+    Picture,
+    blank_page,
+    paint_grid,
+    paint_removed,
+    paint_scale,
+    text_mask,
+    write,
+)
+from midnet_bench.drawing.palette import DETECTION, EXPLORERS, FAINT_INK, GUARD, INK, WHITE
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.fusion import divide_and_conquer, fuse_detections
 from midnet_bench.midnet.pipeline import Explanation, Observation
 
+TILE_PX, GAP_PX, TITLE_PX, TEXT_PX = 400, 18, 26, 16
+PLAN_PX, NODE_PX, LEVEL_PX, NODE_TEXT_PX, ROW_PX = 640, 130, 130, 13, 18
 LETTERS = "abcdefghijklmnopqrstuvwxyz"
 
+Item = TypeVar("Item")
 Span = tuple[int, int]
 """the first and the last guard of a part of the team, from 0"""
 
@@ -41,6 +50,14 @@ class Tree(NamedTuple):
     names: list[str]
     """of each box, such as 2b: the second box of guard 2"""
     nodes: Mapping[Span, Node]
+
+    @property
+    def levels(self) -> dict[Span, int]:
+        """Of each call, how many lie below it at most."""
+        level: dict[Span, int] = {}
+        for span, node in self.nodes.items():  # halves come before what they are halves of
+            level[span] = 1 + max((level[half] for half in node.halves), default=-1)
+        return level
 
     @property
     def root(self) -> Node:
@@ -91,140 +108,83 @@ def _letters(count: int) -> list[str]:
     return [*LETTERS, *(one + two for one in LETTERS for two in LETTERS)][:count]
 
 
-def _show_metres(axes: Axes, view: Box, title: str | None = None) -> None:
-    """Make the axes show ``view`` in metres of the map frame, y up, both directions to one scale.
-
-    With a ``title``, the axes get labels too.
-    """
-    axes.set_xlim(view.x_min, view.x_max)
-    axes.set_ylim(view.y_min, view.y_max)
-    axes.set_aspect("equal")
-    axes.tick_params(labelsize=8)
-    if title is not None:
-        axes.set_title(title, fontsize=11, loc="left")
-        axes.set_xlabel("x / m", fontsize=9)
-        axes.set_ylabel("y / m", fontsize=9)
-
-
-def _show_grid(axes: Axes, grid: OccupancyGrid, unknown: float = 0.8, occupied: float = 0.25) -> None:
-    """An int8 map (100 occupied, 0 free, -1 unknown) in its place, metres; shades of grey, free is white."""
-    shades = np.select([grid.data < 0, grid.data >= 100], [unknown, occupied], 1.0)
-    _show_greys(axes, grid.with_data(shades), 1.0)
-
-
-def _show_greys(axes: Axes, grid: OccupancyGrid, white: float) -> None:
-    """A grid's (rows, columns) values in their place, metres: 0 is black, ``white`` is white."""
-    x_min, y_min, x_max, y_max = grid.extent
-    axes.imshow(
-        grid.data,
-        cmap="gray",
-        vmin=0.0,
-        vmax=white,
-        origin="lower",
-        extent=(x_min, x_max, y_min, y_max),
-        interpolation="none",
-        zorder=0,
-    )
-
-
-def _add_box(axes: Axes, box: Box, color: RGB, **style: Any) -> None:
-    """The outline of a box; ``style`` is that of matplotlib's Patch."""
-    side_x, side_y = box.x_max - box.x_min, box.y_max - box.y_min
-    axes.add_patch(
-        Rectangle(
-            (box.x_min, box.y_min),
-            side_x,
-            side_y,
-            **{"fill": False, "edgecolor": hexadecimal(color), **style},
-        )
-    )
-
-
-def _add_label(axes: Axes, at: tuple[float, float], text: str, color: RGB, **style: Any) -> None:
-    """Small text with a white halo, its lower left corner a little up and right of (x, y), metres."""
-    axes.annotate(
-        text,
-        at,
-        **{"xytext": (2.0, 2.0), "textcoords": "offset points", "fontsize": 8, **style},
-        color=hexadecimal(color),
-        path_effects=[withStroke(linewidth=2.0, foreground="white")],
-        zorder=9,
-        annotation_clip=True,
-    )
-
-
-@own_style()
-def draw_views(seen: Observation, explanation: Explanation, guard: int) -> Figure:
+def draw_views(seen: Observation, explanation: Explanation, guard: int) -> Picture:
     """One guard's costmap, its grids A to D and its boxes."""
-    view, resolution = explanation.views[guard], seen.costmap.resolution
-    x_min, y_min, x_max, y_max = seen.costmap.extent
-    window = Box(x_min - resolution, y_min - resolution, x_max + resolution, y_max + resolution)
-    costs = seen.costmap.with_data(100 - np.where(seen.costmap.data < 0, 50, seen.costmap.data))
-    figure = new_figure(9.0, 6.3)
-    axes = figure.subplots(2, 3).ravel()
-    panels: list[tuple[str, OccupancyGrid, float]] = [
-        ("costmap: 0 white, 100 black", costs, 100.0),
-        ("A: local grid (Eq. 1)", view.a, 255.0),
-        ("B: prior map, cropped (Algorithm 1)", view.b, 255.0),
-        ("C: occupied in both (Eq. 5)", view.c, 255.0),
-        ("D: occupied in A only (Eq. 6)", view.d, 255.0),
-        ("boxes of D; dashed: an ally", view.a, 255.0),
+    view, costs = explanation.views[guard], seen.costmap.data
+    window = Box(*seen.costmap.extent).shrunk(-seen.costmap.resolution)
+    greys = np.rint(2.55 * (100 - np.where(costs < 0, 50, costs))).astype(np.uint8)
+    panels: list[tuple[str, OccupancyGrid]] = [
+        ("costmap: 0 white, 100 black", seen.costmap.with_data(greys)),
+        ("A: local grid (Eq. 1)", view.a),
+        ("B: prior map, cropped (Algorithm 1)", view.b),
+        ("C: occupied in both (Eq. 5)", view.c),
+        ("D: occupied in A only (Eq. 6)", view.d),
+        ("boxes of D; dashed: an ally", view.a),
     ]
-    for one, (title, grid, white) in zip(axes, panels, strict=True):
-        one.set_facecolor("#cccccc")
-        _show_greys(one, grid, white)
-        _show_metres(one, window)
-        one.set_title(title, fontsize=10)
-        one.plot(seen.pose.x, seen.pose.y, marker="+", color=hexadecimal(GUARD), markersize=8)
+    across, down = TILE_PX + GAP_PX, TILE_PX + TITLE_PX + GAP_PX
+    page = blank_page(3 * across + GAP_PX, 2 * down + GAP_PX)
+    for place, (title, grid) in enumerate(panels):
+        left, top = GAP_PX + place % 3 * across, GAP_PX + place // 3 * down
+        write(page, left, top, title, TEXT_PX, INK)
+        canvas = paint_grid(page, left, top + TITLE_PX, TILE_PX, window, grid)
+        canvas.cross(seen.pose[:2], GUARD)
+        if not place:
+            paint_scale(canvas, window)
     for box in view.kept:
-        _add_box(axes[-1], box, DETECTION, linewidth=1.5)
+        canvas.box(box, DETECTION, 2)
     for taken in explanation.removed:
         if taken.detection.robot == guard:
-            box = taken.detection.box
-            _add_box(axes[-1], box, GUARD, linewidth=1.5, linestyle="--")
-            _add_label(axes[-1], (box.x_max, box.y_max), f"guard {taken.ally + 1}", GUARD)
-    figure.tight_layout()
-    return figure
+            paint_removed(canvas, taken.detection.box, f"guard {taken.ally + 1}")
+    return page
 
 
-@own_style()
-def draw_fusion(prior: OccupancyGrid, tree: Tree) -> Figure:
+def draw_fusion(prior: OccupancyGrid, tree: Tree) -> Picture:
     """All guards' boxes on the map, and the lists that Algorithm 3 makes of them, level by level."""
-    team = max(last for _, last in tree.nodes) + 1
-    figure = new_figure(11.0, 5.4 if team <= 5 else 7.0)
-    plan, axes = figure.subplots(1, 2, width_ratios=(1.0, 1.25))
-    plan.set_anchor("N")
-    axes.set_anchor("N")
-    _show_grid(plan, prior)
-    view = Box(*np.array(prior.extent).tolist())
-    _show_metres(plan, view, "Boxes on the prior map; thick: left after fusion")
+    team, levels = max(last for _, last in tree.nodes) + 1, 1 + max(tree.levels.values())
+    left, width, height = PLAN_PX + 2 * GAP_PX, max(PLAN_PX, NODE_PX * team), max(PLAN_PX, LEVEL_PX * levels)
+    page = blank_page(left + width + GAP_PX, TITLE_PX + 2 * GAP_PX + height)
+    write(page, GAP_PX, GAP_PX, "Boxes on the prior map; thick: left after fusion", TEXT_PX, INK)
+    write(page, left, GAP_PX, "The tree of Algorithm 3, from the bottom up", TEXT_PX, INK)
+    greys = np.select([prior.data < 0, prior.data >= 100], [205, 40], 255).astype(np.uint8)
+    view, top = Box(*prior.extent), GAP_PX + TITLE_PX
+    plan = paint_grid(page, GAP_PX, top, PLAN_PX, view, prior.with_data(greys))
+    paint_scale(plan, view)
+    labels = Labels(plan)
     for k, (box, name) in enumerate(zip(tree.boxes, tree.names, strict=True)):
-        is_left = k in tree.root.left
         color = EXPLORERS[(int(name.rstrip(LETTERS)) - 1) % len(EXPLORERS)]
-        _add_box(plan, box, color, linewidth=2.2 if is_left else 0.8)
-        corner, at = ((box[2], box[3]), (2.0, 2.0)) if is_left else ((box[0], box[1]), (-9.0, -8.0))
-        _add_label(plan, corner, name, color, xytext=at)
-    _draw_tree(axes, tree, team)
-    figure.tight_layout()
-    return figure
+        plan.box(box, color, 3 if k in tree.root.left else 1)
+        labels.put((box.x_max, box.y_max), name, color, 10.0)
+    _paint_tree(page[top : top + height, left:], tree, team)
+    return page
 
 
-def _draw_tree(axes: Axes, tree: Tree, team: int) -> None:
-    level: dict[Span, int] = {}
-    for span, node in tree.nodes.items():  # halves come before what they are halves of
-        level[span] = 1 + max((level[half] for half in node.halves), default=-1)
-    for (first, last), node in tree.nodes.items():
-        x, y = (first + last) / 2.0, level[first, last]
+def _paint_tree(picture: Picture, tree: Tree, team: int) -> None:
+    """Each call in a frame, guards from left to right, the halves below what they are halves of."""
+    height, width = picture.shape[:2]
+    canvas = Canvas(picture, Box(0.0, -float(height), float(width), 0.0))
+    levels, step_px = tree.levels, height / (1 + max(tree.levels.values()))
+    at = {
+        span: (width / team * (sum(span) / 2.0 + 0.5), step_px * (levels[span] + 0.5) - height)
+        for span in tree.nodes
+    }
+    for span, node in tree.nodes.items():
         for half in node.halves:
-            axes.plot([sum(half) / 2.0, x], [level[half] + 0.2, y - 0.25], color="#999999", zorder=1)
-        text = f"guard {first + 1}" if first == last else f"guards {first + 1} to {last + 1}"
-        for start in range(0, len(node.left), 4):
-            text += "\n" + " ".join(tree.names[k] for k in node.left[start : start + 4])
-        if node.lost:
-            text += "\nfused: " + ", ".join(f"{tree.names[k]} into {tree.names[j]}" for k, j in node.lost)
-        box = {"facecolor": "white", "edgecolor": hexadecimal(GUARD), "boxstyle": "round,pad=0.35"}
-        size = 8.5 if team <= 5 else 6.5
-        axes.text(x, y, text, ha="center", va="center", fontsize=size, zorder=2, bbox=box)
-    axes.set(xlim=(-0.6, team - 0.4), ylim=(-0.4, max(level.values()) + 0.5))
-    axes.set_title("The tree of Algorithm 3, from the bottom up", fontsize=11, loc="left")
-    axes.axis("off")
+            canvas.line([at[half], at[span]], FAINT_INK)
+    for (first, last), node in tree.nodes.items():
+        lines = [f"guard {first + 1}" if first == last else f"guards {first + 1} to {last + 1}"]
+        lines += [" ".join(tree.names[k] for k in four) for four in _by(4, node.left)]
+        lines += [
+            "fused: " * (not number) + ", ".join(f"{tree.names[k]} into {tree.names[j]}" for k, j in two)
+            for number, two in enumerate(_by(2, node.lost))
+        ]
+        widths = [text_mask(line, NODE_TEXT_PX).shape[1] for line in lines]
+        (x, y), half_x, half_y = at[first, last], max(widths) / 2.0 + 6.0, ROW_PX * len(lines) / 2.0 + 4.0
+        frame = [(x - half_x, y - half_y), (x + half_x, y - half_y), (x + half_x, y + half_y)]
+        canvas.polygon([*frame, (x - half_x, y + half_y)], WHITE, GUARD)
+        for number, (line, wide) in enumerate(zip(lines, widths, strict=True)):
+            row = round(4.0 - y - half_y) + ROW_PX * number
+            write(picture, round(x - wide / 2.0), row, line, NODE_TEXT_PX, INK)
+
+
+def _by(count: int, items: Sequence[Item]) -> list[Sequence[Item]]:
+    return [items[first : first + count] for first in range(0, len(items), count)]

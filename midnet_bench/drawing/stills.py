@@ -5,11 +5,19 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from midnet_bench.drawing import legend
-from midnet_bench.drawing.canvas import Canvas, Picture, blank_page, text_mask, write
-from midnet_bench.drawing.growth import FREE, SHADES, UNKNOWN, WALL, MapPanel, MapSnapshot, color_of
+from midnet_bench.drawing.canvas import (
+    OUTSIDE,
+    Canvas,
+    Picture,
+    blank_page,
+    paint_grid,
+    paint_removed,
+    text_mask,
+    write,
+)
+from midnet_bench.drawing.growth import CELLS, MapPanel, MapSnapshot, color_of
 from midnet_bench.drawing.palette import (
     DETECTION,
-    FAINT_INK,
     FALSE_DETECTION,
     GUARD,
     GUARD_RANGE,
@@ -30,8 +38,6 @@ TICK_GAP_PX = 70.0
 """two numbers of an axis are no nearer"""
 MAP_MARGIN_M = 0.3
 TILE_PX, TILE_GAP_PX = 300, 16
-OUTSIDE = (204, 204, 204)
-"""no grid"""
 COLUMNS = (
     "A: local grid (Eq. 1), boxes from D",
     "B: prior map, cropped",
@@ -99,9 +105,7 @@ def draw_map(
     driven = [path[:, :2] for path in paths]
     snapshot = MapSnapshot(0.0, 0.0, grid, np.empty((0, 3)), ends.reshape(-1, 3), [], driven)
     entries = [
-        legend.swatch(_shade(WALL), "occupied"),
-        legend.swatch(_shade(FREE), "free", FAINT_INK),
-        legend.swatch(_shade(UNKNOWN), "unknown"),
+        *CELLS,
         *([legend.outline(TRUTH, "true walls")] if walls else []),
         (_path, "a robot's path, start (ring) and end"),
     ]
@@ -134,18 +138,14 @@ def draw_grids(setup: Setup, scene: Scene, explanation: Explanation) -> Picture:
         write(page, 22, top + row * step + TILE_PX // 2, str(guard.number), 16, INK, bold=True)
         window = setup.window(guard)
         for column, grid in enumerate((view.a, view.b, view.c, view.d)):
-            left = LEFT_PX + column * step
-            tile = page[top + row * step :, left:][:TILE_PX, :TILE_PX]
-            tile[:] = OUTSIDE
-            canvas = Canvas(tile, window, LABEL_PX)
-            canvas.cells(grid, np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1))
+            canvas = paint_grid(page, LEFT_PX + column * step, top + row * step, TILE_PX, window, grid)
             if column == 0:
                 canvas.circle(guard.sensor, setup.usable_range_m, GUARD_RANGE)
                 for box in view.kept:
                     canvas.box(box, DETECTION, 2)
                 for item in explanation.removed:
                     if item.detection.robot == guard.number - 1:
-                        _paint_removed(canvas, item.detection.box, str(item.ally + 1))
+                        paint_removed(canvas, item.detection.box, str(item.ally + 1))
             canvas.cross(guard.believed[:2], GUARD)
             canvas.box(window.shrunk(1.0 / canvas.scale), GUARD, 2)
     entries: list[legend.Entry] = [
@@ -155,10 +155,7 @@ def draw_grids(setup: Setup, scene: Scene, explanation: Explanation) -> Picture:
         legend.swatch(OUTSIDE, "outside the prior map"),
         legend.reach(setup),
     ]
-    left = LEFT_PX
-    for entry in entries:
-        legend.write_legend(page, [entry], left, page.shape[0] - 24, 0, 14)
-        left += 52 + text_mask(entry[1], 14).shape[1]
+    legend.write_beside(page, legend.beside(entries, LEFT_PX, page.shape[1], 14), page.shape[0] - 24, 0, 14)
     return page
 
 
@@ -215,12 +212,6 @@ def _page(
     return page
 
 
-def _paint_removed(canvas: Canvas, box: Box, ally: str) -> None:
-    x1, y1, x2, y2 = box
-    canvas.dashes([(x1, y1), (x2, y1), (x2, y2), (x1, y2), (x1, y1)], GUARD)
-    canvas.label((x2, y2), ally, GUARD, 7, -5)
-
-
 def _removed(canvas: Canvas, x: float, y: float) -> None:
     canvas.dashes([(x - 8, y - 6), (x + 8, y - 6), (x + 8, y + 6), (x - 8, y + 6), (x - 8, y - 6)], GUARD)
 
@@ -229,8 +220,3 @@ def _path(canvas: Canvas, x: float, y: float) -> None:
     canvas.line([(x - 6.0, y), (x + 6.0, y)], color_of(0), 2)
     canvas.circle((x - 6.0, y), 4.0, color_of(0), 2)
     canvas.circle((x + 6.0, y), 4.0, color_of(0), -1)
-
-
-def _shade(code: int) -> tuple[int, int, int]:
-    red, green, blue = SHADES[code].tolist()
-    return red, green, blue

@@ -1,6 +1,6 @@
 """A guarded trial in motion: an MP4 with the true world beside what MIDNet makes of it, and a storyboard."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from midnet_bench.drawing import legend
-from midnet_bench.drawing.canvas import Canvas, Picture, blank_page, png_of, text_mask, write, write_right
+from midnet_bench.drawing.canvas import Picture, blank_page, png_of, text_mask, write, write_right
 from midnet_bench.drawing.palette import FAINT_INK, INK
 from midnet_bench.drawing.panels import DetectionPanel, WorldPanel
 from midnet_bench.drawing.scene import Scene, Setup
 from midnet_bench.drawing.video import mp4_file
-from midnet_bench.geometry import Box
 from midnet_bench.io.files import write_atomically
 
 WIDTH, HEIGHT = 1280, 720
@@ -147,17 +146,14 @@ class Storyboard:
         chosen = self.chosen()
         step = self.TILE_PX + self.GAP_PX
         width = self.COLUMNS * step + self.GAP_PX
-        entries = self._legend(chosen, width)
-        head_px = 44 + self.LINE_PX * (1 + max((row for _, _, _, row in entries), default=0)) + 4
+        shown = [*legend.of_world(self._setup, chosen), *legend.of_detections(chosen)]
+        entries = legend.beside(shown, self.GAP_PX, width, 16)
+        head_px = 44 + self.LINE_PX * (1 + max((row for *_, row in entries), default=0)) + 4
         caption_px = self.LINE_PX * (2 if any(scene.remark for scene in chosen) else 1) + 4
         rows = -(-len(chosen) // self.COLUMNS)
         page = blank_page(width, head_px + rows * (step + caption_px))
         write(page, self.GAP_PX, 8, self._setup.plan.title, 22, INK, bold=True)
-        canvas = Canvas(page, Box(0.0, -float(page.shape[0]), float(page.shape[1]), 0.0))
-        for mark, text, left, row in entries:
-            middle = 44 + self.LINE_PX * row + 10
-            mark(canvas, left + 8.0, -float(middle))
-            write(page, left + 28, middle - 11, text, 16, INK)
+        legend.write_beside(page, entries, 44 + 10, self.LINE_PX, 16)
         told = ""
         for place, scene in enumerate(chosen):
             top = head_px + place // self.COLUMNS * (step + caption_px)
@@ -170,14 +166,3 @@ class Storyboard:
             top += caption_px
             self._world.paint(page[top : top + self.TILE_PX, left : left + self.TILE_PX], scene)
         return page
-
-    def _legend(self, scenes: Sequence[Scene], width: int) -> list[tuple[legend.Mark, str, int, int]]:
-        """What the marks mean that are in these scenes: mark, text, pixels from the left, row."""
-        placed, left, row = [], self.GAP_PX, 0
-        for mark, text in [*legend.of_world(self._setup, scenes), *legend.of_detections(scenes)]:
-            wide = 28 + text_mask(text, 16).shape[1] + 24
-            if left + wide > width and left > self.GAP_PX:
-                left, row = self.GAP_PX, row + 1
-            placed.append((mark, text, left, row))
-            left += wide
-        return placed

@@ -1,18 +1,21 @@
 """Campaigns of the registered experiments, from Python."""
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
-from midnet_bench.campaign import definition, runner
-from midnet_bench.campaign.definition import Campaign
+from midnet_bench.campaign import runner
+from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
 from midnet_bench.campaign.progress import Progress
 from midnet_bench.campaign.runner import CampaignOutcome
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
-from midnet_bench.experiments.warm_up import compile_ahead
+from midnet_bench.experiments.warm_up import Show, compile_ahead
 
 
-def refuse_missing_engine(campaign: definition.ResolvedCampaign) -> None:
+def refuse_missing_engine(campaign: ResolvedCampaign) -> None:
     """Raises InputError if a cell simulates by PyBullet and that is not installed on this machine."""
     if find_spec("pybullet") is not None:
         return
@@ -55,16 +58,8 @@ def run_campaign(
         StoreFull: the disk is full; what was finished is stored.
         Interrupted: Ctrl-C; what was finished is stored.
     """
-    resolved = definition.resolve(campaign, registry)
-
-    def prepare() -> None:
-        if backend == "loky":
-            compile_ahead(resolved)
-
-    if backend == "loky" and runner.plan(resolved, directory, retry_failed=retry_failed, fresh=fresh).to_run:
-        refuse_missing_engine(resolved)
-    return runner.run_campaign(
-        resolved,
+    return run_resolved(
+        resolve(campaign, registry),
         directory,
         jobs=jobs,
         backend=backend,
@@ -72,5 +67,27 @@ def run_campaign(
         fresh=fresh,
         retry_failed=retry_failed,
         progress=progress,
-        prepare=prepare,
     )
+
+
+def run_resolved(
+    campaign: ResolvedCampaign,
+    directory: str | Path,
+    compiling: Callable[[], AbstractContextManager[Show]] = lambda: nullcontext(lambda done, total: None),
+    **options: Any,
+) -> CampaignOutcome:
+    """As ``runner.run_campaign``, whose ``options`` these are, for workers here after loops are compiled.
+
+    ``compiling`` opens what is shown how many loops are compiled, of about how many.
+    """
+    if options["backend"] != "loky":  # Dask's workers may be other machines
+        return runner.run_campaign(campaign, directory, **options)
+
+    def prepare() -> None:
+        with compiling() as show:
+            compile_ahead(campaign, show)
+
+    deciding = {name: options[name] for name in ("jobs", "fresh", "retry_failed")}
+    if runner.plan(campaign, directory, **deciding).to_run:
+        refuse_missing_engine(campaign)
+    return runner.run_campaign(campaign, directory, **options, prepare=prepare)

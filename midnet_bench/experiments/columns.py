@@ -272,7 +272,8 @@ MAPPING: Tables = {
             "time_s": _seconds("simulated"),
             "distance_m": _metres("driven by all robots together"),
             "finished": Column(
-                bool, "whether no frontier was left before the time limit but those that were given up"
+                bool,
+                "whether no frontier and no gap was left before the time limit but those that were given up",
             ),
             "merge_confidence": Column(
                 float,
@@ -283,6 +284,15 @@ MAPPING: Tables = {
         },
         "One row per trial.",
         one_row=True,
+    ),
+    "gaps": Columns(
+        {
+            "length_m": _metres("of the free cells' border on unknown ones, at a wall's end"),
+            "x_m": Column(float, "the middle of that border, map frame", "m", least=-LARGEST),
+            "y_m": Column(float, "the same", "m", least=-LARGEST),
+        },
+        "One row per gap in the map's walls; only where there is one.",
+        optional=True,
     ),
     "robots": EXPLORERS,
 }

@@ -9,7 +9,7 @@ from midnet_bench.agents.mobile_robot import MobileRobot
 from midnet_bench.arena.layout import Layout
 from midnet_bench.campaign.trial import Row
 from midnet_bench.simulation.fleet import Fleet
-from midnet_bench.simulation.lidar import LidarSensors
+from midnet_bench.simulation.sensors import LidarSensors
 from midnet_bench.simulation.settings import SimulationSettings
 from midnet_bench.simulation.world import World
 

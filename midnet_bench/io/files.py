@@ -127,6 +127,7 @@ def _draft(path: Path, make: Callable[[Path], None]) -> Iterator[Path]:
             os.close(held)
         with contextlib.suppress(OSError):
             _remove(draft)
+        _forget_drafts(path)  # again: the encoder of a process that was killed may have ended only now
 
 
 def _locked(draft: Path) -> int:

@@ -3,7 +3,7 @@
 Two defects of the original are left behind: in scale mode it takes the last colour of an image
 without alpha for alpha, so that pixels with no blue become unknown; and it reads palette images by
 palette index, where here the palette's colours count. A rotated origin, which most ROS packages
-ignore in silence, is refused (item 18).
+ignore in silence, turns the cells (item 18).
 """
 
 import io
@@ -20,7 +20,8 @@ from PIL import Image
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator
 
 from midnet_bench.errors import InputError
-from midnet_bench.grid import OccupancyGrid
+from midnet_bench.geometry import Pose2D
+from midnet_bench.grid import UNKNOWN, OccupancyGrid
 from midnet_bench.io.checked_yaml import Spec, parse, read_yaml
 from midnet_bench.io.files import read_bounded, write_atomically
 
@@ -125,7 +126,7 @@ class MapFile(Spec):
     resolution: float = Field(gt=0.0)
     """metres per pixel"""
     origin: tuple[float, float, float]
-    """(x, y), metres, of the lower left corner of the lower left pixel, and the yaw, which has to be 0"""
+    """(x, y), metres, of the lower left corner of the lower left pixel, and its yaw there, radians"""
     negate: Annotated[int, Field(ge=0, le=1)] | bool
     """nav2's map_server takes true and false here"""
     occupied_thresh: float = Field(gt=0.0, le=1.0)
@@ -139,13 +140,6 @@ class MapFile(Spec):
             raise ValueError("a file name is needed")
         return image
 
-    @field_validator("origin")
-    @classmethod
-    def _is_not_rotated(cls, origin: tuple[float, float, float]) -> tuple[float, float, float]:
-        if origin[2] != 0.0:
-            raise ValueError("yaw must be 0; turn the image instead")
-        return origin
-
     @field_validator("free_thresh")
     @classmethod
     def _is_below(cls, free: float, info: ValidationInfo) -> float:
@@ -157,7 +151,8 @@ class MapFile(Spec):
 def load_map(yaml_path: str | Path) -> OccupancyGrid:
     """The map as an int8 grid: -1 unknown, 0 free, 100 occupied; 1 to 98 between them in scale mode.
 
-    In raw mode a cell holds its pixel's value as a signed byte, whatever that means to the writer.
+    In raw mode a cell holds its pixel's value as a signed byte, whatever that means to the writer. A map
+    whose origin has a yaw is turned into the axes of its frame, unknown about its corners.
 
     Raises:
         InputError: either file is missing, unreadable, incomplete, or says what no map can.
@@ -168,7 +163,27 @@ def load_map(yaml_path: str | Path) -> OccupancyGrid:
         values = {key: value for key, value in values.items() if isinstance(key, str) and value is not None}
     file = parse(MapFile, values, str(path))
     cells = occupancy(read_image(path.parent / file.image, f"{path}: image"), file)
-    return OccupancyGrid(np.ascontiguousarray(cells[::-1]), file.resolution, file.origin[:2])
+    grid = OccupancyGrid(np.ascontiguousarray(cells[::-1]), file.resolution, file.origin[:2])
+    return grid if file.origin[2] == 0.0 else turned(grid, file.origin[2])
+
+
+def turned(grid: OccupancyGrid, yaw_rad: float) -> OccupancyGrid:
+    """The grid turned about its origin, its cells along the axes again: each as what lies at its centre.
+
+    Walls stay whole: one of a cell's width covers a centre in each row or each column that it crosses.
+    """
+    turn = Pose2D(*grid.origin, yaw_rad)
+    sides = np.array([(x, y) for x in (0, grid.width) for y in (0, grid.height)]) * grid.resolution
+    corners = turn.transform(sides)
+    low, size = corners.min(axis=0), np.ptp(corners, axis=0)
+    columns, rows = np.maximum(np.ceil(size / grid.resolution - 1e-6).astype(int), 1)
+    y, x = np.mgrid[:rows, :columns] + 0.5
+    centres = low + np.stack((x, y), axis=-1).reshape(-1, 2) * grid.resolution
+    column, row = (np.floor(turn.inverse().transform(centres) / grid.resolution).astype(int)).T
+    inside = (column >= 0) & (row >= 0) & (column < grid.width) & (row < grid.height)
+    cells = np.full(rows * columns, UNKNOWN, np.int8)
+    cells[inside] = grid.data[row[inside], column[inside]]
+    return OccupancyGrid(cells.reshape(rows, columns), grid.resolution, (float(low[0]), float(low[1])))
 
 
 def occupancy(image: npt.NDArray[np.uint8], file: MapFile) -> npt.NDArray[np.int8]:

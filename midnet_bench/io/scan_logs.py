@@ -11,10 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.io.checked_yaml import short
 from midnet_bench.io.files import read_bounded
-from midnet_bench.messages import LidarGeometry
 
 Floats = npt.NDArray[np.float64]
 

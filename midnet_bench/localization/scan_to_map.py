@@ -10,10 +10,9 @@ import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import atan2, cos_sin, directions, hypot
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.localization.settings import ScanToMapSettings
-from midnet_bench.messages import LidarGeometry
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""explore_lite's frontier exploration: where a robot should drive next so that the map grows."""
+"""Where a robot should drive next: explore_lite's frontiers, then gaps in walls; and where to park."""
 
 import math
 from collections.abc import Sequence
@@ -11,11 +11,15 @@ from scipy.optimize import linear_sum_assignment
 
 from midnet_bench.compiled import njit
 from midnet_bench.geometry import Point, Pose2D, lengths
-from midnet_bench.grid import UNKNOWN, OccupancyGrid
+from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, values_at
 from midnet_bench.mapping.settings import FrontierSettings
 
-_OUT_OF_REACH, _SECOND = 1e9, 1e6
-"""costs above any other: of a frontier that the robot cannot reach, of one that another robot is sent to"""
+_OUT_OF_REACH, _SECOND, _GAP = 1e9, 1e6, 1e3
+"""costs above any other: of a frontier that the robot cannot reach, of one that another robot is sent to, of
+a gap in a wall: while there are frontiers, it may close by itself"""
+
+_LEAST_FREE_M2 = 0.25
+"""Five metres of a hole one cell wide, or a square of half a metre: less is no room to drive in."""
 
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
@@ -32,7 +36,85 @@ class Frontier(NamedTuple):
     centroid: Point
     """mean of its unknown cells' centres"""
     approaches: npt.NDArray[np.float64]
-    """(K, 2) x, y of the reachable cells that touch it, nearest to the centroid first"""
+    """(K, 2) x, y of the reachable cells that touch it, nearest to the centroid first; or that see a gap"""
+
+
+class Gap(NamedTuple):
+    """A connected border of free cells and unknown ones that touches a wall's end; metres, grid's frame."""
+
+    length_m: float
+    """number of its unknown cells times the resolution"""
+    place: Point
+    """centre of its unknown cell nearest to their mean"""
+
+
+def wall_gaps(grid: OccupancyGrid, least_m: float) -> list[Gap]:
+    """Where walls end though the free space beside them goes on into the unknown, longest first.
+
+    A closed room has none: its walls part each free cell from the unknown. Frontiers that meet no wall are
+    left out, and so are specks between beams, unknown areas below a square of ``least_m``, and holes between
+    the two faces of a wall, free areas below ``_LEAST_FREE_M2``; here cells join by their sides alone.
+
+    Args:
+        grid: int8, -1 unknown, 0 to 100; occupied from 65 on.
+        least_m: shorter ones are left out.
+    """
+    unknown, occupied = grid.data == UNKNOWN, grid.data >= OCCUPIED_FROM
+    free = _areas_from(~unknown & ~occupied, _LEAST_FREE_M2 / (grid.resolution * grid.resolution))
+    unknown = _areas_from(unknown, (least_m / grid.resolution) * (least_m / grid.resolution))
+    beside_free = cv2.dilate(free.view(np.uint8), _CROSS) > 0
+    beside_wall = cv2.dilate(occupied.view(np.uint8), np.ones((3, 3))) > 0
+    border = unknown & beside_free
+    _, labels, stats, centroids = cv2.connectedComponentsWithStats(border.view(np.uint8), connectivity=8)
+    gaps = []
+    for label in np.unique(labels[border & beside_wall]).tolist():
+        length_m = float(stats[label, cv2.CC_STAT_AREA]) * grid.resolution
+        if length_m >= least_m - 1e-9:
+            rows, columns = np.nonzero(labels == label)
+            column, row = centroids[label]
+            nearest = int(np.argmin(np.square(columns - column) + np.square(rows - row)))
+            x, y = grid.center_of(int(columns[nearest]), int(rows[nearest]))
+            gaps.append(Gap(length_m, (float(x), float(y))))
+    return sorted(gaps, key=lambda gap: (-gap.length_m, gap.place))
+
+
+def find_gaps(
+    costmap: OccupancyGrid,
+    grid: OccupancyGrid,
+    robot: Pose2D,
+    looks: npt.NDArray[np.float64],
+    settings: FrontierSettings,
+) -> list[Frontier]:
+    """The gaps in walls that the robot can see from a place within its reach, cheapest first.
+
+    Their approaches are the reachable cells within ``view_m`` that no wall parts from them, those with the
+    most room first; without those near a place where a scan has been taken, which has shown what it could.
+
+    Args:
+        costmap: as ``find_frontiers`` takes it.
+        grid: the map on the same cells, int8, -1 unknown, 0 to 100.
+        robot: in the grid's frame.
+        looks: (K, 2) x, y of the places at which scans have been taken.
+        settings: what counts as a gap, and from where it is looked at.
+    """
+    padded = np.pad(costmap.data, 1, constant_values=100)
+    steps = _steps_over(padded, costmap, robot, settings)[1][1:-1, 1:-1]
+    rows, columns = np.nonzero(steps >= 0)
+    cells = np.stack((costmap.x_centers[columns], costmap.y_centers[rows]), axis=1)
+    costs = costmap.data[rows, columns]
+    gaps = []
+    for length_m, place in wall_gaps(grid, settings.min_gap_m):
+        distances_m = lengths(cells - place)
+        near = np.flatnonzero(distances_m <= settings.view_m)
+        for look in looks[lengths(looks - place) < settings.view_m + settings.look_radius_m]:
+            near = near[lengths(cells[near] - look) >= settings.look_radius_m]
+        near = near[_see(grid, cells[near], place)]
+        if len(near):
+            near = near[np.lexsort((distances_m[near], costs[near]))]
+            way_m = float(steps[rows[near], columns[near]].min()) * costmap.resolution
+            cost = _GAP + settings.potential_scale * way_m - settings.gain_scale * length_m
+            gaps.append(Frontier(cost, length_m, way_m, place, cells[near]))
+    return sorted(gaps, key=lambda gap: gap.cost)
 
 
 def find_frontiers(costmap: OccupancyGrid, robot: Pose2D, settings: FrontierSettings) -> list[Frontier]:
@@ -53,11 +135,7 @@ def find_frontiers(costmap: OccupancyGrid, robot: Pose2D, settings: FrontierSett
         settings: what counts as a frontier, and its cost.
     """
     padded = np.pad(costmap.data.astype(np.int8, copy=False), 1, constant_values=100)
-    traversable = (padded >= 0) & (padded < settings.traversable_below)
-    start = _nearest_cell(traversable, *costmap.cell_at(robot.x, robot.y))
-    if start is None:
-        return []
-    steps = _steps_from(traversable, *start)
+    traversable, steps = _steps_over(padded, costmap, robot, settings)
     reached = steps >= 0
 
     touches = cv2.dilate(traversable.view(np.uint8), _CROSS)
@@ -116,10 +194,11 @@ def assign_frontiers(offers: Sequence[Sequence[Frontier]]) -> list[int | None]:
 class FrontierExplorer:
     """One robot's exploration: gives a goal, then the next, until no frontier is left.
 
-    As explore_lite's node, with these repairs: the goal is the reachable cell nearest to the frontier's
-    centroid, not the centroid, which may lie in a wall or behind it; a frontier is given up piece by
-    piece, as only the surroundings of a goal that failed are blacklisted; the blacklist is emptied
-    ``second_chances`` times before the exploration counts as done; team mates' goals are left to them.
+    As explore_lite's node, with these repairs: where no frontier is left, gaps in walls are looked at; the
+    goal is the reachable cell nearest to the frontier's centroid, not the centroid, which may lie in a wall
+    or behind it; a frontier is given up piece by piece, as only the surroundings of a goal that failed are
+    blacklisted; the blacklist is emptied ``second_chances`` times before the exploration counts as done; team
+    mates' goals are left to them.
     """
 
     def __init__(self, settings: FrontierSettings) -> None:
@@ -131,10 +210,42 @@ class FrontierExplorer:
         self._least_distance_m = math.inf
         self._progress_time_s = 0.0
 
-    def offers(self, robot: Pose2D, costmap: OccupancyGrid) -> list[Frontier]:
-        """The frontiers that the robot can reach and has not given up, cheapest first; or all of them."""
+    def offers(
+        self, robot: Pose2D, costmap: OccupancyGrid, grid: OccupancyGrid, looks: npt.NDArray[np.float64]
+    ) -> list[Frontier]:
+        """The frontiers that the robot can reach and has not given up, cheapest first, then gaps; or all."""
         frontiers = find_frontiers(costmap, robot, self._settings)
+        frontiers += find_gaps(costmap, grid, robot, looks, self._settings)
         return [frontier for frontier in frontiers if self._is_open(frontier.approaches).any()] or frontiers
+
+    def parking_place(self, robot: Pose2D, costmap: OccupancyGrid, radius_m: float) -> Point | None:
+        """The nearest place at which a robot is in no other's way; None if it stands at one or there is none.
+
+        A robot closes a disc to the others' centres. It is in the way where the disc parts what can be driven
+        on round it, within another ``radius_m``.
+
+        Args:
+            robot: in the costmap's frame.
+            costmap: as ``find_frontiers`` takes it.
+            radius_m: of the disc.
+        """
+        padded = np.pad(costmap.data, 1, constant_values=100)
+        _, steps = _steps_over(padded, costmap, robot, self._settings)
+        reach = math.ceil(2.0 * radius_m / costmap.resolution)
+        open_cells = np.pad(steps >= 0, reach)
+        squares = np.square(np.arange(-reach, reach + 1) * costmap.resolution)
+        disc = squares[:, None] + squares <= radius_m * radius_m
+        rows, columns = np.nonzero(steps >= 0)
+        order = np.argsort(steps[rows, columns], kind="stable")
+        for k in order[:: max(1, reach // 4)].tolist():
+            row, column = int(rows[k]), int(columns[k])
+            around = open_cells[row : row + 2 * reach + 1, column : column + 2 * reach + 1]
+            _, labels = cv2.connectedComponents(around.view(np.uint8), connectivity=4)
+            left = (labels == labels[reach, reach]) & ~disc
+            count, _ = cv2.connectedComponents(left.view(np.uint8), connectivity=4)
+            if count <= 2:  # the disc's surroundings, beside the background, are one piece
+                return None if k == order[0] else costmap.center_of(column - 1, row - 1)
+        return None
 
     def choose(
         self, frontiers: Sequence[Frontier], time_s: float, taken: Sequence[Point] = ()
@@ -210,6 +321,31 @@ def _nearest_cell(mask: npt.NDArray[np.bool_], column: int, row: int) -> tuple[i
         return None
     nearest = int(np.argmin(np.square(rows - row) + np.square(columns - column)))
     return int(rows[nearest]), int(columns[nearest])
+
+
+def _steps_over(
+    padded: npt.NDArray[np.int8], costmap: OccupancyGrid, robot: Pose2D, settings: FrontierSettings
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int32]]:
+    """Which of the padded costmap's cells can be driven on; 4-neighbour steps from the robot, -1 for none."""
+    traversable = (padded >= 0) & (padded < settings.traversable_below)
+    start = _nearest_cell(traversable, *costmap.cell_at(robot.x, robot.y))
+    if start is None:
+        return traversable, np.full(padded.shape, -1, dtype=np.int32)
+    return traversable, _steps_from(traversable, *start)
+
+
+def _see(grid: OccupancyGrid, points: npt.NDArray[np.float64], place: Point) -> npt.NDArray[np.bool_]:
+    """(N,) for each of (N, 2) points whether no occupied cell of the map parts it from a place."""
+    samples = 2 * math.ceil(lengths(points - place).max(initial=0.0) / grid.resolution) + 1
+    along = np.linspace(0.0, 1.0, samples)[:, None, None]
+    cells = values_at(grid.data, grid, (points + along * (place - points)).reshape(-1, 2), outside=-1)
+    return np.asarray((cells < OCCUPIED_FROM).reshape(samples, -1).all(axis=0))
+
+
+def _areas_from(cells: npt.NDArray[np.bool_], least_cells: float) -> npt.NDArray[np.bool_]:
+    """(H, W) the set cells that with 4-neighbours are at least so many, but for rounding."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(cells.view(np.uint8), connectivity=4)
+    return np.asarray(cells & (stats[:, cv2.CC_STAT_AREA] >= least_cells - 1e-6)[labels])
 
 
 def _touching_pairs(

@@ -6,11 +6,10 @@ from abc import ABC, abstractmethod
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.trajectory import Trajectory
 from midnet_bench.mapping.scans import ScanRays, VisitMap
-from midnet_bench.messages import LidarGeometry
 
 
 class GridSlam(ABC):
@@ -42,6 +41,7 @@ class GridSlam(ABC):
         self._scans: list[ScanRays] = []
         self._update = update
         self._driven_m = self._turned_rad = 0.0
+        self._is_next_due = False
         self._way_m = 0.0
         """driven between the last two scans that were integrated"""
         self._resolution_m, self._occupied_threshold = resolution_m, occupied_threshold
@@ -58,6 +58,10 @@ class GridSlam(ABC):
             ranges_m: (beams,) metres.
             time_s: when the scan was taken, seconds.
         """
+
+    def take_next(self) -> None:
+        """Integrate the next scan, however little the robot has moved until then."""
+        self._is_next_due = True
 
     @property
     @abstractmethod
@@ -99,11 +103,13 @@ class GridSlam(ABC):
         self._driven_m += math.hypot(step.x, step.y)
         self._turned_rad += abs(step.yaw)
         linear_m, angular_rad, temporal_s = self._update
-        due = not self._stamps_s or self._driven_m >= linear_m or self._turned_rad >= angular_rad
+        due = self._is_next_due or not self._stamps_s
+        due = due or self._driven_m >= linear_m or self._turned_rad >= angular_rad
         if not due and (temporal_s is None or time_s - self._stamps_s[-1] <= temporal_s):
             return False
         self._way_m = self._driven_m
         self._driven_m = self._turned_rad = 0.0
+        self._is_next_due = False
         return True
 
     def _integrate(self, rays: ScanRays, time_s: float, score: float) -> None:

@@ -12,7 +12,7 @@ from midnet_bench.io.scan_logs import ScanLog
 from midnet_bench.io.trajectory import Trajectory
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.gmapping.settings import RECORDED_LOG
-from midnet_bench.mapping.graph_slam.slam import GraphSlam
+from midnet_bench.mapping.graph_slam.slam import FEWEST_BEAMS, GraphSlam
 from midnet_bench.mapping.grid_slam import GridSlam
 from midnet_bench.rng import stream
 
@@ -77,8 +77,13 @@ def map_scans(
         threads: that GMapping's particles are shared between. They change nothing of the result either.
 
     Raises:
-        InputError: no scan that counts has a usable range.
+        InputError: no scan that counts has a usable range, or graph SLAM gets too few beams.
     """
+    if particles is None and log.geometry.beams < FEWEST_BEAMS:
+        raise InputError(
+            f"{log.path}: {log.geometry.beams} beams are too few for graph SLAM, which needs {FEWEST_BEAMS}; "
+            "GMapping maps them (--slam gmapping)"
+        )
     start = log.scans[0].odometry
     slam: GridSlam = GraphSlam(log.geometry, start)
     if particles is not None:
@@ -103,7 +108,14 @@ def map_scans(
         )
     share = GRAPH_COLLAPSED if particles is None else COLLAPSED
     broken = collapse(log, integrated, slam.scores, share)
-    warnings = log.warnings if broken is None else [*log.warnings, f"{log.path}: {broken}"]
+    warnings = [*log.warnings, *([] if broken is None else [f"{log.path}: {broken}"])]
+    if isinstance(slam, GraphSlam) and slam.slips:
+        node, way_m, turn_rad = slam.slips[0]
+        others = f", and so {len(slam.slips) - 1} more times" if len(slam.slips) > 1 else ""
+        warnings.append(
+            f"{log.path}: scan {integrated[node]}: taken {way_m:.2f} m and {math.degrees(turn_rad):.0f} "
+            f"degrees off the wheels{others}: they slipped, or the map is broken from there on"
+        )
     return MappingResult(grid, slam.trajectory, len(log), integrated, warnings)
 
 

@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, directions
+from midnet_bench.geometry import LidarGeometry
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import LidarGeometry
 
 Floats = npt.NDArray[np.float64]
 

@@ -17,6 +17,9 @@ class FrontierSettings(Settings):
     second_chances: int = fixed(1, "ours: explore_lite never empties its list")
     traversable_below: int = fixed(99, "ours: explore_lite's search follows falling costs alone")
     taken_radius_m: float = fixed(2.0, "ours: explore_lite knows no other robots")
+    min_gap_m: float = fixed(0.1, "ours: two cells; a gap of one lies within a cell of walls on both sides")
+    view_m: float = fixed(1.0, "ours: beams are 1.7 cm apart there, a third of a cell")
+    look_radius_m: float = fixed(0.5, "ours: as far as a blacklisted goal counts")
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
-"""Section IV.B: what one robot's local grid has and the prior map has not, as boxes in metres.
+"""Sections IV.A and IV.B: what one robot's local grid has and the prior map has not, as boxes in metres.
 
-Cropping (B.1): grids have row 0 at the lowest y, so the paper's left-top corner is the lowest x and y
-(item 17). Its H and h are the extents in y (item 13). Lattices are compared by whole cells; a local grid that
-lies a fraction of a cell off is shifted by up to one cell, and the fatter prior map has to cover that.
-Then subtraction (B.2), and contours (B.3) of which only the boxes are kept (B.4).
+A costmap becomes a binary grid (IV.A). Cropping (B.1): grids have row 0 at the lowest y, so the paper's
+left-top corner is the lowest x and y (item 17). Its H and h are the extents in y (item 13). Lattices are
+compared by whole cells; a local grid that lies a fraction of a cell off is shifted by up to one cell, and the
+fatter prior map has to cover that. Then subtraction (B.2), and contours (B.3) of which only the boxes are
+kept (B.4).
 """
 
 import math
@@ -16,11 +17,42 @@ import numpy.typing as npt
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.settings import Align
+from midnet_bench.midnet.settings import Align, Unknown
+
+OCCUPIED = 0
+"""black, where something is"""
+FREE = 255
+"""white, where nothing is, or nothing is known"""
+
+INT8 = np.dtype(np.int8)
+
+
+def binary_map(costs: npt.NDArray[np.int8], thresh: int, unknown: Unknown = "free") -> npt.NDArray[np.uint8]:
+    """The grid E of Eq. 1, uint8 of the costs' shape: 0 where cost >= ``thresh``, else 255.
+
+    Eq. 1 leaves -1 (unknown) out; the text beside it calls such a cell free (item 4).
+
+    Args:
+        costs: int8 of any shape, published costs: 0 to 100, -1 unknown.
+        thresh: in the same units, 1 to 100.
+        unknown: what a cell of cost -1 becomes.
+
+    Raises:
+        ValueError: the costs are not int8 (as uint8, unknown would read 255 and count as occupied).
+    """
+    if costs.dtype != INT8:
+        raise ValueError(f"costs are {costs.dtype}; int8 is needed, where -1 means unknown")
+    free = costs < np.int8(thresh)
+    if unknown == "occupied":
+        free &= costs >= 0
+    grid = free.view(np.uint8)
+    return np.negative(grid, out=grid)  # of bytes: 1 becomes 255
+
 
 BinaryArray = npt.NDArray[np.uint8]
 BoxArray = npt.NDArray[np.float64]
 """(n, 4): x_min, y_min, x_max, y_max of each box, metres, map frame"""
+Floats = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 # saved maps round their resolution to six decimals, ROS messages to 32 bits
@@ -77,7 +109,8 @@ EMPTY_CROP = Crop(0, 0, 0, 0, 0, 0, 0, 0)
 
 def robot_cell(pose: Pose2D, prior: OccupancyGrid) -> tuple[int, int]:
     """(x_c, y_c) of Eq. 4: the (column, row) of the prior map where the robot is, by floor (item 16)."""
-    return prior.cell_at(pose.x, pose.y)
+    x_0, y_0 = prior.origin
+    return math.floor((pose.x - x_0) / prior.resolution), math.floor((pose.y - y_0) / prior.resolution)
 
 
 def window_around(cell: tuple[int, int], width: int, height: int) -> Window:
@@ -188,20 +221,24 @@ def bounding_boxes(
         min_area_cells: rectangles of fewer cells are dropped; 1 keeps all (item 23).
     """
     contours = cv2.findContours(d, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0] if d.size else ()
-    x, y, width, height = np.array([cv2.boundingRect(one) for one in contours]).reshape(-1, 4).T
-    corners = np.stack((x, y, x + width, y + height), axis=1)[width * height >= min_area_cells]
-    return np.tile(prior.origin, 2) + (corners + np.tile(first_cell, 2)) * prior.resolution
+    column, row = first_cell
+    corners = [
+        (column + x, row + y, column + x + width, row + y + height)
+        for x, y, width, height in map(cv2.boundingRect, contours)
+        if width * height >= min_area_cells
+    ]
+    return np.array(corners).reshape(-1, 4) * prior.resolution + (*prior.origin, *prior.origin)
 
 
-def with_returns(boxes: BoxArray, points: npt.NDArray[np.float64], least: int) -> BoxArray:
-    """The boxes that hold at least ``least`` of (m, 2) points, metres, map frame, in their order.
+def with_returns(boxes: BoxArray, points: Floats, shares: Floats, least: int) -> BoxArray:
+    """The boxes that hold at least ``least`` of (m, 2) points, map frame, each by its share of 0 to 1.
 
     The paper has no such rule. One return alone may be a phantom, and inflation makes a box of many cells of
     it, so that ``min_area_cells`` cannot tell it from a person.
     """
     x, y = points[:, 0, None], points[:, 1, None]
     inside = (x >= boxes[:, 0]) & (x <= boxes[:, 2]) & (y >= boxes[:, 1]) & (y <= boxes[:, 3])
-    return boxes[np.count_nonzero(inside, axis=0) >= least]
+    return boxes[np.where(inside, shares[:, None], 0.0).sum(axis=0) >= least]
 
 
 def shrunk(boxes: BoxArray, margin_m: float) -> BoxArray:

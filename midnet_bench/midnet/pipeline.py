@@ -1,22 +1,25 @@
 """Section IV as a whole: what the team sees at one instant becomes one list of boxes."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import Box, Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import Scan
-from midnet_bench.midnet.binary_map import FREE, INT8, OCCUPIED, binary_map
 from midnet_bench.midnet.detection import (
+    FREE,
+    INT8,
+    OCCUPIED,
     BinaryArray,
     BoxArray,
     Crop,
+    Floats,
     Indices,
+    binary_map,
     bounding_boxes,
     common_occupancy,
     crop_to_prior,
@@ -122,12 +125,20 @@ class _Grids(NamedTuple):
 class MIDNet:
     """The central bot: a prior map, and settings; it remembers nothing from frame to frame."""
 
-    def __init__(self, prior: OccupancyGrid, settings: MIDNetSettings | None = None) -> None:
-        """Keep the prior map, uint8, 0 occupied and 255 free (Eq. 1). Raises InputError for any other."""
+    def __init__(
+        self,
+        prior: OccupancyGrid,
+        settings: MIDNetSettings | None = None,
+        shares: Callable[[Scan], Floats] | None = None,
+    ) -> None:
+        """Keep the prior map, uint8, 0 occupied and 255 free (Eq. 1). Raises InputError for any other.
+
+        ``shares``: of a scan, what each return counts for ``min_returns``; ``return_area_m2`` needs it.
+        """
         if prior.data.dtype != np.uint8 or not np.isin(prior.data, (OCCUPIED, FREE)).all():
             raise InputError("prior map: must be binary, uint8 of 0 and 255; put it through Eq. 1 first")
         self.prior = prior
-        self.settings = settings or MIDNetSettings()
+        self.settings, self._shares = settings or MIDNetSettings(), shares
 
     def update(
         self, observations: Sequence[Observation], explain: bool = False, allies: Sequence[Ally] = ()
@@ -218,7 +229,8 @@ class MIDNet:
         boxes = bounding_boxes(grids.d, (crop.x1_gmap, crop.y1_gmap), self.prior, settings.min_area_cells)
         if settings.min_returns and len(boxes):
             points = np.empty((0, 2)) if scan is None else scan.returns(math.inf)[1]
-            boxes = with_returns(boxes, points, settings.min_returns)
+            shares = np.ones(len(points)) if scan is None or self._shares is None else self._shares(scan)
+            boxes = with_returns(boxes, points, shares, settings.min_returns)
         return shrunk(boxes, settings.deflate_boxes_m) if settings.deflate_boxes_m > 0.0 else boxes
 
     def _explain(

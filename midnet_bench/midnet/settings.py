@@ -5,11 +5,33 @@ from dataclasses import dataclass
 from typing import Literal
 
 from midnet_bench.errors import InputError
-from midnet_bench.midnet.binary_map import Unknown
 from midnet_bench.settings import Settings, option
 
 Align = Literal["floor", "origin"]
 AllyRemove = Literal["first", "best", "all"]
+Unknown = Literal["free", "occupied"]
+
+
+@dataclass(frozen=True)
+class PriorMapSettings(Settings):
+    """How the prior map's costmap becomes the grid that is subtracted."""
+
+    thresh: int = option(
+        30,
+        "Cost from which a cell of the prior map's costmap counts as occupied, thresh of Eq. 1; 30 is"
+        " 0.225 m around a wall, a higher one reaches less far.",
+        ge=1,
+        le=100,
+        key="thresh_global",
+        source="ours: II.A and IV.A give no number; 0.12 m farther than thresh_local",
+    )
+    unknown: Unknown = option(
+        "free",
+        "What counts as lying in cells of the prior map that nobody has explored: nothing (free) or a"
+        " wall (occupied).",
+        key="unknown_in_prior",
+        source="paper: IV.A, white is a free or an unknown cell",
+    )
 
 
 @dataclass(frozen=True)
@@ -49,6 +71,8 @@ class MIDNetSettings(Settings):
     )
     deflate_boxes_m: float = 0.0
     """taken off each side of a box as soon as it is found, >= 0; changes every later IoU (item 25)"""
+    return_area_m2: float = 0.0
+    """from which on a return counts as one for ``min_returns``; 0: each does; ``detectors/evidence.py``"""
     ally_diameter_m: float = option(
         0.225,
         "Side of the square that a guard is taken to fill, di of Algorithm 2: the diameter of the "
@@ -80,7 +104,6 @@ class MIDNetSettings(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 0.0 <= self.deflate_boxes_m < math.inf:
-            raise InputError(
-                f"midnet: deflate_boxes_m: {self.deflate_boxes_m} is out of range; allowed: 0 or more"
-            )
+        for key in ("deflate_boxes_m", "return_area_m2"):
+            if not 0.0 <= (value := getattr(self, key)) < math.inf:
+                raise InputError(f"midnet: {key}: {value} is out of range; allowed: 0 or more")

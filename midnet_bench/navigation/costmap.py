@@ -15,9 +15,8 @@ import numpy.typing as npt
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, from_python, hypot
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Box, LidarGeometry, Pose2D
 from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid
-from midnet_bench.messages import LidarGeometry
 from midnet_bench.navigation.settings import CostmapSettings, Footprint
 
 Cells = npt.NDArray[np.uint8]
@@ -64,7 +63,7 @@ def inflation_costs(
     """
     distance_m = np.sqrt(np.arange(reach_cells * reach_cells + 1)) * resolution
     beyond_m = np.maximum(distance_m - inscribed_radius_m, 0.0)
-    graded = (252.0 * from_python().exponentials(-cost_scaling_factor * beyond_m)).astype(np.uint8)
+    graded = (252.0 * from_python.exponentials(-cost_scaling_factor * beyond_m)).astype(np.uint8)
     costs = np.where(beyond_m == 0.0, np.uint8(INSCRIBED), graded)
     costs[0] = LETHAL
     return costs
@@ -229,6 +228,12 @@ class Costmap(ABC):
     def origin(self) -> tuple[float, float]:
         """(x, y) of the lower-left corner, metres."""
         return self.layer.origin
+
+    @property
+    def extent(self) -> Box:
+        """Where it lies, in its own frame, metres."""
+        (x, y), (height, width) = self.layer.origin, self.layer.cells.shape
+        return Box(x, y, x + width * self.settings.resolution, y + height * self.settings.resolution)
 
     def update(
         self,

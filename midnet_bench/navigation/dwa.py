@@ -7,8 +7,7 @@ import numpy as np
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin
-from midnet_bench.geometry import Pose2D, wrap_angle
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command, Pose2D, wrap_angle
 from midnet_bench.navigation.costmap import Cells, Floats, RollingCostmap, corner_array
 from midnet_bench.navigation.local_planner import (
     GOAL,
@@ -16,13 +15,12 @@ from midnet_bench.navigation.local_planner import (
     ILLEGAL,
     PATH,
     Grids,
-    LocalGoalGrids,
+    LocalPlanner,
     Plan,
     outline_cost,
-    turn_is_free,
     velocity_samples,
 )
-from midnet_bench.navigation.settings import DwaSettings, Footprint, LocalPlannerLimits
+from midnet_bench.navigation.settings import DwaSettings, Footprint
 
 _ESCAPE_AFTER_S = 2.0
 """after so long without a legal sample the planner looks for a way off instead of along the plan"""
@@ -90,7 +88,7 @@ class SearchParameters(NamedTuple):
     forward_cells: float
 
 
-class DwaPlanner:
+class DwaPlanner(LocalPlanner):
     """Chooses the best of the velocities that can be reached within one control period.
 
     When none has been legal for two seconds, the velocity is chosen that leads away from obstacles, with the
@@ -106,13 +104,12 @@ class DwaPlanner:
         resolution: float,
         period_s: float,
     ) -> None:
+        super().__init__(settings.limits, settings.sim_time_s, footprint, resolution)
         self.settings = settings
         self._period_s = period_s
-        self._footprint_cells = corner_array(footprint) / resolution
         self._bare_footprint_cells = corner_array(bare_footprint) / resolution
         self._cycles_without_sample = 0
         self._oscillation = _Oscillation(settings)
-        self._grids = LocalGoalGrids()
         limits = settings.limits
         reach_v, reach_w = (
             limits.acc_lim_x_mps2 * period_s,
@@ -139,11 +136,6 @@ class DwaPlanner:
         # numba looks at a tuple with names anew at every call, which takes longer than to pass it
         self._parameters = tuple(parameters)
 
-    @property
-    def limits(self) -> LocalPlannerLimits:
-        """What the robot may do."""
-        return self.settings.limits
-
     def reset(self) -> None:
         """Allow all signs of velocity again."""
         self._oscillation.reset()
@@ -160,7 +152,7 @@ class DwaPlanner:
         ahead_m = settings.forward_point_distance_m
         found, speed, turn = best_velocity(
             costmap.costs,
-            self._grids.grids(costmap, plan, pose, ahead_m),
+            self._grids(costmap, plan, pose, ahead_m, clears_footprint=False),
             start,
             *windows,
             self._oscillation.allowed,
@@ -178,12 +170,6 @@ class DwaPlanner:
         chosen = Command(speed, turn)
         self._oscillation.note(chosen, pose)
         return chosen
-
-    def turn_is_legal(self, costmap: RollingCostmap, pose: Pose2D, turn_radps: float) -> bool:
-        """Whether turning on the spot at this rate for ``sim_time_s`` keeps the outline off obstacles."""
-        x, y = costmap.layer.to_cells(pose.x, pose.y)
-        angle = float(turn_radps) * self.settings.sim_time_s
-        return bool(turn_is_free(costmap.costs, x, y, float(pose.yaw), angle, self._footprint_cells))
 
 
 def _sign(value: float) -> int:

@@ -332,24 +332,20 @@ def propagate(traversal: Cells, goal: int, start: int, margin: float) -> tuple[P
             potential[cell] = value
             # Each neighbour is written behind the queue's end, which moves on if it is to stay: no branch,
             # which the processor would guess wrong half the time.
-            if value < threshold:
-                for other in beside:
-                    dear = entry[other]
-                    stays = (dear < BLOCKED) & (
-                        potential[other] > value + np.float32(0.70710678) * np.float32(dear)
-                    )
-                    following[n_following] = other
-                    n_following += np.uint32(stays)
-                    entry[other] = np.uint8(BLOCKED) if stays else dear
+            is_in_band = value < threshold
+            queue, end = (following, n_following) if is_in_band else (overflow, n_overflow)
+            for other in beside:
+                dear = entry[other]
+                stays = (dear < BLOCKED) & (
+                    potential[other] > value + np.float32(0.70710678) * np.float32(dear)
+                )
+                queue[end] = other
+                end += np.uint32(stays)
+                entry[other] = np.uint8(BLOCKED) if stays else dear
+            if is_in_band:
+                n_following = end
             else:
-                for other in beside:
-                    dear = entry[other]
-                    stays = (dear < BLOCKED) & (
-                        potential[other] > value + np.float32(0.70710678) * np.float32(dear)
-                    )
-                    overflow[n_overflow] = other
-                    n_overflow += np.uint32(stays)
-                    entry[other] = np.uint8(BLOCKED) if stays else dear
+                n_overflow = end
         current, following = following, current
         n_current, n_following = int(n_following), np.uint32(0)
         if n_current == 0:
@@ -470,18 +466,26 @@ def gradient_path(
                 continue
         if count == 1 and potential[near_y, near_x] >= UNREACHED:
             search = escape_cells
-        lowest = UNREACHED
-        x, y = near_x, near_y
-        for j in range(max(near_y - search, 1), min(near_y + search + 1, height - 1)):
-            for i in range(max(near_x - search, 1), min(near_x + search + 1, width - 1)):
-                if (i != near_x or j != near_y) and potential[j, i] < lowest:
-                    lowest = potential[j, i]
-                    x, y = i, j
+        x, y = _lowest_beside(potential, near_x, near_y, search)
         search = 1
         offset_x, offset_y = 0.0, 0.0
-        if lowest >= UNREACHED:
+        if x == near_x and y == near_y:
             break
     return points[:count].copy(), False
+
+
+@njit
+def _lowest_beside(potential: Potentials, column: int, row: int, radius: int) -> tuple[int, int]:
+    """(column, row) of the lowest other cell within a square; the cell itself where none has a potential."""
+    height, width = potential.shape
+    lowest = UNREACHED
+    x, y = column, row
+    for j in range(max(row - radius, 1), min(row + radius + 1, height - 1)):
+        for i in range(max(column - radius, 1), min(column + radius + 1, width - 1)):
+            if (i != column or j != row) and potential[j, i] < lowest:
+                lowest = potential[j, i]
+                x, y = i, j
+    return x, y
 
 
 @njit

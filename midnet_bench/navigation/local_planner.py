@@ -1,15 +1,14 @@
-"""What the local planners share: protocol, steps to plan and goal, the outline's cost, velocity samples."""
+"""What both local planners share: shape, steps to plan and goal, cost of the outline, velocity samples."""
 
 import math
-from typing import Protocol
+from abc import ABC, abstractmethod
 
 import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, hypot
-from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.navigation.costmap import (
     INSCRIBED,
     LETHAL,
@@ -18,33 +17,17 @@ from midnet_bench.navigation.costmap import (
     Floats,
     RollingCostmap,
     clear_polygon,
+    corner_array,
     line_steps,
     next_cell,
     placed,
 )
-from midnet_bench.navigation.settings import LocalPlannerLimits
+from midnet_bench.navigation.settings import Footprint, LocalPlannerLimits
 
 Grids = npt.NDArray[np.int32]
 
 Plan = npt.NDArray[np.float64]
 """(N, 2) points in the costmap's frame, metres, from the robot to where the plan leaves the window or ends"""
-
-
-class LocalPlanner(Protocol):
-    """Turns a plan into velocities, ten times a second."""
-
-    @property
-    def limits(self) -> LocalPlannerLimits:
-        """What the robot may do."""
-
-    def reset(self) -> None:
-        """Drop the memory against oscillation: there is a new goal or another way to it."""
-
-    def command(self, costmap: RollingCostmap, plan: Plan, pose: Pose2D, velocity: Command) -> Command | None:
-        """The velocity to drive now; None when no motion is legal."""
-
-    def turn_is_legal(self, costmap: RollingCostmap, pose: Pose2D, turn_radps: float) -> bool:
-        """Whether turning on the spot at this rate for the planner's horizon keeps off obstacles."""
 
 
 PATH, GOAL, GOAL_FRONT = 0, 1, 2
@@ -54,46 +37,52 @@ ILLEGAL = -1
 """cost of an outline on an obstacle, on unknown cells or off the window"""
 
 
-class LocalGoalGrids:
-    """The distance grids of the newest plan in the newest local costmap, made once for both.
+class LocalPlanner(ABC):
+    """Turns a plan into velocities, ten times a second."""
 
-    A plan or costmap that is the same object as before gives the grids of before.
-    """
+    def __init__(
+        self, limits: LocalPlannerLimits, sim_time_s: float, footprint: Footprint, resolution: float
+    ) -> None:
+        self.limits = limits
+        """what the robot may do"""
+        self._sim_time_s = sim_time_s
+        self._footprint_cells = corner_array(footprint) / resolution
+        self._gridded: tuple[Cells, Plan] | None = None
+        """costs and plan that the newest grids are of"""
+        self._newest_grids: Grids = np.empty((0, 0, 0), dtype=np.int32)
 
-    def __init__(self) -> None:
-        self._costs: npt.NDArray[np.uint8] | None = None
-        self._plan: Plan | None = None
-        self._grids: Grids | None = None
+    @abstractmethod
+    def reset(self) -> None:
+        """Drop the memory against oscillation: there is a new goal or another way to it."""
 
-    def grids(
-        self,
-        costmap: RollingCostmap,
-        plan: Plan,
-        pose: Pose2D,
-        forward_m: float,
-        freed: npt.NDArray[np.float64] | None = None,
+    @abstractmethod
+    def command(self, costmap: RollingCostmap, plan: Plan, pose: Pose2D, velocity: Command) -> Command | None:
+        """The velocity to drive now; None when no motion is legal."""
+
+    def turn_is_legal(self, costmap: RollingCostmap, pose: Pose2D, turn_radps: float) -> bool:
+        """Whether turning on the spot at this rate for ``sim_time_s`` keeps the outline off obstacles."""
+        x, y = costmap.layer.to_cells(pose.x, pose.y)
+        angle = float(turn_radps) * self._sim_time_s
+        return bool(turn_is_free(costmap.costs, x, y, float(pose.yaw), angle, self._footprint_cells))
+
+    def _grids(
+        self, costmap: RollingCostmap, plan: Plan, pose: Pose2D, forward_m: float, clears_footprint: bool
     ) -> Grids:
-        """``local_grids`` of both; the plan's end is pushed ahead by ``forward_m`` for the third.
+        """``local_grids`` of plan and costmap; the plan's end is pushed ahead by ``forward_m`` for the third.
 
-        Cells under ``freed``, a footprint in cells, count as free where the robot stands.
+        Made anew for another plan or costmap than before. With ``clears_footprint`` the cells under the robot
+        count as free.
         """
-        if self._grids is None or costmap.costs is not self._costs or plan is not self._plan:
-            costs = costmap.costs
-            if freed is not None:
+        costs = costmap.costs
+        if self._gridded is None or costs is not self._gridded[0] or plan is not self._gridded[1]:
+            self._gridded = costs, plan
+            if clears_footprint:
                 costs = costs.copy()
-                clear_polygon(costs, placed(freed, (*costmap.layer.to_cells(pose.x, pose.y), pose.yaw)))
-            self._grids = np.asarray(
-                local_grids(
-                    costs,
-                    plan,
-                    costmap.origin,
-                    costmap.settings.resolution,
-                    (pose.x, pose.y),
-                    forward_m,
-                )
-            )
-            self._costs, self._plan = costmap.costs, plan
-        return self._grids
+                at = (*costmap.layer.to_cells(pose.x, pose.y), pose.yaw)
+                clear_polygon(costs, placed(self._footprint_cells, at))
+            resolution, robot = costmap.settings.resolution, (pose.x, pose.y)
+            self._newest_grids = local_grids(costs, plan, costmap.origin, resolution, robot, forward_m)
+        return self._newest_grids
 
 
 @njit
@@ -106,13 +95,17 @@ def distance_grids(costs: Cells, plan: Floats, pushed_end: tuple[float, float]) 
     passes nothing on; a cell that was not reached holds H * W + 1. Seeds spread whatever they cost.
     """
     height, width = costs.shape
-    grids = np.empty((3, height + 2, width + 2), dtype=np.int32)
-    queue = np.empty(height * width, dtype=np.uint32)
+    cells = height * width
+    grids = np.full((3, height + 2, width + 2), np.int32(-1))
+    for row in range(height):
+        for column in range(width):
+            grids[0, row + 1, column + 1] = cells + 2 if costs[row, column] >= INSCRIBED else cells + 1
+    grids[1:] = grids[0]
     seeds, count = _plan_cells(costs, plan, (plan[-1, 0], plan[-1, 1]))
-    _spread(costs, seeds[:count], queue, grids[PATH])
-    _spread(costs, seeds[max(count - 1, 0) : count], queue, grids[GOAL])
+    _spread(seeds[:count], grids[PATH], cells)
+    _spread(seeds[max(count - 1, 0) : count], grids[GOAL], cells)
     seeds, count = _plan_cells(costs, plan, pushed_end)
-    _spread(costs, seeds[max(count - 1, 0) : count], queue, grids[GOAL_FRONT])
+    _spread(seeds[max(count - 1, 0) : count], grids[GOAL_FRONT], cells)
     return grids
 
 
@@ -172,24 +165,16 @@ def _plan_cells(costs: Cells, plan: Floats, end: tuple[float, float]) -> tuple[n
 
 
 @njit
-def _spread(
-    costs: Cells, seeds: npt.NDArray[np.int32], queue: npt.NDArray[np.uint32], grid: npt.NDArray[np.int32]
-) -> None:
-    """Fill ``grid`` with the steps from the nearest seed, breadth first."""
-    height, width = costs.shape
-    blocked = np.int32(height * width)
-    unreachable = np.int32(blocked + 1)
-    closed = np.int32(blocked + 2)
-    grid[0] = -1
-    grid[-1] = -1
-    for row in range(height):
-        grid[row + 1, 0] = -1
-        grid[row + 1, width + 1] = -1
-        for column in range(width):
-            grid[row + 1, column + 1] = closed if costs[row, column] >= INSCRIBED else unreachable
+def _spread(seeds: npt.NDArray[np.int32], grid: npt.NDArray[np.int32], cells: int) -> None:
+    """Fill ``grid`` with the steps from the nearest seed, breadth first.
+
+    ``grid`` holds ``cells`` + 1, or + 2 where a cell passes nothing on, within a ring of -1.
+    """
+    blocked, unreachable, closed = np.int32(cells), np.int32(cells + 1), np.int32(cells + 2)
     flat = grid.reshape(-1)
-    # Unsigned, so that no index is asked whether it counts from the end: a third of the time.
-    one, stride = np.uint32(1), np.uint32(width + 2)
+    queue = np.empty(cells, dtype=np.uint32)
+    # unsigned indices spare numba's test for negative ones: a third of the time
+    one, stride = np.uint32(1), np.uint32(grid.shape[1])
     head, tail = np.uint32(0), np.uint32(0)
     for seed in seeds:
         if flat[seed] != 0:
@@ -208,15 +193,10 @@ def _spread(
                     flat[other] = steps
                     queue[tail] = other
                     tail += one
-    # A closed cell is blocked if a neighbour was reached; the ring's -1 is a large number here.
-    for row in range(1, height + 1):
-        below, here, above = grid[row - 1], grid[row], grid[row + 1]
-        for column in range(1, width + 1):
-            left, right = np.uint32(here[column - 1]), np.uint32(here[column + 1])
-            down, up = np.uint32(below[column]), np.uint32(above[column])
-            is_beside = (left < blocked) | (right < blocked) | (down < blocked) | (up < blocked)
-            if here[column] == closed:
-                here[column] = blocked if is_beside else unreachable
+                elif flat[other] == closed:
+                    flat[other] = blocked
+    for place in range(len(flat)):
+        flat[place] = min(flat[place], unreachable)  # closed cells beside none that was reached
 
 
 @njit

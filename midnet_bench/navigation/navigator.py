@@ -6,9 +6,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D, lengths, wrap_angle
+from midnet_bench.geometry import STOP, Command, LidarGeometry, Pose2D, lengths, wrap_angle
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import STOP, Command, LidarGeometry
 from midnet_bench.navigation.costmap import (
     LETHAL,
     GlobalCostmap,
@@ -144,7 +143,6 @@ class Navigator:
 
         ``pose``: the robot in the map's frame at that instant; ``ranges_m``: (beams,) metres.
         """
-        pose.require_finite()
         sensor_pose = pose.compose(geometry.mount)
         self._has_scan = self._scan_is_new = True
         self.local_costmap.update(pose, sensor_pose, ranges_m, geometry, time_s)

@@ -150,10 +150,10 @@ class CostmapSettings(Settings):
         """How far from an obstacle a published cost stays at ``thresh`` or above, metres (item 1)."""
         if thresh == 100:
             return 0.0
-        from midnet_bench.elementary import log  # which needs a compiler
+        from midnet_bench.elementary import from_python  # which needs a compiler
 
         least_cost = 1 + math.ceil(251 * (thresh - 1) / 97)
-        graded_m = self.inscribed_radius_m + log(252 / least_cost) / self.cost_scaling_factor
+        graded_m = self.inscribed_radius_m + from_python.log(252 / least_cost) / self.cost_scaling_factor
         return min(self.inscribed_radius_m if thresh == 99 else graded_m, self.inflation_radius_m)
 
     @property

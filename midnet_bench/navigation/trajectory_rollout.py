@@ -7,20 +7,18 @@ import numpy as np
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin
-from midnet_bench.geometry import Pose2D, wrap_angle
-from midnet_bench.messages import Command
-from midnet_bench.navigation.costmap import Cells, Floats, RollingCostmap, corner_array
+from midnet_bench.geometry import Command, Pose2D, wrap_angle
+from midnet_bench.navigation.costmap import Cells, Floats, RollingCostmap
 from midnet_bench.navigation.local_planner import (
     GOAL,
     ILLEGAL,
     PATH,
     Grids,
-    LocalGoalGrids,
+    LocalPlanner,
     Plan,
     outline_cost,
-    turn_is_free,
 )
-from midnet_bench.navigation.settings import Footprint, LocalPlannerLimits, TrajectoryRolloutSettings
+from midnet_bench.navigation.settings import Footprint, TrajectoryRolloutSettings
 
 HITS, BLOCKED = -1.0, -2.0
 """cost of a rollout whose footprint is illegal or off the window; of one that leaves path or goal's reach"""
@@ -42,13 +40,12 @@ class RolloutParameters(NamedTuple):
     min_in_place: float
 
 
-class TrajectoryRolloutPlanner:
+class TrajectoryRolloutPlanner(LocalPlanner):
     """Chooses among velocities that can be reached within ``sim_time_s``, ramping towards each."""
 
     def __init__(self, settings: TrajectoryRolloutSettings, footprint: Footprint, resolution: float) -> None:
+        super().__init__(settings.limits, settings.sim_time_s, footprint, resolution)
         self.settings = settings
-        self._footprint_cells = corner_array(footprint) / resolution
-        self._grids = LocalGoalGrids()
         self._parameters = RolloutParameters(
             acc_x=float(settings.limits.acc_lim_x_mps2),
             acc_theta=float(settings.limits.acc_lim_theta_radps2),
@@ -67,11 +64,6 @@ class TrajectoryRolloutPlanner:
         self._turned_at = Pose2D(math.inf, math.inf, 0.0)
         self._escape_from: Pose2D | None = None
 
-    @property
-    def limits(self) -> LocalPlannerLimits:
-        """What the robot may do."""
-        return self.settings.limits
-
     def reset(self) -> None:
         """Allow turns on the spot to both sides, and end an escape."""
         self._turned_to.clear()
@@ -86,7 +78,7 @@ class TrajectoryRolloutPlanner:
         else is tried until the robot has moved or turned far enough.
         """
         settings, limits = self.settings, self.settings.limits
-        grids = self._grids.grids(costmap, plan, pose, 0.0, self._footprint_cells)
+        grids = self._grids(costmap, plan, pose, 0.0, clears_footprint=True)
         start = (*costmap.layer.to_cells(pose.x, pose.y), float(pose.yaw))
         v, w = float(velocity[0]), float(velocity[1])
         self._end_escape(pose)
@@ -131,12 +123,6 @@ class TrajectoryRolloutPlanner:
         if self._escape_from is None:
             self._escape_from = pose
         return Command(settings.escape_vel_mps, 0.0)
-
-    def turn_is_legal(self, costmap: RollingCostmap, pose: Pose2D, turn_radps: float) -> bool:
-        """Whether turning on the spot at this rate for ``sim_time_s`` keeps the outline off obstacles."""
-        x, y = costmap.layer.to_cells(pose.x, pose.y)
-        angle = float(turn_radps) * self.settings.sim_time_s
-        return bool(turn_is_free(costmap.costs, x, y, float(pose.yaw), angle, self._footprint_cells))
 
     def _note(self, speed: float, turn: float, pose: Pose2D) -> None:
         """The second turn on the spot to a side forbids the other side until the robot has moved."""

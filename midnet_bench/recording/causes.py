@@ -6,18 +6,18 @@ returns near a label ended, and what is in a box.
 
 import math
 import pickle
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import IO, Any, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.detectors import evidence
 from midnet_bench.detectors.detector_node import DetectorNode
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import Box, Pose2D, Scan
 from midnet_bench.grid import UNKNOWN, OccupancyGrid, cells_of, values_at
 from midnet_bench.localization.scan_to_map import ScanToMap
-from midnet_bench.messages import Scan
 from midnet_bench.midnet.detection import bounding_boxes
 from midnet_bench.midnet.pipeline import Frame, RobotView
 from midnet_bench.recording.files.readings import NS
@@ -67,7 +67,10 @@ class Surroundings(NamedTuple):
     """(n,) whether the map knows nothing there, or ends before"""
 
 
-MAY_STAY = ("unlabelled", "near_wall", "unknown_cells", "single_return")
+WALL_STAYS_M = 0.25
+"""up to here from a mapped wall, what stays put is the wall's own"""
+BESIDE_A_LABEL = ("displaced", "fragment")
+MAY_STAY = ("unlabelled", "near_wall", "unknown_cells", "single_return", *BESIDE_A_LABEL)
 """causes that become ``unmapped`` where the whole recording shows that what is there stays put"""
 MOST_RECENT = 20
 """scans whose surroundings are kept: one of each robot"""
@@ -103,6 +106,8 @@ class Explainer:
         """robot -> its last scan that was matched to the map, and the pose that came of it"""
         self._recent: list[tuple[Floats, Surroundings]] = []
         """of the last scans' returns, which each box needs"""
+        self._label_ways: dict[str, tuple[list[float], list[float]]] = {}
+        """label -> lowest and highest x, y that it was at"""
         self._kept = kept
 
     def surroundings(self, returns: Floats) -> Surroundings:
@@ -177,7 +182,9 @@ class Explainer:
         grown = _near([Box._make(box) for box in contours], label, near_m)
         if not grown:
             return "displaced"
-        midnet, free = self._settings.midnet, np.count_nonzero(values_on)
+        midnet, free = self._settings.midnet, int(np.count_nonzero(values_on))
+        if self._settings.return_area_m2 and middle(self._surroundings(points_on).wall_m) <= evidence.WALL_M:
+            free = 0  # so near to a wall returns count in part
         if midnet.min_returns and free < midnet.min_returns <= len(points):
             return "under_prior"  # which leaves a rim of what was inflated, without its returns
         # at most so many cells has the blob in a box
@@ -197,17 +204,20 @@ class Explainer:
     def boxes(
         self,
         frame: ReplayFrame,
-        wrong: Sequence[int],
+        wrong: Mapping[int, Sequence[int]],
         labels: Labels | None,
-        touched: Sequence[Sequence[int]],
         distance_m: float,
     ) -> None:
-        """Add a row for each box, by index, that is no label's own."""
-        for index in wrong:
+        """Add a row for each box that is no label's own: by index, and the labels that it touches."""
+        for label in labels.there if labels else ():
+            low, high = self._label_ways.setdefault(label.name, ([math.inf] * 2, [-math.inf] * 2))
+            for axis, at in enumerate((label.x, label.y)):
+                low[axis], high[axis] = min(low[axis], at), max(high[axis], at)
+        for index, touched in wrong.items():
             box = frame.outputs[self._preset].frame.detections[index]
             returns, about = self._in_box(frame, box)
-            if labels is not None and touched[index]:
-                kind, cause, age_s, name = "fragment", "fragment", 0.0, labels.there[touched[index][0]].name
+            if labels is not None and touched:
+                kind, cause, age_s, name = "fragment", "fragment", 0.0, labels.there[touched[0]].name
             else:
                 kind = "box" if labels is None else "false"
                 cause, age_s, name = self._false_positive_source(frame, box, about, labels, distance_m)
@@ -237,8 +247,8 @@ class Explainer:
                 return ("ally_late" if late else "ally_left"), estimate.age_s, plan.name
         for one in frame.observed:
             apart_m = box.distance_to_point(*one.estimate.pose[:2])
-            if len(frame.observed) > 1 and apart_m <= NEAR_M:
-                return "ally_left", one.estimate.age_s, f"robot {one.robot + 1}"
+            if len({other.carrier for other in frame.observed}) > 1 and apart_m <= NEAR_M:
+                return "ally_left", one.estimate.age_s, f"robot {one.carrier + 1}"
         for label in labels.there if labels else ():
             if box.distance_to_point(label.x, label.y) <= distance_m + NEAR_M:
                 return "displaced", 0.0, label.name
@@ -249,7 +259,7 @@ class Explainer:
             return "single_return", 0.0, ""
         if np.count_nonzero(about.unknown) > 0.5 * len(about.unknown):
             return "unknown_cells", 0.0, ""
-        near_m = self._settings.prior_reach_m + WALL_M
+        near_m = evidence.WALL_M if self._settings.return_area_m2 else self._settings.prior_reach_m + WALL_M
         if middle(about.wall_m) <= near_m:
             return ("pose_error" if self._better_pose_corrects(frame, box) else "near_wall"), 0.0, ""
         return "unlabelled", 0.0, ""
@@ -301,12 +311,17 @@ class Explainer:
         while self._kept.tell() < end:
             cells, points = pickle.load(self._kept)
             row = ErrorRow(*cells)
-            if points is not None:
+            is_standing_label = row.cause in BESIDE_A_LABEL and self._stands(row.name)
+            if points is not None and not is_standing_label:
                 points_stay = values_at(grid.data, grid, points, -1)
                 points_stay = points_stay[points_stay >= 0]
-                if len(points_stay) and points_stay.mean() > 0.5:
+                if len(points_stay) and points_stay.mean() > 0.5 and row.offset_m > WALL_STAYS_M:
                     row = row._replace(cause="unmapped")
             yield row
+
+    def _stands(self, name: str) -> bool:
+        """Whether a labelled object was in one place at all its errors: it stays put itself."""
+        return math.dist(*self._label_ways[name]) <= NEAR_M
 
 
 def _near(boxes: Sequence[Box], label: Label, near_m: float) -> list[Box]:

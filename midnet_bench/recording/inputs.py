@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -10,21 +11,24 @@ from pathlib import Path
 import numpy as np
 
 from midnet_bench.analysis.tables import Table
-from midnet_bench.detectors.seams import DETECTORS, FUSIONS
 from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.extension_points import DETECTORS, FUSIONS
+from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import load_map
 from midnet_bench.recording.files.bags import Bag, is_bag
 from midnet_bench.recording.files.readings import NS, GridReading, Source
 from midnet_bench.recording.files.survey import Survey, listing, survey
 from midnet_bench.recording.files.tables import read_text
+from midnet_bench.recording.fitting.localize import Localizer
+from midnet_bench.recording.fitting.place import placed
 from midnet_bench.recording.plan import AllyPlan, RobotPlan, followed_topics, number_of, robots_of
 from midnet_bench.recording.ray_counts import RayCounts
-from midnet_bench.recording.replay import Replay
+from midnet_bench.recording.replay import Replay, part_of
 from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.recording.setup import EVERY, RecordingSetup
 from midnet_bench.recording.truth import LabelTable
-from midnet_bench.robots.seams import ROBOTS
+from midnet_bench.robots.model import ROBOTS
 from midnet_bench.settings import Scalar
 
 EXPORTED = "/midnet/replay"
@@ -53,8 +57,7 @@ class ReplayInputs:
     @property
     def offsets_ns(self) -> list[int]:
         """Added to the times of each source. Raises InputError: no source has a name that is there."""
-        given = self.setup.of_each("offset_s", self.names)
-        return [round(given.get(name, 0.0) * NS) for name in self.names]
+        return offsets_of(self.setup, self.names)
 
     def settings(self) -> dict[str, ReplaySettings]:
         """The detector options by preset. Raises InputError: an unknown key, or a value out of range."""
@@ -66,6 +69,11 @@ class ReplayInputs:
                 "'midnet-bench map --from-map' makes a map of others"
             )
         return {preset: ReplaySettings.of(preset, values, cell_m) for preset in self.setup.presets}
+
+    def localizers(self) -> list[Localizer]:
+        """One for each laser, the same one for those of a robot; none if poses are taken as they are."""
+        each = {robot.carrier: Localizer(self.prior_map) for robot in self.robots if self.setup.localize}
+        return [each[robot.carrier] for robot in self.robots if each]
 
     def allies(self, diameter_m: float) -> list[AllyPlan]:
         """The allies; ``diameter_m`` of those without one. Raises InputError: no such topic."""
@@ -106,15 +114,38 @@ def prepared(files: Sequence[Path], setup: RecordingSetup, note: Note) -> Iterat
                 table = read_text(Path(text)).called(text)
                 stack.callback(table.close)
                 sources.append(table)
-        surveys = [survey(source) for source in sources]
+        names = file_names([Path(source.path) for source in sources])
+        offsets_ns = offsets_of(setup, names)
+        from_ns, to_ns = part_of(sources, setup, offsets_ns)
+        surveys = [
+            survey(source, from_ns - own_ns, to_ns - own_ns)
+            for source, own_ns in zip(sources, offsets_ns, strict=True)
+        ]
         for source in sources:
             for remark in source.remarks:
                 note(remark)
+        for one in surveys:
+            for remark in one.remarks:
+                note(remark)
         setup = with_exported(setup, surveys)
-        names = file_names([Path(source.path) for source in sources])
         robots = robots_of(surveys, setup, names)
+        if setup.start and setup.background is not None:
+            raise InputError("start: a place on a map is needed; give --map in place of the background")
         prior_map, scored_from_ns = prior_map_of(setup, surveys, robots, note)
-        yield ReplayInputs(setup, sources, surveys, names, robots, prior_map, scored_from_ns)
+        inputs = ReplayInputs(setup, sources, surveys, names, robots, prior_map, scored_from_ns)
+        setup.of_each("start", [robot.carrier for robot in robots])
+        moved: dict[str, Pose2D] = {}
+        for number, robot in enumerate(robots):
+            if robot.carrier not in moved:
+                moved[robot.carrier] = placed(robot, surveys, setup, offsets_ns, prior_map, note)
+            robots[number] = robot.moved(moved[robot.carrier])
+        yield inputs
+
+
+def offsets_of(setup: RecordingSetup, names: Sequence[str]) -> list[int]:
+    """Added to the times of each source, ns. Raises InputError: no source has a name that is there."""
+    given = setup.of_each("offset_s", names)
+    return [round(given.get(name, 0.0) * NS) for name in names]
 
 
 def open_source(path: Path) -> Source:
@@ -155,7 +186,7 @@ def list_topics(files: Sequence[Path]) -> tuple[list[Table], list[str], list[str
         for path, one in zip(files, surveys, strict=True):
             title = f"{path}: {one.duration_s:.1f} s"
             tables.append(Table("topics", title, listing(one)))
-            lines += one.source.remarks
+            lines += [*one.source.remarks, *one.remarks]
         lines += proposal(files, surveys)
         faults = [one.fault for one in surveys if one.fault]
     return tables, lines, faults
@@ -170,11 +201,22 @@ def proposal(files: Sequence[Path], surveys: Sequence[Survey]) -> list[str]:
         robots = robots_of(surveys, RecordingSetup(), file_names(files))
     except InputError as error:
         return [f"to replay it: {error}"]
-    for robot in robots:
-        words.append(f"--pose {f'{robot.name}=' if len(robots) > 1 else ''}{robot.pose_key}")
+    lines = []
+    carriers = {robot.carrier: robot for robot in robots}
+    for robot in carriers.values():
+        words.append(f"--pose {f'{robot.carrier}=' if len(carriers) > 1 else ''}{robot.pose_key}")
+        stream = surveys[robot.source].streams.get(robot.pose_key)
+        if stream is None or not robot.pose_key.startswith("/"):
+            continue
+        lines.append(f"{robot.pose_key} is taken for the pose of {robot.name}; is it, on the map?")
+        if stream.topic.type == "nav_msgs/msg/Odometry" and stream.poses[0].frame != "map":
+            words += ["--place found"] * ("--place found" not in words)
     grids = [name for one in surveys for name, topic in one.source.topics.items() if topic.kind == "grid"]
+    if not grids:
+        made = f"results/map-{file_names(files)[0]}"
+        lines.append(f"no map: midnet-bench map --from-log {files[0]} -o {made}; then --map {made}/map.yaml")
     words.append(f"--map {grids[0] if '/map' in grids else 'MAP.yaml'}")
-    return [f"proposed: {' '.join(words)}", "--check besides finds the mount and writes a setup.yaml"]
+    return [f"proposed: {' '.join(words)}", *lines, "--check besides finds the mount and writes a setup.yaml"]
 
 
 def file_names(files: Sequence[Path]) -> list[str]:
@@ -217,12 +259,19 @@ def with_exported(setup: RecordingSetup, surveys: Sequence[Survey]) -> Recording
             "rate_hz": setup.rate_hz or written["rate_hz"],
             "tick_hz": written["tick_hz"],
             "map": setup.map or (None if setup.background else "/map"),
+            "truth": setup.truth or _own_truth(surveys[0]),
         }
     except InputError as error:
         raise InputError(f"{path}: {EXPORTED}: {error}") from error
     except (AssertionError, KeyError, TypeError, IndexError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: {EXPORTED}: {error!r}; export the trial again") from error
     return setup.changed(values, f"{path}: {EXPORTED}")
+
+
+def _own_truth(one: Survey) -> dict[str, str]:
+    """Intruder -> topic of its true pose, as ``export`` writes them."""
+    topics = (stream.topic.name for stream in one.streams.values() if stream.poses)
+    return {topic.split("/")[2]: topic for topic in topics if re.fullmatch("/truth/[^/]+/pose", topic)}
 
 
 def _own(settings: Mapping[str, Scalar], typed: Mapping[str, Scalar]) -> dict[str, Scalar]:
@@ -295,9 +344,15 @@ def _background(
         taken, scored_from_ns = _count(counts, sources, robots, each_scan, round(seconds * NS))
     else:
         path = Path(background)
+        if any(path.exists() and path.samefile(one.source.path) for one in surveys):
+            raise InputError(
+                f"background: {background}: is the recording itself, whose people would be walls; "
+                "give another recording, or its beginning as first-10"
+            )
         with opened([path]) as sources:
-            recorded = robots_of([survey(sources[0])], setup, file_names([path]))
-            taken, _ = _count(counts, sources, recorded, each_scan, None)
+            whole = each_scan.model_copy(update={"from_s": 0.0, "to_s": None})
+            recorded = robots_of([survey(sources[0])], whole, file_names([path]))
+            taken, _ = _count(counts, sources, recorded, whole, None)
     if not taken:
         raise InputError(f"background: {background}: no scan of it has a pose; the map would be empty")
     grid = counts.map(setup.hit_threshold)

@@ -15,6 +15,7 @@ import numpy as np
 
 from midnet_bench.detectors.detector_node import DetectorNode, DetectorSettings
 from midnet_bench.errors import InputError
+from midnet_bench.extension_points import PluginError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Observation
@@ -34,7 +35,6 @@ from midnet_bench.recording.files.readings import (
 from midnet_bench.recording.files.ros_messages import MAP, Message, detections, ros_name
 from midnet_bench.recording.poses import PoseInterpolator, PoseTrack
 from midnet_bench.recording.replay import LARGEST_JUMP_NS, geometry_of
-from midnet_bench.seams import PluginError
 
 MAP_TOPIC, TF, TF_STATIC = "/map", "/tf", "/tf_static"
 KEPT = 1000

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -17,6 +18,8 @@ TF_POSE = "tf"
 ONE_ROBOT = "robot"
 """name of the only robot of a recording"""
 AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
+NO_POSE = re.compile(r"goal|initial_?pose|target|waypoint|clicked|truth|/plan", re.IGNORECASE)
+"""in names of topics that say where a robot is to go or was said to be, not where it is"""
 FARTHEST_LASER_M = 100.0
 """from its robot's middle"""
 
@@ -49,11 +52,13 @@ class PoseChain(NamedTuple):
 
 
 class RobotPlan(NamedTuple):
-    """One robot of a recording."""
+    """One laser of a recording, and the robot that carries it."""
 
     name: str
+    """of the robot; with several lasers each has its topic besides"""
     source: int
     scan_topic: str
+    """its stream: the topic, with ``@FRAME`` where scans of several lasers are on it"""
     pose: PoseChain
     mount: Pose2D
     """of the laser on the robot"""
@@ -64,6 +69,21 @@ class RobotPlan(NamedTuple):
     no_return: NoReturn
     beam_s: float
     """from one beam to the next"""
+    carrier: str
+    """the robot's name"""
+    frame: str = ""
+    """of its scans; empty: any on the topic"""
+
+    @property
+    def topic(self) -> str:
+        """The topic of its scans."""
+        return self.scan_topic.removesuffix(f"@{self.frame}")
+
+    def moved(self, by: Pose2D) -> "RobotPlan":
+        """The same with its poses moved."""
+        if by == AT_ORIGIN:
+            return self
+        return self._replace(pose=PoseChain((by, *self.pose.links), self.pose.in_words))
 
     @property
     def pose_key(self) -> str:
@@ -80,7 +100,7 @@ class AllyPlan(NamedTuple):
 
 
 def robots_of(surveys: Sequence[Survey], setup: RecordingSetup, file_names: Sequence[str]) -> list[RobotPlan]:
-    """Each robot of the recordings.
+    """Each laser of the recordings, robot by robot.
 
     Args:
         surveys: of each source.
@@ -91,77 +111,127 @@ def robots_of(surveys: Sequence[Survey], setup: RecordingSetup, file_names: Sequ
         InputError: a topic or transforms are missing, do not fit, or it is not clear which to take.
     """
     scans = _scan_topics(surveys, setup, file_names)
-    poses, mounts, mirrored, delays_s = (
-        setup.of_each(key, list(scans)) for key in ("pose", "mount", "mirrored", "delay_s")
-    )
+    lasers = [laser for own in scans.values() for laser in own]
+    names = [*scans, *(topic for _, topic in lasers)]
+    poses = setup.of_each("pose", list(scans))
+    mounts, mirrored, delays_s = (setup.of_each(key, names) for key in ("mount", "mirrored", "delay_s"))
     robots = []
-    for name, (source, topic) in scans.items():
-        stream, own = surveys[source].streams[topic], surveys[source].source.mount
-        chain, mount, upside_down = _where(
-            surveys, source, stream.scans[0].frame, poses.get(name), setup.map_frame, name
+    for carrier, (source, topic) in ((name, laser) for name, own in scans.items() for laser in own):
+        is_alone = len(scans[carrier]) == 1
+        name = carrier if is_alone else f"{carrier} {topic.strip('/')}"
+        survey, stream, own_mount = (
+            surveys[source],
+            surveys[source].streams[topic],
+            surveys[source].source.mount,
         )
-        if name in mounts:
-            x, y, yaw_deg = mounts[name]
+        laser, map_frame = stream.scans[0].frame, setup.map_frame
+        above = survey.chain(laser)
+        if setup.start and map_frame not in above and above[-1] not in _fixed_part(survey, laser):
+            map_frame = above[-1]  # that of odometry, which is placed on the map
+        chain, mount, upside_down = _where(surveys, source, laser, poses.get(carrier), map_frame, carrier)
+        key_of = {
+            key: topic if topic in getattr(setup, key) else carrier
+            for key in ("mount", "mirrored", "delay_s")
+        }
+        if key_of["mount"] in mounts:
+            if not is_alone and key_of["mount"] == carrier:
+                raise InputError(
+                    f"mount: robot '{carrier}' has several lasers; give {{{topic}: [x, y, yaw_deg], ...}}"
+                )
+            x, y, yaw_deg = mounts[key_of["mount"]]
             mount = Pose2D(x, y, math.radians(yaw_deg))
-        elif own is not None and mount == AT_ORIGIN:
-            mount = own
+        elif own_mount is not None and mount == AT_ORIGIN:
+            mount = own_mount
         if max(abs(mount.x), abs(mount.y)) > FARTHEST_LASER_M:
             raise InputError(
                 f"mount: robot '{name}': its laser sits {mount.x:g}, {mount.y:g} m off; give mount, in metres"
             )
-        is_mirrored = upside_down != mirrored.get(name, False)
-        delay_ns, no_return = round(delays_s.get(name, 0.0) * NS), found_in(stream.scans, setup.no_return)
-        beam_s = beam_time(stream)[0]
-        robots.append(RobotPlan(name, source, topic, chain, mount, is_mirrored, delay_ns, no_return, beam_s))
+        robots.append(
+            RobotPlan(
+                name,
+                source,
+                topic,
+                chain,
+                mount,
+                upside_down != mirrored.get(key_of["mirrored"], False),
+                round(delays_s.get(key_of["delay_s"], 0.0) * NS),
+                found_in(stream.scans, setup.no_return),
+                beam_time(stream)[0],
+                carrier,
+                laser if topic != stream.topic.name else "",
+            )
+        )
     return robots
 
 
 def _scan_topics(
     surveys: Sequence[Survey], setup: RecordingSetup, file_names: Sequence[str]
-) -> dict[str, tuple[int, str]]:
-    """Robot's name -> source and topic of its scans."""
+) -> dict[str, list[tuple[int, str]]]:
+    """Robot's name -> source and stream of each of its lasers."""
     if not setup.scan:
-        return _all_scan_topics(surveys, file_names)
-    topics = {}
-    for name, topic in setup.scan.items():
-        sources = [number for number, survey in enumerate(surveys) if topic in survey.streams]
-        if len(surveys) > 1 and name in file_names and file_names.index(name) in sources:
-            sources = [file_names.index(name)]
-        source = sources[0] if sources else 0
-        check_topic(surveys, source, topic, SCAN, "scan")
-        if not any(len(scan.ranges_m) for scan in surveys[source].streams[topic].scans):
-            raise InputError(f"scan: {topic}: no scan of it holds a range; give another topic")
-        topics[name or ONE_ROBOT] = (source, topic)
-    return topics
+        return _all_scan_topics(surveys, setup, file_names)
+    found: dict[str, list[tuple[int, str]]] = {}
+    for name, given in setup.scan.items():
+        for topic in [given] if isinstance(given, str) else given:
+            sources = [number for number, survey in enumerate(surveys) if _lasers_on(survey, topic)]
+            if len(surveys) > 1 and name in file_names and file_names.index(name) in sources:
+                sources = [file_names.index(name)]
+            source = sources[0] if sources else 0
+            lasers = _lasers_on(surveys[source], topic) or [topic]
+            for laser in lasers:
+                check_topic(surveys, source, laser, SCAN, "scan")
+                if not surveys[source].streams[laser].has_ranges:
+                    raise InputError(f"scan: {topic}: no scan of it holds a range; give another topic")
+            found.setdefault(name or ONE_ROBOT, []).extend((source, laser) for laser in lasers)
+    return found
 
 
-def _all_scan_topics(surveys: Sequence[Survey], file_names: Sequence[str]) -> dict[str, tuple[int, str]]:
-    streams = [(number, stream) for number, survey in enumerate(surveys) for stream in survey.of_kind(SCAN)]
-    filled = [
-        (number, stream.topic.name)
-        for number, stream in streams
-        if any(len(scan.ranges_m) for scan in stream.scans)
-    ]
-    if not filled:
-        paths = ", ".join(survey.source.path for survey in surveys)
-        raise InputError(f"{paths}: {_no_scans(surveys, bool(streams))}")
-    if len(surveys) == 1:
-        return dict(zip(_names([topic for _, topic in filled]), filled, strict=True))
-    by_file: dict[str, tuple[int, str]] = {}
-    for number, topic in filled:
-        if file_names[number] in by_file:
+def _lasers_on(survey: Survey, topic: str) -> list[str]:
+    """Streams of a topic: itself; of one with several frames those in tf, or the one with most scans."""
+    if topic in survey.streams:
+        return [topic]
+    each = [name for name in survey.streams if name.rpartition("@")[0] == topic]
+    return [name for name in each if survey.streams[name].scans[0].frame in survey.parents()] or each[:1]
+
+
+def _all_scan_topics(
+    surveys: Sequence[Survey], setup: RecordingSetup, file_names: Sequence[str]
+) -> dict[str, list[tuple[int, str]]]:
+    found: dict[str, list[tuple[int, str]]] = {}
+    for number, survey in enumerate(surveys):
+        carriers = _carriers(survey, setup.map_frame)
+        if len(surveys) > 1 and len(carriers) > 1:
             raise InputError(
-                f"{surveys[number].source.path}: several topics have scans; choose in setup.yaml, "
-                f"'scan: {{NAME: TOPIC}}': {', '.join(name for source, name in filled if source == number)}"
+                f"{survey.source.path}: several topics have scans; choose in setup.yaml, "
+                f"'scan: {{NAME: TOPIC}}': {', '.join(topic for lasers in carriers for topic in lasers)}"
             )
-        by_file[file_names[number]] = (number, topic)
-    return by_file
+        names = [file_names[number]] if len(surveys) > 1 else _names([lasers[0] for lasers in carriers])
+        each = zip(names, carriers, strict=False)
+        found |= {name: [(number, topic) for topic in lasers] for name, lasers in each}
+    if not found:
+        paths = ", ".join(survey.source.path for survey in surveys)
+        if setup.from_s or setup.to_s:
+            upto = "the end" if setup.to_s is None else f"{setup.to_s:g} s"
+            raise InputError(f"{paths}: no scan from {setup.from_s:g} s to {upto}; change --from or --to")
+        raise InputError(f"{paths}: {_no_scans(surveys, any(survey.of_kind(SCAN) for survey in surveys))}")
+    return found
+
+
+def _carriers(survey: Survey, map_frame: str) -> list[list[str]]:
+    """The streams of scans of each robot: lasers that tf fixes to one frame are on one."""
+    found: dict[str, list[str]] = {}
+    for topic in dict.fromkeys(one.topic.name for one in survey.of_kind(SCAN) if one.has_ranges):
+        for name in _lasers_on(survey, topic):
+            fixed = _fixed_part(survey, survey.streams[name].scans[0].frame)
+            fixed = fixed[: fixed.index(map_frame)] if map_frame in fixed else fixed
+            found.setdefault(fixed[-1] if len(fixed) > 1 else name, []).append(name)
+    return list(found.values())
 
 
 def _names(topics: Sequence[str]) -> list[str]:
     """A name for each robot by its topic: the first part in which they differ; ``robot`` for one alone."""
-    if len(topics) == 1:
-        return [ONE_ROBOT]
+    if len(topics) < 2:
+        return [ONE_ROBOT] * len(topics)
     first = [topic.strip("/").split("/")[0] for topic in topics]
     return (
         first if len(set(first)) == len(first) else [topic.strip("/").replace("/", "_") for topic in topics]
@@ -261,7 +331,7 @@ def _missing_link(survey: Survey, laser: str, map_frame: str, name: str) -> str:
     line += f"tf does not lead from '{map_frame}' to '{laser}': "
     if map_frame not in survey.parents().values():
         line += f"no transform begins at '{map_frame}', the chain ends at '{chain[-1]}'"
-        return f"{line}; give map_frame in setup.yaml"
+        return f"{line}; --place found or --start X,Y,YAW_DEG places odometry; else set map_frame"
     if len(chain) == 1:
         return f"{line}no transform ends at '{laser}'; give --pose TOPIC, and mount in setup.yaml"
     return f"{line}nothing links '{chain[-1]}' to '{map_frame}'; give --pose TOPIC or FILE.csv"
@@ -271,7 +341,7 @@ def _proposed_pose(survey: Survey, laser: str, map_frame: str, name: str) -> str
     """Transforms if they lead to the map, else the only topic with poses. Raises InputError: unclear."""
     if map_frame in survey.chain(laser):
         return TF_POSE
-    topics = [one.topic.name for one in survey.of_kind(POSE)]
+    topics = [one.topic.name for one in survey.of_kind(POSE) if not NO_POSE.search(one.topic.name)]
     if "pose" in topics:
         return "pose"  # of a table or a log
     own = [topic for topic in topics if topic.strip("/").split("/")[0] == name]

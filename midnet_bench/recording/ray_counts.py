@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.errors import InputError
+from midnet_bench.geometry import Scan
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import Scan
-from midnet_bench.midnet.binary_map import FREE
+from midnet_bench.midnet.detection import FREE
 from midnet_bench.navigation.costmap import line_steps
 
 Counts = npt.NDArray[np.int32]

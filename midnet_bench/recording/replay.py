@@ -17,9 +17,8 @@ import numpy as np
 
 from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import LidarGeometry, Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import LidarGeometry, Scan
 from midnet_bench.midnet.pipeline import Ally, Frame, Observation
 from midnet_bench.recording.files.readings import (
     NS,
@@ -30,6 +29,7 @@ from midnet_bench.recording.files.readings import (
     ScanReading,
     Source,
 )
+from midnet_bench.recording.files.survey import EVER_NS
 from midnet_bench.recording.plan import AllyPlan, Link, PoseChain, RobotPlan
 from midnet_bench.recording.poses import InterpolatedPose, PoseInterpolator, PoseTrack, stamp_ns
 from midnet_bench.recording.settings import ReplaySettings
@@ -50,6 +50,9 @@ class RobotObservation(NamedTuple):
     """One robot at a frame."""
 
     robot: int
+    """counted as the lasers are"""
+    carrier: int
+    """the robot with this laser: lasers of one robot have the same"""
     estimate: InterpolatedPose
     """its pose, map frame"""
     scan: Scan | None
@@ -81,6 +84,8 @@ class ReplayFrame:
     """counted from 0"""
     time_ns: int
     """by the chosen clock"""
+    record_ns: int
+    """when the last scan before it was recorded, or as long after as it lies behind that scan's time"""
     scan_index: int | None
     """which scan of its topic made it, counted from 0; None for a frame at a rate"""
     scanned: int | None
@@ -167,20 +172,23 @@ class Replay:
         self._corrections: list[Pose2D | None] = [None] * len(robots)
         self.robots, self.allies, self.tally = list(robots), list(allies), Tally()
         self._sources, self._setup, self._offsets_ns = sources, setup, offsets_ns
+        self._part_ns = part_of(sources, setup, offsets_ns)
         self._tracks: dict[Link, PoseTrack] = {}
         self._where = [self._interpolator(robot.pose) for robot in robots]
         self._where_allies = [self._interpolator(ally.pose) for ally in allies]
         self._followed = [(plan, self._interpolator(plan.pose)) for plan in followed]
         self._others = [*self._where_allies, *(where for _, where in self._followed)]
-        self._by_scan = {(robot.source, robot.scan_topic): k for k, robot in enumerate(robots)}
-        self._by_exact = {
-            (robot.source, robot.scan_topic + EXACT_ENDING): k for k, robot in enumerate(robots)
-        }
+        self._by_scan = {(robot.source, robot.topic, robot.frame): k for k, robot in enumerate(robots)}
+        self._by_exact = {(robot.source, robot.topic + EXACT_ENDING): k for k, robot in enumerate(robots)}
+        names = list(dict.fromkeys(robot.carrier for robot in robots))
+        self._carriers = [names.index(robot.carrier) for robot in robots]
         self._last: list[Scan | None] = [None] * len(robots)
         self._returns: list[Floats] = [np.empty((0, 2))] * len(robots)
         self._numbers = itertools.count()
         self._lags: dict[tuple[int, str, str, str], int] = {}
         self._period_ns = None if setup.rate_hz is None else NS / setup.rate_hz
+        self._lag_ns = 0
+        """record time minus time of the last scan"""
         self._pending: list[_Pending] = []
         self._exact: dict[int, Floats] = {}
         self._indices, self._order = Counter[int](), itertools.count()
@@ -236,12 +244,18 @@ class Replay:
         if isinstance(reading, PoseReading):
             time_ns = self._take_pose(source, reading)
         else:
-            robot = self._by_scan[source, reading.topic]
+            robot = self._by_scan.get((source, reading.topic, ""), -1)
+            robot = self._by_scan.get((source, reading.topic, reading.frame), robot)
+            if robot < 0:
+                return False
             delay_ns = self.robots[robot].delay_ns
             time_ns = stamp_ns(reading, self._setup.clock) + self._offset(source) - delay_ns
             order, number = next(self._order), self._indices[robot]
             item = _Pending(time_ns, order, robot, reading, self._exact.pop(robot, None), number)
             self._indices[robot] += 1
+            if not self._part_ns[0] <= reading.record_ns + self._offset(source) <= self._part_ns[1]:
+                self._where[robot].forget(time_ns)
+                return False
             if self._passed_ns is not None and time_ns < self._passed_ns:
                 return self._skip(item, "came after later ones were taken")
             heapq.heappush(self._pending, item)
@@ -272,13 +286,13 @@ class Replay:
         if self._setup.clock == "record":
             return False
         lag_ns = reading.record_ns - reading.stamp_ns
-        pair = (reading.frame, reading.child) if isinstance(reading, PoseReading) else ("", "")
+        pair = reading.frame, reading.child if isinstance(reading, PoseReading) else ""
         before_ns = self._lags.get((source, reading.topic, *pair), lag_ns)
         self._lags[source, reading.topic, *pair] = lag_ns
         if abs(lag_ns - before_ns) <= LARGEST_JUMP_NS:
             return False
         if isinstance(reading, ScanReading):
-            why = "has a stamp that jumps by more than an hour against its record time"
+            why = "has a stamp that jumps by more than an hour against its record time (see clock: record)"
             self.tally.skip(why, f"{reading.topic}, recorded at {reading.record_ns / NS:.3f} s")
         return True
 
@@ -313,7 +327,7 @@ class Replay:
         """What is needed of all sources, in the order in which it was recorded, with its source."""
         streams = []
         for number, source in enumerate(self._sources):
-            topics = {topic for at, topic in self._by_scan if at == number}
+            topics = {topic for at, topic, _ in self._by_scan if at == number}
             topics |= {topic for at, topic in self._by_exact if at == number and topic in source.topics}
             for link in self._tracks:
                 if link.source != number:
@@ -331,7 +345,10 @@ class Replay:
 
     def _of(self, number: int, source: Source, topics: set[str]) -> Iterator[tuple[int, Reading]]:
         length_ns = max(source.end_ns - source.start_ns, 1)
-        for reading in source.readings(topics):
+        stop_ns = None
+        if self._setup.to_s is not None:
+            stop_ns = self._part_ns[1] - self._offset(number) + PATIENCE_NS
+        for reading in source.readings(topics, None, stop_ns):
             self.done = (reading.record_ns - source.start_ns) / length_ns
             yield number, reading
 
@@ -387,10 +404,13 @@ class Replay:
         scan_taken = Scan(ranges_m, lidar, estimate.pose, self._seconds(item.time_ns))
         if self._correctors:
             pose = self._correctors[robot].corrected(scan_taken)
-            self._corrections[robot] = pose.compose(estimate.pose.inverse())
+            for laser, carrier in enumerate(self._carriers):
+                if carrier == self._carriers[robot]:
+                    self._corrections[laser] = pose.compose(estimate.pose.inverse())
             scan_taken = scan_taken._replace(pose=pose)
         for node in self.nodes.values():
             node.observe(robot, scan_taken.pose, ranges_m, lidar, scan_taken.stamp_s)
+        self._lag_ns = scan.record_ns + self._offset(plan.source) - item.time_ns
         self._last[robot], self._returns[robot] = scan_taken, scan_taken.returns(math.inf)[1]
         self.tally.scans[plan.name] += 1
         if estimate.age_s < math.inf:  # of a laser at rest
@@ -436,7 +456,9 @@ class Replay:
             correction = self._corrections[robot]
             if correction is not None:
                 estimate = estimate._replace(pose=correction.compose(estimate.pose))
-            observed.append(RobotObservation(robot, estimate, heard, self._returns[robot]))
+            observed.append(
+                RobotObservation(robot, self._carriers[robot], estimate, heard, self._returns[robot])
+            )
         if not observed:
             return None
         allies, fresh_allies = [], []
@@ -464,7 +486,18 @@ class Replay:
         tally.frames += 1
         index, number = None if scanned is None else item.number, next(self._numbers)
         return ReplayFrame(
-            *(number, item.time_ns, index, scanned, observed, allies, fresh_allies, followed, outputs)
+            *(
+                number,
+                item.time_ns,
+                item.time_ns + self._lag_ns,
+                index,
+                scanned,
+                observed,
+                allies,
+                fresh_allies,
+                followed,
+                outputs,
+            )
         )
 
     def void_poses(self) -> list[str]:
@@ -479,6 +512,26 @@ class Replay:
     def pose_times(self) -> list[tuple[str, int]]:
         """Name of each track, and how many poses it had."""
         return [(link.in_words, track.taken) for link, track in self._tracks.items()]
+
+
+def part_of(
+    sources: Sequence[Source], setup: RecordingSetup, offsets_ns: Sequence[int] = ()
+) -> tuple[int, int]:
+    """First and last record time of the scans that are used, nanoseconds, by the sources' common clock.
+
+    Raises InputError: the recordings have no such part.
+    """
+    offsets_ns = offsets_ns or [0] * len(sources)
+    begin_ns = min(source.start_ns + own_ns for source, own_ns in zip(sources, offsets_ns, strict=True))
+    end_ns = max(source.end_ns + own_ns for source, own_ns in zip(sources, offsets_ns, strict=True))
+    from_ns = begin_ns + round(setup.from_s * NS)
+    if from_ns > end_ns:
+        length_s = (end_ns - begin_ns) / NS
+        raise InputError(f"from_s: {setup.from_s:g} s is after the recording's end, {length_s:.1f} s")
+    if setup.to_s is not None and setup.to_s <= setup.from_s:
+        raise InputError(f"to_s: {setup.to_s:g} s is not after from_s, {setup.from_s:g} s")
+    to_ns = EVER_NS if setup.to_s is None else begin_ns + round(setup.to_s * NS)
+    return (from_ns if setup.from_s else -EVER_NS), to_ns
 
 
 @lru_cache(maxsize=256)

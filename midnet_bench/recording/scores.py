@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from midnet_bench.geometry import Box, wrap_angle
-from midnet_bench.messages import Scan
+from midnet_bench.geometry import Box, Scan, wrap_angle
 from midnet_bench.recording.causes import Explainer
 from midnet_bench.recording.replay import ReplayFrame, RobotObservation
 from midnet_bench.recording.setup import RecordingSetup
@@ -82,9 +81,13 @@ class FrameScore(NamedTuple):
     """Of one frame with labels."""
 
     labels: list[Label]
+    """within the setup's sector and window"""
     in_range: list[bool]
     """for each label, whether missing it counts"""
     match: FrameMatch
+    """of these labels and the scored boxes"""
+    scored: list[int]
+    """indices of the frame's boxes within sector and window; the others are neither right nor wrong"""
 
 
 class Visibility(NamedTuple):
@@ -109,10 +112,13 @@ class Scorer:
         score.frames += 1
         score.boxes += len(boxes)
         if labels is None:
-            self._explainer.boxes(frame, range(len(boxes)), None, [[]] * len(boxes), 0.0)
+            self._explainer.boxes(frame, dict.fromkeys(range(len(boxes)), ()), None, 0.0)
             return None
         score.labelled += 1
-        there, distance_m = labels.there, self._setup.match_distance_m
+        distance_m = self._setup.match_distance_m
+        there = [one for one in labels.there if self._is_scored(frame.observed, one.x, one.y)]
+        scored = self._scored(frame.observed, boxes, labels.there, there)
+        boxes = [boxes[index] for index in scored]
         match = matched(boxes, there, distance_m)
         sights = [self._visibility(frame.observed, label) for label in there]
         in_range = [one.counts and one.is_visible for one in sights]
@@ -123,12 +129,48 @@ class Scorer:
         counts = count_frame(boxes, truths, in_range, match=match)
         score.counts = total([score.counts, counts])
         missed = [k for k, found in enumerate(match.detection_of) if found is None and in_range[k]]
-        wrong = [k for k, truth in enumerate(match.truth_of) if truth is None]
+        wrong = {scored[k]: match.touched[k] for k, truth in enumerate(match.truth_of) if truth is None}
         if missed:
             self._explainer.misses(frame, there, missed, distance_m)
         if wrong:
-            self._explainer.boxes(frame, wrong, labels, match.touched, distance_m)
-        return FrameScore(there, in_range, match)
+            self._explainer.boxes(frame, wrong, labels._replace(there=there), distance_m)
+        return FrameScore(there, in_range, match, scored)
+
+    def _scored(
+        self,
+        observed: Sequence[RobotObservation],
+        boxes: Sequence[Box],
+        every: Sequence[Label],
+        there: Sequence[Label],
+    ) -> list[int]:
+        """Indices of the boxes within sector and window; none that lies on labels outside alone."""
+        if self._setup.sector_deg is None and self._setup.window_m is None:
+            return list(range(len(boxes)))
+        outside = [label for label in every if label not in there]
+
+        def is_on(box: Box, labels: Sequence[Label]) -> bool:
+            return any(box.distance_to_point(one.x, one.y) <= self._setup.match_distance_m for one in labels)
+
+        return [
+            index
+            for index, box in enumerate(boxes)
+            if is_on(box, there) or (self._is_scored(observed, *box.center) and not is_on(box, outside))
+        ]
+
+    def _is_scored(self, observed: Sequence[RobotObservation], x: float, y: float) -> bool:
+        """Whether a place of the map frame lies in the setup's sector and window of some robot."""
+        return any(one.scan is not None and self._is_within(one.scan, x, y) for one in observed)
+
+    def _is_within(self, scan: Scan, x: float, y: float) -> bool:
+        setup, pose = self._setup, scan.pose
+        if setup.window_m is not None and max(abs(x - pose.x), abs(y - pose.y)) > setup.window_m / 2.0:
+            return False
+        if setup.sector_deg is None:
+            return True
+        begin, end = map(math.radians, setup.sector_deg)
+        sensor = pose.compose(scan.lidar.mount)
+        bearing = math.atan2(y - sensor.y, x - sensor.x)
+        return (wrap_angle(bearing - pose.yaw) - begin) % math.tau <= (end - begin) % math.tau
 
     def _visibility(self, observed: Sequence[RobotObservation], label: Label) -> Visibility:
         counts = is_visible = False
@@ -144,11 +186,8 @@ class Scorer:
 
     def _is_in_view(self, scan: Scan, label: Label) -> bool:
         """Whether a label lies in range and among the beams of a scan, in the setup's window and sector."""
-        setup, lidar, sensor = self._setup, scan.lidar, scan.pose.compose(scan.lidar.mount)
+        lidar, sensor = scan.lidar, scan.pose.compose(scan.lidar.mount)
         if math.hypot(label.x - sensor.x, label.y - sensor.y) > self._range_m:
-            return False
-        off_m = max(abs(label.x - scan.pose.x), abs(label.y - scan.pose.y))
-        if setup.window_m is not None and off_m > setup.window_m / 2.0:
             return False
         bearing = math.atan2(label.y - sensor.y, label.x - sensor.x)
         last_rad = lidar.angle_min_rad + lidar.angle_increment_rad * (lidar.beams - 1)
@@ -158,7 +197,4 @@ class Scorer:
         )
         if sweep_rad < FULL_CIRCLE_RAD and (bearing - sensor.yaw - first_rad) % math.tau > sweep_rad:
             return False
-        if setup.sector_deg is None:
-            return True
-        begin, end = map(math.radians, setup.sector_deg)
-        return (wrap_angle(bearing - scan.pose.yaw) - begin) % math.tau <= (end - begin) % math.tau
+        return self._is_within(scan, label.x, label.y)

@@ -17,6 +17,8 @@ from midnet_bench.settings import Scalar
 
 LARGEST = 1e7
 """of metres, degrees and seconds"""
+FOUND = "found"
+"""value of key ``start``: the map is searched"""
 EVERY = ""
 """key of a value that holds for every robot"""
 
@@ -56,15 +58,22 @@ class RecordingSetup(Spec):
         description="share of beams that end in an occupied cell of the background",
     )
     resolution_m: float = Field(default=0.05, ge=0.01, le=0.2, description="side of a cell of the background")
-    scan: Annotated[dict[str, Text], ByName] = Field(
-        default={}, description="topic of the scans, or {NAME: TOPIC} for each robot; default all LaserScans"
+    scan: Annotated[dict[str, Text | list[Text]], ByName] = Field(
+        default={},
+        description="topic of the scans, a list for several lasers, TOPIC@FRAME for one of those on a topic, "
+        "or {NAME: ...} for each robot; default all LaserScans",
     )
     pose: Annotated[dict[str, Text], ByName] = Field(
         default={},
         description="pose of the robot: a topic, tf, a CSV or TUM file, or at:X,Y,YAW_DEG for one at rest",
     )
+    start: Annotated[dict[str, Mount | Literal["found"]], ByName] = Field(
+        default={},
+        description="poses by odometry: where the robot began, [x, y, yaw_deg] on the map, or found",
+    )
     mount: Annotated[dict[str, Mount], ByName] = Field(
-        default={}, description="laser on the robot: [x, y, yaw_deg]; default from tf, else [0, 0, 0]"
+        default={},
+        description="laser on the robot: [x, y, yaw_deg]; of several {TOPIC: ...}; default from tf, else 0",
     )
     mirrored: Annotated[dict[str, bool], ByName] = Field(
         default={EVERY: False}, description="true: reverse the order of the beams, as of a laser upside down"
@@ -88,6 +97,12 @@ class RecordingSetup(Spec):
     tick_hz: float | None = Field(
         default=None, gt=0.0, le=1e6, description="simulation steps a second of an exported trial"
     )
+    from_s: float = Field(
+        default=0.0, ge=0.0, le=1e9, description="scans from here on, seconds after the recording's beginning"
+    )
+    to_s: float | None = Field(
+        default=None, gt=0.0, le=1e9, description="scans up to here; default to the recording's end"
+    )
     max_pose_age_s: float = Field(
         default=0.5, ge=0.0, description="scans farther in time from a pose are left out"
     )
@@ -102,10 +117,13 @@ class RecordingSetup(Spec):
     )
     match_distance_m: float = Field(default=0.35, ge=0.0, description="a box may be this far from its label")
     sector_deg: tuple[float, float] | None = Field(
-        default=None, description="[from, to]: only labels in this part of the robot's view are scored"
+        default=None,
+        description="[from, to]: only what lies in this part of the robot's view is scored",
     )
     window_m: float | None = Field(
-        default=None, ge=0.1, description="only labels in a square of this side about the robot are scored"
+        default=None,
+        ge=0.1,
+        description="only what lies in a square of this side about the robot is scored",
     )
     preset: Literal["real", "paper", "both"] = Field(
         default="both", description="detector options: real, paper or both"

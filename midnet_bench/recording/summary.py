@@ -8,6 +8,7 @@ import numpy as np
 
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import Scalar
+from midnet_bench.detectors.events import Event, Events
 from midnet_bench.errors import InputError
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.survey import Survey, lag_in_words
@@ -190,6 +191,39 @@ def score_tables(scorers: Mapping[str, Scorer], has_truth: bool) -> list[Table]:
         Table(name, title, [row_of(score, preset) for preset, score in scores.items()])
         for name, title, row_of in (kinds if has_truth else kinds[:1])
     ]
+
+
+def event_table(
+    events: Mapping[str, Events], scorers: Mapping[str, Scorer], switches: Mapping[str, int]
+) -> Table:
+    """A row for each preset: how many events there were; with labels, how many were none, and MOTA.
+
+    MOTA (Bernardin and Stiefelhagen 2008): 1 - (missed, false, second boxes and switched tracks) / labels.
+    """
+    rows: list[dict[str, Scalar]] = []
+    for name, gathered in events.items():
+        every = gathered.gathered()
+        row: dict[str, Scalar] = {"preset": name, "events": len(every)}
+        if name in scorers:
+            row["false_events"] = sum(not event.is_true for event in every)
+            row["false_events_per_hour"] = gathered.false_per_hour
+            counts = scorers[name].score.counts
+            wrong = counts.missed + counts.fp + counts.duplicates + switches.get(name, 0)
+            row["id_switches"] = switches.get(name, 0)
+            row["mota"] = 1.0 - wrong / counts.intruders_in_range if counts.intruders_in_range else math.nan
+        rows.append(row)
+    return Table("recording_events", "Events: what came, however many boxes it had", rows)
+
+
+def event_rows(events: Mapping[str, Events], has_truth: bool) -> str:
+    """``events.csv``: a row for each event of each preset."""
+    fields = Event._fields if has_truth else Event._fields[:-1]
+    lines = [",".join(("preset", "event", *fields))]
+    for name, gathered in events.items():
+        for number, event in enumerate(gathered.gathered(), start=1):
+            cells = [f"{cell:.3f}" if isinstance(cell, float) else str(cell).lower() for cell in event]
+            lines.append(",".join((name, str(number), *cells[: len(fields)])))
+    return "\n".join(lines) + "\n"
 
 
 def cause_table(counted: Mapping[str, Counter[tuple[str, str]]]) -> Table:

@@ -44,21 +44,26 @@ class LabelTable:
     def __init__(self, path: Path) -> None:
         """Read it. Raises InputError: file, line and column of what is wrong."""
         self.by_index: dict[int, list[Label]] = {}
+        self._index_ns: dict[int, int] = {}
+        """of labels that have both, the time of their scan"""
         self.by_time: dict[str, list[tuple[int, float, float]]] = {}
         empty_ns: list[int] = []
         self._path = path
         for where, cells in rows_of(path, read_lines(path)):
-            name = cells.get("id", "")
+            name, index = cells.get("id", ""), None
+            if "scan_index" in cells:
+                index = int(number_in(cells, "scan_index", where))
+                if cells.get("t"):
+                    self._index_ns[index] = time_in(cells, where)
             if not name and ("x" not in cells or not cells["x"]):
-                if "scan_index" in cells:
-                    self.by_index.setdefault(int(number_in(cells, "scan_index", where)), [])
+                if index is not None:
+                    self.by_index.setdefault(index, [])
                 else:
                     empty_ns.append(time_in(cells, where))
                 continue
             x, y = number_in(cells, "x", where), number_in(cells, "y", where)
             name = name or "object"
-            if "scan_index" in cells:
-                index = int(number_in(cells, "scan_index", where))
+            if index is not None:
                 self.by_index.setdefault(index, []).append(Label(name, x, y))
             else:
                 self.by_time.setdefault(name, []).append((time_in(cells, where), x, y))
@@ -72,11 +77,21 @@ class LabelTable:
             raise InputError(f"{path}: holds no label; give rows t,id,x,y or scan_index,id,x,y")
 
     def at(self, time_ns: int, scan_index: int | None) -> Labels | None:
-        """What is known at a scan or an instant; None where it was not labelled."""
+        """What is known at a scan or an instant; None where it was not labelled.
+
+        Raises:
+            InputError: labels by scan_index where frames are at a rate, or whose t is of another scan.
+        """
         if self.by_index:
             if scan_index is None:
                 raise InputError(f"{self._path}: its labels have scan_index; with rate_hz give labels with t")
             there = self.by_index.get(scan_index)
+            said_ns = self._index_ns.get(scan_index, time_ns)
+            if abs(said_ns - time_ns) > LARGEST_GAP_NS:
+                raise InputError(
+                    f"{self._path}: scan_index {scan_index} has t {said_ns / NS:.3f}, but that scan is of "
+                    f"{time_ns / NS:.3f} s; leave out the column that is wrong"
+                )
             return None if there is None else Labels(there, [])
         found, gaps, is_labelled = [], [], False
         for name, rows in self.by_time.items():

@@ -3,8 +3,7 @@
 import math
 from pathlib import Path
 
-from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import LidarGeometry
+from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.robots.model import Disc, RobotModel
 
 LDS_01 = LidarGeometry(

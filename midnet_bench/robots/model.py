@@ -1,12 +1,13 @@
-"""``RobotModel``: what a robot is, said once for its navigation, its simulation and its pictures."""
+"""``RobotModel``: what a robot is, said once for its navigation, simulation and pictures; those by name."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from midnet_bench.errors import InputError
-from midnet_bench.messages import Command, LidarGeometry
+from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.extension_points import Choice, ExtensionPoint
+from midnet_bench.geometry import Command, LidarGeometry
 
 Outline = tuple[tuple[float, float], ...]
 """(x, y) of the corners in the robot's base frame, metres"""
@@ -106,15 +107,17 @@ class RobotModel:
 
     def clamped(self, command: Command) -> Command:
         """What a command comes to within the robot's limits."""
-        linear = min(max(command.linear_mps, -self.max_linear_mps), self.max_linear_mps)
-        angular = min(max(command.angular_radps, -self.max_angular_radps), self.max_angular_radps)
+        linear, angular = command
+        if abs(linear) <= self.max_linear_mps and abs(angular) <= self.max_angular_radps:
+            return command
+        linear = min(max(linear, -self.max_linear_mps), self.max_linear_mps)
+        angular = min(max(angular, -self.max_angular_radps), self.max_angular_radps)
         return Command(linear, angular)
 
     def rim_speeds(self, command: Command) -> tuple[float, float]:
-        """How fast the rims of the left and the right wheel turn at a command, which is clamped, m/s."""
-        linear, angular = self.clamped(command)
-        half = angular * self.wheel_separation_m / 2.0
-        return linear - half, linear + half
+        """How fast the rims of the left and the right wheel turn at a command within its limits, m/s."""
+        half = command.angular_radps * self.wheel_separation_m / 2.0
+        return command.linear_mps - half, command.linear_mps + half
 
     @property
     def body_reach_m(self) -> float:
@@ -148,3 +151,40 @@ def _is_inside(point: tuple[float, float], convex: Outline) -> bool:
     moved = tuple((x - point[0], y - point[1]) for x, y in convex)
     turns = _turns(moved)
     return min(turns) >= -1e-12 or max(turns) <= 1e-12
+
+
+class RobotExtensionPoint(ExtensionPoint):
+    """Values name a :class:`RobotModel` itself. What stands in brackets replaces its numbers."""
+
+    @property
+    def wanted(self) -> str:
+        """See :class:`ExtensionPoint`."""
+        return "a RobotModel"
+
+    def _class(self, choice: Choice) -> RobotModel:
+        found = self._found(choice)
+        if not isinstance(found, RobotModel):
+            raise InputError(f"{self.option}: {choice}: expected {self.wanted}")
+        numbers = [one.name for one in fields(found) if isinstance(getattr(found, one.name), float)]
+        for key, value in choice.options.items():
+            if key not in numbers:
+                raise InputError(f"{self.option}: {choice}: no option '{key}'{nearest_name(key, numbers)}")
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise InputError(f"{self.option}: {choice}: {key}: a number is needed (got {value!r})")
+        if found.urdf is not None and (choice.options or choice.place not in self.own):
+            found = replace(found, urdf=None)  # the description has the old numbers, or does not travel
+        numbers_given: dict[str, Any] = dict(choice.options)
+        return replace(found, **numbers_given) if numbers_given else found
+
+    def make(self, value: str, *arguments: Any) -> RobotModel:
+        """The robot that ``value``, a pinned one, names."""
+        return self._class(self._parsed(value))
+
+
+ROBOTS = RobotExtensionPoint(
+    option="robot",
+    entry_points="midnet_bench.robots",
+    method="rim_speeds",
+    own={"burger": "midnet_bench.robots.burger:BURGER", "waffle": "midnet_bench.robots.waffle:WAFFLE"},
+)
+"""in brackets: other numbers of the model"""

@@ -9,11 +9,44 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.errors import InputError
+from midnet_bench.extension_points import ExtensionPoint, several
 from midnet_bench.geometry import Box
 from midnet_bench.scoring.frame_counts import TruthObject
-from midnet_bench.scoring.seams import METRICS, NONE
-from midnet_bench.seams import several
 from midnet_bench.settings import Scalar
+
+METRICS = ExtensionPoint(
+    option="metrics",
+    entry_points="midnet_bench.metrics",
+    method="frame",
+    own={
+        "ospa": "midnet_bench.scoring.metrics:Ospa",
+        "first_detection": "midnet_bench.scoring.metrics:FirstDetection",
+        "idleness": "midnet_bench.scoring.metrics:Idleness",
+        "mot": "midnet_bench.scoring.mot:ClearMot",
+        "events": "midnet_bench.scoring.mot:EventCounts",
+    },
+    needs={"mot": "motmetrics"},
+)
+"""see ``scoring/metric.py``"""
+NONE = "none"
+"""the list without any"""
+
+
+def pinned_metrics(value: str) -> str:
+    """A list of metrics in its one spelling, each pinned; ``none`` for no metrics.
+
+    Raises:
+        InputError: as ``ExtensionPoint.pinned``, or one is there twice.
+    """
+    given = several(value)
+    if given in ([], [NONE]):
+        return NONE
+    pinned = sorted({METRICS.pinned(one) for one in given})
+    if len(pinned) < len(given):
+        raise InputError(f"metrics: {value[:80]}: one of them is there twice")
+    return "; ".join(pinned)
+
 
 MOST = 1e12
 """no value is farther from 0"""

@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from midnet_bench.detectors.events import Events
 from midnet_bench.detectors.tracking import Tracker
+from midnet_bench.geometry import Box
 from midnet_bench.scoring.metric import MetricFrame
 
 
@@ -49,3 +51,22 @@ class ClearMot:
         found = self._motmetrics.metrics.create().compute(self._events, metrics=wanted).to_dict("records")[0]
         names = {"motp": "motp_m", "num_switches": "id_switches"}
         return {names.get(name, name): float(value) for name, value in found.items() if math.isfinite(value)}
+
+
+class EventCounts:
+    """What a guard reads: events, and how many an hour are false (``detectors/events.py``)."""
+
+    def __init__(self) -> None:
+        self._events = Events()
+
+    def frame(self, seen: MetricFrame) -> dict[str, float]:
+        """No value of its own."""
+        boxes = [Box._make(box) for box in seen.boxes.tolist()]
+        self._events.take(boxes, [bool(on) for on in seen.touched], seen.time_s)
+        return {}
+
+    def trial(self) -> dict[str, float]:
+        """``events``, and ``false_events_per_hour`` if more than one frame was seen."""
+        found = {"events": float(len(self._events.gathered()))}
+        rate = self._events.false_per_hour
+        return found | ({"false_events_per_hour": rate} if math.isfinite(rate) else {})

@@ -16,8 +16,7 @@ import numpy.typing as npt
 from midnet_bench.arena.arena import OtherIntruders
 from midnet_bench.arena.free_space import FreeSpace, free_space
 from midnet_bench.arena.layout import OTHERS_MARGIN_M, Layout
-from midnet_bench.arena.solids import Solid
-from midnet_bench.geometry import Box, Point, Pose2D, lengths
+from midnet_bench.geometry import Box, Point, Pose2D, Solid, lengths
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.costmap import LETHAL
 from midnet_bench.navigation.global_planner import potential_to

@@ -1,8 +1,8 @@
 """``Engine``: what moves the robots and casts their beams; and the extension point for engines of one's own.
 
 An engine knows bodies, motors, and rays against what never moves. ``World`` lies above it and is the same
-for all of them: people, counts of collisions, checks. So are the sensors: what beams meet of other robots and
-their noise (``lidar``), wheel encoders (``odometry``), gyroscopes (``imu``).
+for all of them: people, counts of collisions, checks. So are the ``sensors``: what beams meet of other robots
+and their noise, wheel encoders, gyroscopes.
 """
 
 from typing import NamedTuple, Protocol
@@ -10,8 +10,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.messages import Command
-from midnet_bench.seams import ExtensionPoint
+from midnet_bench.extension_points import ExtensionPoint
+from midnet_bench.geometry import Command
 
 Floats = npt.NDArray[np.float64]
 

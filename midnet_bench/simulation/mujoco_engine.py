@@ -14,10 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
-from midnet_bench.arena.solids import Solid
 from midnet_bench.elementary import cos_sin
-from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command, Pose2D, Solid
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.engine import Beams
 

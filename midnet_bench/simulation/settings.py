@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from midnet_bench.robots.model import RobotModel
-from midnet_bench.robots.seams import ROBOTS
+from midnet_bench.robots.model import ROBOTS, RobotModel
 from midnet_bench.settings import Scalar, Settings, fixed, group, option
 from midnet_bench.simulation.engine import SIMULATORS
 

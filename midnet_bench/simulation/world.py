@@ -7,11 +7,10 @@ import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
 from midnet_bench.elementary import directions
-from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command
+from midnet_bench.extension_points import PluginError
+from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
-from midnet_bench.seams import PluginError
 from midnet_bench.simulation.crowd import Crowd
 from midnet_bench.simulation.engine import SIMULATORS, Beams, Engine
 from midnet_bench.simulation.settings import WorldSettings
@@ -55,6 +54,8 @@ class World:
         self._has_velocities = hasattr(self.engine, "velocities")
         count = len(layout.robots + layout.intruders)
         self._active = np.ones(count, dtype=np.bool_)
+        self._there = np.arange(count)
+        """indices of the active ones"""
         self._collisions = np.zeros(count, dtype=np.int64)
         self._last_touch = np.full(count, -(10**9), dtype=np.int64)
         self._poses: Floats | None = None
@@ -104,6 +105,7 @@ class World:
         self._require_active(index)
         self._call("remove", index)
         self._active[index] = False
+        self._there = np.flatnonzero(self._active)
         self._poses = None
 
     def pose(self, index: int) -> Pose2D:
@@ -113,7 +115,7 @@ class World:
     def poses(self) -> Floats:
         """(n, 3) x, y, yaw of what ``pose`` gives for every robot; read-only, fresh per tick."""
         if self._poses is None:
-            self._poses = self._of_robots("poses", 3)
+            self._poses = self._of_robots("poses", 3, self._there)
             self._poses.flags.writeable = False
         return self._poses
 
@@ -123,8 +125,8 @@ class World:
         With ``rows``, only theirs are wanted: the others' may be NaN.
         """
         if self._has_velocities:
-            there = np.flatnonzero(self._active) if rows is None else rows[self._active[rows]]
-            return self._of_robots("velocities", 2, there)
+            there = self._there if rows is None else rows[self._active[rows]]
+            return self._of_robots("velocities", 2, there, there)
         moved = self.poses() - self._before
         turned = (moved[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
         ahead = directions(self._before[:, 2] + turned / 2.0)
@@ -132,7 +134,7 @@ class World:
 
     def wheel_angles(self) -> Floats:
         """(n, 2) how far the left and right wheel have turned, radians; NaN for a robot that is removed."""
-        return self._of_robots("wheel_angles", 2)
+        return self._of_robots("wheel_angles", 2, self._there)
 
     def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
         """(m, beams) metres to the first thing that is no robot, people included; inf if there is none.
@@ -140,10 +142,11 @@ class World:
         From the axis; of what never moves, only what lies between ``near_m`` and ``far_m`` counts.
         """
         ranges = self._array("cast", beams.directions.shape[:2], beams, near_m, far_m)
-        is_wrong = ~((ranges >= near_m) & (ranges <= far_m) | (ranges == np.inf))
-        if is_wrong.any():
-            fault = f"{ranges[is_wrong][0]:g} is neither inf nor between {near_m:g} and {far_m:g} m"
-            raise self._wrong("cast", fault)
+        is_right = ranges <= far_m
+        is_right |= ranges == np.inf
+        if not (is_right.all() and ranges.min(initial=np.inf) >= near_m):
+            wrong = ranges[~(is_right & (ranges >= near_m))][0]
+            raise self._wrong("cast", f"{wrong:g} is neither inf nor between {near_m:g} and {far_m:g} m")
         if self.crowd.members:
             self.crowd.shorten(ranges, beams, far_m)
         return ranges
@@ -165,11 +168,12 @@ class World:
             count = len(self._active)
             raise ValueError(f"robot {index} is not in this world (it has {count}, or it was removed)")
 
-    def _of_robots(self, method: str, columns: int, rows: Ints | None = None) -> Floats:
-        """What a method gives of each robot, or of active ``rows``; NaN for those that were removed."""
-        found = self._array(method, (len(self._active), columns), *([] if rows is None else [rows]))
-        found[~self._active] = np.nan
-        if not np.isfinite(found[self._active if rows is None else rows]).all():
+    def _of_robots(self, method: str, columns: int, rows: Ints, *arguments: Any) -> Floats:
+        """What a method gives of each robot, checked for active ``rows``; NaN for those that were removed."""
+        found = self._array(method, (len(self._active), columns), *arguments)
+        if len(self._there) < len(found):
+            found[~self._active] = np.nan
+        if not np.isfinite(found[rows]).all():
             raise self._wrong(method, "a number of a robot that is there is not finite")
         return found
 

@@ -15,7 +15,6 @@ from midnet_bench.arena.floor_plan import arena_yaml, centred, cropped, dark_cel
 from midnet_bench.arena.free_space import cells_near
 from midnet_bench.arena.layout import ROBOT_CLEARANCE_M, TEAM, Layout, place, robot_starts
 from midnet_bench.arena.prior_maps import render_exact
-from midnet_bench.arena.solids import Solid, dense_outline
 from midnet_bench.drawing.canvas import png_of
 from midnet_bench.drawing.scene import FloorPlan, Robot, Scene, Setup
 from midnet_bench.drawing.stills import draw_arena
@@ -23,7 +22,7 @@ from midnet_bench.elementary import directions
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
-from midnet_bench.geometry import Point, Pose2D, lengths
+from midnet_bench.geometry import Point, Pose2D, Solid, dense_outline, lengths
 from midnet_bench.grid import FREE, OCCUPIED_FROM, OccupancyGrid, connected_to
 from midnet_bench.io.checked_yaml import parsed_yaml, read_text
 from midnet_bench.io.files import write_atomically

@@ -16,9 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import GuardState
-from midnet_bench.agents.patrol_rule import TeamPatrol
-from midnet_bench.agents.pursuit import TargetState
-from midnet_bench.agents.pursuit_rule import TeamPursuit
+from midnet_bench.agents.patrol import TeamPatrol
+from midnet_bench.agents.pursuit import TargetState, TeamPursuit
 from midnet_bench.agents.settings import PATROLS, PURSUITS
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
@@ -26,7 +25,6 @@ from midnet_bench.campaign.definition import parse_campaign, resolve
 from midnet_bench.campaign.pools import LokyPool, WorkersLost
 from midnet_bench.campaign.worker import attempt
 from midnet_bench.detectors.detector_node import detected, fused
-from midnet_bench.detectors.seams import DETECTORS, FUSIONS
 from midnet_bench.detectors.tracking import Tracker
 from midnet_bench.elementary import directions
 from midnet_bench.errors import InputError
@@ -34,20 +32,17 @@ from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
-from midnet_bench.geometry import lengths
+from midnet_bench.extension_points import DETECTORS, FUSIONS, ExtensionPoint, PluginError
+from midnet_bench.geometry import STOP, Command, lengths
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import STOP, Command
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.robots.burger import BURGER, LDS_01
-from midnet_bench.robots.model import RobotModel
-from midnet_bench.robots.seams import ROBOTS
-from midnet_bench.scoring.metric import MetricFrame, TrialMetrics
-from midnet_bench.scoring.seams import METRICS
-from midnet_bench.seams import ExtensionPoint, PluginError
+from midnet_bench.robots.model import ROBOTS, RobotModel
+from midnet_bench.scoring.metric import METRICS, MetricFrame, TrialMetrics
 from midnet_bench.settings import Scalar
 from midnet_bench.simulation.engine import SIMULATORS, Beams
-from midnet_bench.simulation.lidar import beam_directions
+from midnet_bench.simulation.sensors import beam_directions
 from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.world import World
 
@@ -131,8 +126,6 @@ class Plugin(NamedTuple):
     seam: ExtensionPoint
     make: Callable[[str, Recording, int], Call] | None
     """from a pinned name, the recording and the number of guards; None: it is no code that frames call"""
-    edges: Callable[[Frame], dict[str, Frame]] = lambda frame: {}
-    """frames that are rare in trials, by their description"""
     odd: Callable[[Answers, Recording], str | None] = lambda answers, recording: None
     """the fault of answers that a trial would take"""
     experiment: str = "detection"
@@ -274,7 +267,7 @@ def _frame_faults(plugin: Plugin, name: str) -> tuple[float, list[str]]:
     if fault := plugin.odd(first, recording):
         faults.append(fault)
     faults = [plugin.seam.line_of(name) + fault for fault in faults]
-    for description, frame in plugin.edges(recording.frames[-1]).items():
+    for description, frame in _edges(recording.frames[-1]).items():
         try:
             run([frame], 1)
         except PluginError as error:
@@ -315,39 +308,24 @@ def _metric(name: str, recording: Recording, guards: int) -> Call:
     return lambda frame: [np.array(list(metrics.update(frame.seen).values()))]  # type: ignore[arg-type]
 
 
-def _teams(frame: Frame) -> dict[str, Frame]:
-    times, nothing = FULL_TEAM // TEAM, np.empty((0, 4))
+def _edges(frame: Frame) -> dict[str, Frame]:
+    """Frames that are rare in trials, by their description."""
+    assert frame.seen is not None
+    times, places, no_boxes = FULL_TEAM // TEAM, [one.place for one in frame.team], np.empty((0, 4))
+    targets = {5 + i: TargetState(places[(5 + i) % TEAM], frame.time_s, ()) for i in range(FULL_TEAM)}
     unseen = [
         replace(one, scan=None, costmap=one.costmap.with_data(np.zeros_like(one.costmap.data)))
         for one in frame.observations[:1]
     ]
+    blind = frame.seen._replace(boxes=no_boxes)
+    peace = frame.seen._replace(truths=(), in_range=())
+    full = replace(frame, observations=frame.observations * times, boxes=frame.boxes * times)
     return {
-        "nobody": Frame([], [], frame.time_s),
-        "one robot that has seen nothing": Frame(unseen, [nothing], frame.time_s),
-        f"{FULL_TEAM} robots": Frame(frame.observations * times, frame.boxes * times, frame.time_s),
+        "nobody": Frame([], [], frame.time_s, seen=peace._replace(boxes=no_boxes, guards=np.empty((0, 2)))),
+        "one robot that has seen nothing": Frame(unseen, [no_boxes], frame.time_s, targets, seen=blind),
+        f"{FULL_TEAM} robots": replace(full, targets={5: targets[5]}),
+        "no intruders": replace(frame, seen=peace),
     }
-
-
-def _targets(frame: Frame) -> dict[str, Frame]:
-    places = [one.place for one in frame.team]
-    targets = {5 + i: TargetState(places[(5 + i) % TEAM], frame.time_s, ()) for i in range(FULL_TEAM)}
-    full, one = frame.observations * (FULL_TEAM // TEAM), frame.observations[:1]
-    return {
-        f"{FULL_TEAM} robots and one target": replace(frame, observations=full, targets={5: targets[5]}),
-        f"one robot and {FULL_TEAM} targets": replace(frame, observations=one, targets=targets),
-    }
-
-
-def _empty_frames(frame: Frame) -> dict[str, Frame]:
-    assert frame.seen is not None
-    no_boxes, no_intruders = {"boxes": np.empty((0, 4))}, {"truths": (), "in_range": ()}
-    changes: dict[str, dict[str, Any]] = {
-        "no boxes": no_boxes,
-        "no intruders": no_intruders,
-        "no boxes and no intruders": no_boxes | no_intruders,
-        "guards that have all died": {"guards": np.empty((0, 2))},
-    }
-    return {text: replace(frame, seen=frame.seen._replace(**change)) for text, change in changes.items()}
 
 
 def _odd_box(answers: Answers, recording: Recording) -> str | None:
@@ -396,7 +374,7 @@ def recorded() -> Recording:
             team = trial.detector.midnet.team_of(found, [one.pose for one in observations])
             kept = np.concatenate(found)[team.kept]
             boxes = [kept[team.starts[i] : team.starts[i + 1]] for i in range(TEAM)]
-            seen = trial.metric_frame(frame, trial.truths(), trial.in_range(parameters))
+            seen = trial.metric_frame(frame, trial.truths(), trial.in_range())
             frames.append(Frame(observations, boxes, time_s, targets, number % TEAM, seen))
         paper_ms = 1e3 * statistics.median(times_s)
         range_m = parameters.costmap.obstacle_range_m
@@ -501,11 +479,11 @@ def _motion_faults(world: World) -> Iterator[str]:
 
 
 PLUGINS = (
-    Plugin(DETECTORS, _detector, _teams, _odd_box),
-    Plugin(FUSIONS, _fusion, _teams, _odd_box),
-    Plugin(PATROLS, _patrol, _teams, _odd_point),
-    Plugin(PURSUITS, _pursuit, _targets, experiment="labyrinth", short_trial=CHASE),
-    Plugin(METRICS, _metric, _empty_frames),
+    Plugin(DETECTORS, _detector, _odd_box),
+    Plugin(FUSIONS, _fusion, _odd_box),
+    Plugin(PATROLS, _patrol, _odd_point),
+    Plugin(PURSUITS, _pursuit, experiment="labyrinth", short_trial=CHASE),
+    Plugin(METRICS, _metric),
     Plugin(SIMULATORS, None, short_trial={"robots": 3, "frames": 10}),
     Plugin(ROBOTS, None),
 )

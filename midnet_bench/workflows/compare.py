@@ -23,11 +23,11 @@ from midnet_bench.analysis.words import in_words, team_in_words
 from midnet_bench.campaign.columns import ANY_DRIFT, Drift
 from midnet_bench.campaign.provenance import Provenance, code_of, collect, versions_note
 from midnet_bench.campaign.trial import factor_text
-from midnet_bench.detectors.seams import DETECTORS, FUSIONS
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.experiments.registry import experiment_of, tables_of
+from midnet_bench.extension_points import DETECTORS, FUSIONS
 from midnet_bench.io.files import write_atomically
 from midnet_bench.settings import leaves
 from midnet_bench.workflows.shipped import installed, shipped_folder

@@ -12,6 +12,8 @@ from midnet_bench.experiments import registry
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.exporter import Exporter
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
+from midnet_bench.geometry import Box
+from midnet_bench.recording.files.layout import write_layout
 from midnet_bench.recording.files.writer import bag_writer
 from midnet_bench.workflows.errors import narrowed
 from midnet_bench.workflows.render import Progress
@@ -28,7 +30,7 @@ def export_trial(
     """How many frames were written: the trial runs, and all that robots and detector say goes into a bag.
 
     Topics, types and frames are those of ``docs/ros.md``; stamps are the trial's own time. The trial's
-    numbers are those that it has without.
+    numbers are those that it has without. A layout for Foxglove lies beside the bag.
 
     Args:
         experiment: its name, or a reference to it; it must have guards.
@@ -55,12 +57,14 @@ def export_trial(
     most = checked.flat_values().get("frames")
     if not isinstance(most, int):
         most = math.ceil(float(str(checked.flat_values()["time_limit_s"])) * FRAME_HZ - 1e-6)
-    done = 0
-    with trial, bag_writer(Path(path), bag_format) as bag:
+    done, path = 0, Path(path)
+    with trial, bag_writer(path, bag_format) as bag:
         Exporter(trial, trial.truths, bag)
         for _ in trial.frames(explain=True):
             done += 1
             progress(done, most)
+        kinds = bag.kinds
+    write_layout(path, kinds, Box(*trial.prior_map.extent))
     return done
 
 

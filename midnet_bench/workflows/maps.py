@@ -18,14 +18,7 @@ from midnet_bench.campaign.export import csv_text
 from midnet_bench.campaign.provenance import Provenance, collect, now_utc
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.drawing.canvas import png_of
-from midnet_bench.drawing.growth import (
-    MapHistory,
-    MapSnapshot,
-    exploration_page,
-    log_page,
-    write_exploration_video,
-    write_log_video,
-)
+from midnet_bench.drawing.growth import Growth, MapHistory, MapSnapshot
 from midnet_bench.drawing.scene import FloorPlan
 from midnet_bench.drawing.stills import draw_map
 from midnet_bench.errors import InputError
@@ -138,16 +131,14 @@ class MapFiles:
         write_atomically(path, json.dumps([{**started, "ended_utc": now_utc()}], indent=1) + "\n")
         return [self.named(CONFIGURATION), path]
 
-    def write_pictures(
-        self, picture: bytes, growth: bytes, film: Callable[[Path], None] | None
-    ) -> list[Path]:
-        """Write ``map.png``, ``growth.png`` and, by ``film``, ``growth.mp4``."""
-        files = {self.map.with_suffix(".png"): picture, self.named("growth.png"): growth}
+    def write_pictures(self, picture: bytes, growth: Growth, clip: bool) -> list[Path]:
+        """Write ``map.png``, ``growth.png`` and, with ``clip``, ``growth.mp4``."""
+        files = {self.map.with_suffix(".png"): picture, self.named("growth.png"): png_of(growth.page())}
         for path, content in files.items():
             write_atomically(path, content)
-        if film is None:
+        if not clip:
             return [*files]
-        film(self.named("growth.mp4"))
+        growth.write_film(self.named("growth.mp4"))
         return [*files, self.named("growth.mp4")]
 
 
@@ -189,8 +180,8 @@ def explore(
         written = files.write_map(found.grid, comment, configuration)
         written += files.write_pictures(
             png_of(draw_map(found.grid, history.paths(), f"{plan.title}: {team}", plan.walls)),
-            png_of(exploration_page(plan, team, history)),
-            (lambda path: write_exploration_video(plan, team, history, path)) if clip else None,
+            Growth(history, f"{plan.title}: {team}", plan),
+            clip,
         )
         robots = trial.rows_of_robots()
     row: Row = {"arena": trial.arena.name, "robots": parameters.robots, "seed": seed}
@@ -236,7 +227,8 @@ def map_log(
         MidnetBenchError: a file cannot be written.
     """
     provenance, name = collect(seed), log.path.name
-    digest = hashlib.sha256(log.path.read_bytes()).hexdigest()
+    files_read = sorted(log.path.rglob("*")) if log.path.is_dir() else [log.path]
+    digest = hashlib.sha256(b"".join(one.read_bytes() for one in files_read)).hexdigest()
     configuration: dict[str, Any] = {"log": name, "sha256": digest, "seed": seed}
     if particles is None:
         configuration["graph_slam"] = parameters()
@@ -256,8 +248,8 @@ def map_log(
     warnings = result.warnings + write_trajectory(result, log.path, trajectory)
     pictures = files.write_pictures(
         png_of(draw_map(result.grid, [result.trajectory.poses], comment)),
-        png_of(log_page(history, comment)),
-        (lambda path: write_log_video(history, comment, path)) if clip else None,
+        Growth(history, comment),
+        clip,
     )
     written += [trajectory, *pictures, *files.write_provenance(provenance)]
     return MadeMap(result.grid, written, warnings)

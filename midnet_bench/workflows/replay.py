@@ -11,25 +11,27 @@ from tempfile import TemporaryFile
 import numpy as np
 
 from midnet_bench.analysis.tables import Table
+from midnet_bench.detectors.events import Events
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Box
+from midnet_bench.geometry import Box, Scan
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import cannot_be_written, temporary_path, write_atomically
 from midnet_bench.io.map_server import save_map
-from midnet_bench.messages import Scan
 from midnet_bench.recording import causes
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.fitting.fit import samples_of
-from midnet_bench.recording.fitting.localize import Localizer
-from midnet_bench.recording.fitting.setup_check import Proposal, SetBy, find_setup, line_of
+from midnet_bench.recording.fitting.setup_check import Proposal, SetBy, find_setup, line_of, start_of
 from midnet_bench.recording.inputs import Note, ReplayInputs, prepared
 from midnet_bench.recording.plan import AllyPlan
 from midnet_bench.recording.ray_counts import RayCounts, Unmapped, unmapped
 from midnet_bench.recording.replay import Replay, ReplayFrame
-from midnet_bench.recording.scores import Scorer
+from midnet_bench.recording.replay_bag import check_place, replay_bag
+from midnet_bench.recording.scores import FrameScore, Scorer
 from midnet_bench.recording.setup import EVERY, RecordingSetup
 from midnet_bench.recording.summary import (
     cause_table,
+    event_rows,
+    event_table,
     input_summary,
     lag_lines,
     replay_faults,
@@ -60,6 +62,7 @@ def replay(
     progress: Callable[[float], None],
     film: bool = False,
     output: Path | None = None,
+    bag: Path | None = None,
 ) -> Replayed:
     """Play recordings into the detectors of the presets; score and explain, and write the tables.
 
@@ -70,16 +73,19 @@ def replay(
         progress: gets the share that is done, 0 to 1.
         film: whether ``trial.mp4`` and ``storyboard.png`` are drawn.
         output: the folder of the results, default ``results/replay-NAME``.
+        bag: what was found is written to it too, as topics of ROS.
 
     Raises:
         InputError: the recordings, the map or a key of the setup cannot be used.
     """
+    if bag is not None:
+        check_place(bag, files)
     with prepared(files, setup, note) as inputs, ExitStack() as stack:
         run = _Run(inputs, _folder(inputs, output), stack)
         for line in input_summary(inputs, run.settings):
             note(line)
         faults = [line for robot in inputs.robots for line in report_fit(inputs, robot, note)]
-        run.play(film, progress, faults)
+        run.play(film, bag, progress, faults, note)
         progress(1.0)
         faults += replay_faults(run.played, inputs.setup, note)
         if not run.played.tally.frames:
@@ -110,7 +116,7 @@ class _Run:
             self.settings,
             setup,
             inputs.offsets_ns,
-            correctors=[Localizer(prior_map) for _ in inputs.robots] if setup.localize else [],
+            correctors=inputs.localizers(),
             followed=self.label_topics,
         )
         self.counts = RayCounts(prior_map.resolution, prior_map.origin, (prior_map.height, prior_map.width))
@@ -129,13 +135,23 @@ class _Run:
             name: Scorer(name, self.explainers[name], settings.range_m, setup)
             for name, settings in self.settings.items()
         }
+        self.events = {name: Events() for name in self.settings}
+        self.tracked: dict[str, dict[str, int]] = {name: {} for name in self.settings}
+        """preset -> label -> the track that it was on last"""
+        self.switches = Counter[str]()
+        """preset -> how often a label came to another track"""
 
-    def play(self, film: bool, progress: Callable[[float], None], faults: list[str]) -> None:
+    def play(
+        self, film: bool, bag: Path | None, progress: Callable[[float], None], faults: list[str], note: Note
+    ) -> None:
         """Score frame after frame and write the boxes; a damaged file is added to the faults."""
         reach_m = 2.0 * max(settings.range_m for settings in self.settings.values())
         scored_from_ns, newest = self.inputs.scored_from_ns, dict[int, Scan]()
         with _boxes_file(self.folder) as boxes, ExitStack() as drawn:
             append = self._film(drawn) if film else None
+            told = None
+            if bag is not None:
+                told = drawn.enter_context(replay_bag(bag, self.inputs, self.played.nodes, note))
             try:
                 for frame in self.played.frames():
                     if scored_from_ns is not None and frame.time_ns < scored_from_ns:
@@ -148,12 +164,27 @@ class _Run:
                     labels = self._labels(frame)
                     for name, scorer in self.scorers.items():
                         frame_score = scorer.take(frame, labels)
+                        self._watch(name, frame, frame_score)
                         _write_boxes(boxes, frame, name)
                         if append is not None and name == self.first:
                             append(frame, frame_score, scorer.score)
+                    if told is not None:
+                        told.write(frame)
                     progress(self.played.done)
             except InputError as error:
                 faults.append(str(error))
+
+    def _watch(self, name: str, frame: ReplayFrame, score: FrameScore | None) -> None:
+        """Take the boxes for events; with labels, those within sector and window alone."""
+        boxes = frame.outputs[name].frame.detections
+        scored = range(len(boxes)) if score is None else score.scored
+        true = [False] * len(scored) if score is None else [bool(on) for on in score.match.touched]
+        tracks = self.events[name].take([boxes[k] for k in scored], true, frame.time_ns / NS)
+        for label, place in zip(score.labels, score.match.detection_of, strict=True) if score else ():
+            if place is not None:
+                before = self.tracked[name].setdefault(label.name, tracks[place])
+                self.switches[name] += before != tracks[place]
+                self.tracked[name][label.name] = tracks[place]
 
     def _film(self, stack: ExitStack) -> Callable[..., None]:
         from midnet_bench.workflows.replay_film import film  # drawing takes a while to import
@@ -192,8 +223,13 @@ class _Run:
         """Write errors and tables."""
         folder, setup = self.folder, self.inputs.setup
         counted = _write_errors(folder / "errors.csv", self.explainers)
-        tables = [*score_tables(self.scorers, bool(setup.truth)), cause_table(counted)]
-        files = [folder / "boxes.csv", folder / "errors.csv"]
+        write_atomically(folder / "events.csv", event_rows(self.events, bool(setup.truth)))
+        tables = [
+            *score_tables(self.scorers, bool(setup.truth)),
+            event_table(self.events, self.scorers if setup.truth else {}, self.switches),
+        ]
+        tables.append(cause_table(counted))
+        files = [folder / "boxes.csv", folder / "errors.csv", folder / "events.csv"]
         for table in tables:
             files += table.write(folder)
         if film:
@@ -270,7 +306,7 @@ def check(files: Sequence[Path], setup: RecordingSetup, note: Note, output: Path
                 raise InputError(f"{robot.name}: no scan of it has a pose; see 'midnet-bench replay FILE'")
             proposal = found[robot.name] = find_setup(samples, inputs.prior_map)
             set_by = SetBy(robot.is_mirrored, robot.delay_ns / NS)
-            note(f"{robot.name}: {line_of(proposal, inputs.prior_map, set_by)}")
+            note(f"{robot.name}: {line_of(proposal, set_by)}")
             for line in proposal.cannot_tell:
                 note(f"{robot.name}: {line}")
             tables.append(setup_table(robot.name, proposal))
@@ -285,24 +321,32 @@ def check(files: Sequence[Path], setup: RecordingSetup, note: Note, output: Path
 def proposed_setup(inputs: ReplayInputs, found: Mapping[str, Proposal]) -> RecordingSetup:
     """The setup with every robot's topics, mount and delay, corrected where that fits the map better.
 
-    ``found``: by robot. A map that lies elsewhere is corrected in its own file, not here.
+    ``found``: by robot.
     """
-    setup, given = inputs.setup, inputs.setup.of_each("mirrored", list(found))
+    setup, given = inputs.setup, inputs.setup.mirrored
+    carriers = [robot.carrier for robot in inputs.robots]
     values: dict[str, dict[str, object]] = {
-        key: {} for key in ("scan", "pose", "mount", "mirrored", "delay_s")
+        key: {} for key in ("scan", "pose", "mount", "mirrored", "delay_s", "start")
     }
     for robot in inputs.robots:
         proposal = found[robot.name]
         kinds = set(proposal.kinds) if proposal.is_good else set()
-        name = robot.name if len(inputs.robots) > 1 else EVERY
+        name = robot.carrier if len(set(carriers)) > 1 else EVERY
+        laser = robot.scan_topic if carriers.count(robot.carrier) > 1 else name
+        mirrored = given.get(robot.scan_topic, given.get(robot.carrier, given.get(EVERY, False)))
         x, y, yaw = proposal.setup.mount if kinds & {"mount", "turn"} else robot.mount
         delay_s = robot.delay_ns / NS + (proposal.setup.delay_s if "delay" in kinds else 0.0)
-        values["scan"][name] = robot.scan_topic
+        others = [other.scan_topic for other in inputs.robots if other.carrier == robot.carrier]
+        values["scan"][name] = others if len(others) > 1 else robot.scan_topic
         values["pose"][name] = robot.pose_key
-        values["mount"][name] = [round(x, 3), round(y, 3), round(float(np.degrees(yaw)), 2)]
-        values["mirrored"][name] = given.get(robot.name, False) != ("mirror" in kinds)
+        values["mount"][laser] = [round(x, 3), round(y, 3), round(float(np.degrees(yaw)), 2)]
+        values["mirrored"][laser] = mirrored != ("mirror" in kinds)
+        if "map" in kinds:
+            values["start"][name] = start_of(proposal)
+        elif name in setup.start and name not in values["start"]:
+            values["start"][name] = setup.start[name]
         if delay_s:
-            values["delay_s"][name] = round(delay_s, 3)
+            values["delay_s"][laser] = round(delay_s, 3)
     return setup.changed(values)
 
 
@@ -326,7 +370,7 @@ def _write_boxes(writer: "csv._writer", frame: ReplayFrame, name: str) -> None: 
     boxes = frame.outputs[name].frame
     for box, robot in zip(boxes.detections, boxes.robots, strict=True):
         index = "" if frame.scan_index is None else frame.scan_index
-        number = frame.observed[robot].robot
+        number = frame.observed[robot].carrier
         sides = [f"{side:.4f}" for side in box]
         writer.writerow([name, frame.number, f"{frame.time_ns / NS:.6f}", index, number, *sides])
 

@@ -80,14 +80,12 @@ def film(
                 Robot(one.robot + 1, True, one.estimate.pose, one.estimate.pose, None, None, model)
                 for one in frame.observed
             ]
-            match = frame_score.match if frame_score else None
+            false, second = set[int](), set[int]()
+            for place, k in enumerate(frame_score.scored if frame_score else ()):
+                if frame_score is not None and frame_score.match.truth_of[place] is None:
+                    (second if frame_score.match.touched[place] else false).add(k)
             detections = [
-                Detection(
-                    box,
-                    frame.observed[robot].robot + 1,
-                    match is not None and not match.touched[k],
-                    match is not None and bool(match.touched[k]) and match.truth_of[k] is None,
-                )
+                Detection(box, frame.observed[robot].robot + 1, k in false, k in second)
                 for k, (box, robot) in enumerate(zip(made.detections, made.robots, strict=True))
             ]
             truths, others = [], []

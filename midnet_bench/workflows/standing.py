@@ -22,10 +22,10 @@ from midnet_bench.analysis.statistics import Estimate, mean
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.trial import VARIANT, Scalar
-from midnet_bench.detectors.seams import DETECTORS, FUSIONS
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.experiment import Headline
 from midnet_bench.experiments.registry import experiment_of, tables_of
+from midnet_bench.extension_points import DETECTORS, FUSIONS
 from midnet_bench.io.files import write_atomically
 from midnet_bench.workflows.check import detector_ms
 from midnet_bench.workflows.shipped import shipped_folder

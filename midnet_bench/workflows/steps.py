@@ -6,14 +6,13 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from midnet_bench.drawing.plots import png_of_figure
+from midnet_bench.drawing.canvas import png_of
 from midnet_bench.drawing.steps import Node, Tree, draw_fusion, draw_views, tree_of
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import write_atomically
 from midnet_bench.midnet.pipeline import Explanation, Observation
 from midnet_bench.midnet.settings import MIDNetSettings
-from midnet_bench.recording.fitting.localize import Localizer
 from midnet_bench.recording.inputs import prepared
 from midnet_bench.recording.replay import Replay
 from midnet_bench.recording.setup import RecordingSetup
@@ -99,7 +98,6 @@ def steps_of_recording(files: Sequence[Path], setup: RecordingSetup, frame: int,
         name, prior_map = inputs.setup.presets[0], inputs.prior_map
         settings = inputs.settings()[name]
         allies = inputs.allies(settings.midnet.ally_diameter_m)
-        correctors = [Localizer(prior_map) for _ in inputs.robots] if inputs.setup.localize else []
         played = Replay(
             inputs.sources,
             inputs.robots,
@@ -108,7 +106,7 @@ def steps_of_recording(files: Sequence[Path], setup: RecordingSetup, frame: int,
             {name: settings},
             inputs.setup,
             inputs.offsets_ns,
-            correctors,
+            inputs.localizers(),
         )
         shown = next((one for one in played.frames() if one.number == frame), None)
         if shown is None:
@@ -147,7 +145,7 @@ def write_steps(frame: ExplainedFrame, output: Path, guard: int | None = None) -
     if frame.has_paper_fusion and len(views) > 1:
         tree = tree_of(frame.explanation, frame.settings.iou_fuse)
         pictures[FUSION] = draw_fusion(frame.prior_map, tree)
-    files = {name: png_of_figure(figure) for name, figure in pictures.items()}
+    files = {name: png_of(picture) for name, picture in pictures.items()}
     for name, content in {**files, PAGE: _page(frame, shown, tree).encode()}.items():
         write_atomically(output / name, content)
     return [output / PAGE, *(output / name for name in files)]

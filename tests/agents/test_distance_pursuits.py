@@ -10,12 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.agents.mobile_robot import GuardState
-from midnet_bench.agents.pursuit import TargetState
-from midnet_bench.agents.pursuit_rule import TeamPursuit
+from midnet_bench.agents.pursuit import TargetState, TeamPursuit
 from midnet_bench.agents.settings import PURSUITS
 from midnet_bench.errors import InputError
+from midnet_bench.extension_points import PluginError
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.seams import PluginError
 
 FLOOR = OccupancyGrid(np.zeros((20, 20), np.int8), 0.5, (-5.0, -5.0))
 RULES = [name for name in PURSUITS.own if not PURSUITS.is_made_here(name)]
@@ -162,4 +161,4 @@ def test_what_comes_from_outside_is_watched(
 
 def test_a_class_for_another_seam_is_refused() -> None:
     with pytest.raises(InputError, match="expected a class with a method 'pursue'"):
-        PURSUITS.pinned("midnet_bench.detectors.plain_fusions:NoFusion")
+        PURSUITS.pinned("midnet_bench.detectors.alternative_fusions:NoFusion")

@@ -6,7 +6,7 @@ import numpy.typing as npt
 import pytest
 
 from midnet_bench.agents.explorer import Explorer, hand_out_frontiers
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import STOP, Pose2D
 from midnet_bench.grid import MapWindow
 from midnet_bench.localization.settings import UkfSettings
 from midnet_bench.localization.ukf import PlanarUkf
@@ -14,7 +14,6 @@ from midnet_bench.mapping.frontier import FrontierExplorer
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.gmapping.settings import BURGER_UKF
 from midnet_bench.mapping.settings import FrontierSettings
-from midnet_bench.messages import STOP
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.navigation.settings import NavigatorSettings, burger_global
 from midnet_bench.rng import stream
@@ -165,3 +164,26 @@ def test_two_explorers_between_two_doors_are_sent_to_one_each() -> None:
     for robot in team:  # at their next control cycles they keep to it
         robot.control(0.2)
     assert [robot.goal for robot in team] == goals
+
+
+def test_a_finished_explorer_leaves_the_middle_of_a_doorway_once_and_stays_where_it_closes_nothing() -> None:
+    grid = AREA.empty()
+    grid.data[1:-1, 1:-1] = 0
+    grid.data[[0, -1]] = grid.data[:, [0, -1]] = 100
+    grid.data[np.ix_(np.abs(grid.y_centers) > 0.35, np.abs(grid.x_centers) < 0.1)] = 100
+    places = {}
+    for name, start in {"door": Pose2D(0.0, 0.0, 0.0), "room": Pose2D(2.0, 0.0, 0.0)}.items():
+        robot = explorer(start)
+        stay(robot, start)
+        robot.observe(np.full(LIDAR.beams, np.inf), LIDAR, 0.1)
+        robot.take_map(grid)
+        robot.control(0.2)
+        assert robot.is_done
+        places[name] = robot.goal
+        robot.take_map(grid)  # the next map changes nothing
+        robot.control(0.3)
+        assert robot.is_done
+        assert robot.goal == places[name]
+    assert places["room"] is None
+    assert places["door"] is not None
+    assert math.dist(places["door"], (0.0, 0.0)) > 0.3

@@ -11,11 +11,11 @@ from midnet_bench.agents.graph_patrols import (
     PatrolGraph,
 )
 from midnet_bench.agents.mobile_robot import GuardState
-from midnet_bench.agents.patrol_rule import TeamPatrol
+from midnet_bench.agents.patrol import TeamPatrol
 from midnet_bench.agents.settings import PATROLS
 from midnet_bench.errors import InputError
+from midnet_bench.extension_points import PluginError
 from midnet_bench.geometry import Point
-from midnet_bench.seams import PluginError
 
 RULES = [CyclicRoute, ConscientiousReactive, CoordinatedIdleness]
 Points = npt.NDArray[np.float64]
@@ -107,4 +107,4 @@ def test_what_comes_from_outside_is_watched(tmp_path, monkeypatch: pytest.Monkey
         with pytest.raises(PluginError, match=says):
             patrol.next_point(0, [GuardState((0.0, 0.0), None)], 0.0)
     with pytest.raises(InputError, match="expected a class with a method 'next_point'"):
-        PATROLS.pinned("midnet_bench.detectors.plain_fusions:NoFusion")
+        PATROLS.pinned("midnet_bench.detectors.alternative_fusions:NoFusion")

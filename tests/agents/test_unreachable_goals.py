@@ -7,9 +7,8 @@ import pytest
 from midnet_bench.agents.mobile_robot import MobileRobot
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
-from midnet_bench.arena.solids import Solid
 from midnet_bench.experiments.robot_trial import RobotTrial
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Pose2D, Solid
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.simulation.settings import SimulationSettings, WorldSettings
 from tests.simulation.scenes import ENGINES, scene

@@ -5,8 +5,8 @@ import pytest
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place, robot_starts
-from midnet_bench.arena.solids import gap_m
 from midnet_bench.errors import InputError
+from midnet_bench.geometry import gap_m
 
 SEEDS = range(50)
 MAP1, MAP2 = load_arena("map1"), load_arena("map2")

@@ -11,9 +11,8 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.free_space import free_space
 from midnet_bench.arena.layout import place
 from midnet_bench.arena.prior_maps import render_exact
-from midnet_bench.arena.solids import Solid
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Pose2D, Solid
 from midnet_bench.rng import stream
 
 MAP1, MAP2 = load_arena("map1"), load_arena("map2")

@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from midnet_bench.arena.solids import Solid, gap_m
 from midnet_bench.elementary import atan2
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Pose2D, Solid, gap_m
 
 places = st.floats(-5.0, 5.0)
 angles = st.floats(-math.pi, math.pi)

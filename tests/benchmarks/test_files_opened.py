@@ -2,9 +2,9 @@
 
 from benchmarks.files_opened import WORLD, control_cycle, midnet_frame
 
-MOST_OF_A_FRAME = 23
-MOST_OF_A_CYCLE = 12
-MOST_OF_A_CYCLES_WORLD = 8
+MOST_OF_A_FRAME = 15
+MOST_OF_A_CYCLE = 9
+MOST_OF_A_CYCLES_WORLD = 5
 
 
 def test_a_frame_and_a_control_cycle_can_be_followed() -> None:

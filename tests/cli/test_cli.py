@@ -271,7 +271,7 @@ CAMPAIGN = ("run", "campaign.yaml")
         (None, ("detction",), ["detction", "detection"]),
         (missing_image, MAP, ["map.pgm"]),
         (truncated_image, MAP, ["map.pgm"]),
-        (lambda folder: write_map(folder, origin=[-4.0, -4.0, 0.3]), MAP, ["map.yaml", "origin"]),
+        (lambda folder: write_map(folder, origin=[-4.0, -4.0]), MAP, ["map.yaml", "origin"]),
         (lambda folder: write_map(folder, resolution=0.1), MAP, ["prior_map", "0.1", "0.05"]),
         (
             lambda folder: arena(folder, "name: a\nplain_m: [8, 8]\n"),

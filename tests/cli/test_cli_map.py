@@ -250,7 +250,7 @@ def test_a_log_is_mapped_by_graph_slam_unless_gmapping_is_asked_for(tmp_path: Pa
         assert len(np.loadtxt(tmp_path / name / "trajectory.tum")) >= 4
     assert used["default"] == used["graph"]
     assert used["graph"]["graph_slam"]["running_scans"] == 20
-    assert len(used["graph"]["graph_slam"]) == 19
+    assert len(used["graph"]["graph_slam"]) == 24
     assert "gmapping" not in used["graph"]
     assert used["old"]["gmapping"]["particles"] == 30
 

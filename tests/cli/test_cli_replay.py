@@ -89,7 +89,7 @@ def played(folder: Path, name: str, *more: object, **keys: object) -> Done:
     place = RECORDINGS / name
     keys = {"map": str(place / "map.yaml"), "pose": "/ego_pose", "clock": "record", **keys}
     (folder / "setup.yaml").write_text(json.dumps(keys))
-    return midnet_bench("replay", place / f"{name}.bag", "--setup", "setup.yaml", *more, folder=folder)
+    return midnet_bench("replay", place / f"{place.name}.bag", "--setup", "setup.yaml", *more, folder=folder)
 
 
 @pytest.mark.parametrize(("name", "labels"), [("overtake_red", 130), ("intersection", 24)])
@@ -110,6 +110,29 @@ def test_cars_in_a_room_are_found_and_each_error_has_a_cause(tmp_path: Path, nam
     false = sum(row["kind"] == "false" for row in errors if row["preset"] == "paper")
     assert missed == int(paired["paper"]["missed"])
     assert false == int(scores["paper"]["fp"])
+
+
+@pytest.mark.parametrize(
+    ("name", "least"),
+    [("static_people/neg", 0.0), ("static_people/pos", 0.95), ("static_legs/positive_2", 0.95)],
+)
+def test_people_are_found_by_a_lidar_at_rest_and_none_in_an_empty_room(
+    tmp_path: Path, name: str, least: float
+) -> None:
+    is_labelled, far = name.startswith("static_legs"), {"obstacle_range_m": 10.0}
+    truth = ("--truth", RECORDINGS / name / "truth.csv") if is_labelled else ()
+    setup = {"pose": "at:0,0,0", "clock": "header", "preset": "real", "settings": far}
+    done = played(tmp_path, name, *truth, "-o", "out", **setup)
+    assert done.returncode == 0, done.stderr
+    (frames,) = rows(tmp_path / "out" / "recording_frames.csv")
+    if is_labelled:
+        (scores,) = rows(tmp_path / "out" / "recording_scores.csv")
+        assert float(scores["recall"]) >= least
+        return
+    with_a_box = len({row["frame"] for row in rows(tmp_path / "out" / "boxes.csv")})
+    assert with_a_box >= least * int(frames["frames"])
+    if not least:
+        assert float(frames["boxes_per_frame"]) <= 0.03
 
 
 @pytest.mark.parametrize(

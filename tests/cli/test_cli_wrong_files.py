@@ -1,7 +1,5 @@
 """Files and settings that cannot be used, through the real command: one line, exit code 2, no results."""
 
-import struct
-import zlib
 from pathlib import Path
 
 import pytest
@@ -10,16 +8,8 @@ import yaml
 from tests.cli.command import MAP_KEYS, midnet_bench, one_line_of_complaint
 
 
-def huge_png() -> bytes:
-    def chunk(kind: bytes, body: bytes) -> bytes:
-        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-
-    header = chunk(b"IHDR", struct.pack(">IIBBBBB", 100_000, 100_000, 8, 0, 0, 0, 0))
-    return b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", zlib.compress(b"\0")) + chunk(b"IEND", b"")
-
-
-def map_files(image: bytes, name: str = "map.pgm") -> dict[str, bytes]:
-    return {"map.yaml": yaml.safe_dump({**MAP_KEYS, "image": name}).encode(), name: image}
+def map_files(image: bytes) -> dict[str, bytes]:
+    return {"map.yaml": yaml.safe_dump(MAP_KEYS).encode(), "map.pgm": image}
 
 
 DETECTION = ("detection", "--robots", "1", "-n")
@@ -32,8 +22,7 @@ HEAD = b"experiment: detection\n"
     ("files", "arguments", "words"),
     [
         ({}, (*DETECTION, "--set", "frames=2020-13-45"), ["--set frames=2020-13-45", "not valid YAML"]),
-        ({}, (*DETECTION, "--set", f"frames={'[' * 3000}"), ["--set frames=[[[", "nested too deeply"]),
-        ({}, (*DETECTION, "--set", "seed=5"), ["--set seed=5", "--seed"]),
+        ({}, (*DETECTION, "--arena", "absent.yaml"), ["arena: absent.yaml", "working folder"]),
         ({}, (*DETECTION, "--set", 'prior_map="{}"'), ["prior_map: '{}' is no map"]),
         ({}, (*DETECTION, "--set", 'arena="{}"'), ["arena: '{}': name: Field required"]),
         (
@@ -41,13 +30,7 @@ HEAD = b"experiment: detection\n"
             ("run", "plan.png", "-n"),
             ["plan.png", "an image; a YAML file is needed"],
         ),
-        ({}, (*DETECTION, "--arena", "absent.yaml"), ["arena: absent.yaml", "working folder"]),
-        ({}, ("render", "labyrinth", "--frames", "3"), ["--frames", "labyrinth"]),
         ({}, ("render", "--robots", "1", "--frames", "3", "--frame", "4"), ["frame: 4", "1 to 3"]),
-        ({"campaign.yaml": HEAD + b"name: 2020-13-45"}, RUN, ["campaign.yaml: not valid YAML: line 2"]),
-        ({"campaign.yaml": HEAD + b"trials: 0b_"}, RUN, ["campaign.yaml: not valid YAML: line 2: '0b_'"]),
-        ({"campaign.yaml": HEAD + b"trials: " + b"9" * 5000}, RUN, ["campaign.yaml: not valid YAML: line 2"]),
-        ({"campaign.yaml": b"[" * 200}, RUN, ["campaign.yaml: not valid YAML: nested too deeply"]),
         (
             {"campaign.yaml": HEAD + b"parameters: {frames: 5}\nparameters: {frames: 7}"},
             RUN,
@@ -60,7 +43,6 @@ HEAD = b"experiment: detection\n"
         ),
         ({"campaign.yaml": HEAD + b"grid: {robots: [true]}"}, RUN, ["campaign.yaml", "robots", "True"]),
         ({"map.yaml": b"image: 2020-13-45"}, MAP, ["prior_map: map.yaml: not valid YAML: line 1"]),
-        (map_files(huge_png(), "map.png"), MAP, ["map.yaml: image: map.png: ", "pixels"]),
         (map_files(b"P5\n" + b"9" * 5000 + b" 1\n255\n"), MAP, ["map.yaml: image: map.pgm: "]),
         (map_files(b"P5\n20 20\n255\n" + bytes([254]) * 400), MAP, ["map.yaml: it reaches", "not cover"]),
         (map_files(b"P5\n160 160\n255\n" + bytes(25600)), MAP, ["map.yaml: no cell is 0.4 m from walls"]),

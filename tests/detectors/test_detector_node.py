@@ -12,9 +12,8 @@ from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import LidarGeometry
 
 
 def test_the_node_needs_no_simulator_no_arena_and_no_agents() -> None:

@@ -9,11 +9,11 @@ import pytest
 from midnet_bench.detectors.background import RunningMean
 from midnet_bench.detectors.clusters import CircleClusters
 from midnet_bench.detectors.detector import groups_of
+from midnet_bench.detectors.evidence import WallEvidence
 from midnet_bench.detectors.map_subtraction import MapSubtraction
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import Scan
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.robots.burger import LDS_01
 
@@ -130,3 +130,23 @@ def test_clusters_refuse_an_incidence_below_the_angle_between_beams() -> None:
     pose = Pose2D(0.0, 0.0, 0.0)
     with pytest.raises(InputError, match=r"incidence_deg: 0\.5 is out of range"):
         CircleClusters(room(), RANGE_M, incidence_deg=0.5).detect([seen(scan_of(pose, [DISC]), pose)])
+
+
+@pytest.mark.parametrize("off_m", [0.0, 0.1, 0.2])
+def test_a_wall_beside_its_place_on_the_map_says_nothing_and_a_leg_before_a_wall_does(off_m: float) -> None:
+    evidence = WallEvidence(room(), 0.005)
+    for scan in (scan_of(MIDDLE, []), scan_of(MIDDLE, [(1.7, 0.0, 0.06)])):
+        is_leg = np.flatnonzero(scan.ranges_m < scan_of(MIDDLE, []).ranges_m)
+        shares = evidence.shares(scan._replace(pose=Pose2D(-off_m, 0.0, 0.0)))
+        assert np.delete(shares, is_leg).max() == 0.0
+        assert (shares[is_leg].sum() >= 2.0) == (len(is_leg) > 0)
+        assert np.array_equal(shares, np.round(shares * 1024) / 1024)
+
+
+def test_evidence_takes_any_scan_and_any_map() -> None:
+    scan, empty = scan_of(MIDDLE, [DISC]), OccupancyGrid(np.zeros((82, 82), np.int8), 0.05, (-2.05, -2.05))
+    nothing = scan._replace(ranges_m=np.full(len(scan.ranges_m), math.inf))
+    assert WallEvidence(room(), 0.005).shares(nothing).shape == (0,)
+    assert WallEvidence(empty, 1e-6).shares(scan).min() == 1.0
+    one = scan._replace(ranges_m=np.where(np.arange(len(scan.ranges_m)) == 7, scan.ranges_m, math.inf))
+    assert WallEvidence(room(), 0.005).shares(one).tolist() == [0.0]

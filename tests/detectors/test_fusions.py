@@ -8,11 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from midnet_bench.detectors.centre_distance import CentreDistance
+from midnet_bench.detectors.alternative_fusions import (
+    CentreDistance,
+    ConnectedComponents,
+    KalmanTracks,
+    NoFusion,
+    NonMaximumSuppression,
+    WeightedBoxes,
+)
 from midnet_bench.detectors.fusion import Fusion, ious
-from midnet_bench.detectors.kalman_tracks import KalmanTracks
-from midnet_bench.detectors.plain_fusions import ConnectedComponents, NoFusion, NonMaximumSuppression
-from midnet_bench.detectors.weighted_boxes import WeightedBoxes
 from midnet_bench.geometry import Box
 
 Boxes = npt.NDArray[np.float64]
@@ -34,6 +38,15 @@ teams = st.lists(st.lists(cells, max_size=5).map(lambda own: boxes(*own)), min_s
 
 CHAIN = [boxes((0, 0, 2, 1)), boxes((1, 0, 3, 1)), boxes((2, 0, 4, 1))]
 """each overlaps the next by a third, the first and the last share an edge"""
+
+
+@pytest.mark.parametrize(("gap_m", "boxes"), [(0.0, 3), (0.29, 3), (0.31, 2), (0.6, 1)])
+def test_components_join_boxes_with_a_gap_between_them_where_that_is_wanted(gap_m: float, boxes: int) -> None:
+    legs = [np.array([[0.0, 0.0, 0.1, 0.1], [0.4, 0.0, 0.5, 0.1], [0.5, 0.6, 0.6, 0.7]])]
+    fused = ConnectedComponents(gap_m=gap_m).fuse(legs, 0.0)
+    assert len(fused) == boxes
+    if boxes == 2:
+        np.testing.assert_array_equal(fused[0], [0.0, 0.0, 0.5, 0.1])
 
 
 def test_a_chain_is_told_apart_by_what_each_fusion_is() -> None:

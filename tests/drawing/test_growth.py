@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 from midnet_bench.drawing.canvas import Canvas
-from midnet_bench.drawing.growth import (
-    MapHistory,
-    MapPanel,
-    MapSnapshot,
-    exploration_page,
-    log_page,
-    percent,
-)
+from midnet_bench.drawing.growth import Growth, MapHistory, MapPanel, MapSnapshot, percent
 from midnet_bench.drawing.scene import FloorPlan
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
@@ -101,15 +94,16 @@ def test_thin_walls_are_seen_where_a_pixel_shows_many_cells() -> None:
 
 
 def test_six_snapshots_fill_the_page_of_an_exploration(history: MapHistory) -> None:
-    page = exploration_page(ROOM, "explored by 2 Burgers", history)
-    assert page.shape == (44 + 2 * (492 + 26), 3 * 492 + 12, 3)
-    tiles = page[70:550, 12:492], page[-492:-12, -492:-12]
+    page = Growth(history, "room: explored by 2 Burgers", ROOM).page()
+    tile_px = round(480 * 3.5 / 4.5)
+    assert page.shape == (44 + 2 * (tile_px + 12 + 26), 3 * 492 + 12, 3)
+    tiles = page[70 : 70 + tile_px, 12:492], page[-12 - tile_px : -12, -492:-12]
     known = [1.0 - np.all(tile == 205, axis=2).mean() for tile in tiles]
     assert known[0] < 0.3 < 0.5 < known[1]
 
 
 def test_a_log_of_few_snapshots_makes_a_smaller_page(history: MapHistory) -> None:
-    page = log_page(history, "room.log")
+    page = Growth(history, "room.log").page()
     assert page.shape[1] == 3 * 492 + 12
     assert page.shape[0] < 44 + 2 * (492 + 26), "the tiles are as high as the map needs"
     blank = page[-300:-12, 12 + 492 :]

@@ -305,7 +305,7 @@ def test_robots_of_a_large_arena_are_enlarged_and_those_that_are_gone_not_drawn(
     setup, scene = setup_and_scene("map2")
     panel = WorldPanel(setup, 720)
     assert panel.enlarged > 2.0
-    gone = scene.intruders[0]
+    gone = next(robot for robot in scene.robots if not robot.is_guard)
     left = [robot for robot in scene.robots if robot is not gone]
     pictures = [np.zeros((720, 720, 3), dtype=np.uint8) for _ in range(2)]
     panel.paint(pictures[0], replace(scene, detections=[]))

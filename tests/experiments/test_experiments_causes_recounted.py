@@ -14,11 +14,11 @@ import pytest
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import Layout, place
-from midnet_bench.arena.solids import Solid
 from midnet_bench.campaign.trial import Row
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import run_detection
 from midnet_bench.experiments.guarded.record import RecordedFrame
+from midnet_bench.geometry import Solid
 
 pytestmark = pytest.mark.slow
 

@@ -17,7 +17,7 @@ from midnet_bench.experiments.registry import run_trial
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
 from midnet_bench.navigation.settings import TrajectoryRolloutSettings
-from midnet_bench.scoring.causes import Causes
+from midnet_bench.scoring.frame_counts import Causes
 
 
 @cache

@@ -15,7 +15,7 @@ from midnet_bench.experiments.detection.trial import DetectionTrial, run_detecti
 from midnet_bench.experiments.guarded.evaders import HIDE_EVERY_S, EvaderPolicy
 from midnet_bench.experiments.guarded.inputs import arena_from, inline_arena
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
-from midnet_bench.simulation.integrity import surfaces
+from midnet_bench.simulation.fleet import surfaces
 
 ROOM = {
     **json.loads(load_arena("empty").model_dump_json()),

@@ -56,8 +56,8 @@ def test_one_robot_maps_the_hall_and_nothing_beyond_its_door(
     assert exploration.warnings == []
     assert exploration.score.free_covered > 0.98
     assert exploration.score.occupied_precision > 0.95
-    # exploring ends by free area: what is left out is wall
-    assert exploration.score.occupied_recall > 0.9
+    assert exploration.score.occupied_recall > 0.99
+    assert exploration.gaps == []
     assert math.isnan(exploration.merge_confidence)
     assert exploration.grid.extent == pytest.approx((-4.5, -2.0, 4.5, 2.0))
     # it had to go round the wall, and did not leave through the door
@@ -132,6 +132,11 @@ def test_the_time_limit_leaves_half_a_map_and_says_so() -> None:
     assert [round(snapshot.time_s, 3) for snapshot in snapshots] == [1.0, 1.5]
     assert exploration.warnings[0] == "stopped at the time limit of 1.5 s, frontiers left"
     assert exploration.warnings[1].startswith("only ")
+    longest = exploration.gaps[0]
+    assert (
+        f"{longest.length_m:.2f} m at ({longest.place[0]:.2f}, {longest.place[1]:.2f})"
+        in exploration.warnings[2]
+    )
 
 
 def test_the_registry_runs_it_and_its_tables_are_whole() -> None:

@@ -42,7 +42,7 @@ def is_in_range(folder: Path, gap_m: float, rule: str, **changes: object) -> boo
         arena=hall(folder, gap_m, rule), prior_map="exact", in_range=rule, **changes
     )
     with DetectionTrial(parameters, 1) as trial:
-        (answer,) = trial.in_range(parameters)
+        (answer,) = trial.in_range()
     return answer
 
 

@@ -16,6 +16,7 @@ from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.campaign.worker import Outcome
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.mapping.tables import (
+    Maps,
     choice_table,
     health_table,
     measures_table,
@@ -59,7 +60,10 @@ def robot_row(number: int) -> Row:
 
 
 def mapping_store(
-    folder: Path, changes: dict[tuple[str, int, int], Row], failed: tuple[str, int, int] | None = None
+    folder: Path,
+    changes: dict[tuple[str, int, int], Row],
+    failed: tuple[str, int, int] | None = None,
+    gap: tuple[str, int, int] | None = None,
 ) -> Results:
     """Two arenas, one and three robots, four seeds; ``changes`` by arena, team size and seed."""
     arenas = ["map1", '{"name": "My flat"}']
@@ -75,10 +79,17 @@ def mapping_store(
                     continue
                 row = map_row(robots, seed, **changes.get((arena, robots, seed), {}))
                 team = [robot_row(number) for number in range(1, robots + 1)]
-                result = TrialResult({"maps": [row], "robots": team}, 100.0)
+                tables = {"maps": [row], "robots": team}
+                if (arena, robots, seed) == gap:
+                    tables["gaps"] = [{"length_m": 0.15, "x_m": -1.0, "y_m": 2.0}]
+                result = TrialResult(tables, 100.0)
                 store.record(run_id, spec, Outcome(spec.trial_id, 6.0, 100.0, encode_tables(result)))
     store.close()
     return load_results(folder)
+
+
+def gaps_of(found: Results) -> Maps:
+    return rows_of(found, "gaps") if "gaps" in found.tables else {}
 
 
 def test_trials_stand_under_their_arenas_names_and_team_sizes(tmp_path: Path) -> None:
@@ -125,21 +136,23 @@ def test_the_ratio_of_times_is_paired_by_seed(tmp_path: Path) -> None:
 
 def test_the_map_that_is_kept_is_the_best_of_those_that_are_whole(tmp_path: Path) -> None:
     changes: dict[tuple[str, int, int], Row] = {
-        ("map1", 1, 1): {"occupied_precision": 1.0, "occupied_recall": 1.0, "finished": False},
         ("map1", 1, 2): {"occupied_precision": 1.0, "occupied_recall": 1.0, "coverage": 0.97},
         ("map1", 3, 3): {"occupied_precision": 0.99, "occupied_recall": 0.97, "wall_error_m": 0.02},
         ("map1", 1, 4): {"occupied_precision": 0.97, "occupied_recall": 0.99, "wall_error_m": 0.01},
         ("map1", 3, 4): {"occupied_precision": math.nan, "occupied_recall": math.nan},
+        ("map1", 1, 1): {"occupied_precision": 1.0, "occupied_recall": 1.0, "finished": False},
+        ("map1", 3, 1): {"occupied_precision": 1.0, "occupied_recall": 1.0},
     }
-    found = mapping_store(tmp_path, changes)
-    rows = choice_table(rows_of(found, "maps")).rows
+    found = mapping_store(tmp_path, changes, gap=("map1", 3, 1))
+    rows = choice_table(rows_of(found, "maps"), gaps_of(found)).rows
     ours = [row for row in rows if row["arena"] == "map1"]
     assert [(row["choice"], row["robots"], row["seed"]) for row in ours] == [
         ("chosen", 1, 4),
         ("2.", 3, 3),
         ("3.", 1, 3),
-        ("worst", 3, 2),
+        ("worst", 3, 1),
     ]
+    assert (ours[0]["gaps_m"], ours[-1]["gaps_m"]) == (0.0, 0.15)
     assert ours[0]["occupied_f1"] == pytest.approx(2 * 0.97 * 0.99 / 1.96)
 
 
@@ -148,7 +161,7 @@ def test_an_arena_that_nobody_finished_has_no_chosen_map(tmp_path: Path) -> None
         ("map1", robots, seed): {"finished": False} for robots in (1, 3) for seed in SEEDS
     }
     found = mapping_store(tmp_path, changes)
-    rows = choice_table(rows_of(found, "maps")).rows
+    rows = choice_table(rows_of(found, "maps"), gaps_of(found)).rows
     assert {row["arena"] for row in rows} == {"My flat"}
 
 

@@ -48,7 +48,7 @@ SETUP: dict[str, Any] = {
 WAYS: tuple[tuple[str, ...], ...] = (
     ("--map", "map.yaml", "--pose", "/pose"),
     ("--map", "/map", "--pose", "/pose", "--preset", "real"),
-    ("--map", "map.yaml", "--pose", "tf"),
+    ("--map", "map.yaml", "--pose", "tf", "--bag", "out/found.mcap"),
     (),
     ("--map", "map.yaml", "--pose", "/pose", "--steps", "3"),
     ("--map", "map.yaml", "--pose", "/pose", "--check"),

@@ -86,6 +86,14 @@ def test_drafts_of_killed_processes_are_removed_when_the_file_is_written_again(t
     assert {one.name for one in tmp_path.iterdir()} == {path.name, ".b.txt.0f.17.new", "a[1].txt.new"}
 
 
+def test_a_draft_that_grew_old_while_the_file_was_written_goes_too(tmp_path: Path) -> None:
+    orphan = tmp_path / ".film.mp4.0f.17.new"
+    with temporary_path(tmp_path / "film.mp4"):
+        orphan.write_text("of an encoder that outlived its process")
+        os.utime(orphan, (time.time() - 2.0,) * 2)
+    assert [one.name for one in tmp_path.iterdir()] == ["film.mp4"]
+
+
 def test_links_under_the_names_of_drafts_overwrite_nothing(tmp_path: Path) -> None:
     victim, path = tmp_path / "thesis.txt", tmp_path / "results" / "scores.csv"
     victim.write_text("years of work")

@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import load_map, save_binary_map, save_map
-from midnet_bench.midnet.binary_map import binary_map
+from midnet_bench.midnet.detection import binary_map
 
 KEYS = {
     "image": "map.pgm",
@@ -224,13 +224,10 @@ def test_headers_and_depths_of_pgm(tmp_path: Path) -> None:
         ({"resolution": ".nan"}, "resolution: "),
         ({"resolution": "true"}, "resolution: "),
         ({"resolution": f"1{'0' * 400}"}, "resolution: "),
-        ({"resolution": "0b_"}, "not valid YAML: line 2: '0b_' is not a valid int"),
         ({"origin": "2020-13-45"}, "not valid YAML: line 3: '2020-13-45' is not a valid timestamp"),
-        ({"mode": "raw\nmode: raw"}, "not valid YAML: line 8: the key 'mode' is there twice"),
-        ({"image": '"a\\0b.pgm"'}, "image: '"),
         ({"image": '"a\\0b.pgm"'}, "a\\x00b.pgm': cannot be read: no file can have this name"),
         ({"resolution": "fine"}, "resolution: "),
-        ({"origin": "[0, 0, 0.1]"}, "origin: yaw must be 0"),
+        ({"origin": "[0, 0, .nan]"}, "origin.2: "),
         ({"origin": "[0, 0]"}, "origin"),
         ({"origin": "[0, .inf, 0]"}, "origin.1: "),
         ({"origin": "0"}, "origin: "),

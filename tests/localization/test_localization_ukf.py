@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.geometry import Imu, Odometry, Pose2D, wrap_angle
 from midnet_bench.localization.settings import UkfSettings
 from midnet_bench.localization.ukf import PlanarUkf, UkfTeam
-from midnet_bench.messages import Imu, Odometry
 from midnet_bench.rng import stream
 
 DT_S = 0.1

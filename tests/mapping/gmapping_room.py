@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import LidarGeometry
+from midnet_bench.geometry import LidarGeometry, Pose2D
 
 Segments = npt.NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.mapping.gmapping.filter import (
     GMapping,
     effective_particles,
@@ -20,7 +20,6 @@ from midnet_bench.mapping.gmapping.filter import (
 )
 from midnet_bench.mapping.gmapping.settings import BURGER_UKF, GmappingSettings
 from midnet_bench.mapping.scans import scan_rays
-from midnet_bench.messages import LidarGeometry
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
 from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, Drive, drive

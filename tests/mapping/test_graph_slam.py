@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks import wide_halls
 from benchmarks.recorded_log import drawn_slips, with_slip
 from benchmarks.relations import read_dense_odometry, read_relations, relations_error
-from midnet_bench.geometry import Pose2D
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
 from midnet_bench.io.scan_logs import LoggedScan, ScanLog, half_circle, read_scan_log
 from midnet_bench.mapping.graph_slam.correlative_matcher import (
     BLOCK_CELLS,
@@ -21,6 +23,7 @@ from midnet_bench.mapping.graph_slam.correlative_matcher import (
 )
 from midnet_bench.mapping.graph_slam.slam import GraphSlam
 from midnet_bench.mapping.log_mapping import map_scans
+from midnet_bench.robots.burger import LDS_01
 from tests.mapping.gmapping_room import ROOM, ROUND_TRIP, Drive, cast, drive
 
 pytestmark = pytest.mark.slow  # compiled loops
@@ -104,7 +107,35 @@ def test_a_slip_loses_gmapping_and_the_map_is_said_to_be_broken(journey: Drive) 
     assert worst_error_m(journey, log, 10) > 1.0
     assert worst_error_m(journey, log, None) < 0.06
     assert any("the map may be broken" in line for line in map_scans(log, 10, seed=1).warnings)
-    assert map_scans(log).warnings == []
+    (line,) = map_scans(log).warnings
+    assert "off the wheels: they slipped" in line
+    assert map_scans(log_of(journey)).warnings == []
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("hall", 9001), ("hall", 9002), ("square", 9001)])
+def test_along_a_bare_wall_the_wheels_hold_the_robot(kind: str, seed: int) -> None:
+    """A Burger's LiDAR sees one wall of a hall: matches slide along it, to metres of error before."""
+    log, truth = wide_halls.drive(kind, seed, LDS_01)
+    result = map_scans(log)
+    assert wide_halls.errors_m(result, truth).mean() < 0.3
+    assert result.warnings == log.warnings
+
+
+def test_at_a_corner_into_the_unknown_the_wheels_are_believed() -> None:
+    """The corridor behind fits the view into the one ahead; nothing contradicts the turn by the wheels."""
+    forward = LidarGeometry(181, -math.pi / 2.0, math.pi / 180.0, 0.1, 20.0, Pose2D(0.0, 0.0, 0.0))
+    log, truth = wide_halls.drive("square", 9005, forward)
+    result = map_scans(log)
+    headings = np.array([truth[number - 1].yaw for number in result.integrated])
+    turned = np.abs(np.vectorize(wrap_angle)(result.trajectory.poses[:, 2] - headings))
+    assert turned.max() < 0.3
+
+
+def test_few_beams_are_refused() -> None:
+    few = LidarGeometry(31, -math.pi / 2.0, math.pi / 30.0, 0.1, 20.0, Pose2D(0.0, 0.0, 0.0))
+    log, _ = wide_halls.drive("hall", 9001, few)
+    with pytest.raises(InputError, match=r"31 beams .*--slam gmapping"):
+        map_scans(log)
 
 
 def test_looking_on_changes_nothing_and_the_map_drawn_on_the_way_is_the_map(journey: Drive) -> None:

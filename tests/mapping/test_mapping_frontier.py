@@ -1,6 +1,7 @@
 import itertools
 import math
 from collections import deque
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,14 @@ from hypothesis.extra.numpy import arrays
 
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.mapping.frontier import Frontier, FrontierExplorer, assign_frontiers, find_frontiers
+from midnet_bench.mapping.frontier import (
+    Frontier,
+    FrontierExplorer,
+    assign_frontiers,
+    find_frontiers,
+    find_gaps,
+    wall_gaps,
+)
 from midnet_bench.mapping.settings import FrontierSettings
 from tests.mapping.drawn_buildings import grid
 
@@ -157,7 +165,8 @@ def test_agrees_with_a_plain_search(data):
 
 
 def plan(explorer, robot, costmap, time_s, taken=()):
-    return explorer.choose(explorer.offers(robot, costmap), time_s, taken)
+    offers = explorer.offers(robot, costmap, costmap, np.empty((0, 2)))
+    return explorer.choose(offers, time_s, taken)
 
 
 CROSSING = grid("#########\n#?     ?#\n#########")
@@ -294,3 +303,57 @@ def test_exploration_of_a_building_ends_when_all_of_it_is_seen(robots):
     assert goals == [None] * robots
     assert np.mean(known[~walls] == 0) > 0.99
     assert not np.any(known[walls] == 0)
+
+
+ONE_CELL_GAPS = FrontierSettings(min_gap_m=1.0, view_m=4.0, look_radius_m=1.5)
+
+CORNER = """
+?########
+?#      #
+?#      #
+?#     ??
+?#     ??
+?######??
+"""
+
+
+def test_a_missing_corner_is_a_gap_that_is_looked_at_until_a_scan_was_taken_there():
+    room = grid(CORNER)
+    (gap,) = wall_gaps(room, 1.0)
+    assert gap == (2.0, (7.5, 1.5))  # the cells beside the free ones
+    (seen,) = find_gaps(room, room, at(3, 3), np.empty((0, 2)), ONE_CELL_GAPS)
+    assert (seen.size_m, seen.centroid) == (gap.length_m, gap.place)
+    assert np.hypot(*(seen.approaches - gap.place).T).max() <= 4.0
+    looks = seen.approaches
+    assert find_gaps(room, room, at(3, 3), looks, ONE_CELL_GAPS) == []
+
+
+def test_closed_walls_have_no_gap_and_a_frontier_without_a_wall_is_none():
+    assert wall_gaps(grid("?####?\n?#  #?\n?####?"), 1.0) == []
+    assert wall_gaps(grid("      \n  ??  \n      "), 1.0) == []
+    assert wall_gaps(grid(CORNER), 5.0) == []
+    holes_in_a_wall = grid("       \n#######\n#? ??##\n#######\n       ", resolution=0.1)
+    assert wall_gaps(holes_in_a_wall, 0.1) == []
+
+
+def test_a_gap_behind_a_wall_is_not_seen_and_comes_after_every_frontier():
+    behind = grid("#########\n#   #   ?\n#   #####\n#   ??###\n#########")
+    explorer = FrontierExplorer(replace(ONE_CELL_GAPS, min_frontier_size_m=1.0))
+    offers = explorer.offers(at(1, 2), behind, behind, np.empty((0, 2)))
+    assert {offer.centroid for offer in offers} == {(4.5, 1.5)}
+    assert [offer.cost for offer in offers] == sorted(offer.cost for offer in offers)
+    assert offers[0].cost < offers[-1].cost - 100.0
+
+
+@pytest.mark.parametrize(
+    ("column", "row", "place"), [(4, 3, (6.5, 3.5)), (1, 3, None), (0, 6, None)], ids=["door", "room", "end"]
+)
+def test_a_robot_parks_where_it_closes_nothing(column, row, place):
+    """Two rooms of 4 x 7 cells, a door of one cell between them, whatever the robot's own cell."""
+    rooms = grid("\n".join(["    #    "] * 3 + ["         "] + ["    #    "] * 3))
+    found = FrontierExplorer(FrontierSettings()).parking_place(at(column, row), rooms, 1.0)
+    if place is None:
+        assert found is None
+    else:
+        assert found is not None
+        assert found[0] != 4.5

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from midnet_bench.midnet.binary_map import binary_map
+from midnet_bench.midnet.detection import binary_map
 
 COSTS = hnp.arrays(
     np.int8, hnp.array_shapes(min_dims=2, max_dims=2, max_side=6), elements=st.integers(-1, 100)

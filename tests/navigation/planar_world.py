@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import STOP, Box, Command, LidarGeometry, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import STOP, Command, LidarGeometry
 from midnet_bench.navigation.navigator import Navigator, Status
 from midnet_bench.robots.burger import LDS_01
 

@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import LidarGeometry
 from midnet_bench.navigation.costmap import (
     LETHAL,
     GlobalCostmap,

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import distance_transform_edt
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.navigation import dwa as dwa_kernels
 from midnet_bench.navigation import trajectory_rollout as trajectory_rollout_kernels
 from midnet_bench.navigation.costmap import RollingCostmap

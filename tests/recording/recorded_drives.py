@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import LidarGeometry
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.fitting.fit import Sample
 from midnet_bench.recording.poses import PoseTrack

@@ -13,10 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from rosbags.rosbag1 import Writer as Ros1Writer
 
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
-from midnet_bench.messages import LidarGeometry
 from midnet_bench.recording.files.ros_messages import (
     Message,
     laser_scan,
@@ -218,6 +217,16 @@ def scan_messages(
         kind, said = laser_scan(frame, ns_of(time_s), ranges_m, drive.lidar, 1.0 / drive.rate_hz)
         found.append(Said(topic, ns_of(time_s + lag_s), Message(kind, {**said, **fields})))
     return found
+
+
+def laser_at(message: Message, stamp_ns: int | None = None, frame: str | None = None) -> Message:
+    """The same scan with another stamp or frame."""
+    head = message.fields["header"]
+    head = {
+        "stamp": head["stamp"] if stamp_ns is None else stamp_ns,
+        "frame_id": head["frame_id"] if frame is None else frame,
+    }
+    return Message(message.kind, {**message.fields, "header": head})
 
 
 def pose_messages(drive: Drive, kind: str = "pose", topic: str = "/pose") -> list[Said]:

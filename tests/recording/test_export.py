@@ -18,9 +18,8 @@ from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
 from midnet_bench.experiments.guarded.parameters import GuardParameters
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import Box, LidarGeometry, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import LidarGeometry
 from midnet_bench.recording.files.writer import ENDINGS
 from midnet_bench.workflows.export import export_trial
 
@@ -128,7 +127,7 @@ def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     export_trial("detection", TEAM, SEED, path, request.param, lambda done, most: told.append((done, most)))
     assert told == [(number, FRAMES) for number in range(1, FRAMES + 1)]
     assert path.is_dir() == (request.param == "ros2")
-    assert [one.name for one in path.parent.iterdir()] == [path.name]
+    assert {one.name for one in path.parent.iterdir()} == {path.name, "trial.foxglove.json"}
     return list(read(path))
 
 
@@ -188,18 +187,51 @@ def test_what_a_scan_says_twice_is_the_same(exported: list[Said]) -> None:
     assert scans == 5 * FRAMES
 
 
-def test_a_pose_is_told_three_times(exported: list[Said]) -> None:
-    told: dict[tuple[str, int], list[Pose2D]] = defaultdict(list)
-    for topic, _, stamp_ns, message in exported:
+def transform_of(message: Any) -> Pose2D:
+    at, turn = message.translation, message.rotation
+    return Pose2D(at.x, at.y, 2.0 * math.atan2(turn.z, turn.w))
+
+
+@pytest.mark.parametrize("odometry", ["world", "encoder"])
+def test_map_odom_and_base_hang_together(odometry: str, tmp_path: Path) -> None:
+    export_trial(
+        "detection",
+        {**TEAM, "frames": 5, "odometry": odometry, "wheel_radius_error": 0.02},
+        1,
+        tmp_path / "b.mcap",
+    )
+    poses: dict[int, dict[str, Pose2D]] = defaultdict(dict)
+    for topic, _, stamp_ns, message in read(tmp_path / "b.mcap"):
         if topic == "/guard_2/pose":
-            told["guard_2", stamp_ns].append(pose_of(message.pose))
+            poses[stamp_ns]["pose"] = pose_of(message.pose)
         elif topic == "/guard_2/odom":
-            told["guard_2", stamp_ns].append(pose_of(message.pose.pose))
-        elif topic == "/tf" and message.transforms[0].child_frame_id == "guard_2/base_footprint":
-            at, turn = message.transforms[0].transform.translation, message.transforms[0].transform.rotation
-            told["guard_2", stamp_ns].append(Pose2D(at.x, at.y, 2.0 * math.atan2(turn.z, turn.w)))
-    assert len(told) == 2 * FRAMES + 1
-    assert all(len(poses) == 3 and len(set(poses)) == 1 for poses in told.values())
+            assert (message.header.frame_id, message.child_frame_id) == (
+                "guard_2/odom",
+                "guard_2/base_footprint",
+            )
+            poses[stamp_ns]["odometry"] = pose_of(message.pose.pose)
+        elif topic == "/tf" and message.transforms[0].child_frame_id == "guard_2/odom":
+            poses[stamp_ns]["map -> odom"], poses[stamp_ns]["odom -> base"] = (
+                transform_of(one.transform) for one in message.transforms
+            )
+    assert len(poses) == 2 * 5 + 1
+    drift_m = 0.0
+    for found in poses.values():
+        assert found["odom -> base"] == found["odometry"]
+        whole = found["map -> odom"].compose(found["odom -> base"]).relative_to(found["pose"])
+        assert (math.hypot(whole.x, whole.y), math.sin(whole.yaw)) == pytest.approx((0.0, 0.0), abs=1e-9)
+        drift_m = math.hypot(*found["map -> odom"][:2])
+    assert 1e-6 < drift_m < 0.5
+
+
+def test_a_layout_shows_what_the_bag_has(tmp_path: Path) -> None:
+    export_trial("detection", {**TEAM, "frames": 1}, 1, tmp_path / "b.bag", "ros1")
+    layout = json.loads((tmp_path / "b.foxglove.json").read_text())
+    panel = layout["configById"][layout["layout"]]
+    assert panel["topics"].keys() == {one.topic for one in read(tmp_path / "b.bag")}
+    shown = {topic for topic, how in panel["topics"].items() if how["visible"]}
+    assert {"/map", "/guard_1/scan", "/midnet/detections", "/truth/markers"} <= shown
+    assert "/guard_1/costmap" not in shown
 
 
 def test_the_truth_is_told_by_name(exported: list[Said]) -> None:

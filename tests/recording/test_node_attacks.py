@@ -12,7 +12,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from midnet_bench.campaign.trial import Scalar
-from midnet_bench.recording import ros1_node
+from midnet_bench.recording import ros1_node, ros_node
 from midnet_bench.recording.files.writer import Types
 from midnet_bench.recording.live import LiveOptions
 from midnet_bench.recording.settings import ReplaySettings
@@ -71,7 +71,7 @@ class Node(NamedTuple):
 
 
 def node_of(messages: Sequence[Raw], monkeypatch: pytest.MonkeyPatch) -> Node:
-    """``ros1_node.spin`` over a rospy that hands it these messages, each at its time."""
+    """The node over a rospy that hands it these messages, each at its time."""
     heard, done = iter(messages), Node([], [])
     now_s, called = [0.0], dict[str, Callable[[Any], None]]()
 
@@ -100,7 +100,7 @@ def node_of(messages: Sequence[Raw], monkeypatch: pytest.MonkeyPatch) -> Node:
     found = {"rospy": rospy, "rosgraph": SimpleNamespace(is_master_online=lambda: True)}
     monkeypatch.setattr(ros1_node, "importlib", SimpleNamespace(import_module=found.__getitem__))
     monkeypatch.setattr(ros1_node, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
-    ros1_node.spin(OPTIONS, None)
+    ros_node.spin(ros1_node.Rospy([]), OPTIONS, None)
     return done
 
 

@@ -1,13 +1,13 @@
 import math
+import re
 
 import numpy as np
 import pytest
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import load_map
-from midnet_bench.messages import LidarGeometry
 from midnet_bench.recording.fitting.fit import Sample, Walls, fit_of
 from midnet_bench.recording.fitting.setup_check import SetBy, find_setup, line_of, verdict
 from midnet_bench.recording.fitting.setup_search import Returns, Search
@@ -165,8 +165,8 @@ def test_a_scan_delay_of_100_ms_is_found_where_the_drive_turns(view, mount, map_
     proposal = find_setup(samples, map_of_room)
     assert proposal.kinds == ("delay",)
     assert proposal.setup.delay_s == pytest.approx(0.1, abs=0.02)
-    assert f"delay_s: {proposal.setup.delay_s:.3f}" in line_of(proposal, map_of_room)
-    already = line_of(proposal, map_of_room, SetBy(delay_s=0.2))
+    assert f"delay_s: {proposal.setup.delay_s:.3f}" in line_of(proposal)
+    already = line_of(proposal, SetBy(delay_s=0.2))
     assert f"delay_s: {0.2 + proposal.setup.delay_s:.3f}" in already
 
 
@@ -191,7 +191,7 @@ def test_at_rest_a_mount_cannot_be_told_from_a_moved_map(map_of_room):
     proposal = find_setup(drive("rest"), map_of_room)
     assert proposal.kinds == ("mount",)
     assert [each.kinds for each in proposal.alike] == [("map",)]
-    assert "or, which this recording cannot tell, if the map is moved" in line_of(proposal, map_of_room)
+    assert "or, which this recording cannot tell, if the map is moved" in line_of(proposal)
 
 
 def test_a_mirrored_scan_is_told(map_of_room):
@@ -209,17 +209,20 @@ def test_whole_turns_are_told(degrees, turning, map_of_room):
     assert f"turned by {degrees} degrees" in told.lines[0]
 
 
-def test_a_moved_map_is_told_with_the_origin_that_it_should_have(turning, map_of_room):
+def test_a_moved_map_is_told_with_the_start_that_the_poses_have_on_it(turning, map_of_room):
+    samples = mounted(turning, MOUNT)
     for x, y in ((-0.35, 0.35), (3.0, -2.0)):
-        told = verdict(mounted(turning, MOUNT), moved(map_of_room, x, y))
+        told = verdict(samples, moved(map_of_room, x, y))
         assert told.kinds[-1] == "map"
-        assert "'origin: [-1.0" in told.lines[-1]
+        said = [float(each) for each in re.search(r"start: \[(.*?)\]", told.lines[-1])[1].split(",")]
+        first = samples[0].pose
+        assert said == pytest.approx([first.x + x, first.y + y, math.degrees(first.yaw)], abs=0.06)
 
 
 def test_a_turned_map_and_one_of_another_place_are_told(turning, map_of_room):
     samples = mounted(turning, MOUNT)
     turned = OccupancyGrid(np.rot90(map_of_room.data).copy(), 0.05, (-4.0, -2.0))
-    assert "turn the map's image by" in verdict(samples, turned).lines[-1]
+    assert "turned by -90 degrees against the poses: start: [" in verdict(samples, turned).lines[-1]
     rows, columns = np.ogrid[:240, :240]
     hall = np.abs(np.hypot(rows - 120, columns - 120) - 100.0) < 1.0
     told = verdict(samples, OccupancyGrid(np.where(hall, 100, 0).astype(np.int8), 0.05, (-2.0, -3.0)))

@@ -4,10 +4,9 @@ import math
 import numpy as np
 import pytest
 
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.geometry import Pose2D, Scan, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import load_map
-from midnet_bench.messages import Scan
 from midnet_bench.recording.fitting.localize import Localizer, LocalizerSettings
 from tests.recording.recorded_drives import MOUNT, RECORDINGS, drive, mounted, recorded, room
 

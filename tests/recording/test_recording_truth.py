@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.truth import Label, LabelTable, matched
@@ -39,6 +40,23 @@ def test_a_label_within_20_ms_belongs_to_the_scan(tmp_path: Path) -> None:
         False,
         False,
     ]
+
+
+@pytest.mark.parametrize("time_s", ["16000000007", "-16000000007", "1600000000500"])
+def test_a_time_that_64_bits_of_nanoseconds_do_not_hold_is_refused(tmp_path: Path, time_s: str) -> None:
+    with pytest.raises(InputError, match=r"truth\.csv:3: t: "):
+        table(tmp_path, "1600000000.5,car,0.0,0.0", f"{time_s},car,0.0,0.0")
+
+
+def test_a_time_that_contradicts_the_scan_index_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "truth.csv"
+    path.write_text("scan_index,t,id,x,y\n3,10.0,car,1.0,2.0\n4,23.1,car,1.0,2.0\n")
+    known = LabelTable(path)
+    labels = known.at(round(10.4 * NS), 3)
+    assert labels is not None
+    assert labels.there == [Label("car", 1.0, 2.0)]
+    with pytest.raises(InputError, match=r"truth\.csv: scan_index 4 has t 23\.1"):
+        known.at(round(10.1 * NS), 4)
 
 
 def test_a_row_without_id_is_a_scan_without_intruders(tmp_path: Path) -> None:

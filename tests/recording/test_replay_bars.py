@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from tests.recording import recordings as made
 from tests.recording.recordings import Drive, replayed
@@ -77,6 +78,8 @@ def test_a_background_of_the_first_seconds_and_of_another_recording(tmp_path):
     other = made.write_scan_table(tmp_path / "other.csv", empty)
     truth = str(made.write_labels(tmp_path / "truth.csv", [one for one in drive.labels() if one[0] >= 100]))
     at = f"at:{REST.x},{REST.y},{math.degrees(REST.yaw)}"
+    with pytest.raises(InputError, match="is the recording itself"):
+        replayed(bag, tmp_path, background=str(bag), pose=at, mount=MOUNT)
     for background in ("first-10", str(other)):
         found = replayed(bag, tmp_path, background=background, pose=at, mount=MOUNT, truth=truth)
         score = found.score()

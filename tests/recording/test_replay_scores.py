@@ -112,7 +112,12 @@ TURNING = Drive(
 @pytest.mark.slow
 def test_deskew_and_rubbish_in_time_increment(tmp_path, map_file):
     truth = str(made.write_labels(tmp_path / "truth.csv", TURNING.labels()))
-    keys = {"map": map_file, "mount": MOUNT, "truth": truth, "settings": {"unknown_in_prior": "free"}}
+    keys = {
+        "map": map_file,
+        "mount": MOUNT,
+        "truth": truth,
+        "settings": {"unknown_in_prior": "free", "return_area_m2": 0},
+    }
     poses = made.pose_messages(TURNING)
     scores, lines = {}, {}
     for name, increment, is_on in (
@@ -502,3 +507,63 @@ def test_false_boxes_of_a_wall_that_is_told_roughly(tmp_path, map_file):
     found = of_false_boxes(result)
     assert len(found) > 20
     assert found.count("near_wall") >= 0.9 * len(found), found
+
+
+@pytest.mark.parametrize(
+    ("limits", "expected"),
+    [({}, (2, 1, 0)), ({"sector_deg": [-30, 30]}, (1, 0, 0)), ({"window_m": 2.0}, (1, 0, 0))],
+)
+def test_a_box_outside_sector_or_window_is_neither_true_nor_false(tmp_path, map_file, limits, expected):
+    """Ahead and beside, outside both limits, stand labelled objects; a third one beside has no label."""
+    still = {
+        "ahead": made.standing(4.9, 3.0),
+        "beside": made.standing(4.2, 4.2),
+        "right": made.standing(4.2, 1.6),
+    }
+    drive = replace(DRIVE, pose=lambda time_s: Pose2D(4.2, 3.0, 0.0), lidar=made.lidar_of(360), movers=still)
+    bag = made.write_bag(tmp_path, [*made.scan_messages(drive), *made.pose_messages(drive)])
+    truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels("ahead", "beside")))
+    score = replayed(bag, tmp_path, map=map_file, mount=MOUNT, truth=truth, **limits).score()
+    frames = score["labelled"]
+    assert (score["in_range"], score["fp"], score["missed"]) == tuple(frames * each for each in expected)
+    assert score["tp"] == score["in_range"]
+
+
+def test_events_of_a_recording_are_told(tmp_path, map_file):
+    """Somebody drives ahead all the time, and something without a label stands beside the way."""
+    movers = {**RED, "crate": made.standing(4.2, 1.6)}
+    drive = replace(DRIVE, movers=movers, lidar=made.lidar_of(360))
+    bag = made.write_bag(tmp_path, [*made.scan_messages(drive), *made.pose_messages(drive)])
+    truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels("red")))
+    found = replayed(bag, tmp_path, map=map_file, mount=MOUNT, truth=truth)
+    lines = (found.folder / "events.csv").read_text().splitlines()
+    rows = [dict(zip(lines[0].split(","), line.split(","), strict=True)) for line in lines[1:]]
+    assert [row["is_true"] for row in rows].count("true") == 1
+    (true,) = [row for row in rows if row["is_true"] == "true"]
+    assert float(true["share"]) > 0.95
+    score = found.score()
+    assert score["events"] == len(rows)
+    assert score["false_events"] == len(rows) - 1
+    assert score["id_switches"] == 0
+    wrong = score["missed"] + score["fp"] + score["duplicates"]
+    assert score["mota"] == pytest.approx(1.0 - wrong / score["in_range"])
+
+
+def test_what_stands_beside_a_labelled_way_is_unmapped_not_the_label_s(tmp_path, map_file):
+    """Pylons that the map lacks stand along the way of a labelled robot, which comes as near as 0.3 m."""
+    pylons = [(3.4, 2.6), (4.6, 2.4), (3.9, 3.7), (5.0, 2.0)]
+    movers = {**RED, **{f"pylon {k}": made.standing(x, y, 0.06) for k, (x, y) in enumerate(pylons)}}
+    drive = replace(DRIVE, seconds=12.0, movers=movers, lidar=made.lidar_of(360))
+    bag = made.write_bag(tmp_path, [*made.scan_messages(drive), *made.pose_messages(drive)])
+    truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels("red")))
+    found = replayed(bag, tmp_path, map=map_file, mount=MOUNT, truth=truth)
+    of_pylons = [
+        row["cause"]
+        for row in found.errors
+        if row["preset"] == "real"
+        and row["kind"] != "miss"
+        and min(math.dist((float(row["x"]), float(row["y"])), pylon) for pylon in pylons) < 0.25
+    ]
+    assert len(of_pylons) > 100
+    print(f"{of_pylons.count('unmapped')} of {len(of_pylons)}: {sorted(set(of_pylons))}")
+    assert of_pylons.count("unmapped") >= 0.95 * len(of_pylons)

@@ -1,4 +1,4 @@
-"""``ros1-node`` on a real ROS 1: a master, ``rosbag play`` and ``rosbag record`` of Debian's packages."""
+"""``node --ros 1`` on a real ROS 1: a master, ``rosbag play`` and ``rosbag record`` of Debian's packages."""
 
 import contextlib
 import importlib.util
@@ -18,7 +18,8 @@ import pytest
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.geometry import Box
 from midnet_bench.recording.live import LiveNode, LiveOptions
-from midnet_bench.recording.ros1_node import DEBIANS, PUBLISHED
+from midnet_bench.recording.ros1_node import DEBIANS
+from midnet_bench.recording.ros_node import PUBLISHED
 from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.workflows.export import export_trial
 from tests.cli.command import REPOSITORY, in_its_own_process, midnet_bench, one_line_of_complaint
@@ -147,6 +148,8 @@ def test_a_played_trial_gives_the_detections_of_the_same_messages_offline(
         "-m",
         "midnet_bench",
         "node",
+        "--ros",
+        "1",
         *NAMES,
         *renamed,
         "--preset",
@@ -203,7 +206,7 @@ def stamp_of_markers(message: object) -> int:
 @needs_ros
 def test_without_a_master_a_line_says_so(tmp_path: Path) -> None:
     nowhere = {"ROS_MASTER_URI": "http://127.0.0.1:9"}
-    done = in_its_own_process("node", "guard_1", folder=tmp_path, environment=nowhere)
+    done = in_its_own_process("node", "--ros", "1", "guard_1", folder=tmp_path, environment=nowhere)
     assert (done.returncode, done.stdout) == (2, "")
     assert "start roscore" in done.stderr
 
@@ -211,7 +214,9 @@ def test_without_a_master_a_line_says_so(tmp_path: Path) -> None:
 def test_without_rospy_a_line_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("midnet_bench.recording.ros1_node.DEBIANS", str(tmp_path))
     monkeypatch.setitem(sys.modules, "rospy", None)
-    assert "python3-rospy" in one_line_of_complaint(midnet_bench("node", "guard_1", folder=tmp_path))
+    assert "python3-rospy" in one_line_of_complaint(
+        midnet_bench("node", "--ros", "1", "guard_1", folder=tmp_path)
+    )
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,10 @@ from midnet_bench.arena.layout import place
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.mapping.parameters import MappingParameters
-from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.navigation.settings import radii
 from midnet_bench.robots.burger import BURGER, LDS_01
-from midnet_bench.robots.model import Disc, RobotModel
-from midnet_bench.robots.seams import ROBOTS
+from midnet_bench.robots.model import ROBOTS, Disc, RobotModel
 from midnet_bench.robots.waffle import WAFFLE
 from tests.simulation.scenes import ENGINES, OWN_ROBOT, WORLDS, run, scene
 

@@ -7,9 +7,8 @@ import numpy as np
 
 from midnet_bench.geometry import Box, Point
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.binary_map import FREE, OCCUPIED
-from midnet_bench.midnet.detection import bounding_boxes, common_occupancy, foreground
-from midnet_bench.scoring.errors import GuardView, Marks, SightLines, moved
+from midnet_bench.midnet.detection import FREE, OCCUPIED, bounding_boxes, common_occupancy, foreground
+from midnet_bench.scoring.diagnosis import GuardView, Marks, SightLines, moved
 from midnet_bench.scoring.frame_counts import TruthObject
 
 RESOLUTION_M = 0.05

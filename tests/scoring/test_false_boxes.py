@@ -6,9 +6,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from midnet_bench.geometry import Box
+from midnet_bench.scoring.diagnosis import NOTHING, WALL, Cause, GuardView, Marks, ally, false_box_cause
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, UNEXPLAINED
-from midnet_bench.scoring.errors import NOTHING, WALL, Cause, GuardView, Marks, ally
-from midnet_bench.scoring.false_boxes import made_of
 from midnet_bench.scoring.frame_counts import TruthObject
 from tests.scoring.guard_views import guard_view, intruder, returns
 
@@ -82,7 +81,7 @@ SCENES = {
 
 def explained(view: GuardView, truths: Sequence[TruthObject] = (HERE,)) -> Cause:
     (box,) = view.found
-    return made_of(box, view.guard, truths, [view])
+    return false_box_cause(box, view.guard, truths, [view])
 
 
 def assert_is(cause: Cause, expected: Cause) -> None:
@@ -160,7 +159,7 @@ def test_a_box_that_a_fusion_made_is_of_those_that_it_touches() -> None:
     second = guard_view(returns(WALL, (0.525, 0.475), (0.575, 0.475)), truths=truths, guard=1)
     mean = Box(0.375, 0.35, 0.65, 0.6)
     assert mean not in (*first.found, *second.found)
-    assert_is(made_of(mean, 0, truths, [first, second]), Cause("wall_by_map", 1, "a wall", 0.1))
+    assert_is(false_box_cause(mean, 0, truths, [first, second]), Cause("wall_by_map", 1, "a wall", 0.1))
 
 
 def test_a_box_that_no_guard_found_is_unexplained() -> None:
@@ -169,8 +168,8 @@ def test_a_box_that_no_guard_found_is_unexplained() -> None:
         guard_view(returns(0, SEEN), truths=[HERE], guard=1),
     )
     box = Box(-1.5, -1.5, -1.2, -1.2)
-    assert_is(made_of(box, 0, [HERE], [empty, other]), Cause(UNEXPLAINED, 0))
-    assert_is(made_of(box, 0, [], [empty]), Cause(UNEXPLAINED, 0))
+    assert_is(false_box_cause(box, 0, [HERE], [empty, other]), Cause(UNEXPLAINED, 0))
+    assert_is(false_box_cause(box, 0, [], [empty]), Cause(UNEXPLAINED, 0))
 
 
 @pytest.mark.parametrize(
@@ -188,17 +187,19 @@ def test_of_another_detectors_boxes_allies_and_trails_are_told(
     source: int, is_newest: bool, expected: Cause
 ) -> None:
     view = guard_view(returns(source, (1.0, 0.0), is_newest=is_newest), truths=[FAR], detects=False)
-    assert_is(made_of(Box.square(1.0, 0.0, 0.2), 0, [FAR], [view]), expected)
+    assert_is(false_box_cause(Box.square(1.0, 0.0, 0.2), 0, [FAR], [view]), expected)
     # a box where it met nothing
-    assert_is(made_of(Box.square(0.0, 1.0, 0.2), 0, [FAR], [view]), Cause(UNEXPLAINED, 0))
+    assert_is(false_box_cause(Box.square(0.0, 1.0, 0.2), 0, [FAR], [view]), Cause(UNEXPLAINED, 0))
 
 
 def test_a_box_of_another_detector_on_an_intruder_is_a_fragment() -> None:
     view = guard_view(returns(0, SEEN), truths=[HERE], detects=False)
-    assert_is(made_of(Box.square(1.0, 0.0, 0.2), 0, [HERE], [view]), Cause("fragment", 0, "intruder 1"))
+    assert_is(
+        false_box_cause(Box.square(1.0, 0.0, 0.2), 0, [HERE], [view]), Cause("fragment", 0, "intruder 1")
+    )
 
 
 def test_a_box_on_two_intruders_is_a_fragment_of_the_first() -> None:
     both = [HERE, intruder(1.2, 0.0, name="intruder 2")]
     view = guard_view(returns(0, SEEN, (1.175, 0.025)), truths=both)
-    assert_is(made_of(Box(0.9, -0.1, 1.3, 0.1), 0, both, [view]), Cause("fragment", 0, "intruder 1"))
+    assert_is(false_box_cause(Box(0.9, -0.1, 1.3, 0.1), 0, both, [view]), Cause("fragment", 0, "intruder 1"))

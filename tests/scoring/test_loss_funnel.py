@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 import pytest
 
 from midnet_bench.geometry import Box
+from midnet_bench.scoring.diagnosis import NOTHING, WALL, Cause, GuardView, Marks, ally, miss_cause
 from midnet_bench.scoring.error_causes import MISS_CAUSES, UNEXPLAINED
-from midnet_bench.scoring.errors import NOTHING, WALL, Cause, GuardView, Marks, ally
 from midnet_bench.scoring.frame_counts import TruthObject
-from midnet_bench.scoring.loss_funnel import lost_at
 from tests.scoring.guard_views import guard_view, intruder, returns
 
 HERE = intruder(1.0, 0.0)
@@ -88,7 +87,7 @@ SCENES = {
 
 
 def explained(scene: Scene) -> Cause:
-    return lost_at(0, scene.truths, scene.detections, scene.views)
+    return miss_cause(0, scene.truths, scene.detections, scene.views)
 
 
 def assert_is(cause: Cause, expected: Cause) -> None:
@@ -125,7 +124,7 @@ def test_what_stands_behind_the_sensor_hides_nothing() -> None:
 def test_an_intruder_about_the_sensor_is_not_hidden_by_what_is_beyond_it() -> None:
     around = intruder(0.0, 0.0, side_m=0.4)
     view = guard_view(truths=[around], beams={0.0: (1.0, WALL), 90.0: (1.0, WALL)})
-    assert lost_at(0, [around], [], [view]).name == "between_beams"
+    assert miss_cause(0, [around], [], [view]).name == "between_beams"
 
 
 def test_what_is_in_sight_now_outside_the_window_is_not_late() -> None:
@@ -136,7 +135,7 @@ def test_what_is_in_sight_now_outside_the_window_is_not_late() -> None:
 def test_an_intruder_that_has_moved_on_since_the_scan_is_late() -> None:
     now = intruder(1.0, 0.3)
     view = guard_view(MET, truths=[now], centers_at_scan=[(1.0, 0.0)])
-    assert_is(lost_at(0, [now], [], [view]), Cause("delay", 0, age_s=0.1, offset_m=0.3))
+    assert_is(miss_cause(0, [now], [], [view]), Cause("delay", 0, age_s=0.1, offset_m=0.3))
 
 
 def test_a_rim_that_the_prior_map_leaves_beside_it_is_under_the_prior_map() -> None:
@@ -148,7 +147,7 @@ def test_a_rim_that_the_prior_map_leaves_beside_it_is_under_the_prior_map() -> N
 
 def test_a_guard_without_a_scan_has_seen_nobody() -> None:
     no_scan = guard_view(truths=[HERE], beams={0.0: (0.95, 0)}, centers_at_scan=())
-    assert_is(lost_at(0, [HERE], [], [no_scan]), Cause("delay", 0))
+    assert_is(miss_cause(0, [HERE], [], [no_scan]), Cause("delay", 0))
 
 
 @pytest.mark.parametrize(
@@ -191,29 +190,29 @@ def test_the_guard_that_got_it_farthest_decides() -> None:
     ranked = [hidden, outside, covered, beside, removed]
     for last in range(1, 6):
         for views in (ranked[:last], ranked[:last][::-1]):
-            assert lost_at(0, truths, [], views).guard == last - 1
+            assert miss_cause(0, truths, [], views).guard == last - 1
 
 
 def test_a_late_box_got_farther_than_returns_outside_a_window() -> None:
     now = intruder(1.0, 0.3)
     late = guard_view(MET, truths=[now], centers_at_scan=[(1.0, 0.0)])
     outside = guard_view(MET, truths=[now], guard=1, window=Box.square(0.0, 0.0, 1.8))
-    assert lost_at(0, [now], [], [outside, late]).name == "delay"
+    assert miss_cause(0, [now], [], [outside, late]).name == "delay"
     # a guard that has not seen it yet is behind both
     unseen = guard_view(truths=[now], guard=2, beams={16.7: (1.0, 0)})
-    assert lost_at(0, [now], [], [outside, unseen]).name == "outside_window"
+    assert miss_cause(0, [now], [], [outside, unseen]).name == "outside_window"
 
 
 def test_of_guards_that_got_it_equally_far_the_first_counts() -> None:
     views = [guard_view(MET, truths=[HERE], guard=guard, walls=[COVERING]) for guard in (3, 1)]
-    assert lost_at(0, [HERE], [], views).guard == 3
+    assert miss_cause(0, [HERE], [], views).guard == 3
 
 
 def test_one_box_of_two_that_was_no_ally_was_dropped_by_the_fusion() -> None:
     wide = intruder(1.0, 0.0, side_m=0.6)
     view = guard_view(returns(0, (0.725, -0.225), (0.725, 0.225)), truths=[wide], taken={0: 1})
     assert len(view.found) == 2
-    assert lost_at(0, [wide], [], [view]).name == "dropped_by_fusion"
+    assert miss_cause(0, [wide], [], [view]).name == "dropped_by_fusion"
 
 
 def test_a_return_inside_the_window_counts_and_one_outside_does_not() -> None:
@@ -221,4 +220,4 @@ def test_a_return_inside_the_window_counts_and_one_outside_does_not() -> None:
     view = guard_view(
         returns(0, (0.725, 0.025), (1.275, 0.025)), truths=[wide], window=Box.square(0.0, 0.0, 1.8)
     )
-    assert lost_at(0, [wide], [], [view]).name == "dropped_by_fusion"
+    assert miss_cause(0, [wide], [], [view]).name == "dropped_by_fusion"

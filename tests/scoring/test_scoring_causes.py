@@ -5,8 +5,14 @@ from collections.abc import Callable
 import pytest
 
 from midnet_bench.geometry import Box
-from midnet_bench.scoring.causes import NONE, CauseCounter, Causes, total_causes
-from midnet_bench.scoring.frame_counts import TruthObject, match_frame
+from midnet_bench.scoring.frame_counts import (
+    NONE,
+    CauseCounter,
+    Causes,
+    TruthObject,
+    match_frame,
+    total_causes,
+)
 
 HERE, THERE, FAR = Box(0.0, 0.0, 1.0, 1.0), Box(2.0, 0.0, 3.0, 1.0), Box(8.0, 0.0, 9.0, 1.0)
 

@@ -9,12 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.errors import InputError
+from midnet_bench.extension_points import PluginError, code_in
 from midnet_bench.geometry import Box
 from midnet_bench.scoring.frame_counts import TruthObject
-from midnet_bench.scoring.metric import MetricFrame, TrialMetrics
+from midnet_bench.scoring.metric import METRICS, NONE, MetricFrame, TrialMetrics, pinned_metrics
 from midnet_bench.scoring.metrics import FirstDetection, Idleness, Ospa
-from midnet_bench.scoring.seams import METRICS, NONE, pinned_metrics
-from midnet_bench.seams import PluginError, code_in
 
 Place = tuple[float, float]
 SIDE_M = 0.4
@@ -193,7 +192,7 @@ def test_every_file_of_a_list_goes_along_with_a_trial(
     pinned = pinned_metrics("mine.py:Mine; ospa; other.py:Mine(word=b)")
     assert {source.name for source in code_in([pinned]).values()} == {"mine.py", "other.py"}
     with pytest.raises(InputError, match="expected a class with a method 'frame'"):
-        METRICS.pinned("midnet_bench.detectors.plain_fusions:NoFusion")
+        METRICS.pinned("midnet_bench.detectors.alternative_fusions:NoFusion")
 
 
 def test_identities_that_are_exchanged_are_counted() -> None:

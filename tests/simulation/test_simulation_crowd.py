@@ -9,8 +9,7 @@ import pytest
 
 from midnet_bench.arena.arena import Arena, OtherIntruders, checked_arena, load_arena
 from midnet_bench.arena.layout import Layout, OtherIntruder, place
-from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.simulation.crowd import LEG_DIAMETER_M, Crowd
 from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.walking import FEET_APART_M, step_length_m

@@ -10,9 +10,7 @@ from hypothesis import strategies as st
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import Layout, place
-from midnet_bench.arena.solids import Solid
-from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command, Pose2D, Solid
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.fast.contacts import hull_of
 from midnet_bench.simulation.fast.outlines import outlines_of, side_grid

@@ -8,10 +8,9 @@ import pytest
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
-from midnet_bench.arena.solids import Solid
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Pose2D, Solid
 from midnet_bench.simulation.engine import Beams
-from midnet_bench.simulation.integrity import surfaces
+from midnet_bench.simulation.fleet import surfaces
 from tests.simulation.scenes import BulletWorld, FastWorld, differing, fans, scene
 
 SAME_M = 1e-9

@@ -5,9 +5,9 @@ import pytest
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command
 from midnet_bench.rng import stream
-from midnet_bench.simulation.integrity import HealthTracker, crossed_wall, surfaces
+from midnet_bench.simulation.fleet import HealthTracker, crossed_wall, surfaces
 from tests.simulation.scenes import BulletWorld, run, scene
 
 

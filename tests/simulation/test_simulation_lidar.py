@@ -7,15 +7,12 @@ import pytest
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
-from midnet_bench.arena.solids import Solid
-from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command, Pose2D, Solid
 from midnet_bench.rng import standard_normals, stream
 from midnet_bench.robots.burger import LDS_01
-from midnet_bench.simulation import lidar
+from midnet_bench.simulation import sensors as lidar
 from midnet_bench.simulation.bullet.bullet_engine import BATCH
-from midnet_bench.simulation.lidar import NOTHING, SOLID, TOO_NEAR_M
-from midnet_bench.simulation.noise import NoiseBlocks
+from midnet_bench.simulation.sensors import NOTHING, SOLID, TOO_NEAR_M, NoiseBlocks
 from tests.simulation.scenes import BulletWorld, beam_lengths, run, scene, sensors
 
 ANY = NoiseBlocks([stream(1, "unused")] * 10, LDS_01.beams)

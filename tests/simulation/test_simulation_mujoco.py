@@ -9,7 +9,7 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command
 from midnet_bench.simulation.engine import Beams
 from tests.simulation.overlap import deepest_m
 from tests.simulation.scenes import (

@@ -3,12 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import BURGER
-from midnet_bench.simulation.imu import ImuSensors
-from midnet_bench.simulation.odometry import TICK_RAD, EncoderOdometers
+from midnet_bench.simulation.sensors import TICK_RAD, EncoderOdometers, ImuSensors
 from midnet_bench.simulation.settings import ImuSettings, OdometrySettings
 from tests.simulation.scenes import BulletWorld, run, scene
 

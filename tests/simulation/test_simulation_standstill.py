@@ -2,7 +2,7 @@
 
 import pytest
 
-from midnet_bench.simulation.integrity import Standstill
+from midnet_bench.simulation.fleet import Standstill
 
 
 def drive(stand: Standstill, places: list[tuple[float, float]], has_goal: bool = True, goal: int = 1) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
-from midnet_bench.messages import STOP, Command
+from midnet_bench.geometry import STOP, Command
 from midnet_bench.rng import stream
 from midnet_bench.simulation import world as worlds
 from tests.simulation.scenes import ENGINES, WORLDS, run, scene, sensors

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.errors import InputError
-from midnet_bench.robots.seams import ROBOTS
+from midnet_bench.robots.model import ROBOTS
 from midnet_bench.simulation.engine import SIMULATORS
 from midnet_bench.workflows.check import PLUGINS, _engine_faults, _robot_faults, check
 from tests.cli.command import midnet_bench, one_line_of_complaint

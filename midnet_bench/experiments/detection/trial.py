@@ -15,12 +15,14 @@ from midnet_bench.experiments.guarded.arena import GuardedArena, ObservedFrame
 from midnet_bench.experiments.guarded.frame_trace import FrameTrace
 from midnet_bench.experiments.guarded.ground_truth import fused_by_identity
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
-from midnet_bench.experiments.guarded.record import Recorder
+from midnet_bench.experiments.guarded.record import recorder_of
+from midnet_bench.extension_points import PluginError
 from midnet_bench.geometry import Point
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.rng import stream
-from midnet_bench.scoring.causes import CauseCounter, Causes, total_causes
 from midnet_bench.scoring.frame_counts import (
+    CauseCounter,
+    Causes,
     FrameCounts,
     FrameMatch,
     TruthObject,
@@ -28,12 +30,10 @@ from midnet_bench.scoring.frame_counts import (
     match_frame,
     ratios,
     total,
+    total_causes,
     truths_in_range,
 )
-from midnet_bench.scoring.metric import TrialMetrics
-from midnet_bench.seams import PluginError
-from midnet_bench.simulation.lidar import SOLID
-from midnet_bench.simulation.noise import NoiseBlocks
+from midnet_bench.simulation.sensors import SOLID, NoiseBlocks
 
 ON_SURFACE_M = 0.05
 """A noisy return this near to a stationary intruder is one of its own; walls are farther off."""
@@ -62,14 +62,19 @@ class ScoredFrame:
 class Scorer:
     """One detector of a trial, how its frames are scored, and what that remembers from frame to frame."""
 
-    def __init__(self, test: DetectionParameters, node: DetectorNode, sight: NoiseBlocks) -> None:
-        """For a trial that has not begun; ``sight``: the noise of the beams that decide what is in sight."""
+    def __init__(self, trial: "DetectionTrial", test: DetectionParameters, node: DetectorNode) -> None:
+        """For a trial that has not begun."""
         self.test = test
         self.node = node
-        self.sight = sight
+        self.sight = trial.lidars.noise([stream(trial.seed, "sight", guard.name) for guard in trial.guards])
+        """the noise of the beams that decide what is in sight"""
         self.causes = CauseCounter()
-        self.metrics = TrialMetrics(test.metrics)
-        self.recorder: Recorder | None = None
+        self.counts_hidden = test.counts_hidden
+        self.margin_m = 0.0
+        """by which intruders' boxes are wider than they are"""
+        if test.truth_box == "inflated":
+            self.margin_m = test.local_costmap.reach_m(test.midnet.thresh_local)
+        self.recorder = recorder_of(trial, test, lambda: FrameTrace(trial, node))
 
 
 class DetectionTrial(GuardedArena):
@@ -86,10 +91,13 @@ class DetectionTrial(GuardedArena):
             f"stationary {number}": solid.bounding_box()
             for number, solid in enumerate(self.layout.stationary, 1)
         }
+        self._newest_bodies: list[TruthObject] = []
+        self._bodies_at = -1
+        """the tick of these bodies"""
         self._goal_rngs = {robot.index: stream(seed, "goals", robot.name) for robot in self.intruders}
-        self.own = self._scorer(parameters, self.detector)
+        self.own = Scorer(self, parameters, self.detector)
         """of these ``parameters``"""
-        self.scorers = list(map(self._scorer, variants, self.variant_detectors))
+        self.scorers = list(map(partial(Scorer, self), variants, self.variant_detectors))
         """of each of the ``variants``"""
         if self.arena.mobile_intruders.behaviour == "wander" and not self.arena.mobile_intruders.pause_s:
             for robot in self.intruders:
@@ -103,17 +111,15 @@ class DetectionTrial(GuardedArena):
 
     def scored(self, number: int, scorer: Scorer, explain: bool = False) -> ScoredFrame:
         """What a detector finds at this instant, the frame of that number; take each frame once, in order."""
-        test, truths = scorer.test, self.truths(scorer.test)
+        test, truths = scorer.test, self.truths(scorer)
         is_fused_anew = test.oracle == "fusion"
-        midnet = self.detected(scorer.node, explain or is_fused_anew or scorer.recorder is not None)
+        midnet = self.detected(scorer.node, explain or is_fused_anew or test.record)
         if is_fused_anew:
             fused = fused_by_identity(midnet, truths)
             midnet = replace(midnet, detections=fused.detections, robots=fused.robots)
-        in_range = self.in_range(test, scorer.sight)
+        in_range = self.in_range(scorer)
         match = match_frame(midnet.detections, truths)
         counts = count_frame(midnet.detections, truths, in_range, test.tp_boxes, match)
-        if scorer.metrics:
-            scorer.metrics.update(self.metric_frame(midnet, truths, in_range))
         if scorer.recorder is not None:
             scorer.recorder.take(number, midnet, truths, in_range, match)
         return ScoredFrame(number, midnet, truths, in_range, match, counts)
@@ -133,36 +139,36 @@ class DetectionTrial(GuardedArena):
             opposite,
         )
 
-    def truths(self, test: DetectionParameters | None = None) -> list[TruthObject]:
+    def truths(self, scorer: Scorer | None = None) -> list[TruthObject]:
         """The intruders as they are now (item 45): the stationary ones, the Burgers, people and things.
 
         A person is one truth, whose box is the extent of both legs at the height of the beams.
         """
-        test = test or self._test
-        margin_m = (
-            test.local_costmap.reach_m(test.midnet.thresh_local) if test.truth_box == "inflated" else 0.0
-        )
-        return [truth._replace(box=truth.box.shrunk(-margin_m)) for truth in self._bodies()]
+        margin_m, bodies = (scorer or self.own).margin_m, self._bodies()
+        return [truth._replace(box=truth.box.shrunk(-margin_m)) for truth in bodies] if margin_m else bodies
 
-    def in_range(self, test: DetectionParameters, sight: NoiseBlocks | None = None) -> list[bool]:
+    def in_range(self, scorer: Scorer | None = None) -> list[bool]:
         """For each truth, whether not finding it now counts as a false negative (item 46).
 
         "Laser scan range" of section V.A is how far from the sensor a return is marked (item 7). It goes to
         the intruder itself, whatever box it is scored by.
         """
-        range_m = test.costmap.obstacle_range_m
-        in_range = truths_in_range(self._bodies(), self.sensor_positions(), range_m, test.in_range)
-        if not test.counts_hidden:
-            seen = self._in_sight(range_m, sight or self.own.sight)
+        scorer = scorer or self.own
+        range_m = scorer.test.costmap.obstacle_range_m
+        in_range = truths_in_range(self._bodies(), self.sensor_positions(), range_m, scorer.test.in_range)
+        if not scorer.counts_hidden:
+            seen = self._in_sight(range_m, scorer.sight)
             in_range = [near and is_seen for near, is_seen in zip(in_range, seen, strict=True)]
         return in_range
 
     def _bodies(self) -> list[TruthObject]:
-        mobile = {robot.name: self.lidars.outline(robot.index) for robot in self.intruders}
-        others = {member.name: member.extent() for member in self.crowd.members}
-        return [
-            TruthObject(name, box, box.center) for name, box in (self._stationary | mobile | others).items()
-        ]
+        if self._bodies_at != self.world.tick:
+            mobile = {robot.name: self.lidars.outline(robot.index) for robot in self.intruders}
+            others = {member.name: member.extent() for member in self.crowd.members}
+            boxes = self._stationary | mobile | others
+            self._newest_bodies = [TruthObject(name, box, box.center) for name, box in boxes.items()]
+            self._bodies_at = self.world.tick
+        return self._newest_bodies
 
     def result(self, frames: Sequence[FrameCounts], causes: Sequence[Causes], scorer: Scorer) -> TrialResult:
         """The tables of a trial that is over, from the counts of all its frames by one detector."""
@@ -179,27 +185,13 @@ class DetectionTrial(GuardedArena):
             "scores": [scores],
             "frames": rows,
             "robots": self.rows_of_robots(),
-            **scorer.metrics.tables(),
             **(scorer.recorder.tables() if scorer.recorder else {}),
         }
         return TrialResult(tables, simulated_s=len(frames) / FRAME_HZ)
 
-    def _scorer(self, test: DetectionParameters, node: DetectorNode) -> Scorer:
-        rngs = [stream(self.seed, "sight", guard.name) for guard in self.guards]
-        scorer = Scorer(test, node, self.lidars.noise(rngs))
-        if test.record:
-            # the scene is that of the trial without an oracle, which has the frames
-            scorer.recorder = Recorder(
-                self,
-                test.costmap.obstacle_range_m,
-                FrameTrace(self, node),
-                keeps_frames=test.oracle == "none",
-            )
-        return scorer
-
     def _all_in_sight(self, scorer: Scorer) -> list[bool]:
         """For each truth, whether a beam meets it within range; True if others do not count."""
-        if not scorer.test.counts_hidden:
+        if not scorer.counts_hidden:
             return [True] * (len(self._stationary) + len(self.intruders) + len(self.crowd.members))
         return self._in_sight(scorer.test.costmap.obstacle_range_m, scorer.sight)
 

@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
-from midnet_bench.agents.patrol import Patrol, patrol_points, safe_distance
-from midnet_bench.agents.patrol_rule import TeamPatrol
+from midnet_bench.agents.patrol import Patrol, TeamPatrol, patrol_points, safe_distance
 from midnet_bench.agents.settings import PATROLS
 from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, FreeSpace, free_space
 from midnet_bench.arena.layout import Layout, place
@@ -287,7 +286,7 @@ class GuardedArena(RobotTrial):
     def _make_guard(self, index: int, start: Pose2D) -> Guard:
         name = f"guard {index + 1}"
         start = self._believed_start(name, start)
-        return Guard(
+        guard = Guard(
             index,
             name,
             start,
@@ -296,9 +295,10 @@ class GuardedArena(RobotTrial):
             self.next_patrol_point,
             self.parameters.goals.timeout_s,
             self._scan_to_map,
-            # nodes may share a costmap, which takes each scan once
-            list(dict.fromkeys(costmaps[index] for costmaps in self._guards_costmaps)),
         )
+        # nodes may share a costmap, which takes each scan once
+        guard.detection_costmaps = list(dict.fromkeys(own[index] for own in self._guards_costmaps))
+        return guard
 
     def _make_intruder(self, index: int, start: Pose2D) -> MobileRobot:
         return MobileRobot(

@@ -16,8 +16,7 @@ from midnet_bench.arena.layout import Layout
 from midnet_bench.geometry import Point, lengths
 from midnet_bench.rng import stream
 from midnet_bench.simulation.crowd import Crowd, DynamicObstacle
-from midnet_bench.simulation.fleet import CONTROL_HZ
-from midnet_bench.simulation.integrity import crossed_wall, surfaces
+from midnet_bench.simulation.fleet import CONTROL_HZ, crossed_wall, surfaces
 from midnet_bench.simulation.world import World
 
 Floats = npt.NDArray[np.float64]

@@ -2,17 +2,15 @@
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
-from midnet_bench.drawing.palette import FAINT_INK, GUARD_FAINT, INTRUDER
+from midnet_bench.drawing.palette import INTRUDER
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameters
 from midnet_bench.geometry import Pose2D
-from midnet_bench.grid import OCCUPIED, OccupancyGrid
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.recording.files import ros_messages as ros
+from midnet_bench.recording.files.frame_topics import write_frame
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.ros_messages import MAP, Marked, ros_name
 from midnet_bench.recording.files.writer import BagWriter
@@ -97,10 +95,14 @@ class Exporter:
 
     def _write_pose(self, guard: Guard, stamp_ns: int) -> None:
         bag, name, pose = self._bag, self._names[guard.index], guard.pose
-        base = f"{name}/base_footprint"
+        odom, base = f"{name}/odom", f"{name}/base_footprint"
+        driven = self._trial.fleet.odometry_pose(guard)
+        placed = [(MAP, odom, pose.compose(driven.inverse())), (odom, base, driven)]
         bag.write(f"/{name}/pose", stamp_ns, ros.pose_stamped(stamp_ns, pose))
-        bag.write("/tf", stamp_ns, ros.transforms(stamp_ns, [(MAP, base, pose)]))
-        bag.write(f"/{name}/odom", stamp_ns, ros.odometry(stamp_ns, base, pose, *guard.velocity))
+        bag.write("/tf", stamp_ns, ros.transforms(stamp_ns, placed))
+        bag.write(
+            f"/{name}/odom", stamp_ns, ros.odometry(stamp_ns, base, driven, *guard.velocity, frame=odom)
+        )
 
     def _write_scan(self, guard: Guard, stamp_ns: int) -> None:
         assert guard.scan is not None
@@ -114,30 +116,8 @@ class Exporter:
         trial, bag, stamp_ns = self._trial, self._bag, self._now_ns
         for name, observation in zip(self._names, trial.observations(trial.detector), strict=True):
             bag.write(f"/{name}/costmap", stamp_ns, ros.occupancy_grid(stamp_ns, observation.costmap))
-        self._write_steps(frame, stamp_ns)
-        found_by = [self._names[robot] for robot in frame.robots]
-        bag.write("/midnet/detections", stamp_ns, ros.detections(stamp_ns, frame.detections, found_by))
-        boxes = ros.detections_2d(stamp_ns, frame.detections, bag.ros)
-        bag.write("/midnet/detections_2d", stamp_ns, boxes)
+        write_frame(bag, stamp_ns, stamp_ns, frame, self._names)
         self._write_truth(stamp_ns)
-
-    def _write_steps(self, frame: Frame, stamp_ns: int) -> None:
-        """Each robot's own foreground and boxes, allies' among them; another detector has none."""
-        if frame.explanation is None:
-            return
-        removed = {each.detection for each in frame.explanation.removed}
-        for robot, view in enumerate(frame.explanation.views):
-            name, d = self._names[robot], view.d
-            if d.data.size:  # a costmap off the map has nothing in common with it
-                grid = OccupancyGrid(np.where(d.data, OCCUPIED, 0).astype(np.int8), d.resolution, d.origin)
-                self._bag.write(f"/{name}/foreground", stamp_ns, ros.occupancy_grid(stamp_ns, grid))
-            marked = [
-                Marked(box, name, FAINT_INK, "ally")
-                if (box, robot) in removed
-                else Marked(box, name, GUARD_FAINT)
-                for box in view.found
-            ]
-            self._bag.write(f"/{name}/boxes", stamp_ns, ros.markers(stamp_ns, marked))
 
     def _write_truth(self, stamp_ns: int) -> None:
         trial, truths = self._trial, self._truths()

@@ -11,16 +11,14 @@ from functools import cache, cached_property, partial
 import numpy as np
 
 from midnet_bench.agents.mobile_robot import Guard
-from midnet_bench.arena.solids import Solid
 from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.elementary import cos_sin
 from midnet_bench.experiments.guarded.arena import GuardedArena
-from midnet_bench.geometry import Box, lengths
-from midnet_bench.messages import Scan
+from midnet_bench.geometry import Box, Scan, Solid, lengths
 from midnet_bench.midnet.detection import Crop
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.navigation.costmap import LETHAL, inflate, inflation_costs, published, reach_cells
-from midnet_bench.scoring.errors import (
+from midnet_bench.scoring.diagnosis import (
     NOTHING,
     WALL,
     Booleans,
@@ -31,12 +29,12 @@ from midnet_bench.scoring.errors import (
     Marks,
     SightLines,
     ally,
+    false_box_cause,
+    miss_cause,
     moved,
 )
-from midnet_bench.scoring.false_boxes import made_of
 from midnet_bench.scoring.frame_counts import FrameMatch, TruthObject
-from midnet_bench.scoring.loss_funnel import lost_at
-from midnet_bench.simulation import lidar as beams_met
+from midnet_bench.simulation import sensors as beams_met
 
 FORGET_EVERY = 50
 """scans"""
@@ -197,11 +195,11 @@ class FrameTrace:
         views = [self._view(guard, frame) for guard in range(len(self.guards))]
         return (
             {
-                index: lost_at(index, truths, frame.detections, [views[g] for g in guards_near(index)])
+                index: miss_cause(index, truths, frame.detections, [views[g] for g in guards_near(index)])
                 for index in missed
             },
             {
-                index: made_of(frame.detections[index], frame.robots[index], truths, views)
+                index: false_box_cause(frame.detections[index], frame.robots[index], truths, views)
                 for index in left_over
             },
         )

@@ -13,20 +13,18 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
-from midnet_bench.arena.solids import Solid
 from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.experiments.guarded.parameters import Oracle
-from midnet_bench.geometry import Box, Pose2D
-from midnet_bench.messages import LidarGeometry, Scan
+from midnet_bench.geometry import Box, LidarGeometry, Pose2D, Scan, Solid
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
-from midnet_bench.scoring.errors import touches
+from midnet_bench.scoring.diagnosis import touches
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.simulation.crowd import Crowd, ranges_to
 from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.fast.outlines import outlines_of
 from midnet_bench.simulation.fast.rays import cast_on_outlines
-from midnet_bench.simulation.lidar import NOTHING, SOLID, LidarSensors, NoiseFreeScan
+from midnet_bench.simulation.sensors import NOTHING, SOLID, LidarSensors, NoiseFreeScan
 from midnet_bench.simulation.world import World
 
 Floats = npt.NDArray[np.float64]

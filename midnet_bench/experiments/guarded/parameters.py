@@ -7,7 +7,6 @@ from typing import Literal, Self
 
 from midnet_bench.agents.settings import PATROLS, GoalSettings, PatrolSettings
 from midnet_bench.arena.arena import Arena
-from midnet_bench.detectors.seams import DETECTORS, FUSIONS
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.inputs import (
     EXPLORED,
@@ -16,12 +15,12 @@ from midnet_bench.experiments.guarded.inputs import (
     inline_arena,
     inline_prior_map,
 )
+from midnet_bench.extension_points import DETECTORS, FUSIONS
 from midnet_bench.io.parameters import Parameters
 from midnet_bench.localization.settings import ScanToMapSettings, UkfSettings
-from midnet_bench.midnet.binary_map import PriorMapSettings
-from midnet_bench.midnet.settings import MIDNetSettings
+from midnet_bench.midnet.settings import MIDNetSettings, PriorMapSettings
 from midnet_bench.navigation.settings import MIDNET_SOURCES, CostmapSettings, NavigatorSettings
-from midnet_bench.scoring.seams import NONE, pinned_metrics
+from midnet_bench.scoring.metric import NONE, pinned_metrics
 from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.settings import NetworkSettings, SimulationSettings
 
@@ -102,7 +101,7 @@ class GuardParameters(Parameters):
     )
     metrics: str = option(
         NONE,
-        "Further metrics, taken frame by frame: none, or ospa, first_detection, idleness, mot or your"
+        "Further metrics, taken frame by frame: none, or ospa, first_detection, idleness, mot, events or your"
         " own as package.module:NAME or file.py:NAME; several with semicolons between them.",
         source="ours: off, the paper has none beside Eqs. 8 to 12",
     )

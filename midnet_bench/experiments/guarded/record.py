@@ -2,7 +2,7 @@
 
 import base64
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -10,13 +10,16 @@ import numpy as np
 
 from midnet_bench.campaign.trial import Row
 from midnet_bench.geometry import Box, Point, Pose2D
+from midnet_bench.scoring.frame_counts import match_frame
+from midnet_bench.scoring.metric import NONE, TrialMetrics
 
 if TYPE_CHECKING:
     from midnet_bench.agents.mobile_robot import Guard
     from midnet_bench.experiments.guarded.arena import GuardedArena
     from midnet_bench.experiments.guarded.frame_trace import FrameTrace
+    from midnet_bench.experiments.guarded.parameters import GuardParameters
     from midnet_bench.midnet.pipeline import Frame
-    from midnet_bench.scoring.errors import Cause, Kind
+    from midnet_bench.scoring.diagnosis import Cause, Kind
     from midnet_bench.scoring.frame_counts import FrameMatch, TruthObject
 
 FRAMES, ERRORS, CAPTURES = "recorded", "errors", "captures"
@@ -123,22 +126,15 @@ class RecordedFrame(NamedTuple):
 
 
 class Recorder:
-    """Of one detector of a trial: every frame, and with a trace each error and its cause."""
+    """Of one detector of a trial beside its counts: further metrics, each frame, each error and its cause."""
 
     def __init__(
-        self,
-        trial: "GuardedArena",
-        range_m: float,
-        trace: "FrameTrace | None" = None,
-        keeps_frames: bool = True,
+        self, trial: "GuardedArena", test: "GuardParameters", trace: "FrameTrace | None" = None
     ) -> None:
-        """From now on; ``range_m``: up to which an intruder has to be found.
-
-        ``keeps_frames``: whether the frames are wanted, beside the errors.
-        """
-        self._trial, self._range_m = trial, range_m
-        self._keeps_frames = keeps_frames
-        self.trace = trace
+        """From now on; errors only with a ``trace``."""
+        self._trial, self._test, self.trace = trial, test, trace
+        self._range_m = test.costmap.obstacle_range_m
+        self._metrics = TrialMetrics(test.metrics)
         self._frames: list[Row] = []
         self._errors: list[Row] = []
 
@@ -148,11 +144,17 @@ class Recorder:
         frame: "Frame",
         truths: "Sequence[TruthObject]",
         in_range: Sequence[bool],
-        match: "FrameMatch",
+        match: "FrameMatch | None" = None,
         pursuers: "Collection[Guard]" = (),
     ) -> None:
         """The newest frame, with its explanation; ``pursuers``: the guards that drive to a target."""
-        if self._keeps_frames:
+        if self._metrics:
+            self._metrics.update(self._trial.metric_frame(frame, truths, in_range))
+        if not self._test.record:
+            return
+        match = match or match_frame(frame.detections, truths)
+        # the scene of a trial with an oracle is that of the trial without, which has the frames
+        if self.trace is None or self._test.oracle == "none":
             recorded = self._recorded(number, frame, truths, in_range, match, pursuers)
             self._frames.append(recorded.to_row())
         if self.trace is None:
@@ -170,8 +172,9 @@ class Recorder:
             self._errors.append({**row, "paper": kind == "false"})
 
     def tables(self) -> dict[str, list[Row]]:
-        """``recorded`` and ``errors``, those that have rows."""
-        return {name: rows for name, rows in ((FRAMES, self._frames), (ERRORS, self._errors)) if rows}
+        """``metrics``, ``recorded`` and ``errors``, those that have rows."""
+        recorded = {FRAMES: self._frames, ERRORS: self._errors}
+        return {**self._metrics.tables(), **{name: rows for name, rows in recorded.items() if rows}}
 
     def _guards_near(
         self, truths: "Sequence[TruthObject]", sensors: "Sequence[Point]", index: int
@@ -224,6 +227,15 @@ class Recorder:
             [[] if guard.scan is None else recorded_scan(guard.scan.ranges_m) for guard in guards],
             [guard.scan and guard.scan.pose.compose(guard.scan.lidar.mount) for guard in guards],
         )
+
+
+def recorder_of(
+    trial: "GuardedArena", test: "GuardParameters", trace: "Callable[[], FrameTrace | None]" = lambda: None
+) -> Recorder | None:
+    """A recorder if the trial is to be recorded, with its ``trace``, or has further metrics; else None."""
+    if test.record:
+        return Recorder(trial, test, trace())
+    return None if test.metrics == NONE else Recorder(trial, test)
 
 
 def _error(kind: "Kind", number: int, box: Box, cause: "Cause", intruder: str = "") -> Row:

@@ -28,8 +28,7 @@ from midnet_bench.experiments.guarded.record import (
 )
 from midnet_bench.page.recording import KINDS, STEP_MM, Event, Recording, Rows, tracked
 from midnet_bench.robots.burger import BURGER
-from midnet_bench.robots.model import RobotModel
-from midnet_bench.robots.seams import ROBOTS
+from midnet_bench.robots.model import ROBOTS, RobotModel
 
 TURN = round(2000.0 * math.pi / STEP_MM)
 """a whole turn in the page's steps of angle"""

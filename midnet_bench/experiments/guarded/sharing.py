@@ -9,7 +9,7 @@ import numpy as np
 
 from midnet_bench.experiments.guarded.inputs import EXACT
 from midnet_bench.experiments.guarded.parameters import GuardParameters
-from midnet_bench.midnet.binary_map import PriorMapSettings
+from midnet_bench.midnet.settings import PriorMapSettings
 from midnet_bench.navigation.settings import CostmapSettings
 
 AnySettings = TypeVar("AnySettings", bound=Any)

@@ -7,9 +7,8 @@ import numpy as np
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.detectors.detector_node import DetectorNode
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import Scan
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.rng import stream
 from midnet_bench.simulation.network import LossyNetwork

@@ -7,21 +7,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
-from midnet_bench.agents.pursuit import Pursuit
-from midnet_bench.agents.pursuit_rule import TeamPursuit
+from midnet_bench.agents.pursuit import Pursuit, TeamPursuit
 from midnet_bench.arena.free_space import doors
 from midnet_bench.arena.layout import Layout, place
 from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
-from midnet_bench.experiments.guarded.record import CAPTURES, Recorder
+from midnet_bench.experiments.guarded.record import CAPTURES, recorder_of
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.geometry import Box, Point, Pose2D, lengths
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.rng import stream
-from midnet_bench.scoring.frame_counts import TruthObject, match_frame, truths_in_range
-from midnet_bench.scoring.metric import TrialMetrics
-from midnet_bench.simulation.integrity import crossed_wall, surfaces
+from midnet_bench.scoring.frame_counts import TruthObject, truths_in_range
+from midnet_bench.simulation.fleet import crossed_wall, surfaces
 
 REFUGES = 64
 """How many random points a fleeing intruder weighs against each other."""
@@ -62,8 +60,7 @@ class LabyrinthTrial(GuardedArena):
         self._refuge_rng = stream(seed, "refuge")
         rule = TeamPursuit(parameters.pursuit.rule, self.prior_map, stream(seed, "pursuit"))
         self.pursuit = Pursuit(self.guards, parameters.pursuit, rule)
-        self.metrics = TrialMetrics(parameters.metrics)
-        self.recorder = Recorder(self, parameters.costmap.obstacle_range_m) if parameters.record else None
+        self.recorder = recorder_of(self, parameters)
         self.targets, self.ghosts = 0, 0
         """targets of the pursuit so far, and those of them whose first box was on no intruder"""
         self.outcomes: dict[int, Outcome] = {}
@@ -87,9 +84,12 @@ class LabyrinthTrial(GuardedArena):
         """
         to_the_end = self._test.ends == "time_limit"
         while (to_the_end or self.present) and self.fleet.time_s < self._test.time_limit_s - 1e-9:
-            midnet = self.next_frame(explain or self.recorder is not None)
-            if self.metrics or self.recorder is not None:
-                self._observe(midnet)
+            midnet = self.next_frame(explain or self._test.record)
+            if self.recorder is not None:  # before an intruder is taken out
+                number, truths = round(self.fleet.time_s * FRAME_HZ), self.truths()
+                self.recorder.take(
+                    number, midnet, truths, self.in_range(truths), pursuers=self.pursuit.pursuers
+                )
             callback(midnet)
             self._update_outcomes(midnet)
             yield midnet
@@ -106,17 +106,6 @@ class LabyrinthTrial(GuardedArena):
 
     def _placed(self, mobile_intruders: int | None) -> Layout:
         return layout_of(self._test, self.seed)
-
-    def _observe(self, midnet: Frame) -> None:
-        """Let the metrics and the recorder see a frame, before an intruder is taken out."""
-        truths = self.truths()
-        in_range = self.in_range(truths)
-        if self.metrics:
-            self.metrics.update(self.metric_frame(midnet, truths, in_range))
-        if self.recorder is not None:
-            number = round(self.fleet.time_s * FRAME_HZ)
-            match = match_frame(midnet.detections, truths)
-            self.recorder.take(number, midnet, truths, in_range, match, self.pursuit.pursuers)
 
     def _update_outcomes(self, midnet: Frame) -> None:
         """Update the outcomes of this instant, and the goals of the guards.
@@ -279,7 +268,6 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
             "trial": [row],
             "intruders": intruders,
             "robots": trial.rows_of_robots(),
-            **trial.metrics.tables(),
             **(trial.recorder.tables() if trial.recorder else {}),
         }
         captures: list[Row] = [
@@ -287,6 +275,6 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
             for number, outcome in enumerate(outcomes, 1)
             if outcome.caught_by is not None
         ]
-        if trial.recorder and captures:
+        if parameters.record and captures:
             tables[CAPTURES] = captures
         return TrialResult(tables, simulated_s=duration_s)

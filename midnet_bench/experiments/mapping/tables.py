@@ -27,7 +27,7 @@ ENOUGH_COVERAGE = 0.98
 """less of the free space within reach is not a map of the arena"""
 BEST = 3
 """maps of each arena that the choice shows"""
-SHOWN = ("occupied_precision", "occupied_recall", "wall_error_m", "coverage")
+SHOWN = ("gaps_m", "occupied_precision", "occupied_recall", "wall_error_m", "coverage")
 """what it shows of them"""
 COUNTED = ("collisions", "walls_crossed", "recoveries", "goals_given_up")
 
@@ -44,7 +44,7 @@ def tables(results: Results) -> list[Table]:
         teams_table(maps),
         walls_table(maps),
         speedup_table(maps),
-        choice_table(maps),
+        choice_table(maps, rows_of(results, "gaps") if "gaps" in results.tables else {}),
         measures_table(maps),
         health_table(rows_of(results, "robots")),
     ]
@@ -148,23 +148,30 @@ def speedup_table(maps: Maps) -> Table:
     return Table("mapping_speedup", title, rows, bounds={"time_ratio": ("low", "high", "n")})
 
 
-def choice_table(maps: Maps) -> Table:
+def choice_table(maps: Maps, gaps: Maps) -> Table:
     """The best maps of each arena, the one to keep as its prior map first, and the worst.
 
-    Of the finished explorations that cover 98 % of the free space within reach, the one whose occupied cells
-    have the highest F1 within one cell, then the one that covers most, both to four digits; then the smaller
-    wall error, the smaller team, the lower seed. The worst is the last of them in this order.
+    Of the finished explorations that cover 98 % of the free space within reach, the one with the shortest
+    gaps in its walls, in whole centimetres; then the one whose occupied cells have the highest F1 within one
+    cell, then the one that covers most, both to four digits; then the smaller wall error, the smaller team,
+    the lower seed. The worst is the last of them in this order.
     """
     rows: list[Mapping[str, Cell]] = []
     for arena, teams in maps.items():
         both = pd.concat([trials.assign(robots=robots) for robots, trials in teams.items()])
+        both["gaps_m"] = [
+            _gaps_m(gaps.get(arena, {}), robots, seed)
+            for robots, seed in zip(both["robots"], both["seed"], strict=True)
+        ]
         both = both[both["finished"].astype(bool) & (both["coverage"] >= ENOUGH_COVERAGE)]
         precision, recall = both["occupied_precision"], both["occupied_recall"]
         both = both.assign(occupied_f1=(2.0 * precision * recall / (precision + recall)))
         # Python rounds to the nearest decimal number, pandas does not quite
         digits = {name: [round(value, 4) for value in both[name]] for name in ("occupied_f1", "coverage")}
-        ranked = both.assign(f1=digits["occupied_f1"], covered=digits["coverage"]).sort_values(
-            ["f1", "covered", "wall_error_m", "robots", "seed"], ascending=[False, False, True, True, True]
+        gaps_cm = (100.0 * both["gaps_m"]).round()
+        ranked = both.assign(gaps=gaps_cm, f1=digits["occupied_f1"], covered=digits["coverage"]).sort_values(
+            ["gaps", "f1", "covered", "wall_error_m", "robots", "seed"],
+            ascending=[True, False, False, True, True, True],
         )
         ranked = ranked[ranked["occupied_f1"].notna()][["robots", "seed", "occupied_f1", *SHOWN]]
         names = ["chosen", *(f"{rank + 1}." for rank in range(1, BEST))]
@@ -172,9 +179,8 @@ def choice_table(maps: Maps) -> Table:
         if len(ranked) > BEST:
             shown += [("worst", one) for one in records(ranked.tail(1))]
         rows += [{"arena": arena, "choice": name, **one} for name, one in shown]
-    title = (
-        f"Best maps, and the worst: finished, {ENOUGH_COVERAGE:.0%} covered; by occupied F1, then coverage"
-    )
+    order = "by gaps in walls, then occupied F1, then coverage"
+    title = f"Best maps, and the worst: finished, {ENOUGH_COVERAGE:.0%} covered; {order}"
     return Table("mapping_choice", title, rows, dict.fromkeys(("occupied_f1", *SHOWN), 4))
 
 
@@ -198,6 +204,13 @@ def mean_of(trials: pd.DataFrame, measure: str) -> Estimate:
 
 def _times(factor: float, one: Estimate) -> Estimate:
     return Estimate(factor * one.value, factor * one.low, factor * one.high, one.n)
+
+
+def _gaps_m(teams: Mapping[int, pd.DataFrame], robots: int, seed: int) -> float:
+    """Length of all gaps of one trial's map."""
+    if robots not in teams:
+        return 0.0
+    return math.fsum(teams[robots].loc[teams[robots]["seed"] == seed, "length_m"])
 
 
 def _name(arena: str) -> str:

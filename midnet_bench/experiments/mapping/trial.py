@@ -18,7 +18,7 @@ from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.geometry import Point, Pose2D
 from midnet_bench.grid import MapWindow, OccupancyGrid
 from midnet_bench.localization.ukf import PlanarUkf
-from midnet_bench.mapping.frontier import FrontierExplorer
+from midnet_bench.mapping.frontier import FrontierExplorer, Gap, wall_gaps
 from midnet_bench.mapping.gmapping.filter import GMapping
 from midnet_bench.mapping.map_score import MapScore, closed_spaces, score_map
 from midnet_bench.mapping.merge import by_features, by_known_starts, confidence, largest, refusals
@@ -31,6 +31,8 @@ MAP_PERIOD_S = 2
 SNAPSHOT_PERIOD_S = 1
 ENOUGH = 0.98
 """A map that knows less of the free space within reach carries a warning."""
+NAMED = 5
+"""gaps in walls that a warning names, the longest"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +58,13 @@ class Exploration:
     parts: list[OccupancyGrid]
     """the same of each robot alone"""
     score: MapScore
+    gaps: list[Gap]
+    """in its walls, longest first"""
     time_s: float
     distance_m: float
     """driven by all robots together"""
     finished: bool
-    """whether no frontier was left within the time limit but those that were given up"""
+    """whether no frontier and no gap was left within the time limit but those that were given up"""
     merge_confidence: float
     """of the features: of the worst pair that was merged, or of the best if all were refused; NaN where
     nothing had to be matched"""
@@ -141,15 +145,17 @@ class ExplorationTrial(RobotTrial):
         )
         grid = self._plane.cut(merged)
         score = score_map(grid, truth, starts[0][:2], self.robot.radius_m)
+        gaps = wall_gaps(self._area.cut(grid), self.parameters.frontier.min_gap_m)
         return Exploration(
             grid=grid,
             parts=parts,
             score=score,
+            gaps=gaps,
             time_s=self.time_s,
             distance_m=math.fsum(self.fleet.health.distances_m.tolist()),
             finished=self._is_finished,
             merge_confidence=confidence(matches),
-            warnings=self._warnings(score, truth) + refusals(matches),
+            warnings=self._warnings(score, gaps, truth) + refusals(matches),
         )
 
     def truth(self) -> OccupancyGrid:
@@ -169,7 +175,7 @@ class ExplorationTrial(RobotTrial):
     def _parts(self) -> list[OccupancyGrid]:
         return [self._plane.cut(explorer.slam.occupancy()) for explorer in self.explorers]
 
-    def _warnings(self, score: MapScore, truth: OccupancyGrid) -> list[str]:
+    def _warnings(self, score: MapScore, gaps: list[Gap], truth: OccupancyGrid) -> list[str]:
         """What keeps the map from being whole, a line each."""
         closed = closed_spaces(truth, self.layout.robots[0][:2], self.robot.radius_m)
         closed_m2 = float(np.count_nonzero(closed)) * (truth.resolution * truth.resolution)
@@ -180,6 +186,12 @@ class ExplorationTrial(RobotTrial):
             )
         if score.free_covered < ENOUGH:
             warnings.append(f"only {score.free_covered:.1%} of what a robot can reach is mapped")
+        if gaps:
+            named = [
+                f"{gap.length_m:.2f} m at ({gap.place[0]:.2f}, {gap.place[1]:.2f})" for gap in gaps[:NAMED]
+            ]
+            more = f" and {len(gaps) - NAMED} more" if len(gaps) > NAMED else ""
+            warnings.append(f"the walls have gaps: {', '.join(named)}{more}")
         if closed_m2 > 0.0:
             warnings.append(f"no robot can enter {closed_m2:.1f} m2 of free space inside the enclosure")
         return warnings
@@ -212,12 +224,16 @@ class ExplorationTrial(RobotTrial):
 
 
 def run_mapping(parameters: MappingParameters, seed: int) -> TrialResult:
-    """One trial: ``maps`` (one row: the map's quality) and ``robots``."""
+    """One trial: ``maps`` (one row: the map's quality), ``robots``, and ``gaps`` if its walls have some."""
     with ExplorationTrial(parameters, seed) as trial:
         for _ in trial.snapshots():
             pass
         exploration = trial.result()
         tables = {"maps": [exploration.row()], "robots": trial.rows_of_robots()}
+        if exploration.gaps:
+            tables["gaps"] = [
+                {"length_m": length_m, "x_m": x_m, "y_m": y_m} for length_m, (x_m, y_m) in exploration.gaps
+            ]
         return TrialResult(tables, exploration.time_s)
 
 

@@ -25,6 +25,8 @@ SIGMA_M = 0.08
 """how far a hit's likeness reaches: SICK noise, half a cell, and the roughness of walls"""
 _REACH_CELLS = 5
 """beyond three sigma a hit counts nothing"""
+_NEAR_CELLS, _WALL = 6, 200
+"""so near its ends a beam passes through nothing; a field from which on there is a hit"""
 BLOCK_CELLS = 8
 """poses that share one bound lie in a square of so many cells"""
 ANGLE_STEP_RAD = 0.01
@@ -195,6 +197,38 @@ def _held_score(args: _Climb, pose: Pose2D, enough: float) -> float:
     dx, dy, turn = pose.x - guess.x, pose.y - guess.y, pose.yaw - guess.yaw
     away = pull * (dx * dx + dy * dy) + turn_pull * turn * turn
     return _likeness(fine, turned, pose.x, pose.y) / (FULL * points.shape[0]) - away
+
+
+@njit(nogil=True)
+def slid_scores(field: HitField, points_m: Floats, pose: Pose2D, ways_m: Floats) -> Floats:
+    """(N,) scores of the points (B, 2), in the sensor's frame, where the pose is moved along (N, 2) ways."""
+    points, turned = points_m / CELL_M, np.empty_like(points_m)
+    rotate(points, pose.yaw, turned)
+    scores = np.empty(ways_m.shape[0])
+    for k in range(ways_m.shape[0]):
+        x = (pose.x + ways_m[k, 0] - field.corner[0]) / CELL_M
+        y = (pose.y + ways_m[k, 1] - field.corner[1]) / CELL_M
+        scores[k] = _likeness(field.fine, turned, x, y) / (FULL * points.shape[0])
+    return scores
+
+
+@njit(nogil=True)
+def crossed(field: HitField, points_m: Floats, pose: Pose2D) -> float:
+    """The share of beams, to points (B, 2) in the sensor's frame, that pass through hits on their way."""
+    points, turned = points_m / CELL_M, np.empty_like(points_m)
+    rotate(points, pose.yaw, turned)
+    rows, columns = field.fine.shape
+    x0, y0 = (pose.x - field.corner[0]) / CELL_M, (pose.y - field.corner[1]) / CELL_M
+    through = 0
+    for b in range(points.shape[0]):
+        length = math.sqrt(turned[b, 0] * turned[b, 0] + turned[b, 1] * turned[b, 1])
+        for step in range(_NEAR_CELLS, math.floor(length) - _NEAR_CELLS):
+            c = math.floor(x0 + turned[b, 0] * step / length)
+            r = math.floor(y0 + turned[b, 1] * step / length)
+            if 0 <= c < columns and 0 <= r < rows and field.fine[r, c] >= _WALL:
+                through += 1
+                break
+    return through / max(points.shape[0], 1)
 
 
 @njit(nogil=True)

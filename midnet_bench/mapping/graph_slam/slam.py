@@ -8,16 +8,26 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D, lengths, wrap_angle
-from midnet_bench.mapping.graph_slam.correlative_matcher import HitField, Window, hit_field, match
+from midnet_bench.elementary import directions
+from midnet_bench.geometry import LidarGeometry, Pose2D, lengths, wrap_angle
+from midnet_bench.mapping.graph_slam.correlative_matcher import (
+    HitField,
+    Match,
+    Window,
+    crossed,
+    hit_field,
+    match,
+    slid_scores,
+)
 from midnet_bench.mapping.graph_slam.pose_graph import PoseGraph
 from midnet_bench.mapping.grid_slam import GridSlam
 from midnet_bench.mapping.scans import ScanRays, scan_rays
-from midnet_bench.messages import LidarGeometry
 
 Floats = npt.NDArray[np.float64]
 
-# Chosen on one log and on drawn buildings for a laser of 180 beams or more: docs/studies/slips.md.
+# Chosen on one log and on drawn buildings: docs/studies/slips.md.
+FEWEST_BEAMS = 90
+"""Of fewer beams too little is left for a match to tell one place from another; GMapping maps such logs."""
 LINEAR_UPDATE_M = 0.3
 """A scan becomes a node after a drive of this length (Karto: MinimumTravelDistance)."""
 ANGULAR_UPDATE_RAD = 0.3
@@ -32,6 +42,11 @@ COLLAPSED = 0.75
 """Below this share of the median of the last 50 scores a match is searched for in ``WIDE`` too."""
 GAIN = 0.1
 """The match in ``WIDE`` is taken if its score is better by this much."""
+SLIP_SCORE, CROSSED = 0.85, 0.3
+"""And if it is at least this share of the usual score, or if this share of the beams would pass through walls
+where the wheels put the robot: in a place never seen before nothing contradicts the wheels."""
+SLIDE_M, SLIDE_SCORE = 0.15, 0.9
+"""A match that keeps this share of its score when it slides so far does not hold the robot that way."""
 LOOP_RADIUS_M = 4.0
 """A loop may close with scans from so near (Karto: LoopSearchMaximumDistance)."""
 LOOP_SCANS = 10
@@ -60,6 +75,7 @@ NARROW = Window(0.3, 0.2, 0.5, 0.5)
 """Search window around the odometry's pose; its pull holds where a corridor says nothing."""
 WIDE = Window(1.0, 3.2, 0.05, 0.01)
 """Search window as wide as wheels slip."""
+_WAYS = directions(np.linspace(0.0, 2.0 * math.pi, 16, endpoint=False).astype(np.float64))
 _MOST_CHAINS = 3
 """of old scans with which one scan may close loops"""
 _PENDING_NODES = 8
@@ -125,6 +141,8 @@ class GraphSlam(GridSlam):
         self._relaxed = 0
         """the node at which the graph was optimized last"""
         self._pending: list[_Closure] = []
+        self.slips: list[tuple[int, float, float]] = []
+        """taken against the wheels: the node, by how many metres and radians"""
 
     def process(self, odometry_pose: Pose2D, ranges_m: Floats, time_s: float) -> bool:
         """As :meth:`GridSlam.process`; an integrated scan is a node of the graph."""
@@ -173,15 +191,29 @@ class GraphSlam(GridSlam):
             usual = [score for score in self.scores[-50:] if math.isfinite(score)]
             if usual and found.score < COLLAPSED * statistics.median(usual):
                 slipped = match(field, scan.points, pose, WIDE)
-                if slipped.score > found.score + GAIN:
+                share = crossed(field, scan.points, pose)
+                is_clear = slipped.score >= SLIP_SCORE * statistics.median(usual)
+                if slipped.score > found.score + GAIN and (is_clear or share >= CROSSED):
+                    turned = wrap_angle(slipped.pose.yaw - pose.yaw)
+                    self.slips.append((len(self._scans), slipped.pose.distance_to(pose), turned))
                     found = slipped
-            pose, score = found
+            pose, score = found._replace(pose=self._held(field, scan, pose, found))
         information = self._matched_information(scan, self._graph.pose(last), pose, score)
         by_wheels = 1.0 / (ODOMETRY_DEVIATION * ODOMETRY_DEVIATION)
         information += np.diag([by_wheels, by_wheels, by_wheels])
         self._graph.add_node(pose)
         self._graph.add_edge(last, last + 1, pose.relative_to(self._graph.pose(last)), information)
         return score
+
+    def _held(self, field: HitField, scan: _Scan, by_wheels: Pose2D, found: Match) -> Pose2D:
+        """The match where walls hold it, the wheels where it slides: along a wall, beside a bare one."""
+        scores = slid_scores(field, scan.points, found.pose, SLIDE_M * _WAYS)
+        loose = int(np.argmax(scores)) % (len(_WAYS) // 2)
+        if scores.max() < SLIDE_SCORE * found.score:
+            return found.pose
+        x, y = _WAYS[loose]
+        along = (by_wheels.x - found.pose.x) * x + (by_wheels.y - found.pose.y) * y
+        return found.pose._replace(x=found.pose.x + along * x, y=found.pose.y + along * y)
 
     def _close_loops(self, scan: _Scan) -> None:
         """Tie the newest node to earlier visits of its place, and let the graph settle if that moved it."""

@@ -1,87 +1,164 @@
-"""ROS 1 bags, ROS 2 bag folders and MCAP files, read by ``rosbags``; no ROS is needed."""
+"""ROS 1 bags, ROS 2 bag folders, MCAP and SQLite files, read by ``rosbags``; no ROS is needed.
 
-import contextlib
+What a file is, its first bytes say. A ROS 2 folder is its data files; ``metadata.yaml`` only names them.
+"""
+
 import functools
+import re
+import stat
 from collections.abc import Iterator
-from pathlib import Path
+from contextlib import ExitStack
+from pathlib import Path, PurePath
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from rosbags.rosbag1 import Reader as Ros1Reader
-from rosbags.rosbag2 import Reader as Ros2Reader
+from rosbags.rosbag2.storage_mcap import McapReader
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
+from midnet_bench.io.checked_yaml import read_yaml
 from midnet_bench.recording.files.readings import KINDS, TF, Reading, Topic, decoded
-from midnet_bench.recording.files.unindexed import UnindexedRos1
-from midnet_bench.recording.files.unpacking import TooLargeError, check_files, check_size, unpacked
+from midnet_bench.recording.files.unindexed import MCAP_MAGIC, ROS1_MAGIC, UnindexedMcap, UnindexedRos1
+from midnet_bench.recording.files.unpacking import (
+    ZSTD_MAGIC,
+    TooLargeError,
+    check_size,
+    unpack_file,
+    unpacked,
+)
 
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 """which tf's first version calls tf/tfMessage"""
-BAG_ENDINGS = (".bag", ".mcap", ".db3")
+ROS1, MCAP, SQLITE, PACKED = ".bag", ".mcap", ".db3", ".zstd"
+MAGIC = {ROS1_MAGIC: ROS1, MCAP_MAGIC: MCAP, b"SQLite format 3": SQLITE, ZSTD_MAGIC: PACKED}
+"""first bytes of a file -> the ending that it should have"""
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a bag by its name, or the folder of a ROS 2 bag."""
-    return path.suffix in BAG_ENDINGS or (path.is_dir() and (path / "metadata.yaml").exists())
+    """Whether a file is a bag by its first bytes or its ending, or a folder is one of ROS 2."""
+    if path.is_dir():
+        return (path / "metadata.yaml").exists() or any(map(_kind, _in_folder(path)))
+    return bool(_kind(path)) or path.suffix in MAGIC.values()
+
+
+def _kind(path: Path) -> str:
+    """The ending that a file should have by its first bytes; empty if it is no bag."""
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            return ""
+        with path.open("rb") as file:
+            begins = file.read(16)
+    except OSError:
+        return ""
+    return next((kind for magic, kind in MAGIC.items() if begins.startswith(magic)), "")
+
+
+def _in_folder(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.iterdir() if not path.is_dir() and path.name != "metadata.yaml")
+
+
+def _files(path: Path) -> list[Path]:
+    """The file, or the data files of a ROS 2 bag: those that its metadata names, if all of them are there.
+
+    Else those that are there, if their names differ by a number at most: a bag that was never closed has no
+    metadata, and that of a renamed file names what is gone.
+
+    Raises:
+        InputError: one is a pipe, a socket or a device, which may never end; or there are none, or several.
+    """
+    if not path.is_dir():
+        return [_ordinary(path)]
+    there = [_ordinary(file) for file in _in_folder(path)]
+    try:
+        said = read_yaml(_ordinary(path / "metadata.yaml"))["rosbag2_bagfile_information"]
+        named = [path / PurePath(name).name for name in said["relative_file_paths"]]
+        if named and set(named) <= set(there):
+            return named
+    except (InputError, LookupError, TypeError, ValueError):
+        if (path / "metadata.yaml").exists():
+            _ordinary(path / "metadata.yaml")
+    found = [file for file in there if _kind(file) in (MCAP, SQLITE, PACKED)]
+    if len({re.sub(r"_\d+$", "", file.name.split(".")[0]) for file in found}) != 1:
+        what = ", ".join(file.name for file in found) or "no data file of one"
+        raise InputError(f"{path}: is the folder of no one ROS 2 bag: it holds {what[:120]}; give a file")
+    return found
+
+
+def _ordinary(path: Path) -> Path:
+    try:
+        if stat.S_ISREG(path.stat().st_mode):
+            return path
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    raise InputError(f"{path}: is a pipe, a socket or a device; give an ordinary file")
 
 
 class Bag:
     """One recorded bag. Messages of types without readings are never decoded."""
 
     def __init__(self, path: Path) -> None:
-        """Open it. Raises InputError: it is no bag, or its index is damaged."""
+        """Open it. Raises InputError: it is no bag, or nothing of it can be read."""
         self.path = str(path)
         self.remarks: list[str] = []
         self.mount: Pose2D | None = None  # transforms have it
-        check_files(path)
-        self._is_ros1 = path.suffix == ".bag"
-        self._is_packed = False
-        """whether each message is packed by itself"""
-        self._reader: Any = Ros1Reader(path) if self._is_ros1 else Ros2Reader(path)
+        self._stack = ExitStack()
         try:
-            try:
-                self._reader.open()
-            except Exception:  # a bag that was cut off has lost its index, and no more than its end
-                if not self._is_ros1:
-                    raise
-                self._reader = UnindexedRos1(path)
-                self.remarks.append(f"{path}: its index is missing; its records are read in their order")
-            self._check_chunks()
+            self._parts = [self._opened(file) for file in _files(path)]
+            first = self._parts[0]
+            self._is_ros1 = isinstance(first, Ros1Reader) or getattr(first, "is_ros1", False)
             self.topics = self._topics()
-            counts = sum(topic.messages for topic in self.topics.values())
-            self.start_ns = int(self._reader.start_time) if counts else 0
-            self.end_ns = int(self._reader.end_time) if counts else 0
+            spans = [span for part in self._parts if (span := _span(part)) is not None]
+            self.start_ns = min((start_ns for start_ns, _ in spans), default=0)
+            self.end_ns = max((end_ns for _, end_ns in spans), default=0)
+            self._parts.sort(key=lambda part: _span(part) or (0, 0))
+        except InputError:
+            self.close()
+            raise
         except TooLargeError as error:
             self.close()
             raise InputError(f"{path}: {error}") from error
         except Exception as error:  # whatever a library raises of a file that is no bag
             self.close()
-            raise InputError(f"{path}: no bag that can be read: {in_words(error)}{self._advice()}") from error
+            raise InputError(f"{path}: no bag that can be read: {in_words(error)}") from error
         self._store = _types(self._is_ros1)
 
-    def _advice(self) -> str:
-        if self._is_ros1:
-            return "; if it is cut off or was never closed, 'rosbag reindex' repairs it"
-        return "; if it was never closed, 'ros2 bag reindex' or 'mcap recover' repairs it"
-
-    def _check_chunks(self) -> None:
-        """Raises TooLargeError: a chunk is too large by what the index says of it."""
-        if isinstance(self._reader, Ros1Reader):
-            check_size(max((chunk.datasize for chunk in self._reader.chunks.values()), default=0))
-        if not isinstance(self._reader, Ros2Reader):
-            return
-        storage: Any = self._reader.storage
-        for part in getattr(storage, "storages", [storage]):
-            for chunk in getattr(part, "chunks", ()):
-                check_size(max(chunk.compressed_size, chunk.uncompressed_size))
-        if storage.metadata.compression_mode == "message":  # rosbags takes no count
-            storage.metadata, self._is_packed = storage.metadata._replace(compression_mode=None), True
+    def _opened(self, path: Path) -> Any:
+        """A reader of a file. Raises TooLargeError: a chunk is too large by what the index says of it."""
+        kind = _kind(path) or path.suffix
+        if kind == PACKED:
+            folder = self._stack.enter_context(TemporaryDirectory(ignore_cleanup_errors=True))
+            unpack_file(path, inner := Path(folder) / path.stem)
+            path, kind = inner, _kind(inner)
+        if kind not in READERS:
+            raise ValueError(f"{path.name} begins as no bag does")
+        make, unindexed = READERS[kind]
+        try:
+            reader = make(path)
+            reader.open()
+            if isinstance(reader, McapReader) and _span(reader) and not reader.chunks:
+                reader.close()
+                raise ValueError("rosbags reads messages without an index only in the order of their times")
+        except TooLargeError:
+            raise
+        except Exception:  # a bag that was cut off has lost its index, and no more than its end
+            if unindexed is None:
+                raise
+            self.remarks.append(f"{path}: its index is missing; its records are read in their order")
+            return unindexed(path)
+        self._stack.callback(reader.close)
+        if isinstance(reader, Ros1Reader):
+            check_size(max((chunk.datasize for chunk in reader.chunks.values()), default=0))
+        for chunk in reader.chunks if isinstance(reader, McapReader) else ():
+            check_size(max(chunk.compressed_size, chunk.uncompressed_size))
+        return reader
 
     def _topics(self) -> dict[str, Topic]:
         found: dict[str, Topic] = {}
-        for connection in self._reader.connections:
+        for connection in (one for part in self._parts for one in part.connections):
             kind = KINDS.get(connection.msgtype, "")
             known = found.get(connection.topic)
             count = connection.msgcount + (known.messages if known else 0)
@@ -93,23 +170,19 @@ class Bag:
         self, topics: set[str], start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[Reading]:
         """See :class:`Source`."""
-        wanted = [
-            connection
-            for connection in self._reader.connections
-            if connection.topic in topics and connection.msgtype in KINDS
-        ]
-        if not wanted:
-            return
         decode = self._store.deserialize_ros1 if self._is_ros1 else self._store.deserialize_cdr
         record_ns = self.start_ns
         try:
-            for connection, record_ns, raw in self._reader.messages(wanted, start=start_ns, stop=stop_ns):
+            for connection, record_ns, raw in self._messages(topics, start_ns, stop_ns):
                 topic = self.topics[connection.topic]
                 if topic.type != connection.msgtype:  # two types on one topic
                     topic = topic._replace(type=connection.msgtype, kind=KINDS[connection.msgtype])
                 known = TF_TYPE if topic.kind == TF else connection.msgtype
-                raw = unpacked("zstd", raw) if self._is_packed else raw
-                yield from decoded(topic, record_ns, decode(raw, known))
+                # each message may be packed by itself; one that is not begins with its encoding
+                is_packed = not self._is_ros1 and raw.startswith(ZSTD_MAGIC)
+                yield from decoded(
+                    topic, record_ns, decode(unpacked("zstd", raw) if is_packed else raw, known)
+                )
         except TooLargeError as error:
             raise InputError(f"{self.path}: {error}") from error
         except Exception as error:  # whatever decoders raise of damaged bytes
@@ -119,10 +192,34 @@ class Bag:
                 "was read"
             ) from error
 
+    def _messages(
+        self, topics: set[str], start_ns: int | None, stop_ns: int | None
+    ) -> Iterator[tuple[Any, int, bytes]]:
+        """(connection, record time in ns, message) of topics with readings, file after file."""
+        for part in self._parts:
+            wanted = [one for one in part.connections if one.topic in topics and one.msgtype in KINDS]
+            if wanted:
+                yield from part.messages(wanted, start_ns, stop_ns)
+
     def close(self) -> None:
         """See :class:`Source`."""
-        with contextlib.suppress(Exception):  # it may never have been opened
-            self._reader.close()
+        self._stack.close()
+
+
+READERS: dict[str, tuple[Any, Any]] = {
+    ROS1: (Ros1Reader, UnindexedRos1),
+    MCAP: (McapReader, UnindexedMcap),
+    SQLITE: (Sqlite3Reader, None),
+}
+"""of each kind of file: how it is opened, and how where its index is missing"""
+
+
+def _span(part: Any) -> tuple[int, int] | None:
+    """First record time and the instant after the last one, ns; None of a file without messages."""
+    if not any(connection.msgcount for connection in part.connections):
+        return None
+    times = getattr(part, "metadata", part)
+    return int(times.start_time), int(times.end_time)
 
 
 @functools.cache

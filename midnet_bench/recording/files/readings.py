@@ -10,6 +10,7 @@ import numpy.typing as npt
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
+from midnet_bench.io.map_server import turned
 
 Floats = npt.NDArray[np.float64]
 
@@ -136,14 +137,12 @@ class GridReading(NamedTuple):
             raise InputError(f"map: {self.topic}: {size} cells of {self.resolution_m:g} m cannot be")
         if not self.origin.is_pose:
             raise InputError(f"map: {self.topic}: its origin is no pose; its numbers must be finite")
-        if abs(self.origin.yaw) > 1e-6:
-            raise InputError(
-                f"map: {self.topic}: its origin is turned by {self.origin.yaw:g} rad; only 0 is taken"
-            )
         # messages round to 32 bits; saved maps have six digits
         resolution_m = round(self.resolution_m, 6)
         cells = np.where(self.cells >= OCCUPIED_FROM, OCCUPIED, np.where(self.cells < 0, UNKNOWN, FREE))
-        return OccupancyGrid(cells.astype(np.int8), resolution_m, (self.origin.x, self.origin.y))
+        grid = OccupancyGrid(cells.astype(np.int8), resolution_m, (self.origin.x, self.origin.y))
+        yaw_rad = self.origin.normalized().yaw
+        return turned(grid, yaw_rad) if abs(yaw_rad) > 1e-6 else grid
 
 
 class TextReading(NamedTuple):

@@ -1,7 +1,7 @@
 """What we say in ROS messages, of ROS 1 and ROS 2 alike: a type, and its fields in nested dicts.
 
 Fields that are not named are zero or empty, a turn is none; a time is given in nanoseconds.
-``writer.py`` puts them into a bag, ``ros1_node.py`` publishes them.
+``writer.py`` puts them into a bag, ``ros_node.py`` publishes them.
 """
 
 import json
@@ -13,9 +13,8 @@ import numpy.typing as npt
 
 from midnet_bench.drawing.palette import DETECTION, RGB
 from midnet_bench.elementary import cos, sin
-from midnet_bench.geometry import Box, Pose2D
+from midnet_bench.geometry import Box, LidarGeometry, Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.messages import LidarGeometry
 
 MAP = "map"
 """the frame of all poses"""
@@ -90,13 +89,15 @@ def transforms(stamp_ns: int, placed: Iterable[tuple[str, str, Pose2D]]) -> Mess
     return Message("tf2_msgs/msg/TFMessage", {"transforms": every})
 
 
-def odometry(stamp_ns: int, child: str, pose: Pose2D, linear_mps: float, angular_radps: float) -> Message:
-    """nav_msgs/Odometry: a pose filter's, map frame, velocities in the frame ``child``."""
+def odometry(
+    stamp_ns: int, child: str, pose: Pose2D, linear_mps: float, angular_radps: float, frame: str = MAP
+) -> Message:
+    """nav_msgs/Odometry: the pose of ``child`` in ``frame``, velocities in ``child``."""
     twist = {"linear": {"x": linear_mps}, "angular": {"z": angular_radps}}
     return Message(
         "nav_msgs/msg/Odometry",
         {
-            "header": header(MAP, stamp_ns),
+            "header": header(frame, stamp_ns),
             "child_frame_id": child,
             "pose": {"pose": pose_fields(pose)},
             "twist": {"twist": twist},

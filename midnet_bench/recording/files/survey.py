@@ -1,6 +1,7 @@
 """A look into a recording: what it holds, how it is stamped, and a sample of its scans and poses."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -25,6 +26,7 @@ from midnet_bench.recording.files.readings import (
 
 T = TypeVar("T")
 
+EVER_NS = 1 << 62
 WHOLE_S = 30.0
 """a recording that lasts no longer is looked at whole"""
 WINDOWS = 10
@@ -32,6 +34,8 @@ WINDOW_S = 2.4
 """of a longer one so many stretches of this length"""
 MOST_SCANS = 400
 """kept of one topic"""
+SAME_CLOCK_S = 3600.0
+"""stamps that differ by more, against the time of recording, are of two clocks"""
 STILL = 1e-6
 """metres, and parts of a quaternion, by which a fixed transform may seem to move"""
 
@@ -58,6 +62,11 @@ class Stream:
         return np.array([(one.record_ns - one.stamp_ns) / NS for one in self.seen], dtype=np.float64)
 
     @property
+    def has_ranges(self) -> bool:
+        """Whether a scan of it holds a range."""
+        return any(len(scan.ranges_m) for scan in self.scans)
+
+    @property
     def stamps_stand_still(self) -> bool:
         """Whether several readings all have one stamp."""
         return len(self.seen) > 1 and len({one.stamp_ns for one in self.seen}) == 1
@@ -73,6 +82,8 @@ class Survey:
     """(frame, child) -> what tf said of them"""
     fault: str = ""
     """where it is damaged, if it is: what came before was looked at"""
+    remarks: list[str] = field(default_factory=list)
+    """on topics with several publishers, a line each"""
 
     @property
     def duration_s(self) -> float:
@@ -109,10 +120,11 @@ class Survey:
         return self.transforms[frame, child][0].transform.normalized()
 
 
-def survey(source: Source) -> Survey:
+def survey(source: Source, from_ns: int = -EVER_NS, to_ns: int = EVER_NS) -> Survey:
     """Look into a recording: whole if it is short, else at stretches all over it.
 
     Topics with few messages are looked at whole, and all of tf where it does not hang together otherwise.
+    Scans before ``from_ns`` and after ``to_ns``, record time, are left out.
 
     Raises:
         InputError: it is damaged wherever it was looked at.
@@ -124,7 +136,7 @@ def survey(source: Source) -> Survey:
         for name, topic in source.topics.items()
         if topic.kind == TEXT or (name in wanted and topic.messages <= MOST_SCANS)
     }
-    windows = _windows(source)
+    windows = _windows(source, max(from_ns, source.start_ns), min(to_ns, source.end_ns))
     if windows == [(None, None)]:
         whole |= wanted
     _sample(found, whole)
@@ -136,6 +148,9 @@ def survey(source: Source) -> Survey:
     if found.fault and not any(stream.scans or stream.poses for stream in found.streams.values()):
         raise InputError(found.fault)
     for stream in found.streams.values():
+        stream.scans = [scan for scan in stream.scans if from_ns <= scan.record_ns <= to_ns]
+    _split_by_frame(found)
+    for stream in found.streams.values():
         times = [scan.stamp_ns for scan in stream.scans]
         if stream.stamps_stand_still:
             times = [scan.record_ns for scan in stream.scans]
@@ -143,6 +158,34 @@ def survey(source: Source) -> Survey:
             stream.period_ns = int(np.median(np.diff(np.array(times))))
         stream.scans = spread(stream.scans, MOST_SCANS)
     return found
+
+
+def _split_by_frame(survey: Survey) -> None:
+    """Make a stream ``TOPIC@FRAME`` of each frame where scans of several lasers are on one topic."""
+    streams: dict[str, Stream] = {}
+    for name, stream in survey.streams.items():
+        frames = Counter(scan.frame for scan in stream.scans).most_common()
+        parts = {f"{name}@{frame}": Stream(stream.topic) for frame, _ in frames}
+        for scan in stream.scans:
+            parts[f"{name}@{scan.frame}"].scans.append(scan)
+        clocks_s = [float(np.median(part.lags_s)) for part in parts.values()]
+        if len(parts) > 1:
+            apart_s = max(clocks_s) - min(clocks_s)
+            clocks = f", whose clocks are {apart_s:.6g} s apart" if apart_s > SAME_CLOCK_S else ""
+            survey.remarks.append(
+                f"{name}: scans of {len(parts)} lasers{clocks}: {', '.join(parts)}; to take some alone set "
+                f"'scan: {next(iter(parts))}' in setup.yaml"
+            )
+            for part, (_, count) in zip(parts.values(), frames, strict=True):
+                share = round(stream.topic.messages * count / len(stream.scans))
+                part.topic = stream.topic._replace(messages=share)
+        for key, part in (parts if len(parts) > 1 else {name: stream}).items():
+            if len(part.scans) > 1 and float(np.ptp(part.lags_s)) > SAME_CLOCK_S:
+                survey.remarks.append(
+                    f"{key}: stamps of two clocks; 'clock: record' in setup.yaml takes the record times"
+                )
+            streams[key] = part
+    survey.streams = streams
 
 
 def _sample(
@@ -173,12 +216,13 @@ def _sample(
         survey.fault = survey.fault or str(error)
 
 
-def _windows(source: Source) -> Sequence[tuple[int | None, int | None]]:
-    duration_ns = source.end_ns - source.start_ns
-    if duration_ns <= WHOLE_S * NS:
+def _windows(source: Source, from_ns: int, to_ns: int) -> Sequence[tuple[int | None, int | None]]:
+    if source.end_ns - source.start_ns <= WHOLE_S * NS:
         return [(None, None)]
+    if to_ns - from_ns <= WHOLE_S * NS:
+        return [(from_ns, to_ns + 1)]
     length_ns = round(WINDOW_S * NS)
-    starts = np.linspace(source.start_ns, source.end_ns - length_ns, WINDOWS)
+    starts = np.linspace(from_ns, to_ns - length_ns, WINDOWS)
     return [(int(start), int(start) + length_ns) for start in starts]
 
 

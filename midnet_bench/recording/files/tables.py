@@ -30,7 +30,8 @@ TUM_COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 FIRST_RANGE = "r0"
 STEP_NS = NS // 10
 """between scans of a log without a usable clock; only their order counts then"""
-_FAR_FUTURE_S = 1e11
+_FAR_FUTURE_S = 4e9
+"""the year 2096: differences of nanoseconds fit into 64 bits"""
 
 
 class Table:

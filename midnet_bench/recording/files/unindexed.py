@@ -1,19 +1,21 @@
-"""A ROS 1 bag without its index, cut off or never closed: its records in their order, up to the damage."""
+"""A bag without its index, cut off or never closed: its records in their order, up to the damage."""
 
 import io
 import os
 import struct
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO, ClassVar, NamedTuple
 
 from midnet_bench.recording.files.unpacking import check_size, unpacked
 
-MAGIC = b"#ROSBAG V2.0"
+ROS1_MAGIC, MCAP_MAGIC = b"#ROSBAG V2.0", b"\x89MCAP0\r\n"
 PLAIN = "none"
 MESSAGE, CHUNK, CONNECTION = 2, 5, 7
-"""kinds of records, as https://wiki.ros.org/Bags/Format/2.0 numbers them"""
-_NUMBER = struct.Struct("<I")
+"""kinds of records of ROS 1, as https://wiki.ros.org/Bags/Format/2.0 numbers them"""
+MCAP_SCHEMA, MCAP_CHANNEL, MCAP_MESSAGE, MCAP_CHUNK, MCAP_END = 3, 4, 5, 6, 15
+"""of MCAP, as https://mcap.dev/spec numbers them; what follows the end of the data is the index"""
+_NUMBER, _RECORD = struct.Struct("<I"), struct.Struct("<BQ")
 
 
 class Connection(NamedTuple):
@@ -24,25 +26,27 @@ class Connection(NamedTuple):
     msgcount: int
 
 
-class UnindexedRos1:
-    """As much of rosbags' reader as is needed here; every pass reads the file from its beginning."""
+class Unindexed:
+    """As much of rosbags' readers as is needed here; every pass reads the file from its beginning."""
+
+    MAGIC: ClassVar[bytes]
 
     def __init__(self, path: Path) -> None:
         """Look through it. Raises ValueError: it is no bag, or no message of it can be read."""
         self._path = path
         self._names: dict[int, tuple[str, str]] = {}
         counts: dict[int, int] = {}
-        times: list[int] = []
+        self.start_time, self.end_time = 1 << 63, 0
         try:
-            for number, time_ns, _ in self._records():
+            for number, time_ns, _ in self._messages():
                 counts[number] = counts.get(number, 0) + 1
-                times = [min([time_ns, *times[:1]]), max([time_ns, *times[1:]])]
-        except (ValueError, LookupError, OSError, EOFError, struct.error, RuntimeError):
+                self.start_time = min(self.start_time, time_ns)
+                self.end_time = max(self.end_time, time_ns + 1)
+        except (ValueError, LookupError, OSError, EOFError, ArithmeticError, struct.error, RuntimeError):
             if not counts:  # what came before the damage counts
                 raise
         if not counts:
             raise ValueError("it holds no message")
-        self.start_time, self.end_time = times[0], times[1] + 1
         self._by_number = {
             number: Connection(*self._names[number], count) for number, count in counts.items()
         }
@@ -56,7 +60,7 @@ class UnindexedRos1:
         self, connections: Collection[Connection], start: int | None = None, stop: int | None = None
     ) -> Iterator[tuple[Connection, int, bytes]]:
         """(connection, record time in ns, message) in the file's order, up to an error at the damage."""
-        for number, time_ns, raw in self._records():
+        for number, time_ns, raw in self._messages():
             connection = self._by_number.get(number)
             if connection not in connections or (start is not None and time_ns < start):
                 continue
@@ -66,25 +70,42 @@ class UnindexedRos1:
     def close(self) -> None:
         """Nothing is open between two passes."""
 
-    def _records(self) -> Iterator[tuple[int, int, bytes]]:
+    def _messages(self) -> Iterator[tuple[int, int, bytes]]:
         """(number of the connection, record time in ns, message)."""
         with open(self._path, "rb") as file:
-            if not file.readline(100).startswith(MAGIC):
-                raise ValueError("it does not begin as a bag of ROS 1 does")
-            size = os.fstat(file.fileno()).st_size
-            while file.tell() < size:
-                header = _fields(_block(file))
-                kind, length = header["op"][0], _number(file)
-                if kind == CHUNK:
-                    check_size(length)
-                    packing, packed = header["compression"].decode(), file.read(length)
-                    # of a plain chunk that is cut off a part is good too
-                    whole = packed if packing == PLAIN else unpacked(packing, packed)
-                    yield from self._in_chunk(io.BytesIO(whole))
-                elif kind == CONNECTION:
-                    self._meet(header, _exactly(file, length))
-                else:
-                    file.seek(length, os.SEEK_CUR)
+            if file.read(len(self.MAGIC)) != self.MAGIC:
+                raise ValueError("it does not begin as such a bag does")
+            for number, time_ns, raw in self._records(file, os.fstat(file.fileno()).st_size):
+                if number in self._names:
+                    yield number, time_ns, raw
+
+    def _records(self, file: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
+        raise NotImplementedError
+
+
+class UnindexedRos1(Unindexed):
+    """A bag of ROS 1."""
+
+    MAGIC = ROS1_MAGIC
+    is_ros1 = True
+
+    def _records(self, file: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
+        file.readline(100)
+        while file.tell() < size:
+            header = _fields(_block(file))
+            kind, length = header["op"][0], _number(file)
+            if kind == CHUNK:
+                check_size(length)
+                packing, packed = header["compression"].decode(), file.read(length)
+                # of a chunk that is cut off a part is good too
+                whole = packed if packing == PLAIN else unpacked(packing, packed, is_cut=True)
+                yield from self._in_chunk(io.BytesIO(whole))
+                if len(packed) < length:
+                    raise EOFError("a chunk is cut off")
+            elif kind == CONNECTION:
+                self._meet(header, _exactly(file, length))
+            else:
+                file.seek(length, os.SEEK_CUR)
 
     def _in_chunk(self, chunk: io.BytesIO) -> Iterator[tuple[int, int, bytes]]:
         size = len(chunk.getbuffer())
@@ -102,6 +123,65 @@ class UnindexedRos1:
         plain = "/" * topic.startswith("/") + "/".join(filter(None, topic.split("/")))
         package, _, name = _fields(said)["type"].decode().rpartition("/")
         self._names[_NUMBER.unpack(header["conn"])[0]] = plain, f"{package}/msg/{name}"
+
+
+class UnindexedMcap(Unindexed):
+    """An MCAP file; channels in another encoding than its first one's are passed over."""
+
+    MAGIC = MCAP_MAGIC
+
+    def __init__(self, path: Path) -> None:
+        """Look through it. Raises ValueError: it is no MCAP file, or no message of it can be read."""
+        self._types: dict[int, str] = {}
+        self._encoding = b""
+        """of its first channel with messages of ROS"""
+        super().__init__(path)
+
+    def _records(self, file: BinaryIO, size: int, in_chunk: bool = False) -> Iterator[tuple[int, int, bytes]]:
+        while file.tell() < size:
+            kind, length = _RECORD.unpack(_exactly(file, _RECORD.size))
+            if kind == MCAP_END:
+                return
+            if kind == MCAP_CHUNK and not in_chunk:
+                check_size(length)
+                yield from self._unpacked(file.read(length), length)
+            elif kind in (MCAP_SCHEMA, MCAP_CHANNEL):
+                self._learn(kind, io.BytesIO(_exactly(file, length)))
+            elif kind == MCAP_MESSAGE:
+                record = _exactly(file, length)
+                number, _, time_ns = struct.unpack_from("<HIQ", record)
+                yield number, time_ns, record[22:]
+            else:
+                file.seek(min(length, size), os.SEEK_CUR)
+
+    def _unpacked(self, record: bytes, length: int) -> Iterator[tuple[int, int, bytes]]:
+        """What is in a chunk; of one that is cut off a part is good too."""
+        (size,), packing = struct.unpack_from("<Q", record, 16), _block(io.BytesIO(record[28:])).decode()
+        check_size(size)
+        packed = record[28 + 4 + len(packing) + 8 :]
+        whole = unpacked(packing, packed, size, is_cut=True) if packing else packed
+        yield from self._records(io.BytesIO(whole), len(whole), in_chunk=True)
+        if len(record) < length:
+            raise EOFError("a chunk is cut off")
+
+    def _learn(self, kind: int, record: io.BytesIO) -> None:
+        """A schema's name, or a channel's topic and type."""
+        (number,) = struct.unpack("<H", _exactly(record, 2))
+        if kind == MCAP_SCHEMA:
+            self._types[number] = _block(record).decode()
+            return
+        (schema,) = struct.unpack("<H", _exactly(record, 2))
+        topic, encoding = _block(record).decode(), _block(record)
+        if encoding in (b"cdr", b"ros1") and schema in self._types:
+            self._encoding = self._encoding or encoding
+            if encoding == self._encoding:
+                package, _, name = self._types[schema].rpartition("/")
+                self._names[number] = topic, f"{package.removesuffix('/msg')}/msg/{name}"
+
+    @property
+    def is_ros1(self) -> bool:
+        """Whether its messages are those of ROS 1, as tools that convert bags leave them."""
+        return self._encoding == b"ros1"
 
 
 def _number(file: BinaryIO) -> int:

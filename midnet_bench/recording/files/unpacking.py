@@ -1,7 +1,6 @@
-"""Chunks of bags unpacked in steps, and refused where they would take all memory; only ordinary files."""
+"""Chunks and files of bags unpacked in steps, and refused where they would take all memory."""
 
 import bz2
-import stat
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -18,9 +17,8 @@ if sys.version_info >= (3, 14):
 else:
     from backports import zstd
 
-MOST_BYTES = 256_000_000
+MOST_BYTES = 150_000_000
 """of a chunk or a message; recorders make chunks of one to four megabytes"""
-MOST_METADATA_BYTES = 16_000_000
 MOST_TIMES = 100
 """a file that is packed as a whole may grow to so many times its size; scans shrink to a fifth"""
 STEP_BYTES = 1 << 20
@@ -37,8 +35,8 @@ class TooLargeError(Exception):
     """More than may be held in memory."""
 
 
-def unpacked(kind: str, packed: bytes, most_bytes: int = MOST_BYTES) -> bytes:
-    """What was packed by bz2, lz4 or zstd, in one frame or several.
+def unpacked(kind: str, packed: bytes, most_bytes: int = MOST_BYTES, is_cut: bool = False) -> bytes:
+    """What was packed by bz2, lz4 or zstd, in one frame or several; of data that ``is_cut`` what is there.
 
     Raises:
         TooLargeError: it is more than ``most_bytes`` or than a chunk may be.
@@ -58,6 +56,8 @@ def unpacked(kind: str, packed: bytes, most_bytes: int = MOST_BYTES) -> bytes:
             if not packed:
                 return b"".join(parts)
             unpacker = _UNPACKERS[kind]()
+    if is_cut:
+        return b"".join(parts)
     raise EOFError("a chunk is cut off")
 
 
@@ -69,36 +69,18 @@ def check_size(size: int, most_bytes: int = MOST_BYTES) -> None:
         )
 
 
-def check_files(path: Path) -> None:
-    """Look at the file of a bag, or at all files in its folder, before any of them is opened.
+def unpack_file(path: Path, into: Path) -> None:
+    """Unpack a file that was packed as a whole by zstd.
 
     Raises:
-        InputError: one is a pipe, a socket or a device, which may never end; or it unpacks to too much.
+        InputError: it is damaged, or grows to more than ``MOST_TIMES`` its size.
+        OSError: it cannot be read, or there is no room.
     """
+    size, most_bytes = 0, max(MOST_TIMES * path.stat().st_size, MOST_BYTES)
     try:
-        for file in sorted(path.iterdir()) if path.is_dir() else [path]:
-            found = file.stat()
-            if stat.S_ISDIR(found.st_mode):
-                continue
-            if not stat.S_ISREG(found.st_mode):
-                raise InputError(f"{file}: is a pipe, a socket or a device; give an ordinary file")
-            if file.name == "metadata.yaml" and found.st_size > MOST_METADATA_BYTES:
-                raise InputError(f"{file}: is too large for metadata; 'ros2 bag reindex' writes it again")
-            _check_packed_file(file, max(MOST_TIMES * found.st_size, MOST_BYTES))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-
-
-def _check_packed_file(path: Path, most_bytes: int) -> None:
-    """A file that is packed as a whole lands unpacked in a temporary folder: rosbags takes no count."""
-    with path.open("rb") as file:
-        if file.read(len(ZSTD_MAGIC)) != ZSTD_MAGIC:
-            return
-    size = 0
-    try:
-        with zstd.open(path, "rb") as whole:
+        with zstd.open(path, "rb") as whole, into.open("wb") as file:
             while part := whole.read(STEP_BYTES):
-                size += len(part)
+                size += file.write(part)
                 if size > most_bytes:
                     raise InputError(
                         f"{path}: unpacks to more than {most_bytes / 1e6:.0f} MB; 'zstd -d' unpacks it"

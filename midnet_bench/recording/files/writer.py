@@ -60,6 +60,14 @@ _ROS_2_TYPES = {
 """vision_msgs 4, since Humble"""
 
 
+def format_of(path: Path) -> str:
+    """Which of the formats a bag's name stands for. Raises InputError: none."""
+    for bag_format, ending in ENDINGS.items():
+        if path.suffix == ending:
+            return bag_format
+    raise InputError(f"{path}: is no bag's name; end it in .mcap or .bag, or in nothing for a ROS 2 folder")
+
+
 def ending_of(bag_format: str) -> str:
     """What the name of such a bag ends in, dot included; empty for a folder. Raises InputError: no format."""
     if bag_format not in ENDINGS:
@@ -156,6 +164,11 @@ class BagWriter:
         self.ros: Literal[1, 2] = 1 if isinstance(writer, Ros1Writer) else 2
         self._types = _types_of(self.ros)
         self._topics: dict[str, Any] = {}
+
+    @property
+    def kinds(self) -> dict[str, str]:
+        """Topic -> message type of what was written."""
+        return {topic: connection.msgtype for topic, connection in self._topics.items()}
 
     def write(self, topic: str, stamp_ns: int, message: Message, is_kept: bool = False) -> None:
         """Append a message, recorded at ``stamp_ns``.

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.errors import InputError
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, values_at
-from midnet_bench.messages import LidarGeometry
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.survey import Survey, spread
 from midnet_bench.recording.plan import Link, RobotPlan

@@ -7,10 +7,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Pose2D, wrap_angle
+from midnet_bench.geometry import Pose2D, Scan, wrap_angle
 from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cells_of
 from midnet_bench.localization.scan_to_map import ScanToMap
-from midnet_bench.messages import Scan
 from midnet_bench.recording.fitting.fit import Walls
 
 Floats = npt.NDArray[np.float64]

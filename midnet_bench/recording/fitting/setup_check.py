@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import wrap_angle
+from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.recording.files.survey import spread
 from midnet_bench.recording.fitting.fit import Fit, Sample, Walls, fit_of
@@ -75,6 +75,8 @@ class Proposal(NamedTuple):
     """of the parameters by ``NAMES``; metres, radians, seconds; empty where none is needed"""
     alike: tuple["Proposal", ...]
     """other changes that would correct as much: the recording does not decide"""
+    start: Pose2D
+    """where the robot was at the first scan, in the frame of a map that is moved as the setup says"""
     cannot_tell: tuple[str, ...]
     """sentences: along which directions the recording says nothing"""
 
@@ -130,7 +132,7 @@ def verdict(samples: Sequence[Sample], grid: OccupancyGrid, set_by: SetBy | None
     is_better = best.share >= plain.share + WORTH and gain >= ALARM
     if is_better and best.share >= GOOD:
         proposal = _proposal(search, plain, best, others)
-        lines = (*faults.values(), line_of(proposal, grid, set_by))
+        lines = (*faults.values(), line_of(proposal, set_by))
         return Verdict((*faults, *proposal.kinds), lines, share)
     if share < POOR:
         most = max(best.share, share)
@@ -276,7 +278,8 @@ def _bare(returns: Returns, plain: Candidate, candidate: Candidate) -> Proposal:
         kind for kind, own in ((mount, MOUNT), ("delay", DELAY), ("map", MAP)) if set(own) <= changed
     )
     setup = returns.setup(candidate.values, candidate.mirrored)
-    return Proposal(kinds, setup, turned_rad, plain.share, candidate.share, {}, (), ())
+    start = setup.map_moved.compose(returns.first)
+    return Proposal(kinds, setup, turned_rad, plain.share, candidate.share, {}, (), start, ())
 
 
 def _range(search: Search, best: Candidate, number: int) -> Range:
@@ -343,7 +346,7 @@ def _left_over(
     return float(np.trace(rest) / max(np.trace(own), 1e-12)), by_others
 
 
-def line_of(proposal: Proposal, grid: OccupancyGrid, set_by: SetBy | None = None) -> str:
+def line_of(proposal: Proposal, set_by: SetBy | None = None) -> str:
     """What is wrong, the shares before and after, and what corrects it, in one line."""
     set_by, after = set_by or SetBy(), f"{proposal.share_after:.2f}"
     line = f"{proposal.share_before:.2f} of the returns lie on mapped walls, "
@@ -351,17 +354,17 @@ def line_of(proposal: Proposal, grid: OccupancyGrid, set_by: SetBy | None = None
         return line + "and no other setup does better"
     if not proposal.is_good:
         return f"{line}and no setup brings more than {after}: is it the map of this place (--map)?"
-    line += f"{after} if {_what(proposal)}: {correction_of(proposal, grid, set_by)}"
+    line += f"{after} if {_what(proposal)}: {correction_of(proposal, set_by)}"
     if proposal.alike:
         other = proposal.alike[0]
         line += f"; or, which this recording cannot tell, if {_what(other)}"
-        correction = f": {correction_of(other, grid, set_by)}"
+        correction = f": {correction_of(other, set_by)}"
         line += correction if len(line + correction) < LONGEST_LINE else ""
     return line
 
 
-def correction_of(proposal: Proposal, grid: OccupancyGrid, set_by: SetBy | None = None) -> str:
-    """The keys of ``setup.yaml``, and what to change in the map's YAML file, that make a proposal's setup."""
+def correction_of(proposal: Proposal, set_by: SetBy | None = None) -> str:
+    """The keys of ``setup.yaml`` that make a proposal's setup."""
     set_by, setup, keys = set_by or SetBy(), proposal.setup, []
     if setup.is_mirrored:
         keys.append(f"mirrored: {'false' if set_by.mirrored else 'true'}")
@@ -371,14 +374,14 @@ def correction_of(proposal: Proposal, grid: OccupancyGrid, set_by: SetBy | None 
     if "delay" in proposal.kinds:
         keys.append(f"delay_s: {set_by.delay_s + setup.delay_s:z.3f}")
     if "map" in proposal.kinds:
-        # the map's own frame in that of the poses: where the YAML's origin would have to lie
-        back = setup.map_moved.inverse()
-        x, y = back.transform(np.array([grid.origin]))[0].tolist()
-        if abs(back.yaw) < math.radians(2.0):
-            keys.append(f"in the map's YAML 'origin: [{x:z.2f}, {y:z.2f}, 0]'")
-        else:
-            keys.append(f"turn the map's image by {math.degrees(back.yaw):.0f} degrees, or use another --map")
+        keys.append(f"start: {start_of(proposal)}")
     return "; ".join(keys)
+
+
+def start_of(proposal: Proposal) -> list[float]:
+    """[x, y, yaw_deg] of key ``start``, exact enough for a map of 100 m."""
+    x, y, yaw = proposal.start
+    return [round(x, 3), round(y, 3), round(math.degrees(wrap_angle(yaw)), 2)]
 
 
 def _what(proposal: Proposal) -> str:

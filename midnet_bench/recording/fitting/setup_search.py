@@ -58,6 +58,8 @@ class Returns:
 
     def __init__(self, samples: Sequence[Sample], most_beams: int) -> None:
         """At most ``most_beams`` of a sample, spread evenly over those that met something."""
+        self.first = samples[0].pose
+        """of the robot at the first sample"""
         ends, owners = [np.empty((0, 2))], [np.empty(0, dtype=np.int64)]
         for number, sample in enumerate(samples):
             met = sample.ends()[1]
@@ -221,7 +223,11 @@ class Search:
 
     def anywhere(self, mirrored: bool) -> Candidate:
         """The map moved by any distance and turned by any angle: the best overlap of all."""
-        return self._best(MAP, self._overlaps(mirrored), mirrored)
+        return max(self.places(mirrored), key=lambda each: each.score)
+
+    def places(self, mirrored: bool = False) -> list[Candidate]:
+        """The best overlaps of all, three turns that are apart."""
+        return self._tried(MAP, self._overlaps(mirrored), mirrored)
 
     def refined(self, start: Candidate, changed: tuple[int, ...], wide_m: float = WIDE_M) -> Candidate:
         """The best setup near ``start`` of those that differ from it in ``changed``."""
@@ -238,11 +244,13 @@ class Search:
         return np.asarray((rows * weights[:, None]).T @ rows / max(weights.sum(), 1e-9))
 
     def _best(self, changed: tuple[int, ...], starts: Sequence[Floats], mirrored: bool) -> Candidate:
-        found = [
+        return max(self._tried(changed, starts, mirrored), key=lambda each: each.score)
+
+    def _tried(self, changed: tuple[int, ...], starts: Sequence[Floats], mirrored: bool) -> list[Candidate]:
+        return [
             self.candidate(changed, self._refine(start, changed, mirrored, WIDE_M), mirrored)
             for start in starts
         ]
-        return max(found, key=lambda each: each.score)
 
     def _coarse(self, starts: Floats, mirrored: bool) -> Floats:
         return np.array(

@@ -1,17 +1,18 @@
-"""A robot's body in PyBullet, and its drive."""
+"""What PyBullet holds: robots' bodies, the floor, and all walls and stationary intruders as one mesh."""
 
 import math
 from typing import NamedTuple
 
-from midnet_bench.geometry import Pose2D
-from midnet_bench.messages import Command
+import numpy as np
+
+from midnet_bench.geometry import Pose2D, Solid
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.bullet.client import bullet
 
 # Collision groups: what a shape is, and (as its mask) with which groups it collides. PyBullet lets two shapes
 # collide when either one's mask names the other's group, so every mask here is answered by the other side's.
 # A ray acts as group 1, and sees nothing but what stands still: robots are discs in the scan plane, which
-# simulation/lidar.py intersects exactly.
+# simulation/sensors.py intersects exactly.
 RAY, ROBOT, STATIC, FLOOR, ROLLER = 1, 2, 4, 8, 16
 
 
@@ -115,52 +116,68 @@ def _build_robot(client: int, robot: RobotModel, pose: Pose2D) -> Body:
     return _on_wheels(client, body, (0, 1), 2)._replace(mass_x_m=mass_x)
 
 
-class Drive:
-    """The wheel motors of several robots: clamps commands and ramps each wheel towards its target.
+_BELOW_FLOOR_M = 0.05
 
-    The ramp is the Gazebo plugin's wheelAcceleration, applied at every physics step. The plugin skips
-    the ramp of both wheels as soon as one of them is near its target; that jump is not copied.
+
+def add_floor(client: int) -> int:
+    """The body id of an endless floor that robots stand on and beams do not see."""
+    shape = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
+    return _add_static(client, shape, FLOOR, ROBOT | ROLLER)
+
+
+def add_solids(client: int, solids: tuple[Solid, ...]) -> int:
+    """The body id of one triangle mesh of all ``solids``, which beams see and robots run into.
+
+    Sides only: nothing reaches a top. The mesh is passed inline, because PyBullet remembers files by name.
     """
+    vertices: list[list[float]] = []
+    triangles: list[int] = []
+    for solid in solids:
+        outline = solid.outline()
+        count, first = len(outline), len(vertices)
+        for height in (-_BELOW_FLOOR_M, solid.height_m):
+            vertices += np.column_stack((outline, np.full(count, height))).tolist()
+        for corner in range(count):
+            low, low_next = first + corner, first + (corner + 1) % count
+            triangles += [low, low_next, low_next + count, low, low_next + count, low + count]
+    shape = bullet.createCollisionShape(
+        bullet.GEOM_MESH,
+        vertices=vertices,
+        indices=triangles,
+        flags=bullet.GEOM_FORCE_CONCAVE_TRIMESH,
+        physicsClientId=client,
+    )
+    return _add_static(client, shape, STATIC, RAY | ROBOT)
 
-    def __init__(self, robot: RobotModel, bodies: list[Body], client: int, step_s: float) -> None:
-        self._robot = robot
-        self._bodies = bodies
-        self._client = client
-        self._most = robot.rim_acceleration_mps2 * step_s
-        self._targets = [(0.0, 0.0)] * len(bodies)
-        self._speeds = [(0.0, 0.0)] * len(bodies)
-        for number in range(len(bodies)):
-            self._set_motors(number)
 
-    def command(self, number: int, command: Command) -> None:
-        """Take a new command; it is held until the next one, as the plugin holds it."""
-        self._targets[number] = self._robot.rim_speeds(command)
-
-    def step(self) -> None:
-        """Move every wheel's speed one physics step closer to its target."""
-        for number, (target, speed) in enumerate(zip(self._targets, self._speeds, strict=True)):
-            if target != speed:
-                self._speeds[number] = (
-                    self._nearer(speed[0], target[0]),
-                    self._nearer(speed[1], target[1]),
-                )
-                self._set_motors(number)
-
-    def forget(self, number: int) -> None:
-        """Never touch that robot's motors again."""
-        self._targets[number] = self._speeds[number]
-
-    def _nearer(self, speed: float, target: float) -> float:
-        missing = target - speed
-        return target if abs(missing) <= self._most else speed + math.copysign(self._most, missing)
-
-    def _set_motors(self, number: int) -> None:
-        body, robot = self._bodies[number], self._robot
-        bullet.setJointMotorControlArray(
-            body.body,
-            body.wheels,
-            bullet.VELOCITY_CONTROL,
-            targetVelocities=[speed / robot.wheel_radius_m for speed in self._speeds[number]],
-            forces=(robot.wheel_torque_nm, robot.wheel_torque_nm),
-            physicsClientId=self._client,
+def add_obstacle(client: int, solid: Solid) -> int:
+    """The body id of something that robots run into and beams do not see; :func:`move_obstacle` moves it."""
+    if solid.kind == "cylinder":
+        shape = bullet.createCollisionShape(
+            bullet.GEOM_CYLINDER,
+            radius=solid.length_m / 2.0,
+            height=solid.height_m,
+            physicsClientId=client,
         )
+    else:
+        half = [solid.length_m / 2.0, solid.width_m / 2.0, solid.height_m / 2.0]
+        shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    body = _add_static(client, shape, ROBOT, ROBOT)
+    move_obstacle(client, body, solid)
+    return body
+
+
+def move_obstacle(client: int, body: int, solid: Solid) -> None:
+    """Put an obstacle where ``solid`` is now."""
+    turn = bullet.getQuaternionFromEuler([0.0, 0.0, solid.pose.yaw])
+    at = [solid.pose.x, solid.pose.y, solid.height_m / 2.0]
+    bullet.resetBasePositionAndOrientation(body, at, turn, physicsClientId=client)
+
+
+def _add_static(client: int, shape: int, group: int, mask: int) -> int:
+    body = bullet.createMultiBody(0.0, shape, physicsClientId=client)
+    bullet.setCollisionFilterGroupMask(body, -1, group, mask, physicsClientId=client)
+    bullet.changeDynamics(
+        body, -1, lateralFriction=1.0, contactProcessingThreshold=0.0, physicsClientId=client
+    )
+    return int(body)

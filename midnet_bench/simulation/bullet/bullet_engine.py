@@ -1,19 +1,25 @@
 """``BulletEngine``: one trial's robots, walls and intruders in PyBullet."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
-from midnet_bench.arena.solids import Solid
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import atan2, cos_sin
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command, Solid
 from midnet_bench.robots.model import RobotModel
-from midnet_bench.simulation.bullet.body import Drive, load_robot
+from midnet_bench.simulation.bullet.body import (
+    Body,
+    add_floor,
+    add_obstacle,
+    add_solids,
+    load_robot,
+    move_obstacle,
+)
 from midnet_bench.simulation.bullet.client import bullet, give_back, take_client
-from midnet_bench.simulation.bullet.stage import add_floor, add_obstacle, add_solids, move_obstacle
 from midnet_bench.simulation.engine import Beams
 
 Floats = npt.NDArray[np.float64]
@@ -156,6 +162,57 @@ class BulletEngine:
             )
             touching[index] = any(point[2] != self._floor and point[8] <= 0.0 for point in points)
         return touching
+
+
+class Drive:
+    """The wheel motors of several robots: clamps commands and ramps each wheel towards its target.
+
+    The ramp is the Gazebo plugin's wheelAcceleration, applied at every physics step. The plugin skips
+    the ramp of both wheels as soon as one of them is near its target; that jump is not copied.
+    """
+
+    def __init__(self, robot: RobotModel, bodies: list[Body], client: int, step_s: float) -> None:
+        self._robot = robot
+        self._bodies = bodies
+        self._client = client
+        self._most = robot.rim_acceleration_mps2 * step_s
+        self._targets = [(0.0, 0.0)] * len(bodies)
+        self._speeds = [(0.0, 0.0)] * len(bodies)
+        for number in range(len(bodies)):
+            self._set_motors(number)
+
+    def command(self, number: int, command: Command) -> None:
+        """Take a new command; it is held until the next one, as the plugin holds it."""
+        self._targets[number] = self._robot.rim_speeds(command)
+
+    def step(self) -> None:
+        """Move every wheel's speed one physics step closer to its target."""
+        for number, (target, speed) in enumerate(zip(self._targets, self._speeds, strict=True)):
+            if target != speed:
+                self._speeds[number] = (
+                    self._nearer(speed[0], target[0]),
+                    self._nearer(speed[1], target[1]),
+                )
+                self._set_motors(number)
+
+    def forget(self, number: int) -> None:
+        """Never touch that robot's motors again."""
+        self._targets[number] = self._speeds[number]
+
+    def _nearer(self, speed: float, target: float) -> float:
+        missing = target - speed
+        return target if abs(missing) <= self._most else speed + math.copysign(self._most, missing)
+
+    def _set_motors(self, number: int) -> None:
+        body, robot = self._bodies[number], self._robot
+        bullet.setJointMotorControlArray(
+            body.body,
+            body.wheels,
+            bullet.VELOCITY_CONTROL,
+            targetVelocities=[speed / robot.wheel_radius_m for speed in self._speeds[number]],
+            forces=(robot.wheel_torque_nm, robot.wheel_torque_nm),
+            physicsClientId=self._client,
+        )
 
 
 @njit

@@ -158,8 +158,7 @@ def find_contacts(
         room: where they go.
         count: how many are there already.
     """
-    reach_m, frame = body.reach_m, ground.frame
-    hulls, rows, pairs = room.hulls, room.rows, room.pairs
+    reach_m, frame, hulls = body.reach_m, ground.frame, room.hulls
     is_placed = np.zeros(len(poses), dtype=np.bool_)
     for i in range(len(poses)):
         if not present[i]:
@@ -175,7 +174,7 @@ def find_contacts(
                 if not is_placed[i]:
                     _place(body.hull, poses[i], hulls[i])
                     is_placed[i] = True
-                count = _against_side(i, hulls[i], x, y, side, margin_m, rows, pairs, count)
+                count = _against_side(i, hulls[i], x, y, side, margin_m, room, count)
         for j in range(i):
             dx, dy = x - poses[j, 0], y - poses[j, 1]
             apart = 2.0 * reach_m + margin_m
@@ -185,8 +184,8 @@ def find_contacts(
                 if not is_placed[one]:
                     _place(body.hull, poses[one], hulls[one])
                     is_placed[one] = True
-            count = _against_body(i, j, poses, hulls, margin_m, False, rows, pairs, count)
-            count = _against_body(j, i, poses, hulls, margin_m, True, rows, pairs, count)
+            count = _against_body(i, j, poses, margin_m, False, room, count)
+            count = _against_body(j, i, poses, margin_m, True, room, count)
     return count
 
 
@@ -277,19 +276,7 @@ def _obstacle_contact(
     if count >= len(room.rows):
         return count
     row = room.rows[count]
-    if not _corner_before_body(
-        corner[X],
-        corner[Y],
-        corner[ALONG_X],
-        corner[ALONG_Y],
-        corner[LAST_X],
-        corner[LAST_Y],
-        hull,
-        margin_m + radius_m,
-        is_own,
-        row,
-        np.inf,
-    ):
+    if not _corner_before_body(_corner(corner), hull, margin_m + radius_m, is_own, row, np.inf):
         return count
     if is_own:
         row[NORMAL_X], row[NORMAL_Y] = -row[NORMAL_X], -row[NORMAL_Y]
@@ -332,11 +319,11 @@ def _against_side(
     y: float,
     side: Floats,
     margin_m: float,
-    rows: Floats,
-    pairs: Ints,
+    room: ContactBuffer,
     count: int,
 ) -> int:
     """Adds the contacts of body i, placed, with one side and with the corner at its first end."""
+    _, rows, pairs = room
     nx, ny = side[NX], side[NY]
     along_x, along_y = -ny, nx
     length = (side[BX] - side[AX]) * along_x + (side[BY] - side[AY]) * along_y
@@ -356,9 +343,8 @@ def _against_side(
             count += 1
     if (side[BEFORE_X] != 0.0 or side[BEFORE_Y] != 0.0) and count < len(rows):
         row = rows[count]
-        if _corner_before_body(
-            side[AX], side[AY], along_x, along_y, side[BEFORE_X], side[BEFORE_Y], body, margin_m, False, row
-        ):
+        corner = (side[AX], side[AY], along_x, along_y, side[BEFORE_X], side[BEFORE_Y])
+        if _corner_before_body(corner, body, margin_m, False, row):
             row[ARM_X], row[ARM_Y], row[OTHER_X], row[OTHER_Y] = row[ARM_X] - x, row[ARM_Y] - y, 0.0, 0.0
             pairs[count, 0], pairs[count, 1] = i, -1
             count += 1
@@ -370,31 +356,19 @@ def _against_body(
     i: int,
     j: int,
     poses: Floats,
-    hulls: Floats,
     margin_m: float,
     sides_only: bool,
-    rows: Floats,
-    pairs: Ints,
+    room: ContactBuffer,
     count: int,
 ) -> int:
     """Adds the contacts of body i's corners with body j."""
+    hulls, rows, pairs = room
     body = hulls[i]
     for k in range(len(body)):
         if count >= len(rows):
             break
         row = rows[count]
-        if _corner_before_body(
-            body[k, X],
-            body[k, Y],
-            body[k, ALONG_X],
-            body[k, ALONG_Y],
-            body[k, LAST_X],
-            body[k, LAST_Y],
-            hulls[j],
-            margin_m,
-            sides_only,
-            row,
-        ):
+        if _corner_before_body(_corner(body[k]), hulls[j], margin_m, sides_only, row):
             row[ARM_X], row[ARM_Y] = row[ARM_X] - poses[j, 0], row[ARM_Y] - poses[j, 1]
             row[OTHER_X], row[OTHER_Y] = body[k, X] - poses[i, 0], body[k, Y] - poses[i, 1]
             pairs[count, 0], pairs[count, 1] = j, i
@@ -403,13 +377,14 @@ def _against_body(
 
 
 @njit
+def _corner(row: Floats) -> tuple[float, ...]:
+    """X and y of a hull's corner, and the unit vectors of the side from it and of the one before."""
+    return row[X], row[Y], row[ALONG_X], row[ALONG_Y], row[LAST_X], row[LAST_Y]
+
+
+@njit
 def _corner_before_body(
-    px: float,
-    py: float,
-    along_x: float,
-    along_y: float,
-    before_x: float,
-    before_y: float,
+    corner: tuple[float, ...],
     body: Floats,
     margin_m: float,
     sides_only: bool,
@@ -418,10 +393,10 @@ def _corner_before_body(
 ) -> bool:
     """Whether a corner is in contact with a body; fills normal, gap and the body's point, map frame.
 
-    ``along`` and ``before`` are the unit vectors of the corner's two sides, counter-clockwise. The normal
-    points into the body. ``sides_only``: leave out where it is nearest to one of the body's corners.
-    ``deep_m``: a corner that is deeper inside is in no contact.
+    ``corner``: as :func:`_corner` has it. The normal points into the body. ``sides_only``: leave out where it
+    is nearest to one of the body's corners. ``deep_m``: a corner that is deeper inside is in no contact.
     """
+    px, py, along_x, along_y, before_x, before_y = corner
     sides = len(body)
     best, outermost = -np.inf, 0
     for k in range(sides):

@@ -6,8 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
-from midnet_bench.arena.solids import Solid
-from midnet_bench.messages import Command
+from midnet_bench.geometry import Command, Solid
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.fast import motion
@@ -45,7 +44,7 @@ class FastEngine:
 
     def step(self) -> None:
         """Let 1 / ``step_hz`` seconds pass."""
-        motion.step_world(self._states, self._present, self._obstacles, *self._parts)
+        motion.step_world(self._states, self._present, self._obstacles, self._parts)
 
     def obstruct(self, solids: Sequence[Solid]) -> None:
         """Let ``solids`` stand in the robots' way from now on, in place of those before; beams pass them."""
@@ -66,7 +65,7 @@ class FastEngine:
 
     def contacts(self) -> npt.NDArray[np.bool_]:
         """(n,) whether each robot touches anything now."""
-        touching = motion.touching(self._states, self._present, self._obstacles, *self._parts)
+        touching = motion.touching(self._states, self._present, self._obstacles, self._parts)
         return np.asarray(touching)
 
     def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:

@@ -35,6 +35,7 @@ from midnet_bench.simulation.fast.outlines import SideGrid
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Parts = tuple[npt.NDArray[Any], ...]
 
 # Columns of a body's state: its pose; its velocity in the map frame, forward, and its yaw rate; for the left
 # and the right wheel the rim speed that is asked for, the one that it has, and how far it has turned. Metres,
@@ -91,35 +92,29 @@ def drive_of(robot: RobotModel, step_hz: int, rounds: int) -> Drive:
     )
 
 
+def taken_apart(drive: Drive, body: Body, ground: SideGrid, room: ContactBuffer) -> Parts:
+    """Arrays only: handing named tuples to compiled code takes three times as long as a tick."""
+    return (np.array([*drive, body.reach_m, body.gyration2_m2]), body.hull, *ground, *room)
+
+
 @njit
-def step_world(
-    states: Floats,
-    present: npt.NDArray[np.bool_],
-    solids: Floats,
-    numbers: Floats,
-    hull: Floats,
-    sides: Floats,
-    frame: Floats,
-    first: Ints,
-    members: Ints,
-    hulls: Floats,
-    rows: Floats,
-    pairs: Ints,
-) -> None:
-    """:func:`advance` with everything from ``numbers`` on as :func:`taken_apart` gives it.
+def put_together(parts: Parts) -> tuple[Drive, Body, SideGrid, ContactBuffer]:
+    """What :func:`taken_apart` took apart."""
+    numbers, hull, sides, frame, first, members, hulls, rows, pairs = parts
+    drive = Drive(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], int(numbers[5]))
+    body = Body(hull, numbers[6], numbers[7])
+    return drive, body, SideGrid(sides, frame, first, members), ContactBuffer(hulls, rows, pairs)
+
+
+@njit
+def step_world(states: Floats, present: npt.NDArray[np.bool_], solids: Floats, parts: Parts) -> None:
+    """:func:`advance` with ``parts`` as :func:`taken_apart` gives them.
 
     ``solids``: (k, 6) what moves by itself, by the columns of :func:`~.contacts.obstacles_near`.
     """
-    drive = Drive(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], int(numbers[5]))
-    body = Body(hull, numbers[6], numbers[7])
+    drive, body, ground, room = put_together(parts)
     obstacles = obstacles_near(solids, states[:, :3], present, body.reach_m + 2.0 * drive.most_m)
-    ground, room = SideGrid(sides, frame, first, members), ContactBuffer(hulls, rows, pairs)
     advance(states, present, drive, body, ground, room, obstacles)
-
-
-def taken_apart(drive: Drive, body: Body, ground: SideGrid, room: ContactBuffer) -> tuple[Any, ...]:
-    """Arrays only: handing named tuples to compiled code takes three times as long as a tick."""
-    return (np.array([*drive, body.reach_m, body.gyration2_m2]), body.hull, *ground, *room)
 
 
 @njit
@@ -335,28 +330,16 @@ def _note_velocity(state: Floats, move: Floats, is_held: bool) -> None:
 
 @njit
 def touching(
-    states: Floats,
-    present: npt.NDArray[np.bool_],
-    solids: Floats,
-    numbers: Floats,
-    hull: Floats,
-    sides: Floats,
-    frame: Floats,
-    first: Ints,
-    members: Ints,
-    hulls: Floats,
-    rows: Floats,
-    pairs: Ints,
+    states: Floats, present: npt.NDArray[np.bool_], solids: Floats, parts: Parts
 ) -> npt.NDArray[np.bool_]:
     """(n,) whether each body touches something; arguments as for :func:`step_world`."""
-    body, room = Body(hull, numbers[6], numbers[7]), ContactBuffer(hulls, rows, pairs)
-    ground = SideGrid(sides, frame, first, members)
+    _, body, ground, room = put_together(parts)
     obstacles = obstacles_near(solids, states[:, :3], present, body.reach_m + TOUCH_M)
     count = find_obstacle_contacts(states[:, :3], present, body, TOUCH_M, obstacles, room)
     count = find_contacts(states[:, :3], present, body, TOUCH_M, ground, room, count)
     found = np.zeros(len(states), dtype=np.bool_)
     for c in range(count):
-        for i in pairs[c]:
+        for i in room.pairs[c]:
             if i >= 0:
                 found[i] = True
     return found

@@ -6,10 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.arena.solids import Solid
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import hypot
-from midnet_bench.geometry import lengths, mean_point
+from midnet_bench.geometry import Solid, lengths, mean_point
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

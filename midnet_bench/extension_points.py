@@ -242,10 +242,14 @@ class ExtensionPoint:
             found = type(found.__name__, (), members)
         if not callable(found) or not callable(getattr(found, self.method, None)):
             raise InputError(f"{self.option}: {choice}: expected {self.wanted}")
-        for key in choice.options:
-            known = _options_of(found)
+        known = _options_of(found) if choice.options else {}
+        for key, given in choice.options.items():
             if key not in known:
-                raise InputError(f"{self.option}: {choice}: no option '{key}'{nearest_name(key, known)}")
+                raise InputError(
+                    f"{self.option}: {choice}: no option '{key}'{nearest_name(key, list(known))}"
+                )
+            if choice.place in self.own and isinstance(known[key], int | float) and isinstance(given, str):
+                raise InputError(f"{self.option}: {choice}: {key}: a number is needed (got {given!r})")
         return found
 
 
@@ -270,10 +274,10 @@ def code_in(values: Iterable[Scalar]) -> dict[str, Source]:
     return sources({found["pin"] for found in texts if found is not None and found["mark"] == "#"})
 
 
-def _options_of(found: Any) -> list[str]:
-    """What may be given by name, behind what this package gives by position: parameters with a default."""
+def _options_of(found: Any) -> dict[str, Any]:
+    """What may be given by name, behind what is given by position: each parameter and its default."""
     taken = inspect.signature(found).parameters.values()
-    return [one.name for one in taken if one.default is not one.empty]
+    return {one.name: one.default for one in taken if one.default is not one.empty}
 
 
 def _version(reference: str) -> str:
@@ -299,3 +303,33 @@ def _scalar(text: str) -> Scalar:
         except ValueError:
             continue
     return text
+
+
+DETECTORS = ExtensionPoint(
+    option="detector",
+    entry_points="midnet_bench.detectors",
+    method="detect",
+    own={
+        "midnet": None,
+        "subtraction": "midnet_bench.detectors.map_subtraction:MapSubtraction",
+        "clusters": "midnet_bench.detectors.clusters:CircleClusters",
+        "background": "midnet_bench.detectors.background:RunningMean",
+    },
+)
+"""see ``detectors/detector.py``"""
+
+FUSIONS = ExtensionPoint(
+    option="fusion",
+    entry_points="midnet_bench.fusions",
+    method="fuse",
+    own={
+        "paper": None,
+        "none": "midnet_bench.detectors.alternative_fusions:NoFusion",
+        "suppression": "midnet_bench.detectors.alternative_fusions:NonMaximumSuppression",
+        "components": "midnet_bench.detectors.alternative_fusions:ConnectedComponents",
+        "weighted": "midnet_bench.detectors.alternative_fusions:WeightedBoxes",
+        "centres": "midnet_bench.detectors.alternative_fusions:CentreDistance",
+        "tracks": "midnet_bench.detectors.alternative_fusions:KalmanTracks",
+    },
+)
+"""see ``detectors/fusion.py``"""

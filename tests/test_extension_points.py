@@ -10,10 +10,9 @@ from pathlib import Path
 import pytest
 
 from midnet_bench import plugins
-from midnet_bench.detectors.seams import DETECTORS, FUSIONS
 from midnet_bench.errors import InputError
+from midnet_bench.extension_points import DETECTORS, FUSIONS, PluginError, code_in
 from midnet_bench.plugins import read_module
-from midnet_bench.seams import PluginError, code_in
 
 MINE = """
 class Mine:
@@ -59,11 +58,11 @@ def test_a_file_is_known_by_its_name_and_a_digest_of_its_bytes(mine: Path) -> No
 
 
 def test_an_installed_package_is_known_by_its_version() -> None:
-    pinned = FUSIONS.pinned("midnet_bench.detectors.plain_fusions:NoFusion")
-    assert pinned.startswith("midnet_bench.detectors.plain_fusions:NoFusion")
+    pinned = FUSIONS.pinned("midnet_bench.detectors.alternative_fusions:NoFusion")
+    assert pinned.startswith("midnet_bench.detectors.alternative_fusions:NoFusion")
     assert FUSIONS.make(pinned).fuse([], 0.0).shape == (0, 4)
     with pytest.raises(InputError, match="what is here is"):
-        FUSIONS.pinned("midnet_bench.detectors.plain_fusions:NoFusion@99.9")
+        FUSIONS.pinned("midnet_bench.detectors.alternative_fusions:NoFusion@99.9")
 
 
 HELPED = """
@@ -121,7 +120,7 @@ def test_neighbours_travel_to_other_processes(tmp_path: Path) -> None:
     code = (
         "import pickle, sys\n"
         "from midnet_bench.plugins import take_sources\n"
-        "from midnet_bench.detectors.seams import DETECTORS\n"
+        "from midnet_bench.extension_points import DETECTORS\n"
         "take_sources(pickle.load(sys.stdin.buffer))\n"
         f"print(DETECTORS.make({pinned!r}, None, 2.5).numbers)"
     )
@@ -198,6 +197,7 @@ def test_a_package_whose_entry_points_cannot_be_read_costs_itself_and_a_line(
         ("midnett", "detector: unknown name 'midnett'; did you mean 'midnet'?"),
         ("midnet(thresh_local=3)", "goes by keys"),
         ("midnet#abc", "comes with midnet-bench"),
+        ("clusters(noise_m=0x10)", "noise_m: a number is needed (got '0x10')"),
         ("clusters(noise=1)", "no option 'noise'; did you mean 'noise_m'?"),
         ("clusters(noise_m=nan)", "noise_m: a number is needed"),
         ("clusters(noise_m)", "'noise_m' is no key=value"),

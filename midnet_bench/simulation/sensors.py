@@ -1,4 +1,4 @@
-"""``LidarSensors``: the robots' LiDARs in a simulated world, what their beams meet and their noise.
+"""A robot's sensors in a simulated world: LiDAR, wheel encoders and IMU, and the noise of each.
 
 Walls and stationary intruders are met by the engine's rays. Other robots are discs in the scan plane and
 are intersected here: PyBullet's own ray against a round shape errs by up to 9 mm at its edge, disagrees
@@ -17,13 +17,39 @@ from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, directions, hypot
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.rng import standard_normals, stream
+from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.engine import Beams
-from midnet_bench.simulation.noise import NoiseBlocks
-from midnet_bench.simulation.settings import LidarNoise, LidarSettings
+from midnet_bench.simulation.settings import ImuSettings, LidarNoise, LidarSettings, OdometrySettings
 from midnet_bench.simulation.world import World
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+
+BLOCK = 64
+"""readings that are drawn at once, unless told otherwise"""
+
+
+class NoiseBlocks:
+    """Numbers for the readings of n sensors; the same ones, in the same order, as drawn one by one."""
+
+    def __init__(self, rngs: Sequence[np.random.Generator], width: int, block: int = BLOCK) -> None:
+        """One generator for each sensor, ``width`` standard normal numbers for each reading.
+
+        ``block``: how many readings are drawn at once.
+        """
+        self._rngs = rngs
+        self.normals: npt.NDArray[np.float64] = np.zeros((len(rngs), block, width))
+        """(n, block, width)"""
+        self.used: npt.NDArray[np.int64] = np.full(len(rngs), block, dtype=np.int64)
+        """(n,) how many readings of its block each sensor has taken; compiled code counts it up"""
+        self.refill()
+
+    def refill(self) -> None:
+        """Draw another block for every sensor that has used its own up."""
+        for sensor in np.flatnonzero(self.used == self.normals.shape[1]).tolist():
+            self.normals[sensor] = standard_normals(self._rngs[sensor], self.normals[sensor].shape)
+            self.used[sensor] = 0
+
 
 NOTHING, SOLID = -1, -2
 """What a beam met that was no robot: nothing, a wall or a stationary intruder."""
@@ -313,3 +339,178 @@ class LidarSensors:
 def draw_scale(rng: np.random.Generator) -> float:
     """One sensor's factor of systematic error: the maker's accuracy of 5 % as three standard deviations."""
     return float(np.clip(1.0 + 0.05 / 3.0 * standard_normals(rng, (1,)).item(), 0.95, 1.05))
+
+
+ACCELEROMETER_STDDEV_MPS2, ACCELEROMETER_BIAS_MPS2, ACCELEROMETER_BIAS_STDDEV_MPS2 = 1.7e-2, 0.1, 1e-3
+
+
+class ImuSensors:
+    """The gyroscopes and forward accelerometers of n robots.
+
+    ``gazebo`` takes the noise and bias that the Burger's description states. Gazebo's ROS 1 plugin read
+    another key and published none of it, which is ``none``. A bias may have either sign. Yaw is the true one
+    plus the integral of the gyroscope's errors, as of a filter that has nothing else to go by.
+    """
+
+    def __init__(self, settings: ImuSettings, rngs: Sequence[np.random.Generator]) -> None:
+        """One generator for each robot, which gives its biases first and then its noise."""
+        self._noisy = settings.noise == "gazebo"
+        self._gyro_stddev_radps = settings.gyro_stddev_radps
+        signs = np.array([rng.choice((-1.0, 1.0), size=2) for rng in rngs])
+        draws = np.array([standard_normals(rng, (2,)) for rng in rngs])
+        means = np.array([settings.gyro_bias_radps, ACCELEROMETER_BIAS_MPS2])
+        spreads = np.array([settings.gyro_bias_stddev_radps, ACCELEROMETER_BIAS_STDDEV_MPS2])
+        self._biases = signs * (means + spreads * draws)
+        self._noise = NoiseBlocks(rngs, 2)
+        self._drift_rad = np.zeros(len(rngs))
+        self._linear_mps = np.zeros(len(rngs))
+        self._readings = np.full((len(rngs), 3), np.nan)
+
+    def read(self, rows: Ints, poses: Floats, velocities: Floats, elapsed_s: float) -> Floats:
+        """(n, 3) yaw (rad), yaw rate (rad/s), forward acceleration (m/s2): new in ``rows``, else the last.
+
+        Given the truth now, ``elapsed_s`` after the last reading: (n, 3) poses, (n, 2) forward speeds and yaw
+        rates. Robots are taken to have stood still before their first reading. The acceleration is the mean
+        over the time elapsed; no filter here reads it.
+        """
+        used_up = read_imus(
+            rows,
+            poses,
+            velocities,
+            elapsed_s,
+            self._noisy,
+            self._gyro_stddev_radps,
+            self._biases,
+            self._noise.normals,
+            self._noise.used,
+            self._drift_rad,
+            self._linear_mps,
+            self._readings,
+        )
+        if used_up:
+            self._noise.refill()
+        return self._readings
+
+
+@njit
+def read_imus(
+    rows: Ints,
+    poses: Floats,
+    velocities: Floats,
+    elapsed_s: float,
+    noisy: bool,
+    gyro_stddev_radps: float,
+    biases: Floats,
+    normals: Floats,
+    used: Ints,
+    drift_rad: Floats,
+    linear_mps: Floats,
+    readings: Floats,
+) -> bool:
+    """Put the readings of ``rows`` into ``readings``; whether some robot's noise is used up now."""
+    used_up = False
+    for row in rows:
+        acceleration = (velocities[row, 0] - linear_mps[row]) / elapsed_s
+        linear_mps[row] = velocities[row, 0]
+        readings[row, 0], readings[row, 1], readings[row, 2] = poses[row, 2], velocities[row, 1], acceleration
+        if not noisy:
+            continue
+        gyro, accelerometer = normals[row, used[row]]
+        used[row] += 1
+        used_up = used_up or used[row] == normals.shape[1]
+        rate_error = biases[row, 0] + gyro_stddev_radps * gyro
+        drift_rad[row] += rate_error * elapsed_s
+        readings[row, 0] = (poses[row, 2] + drift_rad[row] + math.pi) % (2.0 * math.pi) - math.pi
+        readings[row, 1] += rate_error
+        readings[row, 2] += biases[row, 1] + ACCELEROMETER_STDDEV_MPS2 * accelerometer
+    return used_up
+
+
+TICK_RAD = 2.0 * math.pi / 4096
+"""The least turn of a wheel that its encoder tells apart."""
+
+
+class EncoderOdometers:
+    """Dead reckoning of n robots from their wheels' angles."""
+
+    def __init__(
+        self,
+        starts: Floats,
+        wheel_angles_rad: Floats,
+        settings: OdometrySettings,
+        rngs: Sequence[np.random.Generator],
+        robot: RobotModel,
+    ) -> None:
+        """Start at known (n, 3) poses, so that the odometry frames are the map frame; draw the errors.
+
+        ``wheel_angles_rad``: (n, 2) left and right, as ``World.wheel_angles`` gives them.
+        """
+        self.poses: Floats = np.array(starts, dtype=np.float64)
+        """(n, 3) x, y, yaw by dead reckoning, in each robot's odometry frame"""
+        self._ticks = np.floor(wheel_angles_rad / TICK_RAD)
+        self._slip = settings.slip_m_per_sqrt_m
+        draws = np.array([standard_normals(rng, (3,)) for rng in rngs])  # two wheels, then the track
+        self._tick_m = TICK_RAD * robot.wheel_radius_m
+        self._scales = 1.0 + settings.radius_error * draws[:, :2]
+        self._separation_m = robot.wheel_separation_m * (1.0 + settings.separation_error * draws[:, 2])
+        self._noise = NoiseBlocks(rngs, 2)
+        self._velocities = np.zeros((len(starts), 2))
+
+    def update(self, rows: Ints, wheel_angles_rad: Floats, elapsed_s: float) -> Floats:
+        """(n, 2) mean forward speed (m/s) and yaw rate (rad/s) over ``elapsed_s``, new in ``rows``.
+
+        The poses of ``rows`` move along the heading half-way through the turn (midpoint rule).
+        """
+        used_up = reckon(
+            rows,
+            wheel_angles_rad,
+            elapsed_s,
+            self._tick_m,
+            self._scales,
+            self._separation_m,
+            self._slip,
+            self._noise.normals,
+            self._noise.used,
+            self._ticks,
+            self.poses,
+            self._velocities,
+        )
+        if used_up:
+            self._noise.refill()
+        return self._velocities
+
+
+@njit
+def reckon(
+    rows: Ints,
+    wheel_angles_rad: Floats,
+    elapsed_s: float,
+    tick_m: float,
+    scales: Floats,
+    separation_m: Floats,
+    slip_m_per_sqrt_m: float,
+    normals: Floats,
+    used: Ints,
+    ticks: Floats,
+    poses: Floats,
+    velocities: Floats,
+) -> bool:
+    """Move the odometry of ``rows`` on; whether some robot's noise is used up now."""
+    used_up = False
+    travel = np.empty(2)
+    for row in rows:
+        for wheel in range(2):
+            now = math.floor(wheel_angles_rad[row, wheel] / TICK_RAD)
+            way = (now - ticks[row, wheel]) * tick_m * scales[row, wheel]
+            ticks[row, wheel] = now
+            travel[wheel] = way + slip_m_per_sqrt_m * math.sqrt(abs(way)) * normals[row, used[row], wheel]
+        used[row] += 1
+        used_up = used_up or used[row] == normals.shape[1]
+        forward, turn = (travel[0] + travel[1]) / 2.0, (travel[1] - travel[0]) / separation_m[row]
+        heading = poses[row, 2] + turn / 2.0
+        c, s = cos_sin(heading)
+        poses[row, 0] += forward * c
+        poses[row, 1] += forward * s
+        poses[row, 2] = (poses[row, 2] + turn + math.pi) % (2.0 * math.pi) - math.pi
+        velocities[row, 0], velocities[row, 1] = forward / elapsed_s, turn / elapsed_s
+    return used_up

@@ -1,0 +1,175 @@
+"""The fusions to compare Algorithms 3 and 4 with."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from midnet_bench.detectors.fusion import all_of, ious, pair_ious
+from midnet_bench.detectors.tracking import Tracker
+from midnet_bench.geometry import lengths, mean_point
+from midnet_bench.midnet.detection import BoxArray
+
+
+class NoFusion:
+    """Every robot's boxes as they are."""
+
+    def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
+        """All of ``found``, whatever the time is."""
+        return all_of(found)
+
+
+class NonMaximumSuppression:
+    """The largest box stays and takes out all that overlap it by ``iou`` or more; then the next largest.
+
+    Boxes have no score here, so size stands for it: a robot that sees more of an intruder has the larger box.
+    """
+
+    def __init__(self, iou: float = 0.1) -> None:
+        self._iou = iou
+
+    def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
+        """The boxes that nothing larger takes out, whatever the time is."""
+        boxes = all_of(found)
+        overlap = ious(boxes, boxes) >= self._iou
+        kept: list[int] = []
+        for i in range(len(boxes)):
+            if not overlap[i, kept].any():
+                kept.append(i)
+        return boxes[kept]
+
+
+class ConnectedComponents:
+    """Boxes that overlap by ``iou`` or more, directly or by others between them, become one around all.
+
+    ``gap_m``: so do boxes with no more than this between their sides, such as two legs; 0: only by ``iou``.
+    A k-d tree finds those that can overlap, so that time grows with the team and not with its square.
+    """
+
+    def __init__(self, iou: float = 0.1, gap_m: float = 0.0) -> None:
+        self._iou, self._gap_m = iou, gap_m
+
+    def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
+        """One box for each component, whatever the time is."""
+        boxes = all_of(found)
+        if not len(boxes):
+            return boxes
+        one, other = self._pairs(boxes).T
+        graph = coo_matrix((np.ones(len(one)), (one, other)), shape=(len(boxes), len(boxes)))
+        _, labels = connected_components(graph, directed=False)
+        order = np.argsort(labels, kind="stable")
+        first = np.flatnonzero(np.diff(labels[order], prepend=-1))
+        low, high = boxes[order, :2], boxes[order, 2:]
+        return np.hstack((np.minimum.reduceat(low, first), np.maximum.reduceat(high, first)))
+
+    def _pairs(self, boxes: BoxArray) -> npt.NDArray[np.int64]:
+        """(n, 2) indices of the boxes that overlap enough, or lie near enough."""
+        # two boxes with a common area have centres nearer than the longest side, along each axis
+        reach_m = float((boxes[:, 2:] - boxes[:, :2]).max()) + self._gap_m
+        tree = KDTree(_centres(boxes))
+        near = tree.query_pairs(reach_m, p=np.inf, output_type="ndarray")
+        some, others = boxes[near[:, 0]], boxes[near[:, 1]]
+        are_one = pair_ious(some, others) >= self._iou
+        if self._gap_m > 0.0:
+            gaps_m = np.maximum(some[:, :2], others[:, :2]) - np.minimum(some[:, 2:], others[:, 2:])
+            are_one |= lengths(np.maximum(gaps_m, 0.0)) <= self._gap_m
+        return near[are_one]
+
+
+class WeightedBoxes:
+    """Each box, largest first, joins the mean that it overlaps most, by ``iou`` or more; or begins one.
+
+    As in Solovyev, Wang and Gabruseva, "Weighted boxes fusion: Ensembling boxes from different object
+    detection models", Image and Vision Computing 107 (2021). Boxes have no score here: each weighs the same.
+    """
+
+    def __init__(self, iou: float = 0.1) -> None:
+        self._iou = iou
+
+    def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
+        """The means, whatever the time is."""
+        members: list[list[BoxArray]] = []
+        means = np.empty((0, 4))
+        for box in all_of(found):
+            overlap = ious(box[None], means)[0]
+            if len(overlap) and overlap.max() >= self._iou:
+                best = int(overlap.argmax())
+                members[best].append(box)
+                means[best] = mean_point(np.array(members[best]))
+            else:
+                members.append([box])
+                means = np.concatenate((means, box[None]))
+        return means
+
+
+class CentreDistance:
+    """Robot after robot: pairs within ``gap_m`` that are nearest in sum become their mean, the rest stays.
+
+    Pairs by the Hungarian method. The order of the robots matters here.
+    """
+
+    def __init__(self, gap_m: float = 0.3) -> None:
+        self._gap_m = gap_m
+
+    def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
+        """One box for each thing, whatever the time is."""
+        team, weights = np.empty((0, 4)), np.empty(0)
+        for own in found:
+            gaps = lengths(_centres(team)[:, None] - _centres(own)[None])
+            # a pair within reach is worth more than all distances together, so most pairs come first
+            worth = np.where(gaps <= self._gap_m, self._gap_m * (1 + min(gaps.shape)) - gaps, 0.0)
+            rows, columns = linear_sum_assignment(worth, maximize=True)
+            near = worth[rows, columns] > 0.0
+            rows, columns = rows[near], columns[near]
+            share = weights[rows, None]
+            team[rows] = (team[rows] * share + own[columns]) / (share + 1.0)
+            weights[rows] += 1.0
+            alone = np.setdiff1d(np.arange(len(own)), columns)
+            team = np.concatenate((team, own[alone]))
+            weights = np.concatenate((weights, np.ones(len(alone))))
+        return team
+
+
+def _centres(boxes: BoxArray) -> BoxArray:
+    return (boxes[:, :2] + boxes[:, 2:]) / 2.0
+
+
+@dataclass
+class _Seen:
+    box: BoxArray
+    """(4,) the last one"""
+    seen_s: float
+    times: int = 1
+
+
+class KalmanTracks:
+    """Connected components, followed from frame to frame by constant velocity (``detectors/tracking.py``).
+
+    A track is reported from its ``hits``-th box on, and ends ``keep_s`` after its last one. A box that is
+    reported without being seen stays where it was last.
+    """
+
+    def __init__(self, hits: int = 3, keep_s: float = 0.5, iou: float = 0.1) -> None:
+        self._hits, self._keep_s = hits, keep_s
+        self._components = ConnectedComponents(iou)
+        self._tracker = Tracker()
+        self._seen: dict[int, _Seen] = {}
+
+    def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
+        """The boxes of the tracks that are reported."""
+        boxes = self._components.fuse(found, time_s)
+        centres = [tuple(centre) for centre in _centres(boxes).tolist()]
+        for number, box in zip(self._tracker.update(centres, time_s), boxes, strict=True):
+            times = self._seen[number].times + 1 if number in self._seen else 1
+            self._seen[number] = _Seen(box, time_s, times)
+        for number, seen in list(self._seen.items()):
+            if time_s - seen.seen_s > self._keep_s + 1e-9:
+                self._tracker.drop(number)
+                del self._seen[number]
+        told = [seen.box for seen in self._seen.values() if seen.times >= self._hits]
+        return np.array(told, dtype=np.float64).reshape(-1, 4)

@@ -1,0 +1,169 @@
+"""``replay --bag``: what a replay found as topics of a bag, to be looked at beside the recording."""
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import reduce
+from pathlib import Path
+from typing import NamedTuple
+
+from midnet_bench.detectors.detector_node import DetectorNode
+from midnet_bench.detectors.tracking import Tracker
+from midnet_bench.drawing.palette import EXPLORERS
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Box, Pose2D, Scan
+from midnet_bench.recording.files import ros_messages as ros
+from midnet_bench.recording.files.frame_topics import write_frame
+from midnet_bench.recording.files.layout import write_layout
+from midnet_bench.recording.files.readings import NO_MOTION, NS
+from midnet_bench.recording.files.ros_messages import MAP, Marked, ros_name
+from midnet_bench.recording.files.writer import BagWriter, bag_writer, format_of
+from midnet_bench.recording.inputs import Note, ReplayInputs
+from midnet_bench.recording.plan import Link
+from midnet_bench.recording.replay import ReplayFrame
+
+ORIGIN = Pose2D(0.0, 0.0, 0.0)
+TOPICS = "/replay"
+"""what all topics are below: a recording beside it has none of these names"""
+
+
+FORGET_S = 1.0
+"""a track without a box for so long has ended"""
+
+
+class _Tracks:
+    """Boxes of one detector with the numbers of their tracks (``detectors/tracking.py``)."""
+
+    def __init__(self) -> None:
+        self._tracker, self._seen_s = Tracker(), dict[int, float]()
+
+    def marked(self, boxes: Sequence[Box], time_s: float) -> list[Marked]:
+        for number, seen_s in list(self._seen_s.items()):
+            if time_s - seen_s > FORGET_S:
+                self._tracker.drop(number)
+                del self._seen_s[number]
+        numbers = self._tracker.update([box.center for box in boxes], time_s)
+        self._seen_s |= dict.fromkeys(numbers, time_s)
+        return [
+            Marked(box, f"track_{number}", EXPLORERS[number % len(EXPLORERS)], str(number))
+            for number, box in zip(numbers, boxes, strict=True)
+        ]
+
+
+class Anchors(NamedTuple):
+    """How a recording's own frames hang on the map, where its transforms do not lead there themselves."""
+
+    fixed: list[tuple[str, str, Pose2D]]
+    """the map, a topmost frame, and its place"""
+    carried: dict[int, tuple[str, Pose2D]]
+    """robot -> the topmost frame, which moves with its laser, and the laser's pose in it"""
+
+
+class ReplayBag:
+    """Writes the frames of a replay: record times and stamps are those of the scans that made them."""
+
+    def __init__(
+        self,
+        bag: BagWriter,
+        inputs: ReplayInputs,
+        nodes: Mapping[str, DetectorNode],
+        anchors: Anchors,
+    ) -> None:
+        """Of a replay that has not begun, by the detectors ``nodes`` of its presets."""
+        self._bag, self._inputs, self._nodes, self._anchors = bag, inputs, nodes, anchors
+        self._names = [ros_name(robot.name) for robot in inputs.robots]
+        self._tracks = {preset: _Tracks() for preset in nodes}
+        self._last: dict[int, Scan] = {}
+        self._record_ns = 0
+
+    def write(self, frame: ReplayFrame) -> None:
+        """A frame: the scans that are new, where their robots were, and each preset's boxes."""
+        bag, is_first = self._bag, not self._record_ns
+        self._record_ns = record_ns = max(self._record_ns, frame.record_ns, 1)
+        if is_first:
+            placed = [
+                (f"replay/{name}", f"replay/{name}/laser", robot.mount)
+                for name, robot in zip(self._names, self._inputs.robots, strict=True)
+            ]
+            placed += self._anchors.fixed
+            bag.write("/tf_static", record_ns, ros.transforms(frame.time_ns, placed), is_kept=True)
+            prior_map = ros.occupancy_grid(frame.time_ns, self._inputs.prior_map)
+            bag.write(f"{TOPICS}/map", record_ns, prior_map, is_kept=True)
+        for one in frame.observed:
+            if one.scan is not None and one.scan is not self._last.get(one.robot):
+                self._last[one.robot] = one.scan
+                self._write_scan(one.robot, one.scan)
+        names = [self._names[one.robot] for one in frame.observed]
+        for preset, made in frame.outputs.items():
+            node, boxes = self._nodes[preset], made.frame
+            if node.is_the_papers:
+                said = node.midnet.update(made.observations, explain=True, allies=frame.fresh_allies)
+                boxes = replace(boxes, explanation=said.explanation)
+            topic = f"{TOPICS}/{preset}"
+            write_frame(bag, record_ns, frame.time_ns, boxes, names, team=topic, each=topic)
+            tracks = self._tracks[preset].marked(boxes.detections, frame.time_ns / NS)
+            bag.write(f"{topic}/tracks", record_ns, ros.markers(frame.time_ns, tracks))
+
+    def _write_scan(self, robot: int, scan: Scan) -> None:
+        bag, record_ns, stamp_ns, name = (
+            self._bag,
+            self._record_ns,
+            round(scan.stamp_s * NS),
+            self._names[robot],
+        )
+        placed = [(MAP, f"replay/{name}", scan.pose)]
+        if robot in self._anchors.carried:
+            frame, laser = self._anchors.carried[robot]
+            sensor = scan.pose.compose(self._inputs.robots[robot].mount)
+            placed.append((MAP, frame, sensor.compose(laser.inverse())))
+        bag.write("/tf", record_ns, ros.transforms(stamp_ns, placed))
+        message = ros.laser_scan(f"replay/{name}/laser", stamp_ns, scan.ranges_m, scan.lidar, 0.0)
+        bag.write(f"{TOPICS}/{name}/scan", record_ns, message)
+
+
+def anchors_of(inputs: ReplayInputs, note: Note) -> Anchors:
+    """Where poses are in the topmost frame, it is fixed on the map; where no frame moves, all are carried.
+
+    Else nothing places the recording's own frames, and ``note`` says so.
+    """
+    found, known = Anchors([], {}), {MAP, ""}
+    for number, robot in enumerate(inputs.robots):
+        survey = inputs.surveys[robot.source]
+        chain = survey.chain(survey.streams[robot.scan_topic].scans[0].frame)
+        top, pairs = chain[-1], [(frame, child) for child, frame in itertools.pairwise(chain)]
+        moving = next((link for link in robot.pose.links if isinstance(link, Link)), None)
+        if top in known:
+            continue
+        if moving is not None and moving.seen(inputs.surveys)[0].frame == top:
+            before = robot.pose.links[: robot.pose.links.index(moving)]
+            steps = [link for link in before if isinstance(link, Pose2D)]
+            found.fixed.append((MAP, top, reduce(Pose2D.compose, steps, ORIGIN)))
+        elif all(survey.is_fixed(*pair) for pair in pairs):
+            whole = reduce(lambda below, pair: survey.fixed(*pair).then(below), pairs, NO_MOTION)
+            found.carried[number] = top, Pose2D(whole.x, whole.y, whole.yaw)
+        else:
+            note(f"--bag: the recording's own frames, below '{top}', are not placed on the map")
+        known.add(top)
+    return found
+
+
+def check_place(path: Path, files: Sequence[Path]) -> None:
+    """Raises InputError: a bag's name does not say its format, or it is one of the recordings."""
+    format_of(path)
+    if path.resolve() in [file.resolve() for file in files]:
+        raise InputError(f"--bag {path}: is the recording itself; give another name")
+
+
+@contextmanager
+def replay_bag(
+    path: Path, inputs: ReplayInputs, nodes: Mapping[str, DetectorNode], note: Note
+) -> Iterator[ReplayBag]:
+    """Writes ``path``, and a layout for Foxglove beside it; they are there in full after the block.
+
+    Raises InputError: the place cannot be written.
+    """
+    with bag_writer(path, format_of(path)) as bag:
+        yield ReplayBag(bag, inputs, nodes, anchors_of(inputs, note))
+        kinds = bag.kinds
+    write_layout(path, kinds, Box(*inputs.prior_map.extent))

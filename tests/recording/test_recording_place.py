@@ -1,0 +1,176 @@
+"""Poses by odometry placed on a map, the correction that a check prints, and maps with a turned origin."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import LidarGeometry, Pose2D
+from midnet_bench.grid import OccupancyGrid
+from midnet_bench.io.map_server import load_map, save_map
+from midnet_bench.recording.files.readings import NS
+from midnet_bench.recording.fitting.fit import Sample, Walls, fit_of
+from midnet_bench.recording.fitting.setup_check import find_setup, start_of
+from midnet_bench.recording.poses import PoseTrack
+from tests.cli.command import midnet_bench, one_line_of_complaint
+from tests.recording import recordings as made
+from tests.recording.recorded_drives import rectangle, room
+from tests.recording.recordings import Drive, apart_m, replayed
+
+DRIVE = Drive(seconds=8.0, movers={"red": made.on_the_way(6.0)})
+ODOM_IN_MAP = Pose2D(6.0, -9.0, 2.5)
+"""no search about the poses' own place finds that"""
+UNTIL_APART_M = 0.15
+"""of boxes by true poses: three cells"""
+
+
+def by_odometry(drive, kind):
+    """What a robot records that has odometry alone, by tf or on a topic."""
+    placed = replace(drive, pose=lambda time_s: ODOM_IN_MAP.inverse().compose(drive.track(time_s)))
+    if kind == "topic":
+        return made.pose_messages(placed, "odometry", "/odom")
+    return [
+        said
+        for said in made.tf_messages(placed)
+        if said.topic == "/tf_static" or said.message.fields["transforms"][0]["header"]["frame_id"] != "map"
+    ]
+
+
+@pytest.fixture(scope="module")
+def truly_placed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("true")
+    keys = {
+        "map": str(made.write_map(folder)),
+        "truth": str(made.write_labels(folder / "truth.csv", DRIVE.labels())),
+    }
+    bag = made.write_bag(folder, [*made.scan_messages(DRIVE), *made.pose_messages(DRIVE)])
+    mount = [DRIVE.mount.x, DRIVE.mount.y, math.degrees(DRIVE.mount.yaw)]
+    return {**keys, "mount": mount}, replayed(bag, folder, **keys, mount=mount)
+
+
+@pytest.mark.parametrize("kind", ["tf", "topic"])
+@pytest.mark.parametrize("start", ["found", "about"])
+def test_odometry_is_placed(tmp_path, truly_placed, kind, start):
+    keys, true = truly_placed
+    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *by_odometry(DRIVE, kind)])
+    begin = DRIVE.track(0.5)
+    about = [begin.x + 0.2, begin.y - 0.15, math.degrees(begin.yaw) + 6.0]
+    placed = replayed(bag, tmp_path, **keys, start="found" if start == "found" else about)
+    (line,) = [one for one in placed.notes if "began at" in one]
+    said = yaml.safe_load(line.split("start: ")[1].split(" on ")[0])
+    assert said == pytest.approx([begin.x, begin.y, math.degrees(begin.yaw)], abs=1.0)
+    assert math.dist(said[:2], begin[:2]) < 0.05
+    assert placed.score()["recall"] == true.score()["recall"] == 1.0
+    assert apart_m(placed, true) < UNTIL_APART_M
+
+
+def test_without_a_place_the_refusal_names_the_options(tmp_path, truly_placed):
+    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *by_odometry(DRIVE, "tf")])
+    said = one_line_of_complaint(
+        midnet_bench("replay", bag, "--map", truly_placed[0]["map"], folder=tmp_path)
+    )
+    assert "--place found" in said
+    assert "--start" in said
+    arguments = ("replay", bag, "--map", truly_placed[0]["map"], "--preset", "real")
+    for option in (("--place", "found"), ("--start", "2.9,3.1,0")):
+        done = midnet_bench(*arguments, *option, folder=tmp_path)
+        assert "began at start: [" in done.stderr
+    both = midnet_bench(*arguments, "--place", "found", "--start", "0,0,0", folder=tmp_path)
+    assert "--place" in one_line_of_complaint(both)
+    assert "--start 1,2" in one_line_of_complaint(midnet_bench(*arguments, "--start", "1,2", folder=tmp_path))
+
+
+def test_the_map_of_another_place_is_refused(tmp_path):
+    rows, columns = np.ogrid[:240, :240]
+    hall = np.abs(np.hypot(rows - 120, columns - 120) - 100.0) < 1.0
+    grid = OccupancyGrid(np.where(hall, 100, 0).astype(np.int8), 0.05, (-2.0, -3.0))
+    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *by_odometry(DRIVE, "tf")])
+    with pytest.raises(InputError, match=r"start: robot: no place .*--map"):
+        replayed(bag, tmp_path, map=str(made.write_map(tmp_path, grid)), start="found")
+
+
+def test_a_place_on_a_background_is_refused(tmp_path):
+    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *by_odometry(DRIVE, "tf")])
+    with pytest.raises(InputError, match=r"start: .*--map"):
+        replayed(bag, tmp_path, background="first-2", start="found")
+
+
+def hall_of(side_m):
+    """The walls of a hall with a pillar near a corner, where the robot drives."""
+    return np.array(rectangle(0.0, 0.0, side_m, 0.8 * side_m) + rectangle(2.9, 1.9, 3.3, 2.2))
+
+
+def grid_of(walls, cell_m=0.05):
+    size = np.ceil((walls.max() + 2.0) / cell_m).astype(int)
+    data = np.zeros((size, size), np.int8)
+    for x0, y0, x1, y1 in walls:
+        along = np.linspace(0.0, 1.0, 2 * size)
+        cells = [(((a + along * (b - a)) + 1.0) / cell_m).astype(int) for a, b in ((x0, x1), (y0, y1))]
+        data[cells[1], cells[0]] = 100
+    return OccupancyGrid(data, cell_m, (-1.0, -1.0))
+
+
+def sample_at(number, pose, ranges_m, lidar):
+    track = PoseTrack()
+    track.add(number * NS, pose)
+    return Sample(number * NS, ranges_m, lidar, track)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    side_m=st.floats(5.0, 100.0),
+    x=st.floats(-1.5, 1.5),
+    y=st.floats(-1.5, 1.5),
+    degrees=st.floats(-12.0, 12.0),
+)
+def test_the_printed_correction_never_lowers_the_share(side_m, x, y, degrees):
+    walls = hall_of(side_m)
+    grid, lidar = grid_of(walls), LidarGeometry(180, -math.pi, math.tau / 180, 0.1, 6.0, Pose2D(0, 0, 0))
+    off, samples = Pose2D(x, y, math.radians(degrees)), []
+    for number in range(12):
+        pose = Pose2D(1.0 + 0.2 * number, 1.0 + 0.1 * math.sin(number), 0.3 * number)
+        ranges_m = made.cast(pose, lidar.angles_rad, [], walls)
+        ranges_m = np.where(ranges_m > lidar.range_max_m, np.inf, ranges_m)
+        samples.append(sample_at(number, off.compose(pose), ranges_m, lidar))
+    found = find_setup(samples, grid)
+    if "map" not in found.kinds:
+        return
+    x, y, yaw_deg = start_of(found)
+    moved = Pose2D(x, y, math.radians(yaw_deg)).compose(samples[0].pose.inverse())
+    mount = found.setup.mount if {"mount", "turn"} & set(found.kinds) else Pose2D(0, 0, 0)
+    lidar = LidarGeometry(180, -math.pi, math.tau / 180, 0.1, 6.0, mount)
+    after = [
+        sample_at(number, moved.compose(one.pose), one.ranges_m, lidar) for number, one in enumerate(samples)
+    ]
+    before, now = (fit_of(each, Walls(grid)).total.on_walls for each in (samples, after))
+    assert now >= before
+    assert now >= found.share_after - 0.02
+
+
+@pytest.mark.parametrize("degrees", [0.5, 30.0, 90.0, -170.0])
+def test_a_map_s_yaw_is_read(tmp_path, degrees):
+    grid = room()
+    save_map(grid, tmp_path / "map.yaml")
+    words = yaml.safe_load((tmp_path / "map.yaml").read_text())
+    words["origin"][2] = math.radians(degrees)
+    (tmp_path / "map.yaml").write_text(yaml.safe_dump(words))
+    turned = load_map(tmp_path / "map.yaml")
+    turn = Pose2D(*grid.origin, math.radians(degrees))
+    rows, columns = np.nonzero(grid.data == 100)
+    centres = turn.transform(np.stack((columns + 0.5, rows + 0.5), axis=1) * grid.resolution)
+    walls = Walls(turned)
+    assert walls.distances(centres).max() <= 1.5 * grid.resolution
+    found = np.argwhere(turned.data == 100)[:, ::-1] + 0.5
+    back = turn.inverse().transform(np.array(turned.origin) + found * grid.resolution)
+    row, column = (np.floor(back / grid.resolution).astype(int)).T[::-1]
+    assert (grid.data[row, column] == 100).all()
+    # a wall stays whole: as many pieces as before, of 8-connected cells
+    import cv2
+
+    pieces = [cv2.connectedComponents((one.data == 100).astype(np.uint8))[0] for one in (grid, turned)]
+    assert pieces[0] == pieces[1]

@@ -1,0 +1,148 @@
+"""``replay --bag``: what a replay found, read again by rosbags, beside the recording that it is of."""
+
+import math
+from collections import Counter, defaultdict
+from pathlib import Path
+
+import pytest
+
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
+from midnet_bench.recording.setup import RecordingSetup
+from midnet_bench.workflows.export import export_trial
+from midnet_bench.workflows.replay import replay
+from tests.cli.command import midnet_bench, one_line_of_complaint, rows
+from tests.recording import recordings as made
+from tests.recording.recordings import Drive
+from tests.recording.test_export import Said, read, stamp_of, transform_of
+
+DRIVE = Drive(seconds=2.0, lidar=made.lidar_of(90), movers={"red": made.on_the_way(6.0)})
+MOUNT = [0.1, 0.02, math.degrees(0.05)]
+NS = 1_000_000_000
+
+
+def written(recording: Path, bag: Path, **keys: object) -> tuple[list[Said], list[dict[str, str]]]:
+    """All messages of the bag, and the rows of boxes.csv."""
+    setup = RecordingSetup().changed({"preset": "real", "map": "/map", **keys})
+    out = bag.parent / "out"
+    replay([recording], setup, lambda line: None, lambda share: None, output=out, bag=bag)
+    return list(read(bag)), rows(out / "boxes.csv")
+
+
+def boxes_of(message: object) -> list[tuple[float, ...]]:
+    _, *cubes = message.markers  # type: ignore[attr-defined]
+    found = []
+    for cube in cubes:
+        (x, y), (wide, high) = (cube.pose.position.x, cube.pose.position.y), (cube.scale.x, cube.scale.y)
+        found.append((x - wide / 2.0, y - high / 2.0, x + wide / 2.0, y + high / 2.0))
+    return found
+
+
+@pytest.mark.parametrize("name", ["out.mcap", "out.bag", "out"])
+def test_boxes_of_a_trial_go_round(name: str, tmp_path: Path) -> None:
+    trial = tmp_path / "trial.mcap"
+    export_trial("detection", {"robots": 3, "frames": 10, "engine": "fast"}, 3, trial)
+    done = midnet_bench("replay", trial, "--bag", tmp_path / name, "-o", "out_", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    scores = rows(tmp_path / "out_" / "recording_scores.csv")
+    assert int(scores[0]["labelled"]) == 10  # its truth is its own
+    own = [boxes_of(one.message) for one in read(trial) if one.topic == "/midnet/detections"]
+    said = list(read(tmp_path / name))
+    again = [one for one in said if one.topic == "/replay/paper/detections"]
+    assert [boxes_of(one.message) for one in again] == own
+    assert [one.stamp_ns for one in again] == [k * NS // 5 for k in range(1, 11)]
+    listed = [one.message for one in said if one.topic == "/replay/paper/detections_2d"]
+    assert [len(one.detections) for one in listed] == [len(boxes) for boxes in own]
+    assert sum(one.topic == "/replay/guard_2/scan" for one in said) == 10
+    assert sum(one.topic == "/replay/paper/guard_2/foreground" for one in said) == 10
+    assert (tmp_path / "out.foxglove.json").exists()
+
+
+def test_record_times_and_stamps_are_those_of_the_scans(tmp_path: Path) -> None:
+    scans = made.scan_messages(DRIVE, lag_s=0.4)
+    poses = [one._replace(record_ns=one.record_ns + 400_000_000) for one in made.pose_messages(DRIVE)]
+    recording = made.write_bag(tmp_path, [made.map_message(), *scans, *poses])
+    said, boxes = written(recording, tmp_path / "out.mcap", pose="/pose", mount=MOUNT)
+    heard = [one for one in said if one.topic == "/replay/robot/scan"]
+    assert {(one.stamp_ns, one.stamp_ns - stamp_of(one.message.header)) for one in heard} <= {
+        (one.record_ns, 400_000_000) for one in scans
+    }
+    by_frame = defaultdict(list)
+    for row in boxes:
+        sides = tuple(float(row[side]) for side in ("x_min_m", "y_min_m", "x_max_m", "y_max_m"))
+        by_frame[int(row["frame"])].append(sides)
+    frames = [one for one in said if one.topic == "/replay/real/detections"]
+    assert len(frames) == len(heard)
+    assert sum(map(len, by_frame.values())) > 5
+    for number, one in enumerate(frames):
+        for found, box in zip(boxes_of(one.message), by_frame[number], strict=True):
+            assert found == pytest.approx(box, abs=1e-4)
+
+
+def test_who_walks_through_keeps_the_number_of_a_track(tmp_path: Path) -> None:
+    messages = [made.map_message(), *made.scan_messages(DRIVE), *made.pose_messages(DRIVE)]
+    said, _ = written(made.write_bag(tmp_path, messages), tmp_path / "out.mcap", pose="/pose", mount=MOUNT)
+    frames = [one.message.markers[1:] for one in said if one.topic == "/replay/real/tracks"]
+    cubes = [[one for one in frame if one.type == one.CUBE] for frame in frames]
+    seen = Counter(one.ns for frame in cubes for one in frame)
+    assert sum(map(len, cubes)) > 10
+    assert seen.most_common(1)[0][1] > 0.8 * len([frame for frame in cubes if frame])
+    assert {one.text for frame in frames for one in frame if one.type == one.TEXT_VIEW_FACING} == {
+        name.removeprefix("track_") for name in seen
+    }
+
+
+@pytest.mark.parametrize("has_tf", [True, False])
+def test_the_recordings_own_frames_hang_on_the_map(has_tf: bool, tmp_path: Path) -> None:
+    fixed = [made.Said("/tf_static", made.ns_of(0.0), made.mount_message(DRIVE), True)] if has_tf else []
+    messages = [made.map_message(), *fixed, *made.scan_messages(DRIVE), *made.pose_messages(DRIVE)]
+    recording = made.write_bag(tmp_path, messages)
+    said, _ = written(recording, tmp_path / "out.mcap", pose="/pose", mount=MOUNT)
+    placed = 0
+    for one in said:
+        if one.topic != "/tf":
+            continue
+        robot, top = one.message.transforms
+        assert robot.child_frame_id == "replay/robot"
+        assert top.child_frame_id == ("base_link" if has_tf else "laser")
+        below = Pose2D(0.0, 0.0, 0.0) if has_tf else Pose2D(MOUNT[0], MOUNT[1], math.radians(MOUNT[2]))
+        apart = transform_of(robot.transform).compose(below).relative_to(transform_of(top.transform))
+        assert (apart.x, apart.y, math.sin(apart.yaw)) == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+        placed += 1
+    assert placed > 5
+
+
+def test_a_recording_that_leads_to_the_map_has_its_own_transforms(tmp_path: Path) -> None:
+    messages = [made.map_message(), *made.scan_messages(DRIVE), *made.tf_messages(DRIVE)]
+    said, _ = written(made.write_bag(tmp_path, messages), tmp_path / "out.mcap", pose="tf")
+    assert all(len(one.message.transforms) == 1 for one in said if one.topic == "/tf")
+
+
+def test_a_placed_odometry_hangs_on_the_map_where_it_was_placed(tmp_path: Path) -> None:
+    moving = made.tf_messages(DRIVE)
+    odometry = [one for one in moving if "'map'" not in repr(one.message)]
+    assert 0 < len(odometry) < len(moving)
+    recording = made.write_bag(tmp_path, [made.map_message(), *made.scan_messages(DRIVE), *odometry])
+    begins = next(iter(DRIVE.poses()))[1]
+    start = [begins.x, begins.y, math.degrees(begins.yaw)]
+    said, _ = written(recording, tmp_path / "out.mcap", pose="tf", start=start)
+    fixed = next(one.message.transforms for one in said if one.topic == "/tf_static")
+    (odom,) = (one for one in fixed if one.child_frame_id == "odom")
+    assert odom.header.frame_id == "map"
+    apart = made.map_to_odom(1.0).relative_to(transform_of(odom.transform))
+    assert math.hypot(apart.x, apart.y) < 0.1
+    assert all(len(one.message.transforms) == 1 for one in said if one.topic == "/tf")
+
+
+def test_places_that_cannot_be_written(tmp_path: Path) -> None:
+    messages = [made.map_message(), *made.scan_messages(DRIVE), *made.pose_messages(DRIVE)]
+    recording = made.write_bag(tmp_path, messages)
+    before = recording.read_bytes()
+    for name in ("bag.mcap", "out.db3", "out.txt"):
+        done = midnet_bench(
+            *("replay", recording, "--map", "/map", "--pose", "/pose", "--bag", name), folder=tmp_path
+        )
+        assert name in one_line_of_complaint(done)
+    assert recording.read_bytes() == before
+    with pytest.raises(InputError, match="map"):  # no map is known
+        replay([recording], RecordingSetup(), lambda line: None, lambda share: None, bag=tmp_path / "o.mcap")

@@ -1,0 +1,81 @@
+"""A part of a recording by --from and --to, poses that are no robot's, and the option named by an error."""
+
+import pytest
+
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Pose2D
+from midnet_bench.recording.settings import ReplaySettings
+from tests.cli.command import midnet_bench, one_line_of_complaint
+from tests.recording import recordings as made
+from tests.recording.recordings import Drive, replayed
+
+DRIVE = Drive(movers={"red": made.on_the_way(6.0)})
+MOUNT = [*DRIVE.mount[:2], 0.0]
+
+
+@pytest.fixture(scope="module")
+def keys(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("part")
+    labels = made.write_labels(folder / "truth.csv", DRIVE.labels(), by="scan_index")
+    bag = made.write_bag(folder, [*made.scan_messages(DRIVE), *made.tf_messages(DRIVE)])
+    return {"files": bag, "map": str(made.write_map(folder)), "truth": str(labels)}
+
+
+@pytest.mark.parametrize("container", ["mcap", "ros1"])
+def test_a_part_has_the_boxes_of_the_whole_at_its_scans(tmp_path, keys, container):
+    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *made.tf_messages(DRIVE)], container)
+    rest = {key: value for key, value in keys.items() if key != "files"}
+    whole = replayed(bag, tmp_path, tmp_path / "whole", **rest)
+    part = replayed(bag, tmp_path, tmp_path / "part", **rest, from_s=1.95, to_s=3.05)
+
+    def boxes(result, first, last):
+        rows = ({**row, "frame": ""} for row in result.boxes)
+        return [row for row in rows if first <= int(row["scan_index"]) <= last]
+
+    # the first scan comes at 0.5 s, ten a second: labels by scan_index hold
+    assert boxes(part, 0, 99) == boxes(whole, 15, 25)
+    assert part.score()["recall"] == 1.0
+    assert {int(row["scan_index"]) for row in part.boxes} == set(range(15, 26))
+
+
+@pytest.mark.parametrize(
+    ("typed", "named"),
+    [
+        (("--from", 99), "--from"),
+        (("--from", 3, "--to", 2), "--to"),
+        (("--from", 4.97), "--from"),
+        (("--pose", "/odmo"), "--pose: no topic"),
+        (("--map", "/mpa"), "--map: "),
+        (("--truth", "red=/red_poze"), "--truth: red: no topic"),
+        (("--set", "thresh_global=300"), "thresh_global: "),
+    ],
+)
+def test_an_error_names_what_was_typed(tmp_path, keys, typed, named):
+    prior = () if "--map" in typed else ("--map", keys["map"])
+    bag = keys["files"]
+    if "/mpa" in typed:
+        bag = made.write_bag(tmp_path, [made.map_message(), *made.scan_messages(DRIVE)])
+        typed = (*typed, "--pose", "at:0,0,0")
+    said = one_line_of_complaint(midnet_bench("replay", bag, *prior, *typed, folder=tmp_path))
+    assert named in said
+
+
+def test_a_value_out_of_range_is_named_by_its_key():
+    for key, value in (("thresh_global", 300), ("min_returns", -1)):
+        with pytest.raises(InputError, match=rf"{key}: "):
+            ReplaySettings.of("real", {key: value}, 0.05)
+
+
+@pytest.mark.parametrize("topic", ["/move_base_simple/goal", "/goal_pose", "/initialpose", "/truth/red/pose"])
+def test_a_goal_is_never_proposed_as_a_pose(tmp_path, topic):
+    goal = made.track_messages([(1.0, Pose2D(1.0, 1.0, 0.0))], topic=topic)
+    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *goal])
+    listed = midnet_bench("replay", bag, folder=tmp_path).stderr
+    assert f"--pose {topic}" not in listed
+    assert "at:X,Y,YAW" in listed
+    driven = made.pose_messages(DRIVE, "odometry", "/odom")
+    for said in driven:
+        said.message.fields["header"]["frame_id"] = "odom"
+    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *goal, *driven])
+    listed = midnet_bench("replay", bag, folder=tmp_path).stderr
+    assert "--pose /odom --place found" in listed

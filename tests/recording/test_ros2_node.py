@@ -1,0 +1,180 @@
+"""``node --ros 2`` over DDS on this machine's loopback, in two processes; rclpy itself is not run."""
+
+import importlib.util
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from rosbags.rosbag1 import Writer
+
+from midnet_bench.recording.files.writer import Types
+from midnet_bench.recording.live import LiveNode
+from tests.cli.command import REPOSITORY, in_its_own_process, midnet_bench, one_line_of_complaint
+from tests.recording.test_node_attacks import NAMES, NS, OPTIONS, Raw, drive, with_malformed
+
+needs_dds = pytest.mark.skipif(
+    importlib.util.find_spec("cyclonedds") is None, reason="no cyclonedds: pip install 'midnet-bench[ros2]'"
+)
+ROS1, TYPES = Types(1), Types(2)
+CORNERS = ["x_min_m", "y_min_m", "x_max_m", "y_max_m"]
+KIND = "visualization_msgs/msg/MarkerArray"
+PLAYER = Path(__file__).with_name("dds_player.py")
+
+
+def cdr(one: Raw) -> bytes:
+    """The bytes in ROS 2's packing; of bytes that are no message themselves, behind a header."""
+    try:
+        return bytes(TYPES.store.serialize_cdr(one.message, one.kind))
+    except Exception:
+        return b"\0\1\0\0" + one.data
+
+
+def frames_of(sound: list[Raw]) -> dict[int, list[tuple[float, ...]]]:
+    """Stamp -> boxes of the node's own class, without a middleware."""
+    node = LiveNode(OPTIONS, None)
+    return {
+        found.stamp_ns: [(*box.center, box.x_max - box.x_min, box.y_max - box.y_min) for box in found.boxes]
+        for one in sound
+        for found in node.hear(one.topic, one.message, 0.0)
+    }
+
+
+def played(
+    folder: Path, messages: list[Raw], sound: list[Raw], *arguments: str, **renamed: str
+) -> tuple[int, dict[int, list[tuple[float, ...]]]]:
+    """How many malformed messages DDS let pass, and stamp -> boxes that a node's process publishes.
+
+    Another process plays the messages; the map and what is static are there before the node.
+    """
+    kinds = OPTIONS.topics(needs_map=True)
+    first_ns, are_sound = messages[0].arrived_ns, set(map(id, sound))
+    source, sink = folder / "messages.pickle", folder / "heard.pickle"
+    said = [
+        (
+            renamed.get(one.topic, one.topic),
+            kinds[one.topic],
+            (one.arrived_ns - first_ns) / NS,
+            cdr(one),
+            id(one) in are_sound,
+        )
+        for one in messages
+    ]
+    source.write_bytes(pickle.dumps(said))
+    command = [sys.executable, "-m", "midnet_bench", "node", "--ros", "2", *NAMES]
+    command += ["--preset", "paper", "--patience", "30", *arguments]
+    log = folder / "node.log"
+    with log.open("wb") as to_log:
+        node = subprocess.Popen(command, stdout=to_log, stderr=to_log, cwd=REPOSITORY)
+        try:
+            player = [sys.executable, str(PLAYER), str(source), str(sink), str(len(frames_of(sound)))]
+            done = subprocess.run(
+                player,
+                cwd=REPOSITORY,
+                env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+                capture_output=True,
+                text=True,
+                timeout=300,
+            )
+            assert done.returncode == 0, done.stderr + log.read_text()
+            assert node.poll() is None, log.read_text()
+        finally:
+            node.send_signal(signal.SIGINT)
+            assert node.wait(30) == 0, log.read_text()
+    came, sent = pickle.loads(sink.read_bytes())
+    found = [TYPES.store.deserialize_cdr(raw, KIND).markers for raw in came]
+    return sent, {
+        markers[0].header.stamp.sec * NS + markers[0].header.stamp.nanosec: [
+            (one.pose.position.x, one.pose.position.y, one.scale.x, one.scale.y) for one in markers[1:]
+        ]
+        for markers in found
+    }
+
+
+def replayed(folder: Path, sound: list[Raw]) -> dict[int, object]:
+    """Stamp -> boxes, to 0.1 mm, that ``replay`` finds in a bag of the same messages."""
+    bag, connections = folder / "drive.bag", dict[str, Any]()
+    with Writer(bag) as writer:
+        for one in sound:
+            if one.topic not in connections:
+                connections[one.topic] = writer.add_connection(one.topic, one.kind, typestore=ROS1.store)
+            writer.write(connections[one.topic], one.arrived_ns, one.data)
+    poses = ", ".join(f"{name}: /{name}/pose" for name in NAMES)
+    setup = folder / "setup.yaml"
+    setup.write_text(f"rate_hz: 5\npreset: paper\nmap: /map\npose: {{{poses}}}\n")
+    done = midnet_bench("replay", bag, "--setup", setup, "-o", folder / "out", folder=folder)
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(folder / "out" / "boxes.csv")
+    return {
+        round(time_s * NS): np.sort(boxes[CORNERS].to_numpy(), axis=0).tolist()
+        for time_s, boxes in table.groupby("t")
+    }
+
+
+def corners(boxes: list[tuple[float, ...]]) -> list[list[float]]:
+    """The corners of boxes as :func:`replayed` has them."""
+    low_high = [(x - w / 2, y - h / 2, x + w / 2, y + h / 2) for x, y, w, h in boxes]
+    return (np.sort(np.array(low_high).round(4), axis=0) + 0.0).tolist()
+
+
+@needs_dds
+def test_frames_over_dds_are_those_of_replay(tmp_path: Path) -> None:
+    sound = drive(tmp_path, 40)
+    wanted = frames_of(sound)
+    assert len(wanted) == 39
+    assert sum(map(len, wanted.values())) > 39
+    _, found = played(tmp_path, sound, sound)
+    assert found == wanted
+    of_replay = replayed(tmp_path, sound)
+    assert {stamp_ns: corners(boxes) for stamp_ns, boxes in found.items()} == {
+        stamp_ns: of_replay[stamp_ns] for stamp_ns in wanted
+    }
+
+
+@needs_dds
+@pytest.mark.slow
+def test_1000_malformed_messages_over_dds_change_no_frame(tmp_path: Path) -> None:
+    sound = drive(tmp_path, 200)
+    mixed = list(with_malformed(sound, 1800))
+    renamed = {"/guard_1/scan": "/front/scan"}
+    sent, found = played(
+        tmp_path, mixed, sound, *(f"{old}:={new}" for old, new in renamed.items()), **renamed
+    )
+    assert sent >= 1000
+    assert len(found) == 199
+    assert found == frames_of(sound)
+    lines = (tmp_path / "node.log").read_text().splitlines()
+    assert 1 < len(lines) < 30
+
+
+@pytest.mark.parametrize(
+    ("arguments", "variables", "named"),
+    [
+        (("guard_1", "/scan:="), {}, "/scan:="),
+        (("guard_1",), {"ROS_DOMAIN_ID": "-1"}, "ROS_DOMAIN_ID"),
+        (("guard_1",), {"ROS_DOMAIN_ID": "233"}, "ROS_DOMAIN_ID"),
+        (("guard_1",), {"CYCLONEDDS_URI": "<CycloneDDS><Nonsense/></CycloneDDS>"}, "DDS cannot start"),
+    ],
+)
+@needs_dds
+def test_what_cannot_be_is_one_line(
+    arguments: tuple[str, ...], variables: dict[str, str], named: str, tmp_path: Path
+) -> None:
+    done = in_its_own_process("node", "--ros", "2", *arguments, folder=tmp_path, environment=variables)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert named in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+
+
+def test_without_rclpy_and_cyclonedds_a_line_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rclpy", None)
+    monkeypatch.setitem(sys.modules, "cyclonedds.core", None)
+    assert "midnet-bench[ros2]" in one_line_of_complaint(midnet_bench("node", "guard_1", folder=tmp_path))
