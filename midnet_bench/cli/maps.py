@@ -141,12 +141,13 @@ def _map_log(
     path: Path, slam: str | None, particles: int | None, seed: int, clip: bool, output: Path
 ) -> "MadeMap":
     from midnet_bench.cli.progress import meter
+    from midnet_bench.workflows.read_log import read_log
+
+    log = read_log(path, lambda line: messages.log.info("%s", line))  # a bad one ends it before what is slow
     from midnet_bench.mapping.graph_slam.slam import FEWEST_BEAMS
     from midnet_bench.mapping.log_mapping import held_in_memory
     from midnet_bench.workflows.maps import map_log
-    from midnet_bench.workflows.read_log import read_log
 
-    log = read_log(path, lambda line: messages.log.info("%s", line))
     if slam is None and particles is None and log.geometry.beams < FEWEST_BEAMS:
         beams = log.geometry.beams
         messages.log.info("%s: %d beams are too few for graph SLAM: GMapping maps it", path, beams)

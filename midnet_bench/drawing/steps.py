@@ -164,7 +164,7 @@ def _paint_tree(picture: Picture, tree: Tree, team: int) -> None:
     canvas = Canvas(picture, Box(0.0, -float(height), float(width), 0.0))
     levels, step_px = tree.levels, height / (1 + max(tree.levels.values()))
     at = {
-        span: (width / team * (sum(span) / 2.0 + 0.5), step_px * (levels[span] + 0.5) - height)
+        span: (width / team * ((span[0] + span[1]) / 2.0 + 0.5), step_px * (levels[span] + 0.5) - height)
         for span in tree.nodes
     }
     for span, node in tree.nodes.items():

@@ -103,7 +103,7 @@ WRONG: list[tuple[str, str]] = [
     ("render labyrinth --frames 20", "--frames does not go with 'labyrinth'"),
     ("render --robots 0", "--robots 0: must be 1 to 20"),
     ("export detection --frames 0", "--frames 0: must be 1 to 1000000"),
-    ("node guard_1 --ros 2", "--ros: '2' is not one of '1'"),
+    ("node guard_1 --ros 3", "--ros: '3' is not one of '1', '2'"),
     ("parameters thresh_locl", "did you mean 'thresh_local'?"),
 ]
 

@@ -42,9 +42,9 @@ def test_robots_that_are_gone_are_not_in_a_scene_and_escapes_are_goals() -> None
         after = scene_of(trial, frame, trial.truths(), trial.in_range(trial.truths()))
         escapes = [trial.outcomes[robot.index].escape for robot in trial.intruders]
     assert (setup.guards, setup.mobile_intruders, setup.plan.title) == (2, 2, "Map 2, seed 3")
-    assert [robot.goal for robot in before.intruders] == escapes
+    assert [robot.goal for robot in before.robots if not robot.is_guard] == escapes
     assert [robot.number for robot in before.robots] == [1, 2, 1, 2]
-    assert [robot.number for robot in after.intruders] == [2]
+    assert [robot.number for robot in after.robots if not robot.is_guard] == [2]
     assert len(after.truths) == len(before.truths) - 1
     assert before.explanation is frame.explanation is not None
 
@@ -61,10 +61,10 @@ def test_a_labyrinth_tells_who_caught_whom_and_shows_the_caught_one_for_the_last
     caught = ("caught 1 of 2", "intruder 1 caught by guard 2, 17.8 s")
     assert (last.counter, last.remark) == (after.counter, after.remark) == caught
     assert last.time_s == pytest.approx(17.8)
-    assert [robot.number for robot in last.intruders] == [1, 2]
+    assert [robot.number for robot in last.robots if not robot.is_guard] == [1, 2]
     assert [found.guard for found in last.detections if not found.is_false] == [2]
     assert last.truths[0].is_found
-    assert [robot.number for robot in after.intruders] == [2]
+    assert [robot.number for robot in after.robots if not robot.is_guard] == [2]
 
 
 def test_a_labyrinth_tells_who_got_away() -> None:
