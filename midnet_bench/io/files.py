@@ -7,6 +7,7 @@ import gzip
 import hashlib
 import io
 import os
+import re
 import secrets
 import shutil
 import stat
@@ -170,7 +171,10 @@ def plain_name(name: str) -> str:
 
 def _forget_drafts(path: Path) -> None:
     """Removes drafts that processes left which were killed, also drafts of such drafts."""
-    for draft in path.parent.glob(f"*.{glob.escape(path.name)}.*.new"):
+    ours = re.compile(rf"\.+{re.escape(path.name)}(\.[0-9a-f]{{16}}\.\d+\.new)+")
+    for draft in path.parent.glob(f".*{glob.escape(path.name)}.*.new"):
+        if not ours.fullmatch(draft.name):
+            continue
         with contextlib.suppress(OSError):  # it is in use, or another process has just removed it
             age_s = time.time() - draft.lstat().st_mtime
             if age_s <= LOCKED_WITHIN_S:

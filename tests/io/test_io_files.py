@@ -69,25 +69,26 @@ def test_what_fails_half_way_leaves_the_old_file_and_no_draft(tmp_path: Path) ->
 
 
 def test_drafts_of_killed_processes_are_removed_when_the_file_is_written_again(tmp_path: Path) -> None:
-    path = tmp_path / "a[1].txt"
-    names = (".a[1].txt.0f.17.new", "..a[1].txt.0f.17.new.0f.17.new", ".b.txt.0f.17.new", "a[1].txt.new")
-    for name in names:
+    path, mark = tmp_path / "a[1].txt", ".0123456789abcdef.17.new"
+    kept = (f".b.txt{mark}", "a[1].txt.new", "my.a[1].txt.v2.new", f"my.a[1].txt{mark}", ".my.a[1].txt.2.new")
+    for name in (f".a[1].txt{mark}", f"..a[1].txt{mark}{mark}", *kept):
         (tmp_path / name).write_text("half of a te")
         os.utime(tmp_path / name, (time.time() - 2.0,) * 2)
-    (tmp_path / ".a[1].txt.0e.18.new").mkdir()
-    os.utime(tmp_path / ".a[1].txt.0e.18.new", (time.time() - 2.0,) * 2)
+    for name in (".a[1].txt.fedcba9876543210.18.new", "thesis.a[1].txt.v2.new"):
+        (tmp_path / name).mkdir()
+        os.utime(tmp_path / name, (time.time() - 2.0,) * 2)
+    left = {path.name, "thesis.a[1].txt.v2.new", *kept}
     with temporary_path(path) as in_use, temporary_folder(path) as folder:
         for one in (in_use, folder):
             os.utime(one, (time.time() - 2.0,) * 2)
         write_atomically(path, "text")
-        left = {one.name for one in tmp_path.iterdir()}
-        assert left == {path.name, in_use.name, folder.name, ".b.txt.0f.17.new", "a[1].txt.new"}
+        assert {one.name for one in tmp_path.iterdir()} == {in_use.name, folder.name, *left}
         in_use.write_text("text")
-    assert {one.name for one in tmp_path.iterdir()} == {path.name, ".b.txt.0f.17.new", "a[1].txt.new"}
+    assert {one.name for one in tmp_path.iterdir()} == left
 
 
 def test_a_draft_that_grew_old_while_the_file_was_written_goes_too(tmp_path: Path) -> None:
-    orphan = tmp_path / ".film.mp4.0f.17.new"
+    orphan = tmp_path / ".film.mp4.0123456789abcdef.17.new"
     with temporary_path(tmp_path / "film.mp4"):
         orphan.write_text("of an encoder that outlived its process")
         os.utime(orphan, (time.time() - 2.0,) * 2)
