@@ -164,26 +164,35 @@ def load_map(yaml_path: str | Path) -> OccupancyGrid:
     file = parse(MapFile, values, str(path))
     cells = occupancy(read_image(path.parent / file.image, f"{path}: image"), file)
     grid = OccupancyGrid(np.ascontiguousarray(cells[::-1]), file.resolution, file.origin[:2])
-    return grid if file.origin[2] == 0.0 else turned(grid, file.origin[2])
+    return grid if file.origin[2] == 0.0 else turned(grid, file.origin[2], str(path))
 
 
-def turned(grid: OccupancyGrid, yaw_rad: float) -> OccupancyGrid:
+def turned(grid: OccupancyGrid, yaw_rad: float, source: str) -> OccupancyGrid:
     """The grid turned about its origin, its cells along the axes again: each as what lies at its centre.
 
     Walls stay whole: one of a cell's width covers a centre in each row or each column that it crosses.
+
+    Raises:
+        InputError: it has too many cells then; the message begins with ``source``.
     """
     turn = Pose2D(*grid.origin, yaw_rad)
     sides = np.array([(x, y) for x in (0, grid.width) for y in (0, grid.height)]) * grid.resolution
     corners = turn.transform(sides)
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
-    columns, rows = np.maximum(np.ceil(size / grid.resolution - 1e-6).astype(int), 1)
-    y, x = np.mgrid[:rows, :columns] + 0.5
-    centres = low + np.stack((x, y), axis=-1).reshape(-1, 2) * grid.resolution
-    column, row = (np.floor(turn.inverse().transform(centres) / grid.resolution).astype(int)).T
-    inside = (column >= 0) & (row >= 0) & (column < grid.width) & (row < grid.height)
-    cells = np.full(rows * columns, UNKNOWN, np.int8)
-    cells[inside] = grid.data[row[inside], column[inside]]
-    return OccupancyGrid(cells.reshape(rows, columns), grid.resolution, (float(low[0]), float(low[1])))
+    columns, rows = np.maximum(np.ceil(size / grid.resolution - 1e-6).astype(int), 1).tolist()
+    if columns * rows > MOST_PIXELS:
+        raise InputError(
+            f"{source}: origin: turned by its yaw the map has {columns} x {rows} cells; at most"
+            f" {MOST_PIXELS} are read: cut it, or turn the image"
+        )
+    cells = np.full((rows, columns), UNKNOWN, np.int8)
+    for y in range(rows):  # one row at a time takes little memory
+        centres = np.stack((np.arange(columns) + 0.5, np.full(columns, y + 0.5)), axis=-1)
+        placed = turn.inverse().transform(low + centres * grid.resolution)
+        column, row = np.floor(placed / grid.resolution).astype(int).T
+        inside = (column >= 0) & (row >= 0) & (column < grid.width) & (row < grid.height)
+        cells[y, inside] = grid.data[row[inside], column[inside]]
+    return OccupancyGrid(cells, grid.resolution, (float(low[0]), float(low[1])))
 
 
 def occupancy(image: npt.NDArray[np.uint8], file: MapFile) -> npt.NDArray[np.int8]:

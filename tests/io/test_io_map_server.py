@@ -417,3 +417,11 @@ def test_a_map_says_in_a_comment_where_it_comes_from(tmp_path: Path) -> None:
     save_map(grid, tmp_path / "map.yaml", comment="explored\nby: 1 Burger")
     assert (tmp_path / "map.yaml").read_text().splitlines()[0] == "# explored by: 1 Burger"
     np.testing.assert_array_equal(load_map(tmp_path / "map.yaml").data, grid.data)
+
+
+@pytest.mark.parametrize("size", [(20_000, 1), (4000, 4000)])
+def test_a_map_that_its_yaw_makes_too_large_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
+    write_pgm(tmp_path / "map.pgm", np.full(size, 254, np.uint8))
+    path = write_yaml(tmp_path, image="map.pgm", origin="[0.0, 0.0, 0.785]")
+    with pytest.raises(InputError, match=r"map\.yaml: origin: turned by its yaw .* cells; at most 25000000"):
+        load_map(path)

@@ -142,7 +142,7 @@ class GridReading(NamedTuple):
         cells = np.where(self.cells >= OCCUPIED_FROM, OCCUPIED, np.where(self.cells < 0, UNKNOWN, FREE))
         grid = OccupancyGrid(cells.astype(np.int8), resolution_m, (self.origin.x, self.origin.y))
         yaw_rad = self.origin.normalized().yaw
-        return turned(grid, yaw_rad) if abs(yaw_rad) > 1e-6 else grid
+        return turned(grid, yaw_rad, f"map: {self.topic}") if abs(yaw_rad) > 1e-6 else grid
 
 
 class TextReading(NamedTuple):
