@@ -149,9 +149,9 @@ def anchors_of(inputs: ReplayInputs, note: Note) -> Anchors:
 
 
 def check_place(path: Path, files: Sequence[Path]) -> None:
-    """Raises InputError: a bag's name does not say its format, or it is one of the recordings."""
+    """Raises InputError: a bag's name does not say its format, or it is one of the recordings or in one."""
     format_of(path)
-    if path.resolve() in [file.resolve() for file in files]:
+    if not {path.resolve(), *path.resolve().parents}.isdisjoint(file.resolve() for file in files):
         raise InputError(f"--bag {path}: is the recording itself; give another name")
 
 

@@ -79,7 +79,7 @@ def replay(
         InputError: the recordings, the map or a key of the setup cannot be used.
     """
     if bag is not None:
-        check_place(bag, files)
+        check_place(bag, [*files, Path(setup.background or files[0])])
     with prepared(files, setup, note) as inputs, ExitStack() as stack:
         run = _Run(inputs, _folder(inputs, output), stack)
         for line in input_summary(inputs, run.settings):

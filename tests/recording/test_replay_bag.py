@@ -144,5 +144,14 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
         )
         assert name in one_line_of_complaint(done)
     assert recording.read_bytes() == before
+    (tmp_path / "folder").mkdir()
+    inner = recording.rename(tmp_path / "folder" / "part_0.mcap")
+    other = made.write_bag(tmp_path, messages, name="other")
+    (tmp_path / "setup.yaml").write_text("background: other.mcap\npose: /pose\n")
+    for bag, given in ((inner, ("--map", "/map")), (other, ("--setup", "setup.yaml"))):
+        before = bag.read_bytes()
+        done = midnet_bench("replay", tmp_path / "folder", *given, "--bag", bag, folder=tmp_path)
+        assert "is the recording itself" in one_line_of_complaint(done)
+        assert bag.read_bytes() == before
     with pytest.raises(InputError, match="map"):  # no map is known
-        replay([recording], RecordingSetup(), lambda line: None, lambda share: None, bag=tmp_path / "o.mcap")
+        replay([inner], RecordingSetup(), lambda line: None, lambda share: None, bag=tmp_path / "o.mcap")
