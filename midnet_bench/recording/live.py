@@ -7,7 +7,7 @@ by their fields, which have the same names in rosbags and in rclpy.
 import bisect
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -45,6 +45,12 @@ STAMPS_KEPT, STAMPS_NEEDED = 9, 3
 """messages of a topic whose stamps tell its clock: the newest, and how many it takes"""
 AHEAD_NS = 10 * NS
 """a stamp that lies farther ahead of its topic's clock is no time"""
+WAITED_NS = 60 * NS
+"""a pose that is so much older than its topic's newest is forgotten, also if no frame was made of it"""
+MOST_FRAMES = 5000
+"""of tf: no team has as many, and whatever is published takes memory"""
+SLOWEST_HZ, FASTEST_HZ = 0.01, 1000.0
+"""frames a second"""
 SWEEP_CHANGE, SWEEPS_NEEDED = 0.03, 5
 """a scan whose angle differs by a larger part is left out, unless that many in a row do"""
 USUAL_CELL_M = 0.05
@@ -82,9 +88,11 @@ class LiveOptions:
                 raise InputError(f"robots: '{name}' is named twice")
             if ros_name(name) != name:
                 raise InputError(f"robots: '{name}' is no name in ROS; take letters, digits and underscores")
-        for option, value in (("rate", self.rate_hz), ("patience", self.patience_s)):
-            if not 0.0 < value < math.inf:
-                raise InputError(f"--{option}: {value:g} is out of range; allowed: above 0")
+        if not SLOWEST_HZ <= self.rate_hz <= FASTEST_HZ:
+            allowed = f"{SLOWEST_HZ:g} to {FASTEST_HZ:g}"
+            raise InputError(f"--rate: {self.rate_hz:g} is out of range; allowed: {allowed}")
+        if not 0.0 < self.patience_s < math.inf:
+            raise InputError(f"--patience: {self.patience_s:g} is out of range; allowed: above 0")
 
     def topics(self, needs_map: bool) -> dict[str, str]:
         """Each topic to listen to, and its type."""
@@ -136,6 +144,8 @@ class _Heard:
     """stamp of the first scan"""
     newest_ns: int = -1
     """stamp of the last one"""
+    frame: str = ""
+    """of its scans"""
     placed: _Placed | None = None
     sweep_rad: float = 0.0
     """from the first to the last beam of the scans that were taken; 0 before the first"""
@@ -169,6 +179,8 @@ class _Clocks:
 
     def __init__(self) -> None:
         self._offsets: dict[str, deque[int]] = {}
+        self.counted: list[str] = []
+        """the topics by which others are judged"""
 
     def take(self, topic: str, stamp_ns: int, arrived_s: float) -> bool:
         """Take one more stamp; whether it is a time, by its topic and by most of the others."""
@@ -185,13 +197,14 @@ class _Clocks:
         return self._usual_ns(topic) + round(arrived_s * NS) + AHEAD_NS
 
     def _usual_ns(self, topic: str) -> int:
-        """A topic's offset, or that of most topics where its own is an hour off."""
+        """A topic's offset, or that of most topics that are counted where its own is an hour off."""
         own_ns = _middle(self._offsets[topic])
-        known = [_middle(each) for each in self._offsets.values() if len(each) >= STAMPS_NEEDED]
-        return own_ns if abs(own_ns - _middle(known)) <= LARGEST_JUMP_NS else _middle(known)
+        each = (self._offsets.get(name, ()) for name in self.counted)
+        usual_ns = _middle([_middle(one) for one in each if len(one) >= STAMPS_NEEDED] or [own_ns])
+        return own_ns if abs(own_ns - usual_ns) <= LARGEST_JUMP_NS else usual_ns
 
 
-def _middle(values: Sequence[int] | deque[int]) -> int:
+def _middle(values: Collection[int]) -> int:
     return sorted(values)[len(values) // 2]
 
 
@@ -213,7 +226,7 @@ class LiveNode:
         self._kinds = options.topics(needs_map=True)
         self._links: dict[str, tuple[str, Transform | PoseTrack]] = {}
         """frame -> its parent frame, and its place there: fixed, or over time"""
-        self._arrived: deque[tuple[int, float]] = deque()
+        self._arrived: deque[tuple[int, float]] = deque(maxlen=10 * KEPT)
         """each scan that was newer than all before: its stamp, and when it came"""
         self._next: int | None = None
         self._made_until_ns = -1
@@ -243,6 +256,7 @@ class LiveNode:
         """
         self._now_s = arrived_s
         try:
+            self._clocks.counted = self._counted()
             self._take(topic, message)
         except PluginError:
             raise
@@ -324,6 +338,7 @@ class LiveNode:
             return
         heard.first_ns = scan.stamp_ns if heard.first_ns is None else min(heard.first_ns, scan.stamp_ns)
         heard.newest_ns = max(heard.newest_ns, scan.stamp_ns)
+        heard.frame = heard.frame if heard.placed else scan.frame
         heard.scans.insert(place, scan)
         del heard.scans[:-KEPT]
         if not self._arrived or scan.stamp_ns > self._arrived[-1][0]:
@@ -335,7 +350,7 @@ class LiveNode:
         if heard.newest_ns <= limit_ns:
             return
         heard.forget_after(round(limit_ns))
-        self._arrived = deque(one for one in self._arrived if one[0] <= limit_ns)
+        self._arrived = deque([one for one in self._arrived if one[0] <= limit_ns], self._arrived.maxlen)
         if self._made_until_ns > limit_ns:  # the clock was set back: what was detected is of no time
             self._made_until_ns = -1
             self._node = self._made(self._prior_map) if self._prior_map is not None else None
@@ -348,6 +363,9 @@ class LiveNode:
         if not reading.transform.is_pose:
             self._drop("poses are no poses", f"{topic}: not finite, too far off, or no rotation")
             return
+        if is_tf and reading.child not in self._links and len(self._links) == MOST_FRAMES:
+            self._drop(f"transforms of more than {MOST_FRAMES} frames")
+            return
         if topic == TF_STATIC:
             self._links[reading.child] = (reading.frame, reading.transform.normalized())
             return
@@ -358,18 +376,33 @@ class LiveNode:
             track = self._heard[name].poses
         if isinstance(track, Transform):
             return
-        clock = f"{topic} {reading.child}" if is_tf else topic
+        clock = f"{TF} {reading.child}" if is_tf else topic
         is_time = self._clocks.take(clock, reading.stamp_ns, self._now_s)
         track.forget_after(self._clocks.latest_ns(clock, self._now_s))
         if is_time:
             track.take(reading.stamp_ns, reading)
+            track.forget(reading.stamp_ns - WAITED_NS)
         else:
             self._drop(_NO_TIME, f"{topic}, {reading.stamp_ns / NS:.3f} s")
+
+    def _counted(self) -> list[str]:
+        """Clocks of the robots: of tf those of frames that lead to a LiDAR, as anyone may add more."""
+        if not self._options.pose_by_tf:
+            return [f"/{name}/{each}" for name in self._heard for each in ("scan", "pose")]
+        found = [f"/{name}/scan" for name in self._heard]
+        for frame in dict.fromkeys(heard.frame for heard in self._heard.values()):
+            for _ in self._links:
+                if frame not in self._links:
+                    break
+                found.append(f"{TF} {frame}")
+                frame, _ = self._links[frame]
+        return found
 
     def _place(self, heard: _Heard) -> _Placed | None:
         """Where the LiDAR of a robot is mounted and moves; None before its first scan and its transforms."""
         for frame in dict.fromkeys(scan.frame for scan in heard.scans):
-            heard.placed = heard.placed or self._placed(heard, frame)
+            if heard.placed is None:
+                heard.placed, heard.frame = self._placed(heard, frame), frame
         return heard.placed
 
     def _placed(self, heard: _Heard, frame: str) -> _Placed | None:

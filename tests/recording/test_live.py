@@ -1,8 +1,11 @@
 """A ``LiveNode`` makes the same frames in whatever order messages come, and none before it can."""
 
 import itertools
+import math
+import tracemalloc
 from collections.abc import Iterable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +13,8 @@ import pytest
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
+from midnet_bench.recording.files.ros_messages import transforms
+from midnet_bench.recording.files.writer import Types
 from midnet_bench.recording.live import Detected, LiveNode, LiveOptions
 from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.workflows.export import export_trial
@@ -19,6 +24,9 @@ FRAMES, SEED = 15, 3
 TEAM: dict[str, Scalar] = {"robots": 3, "frames": FRAMES, "engine": "fast"}
 NAMES = ["guard_1", "guard_2", "guard_3"]
 NS = 1_000_000_000
+STILL = SimpleNamespace(
+    translation=SimpleNamespace(x=0.0, y=0.0, z=0.0), rotation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
+)
 
 
 def options(pose_by_tf: bool = False, mount: Pose2D | None = None) -> LiveOptions:
@@ -159,3 +167,49 @@ def test_options_that_cannot_be_are_told(changes: dict[str, object], named: str)
     given = {"robots": NAMES, "settings_of": options().settings_of, **changes}
     with pytest.raises(InputError, match=named):
         LiveOptions(**given)  # type: ignore[arg-type]
+
+
+def tf_of(stamp_ns: int, *children: str) -> object:
+    placed = [("base", child, Pose2D(0.1, 0.0, 0.0)) for child in children]
+    return Types(2).made(*transforms(stamp_ns, placed))
+
+
+@pytest.mark.parametrize("stamp_s", [2e4, 2e9])
+def test_clocks_of_frames_that_lead_to_no_laser_silence_nobody(said: list[Said], stamp_s: float) -> None:
+    chosen = options(pose_by_tf=True)
+    bad = Said(
+        "/tf",
+        "tf2_msgs/msg/TFMessage",
+        0,
+        tf_of(round(stamp_s * NS), *(f"joint_{number}" for number in range(20))),
+    )
+    half = len(said) // 2
+    mixed = [*said[:half], *[bad._replace(stamp_ns=said[half].stamp_ns)] * 3, *said[half:]]
+    assert heard(LiveNode(chosen, None), chosen, mixed) == in_order(said)
+
+
+def test_a_node_that_waits_takes_no_more_memory(said: list[Said]) -> None:
+    """Of poses of wheels, of frames that come and go, and of scans before a map is there."""
+    node, held = LiveNode(options(pose_by_tf=True), None), []
+    scan = next(one.message for one in said if one.topic == "/guard_1/scan")
+    short = replace(scan, ranges=scan.ranges[:2], angle_increment=scan.angle_max - scan.angle_min)
+    tracemalloc.start()
+    for number in range(36_000):
+        stamp_ns = number * NS // 20
+        stamp = replace(scan.header.stamp, sec=stamp_ns // NS, nanosec=stamp_ns % NS)
+        scan = replace(short, header=replace(short.header, stamp=stamp))
+        wheel = SimpleNamespace(header=scan.header, child_frame_id="wheel", transform=STILL)
+        other = SimpleNamespace(header=scan.header, child_frame_id=f"frame_{number}", transform=STILL)
+        node.hear("/tf", SimpleNamespace(transforms=[wheel, other]), stamp_ns / NS)
+        node.hear("/guard_1/scan", scan, stamp_ns / NS)
+        if number in (18_000, 35_999):
+            held.append(tracemalloc.get_traced_memory()[0])
+    tracemalloc.stop()
+    assert held[1] < 1.05 * held[0]
+    assert any("frames" in line for line in node.warnings)
+
+
+@pytest.mark.parametrize("rate_hz", [5e-324, 0.009, 1001.0, 1e20, 1e308, math.nan])
+def test_a_rate_that_no_clock_has(rate_hz: float) -> None:
+    with pytest.raises(InputError, match=r"--rate: .* allowed: 0.01 to 1000"):
+        replace(options(), rate_hz=rate_hz)
