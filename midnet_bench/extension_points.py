@@ -32,7 +32,8 @@ from midnet_bench.plugins import (
 )
 from midnet_bench.settings import Scalar
 
-_VALUE = re.compile(r"(?P<place>[^()#@]+)(?:\((?P<options>[^()]*)\))?(?:(?P<mark>[#@])(?P<pin>[\w.+-]+))?")
+VALUE = re.compile(r"(?P<place>[^()#@]+)(?:\((?P<options>[^()]*)\))?(?:(?P<mark>[#@])(?P<pin>[\w.+-]+))?")
+"""an extension point's value: a place, options and a pin"""
 _WORDS: dict[str, Scalar] = {"true": True, "false": False, "null": None}
 
 
@@ -177,7 +178,7 @@ class ExtensionPoint:
         return f"{Path(code.co_filename).name}:{code.co_firstlineno}: "
 
     def _parsed(self, value: str) -> Choice:
-        found = _VALUE.fullmatch(value.strip())
+        found = VALUE.fullmatch(value.strip())
         if found is None:
             raise InputError(
                 f"{self.option}: {value[:80]!r}: expected NAME, package.module:NAME or path/file.py:NAME, "
@@ -270,7 +271,7 @@ def _line_of(value: str, error: Exception) -> str:
 
 def code_in(values: Iterable[Scalar]) -> dict[str, Source]:
     """The files that pinned values name, which ``plugins.take_sources`` takes in another process."""
-    texts = [_VALUE.fullmatch(one) for value in values if isinstance(value, str) for one in several(value)]
+    texts = [VALUE.fullmatch(one) for value in values if isinstance(value, str) for one in several(value)]
     return sources({found["pin"] for found in texts if found is not None and found["mark"] == "#"})
 
 

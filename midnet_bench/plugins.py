@@ -232,6 +232,8 @@ def from_source(digest: str, name: str, reference: str) -> Any:
         if digest not in _MADE:
             _MADE[digest] = pickle.loads(source.pickled)
         return _MADE[digest]
+    if not name.isidentifier():
+        raise InputError(f"{reference}: {name[:80]!r} is no name; expected path/file.py:NAME")
     return _named(name, _executed(digest, reference), source.name, reference)
 
 

@@ -135,6 +135,9 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
             f"{path}: another version of midnet-bench wrote it (format {version}, this one reads {FORMAT});"
             " use that version, or --fresh to start over"
         )
+    alien = connection.execute("SELECT type, name FROM sqlite_master WHERE type IN ('view', 'trigger')")
+    if found := alien.fetchone():
+        raise InputError(f"{path}: no store of midnet-bench: it has a {found[0]}; move it away")
     state = " ".join(str(_pragma(connection, "quick_check(1)")).split())
     if state != "ok":
         raise InputError(f"{path}: damaged ({state}); move it away, or --fresh to start over")

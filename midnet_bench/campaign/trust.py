@@ -17,12 +17,12 @@ from pathlib import Path
 from midnet_bench.campaign.definition import SEVERAL, Definition
 from midnet_bench.campaign.store import FILE_NAME
 from midnet_bench.errors import InputError
-from midnet_bench.extension_points import several
+from midnet_bench.extension_points import VALUE, several
 from midnet_bench.io.files import read_bounded
 
 MOST_BYTES = 50_000_000
-_CODE = re.compile(r"(?P<place>.+\.py|[\w.]+):[^\W\d]\w*(?P<pin>[(#@].*)?", re.DOTALL)
-"""a reference to code, with options and pin"""
+_CODE = re.compile(r"(?P<place>.+\.py(?=:)|[\w.]+(?=:\s*[^\W\d]\w*\s*$)).*", re.DOTALL)
+"""a reference to code: whatever is asked of a file, and a name of a module"""
 all_code = False
 """whether code runs that is not known; ``--trust`` sets it for one command"""
 
@@ -76,9 +76,10 @@ def _code_of(definition: Definition, directory: Path) -> Iterator[tuple[str, str
         for part in several(one)
     )
     for text in texts:
-        found = _CODE.fullmatch(text)
-        if found and not _is_own(found["place"]):
-            yield text, "" if "#" in (found["pin"] or "") else _digest(found["place"])
+        parts = VALUE.fullmatch(text.strip())
+        found = _CODE.fullmatch(parts["place"].strip()) if parts else None
+        if parts and found and not _is_own(found["place"]):
+            yield text, "" if parts["mark"] == "#" else _digest(found["place"])
 
 
 def _is_own(place: str) -> bool:

@@ -171,3 +171,19 @@ def test_marks_that_are_a_link_are_refused_and_what_it_leads_to_is_left(tmp_path
     (tmp_path / ".running").symlink_to(victim.parent)
     with pytest.raises(InputError, match="running"):
         run_here(tmp_path, FORTY)
+
+
+@pytest.mark.parametrize(
+    "planted",
+    [
+        "CREATE VIEW more AS WITH RECURSIVE r(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM r) SELECT x FROM r",
+        "CREATE TRIGGER more AFTER INSERT ON trials BEGIN DELETE FROM trials; END",
+    ],
+)
+def test_a_store_that_would_compute_is_refused(planted: str, store: Path) -> None:
+    with contextlib.closing(sqlite3.connect(store)) as connection:
+        connection.execute(planted)
+        connection.commit()
+    for is_writer in (False, True):
+        with pytest.raises(InputError, match="view|trigger"):
+            database.open_existing(store, is_writer)

@@ -58,6 +58,27 @@ def test_no_command_runs_what_results_from_elsewhere_name(
         assert trap.exists()
 
 
+@pytest.mark.parametrize("form", ["X ()", "X (a=1)", " X", "1", "", "X.Y", "\u2118", " X (a=1)#00"])
+@pytest.mark.parametrize("place", ["{}.py:", "{}.py :", " {}.py:"])
+def test_no_way_to_write_a_reference_goes_past_the_question(
+    place: str, form: str, evil: str, trap: Path, tmp_path: Path
+) -> None:
+    text = place.format(evil) + form
+    folder = detection_store(tmp_path / "foreign", {1: {1: (1.0, 1.0, 1.0)}}, None)
+    rewrite(folder, "detection", {"detector": text})
+    for command in (("report",), ("export", "--robots", "1"), ("verify",)):
+        done = midnet_bench(command[0], folder, *command[1:], folder=tmp_path)
+        is_file = place.format("").strip().startswith(".py:")
+        assert (done.returncode, "--trust" in done.stderr) == (2, True) or not is_file, done
+        assert not trap.exists()
+
+
+def test_a_name_that_is_none_runs_no_file(evil: str, trap: Path, tmp_path: Path) -> None:
+    for name in ("1", "", "X.Y", " ", "X Y"):
+        done = midnet_bench("detection", "--detector", f"{evil}.py:{name}", "--frames", 1, folder=tmp_path)
+        assert (done.returncode, trap.exists()) == (2, False), done
+
+
 def rewrite(folder: Path, experiment: str, parameters: dict[str, str]) -> None:
     """Another's experiment and parameters in the store of ``folder``."""
     import sqlite3
