@@ -61,8 +61,8 @@ class ScanToMap:
     beams which met a robot or an intruder lose their weight.
 
     Errors of consecutive scans are correlated, as they meet the same cells. So the covariance is inflated:
-    a wall's beams count as few, and no number of them makes a position surer than a wall's place within its
-    cell, however often the filter takes such a match.
+    a wall's beams count as few, and no number of them makes a pose surer than a wall's place within its cell,
+    or a heading surer than that place at the beams' reach, however often the filter takes such a match.
     """
 
     def __init__(self, prior_map: OccupancyGrid, settings: ScanToMapSettings | None = None) -> None:
@@ -108,7 +108,8 @@ class ScanToMap:
         variance = settings.correlated_beams * max(terms.variance_m2, self._cell_m * self._cell_m / 12.0)
         unseen = settings.unseen_deviation * settings.unseen_deviation
         covariance = _inverse(terms.hessian / variance + np.eye(3) / unseen)
-        covariance += np.square(np.diag((self._cell_m, self._cell_m, 0.0))) / 12.0
+        reach_m = max(math.sqrt(np.mean(np.square(ends).sum(axis=1))), self._cell_m)
+        covariance += np.square(np.diag((self._cell_m, self._cell_m, self._cell_m / reach_m))) / 12.0
         dx, dy, yaw = fitted.tolist()
         return Pose2D(x + dx, y + dy, wrap_angle(yaw)), (covariance + covariance.T) / 2.0
 

@@ -89,6 +89,6 @@ class ScanToMapSettings(Settings):
     """When a scan's fit to the map is believed, and how much. All values are our choice."""
 
     min_beams: int = fixed(30, "ours: off unless localization=ukf+map")
-    min_share: float = fixed(0.3, "ours: off unless localization=ukf+map")
+    min_share: float = fixed(0.5, "ours: off unless localization=ukf+map; most returns are walls")
     correlated_beams: float = fixed(10.0, "ours: off unless localization=ukf+map")
     unseen_deviation: float = fixed(1.0, "ours: off unless localization=ukf+map")

@@ -185,5 +185,5 @@ def test_a_store_that_would_compute_is_refused(planted: str, store: Path) -> Non
         connection.execute(planted)
         connection.commit()
     for is_writer in (False, True):
-        with pytest.raises(InputError, match="view|trigger"):
+        with pytest.raises(InputError, match=r"view|trigger"):
             database.open_existing(store, is_writer)

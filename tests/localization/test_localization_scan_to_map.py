@@ -153,6 +153,22 @@ def test_things_that_the_map_does_not_have_lose_their_say():
     assert degrees_between(matched, truth) < 0.3
 
 
+def test_among_things_that_the_map_does_not_have_a_match_is_right_or_as_unsure_as_it_says():
+    scan_to_map = ScanToMap(room(6.0, 6.0))
+    for seed in range(300):
+        rng = stream(seed, "crowd")
+        truth = Pose2D(*rng.uniform(0.4, 5.6, 2), rng.uniform(-math.pi, math.pi))
+        ways = zip(rng.uniform(0.5, 1.5, 4), rng.uniform(-3.14, 3.14, 4), strict=True)
+        things = [(truth.x + d * math.cos(a), truth.y + d * math.sin(a), 0.15) for d, a in ways]
+        off = rng.uniform(-1.0, 1.0, 3) * (0.14, 0.14, 0.1)
+        believed = Pose2D(truth.x + off[0], truth.y + off[1], truth.yaw + off[2])
+        found = scan_to_map.match(believed, scan(truth, 6.0, 6.0, things, rng), LIDAR)
+        if found is not None:
+            matched, covariance = found
+            error = np.array([matched.x - truth.x, matched.y - truth.y, wrap_angle(matched.yaw - truth.yaw)])
+            assert error @ np.linalg.solve(covariance, error) < 25.0, seed
+
+
 def test_too_few_beams_on_walls_say_nothing():
     scan_to_map = ScanToMap(room(3.0, 3.0))
     middle = Pose2D(1.5, 1.5, 0.0)
