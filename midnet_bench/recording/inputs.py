@@ -128,6 +128,8 @@ def prepared(files: Sequence[Path], setup: RecordingSetup, note: Note) -> Iterat
             for remark in one.remarks:
                 note(remark)
         setup = with_exported(setup, surveys)
+        if setup.localize is None:  # odometry drifts wherever it began
+            setup = setup.changed({"localize": bool(setup.start)})
         robots = robots_of(surveys, setup, names)
         if setup.start and setup.background is not None:
             raise InputError("start: a place on a map is needed; give --map in place of the background")

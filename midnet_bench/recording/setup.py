@@ -131,7 +131,10 @@ class RecordingSetup(Spec):
     settings: dict[str, Scalar] = Field(
         default={}, description="detector options by key, as --set gives them"
     )
-    localize: bool = Field(default=False, description="true: correct the poses by matching scans to the map")
+    localize: bool | None = Field(
+        default=None,
+        description="true: correct the poses by matching scans to the map; default true with start, else false",
+    )
     unmapped: bool = Field(
         default=False, description="true: write stationary objects missing on the map, and a map with them"
     )
