@@ -196,6 +196,9 @@ def replay(
         if faults:
             raise InputError("; ".join(faults)[:600])
         return
+    if given.bag is not None and (given.check or given.steps is not None):
+        way = "--check" if given.check else "--steps"
+        raise InputError(f"--bag: {way} makes no boxes that a bag could hold; leave one of the two out")
     with given.naming_options():
         setup = given.chosen()
         if given.check:

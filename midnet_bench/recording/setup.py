@@ -133,7 +133,7 @@ class RecordingSetup(Spec):
     )
     localize: bool | None = Field(
         default=None,
-        description="true: correct the poses by matching scans to the map; default true with start, else false",
+        description="true: correct the poses by matching scans to the map; default true with start",
     )
     unmapped: bool = Field(
         default=False, description="true: write stationary objects missing on the map, and a map with them"

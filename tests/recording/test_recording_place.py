@@ -69,6 +69,25 @@ def test_odometry_is_placed(tmp_path, truly_placed, kind, start):
     assert apart_m(placed, true) < UNTIL_APART_M
 
 
+def test_odometry_that_drifts_is_corrected_unless_that_is_off(tmp_path, truly_placed):
+    drive = replace(DRIVE, seconds=30.0, movers={})
+    begin, turned = drive.track(0.0), 0.02
+
+    def drifting(time_s):
+        x, y, yaw = drive.track(time_s).relative_to(begin)
+        return Pose2D(1.03 * x, 1.03 * y, yaw).compose(Pose2D(0.0, 0.0, turned * time_s / 2.0))
+
+    poses = made.pose_messages(replace(drive, pose=drifting), "odometry", "/odom")
+    bag = made.write_bag(tmp_path, [*made.scan_messages(drive), *poses])
+    keys = {key: truly_placed[0][key] for key in ("map", "mount")}
+    corrected, plain = (
+        replayed(bag, tmp_path, **keys, **off, start="found").score()["boxes_per_frame"]
+        for off in ({}, {"localize": False})
+    )
+    assert corrected < 0.05
+    assert plain > 0.5
+
+
 def test_without_a_place_the_refusal_names_the_options(tmp_path, truly_placed):
     bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *by_odometry(DRIVE, "tf")])
     said = one_line_of_complaint(

@@ -155,3 +155,14 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
         assert bag.read_bytes() == before
     with pytest.raises(InputError, match="map"):  # no map is known
         replay([inner], RecordingSetup(), lambda line: None, lambda share: None, bag=tmp_path / "o.mcap")
+
+
+@pytest.mark.parametrize("way", [["--check"], ["--steps", "3"]])
+def test_a_bag_without_a_replay_is_refused(way: list[str], tmp_path: Path) -> None:
+    messages = [made.map_message(), *made.scan_messages(DRIVE), *made.pose_messages(DRIVE)]
+    recording = made.write_bag(tmp_path, messages)
+    given = ("replay", recording, "--map", "/map", "--pose", "/pose", "--bag", "o.mcap", *way)
+    complaint = one_line_of_complaint(midnet_bench(*given, folder=tmp_path))
+    assert "--bag" in complaint
+    assert way[0] in complaint
+    assert not (tmp_path / "o.mcap").exists()
