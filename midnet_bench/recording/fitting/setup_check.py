@@ -139,7 +139,7 @@ def verdict(samples: Sequence[Sample], grid: OccupancyGrid, set_by: SetBy | None
         faults["other place"] = (
             f"{share:.2f} of the returns lie on mapped walls, and no mount, turn, mirroring, delay or shift "
             f"of the map that was tried brings more than {most:.2f}: is it the map of this place and of the "
-            "poses' frame (--map)? --check searches further"
+            "poses' frame (--map)? Odometry takes --place found; --check searches further"
         )
     return Verdict(tuple(faults), tuple(faults.values()) or (_fits(fit, walls),), share)
 
@@ -353,7 +353,8 @@ def line_of(proposal: Proposal, set_by: SetBy | None = None) -> str:
     if not proposal.kinds:
         return line + "and no other setup does better"
     if not proposal.is_good:
-        return f"{line}and no setup brings more than {after}: is it the map of this place (--map)?"
+        line += f"and no setup brings more than {after}: is it the map of this place (--map)? "
+        return line + "Odometry takes --place found"
     line += f"{after} if {_what(proposal)}: {correction_of(proposal, set_by)}"
     if proposal.alike:
         other = proposal.alike[0]
