@@ -22,7 +22,7 @@ from midnet_bench.io.files import read_bounded
 
 MOST_BYTES = 50_000_000
 _CODE = re.compile(r"(?P<place>.+\.py(?=:)|[\w.]+(?=:\s*[^\W\d]\w*\s*$)).*", re.DOTALL)
-"""a reference to code: whatever is asked of a file, and a name of a module"""
+"""a reference to code: anything of a file, and a name of a module"""
 all_code = False
 """whether code runs that is not known; ``--trust`` sets it for one command"""
 
