@@ -205,7 +205,7 @@ def bag_writer(path: Path, bag_format: str) -> Iterator[BagWriter]:
     """
     ending = ending_of(bag_format)
     if bag_format == "ros2" and path.exists():
-        raise InputError(f"{path}: is there already; remove it, or give another -o")
+        raise InputError(f"{path}: is there already; remove it, or give another name")
     if bag_format != "ros2" and path.is_dir():
         raise InputError(f"{path}: is a folder; give a file, such as {path / ('trial' + ending)}")
     try:

@@ -53,7 +53,8 @@ def placed(
     if start == FOUND and found.share < POOR:
         raise InputError(
             f"start: {robot.name}: no place of the map brings more than {found.share:.2f} of the returns "
-            "onto walls; is it the map of this place (--map)? Else give --start X,Y,YAW_DEG"
+            "onto walls; is it the map of this place (--map), and the mount right (--mount)? Else give "
+            "--start X,Y,YAW_DEG"
         )
     note(f"{robot.name}: began at start: {said} on the map; {found.share:.2f} of the returns lie on walls")
     for other in others:
