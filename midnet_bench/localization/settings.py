@@ -92,3 +92,7 @@ class ScanToMapSettings(Settings):
     min_share: float = fixed(0.5, "ours: off unless localization=ukf+map; most returns are walls")
     correlated_beams: float = fixed(10.0, "ours: off unless localization=ukf+map")
     unseen_deviation: float = fixed(1.0, "ours: off unless localization=ukf+map")
+
+
+RECORDED = ScanToMapSettings(min_share=0.3)
+"""of recordings, whose maps lack more of what stands in a building"""
