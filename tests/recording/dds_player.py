@@ -8,6 +8,7 @@ pickle of the bytes of each marker array that came back, and how many malformed 
 when FRAMES have come, or none for a while.
 """
 
+import os
 import pickle
 import sys
 import time
@@ -54,8 +55,9 @@ def offered(kind: str, topic: str) -> Qos:
 def main() -> None:
     source, sink, frames = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
     messages = pickle.loads(source.read_bytes())
-    domain = Domain(0, LOCAL)  # noqa: F841 - it lives as long as its object
-    driver, sender, types = DomainParticipant(0), DomainParticipant(0), Types(2)
+    number = int(os.environ["ROS_DOMAIN_ID"])
+    domain = Domain(number, LOCAL)  # noqa: F841 - it lives as long as its object
+    driver, sender, types = DomainParticipant(number), DomainParticipant(number), Types(2)
     anything: dict[str, Any] = {}
     known: dict[str, Any] = {}
     for kind in {MARKERS, *(kind for _, kind, *_ in messages)}:

@@ -6,6 +6,7 @@ import pickle
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -69,15 +70,19 @@ def played(
     source.write_bytes(pickle.dumps(said))
     command = [sys.executable, "-m", "midnet_bench", "node", "--ros", "2", *NAMES]
     command += ["--preset", "paper", "--patience", "30", *arguments]
-    log = folder / "node.log"
+    log, alone = folder / "node.log", {**os.environ, "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
     with log.open("wb") as to_log:
-        node = subprocess.Popen(command, stdout=to_log, stderr=to_log, cwd=REPOSITORY)
+        # a shell's background job ignores Ctrl-C, and so would the node
+        heeds = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+        node = subprocess.Popen(
+            command, stdout=to_log, stderr=to_log, cwd=REPOSITORY, env=alone, preexec_fn=heeds
+        )
         try:
             player = [sys.executable, str(PLAYER), str(source), str(sink), str(len(frames_of(sound)))]
             done = subprocess.run(
                 player,
                 cwd=REPOSITORY,
-                env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+                env={**alone, "PYTHONPATH": str(REPOSITORY)},
                 capture_output=True,
                 text=True,
                 timeout=300,
@@ -86,7 +91,11 @@ def played(
             assert node.poll() is None, log.read_text()
         finally:
             node.send_signal(signal.SIGINT)
-            assert node.wait(30) == 0, log.read_text()
+            try:
+                assert node.wait(30) == 0, log.read_text()
+            finally:
+                node.kill()
+                node.wait()
     came, sent = pickle.loads(sink.read_bytes())
     found = [TYPES.store.deserialize_cdr(raw, KIND).markers for raw in came]
     return sent, {
