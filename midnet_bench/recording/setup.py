@@ -27,6 +27,13 @@ def _by_name(value: Any) -> Any:
     return value if isinstance(value, Mapping) or value is None else {EVERY: value}
 
 
+def _topics(value: Any) -> Any:
+    each = value if isinstance(value, list) else [value]
+    if not each or not all(isinstance(topic, str) and topic for topic in each):
+        raise ValueError("a topic is needed, or a list of topics")
+    return value
+
+
 ByName = BeforeValidator(_by_name)
 """Takes one value for every robot, or a mapping from robot names to values; kept as a mapping."""
 Text = Annotated[str, Field(min_length=1)]
@@ -58,7 +65,7 @@ class RecordingSetup(Spec):
         description="share of beams that end in an occupied cell of the background",
     )
     resolution_m: float = Field(default=0.05, ge=0.01, le=0.2, description="side of a cell of the background")
-    scan: Annotated[dict[str, Text | list[Text]], ByName] = Field(
+    scan: Annotated[dict[str, Annotated[str | list[str], BeforeValidator(_topics)]], ByName] = Field(
         default={},
         description="topic of the scans, a list for several lasers, TOPIC@FRAME for one of those on a topic, "
         "or {NAME: ...} for each robot; default all LaserScans",

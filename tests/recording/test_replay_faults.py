@@ -432,6 +432,8 @@ def test_an_option_that_went_names_its_key_of_the_setup(tmp_path):
         ({"mont": MOUNT}, "setup.yaml: mont: unknown key; did you mean 'mount'?"),
         ({"mount": [0.1, "two", 0.0]}, "setup.yaml: mount.1: "),
         ({"mount": {"front": [0.1, 0.0]}}, "setup.yaml: mount.front.2: "),
+        ({"scan": []}, "setup.yaml: scan: a topic is needed, or a list of topics"),
+        ({"scan": {"front": ["/f", 3]}}, "setup.yaml: scan.front: a topic is needed"),
         ({"clock": "wall"}, "setup.yaml: clock: "),
         ({"delay_s": -1e300}, "setup.yaml: delay_s: "),
         ({"map": "map.yaml", "pose": "at:1e300,0,0"}, "pose 1e300,0,0: '1e300' is out of range"),
