@@ -161,7 +161,7 @@ class TeamPursuit:
     def pursue(
         self, team: Sequence[GuardState], targets: Mapping[int, TargetState], time_s: float
     ) -> dict[int, int]:
-        """See :class:`~midnet_bench.agents.pursuit.PursuitRule`.
+        """See :class:`PursuitRule`.
 
         Raises:
             PluginError: it failed, or named guards or targets that are not there.

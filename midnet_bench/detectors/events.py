@@ -42,11 +42,10 @@ class Event(NamedTuple):
 
 @dataclass
 class _Seen:
-    first_s: float
-    last_s: float
     frame: int
     """number of the first one"""
     places: list[tuple[float, Point]] = field(default_factory=list)
+    """(time in s, centre in metres) of each frame with a box of it"""
     last_frame: int = 0
     is_true: bool = False
 
@@ -67,7 +66,7 @@ class Events:
         """
         self._first_s, self._last_s = min(self._first_s, time_s), time_s
         for number, seen in list(self._seen.items()):
-            if time_s - seen.last_s > KEPT_S:
+            if time_s - seen.places[-1][0] > KEPT_S:
                 self._tracker.drop(number)
                 self._end(self._seen.pop(number))
         groups = _groups([box.center for box in boxes])
@@ -82,8 +81,8 @@ class Events:
         for number, place, group in zip(self._tracker.update(places, time_s), places, groups, strict=True):
             for k in group:
                 numbers[k] = number
-            seen = self._seen.setdefault(number, _Seen(time_s, time_s, self._frames))
-            seen.last_s, seen.last_frame = time_s, self._frames
+            seen = self._seen.setdefault(number, _Seen(self._frames))
+            seen.last_frame = self._frames
             seen.places.append((time_s, place))
             seen.is_true |= any(are_true[k] for k in group)
         self._frames += 1
@@ -103,21 +102,17 @@ class Events:
         return sum(not event.is_true for event in self.gathered()) / lasted_h if lasted_h > 0.0 else math.nan
 
     def _end(self, seen: _Seen) -> None:
-        lasted_s, hits = seen.last_s - seen.first_s, len(seen.places)
+        (first_s, (x, y)), (last_s, (x_last, y_last)) = seen.places[0], seen.places[-1]
+        lasted_s, hits = last_s - first_s, len(seen.places)
         if hits < HITS or lasted_s < LEAST_S:
             return
         way_m, (since_s, place) = 0.0, seen.places[0]
         for time_s, at in seen.places:  # a second apart: jitter is no way
-            if time_s - since_s >= 1.0 or time_s == seen.last_s:
+            if time_s - since_s >= 1.0 or time_s == last_s:
                 way_m, since_s, place = way_m + math.dist(place, at), time_s, at
         share = hits / (seen.last_frame - seen.frame + 1)
-        (x, y), (x_last, y_last) = seen.places[0][1], seen.places[-1][1]
         self._ended.append(
-            Event(
-                *(seen.first_s, seen.last_s, hits, share, x, y, x_last, y_last),
-                way_m / lasted_s,
-                seen.is_true,
-            )
+            Event(first_s, last_s, hits, share, x, y, x_last, y_last, way_m / lasted_s, seen.is_true)
         )
 
 

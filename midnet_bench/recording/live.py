@@ -33,6 +33,7 @@ from midnet_bench.recording.files.readings import (
     decoded,
 )
 from midnet_bench.recording.files.ros_messages import MAP, Message, detections, ros_name
+from midnet_bench.recording.plan import AT_ORIGIN
 from midnet_bench.recording.poses import PoseInterpolator, PoseTrack
 from midnet_bench.recording.replay import LARGEST_JUMP_NS, geometry_of
 
@@ -54,7 +55,6 @@ SLOWEST_HZ, FASTEST_HZ = 0.01, 1000.0
 SWEEP_CHANGE, SWEEPS_NEEDED = 0.03, 5
 """a scan whose angle differs by a larger part is left out, unless that many in a row do"""
 USUAL_CELL_M = 0.05
-AT_ORIGIN = Pose2D(0.0, 0.0, 0.0)
 _NO_TIME = "stamps lie far from those of most other messages"
 PLAIN: dict[str, Meaning] = {code: "clears" if code in ("inf", "above") else "nothing" for code in CODES}
 """meaning of readings without a return, unless set"""

@@ -20,14 +20,11 @@ from midnet_bench.recording.files.readings import NO_MOTION, NS
 from midnet_bench.recording.files.ros_messages import MAP, Marked, ros_name
 from midnet_bench.recording.files.writer import BagWriter, bag_writer, format_of
 from midnet_bench.recording.inputs import Note, ReplayInputs
-from midnet_bench.recording.plan import Link
+from midnet_bench.recording.plan import AT_ORIGIN, Link
 from midnet_bench.recording.replay import ReplayFrame
 
-ORIGIN = Pose2D(0.0, 0.0, 0.0)
 TOPICS = "/replay"
 """what all topics are below: a recording beside it has none of these names"""
-
-
 FORGET_S = 1.0
 """a track without a box for so long has ended"""
 
@@ -106,20 +103,15 @@ class ReplayBag:
             bag.write(f"{topic}/tracks", record_ns, ros.markers(frame.time_ns, tracks))
 
     def _write_scan(self, robot: int, scan: Scan) -> None:
-        bag, record_ns, stamp_ns, name = (
-            self._bag,
-            self._record_ns,
-            round(scan.stamp_s * NS),
-            self._names[robot],
-        )
+        name, record_ns, stamp_ns = self._names[robot], self._record_ns, round(scan.stamp_s * NS)
         placed = [(MAP, f"replay/{name}", scan.pose)]
         if robot in self._anchors.carried:
             frame, laser = self._anchors.carried[robot]
             sensor = scan.pose.compose(self._inputs.robots[robot].mount)
             placed.append((MAP, frame, sensor.compose(laser.inverse())))
-        bag.write("/tf", record_ns, ros.transforms(stamp_ns, placed))
+        self._bag.write("/tf", record_ns, ros.transforms(stamp_ns, placed))
         message = ros.laser_scan(f"replay/{name}/laser", stamp_ns, scan.ranges_m, scan.lidar, 0.0)
-        bag.write(f"{TOPICS}/{name}/scan", record_ns, message)
+        self._bag.write(f"{TOPICS}/{name}/scan", record_ns, message)
 
 
 def anchors_of(inputs: ReplayInputs, note: Note) -> Anchors:
@@ -138,7 +130,7 @@ def anchors_of(inputs: ReplayInputs, note: Note) -> Anchors:
         if moving is not None and moving.seen(inputs.surveys)[0].frame == top:
             before = robot.pose.links[: robot.pose.links.index(moving)]
             steps = [link for link in before if isinstance(link, Pose2D)]
-            found.fixed.append((MAP, top, reduce(Pose2D.compose, steps, ORIGIN)))
+            found.fixed.append((MAP, top, reduce(Pose2D.compose, steps, AT_ORIGIN)))
         elif all(survey.is_fixed(*pair) for pair in pairs):
             whole = reduce(lambda below, pair: survey.fixed(*pair).then(below), pairs, NO_MOTION)
             found.carried[number] = top, Pose2D(whole.x, whole.y, whole.yaw)

@@ -149,9 +149,9 @@ class _Run:
         scored_from_ns, newest = self.inputs.scored_from_ns, dict[int, Scan]()
         with _boxes_file(self.folder) as boxes, ExitStack() as drawn:
             append = self._film(drawn) if film else None
-            told = None
+            as_bag = None
             if bag is not None:
-                told = drawn.enter_context(replay_bag(bag, self.inputs, self.played.nodes, note))
+                as_bag = drawn.enter_context(replay_bag(bag, self.inputs, self.played.nodes, note))
             try:
                 for frame in self.played.frames():
                     if scored_from_ns is not None and frame.time_ns < scored_from_ns:
@@ -168,8 +168,8 @@ class _Run:
                         _write_boxes(boxes, frame, name)
                         if append is not None and name == self.first:
                             append(frame, frame_score, scorer.score)
-                    if told is not None:
-                        told.write(frame)
+                    if as_bag is not None:
+                        as_bag.write(frame)
                     progress(self.played.done)
             except InputError as error:
                 faults.append(str(error))

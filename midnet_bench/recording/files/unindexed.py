@@ -3,6 +3,7 @@
 import io
 import os
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import BinaryIO, ClassVar, NamedTuple
@@ -26,7 +27,7 @@ class Connection(NamedTuple):
     msgcount: int
 
 
-class Unindexed:
+class Unindexed(ABC):
     """As much of rosbags' readers as is needed here; every pass reads the file from its beginning."""
 
     MAGIC: ClassVar[bytes]
@@ -67,9 +68,6 @@ class Unindexed:
             if connection is not None and (stop is None or time_ns < stop):
                 yield connection, time_ns, raw
 
-    def close(self) -> None:
-        """Nothing is open between two passes."""
-
     def _messages(self) -> Iterator[tuple[int, int, bytes]]:
         """(number of the connection, record time in ns, message)."""
         with open(self._path, "rb") as file:
@@ -79,8 +77,9 @@ class Unindexed:
                 if number in self._names:
                     yield number, time_ns, raw
 
+    @abstractmethod
     def _records(self, file: BinaryIO, size: int) -> Iterator[tuple[int, int, bytes]]:
-        raise NotImplementedError
+        """(number of the connection, record time in ns, message) of the rest of a file of so many bytes."""
 
 
 class UnindexedRos1(Unindexed):

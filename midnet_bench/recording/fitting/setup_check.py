@@ -33,6 +33,7 @@ ALARM = 0.06
 GOOD, POOR = 0.6, 0.4
 """A better setup that brings fewer returns than the one onto walls may be so by chance. If there is no better
 one, and as it is fewer than the other lie on walls, the map is taken for one of another place."""
+PLACED = "Odometry takes --place found"
 FEW_RETURNS = 100
 LONGEST_LINE = 300
 ALIKE = 0.02
@@ -139,7 +140,7 @@ def verdict(samples: Sequence[Sample], grid: OccupancyGrid, set_by: SetBy | None
         faults["other place"] = (
             f"{share:.2f} of the returns lie on mapped walls, and no mount, turn, mirroring, delay or shift "
             f"of the map that was tried brings more than {most:.2f}: is it the map of this place and of the "
-            "poses' frame (--map)? Odometry takes --place found; --check searches further"
+            f"poses' frame (--map)? {PLACED}; --check searches further"
         )
     return Verdict(tuple(faults), tuple(faults.values()) or (_fits(fit, walls),), share)
 
@@ -354,7 +355,7 @@ def line_of(proposal: Proposal, set_by: SetBy | None = None) -> str:
         return line + "and no other setup does better"
     if not proposal.is_good:
         line += f"and no setup brings more than {after}: is it the map of this place (--map)? "
-        return line + "Odometry takes --place found"
+        return line + PLACED
     line += f"{after} if {_what(proposal)}: {correction_of(proposal, set_by)}"
     if proposal.alike:
         other = proposal.alike[0]
