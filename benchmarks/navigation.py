@@ -12,13 +12,13 @@ from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.costmap import GlobalCostmap, RollingCostmap
 from midnet_bench.navigation.global_planner import potential_to
-from midnet_bench.navigation.navigator import Navigator, compile_kernels
-from midnet_bench.navigation.settings import (
+from midnet_bench.navigation.navigation_settings import (
     CostmapSettings,
     NavigatorSettings,
     burger_global,
     burger_local,
 )
+from midnet_bench.navigation.navigator import Navigator, compile_kernels
 from midnet_bench.robots.burger import LDS_01
 
 LIDAR = LDS_01

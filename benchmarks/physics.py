@@ -16,8 +16,8 @@ from midnet_bench.geometry import Command
 from midnet_bench.rng import stream
 from midnet_bench.simulation.crowd import Crowd
 from midnet_bench.simulation.sensors import LidarSensors
-from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.world import World
+from midnet_bench.simulation.world_settings import WorldSettings
 
 SIMULATED_S = 30
 SCAN_HZ, CONTROL_HZ, STEP_HZ = 5, 10, 30

@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from midnet_bench.recording.settings import PRESETS
+from midnet_bench.recording.recording_settings import PRESETS
 from midnet_bench.recording.setup import RecordingSetup
 from midnet_bench.workflows.replay import Replayed, replay
 

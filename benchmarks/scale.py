@@ -24,7 +24,7 @@ from benchmarks.large_teams import Seen, Team, draw_scene, make_fusion, scenes_o
 from midnet_bench.campaign.export import csv_text
 from midnet_bench.campaign.trial import Row
 from midnet_bench.geometry import Box
-from midnet_bench.midnet.settings import MIDNetSettings
+from midnet_bench.midnet.midnet_settings import MIDNetSettings
 from midnet_bench.rng import stream
 
 TEAMS = (1, 5, 10, 20, 50, 100, 200)

@@ -5,7 +5,7 @@ from pathlib import Path
 import midnet_bench as mb
 from midnet_bench.drawing.canvas import png_of
 from midnet_bench.drawing.steps import draw_fusion, draw_views, tree_of
-from midnet_bench.experiments.guarded.arena import ObservedFrame
+from midnet_bench.experiments.guarded.guarded_arena import ObservedFrame
 from midnet_bench.grid import OccupancyGrid
 
 IMAGES = Path(__file__).with_name("images")

@@ -333,4 +333,4 @@ FUSIONS = ExtensionPoint(
         "tracks": "midnet_bench.detectors.alternative_fusions:KalmanTracks",
     },
 )
-"""see ``detectors/fusion.py``"""
+"""see ``detectors/box_fusion.py``"""

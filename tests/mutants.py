@@ -35,7 +35,7 @@ class Mutant:
 MUTANTS = [
     Mutant(
         "usable range 2.6 m instead of 2.5 m",
-        "navigation/settings.py",
+        "navigation/navigation_settings.py",
         "obstacle_range_m: float = option(\n        2.5,",
         "obstacle_range_m: float = option(\n        2.6,",
         "experiments/test_experiments_usable_range.py::test_usable_range_is_two_and_a_half_metres_by_default",

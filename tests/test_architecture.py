@@ -169,6 +169,14 @@ TRIAL_MODULES = {
         if name.startswith("midnet_bench.experiments") and not name.endswith("figures")
     ),
 }
+
+
+def test_the_robots_half_has_each_file_name_once() -> None:
+    names = [path.name for name, path in SOURCES.items() if room_of(name) in TRIAL_ROOMS | FLOORS[0]]
+    names = [name for name in names if name != "__init__.py"]
+    assert sorted(names) == sorted(set(names))
+
+
 NOT_REPRODUCED = {
     "midnet_bench.elementary": "powers of integers",
     "midnet_bench.mapping.map_alignment": "OpenCV finds features, and its sums go by the processor",

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.agents.agent_settings import PATROLS, PatrolSettings
 from midnet_bench.agents.mobile_robot import GuardState
-from midnet_bench.agents.settings import PATROLS, PatrolSettings
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Point, lengths
 from midnet_bench.grid import OCCUPIED, OccupancyGrid, cell_centers, connected_to

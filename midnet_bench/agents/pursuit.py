@@ -11,8 +11,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from midnet_bench.agents.agent_settings import PURSUITS, PursuitSettings
 from midnet_bench.agents.mobile_robot import Guard, GuardState
-from midnet_bench.agents.settings import PURSUITS, PursuitSettings
 from midnet_bench.detectors.tracking import Tracker
 from midnet_bench.geometry import Point
 from midnet_bench.grid import OccupancyGrid

@@ -143,8 +143,8 @@ def node(
     from midnet_bench.recording import ros1_node, ros2_node
     from midnet_bench.recording.live import LiveOptions
     from midnet_bench.recording.plan import mount_of
+    from midnet_bench.recording.recording_settings import ReplaySettings
     from midnet_bench.recording.ros_node import spin
-    from midnet_bench.recording.settings import ReplaySettings
     from midnet_bench.recording.setup import RecordingSetup, by_name
 
     values = parse_settings(settings or [], None)

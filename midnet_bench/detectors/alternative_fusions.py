@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from midnet_bench.detectors.fusion import all_of, ious, pair_ious
+from midnet_bench.detectors.box_fusion import all_of, ious, pair_ious
 from midnet_bench.detectors.tracking import Tracker
 from midnet_bench.geometry import lengths, mean_point
 from midnet_bench.midnet.detection import BoxArray

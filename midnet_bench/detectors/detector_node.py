@@ -7,18 +7,18 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.detectors.box_fusion import Fusion
 from midnet_bench.detectors.detector import Detector
 from midnet_bench.detectors.evidence import WallEvidence
-from midnet_bench.detectors.fusion import Fusion
 from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.extension_points import DETECTORS, FUSIONS, ExtensionPoint
 from midnet_bench.geometry import Box, LidarGeometry, Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import BoxArray, binary_map
+from midnet_bench.midnet.midnet_settings import PriorMapSettings
 from midnet_bench.midnet.pipeline import Ally, Frame, MIDNet, MIDNetSettings, Observation
-from midnet_bench.midnet.settings import PriorMapSettings
 from midnet_bench.navigation.costmap import RollingCostmap, static_costs
-from midnet_bench.navigation.settings import CostmapSettings
+from midnet_bench.navigation.navigation_settings import CostmapSettings
 
 Number = TypeVar("Number", bound=np.generic)
 

@@ -10,8 +10,8 @@ from midnet_bench.arena.layout import Layout
 from midnet_bench.campaign.trial import Row
 from midnet_bench.simulation.fleet import Fleet
 from midnet_bench.simulation.sensors import LidarSensors
-from midnet_bench.simulation.settings import SimulationSettings
 from midnet_bench.simulation.world import World
+from midnet_bench.simulation.world_settings import SimulationSettings
 
 
 class RobotTrial:

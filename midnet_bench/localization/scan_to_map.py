@@ -12,7 +12,7 @@ from midnet_bench.compiled import njit
 from midnet_bench.elementary import atan2, cos_sin, directions, hypot
 from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.localization.settings import ScanToMapSettings
+from midnet_bench.localization.localization_settings import ScanToMapSettings
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin
 from midnet_bench.geometry import Pose2D, wrap_angle
-from midnet_bench.localization.settings import UkfSettings
+from midnet_bench.localization.localization_settings import UkfSettings
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from midnet_bench.compiled import njit
 from midnet_bench.geometry import Point, Pose2D, lengths
 from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, values_at
-from midnet_bench.mapping.settings import FrontierSettings
+from midnet_bench.mapping.mapping_settings import FrontierSettings
 
 _OUT_OF_REACH, _SECOND, _GAP = 1e9, 1e6, 1e3
 """costs above any other: of a frontier that the robot cannot reach, of one that another robot is sent to, of

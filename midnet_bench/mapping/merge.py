@@ -11,7 +11,7 @@ import numpy.typing as npt
 from midnet_bench.geometry import Pose2D, mean_point, wrap_angle
 from midnet_bench.grid import UNKNOWN, OccupancyGrid, cell_centers, values_at
 from midnet_bench.mapping.map_alignment import WallMap, coarse_placements, fit, propose, refine
-from midnet_bench.mapping.settings import MergeSettings
+from midnet_bench.mapping.mapping_settings import MergeSettings
 
 _HERE = Pose2D(0.0, 0.0, 0.0)
 

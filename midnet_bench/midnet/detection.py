@@ -17,7 +17,7 @@ import numpy.typing as npt
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.midnet.settings import Align, Unknown
+from midnet_bench.midnet.midnet_settings import Align, Unknown
 
 OCCUPIED = 0
 """black, where something is"""

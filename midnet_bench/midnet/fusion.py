@@ -17,7 +17,7 @@ import numpy as np
 from midnet_bench.compiled import njit
 from midnet_bench.geometry import Pose2D
 from midnet_bench.midnet.detection import BoxArray, Indices
-from midnet_bench.midnet.settings import AllyRemove
+from midnet_bench.midnet.midnet_settings import AllyRemove
 
 FIRST, BEST, ALL = range(3)
 """the same as numbers"""

@@ -28,7 +28,7 @@ from midnet_bench.midnet.detection import (
     with_returns,
 )
 from midnet_bench.midnet.fusion import REMOVE, TeamBoxes, ally_squares, fuse_team
-from midnet_bench.midnet.settings import MIDNetSettings as MIDNetSettings
+from midnet_bench.midnet.midnet_settings import MIDNetSettings as MIDNetSettings
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from midnet_bench.elementary import cos_sin, from_python, hypot
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, LidarGeometry, Pose2D
 from midnet_bench.grid import OCCUPIED, UNKNOWN, OccupancyGrid
-from midnet_bench.navigation.settings import CostmapSettings, Footprint
+from midnet_bench.navigation.navigation_settings import CostmapSettings, Footprint
 
 Cells = npt.NDArray[np.uint8]
 Floats = npt.NDArray[np.float64]

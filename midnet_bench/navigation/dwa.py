@@ -20,7 +20,7 @@ from midnet_bench.navigation.local_planner import (
     outline_cost,
     velocity_samples,
 )
-from midnet_bench.navigation.settings import DwaSettings, Footprint
+from midnet_bench.navigation.navigation_settings import DwaSettings, Footprint
 
 _ESCAPE_AFTER_S = 2.0
 """after so long without a legal sample the planner looks for a way off instead of along the plan"""

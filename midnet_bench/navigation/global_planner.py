@@ -25,7 +25,7 @@ from midnet_bench.navigation.costmap import (
     reach_cells,
 )
 from midnet_bench.navigation.local_planner import Plan
-from midnet_bench.navigation.settings import CostmapSettings, radii
+from midnet_bench.navigation.navigation_settings import CostmapSettings, radii
 
 Potentials = npt.NDArray[np.float32]
 

@@ -22,7 +22,7 @@ from midnet_bench.navigation.costmap import (
     next_cell,
     placed,
 )
-from midnet_bench.navigation.settings import Footprint, LocalPlannerLimits
+from midnet_bench.navigation.navigation_settings import Footprint, LocalPlannerLimits
 
 Grids = npt.NDArray[np.int32]
 

@@ -17,7 +17,7 @@ from midnet_bench.navigation.costmap import (
 from midnet_bench.navigation.dwa import DwaPlanner
 from midnet_bench.navigation.global_planner import GlobalPlanner
 from midnet_bench.navigation.local_planner import LocalPlanner, Plan, turn_is_free
-from midnet_bench.navigation.settings import DwaSettings, Footprint, NavigatorSettings
+from midnet_bench.navigation.navigation_settings import DwaSettings, Footprint, NavigatorSettings
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
 from midnet_bench.robots.burger import LDS_01
 

@@ -18,7 +18,7 @@ from midnet_bench.navigation.local_planner import (
     Plan,
     outline_cost,
 )
-from midnet_bench.navigation.settings import Footprint, TrajectoryRolloutSettings
+from midnet_bench.navigation.navigation_settings import Footprint, TrajectoryRolloutSettings
 
 HITS, BLOCKED = -1.0, -2.0
 """cost of a rollout whose footprint is illegal or off the window; of one that leaves path or goal's reach"""

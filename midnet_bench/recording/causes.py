@@ -17,14 +17,14 @@ from midnet_bench.detectors import evidence
 from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.geometry import Box, Pose2D, Scan
 from midnet_bench.grid import UNKNOWN, OccupancyGrid, cells_of, values_at
+from midnet_bench.localization.localization_settings import RECORDED
 from midnet_bench.localization.scan_to_map import ScanToMap
-from midnet_bench.localization.settings import RECORDED
 from midnet_bench.midnet.detection import bounding_boxes
 from midnet_bench.midnet.pipeline import Frame, RobotView
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.ray_counts import RayCounts
+from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import ReplayFrame
-from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.recording.truth import Label, Labels
 from midnet_bench.scoring.error_causes import RECORDED_MISSES
 

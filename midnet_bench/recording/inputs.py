@@ -24,8 +24,8 @@ from midnet_bench.recording.fitting.localize import Localizer
 from midnet_bench.recording.fitting.place import placed
 from midnet_bench.recording.plan import AllyPlan, RobotPlan, followed_topics, number_of, robots_of
 from midnet_bench.recording.ray_counts import RayCounts
+from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import Replay, part_of
-from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.recording.setup import EVERY, RecordingSetup
 from midnet_bench.recording.truth import LabelTable
 from midnet_bench.robots.model import ROBOTS

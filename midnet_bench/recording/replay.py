@@ -32,7 +32,7 @@ from midnet_bench.recording.files.readings import (
 from midnet_bench.recording.files.survey import EVER_NS
 from midnet_bench.recording.plan import AllyPlan, Link, PoseChain, RobotPlan
 from midnet_bench.recording.poses import InterpolatedPose, PoseInterpolator, PoseTrack, stamp_ns
-from midnet_bench.recording.settings import ReplaySettings
+from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.setup import RecordingSetup
 
 PATIENCE_NS = NS

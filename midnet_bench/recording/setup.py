@@ -12,7 +12,7 @@ from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.checked_yaml import Spec, parse, read_yaml
 from midnet_bench.recording.files.no_return import CODES, MEANINGS, Meaning
 from midnet_bench.recording.poses import Clock
-from midnet_bench.recording.settings import Preset
+from midnet_bench.recording.recording_settings import Preset
 from midnet_bench.settings import Scalar
 
 LARGEST = 1e7

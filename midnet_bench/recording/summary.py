@@ -17,9 +17,9 @@ from midnet_bench.recording.fitting.setup_check import NAMES, QUICK_SAMPLES, Pro
 from midnet_bench.recording.inputs import Note, ReplayInputs
 from midnet_bench.recording.plan import Link, RobotPlan, beam_time
 from midnet_bench.recording.poses import Clock
+from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import Replay
 from midnet_bench.recording.scores import Score, Scorer
-from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.recording.setup import RecordingSetup
 from midnet_bench.recording.truth import LabelTable
 from midnet_bench.scoring.error_causes import MISS, RECORDED_BOXES, RECORDED_MISSES

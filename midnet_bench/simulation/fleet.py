@@ -14,8 +14,8 @@ from midnet_bench.elementary import hypot
 from midnet_bench.geometry import STOP, Pose2D
 from midnet_bench.rng import stream
 from midnet_bench.simulation.sensors import EncoderOdometers, ImuSensors, LidarSensors
-from midnet_bench.simulation.settings import SimulationSettings
 from midnet_bench.simulation.world import World
+from midnet_bench.simulation.world_settings import SimulationSettings
 
 Floats = npt.NDArray[np.float64]
 

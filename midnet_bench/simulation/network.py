@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from midnet_bench.rng import standard_exponential
-from midnet_bench.simulation.settings import NetworkSettings
+from midnet_bench.simulation.world_settings import NetworkSettings
 
 Payload = TypeVar("Payload")
 

@@ -19,8 +19,8 @@ from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.rng import standard_normals, stream
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.engine import Beams
-from midnet_bench.simulation.settings import ImuSettings, LidarNoise, LidarSettings, OdometrySettings
 from midnet_bench.simulation.world import World
+from midnet_bench.simulation.world_settings import ImuSettings, LidarNoise, LidarSettings, OdometrySettings
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

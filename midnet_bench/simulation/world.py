@@ -13,7 +13,7 @@ from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.crowd import Crowd
 from midnet_bench.simulation.engine import SIMULATORS, Beams, Engine
-from midnet_bench.simulation.settings import WorldSettings
+from midnet_bench.simulation.world_settings import WorldSettings
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.agents.agent_settings import PATROLS, PURSUITS
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.agents.patrol import TeamPatrol
 from midnet_bench.agents.pursuit import TargetState, TeamPursuit
-from midnet_bench.agents.settings import PATROLS, PURSUITS
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.campaign.definition import parse_campaign, resolve
@@ -43,8 +43,8 @@ from midnet_bench.scoring.metric import METRICS, MetricFrame, TrialMetrics
 from midnet_bench.settings import Scalar
 from midnet_bench.simulation.engine import SIMULATORS, Beams
 from midnet_bench.simulation.sensors import beam_directions
-from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.world import World
+from midnet_bench.simulation.world_settings import WorldSettings
 
 TEAM, FULL_TEAM, FRAMES, WARM_UP, SEED = 4, 20, 23, 25, 3001
 """A prime number of frames: plug-ins with a period do not look repeatable."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import pandas as pd
 
-from midnet_bench.agents.settings import PATROLS, PURSUITS
+from midnet_bench.agents.agent_settings import PATROLS, PURSUITS
 from midnet_bench.analysis import compare as analysis
 from midnet_bench.analysis.compare import BOUNDS, MEASURE, WORSE, BySeed, Compared, Key, joined, label, series
 from midnet_bench.analysis.frames import Results, load_results

@@ -9,8 +9,8 @@ from midnet_bench.analysis.frames import load_results
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
-from midnet_bench.experiments.guarded.arena import GuardedArena
 from midnet_bench.experiments.guarded.exporter import Exporter
+from midnet_bench.experiments.guarded.guarded_arena import GuardedArena
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.geometry import Box
 from midnet_bench.recording.files.layout import write_layout

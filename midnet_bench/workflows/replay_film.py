@@ -12,9 +12,9 @@ from midnet_bench.drawing.scene import Detection, Floats, FloorPlan, Robot, Scen
 from midnet_bench.drawing.trial_video import trial_video
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import Replay, ReplayFrame
 from midnet_bench.recording.scores import FrameScore, Score
-from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.robots.model import Outline
 from midnet_bench.scoring.frame_counts import ratios
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from midnet_bench.agents.settings import PATROLS
+from midnet_bench.agents.agent_settings import PATROLS
 from midnet_bench.analysis import compare as analysis
 from midnet_bench.analysis.compare import MEASURE, Key, joined, series
 from midnet_bench.analysis.frames import CONFIGURATION, Results, load_results, records

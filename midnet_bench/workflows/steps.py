@@ -11,8 +11,8 @@ from midnet_bench.drawing.steps import Node, Tree, draw_fusion, draw_views, tree
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import write_atomically
+from midnet_bench.midnet.midnet_settings import MIDNetSettings
 from midnet_bench.midnet.pipeline import Explanation, Observation
-from midnet_bench.midnet.settings import MIDNetSettings
 from midnet_bench.recording.inputs import prepared
 from midnet_bench.recording.replay import Replay
 from midnet_bench.recording.setup import RecordingSetup

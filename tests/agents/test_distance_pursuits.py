@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from midnet_bench.agents.agent_settings import PURSUITS
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.agents.pursuit import TargetState, TeamPursuit
-from midnet_bench.agents.settings import PURSUITS
 from midnet_bench.errors import InputError
 from midnet_bench.extension_points import PluginError
 from midnet_bench.grid import OccupancyGrid

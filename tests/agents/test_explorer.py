@@ -8,14 +8,14 @@ import pytest
 from midnet_bench.agents.explorer import Explorer, hand_out_frontiers
 from midnet_bench.geometry import STOP, Pose2D
 from midnet_bench.grid import MapWindow
-from midnet_bench.localization.settings import UkfSettings
+from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.mapping.frontier import FrontierExplorer
 from midnet_bench.mapping.gmapping.filter import GMapping
-from midnet_bench.mapping.gmapping.settings import BURGER_UKF
-from midnet_bench.mapping.settings import FrontierSettings
+from midnet_bench.mapping.gmapping.gmapping_settings import BURGER_UKF
+from midnet_bench.mapping.mapping_settings import FrontierSettings
+from midnet_bench.navigation.navigation_settings import NavigatorSettings, burger_global
 from midnet_bench.navigation.navigator import Navigator
-from midnet_bench.navigation.settings import NavigatorSettings, burger_global
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01
 

@@ -4,6 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from midnet_bench.agents.agent_settings import PATROLS
 from midnet_bench.agents.graph_patrols import (
     ConscientiousReactive,
     CoordinatedIdleness,
@@ -12,7 +13,6 @@ from midnet_bench.agents.graph_patrols import (
 )
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.agents.patrol import TeamPatrol
-from midnet_bench.agents.settings import PATROLS
 from midnet_bench.errors import InputError
 from midnet_bench.extension_points import PluginError
 from midnet_bench.geometry import Point

@@ -1,8 +1,8 @@
 import numpy as np
 
+from midnet_bench.agents.agent_settings import PursuitSettings
 from midnet_bench.agents.mobile_robot import Guard
 from midnet_bench.agents.pursuit import Pursuit, TeamPursuit
-from midnet_bench.agents.settings import PursuitSettings
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.navigator import Navigator

@@ -10,7 +10,7 @@ from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.geometry import Pose2D, Solid
 from midnet_bench.navigation.navigator import Navigator
-from midnet_bench.simulation.settings import SimulationSettings, WorldSettings
+from midnet_bench.simulation.world_settings import SimulationSettings, WorldSettings
 from tests.simulation.scenes import ENGINES, scene
 
 BLOCK = Solid("box", Pose2D(1.5, 1.2, 0.3), 1.0, 0.8, 0.3)

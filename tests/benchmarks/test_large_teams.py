@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.large_teams import Scene, Team, draw_scene, scenes_of, seen_by_all
 from midnet_bench.geometry import Box
-from midnet_bench.midnet.settings import MIDNetSettings
+from midnet_bench.midnet.midnet_settings import MIDNetSettings
 from midnet_bench.rng import stream
 
 

@@ -16,7 +16,7 @@ from midnet_bench.detectors.alternative_fusions import (
     NonMaximumSuppression,
     WeightedBoxes,
 )
-from midnet_bench.detectors.fusion import Fusion, ious
+from midnet_bench.detectors.box_fusion import Fusion, ious
 from midnet_bench.geometry import Box
 
 Boxes = npt.NDArray[np.float64]

@@ -16,7 +16,7 @@ from midnet_bench.experiments.detection.trial import DetectionTrial, run_detecti
 from midnet_bench.experiments.registry import run_trial
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
-from midnet_bench.navigation.settings import TrajectoryRolloutSettings
+from midnet_bench.navigation.navigation_settings import TrajectoryRolloutSettings
 from midnet_bench.scoring.frame_counts import Causes
 
 

@@ -20,8 +20,8 @@ from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.mapping.trial import ExplorationTrial
 from midnet_bench.experiments.registry import names, parameters_model
-from midnet_bench.localization.settings import UkfSettings
-from midnet_bench.navigation.settings import LocalPlannerLimits
+from midnet_bench.localization.localization_settings import UkfSettings
+from midnet_bench.navigation.navigation_settings import LocalPlannerLimits
 from midnet_bench.settings import all_values, leaves
 from midnet_bench.workflows.readings import READINGS, readings_of
 

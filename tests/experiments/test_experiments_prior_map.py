@@ -17,7 +17,7 @@ from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import run_detection
 from midnet_bench.experiments.guarded import inputs
-from midnet_bench.experiments.guarded.arena import GuardedArena
+from midnet_bench.experiments.guarded.guarded_arena import GuardedArena
 from midnet_bench.experiments.guarded.inputs import prior_map_from
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.grid import OccupancyGrid

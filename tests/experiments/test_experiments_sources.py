@@ -12,7 +12,7 @@ import pytest
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.mapping.parameters import MappingParameters
-from midnet_bench.recording.settings import ReplaySettings
+from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.settings import SOURCES, Leaf, Settings, all_values
 from midnet_bench.workflows.readings import READINGS
 

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.localization.scan_to_map import ScanToMap
-from midnet_bench.localization.settings import UkfSettings
 from midnet_bench.localization.ukf import PlanarUkf, UkfTeam
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01

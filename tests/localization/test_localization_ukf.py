@@ -8,7 +8,7 @@ import pytest
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from midnet_bench.geometry import Imu, Odometry, Pose2D, wrap_angle
-from midnet_bench.localization.settings import UkfSettings
+from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.localization.ukf import PlanarUkf, UkfTeam
 from midnet_bench.rng import stream
 

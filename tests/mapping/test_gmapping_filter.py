@@ -18,7 +18,7 @@ from midnet_bench.mapping.gmapping.filter import (
     normalized_weights,
     systematic_resample,
 )
-from midnet_bench.mapping.gmapping.settings import BURGER_UKF, GmappingSettings
+from midnet_bench.mapping.gmapping.gmapping_settings import BURGER_UKF, GmappingSettings
 from midnet_bench.mapping.scans import scan_rays
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import LDS_01

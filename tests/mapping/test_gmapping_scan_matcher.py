@@ -8,6 +8,7 @@ import numpy.typing as npt
 import pytest
 
 from midnet_bench.geometry import Pose2D
+from midnet_bench.mapping.gmapping.gmapping_settings import BURGER_UKF, RECORDED_LOG
 from midnet_bench.mapping.gmapping.particle_map import ParticleMaps
 from midnet_bench.mapping.gmapping.scan_matcher import (
     climb,
@@ -16,7 +17,6 @@ from midnet_bench.mapping.gmapping.scan_matcher import (
     match_score,
     matching_in_cells,
 )
-from midnet_bench.mapping.gmapping.settings import BURGER_UKF, RECORDED_LOG
 from midnet_bench.mapping.hill_climb import hill_climb, rotate
 from midnet_bench.mapping.scans import trace_line
 from tests.mapping.gmapping_room import ROOM, cast

@@ -19,7 +19,7 @@ from midnet_bench.mapping.frontier import (
     find_gaps,
     wall_gaps,
 )
-from midnet_bench.mapping.settings import FrontierSettings
+from midnet_bench.mapping.mapping_settings import FrontierSettings
 from tests.mapping.drawn_buildings import grid
 
 

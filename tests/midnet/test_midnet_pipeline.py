@@ -11,8 +11,8 @@ from hypothesis.extra import numpy as hnp
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.midnet.midnet_settings import Unknown
 from midnet_bench.midnet.pipeline import MIDNet, MIDNetSettings, Observation
-from midnet_bench.midnet.settings import Unknown
 from tests.midnet.ascii_maps import binary, costs, draw
 
 # a room of 12 x 9 cells of half a metre, its lower left corner at (-3, -2)

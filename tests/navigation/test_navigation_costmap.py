@@ -19,7 +19,7 @@ from midnet_bench.navigation.costmap import (
     inflate,
     is_open_line,
 )
-from midnet_bench.navigation.settings import CostmapSettings
+from midnet_bench.navigation.navigation_settings import CostmapSettings
 from midnet_bench.robots.burger import LDS_01
 
 ONE_BEAM = LidarGeometry(1, 0.0, 0.1, 0.12, 3.5, Pose2D(0.0, 0.0, 0.0))

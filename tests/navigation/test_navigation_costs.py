@@ -18,7 +18,7 @@ from midnet_bench.navigation.costmap import (
     static_costs,
     static_layer,
 )
-from midnet_bench.navigation.settings import CostmapSettings, burger_global, burger_local
+from midnet_bench.navigation.navigation_settings import CostmapSettings, burger_global, burger_local
 from midnet_bench.robots.burger import BURGER
 
 

@@ -22,13 +22,13 @@ from midnet_bench.navigation.local_planner import (
     outline_cost,
     velocity_samples,
 )
-from midnet_bench.navigation.navigator import StopRotate
-from midnet_bench.navigation.settings import (
+from midnet_bench.navigation.navigation_settings import (
     DwaSettings,
     LocalPlannerLimits,
     TrajectoryRolloutSettings,
     burger_local,
 )
+from midnet_bench.navigation.navigator import StopRotate
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
 from midnet_bench.robots.burger import BURGER, LDS_01
 

@@ -9,8 +9,8 @@ import pytest
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import STOP, Box, Command, Pose2D
 from midnet_bench.navigation import global_planner
+from midnet_bench.navigation.navigation_settings import NavigatorSettings, burger_global
 from midnet_bench.navigation.navigator import Navigator, RotateRecovery, Status
-from midnet_bench.navigation.settings import NavigatorSettings, burger_global
 from midnet_bench.robots.burger import LDS_01
 from tests.navigation.planar_world import Robot, World, drive
 

@@ -4,7 +4,7 @@ import pytest
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
-from midnet_bench.recording.settings import ReplaySettings
+from midnet_bench.recording.recording_settings import ReplaySettings
 from tests.cli.command import midnet_bench, one_line_of_complaint
 from tests.recording import recordings as made
 from tests.recording.recordings import Drive, replayed

@@ -18,9 +18,9 @@ import pytest
 from midnet_bench.campaign.trial import Scalar
 from midnet_bench.geometry import Box
 from midnet_bench.recording.live import LiveNode, LiveOptions
+from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.ros1_node import DEBIANS
 from midnet_bench.recording.ros_node import PUBLISHED
-from midnet_bench.recording.settings import ReplaySettings
 from midnet_bench.workflows.export import export_trial
 from tests.cli.command import REPOSITORY, in_its_own_process, midnet_bench, one_line_of_complaint
 from tests.recording.test_export import read, trials_own

@@ -10,7 +10,7 @@ from midnet_bench.agents.patrol import DRIVABLE_M
 from midnet_bench.arena.layout import ROBOT_CLEARANCE_M
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.midnet.pipeline import MIDNetSettings
-from midnet_bench.navigation.settings import LocalPlannerLimits
+from midnet_bench.navigation.navigation_settings import LocalPlannerLimits
 from midnet_bench.robots.burger import BURGER
 
 

@@ -16,8 +16,8 @@ from midnet_bench.robots.burger import BURGER, LDS_01
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.sensors import LidarSensors
-from midnet_bench.simulation.settings import LidarSettings, WorldSettings
 from midnet_bench.simulation.world import World
+from midnet_bench.simulation.world_settings import LidarSettings, WorldSettings
 
 HOWTO = Path(__file__).parents[2] / "docs" / "howto"
 

@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from midnet_bench.robots.burger import BURGER
-from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.world import World
+from midnet_bench.simulation.world_settings import WorldSettings
 from tests.simulation.scenes import ENGINES, scene
 
 

@@ -14,8 +14,8 @@ from midnet_bench.geometry import Command, Pose2D, Solid
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.fast.contacts import hull_of
 from midnet_bench.simulation.fast.outlines import outlines_of, side_grid
-from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.world import World
+from midnet_bench.simulation.world_settings import WorldSettings
 from tests.simulation.overlap import deepest_m
 from tests.simulation.scenes import ENGINES, WORLDS, FastWorld, run, scene, small_arena
 

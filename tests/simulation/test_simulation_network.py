@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from midnet_bench.rng import stream
 from midnet_bench.simulation.network import LossyNetwork, Message
-from midnet_bench.simulation.settings import NetworkSettings
+from midnet_bench.simulation.world_settings import NetworkSettings
 
 
 def network(settings: NetworkSettings, senders: int = 1, seed: int = 1) -> LossyNetwork[int]:

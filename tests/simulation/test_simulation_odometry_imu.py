@@ -7,7 +7,7 @@ from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.sensors import TICK_RAD, EncoderOdometers, ImuSensors
-from midnet_bench.simulation.settings import ImuSettings, OdometrySettings
+from midnet_bench.simulation.world_settings import ImuSettings, OdometrySettings
 from tests.simulation.scenes import BulletWorld, run, scene
 
 RADIUS_M, SEPARATION_M = BURGER.wheel_radius_m, BURGER.wheel_separation_m

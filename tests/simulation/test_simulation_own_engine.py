@@ -13,8 +13,8 @@ from midnet_bench.extension_points import PluginError
 from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.engine import SIMULATORS, Beams
-from midnet_bench.simulation.settings import WorldSettings
 from midnet_bench.simulation.world import World
+from midnet_bench.simulation.world_settings import WorldSettings
 from tests.simulation.scenes import OWN_ENGINE, FastWorld, run, scene, sensors
 
 STARTS = [(-1.0, 0.5, 0.3), (1.0, -0.5, 3.0)]

@@ -11,9 +11,9 @@ from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.elementary import directions
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.experiments.guarded.arena import GuardedArena, ObservedFrame
 from midnet_bench.experiments.guarded.frame_trace import FrameTrace
 from midnet_bench.experiments.guarded.ground_truth import fused_by_identity
+from midnet_bench.experiments.guarded.guarded_arena import GuardedArena, ObservedFrame
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.record import recorder_of
 from midnet_bench.extension_points import PluginError

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.drawing.palette import INTRUDER
 from midnet_bench.errors import InputError
-from midnet_bench.experiments.guarded.arena import GuardedArena
+from midnet_bench.experiments.guarded.guarded_arena import GuardedArena
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameters
 from midnet_bench.geometry import Pose2D
 from midnet_bench.midnet.pipeline import Frame

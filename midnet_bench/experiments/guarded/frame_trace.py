@@ -13,7 +13,7 @@ import numpy as np
 from midnet_bench.agents.mobile_robot import Guard
 from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.elementary import cos_sin
-from midnet_bench.experiments.guarded.arena import GuardedArena
+from midnet_bench.experiments.guarded.guarded_arena import GuardedArena
 from midnet_bench.geometry import Box, Scan, Solid, lengths
 from midnet_bench.midnet.detection import Crop
 from midnet_bench.midnet.pipeline import Frame

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, Self
 
-from midnet_bench.agents.settings import PATROLS, GoalSettings, PatrolSettings
+from midnet_bench.agents.agent_settings import PATROLS, GoalSettings, PatrolSettings
 from midnet_bench.arena.arena import Arena
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.guarded.inputs import (
@@ -17,12 +17,12 @@ from midnet_bench.experiments.guarded.inputs import (
 )
 from midnet_bench.extension_points import DETECTORS, FUSIONS
 from midnet_bench.io.parameters import Parameters
-from midnet_bench.localization.settings import ScanToMapSettings, UkfSettings
-from midnet_bench.midnet.settings import MIDNetSettings, PriorMapSettings
-from midnet_bench.navigation.settings import MIDNET_SOURCES, CostmapSettings, NavigatorSettings
+from midnet_bench.localization.localization_settings import ScanToMapSettings, UkfSettings
+from midnet_bench.midnet.midnet_settings import MIDNetSettings, PriorMapSettings
+from midnet_bench.navigation.navigation_settings import MIDNET_SOURCES, CostmapSettings, NavigatorSettings
 from midnet_bench.scoring.metric import NONE, pinned_metrics
 from midnet_bench.settings import Scalar, group, option
-from midnet_bench.simulation.settings import NetworkSettings, SimulationSettings
+from midnet_bench.simulation.world_settings import NetworkSettings, SimulationSettings
 
 Oracle = Literal[
     "none",

@@ -15,8 +15,8 @@ from midnet_bench.scoring.metric import NONE, TrialMetrics
 
 if TYPE_CHECKING:
     from midnet_bench.agents.mobile_robot import Guard
-    from midnet_bench.experiments.guarded.arena import GuardedArena
     from midnet_bench.experiments.guarded.frame_trace import FrameTrace
+    from midnet_bench.experiments.guarded.guarded_arena import GuardedArena
     from midnet_bench.experiments.guarded.parameters import GuardParameters
     from midnet_bench.midnet.pipeline import Frame
     from midnet_bench.scoring.diagnosis import Cause, Kind

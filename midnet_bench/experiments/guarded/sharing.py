@@ -9,8 +9,8 @@ import numpy as np
 
 from midnet_bench.experiments.guarded.inputs import EXACT
 from midnet_bench.experiments.guarded.parameters import GuardParameters
-from midnet_bench.midnet.settings import PriorMapSettings
-from midnet_bench.navigation.settings import CostmapSettings
+from midnet_bench.midnet.midnet_settings import PriorMapSettings
+from midnet_bench.navigation.navigation_settings import CostmapSettings
 
 AnySettings = TypeVar("AnySettings", bound=Any)
 Guarded = TypeVar("Guarded", bound=GuardParameters)

@@ -12,7 +12,7 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.rng import stream
 from midnet_bench.simulation.network import LossyNetwork
-from midnet_bench.simulation.settings import NetworkSettings
+from midnet_bench.simulation.world_settings import NetworkSettings
 
 
 class Report(NamedTuple):

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
-from midnet_bench.agents.settings import PURSUITS, PursuitSettings
+from midnet_bench.agents.agent_settings import PURSUITS, PursuitSettings
 from midnet_bench.arena.arena import Arena
 from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, doors, free_space, widest_pair_m
 from midnet_bench.errors import InputError

@@ -11,7 +11,7 @@ from midnet_bench.agents.pursuit import Pursuit, TeamPursuit
 from midnet_bench.arena.free_space import doors
 from midnet_bench.arena.layout import Layout, place
 from midnet_bench.campaign.trial import Row, TrialResult
-from midnet_bench.experiments.guarded.arena import GuardedArena
+from midnet_bench.experiments.guarded.guarded_arena import GuardedArena
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.record import CAPTURES, recorder_of
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import exp
 from midnet_bench.geometry import Pose2D
-from midnet_bench.mapping.gmapping.settings import GmappingSettings
+from midnet_bench.mapping.gmapping.gmapping_settings import GmappingSettings
 from midnet_bench.mapping.hill_climb import hill_climb, rotate
 
 PATCH_CELLS = 32

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from midnet_bench.geometry import Pose2D, Scan, wrap_angle
 from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cells_of
+from midnet_bench.localization.localization_settings import RECORDED
 from midnet_bench.localization.scan_to_map import ScanToMap
-from midnet_bench.localization.settings import RECORDED
 from midnet_bench.recording.fitting.fit import Walls
 
 Floats = npt.NDArray[np.float64]

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.agents.agent_settings import PATROLS
 from midnet_bench.agents.mobile_robot import Guard, MobileRobot
 from midnet_bench.agents.patrol import Patrol, TeamPatrol, patrol_points, safe_distance
-from midnet_bench.agents.settings import PATROLS
 from midnet_bench.arena.free_space import GOAL_CLEARANCE_M, FreeSpace, free_space
 from midnet_bench.arena.layout import Layout, place
 from midnet_bench.campaign.trial import Row
