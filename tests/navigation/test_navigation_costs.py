@@ -8,7 +8,7 @@ from scipy.ndimage import distance_transform_edt
 
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.navigation import settings as footprint
+from midnet_bench.navigation import navigation_settings as footprint
 from midnet_bench.navigation.costmap import (
     PUBLISHED,
     inflate,
