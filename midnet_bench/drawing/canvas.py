@@ -31,6 +31,7 @@ from midnet_bench.drawing.palette import (
 )
 from midnet_bench.drawing.scene import (
     BURGER_LENGTH_M,
+    Detection,
     Floats,
     FloorPlan,
     Robot,
@@ -134,25 +135,26 @@ class Canvas:
         self.line([(x - arm, y - arm), (x + arm, y + arm)], color, 2)
         self.line([(x - arm, y + arm), (x + arm, y - arm)], color, 2)
 
-    def box(self, box: Box, color: RGB, width: int = 1) -> None:
-        """The outline of a box."""
-        self.polygon(_corners(box), None, color, width)
+    def box(self, box: Box, edge: RGB | None, width: int = 1, fill: RGB | None = None) -> None:
+        """A box along the axes."""
+        self.polygon(_corners(box)[:4], fill, edge, width)
 
-    def fill(self, box: Box, color: RGB) -> None:
-        """A filled box."""
-        self.polygon(_corners(box), color)
+    def dashed_box(self, box: Box, color: RGB) -> None:
+        """The outline of a box in dashes."""
+        self.dashes(_corners(box), color)
 
-    def cells(self, codes: OccupancyGrid, shades: Picture) -> None:
+    def cells(self, codes: OccupancyGrid, shades: npt.ArrayLike) -> None:
         """A grid over the whole picture; cell value i, an uint8, looks like row i of ``shades`` (k, 3)."""
         height, width = self.picture.shape[:2]
-        x, y = codes.origin
-        left, base = self.pixels((x, y))
+        left, base = self.pixels(codes.origin)
         per_pixel = 1.0 / (self.scale * codes.resolution)
         # of the picture's pixel centres, into cells
         columns = np.floor((np.arange(width) + 0.5 - left) * per_pixel).astype(int)
         rows = np.floor((base - np.arange(height) - 0.5) * per_pixel).astype(int)
         on_x, on_y = (columns >= 0) & (columns < codes.width), (rows >= 0) & (rows < codes.height)
-        self.picture[np.ix_(on_y, on_x)] = shades[codes.data[np.ix_(rows[on_y], columns[on_x])]]
+        self.picture[np.ix_(on_y, on_x)] = np.asarray(shades, np.uint8)[
+            codes.data[np.ix_(rows[on_y], columns[on_x])]
+        ]
 
     def label(self, at: Point, text: str, color: RGB, right_px: float = 0, down_px: float = 0) -> None:
         """Bold text with a white halo in the middle of a point that lies so far from (x, y)."""
@@ -222,10 +224,10 @@ def paint_floor_plan(canvas: Canvas, plan: FloorPlan) -> None:
     """Ground, floor, walls and stationary intruders, over the whole picture."""
     canvas.picture[:] = GROUND
     if plan.ground is None:
-        canvas.fill(plan.enclosure, FLOOR)
+        canvas.box(plan.enclosure, None, fill=FLOOR)
     else:  # unknown cells look like what is outside, not like floor
         codes = plan.ground.with_data((plan.ground.data >= 0).astype(np.uint8))
-        canvas.cells(codes, np.array([GROUND, FLOOR], dtype=np.uint8))
+        canvas.cells(codes, [GROUND, FLOOR])
     # edges first, so that pieces of wall that share an end look like one
     for wall in plan.walls:
         canvas.polygon(wall, None, WOOD_EDGE, 3)
@@ -291,19 +293,20 @@ def paint_path(canvas: Canvas, goal: Point, plan: Floats | None, color: RGB, is_
     canvas.polygon([(x - arm, y), (x, y - arm), (x + arm, y), (x, y + arm)], WHITE, color, 2)
 
 
-def paint_detection(canvas: Canvas, box: Box, is_false: bool, is_further: bool = False) -> None:
+def paint_detection(canvas: Canvas, found: Detection) -> None:
     """A detection. A false one is crossed out as well: colour alone does not tell all readers.
 
     A further one on an intruder that has its own is dashed.
     """
-    color = FALSE_DETECTION if is_false else DETECTION
-    if is_further:
-        canvas.dashes(_corners(box)[[0, 1, 2, 3, 0]], color)
-        return
-    canvas.box(box, color, 2)
-    if is_false:
-        canvas.line([box[:2], box[2:]], color)
-        canvas.line([(box.x_min, box.y_max), (box.x_max, box.y_min)], color)
+    box = found.box
+    if found.is_further:
+        canvas.dashed_box(box, DETECTION)
+    elif found.is_false:
+        canvas.box(box, FALSE_DETECTION, 2)
+        canvas.line([box[:2], box[2:]], FALSE_DETECTION)
+        canvas.line([(box.x_min, box.y_max), (box.x_max, box.y_min)], FALSE_DETECTION)
+    else:
+        canvas.box(box, DETECTION, 2)
 
 
 def paint_sign(canvas: Canvas, truth: Truth, enlarged: float = 1.0, least_px: float = SIGN_PX) -> Box | None:
@@ -345,7 +348,7 @@ def paint_grid(page: Picture, left: int, top: int, side_px: int, view: Box, grid
 
 def paint_removed(canvas: Canvas, box: Box, ally: str) -> None:
     """A box that was taken for an ally, and which."""
-    canvas.dashes(_corners(box)[[0, 1, 2, 3, 0]], GUARD)
+    canvas.dashed_box(box, GUARD)
     canvas.label((box.x_max, box.y_max), ally, GUARD, 7, -5)
 
 
@@ -390,8 +393,9 @@ def _halo(text: str, size_px: int) -> Picture:
 
 
 def _corners(box: Box) -> Floats:
+    """(5, 2), the first one again at the end."""
     x1, y1, x2, y2 = box
-    return np.array([(x1, y1), (x2, y1), (x2, y2), (x1, y2)])
+    return np.array([(x1, y1), (x2, y1), (x2, y2), (x1, y2), (x1, y1)])
 
 
 @cache

@@ -19,14 +19,14 @@ from midnet_bench.drawing.canvas import (
     write_right,
 )
 from midnet_bench.drawing.palette import EXPLORERS, FAINT_INK, INK, RGB, WHITE
-from midnet_bench.drawing.scene import BURGER_LENGTH_M, Floats, FloorPlan
+from midnet_bench.drawing.scene import Floats, FloorPlan
 from midnet_bench.drawing.video import mp4_file
 from midnet_bench.geometry import Box, Point, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 
-SHADES = np.array([WHITE, (205, 205, 205), (40, 40, 40)], dtype=np.uint8)
+SHADES: tuple[RGB, ...] = (WHITE, (205, 205, 205), (40, 40, 40))
 FREE, UNKNOWN, WALL = range(len(SHADES))
 _CODES = np.repeat(np.array([FREE, WALL, UNKNOWN], dtype=np.uint8), (65, 63, 128))
 """of each value of a map's cell, -1 and below at the end as in its bytes"""
@@ -134,32 +134,27 @@ def _between(one: Floats, two: Floats, share: float) -> Floats:
     return one + share * step
 
 
-class MapPanel:
-    """Paints the map of a snapshot with the robots where they believe to be."""
+def paint_map(picture: Picture, view: Box, snapshot: MapSnapshot) -> None:
+    """Fill ``picture``, (height, width, 3), with a map, paths, goals, and robots where they believe to be.
 
-    def __init__(self, view: Box, width_px: int, height_px: int) -> None:
-        """``view``: what the pictures show, metres of the map frame."""
-        self.view = view
-        self.width_px, self.height_px = width_px, height_px
-
-    def paint(self, picture: Picture, snapshot: MapSnapshot) -> None:
-        """Fill ``picture``, (height, width, 3)."""
-        picture[:] = SHADES[UNKNOWN]
-        canvas = Canvas(picture, self.view)
-        codes = _CODES[snapshot.grid.data.view(np.uint8)]
-        cells_per_px = 1.0 / (canvas.scale * snapshot.grid.resolution)
-        if cells_per_px > 1.0 and codes.size:
-            # a pixel shows one of its cells; a wall one cell thick must be seen whichever that is
-            side = int(np.ceil(cells_per_px))
-            walls = (codes == WALL).astype(np.uint8)
-            codes[cv2.dilate(walls, np.ones((side, side), dtype=np.uint8)) > 0] = WALL
-        canvas.cells(snapshot.grid.with_data(codes), SHADES)
-        for robot, path in enumerate(snapshot.paths):
-            canvas.line(path, color_of(robot), 2)
-        for robot, goal in enumerate(snapshot.goals):
-            if goal is not None:
-                canvas.cross(goal, color_of(robot))
-        _paint_robots(canvas, snapshot.believed, snapshot.model)
+    ``view``: what it shows, metres of the map frame.
+    """
+    picture[:] = SHADES[UNKNOWN]
+    canvas = Canvas(picture, view)
+    codes = _CODES[snapshot.grid.data.view(np.uint8)]
+    cells_per_px = 1.0 / (canvas.scale * snapshot.grid.resolution)
+    if cells_per_px > 1.0 and codes.size:
+        # a pixel shows one of its cells; a wall one cell thick must be seen whichever that is
+        side = int(np.ceil(cells_per_px))
+        walls = (codes == WALL).astype(np.uint8)
+        codes[cv2.dilate(walls, np.ones((side, side), dtype=np.uint8)) > 0] = WALL
+    canvas.cells(snapshot.grid.with_data(codes), SHADES)
+    for robot, path in enumerate(snapshot.paths):
+        canvas.line(path, color_of(robot), 2)
+    for robot, goal in enumerate(snapshot.goals):
+        if goal is not None:
+            canvas.cross(goal, color_of(robot))
+    _paint_robots(canvas, snapshot.believed, snapshot.model)
 
 
 class Growth:
@@ -183,8 +178,8 @@ class Growth:
             shown = np.linspace(clocks[0], clocks[-1], SNAPSHOTS).tolist()
         view = self._view
         aspect = (view.y_max - view.y_min) / (view.x_max - view.x_min)
-        panel = MapPanel(view, TILE_PX, min(max(round(TILE_PX * aspect), MIN_TILE_PX), TILE_PX))
-        across, down = panel.width_px + GAP_PX, panel.height_px + GAP_PX + CAPTION_PX
+        height_px = min(max(round(TILE_PX * aspect), MIN_TILE_PX), TILE_PX)
+        across, down = TILE_PX + GAP_PX, height_px + GAP_PX + CAPTION_PX
         page = blank_page(COLUMNS * across + GAP_PX, HEAD_PX + -(-len(shown) // COLUMNS) * down)
         write(page, GAP_PX, 10, self._heading, 20, INK, bold=True)
         for place, clock in enumerate(shown):
@@ -192,7 +187,7 @@ class Growth:
             left, top = GAP_PX + place % COLUMNS * across, HEAD_PX + place // COLUMNS * down
             write(page, left, top, ": ".join(self._words(snapshot)), 16, INK)
             top += CAPTION_PX
-            panel.paint(page[top : top + panel.height_px, left : left + panel.width_px], snapshot)
+            paint_map(page[top : top + height_px, left : left + TILE_PX], view, snapshot)
         return page
 
     def write_film(self, path: Path) -> None:
@@ -207,7 +202,6 @@ class Growth:
             speed = next((s for s in SPEEDS if clocks[-1] <= MAX_FILM_S * s), SPEEDS[-1])
             heading, rate, map_px = f"{heading}; {speed} x real time", EXPLORATION_PICTURES_PER_S, WIDTH // 2
             clocks = [*np.arange(clocks[0], clocks[-1], speed / rate).tolist(), clocks[-1]]
-        panel = MapPanel(self._view, map_px, HEIGHT - MAP_TOP)
         blank = blank_page(WIDTH, HEIGHT)
         write(blank, GAP_PX, 10, heading, 20, INK, bold=True)
         legend.write_beside(blank, legend.beside(entries, LEGEND_LEFT, WIDTH, 13), SECOND_LINE + 9, 0, 13)
@@ -216,7 +210,7 @@ class Growth:
         with mp4_file(path, WIDTH, HEIGHT, rate) as append:
             for clock in clocks:
                 picture, snapshot = blank.copy(), self._history.at(clock)
-                panel.paint(picture[MAP_TOP:, :map_px], snapshot)
+                paint_map(picture[MAP_TOP:, :map_px], self._view, snapshot)
                 if self._plan is not None:
                     truth = Canvas(picture[MAP_TOP:, map_px:], self._view)
                     _paint_robots(truth, snapshot.poses, snapshot.model)
@@ -254,25 +248,15 @@ def _paint_robots(canvas: Canvas, poses: Floats, model: RobotModel) -> None:
             canvas.label((x, y), str(robot + 1), color_of(robot), 14, -14)
 
 
-def _robot(canvas: Canvas, x: float, y: float) -> None:
-    paint_robot(canvas, Pose2D(x, y, 0.0), 18.0 / BURGER_LENGTH_M, color_of(0))
-
-
-def shade(code: int) -> RGB:
-    """Of free, unknown or occupied cells on a map."""
-    red, green, blue = SHADES[code].tolist()
-    return red, green, blue
-
-
 CELLS: tuple[legend.Entry, ...] = (
-    legend.swatch(shade(WALL), "occupied"),
-    legend.swatch(shade(FREE), "free", FAINT_INK),
-    legend.swatch(shade(UNKNOWN), "unknown"),
+    legend.swatch(SHADES[WALL], "occupied"),
+    legend.swatch(SHADES[FREE], "free", FAINT_INK),
+    legend.swatch(SHADES[UNKNOWN], "unknown"),
 )
 ENTRIES: tuple[legend.Entry, ...] = (
     *CELLS,
-    (_robot, "robot, on the map where it believes to be"),
-    (lambda canvas, x, y: canvas.line([(x - 14.0, y), (x + 12.0, y)], color_of(0), 2), "its path"),
-    (lambda canvas, x, y: canvas.cross((x, y), color_of(0)), "its goal"),
+    (legend.burger(color_of(0)), "robot, on the map where it believes to be"),
+    (lambda canvas: canvas.line([(-14.0, 0.0), (12.0, 0.0)], color_of(0), 2), "its path"),
+    (lambda canvas: canvas.cross((0.0, 0.0), color_of(0)), "its goal"),
 )
 """what the marks of a film mean"""

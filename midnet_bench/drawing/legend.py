@@ -27,15 +27,17 @@ from midnet_bench.drawing.palette import (
     WOOD_EDGE,
 )
 from midnet_bench.drawing.panels import COMMON, FOREGROUND, INFLATED, SHADES, WALL
-from midnet_bench.drawing.scene import BURGER_LENGTH_M, Floats, Scene, Setup, Truth
+from midnet_bench.drawing.scene import BURGER_LENGTH_M, Detection, Scene, Setup, Truth
 from midnet_bench.drawing.signs import DUPLICATE, FALSE_POSITIVE, MISS, NO_ERROR, TRUE_POSITIVE
 from midnet_bench.geometry import Box, Pose2D
 
-Mark = Callable[[Canvas, float, float], None]
-"""draws what a legend explains on a canvas of one pixel a metre, about (x, y)"""
+Mark = Callable[[Canvas], object]
+"""draws what a legend explains on a canvas of one pixel a metre, about its origin"""
 Entry = tuple[Mark, str]
 MARK_PX = 7.0
 """half a side"""
+SQUARE = Box.square(0.0, 0.0, 2.0 * MARK_PX)
+SWATCH = Box(-8.0, -6.0, 8.0, 6.0)
 
 
 def of_world(setup: Setup, scenes: Sequence[Scene] | None = None) -> list[Entry]:
@@ -45,19 +47,15 @@ def of_world(setup: Setup, scenes: Sequence[Scene] | None = None) -> list[Entry]
         setup: of the trial.
         scenes: that are shown; None for a whole trial, which may show all that its setup allows.
     """
-    bodies: list[tuple[Mark, str, bool]] = [
-        (_guard, "guard", bool(setup.guards)),
-        (_intruder, "mobile intruder", bool(setup.mobile_intruders)),
-        (_stationary, "stationary intruder", bool(setup.plan.stationary)),
-        (_legs, "person (two legs) or thing", bool(setup.other_intruders)),
-    ]
     have_paths = scenes is None or any(robot.goal for scene in scenes for robot in scene.robots)
-    path = _paths if setup.mobile_intruders else _path
     return [
-        *[(mark, text) for mark, text, is_there in bodies if is_there],
+        *_if(setup.guards, burger(GUARD, 4.0), "guard"),
+        *_if(setup.mobile_intruders, burger(INTRUDER, 4.0), "mobile intruder"),
+        *_if(setup.plan.stationary, _swatch(INTRUDER_FAINT, INTRUDER, 2), "stationary intruder"),
+        *_if(setup.other_intruders, _legs, "person (two legs) or thing"),
         *signs(scenes),
-        *([(path, "path and goal")] if have_paths else []),
-        *([(_unknown, "unknown on the map")] if setup.plan.ground is not None else []),
+        *_if(have_paths, _paths if setup.mobile_intruders else _path, "path and goal"),
+        *_if(setup.plan.ground is not None, _swatch(GROUND), "unknown on the map"),
         reach(setup),
         *returns(setup),
     ]
@@ -66,34 +64,34 @@ def of_world(setup: Setup, scenes: Sequence[Scene] | None = None) -> list[Entry]
 def signs(scenes: Sequence[Scene] | None) -> list[Entry]:
     """The signs about intruders without a detection."""
     truths = [truth for scene in scenes or () for truth in scene.truths]
-    entries: list[tuple[Mark, str, bool]] = [
-        (_missed, MISS, any(truth.is_missed for truth in truths)),
-        (_out_of_range, NO_ERROR, any(truth.is_out_of_range for truth in truths)),
-    ]
-    return [(mark, text) for mark, text, is_there in entries if is_there or scenes is None]
+    is_missed = scenes is None or any(truth.is_missed for truth in truths)
+    is_out_of_range = scenes is None or any(truth.is_out_of_range for truth in truths)
+    return [*_if(is_missed, _sign(True), MISS), *_if(is_out_of_range, _sign(False), NO_ERROR)]
 
 
 def of_detections(scenes: Sequence[Scene] | None = None, numbered: bool = False) -> list[Entry]:
     """The boxes of detections; ``numbered`` where they have their guards' numbers."""
     boxes = [found for scene in scenes or () for found in scene.detections]
+    shown = {(found.is_false, found.is_further) for found in boxes}
     is_labelled = scenes is None or any(scene.is_labelled for scene in scenes)
     own = (TRUE_POSITIVE if is_labelled else "detection") + ", with its guard's number" * numbered
-    entries: list[tuple[Mark, str, bool]] = [
-        (_detection, own, any(not (found.is_false or found.is_further) for found in boxes)),
-        (_further, DUPLICATE, any(found.is_further for found in boxes)),
-        (_false, FALSE_POSITIVE, any(found.is_false for found in boxes)),
+    kinds = {(False, False): own, (False, True): DUPLICATE, (True, False): FALSE_POSITIVE}
+    return [
+        entry
+        for kind, text in kinds.items()
+        for entry in _if(scenes is None or kind in shown, _detection(*kind), text)
     ]
-    return [(mark, text) for mark, text, is_there in entries if is_there or scenes is None]
 
 
 def of_grids() -> list[Entry]:
     """The shades of the prior map and of the guards' grids."""
-    return [
-        (_shade(FOREGROUND), "seen, not on the prior map (D)"),
-        (_shade(COMMON), "seen, on the prior map (C)"),
-        (_shade(INFLATED), "margin of the prior map (Eq. 1)"),
-        (_shade(WALL), "wall on the prior map"),
-    ]
+    texts = {
+        FOREGROUND: "seen, not on the prior map (D)",
+        COMMON: "seen, on the prior map (C)",
+        INFLATED: "margin of the prior map (Eq. 1)",
+        WALL: "wall on the prior map",
+    }
+    return [swatch(SHADES[code], text) for code, text in texts.items()]
 
 
 def reach(setup: Setup) -> Entry:
@@ -103,20 +101,18 @@ def reach(setup: Setup) -> Entry:
 
 def returns(setup: Setup) -> list[Entry]:
     """The returns of scans, if the setup shows them."""
-    return [(_returns, "LiDAR returns")] if setup.shows_scans else []
+    points = np.array([(-6.0, 0.0), (0.0, 0.0), (6.0, 0.0)])
+    return _if(setup.shows_scans, lambda canvas: paint_scans(canvas, [points]), "LiDAR returns")
 
 
 def outline(color: RGB, text: str) -> Entry:
     """A thin outline."""
-    return lambda canvas, x, y: canvas.polygon(_swatch(x, y), None, color), text
+    return lambda canvas: canvas.box(SWATCH, color), text
 
 
 def swatch(fill: RGB, text: str, edge: RGB | None = None) -> Entry:
     """A filled rectangle."""
-    return lambda canvas, x, y: canvas.polygon(_swatch(x, y), fill, edge), text
-
-
-WALLS = swatch(WOOD, "wall", WOOD_EDGE)
+    return _swatch(fill, edge), text
 
 
 def write_legend(
@@ -124,11 +120,10 @@ def write_legend(
 ) -> None:
     """Write entries below each other; the middle of the first is at ``top``."""
     height, width = page.shape[:2]
-    canvas = Canvas(page, Box(0.0, -float(height), float(width), 0.0))
     for row, (mark, text) in enumerate(entries):
-        middle = top + row_px * row
-        mark(canvas, left + 8.0, -float(middle))
-        write(page, left + 29, middle - round(0.7 * size_px), text, size_px, INK)
+        x, y = left + 8.0, float(top + row_px * row)
+        mark(Canvas(page, Box(-x, y - height, width - x, y)))
+        write(page, left + 29, top + row_px * row - round(0.7 * size_px), text, size_px, INK)
 
 
 def beside(entries: Sequence[Entry], left: int, right: int, size_px: int) -> list[tuple[Entry, int, int]]:
@@ -151,69 +146,45 @@ def write_beside(
         write_legend(page, [entry], left, top + row_px * row, 0, size_px)
 
 
-def _guard(canvas: Canvas, x: float, y: float) -> None:
-    paint_robot(canvas, Pose2D(x + 4.0, y, 0.0), 18.0 / BURGER_LENGTH_M, GUARD)
+def burger(color: RGB, ahead_px: float = 0.0) -> Mark:
+    """A Burger, its axle ``ahead_px`` on the right."""
+    return lambda canvas: paint_robot(canvas, Pose2D(ahead_px, 0.0, 0.0), 18.0 / BURGER_LENGTH_M, color)
 
 
-def _intruder(canvas: Canvas, x: float, y: float) -> None:
-    paint_robot(canvas, Pose2D(x + 4.0, y, 0.0), 18.0 / BURGER_LENGTH_M, INTRUDER)
+def _if(is_there: object, mark: Mark, text: str) -> list[Entry]:
+    return [(mark, text)] if is_there else []
 
 
-def _stationary(canvas: Canvas, x: float, y: float) -> None:
-    canvas.polygon(_swatch(x, y), INTRUDER_FAINT, INTRUDER, 2)
+def _swatch(fill: RGB, edge: RGB | None = None, width: int = 1) -> Mark:
+    return lambda canvas: canvas.box(SWATCH, edge, width, fill)
 
 
-def _legs(canvas: Canvas, x: float, y: float) -> None:
+def _sign(in_range: bool) -> Mark:
+    truth = Truth([np.zeros((1, 2))], False, in_range)
+    return lambda canvas: paint_sign(canvas, truth, 0.0, MARK_PX)
+
+
+def _detection(is_false: bool, is_further: bool) -> Mark:
+    return lambda canvas: paint_detection(canvas, Detection(SQUARE, 0, is_false, is_further))
+
+
+def _legs(canvas: Canvas) -> None:
     for leg in (-4.0, 4.0):
-        canvas.circle((x + leg, y), 3.0, INTRUDER, -1)
+        canvas.circle((leg, 0.0), 3.0, INTRUDER, -1)
 
 
-def _path(canvas: Canvas, x: float, y: float) -> None:
-    paint_path(canvas, (x + 9.0, y), np.array([(x - 14.0, y), (x + 7.0, y)]), GUARD, True)
+def _path(canvas: Canvas) -> None:
+    paint_path(canvas, (9.0, 0.0), np.array([(-14.0, 0.0), (7.0, 0.0)]), GUARD, True)
 
 
-def _paths(canvas: Canvas, x: float, y: float) -> None:
-    paint_path(canvas, (x - 6.0, y), np.array([(x - 14.0, y), (x - 8.0, y)]), GUARD, True)
-    paint_path(canvas, (x + 9.0, y), np.array([(x + 1.0, y), (x + 7.0, y)]), INTRUDER, False)
+def _paths(canvas: Canvas) -> None:
+    paint_path(canvas, (-6.0, 0.0), np.array([(-14.0, 0.0), (-8.0, 0.0)]), GUARD, True)
+    paint_path(canvas, (9.0, 0.0), np.array([(1.0, 0.0), (7.0, 0.0)]), INTRUDER, False)
 
 
-def _missed(canvas: Canvas, x: float, y: float) -> None:
-    paint_sign(canvas, Truth([np.array([(x, y)])], False, True), 0.0, MARK_PX)
+def _reach(canvas: Canvas) -> None:
+    canvas.circle((0.0, 0.0), MARK_PX - 2.0, GUARD_RANGE)
+    canvas.box(SQUARE, GUARD)
 
 
-def _out_of_range(canvas: Canvas, x: float, y: float) -> None:
-    paint_sign(canvas, Truth([np.array([(x, y)])], False, False), 0.0, MARK_PX)
-
-
-def _unknown(canvas: Canvas, x: float, y: float) -> None:
-    canvas.polygon(_swatch(x, y), GROUND)
-
-
-def _reach(canvas: Canvas, x: float, y: float) -> None:
-    canvas.circle((x, y), MARK_PX - 2.0, GUARD_RANGE)
-    canvas.box(Box.square(x, y, 2.0 * MARK_PX), GUARD)
-
-
-def _returns(canvas: Canvas, x: float, y: float) -> None:
-    paint_scans(canvas, [np.array([(x - 6.0, y), (x, y), (x + 6.0, y)])])
-
-
-def _detection(canvas: Canvas, x: float, y: float) -> None:
-    paint_detection(canvas, Box.square(x, y, 2.0 * MARK_PX), False)
-
-
-def _further(canvas: Canvas, x: float, y: float) -> None:
-    paint_detection(canvas, Box.square(x, y, 2.0 * MARK_PX), False, is_further=True)
-
-
-def _false(canvas: Canvas, x: float, y: float) -> None:
-    paint_detection(canvas, Box.square(x, y, 2.0 * MARK_PX), True)
-
-
-def _shade(code: int) -> Mark:
-    red, green, blue = SHADES[code].tolist()
-    return lambda canvas, x, y: canvas.polygon(_swatch(x, y), (red, green, blue))
-
-
-def _swatch(x: float, y: float) -> Floats:
-    return np.array([(x - 8.0, y - 6.0), (x + 8.0, y - 6.0), (x + 8.0, y + 6.0), (x - 8.0, y + 6.0)])
+WALLS = swatch(WOOD, "wall", WOOD_EDGE)

@@ -22,8 +22,8 @@ from midnet_bench.drawing.canvas import (
     paint_sign,
     paint_stationary,
 )
-from midnet_bench.drawing.palette import DETECTION, FALSE_DETECTION, GUARD, INTRUDER, WHITE
-from midnet_bench.drawing.scene import BURGER_LENGTH_M, Scene, Setup
+from midnet_bench.drawing.palette import DETECTION, FALSE_DETECTION, GUARD, INTRUDER, RGB, WHITE
+from midnet_bench.drawing.scene import BURGER_LENGTH_M, Robot, Scene, Setup
 
 MARGIN_M = 0.25
 """around an arena"""
@@ -32,8 +32,13 @@ LEG_PX = 8.0
 AT_GOAL_PX = 24.0
 """nearer to its goal than this, a robot's number stands for both"""
 
-SHADES = np.array(
-    [WHITE, (205, 205, 205), (226, 226, 226), (70, 70, 70), (140, 140, 140), (240, 200, 40)], dtype=np.uint8
+SHADES: tuple[RGB, ...] = (
+    WHITE,
+    (205, 205, 205),
+    (226, 226, 226),
+    (70, 70, 70),
+    (140, 140, 140),
+    (240, 200, 40),
 )
 FREE, UNKNOWN, INFLATED, WALL, COMMON, FOREGROUND = range(len(SHADES))
 """What a cell is: of the prior map, or in grid C of some guard, or in grid D of one."""
@@ -51,7 +56,6 @@ class WorldPanel:
         self._still = blank_page(width_px, height_px or width_px)
         canvas = Canvas(self._still, self.view)
         paint_floor_plan(canvas, setup.plan)
-        self._plan = setup.plan
         self.enlarged = canvas.enlarged
         """how many times as large as they are robots are drawn"""
 
@@ -61,33 +65,25 @@ class WorldPanel:
         canvas = Canvas(picture, self.view, self._label_px)
         labels = Labels(canvas)
         paint_scale(canvas, self.view)
-        for robot in scene.guards:
-            paint_reach(canvas, self._setup, robot)
-        if self._setup.shows_scans:
-            paint_scans(canvas, scene.scans)
+        _paint_sensing(canvas, self._setup, scene)
         for robot in scene.robots:
-            color = GUARD if robot.is_guard else INTRUDER
             if robot.goal is not None:
-                paint_path(canvas, robot.goal, robot.plan, color, robot.is_guard)
+                paint_path(canvas, robot.goal, robot.plan, _color_of(robot), robot.is_guard)
                 labels.keep_free(robot.goal, 5.0)
         # robots do not know of stationary intruders: a goal under one is hidden, or it would look like a part
-        paint_stationary(canvas, self._plan)
+        paint_stationary(canvas, self._setup.plan)
         for robot in scene.robots:
-            color = GUARD if robot.is_guard else INTRUDER
-            paint_robot(canvas, robot.pose, self.enlarged, color, robot.model)
+            paint_robot(canvas, robot.pose, self.enlarged, _color_of(robot), robot.model)
             labels.keep_free(robot.pose[:2], 0.4 * BURGER_LENGTH_M * self.enlarged * canvas.scale)
         for outlines in scene.others:
             for outline in outlines:
                 canvas.polygon(outline, INTRUDER, WHITE)
                 x, y = outline.mean(axis=0).tolist()
                 labels.keep_free((x, y), LEG_PX)
-        for found in scene.detections:
-            paint_detection(canvas, found.box, found.is_false, found.is_further)
-            labels.keep_edges_free(found.box)
-        _paint_signs(canvas, scene, labels, self.enlarged)
-        label_stationary(canvas, self._plan, labels)
+        _paint_results(canvas, scene, labels, self.enlarged)
+        label_stationary(canvas, self._setup.plan, labels)
         for robot in scene.robots:
-            labels.put(robot.pose[:2], str(robot.number), GUARD if robot.is_guard else INTRUDER, 13.0)
+            labels.put(robot.pose[:2], str(robot.number), _color_of(robot), 13.0)
         for number, outlines in enumerate(scene.others, 1):
             x, y = np.concatenate(outlines).mean(axis=0).tolist()
             labels.put((x, y), f"P{number}", INTRUDER, 13.0)
@@ -96,9 +92,9 @@ class WorldPanel:
             if (
                 robot.goal is not None
                 and math.dist(robot.goal, robot.pose[:2]) * canvas.scale > AT_GOAL_PX
-                and not self._plan.hides(robot.goal)
+                and not self._setup.plan.hides(robot.goal)
             ):
-                labels.put(robot.goal, str(robot.number), GUARD if robot.is_guard else INTRUDER, 10.0)
+                labels.put(robot.goal, str(robot.number), _color_of(robot), 10.0)
 
 
 class DetectionPanel:
@@ -122,10 +118,7 @@ class DetectionPanel:
             window[view.d.data != 0] = FOREGROUND
         canvas = Canvas(picture, self.view, self._label_px)
         canvas.cells(self._prior.with_data(codes), SHADES)
-        for robot in scene.guards:
-            paint_reach(canvas, self._setup, robot)
-        if self._setup.shows_scans:
-            paint_scans(canvas, scene.scans)
+        _paint_sensing(canvas, self._setup, scene)
         if self._shows_outlines:
             paint_scale(canvas, self.view)
             for outline in [outline for truth in scene.truths for outline in truth.outlines]:
@@ -135,10 +128,7 @@ class DetectionPanel:
         for robot in scene.guards:
             canvas.circle(robot.believed[:2], 4.0 / canvas.scale, GUARD, -1)
         labels = Labels(canvas)
-        for found in scene.detections:
-            paint_detection(canvas, found.box, found.is_false, found.is_further)
-            labels.keep_edges_free(found.box)
-        _paint_signs(canvas, scene, labels, 1.0)
+        _paint_results(canvas, scene, labels, 1.0)
         if self._shows_outlines:
             for robot in scene.guards:
                 labels.put(robot.believed[:2], str(robot.number), GUARD, 12.0)
@@ -147,8 +137,23 @@ class DetectionPanel:
             labels.put((found.box.x_min, found.box.y_max), str(found.guard), color, 8.0)
 
 
-def _paint_signs(canvas: Canvas, scene: Scene, labels: Labels, enlarged: float) -> None:
-    """The signs about intruders without a detection, which labels keep off."""
+def _color_of(robot: Robot) -> RGB:
+    return GUARD if robot.is_guard else INTRUDER
+
+
+def _paint_sensing(canvas: Canvas, setup: Setup, scene: Scene) -> None:
+    """How far the guards see, and what their LiDARs have met."""
+    for robot in scene.guards:
+        paint_reach(canvas, setup, robot)
+    if setup.shows_scans:
+        paint_scans(canvas, scene.scans)
+
+
+def _paint_results(canvas: Canvas, scene: Scene, labels: Labels, enlarged: float) -> None:
+    """Detections, and the signs about intruders without one; labels keep off both."""
+    for found in scene.detections:
+        paint_detection(canvas, found)
+        labels.keep_edges_free(found.box)
     for truth in scene.truths:
         corners = paint_sign(canvas, truth, enlarged)
         if corners is not None:

@@ -15,7 +15,7 @@ from midnet_bench.drawing.canvas import (
     text_mask,
     write,
 )
-from midnet_bench.drawing.growth import CELLS, MapPanel, MapSnapshot, color_of
+from midnet_bench.drawing.growth import CELLS, MapSnapshot, color_of, paint_map
 from midnet_bench.drawing.palette import (
     DETECTION,
     FALSE_DETECTION,
@@ -54,7 +54,7 @@ def draw_arena(setup: Setup, scene: Scene, faults: Mapping[int, Point] | None = 
     view = setup.plan.view(MARGIN_M)
     entries = [legend.WALLS, *legend.of_world(setup, [scene]), *legend.of_detections([scene])]
     if faults:
-        entries.append((lambda canvas, x, y: canvas.cross((x, y), FALSE_DETECTION), "fault, by its number"))
+        entries.append((lambda canvas: canvas.cross((0.0, 0.0), FALSE_DETECTION), "fault, by its number"))
 
     def paint(picture: Picture) -> None:
         height, width = picture.shape[:2]
@@ -111,8 +111,7 @@ def draw_map(
     ]
 
     def paint(picture: Picture) -> None:
-        height, width = picture.shape[:2]
-        MapPanel(view, width, height).paint(picture, snapshot)
+        paint_map(picture, view, snapshot)
         canvas = Canvas(picture, view, LABEL_PX)
         for outline in walls:
             canvas.polygon(outline, None, TRUTH)
@@ -150,8 +149,8 @@ def draw_grids(setup: Setup, scene: Scene, explanation: Explanation) -> Picture:
             canvas.box(window.shrunk(1.0 / canvas.scale), GUARD, 2)
     entries: list[legend.Entry] = [
         legend.outline(DETECTION, "box, kept"),
-        (_removed, "box, taken for the ally of that number"),
-        (lambda canvas, x, y: canvas.cross((x, y), GUARD), "where the guard believes to be"),
+        (lambda canvas: canvas.dashed_box(legend.SWATCH, GUARD), "box, taken for the ally of that number"),
+        (lambda canvas: canvas.cross((0.0, 0.0), GUARD), "where the guard believes to be"),
         legend.swatch(OUTSIDE, "outside the prior map"),
         legend.reach(setup),
     ]
@@ -159,17 +158,13 @@ def draw_grids(setup: Setup, scene: Scene, explanation: Explanation) -> Picture:
     return page
 
 
-def known_corners(grid: OccupancyGrid) -> tuple[tuple[float, float], tuple[float, float]]:
-    """(x, y) of the lower left and the upper right corner of the known cells, or of a grid without any."""
+def known_corners(grid: OccupancyGrid) -> Floats:
+    """(2, 2) the lower left and the upper right corner of the known cells, or of a grid without any."""
     rows, columns = np.nonzero(grid.data >= 0)
     if not len(rows):
-        x_min, y_min, x_max, y_max = grid.extent
-        return (x_min, y_min), (x_max, y_max)
-    x, y = grid.origin
-    return (
-        (x + grid.resolution * float(columns.min()), y + grid.resolution * float(rows.min())),
-        (x + grid.resolution * float(columns.max() + 1), y + grid.resolution * float(rows.max() + 1)),
-    )
+        return np.array(grid.extent).reshape(2, 2)
+    cells = [(columns.min(), rows.min()), (columns.max() + 1, rows.max() + 1)]
+    return np.array(grid.origin) + grid.resolution * np.array(cells)
 
 
 def plot_area(view: Box, lines: int) -> tuple[slice, slice]:
@@ -212,11 +207,7 @@ def _page(
     return page
 
 
-def _removed(canvas: Canvas, x: float, y: float) -> None:
-    canvas.dashes([(x - 8, y - 6), (x + 8, y - 6), (x + 8, y + 6), (x - 8, y + 6), (x - 8, y - 6)], GUARD)
-
-
-def _path(canvas: Canvas, x: float, y: float) -> None:
-    canvas.line([(x - 6.0, y), (x + 6.0, y)], color_of(0), 2)
-    canvas.circle((x - 6.0, y), 4.0, color_of(0), 2)
-    canvas.circle((x + 6.0, y), 4.0, color_of(0), -1)
+def _path(canvas: Canvas) -> None:
+    canvas.line([(-6.0, 0.0), (6.0, 0.0)], color_of(0), 2)
+    canvas.circle((-6.0, 0.0), 4.0, color_of(0), 2)
+    canvas.circle((6.0, 0.0), 4.0, color_of(0), -1)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from midnet_bench.drawing.canvas import Canvas
-from midnet_bench.drawing.growth import Growth, MapHistory, MapPanel, MapSnapshot, percent
+from midnet_bench.drawing.growth import Growth, MapHistory, MapSnapshot, paint_map, percent
 from midnet_bench.drawing.scene import FloorPlan
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
@@ -68,11 +68,11 @@ def test_the_view_shows_the_map_in_every_snapshot() -> None:
 
 def test_a_picture_shows_free_white_walls_dark_and_the_rest_grey() -> None:
     picture = np.empty((300, 300, 3), dtype=np.uint8)
-    panel = MapPanel(ROOM.view(0.25), 300, 300)
-    panel.paint(picture, snapshot(2))
+    view = ROOM.view(0.25)
+    paint_map(picture, view, snapshot(2))
 
     def at(x: float, y: float) -> list[int]:
-        column, row = Canvas(picture, panel.view).pixels([(x, y)])[0].astype(int)
+        column, row = Canvas(picture, view).pixels([(x, y)])[0].astype(int)
         return picture[row, column].tolist()
 
     assert at(-1.0, 0.0) == [255, 255, 255]
@@ -87,8 +87,8 @@ def test_thin_walls_are_seen_where_a_pixel_shows_many_cells() -> None:
     robot = np.array([[0.5, 0.5, 0.0]])
     grid = OccupancyGrid(data, 0.05, (0.0, 0.0))
     picture = np.empty((150, 150, 3), dtype=np.uint8)
-    panel = MapPanel(Box(0.0, 0.0, 20.0, 20.0), 150, 150)
-    panel.paint(picture, MapSnapshot(0.0, 1.0, grid, robot, robot, [None], [robot[:, :2]]))
+    shown = MapSnapshot(0.0, 1.0, grid, robot, robot, [None], [robot[:, :2]])
+    paint_map(picture, Box(0.0, 0.0, 20.0, 20.0), shown)
     assert np.all(picture[20:100] == 40, axis=2).any(axis=0).sum() >= 10, "one of three cells is shown"
     assert np.all(picture == 255, axis=2).mean() > 0.8
 

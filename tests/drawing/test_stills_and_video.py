@@ -22,7 +22,7 @@ from midnet_bench.drawing.palette import (
     WOOD,
 )
 from midnet_bench.drawing.panels import FOREGROUND, MARGIN_M, SHADES, WorldPanel
-from midnet_bench.drawing.scene import Chase, Scene, Setup, Truth, body_at
+from midnet_bench.drawing.scene import Chase, Detection, Scene, Setup, Truth, body_at
 from midnet_bench.drawing.signs import CORNERS, RING, place_of
 from midnet_bench.drawing.stills import draw_arena, draw_detections, draw_grids, draw_map, known_corners
 from midnet_bench.drawing.trial_video import MAP_LEFT, MAP_PX, MAP_TOP, ScenePainter, Storyboard
@@ -87,7 +87,7 @@ def test_the_map_beside_it_shows_the_foreground_of_every_guard() -> None:
         assert len(rows) > 20
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
             x, y = np.floor(canvas.pixels(view.d.center_of(column, row))).astype(int).tolist()
-            assert canvas.picture[y, x].tolist() == SHADES[FOREGROUND].tolist()
+            assert canvas.picture[y, x].tolist() == list(SHADES[FOREGROUND])
     without = ScenePainter(SETUP, 2.0).paint(without_explanation(SCENE))
     assert not (without == SHADES[FOREGROUND]).all(axis=2)[MAP_TOP : MAP_TOP + MAP_PX, MAP_LEFT:].any()
 
@@ -258,7 +258,7 @@ def test_a_further_box_is_dashed_and_a_false_one_crossed() -> None:
     inked = {}
     for name, marks in (("own", (False, False)), ("further", (False, True)), ("false", (True, False))):
         canvas = Canvas(np.full((200, 200, 3), 255, dtype=np.uint8), Box(-1.0, -1.0, 1.0, 1.0))
-        paint_detection(canvas, box, *marks)
+        paint_detection(canvas, Detection(box, 1, *marks))
         inked[name] = (canvas.picture < 128).any(axis=2)
     assert inked["own"][50, 55:145].all()
     assert 0.3 < inked["further"][50, 55:145].mean() < 0.9
@@ -415,6 +415,6 @@ def test_the_known_part_of_a_map_is_what_a_picture_shows() -> None:
     data = np.full((20, 30), -1, dtype=np.int8)
     data[5, 10] = 0
     data[7, 12] = 100
-    assert known_corners(OccupancyGrid(data, 0.5, (-1.0, 2.0))) == ((4.0, 4.5), (5.5, 6.0))
+    assert known_corners(OccupancyGrid(data, 0.5, (-1.0, 2.0))).tolist() == [[4.0, 4.5], [5.5, 6.0]]
     nothing = OccupancyGrid(np.full((2, 4), -1, dtype=np.int8), 0.5, (0.0, 0.0))
-    assert known_corners(nothing) == ((0.0, 0.0), (2.0, 1.0))
+    assert known_corners(nothing).tolist() == [[0.0, 0.0], [2.0, 1.0]]
