@@ -38,17 +38,35 @@ class NoiseBlocks:
         ``block``: how many readings are drawn at once.
         """
         self._rngs = rngs
-        self.normals: npt.NDArray[np.float64] = np.zeros((len(rngs), block, width))
-        """(n, block, width)"""
-        self.used: npt.NDArray[np.int64] = np.full(len(rngs), block, dtype=np.int64)
-        """(n,) how many readings of its block each sensor has taken; compiled code counts it up"""
-        self.refill()
+        self._normals: Floats = np.zeros((len(rngs), block, width))
+        self._used: Ints = np.full(len(rngs), block, dtype=np.int64)
+        """(n,) how many readings of its block each sensor has taken"""
+        self._refill()
 
-    def refill(self) -> None:
+    def take(self, rows: Ints) -> Floats:
+        """(m, width) the next reading of each of those sensors."""
+        readings, is_used_up = next_readings(self._normals, self._used, rows)
+        if is_used_up:
+            self._refill()
+        return np.asarray(readings)
+
+    def _refill(self) -> None:
         """Draw another block for every sensor that has used its own up."""
-        for sensor in np.flatnonzero(self.used == self.normals.shape[1]).tolist():
-            self.normals[sensor] = standard_normals(self._rngs[sensor], self.normals[sensor].shape)
-            self.used[sensor] = 0
+        for sensor in np.flatnonzero(self._used == self._normals.shape[1]).tolist():
+            self._normals[sensor] = standard_normals(self._rngs[sensor], self._normals.shape[1:])
+            self._used[sensor] = 0
+
+
+@njit
+def next_readings(normals: Floats, used: Ints, rows: Ints) -> tuple[Floats, bool]:
+    """(m, width) one more of (n, block, width) readings of each row; whether one has used its block up."""
+    readings = np.empty((len(rows), normals.shape[2]))
+    is_used_up = False
+    for i, row in enumerate(rows):
+        readings[i] = normals[row, used[row]]
+        used[row] += 1
+        is_used_up |= used[row] == normals.shape[1]
+    return readings, is_used_up
 
 
 NOTHING, SOLID = -1, -2
@@ -101,40 +119,31 @@ below 0.5 m, 3.5 % above) as three standard deviations, and its accuracy as each
 @njit
 def reported(
     ranges: Floats,
-    rows: Ints,
     normals: Floats,
-    used: Ints,
     scales: Floats,
     sigma_m: float,
     sigma_share: float,
     near_m: float,
     limits_m: tuple[float, float],
-    noisy: Floats,
-) -> bool:
-    """Fill ``noisy``, (m, beams), with what the sensors of ``rows`` report of true ``ranges``.
+) -> Floats:
+    """(m, beams) what sensors report of true ``ranges``.
 
-    ``TOO_NEAR_M`` below the lower limit, inf where nothing was met, else clamped to the limits. Each sensor
-    takes one reading of its block of ``normals``, (n, block, beams), whatever its beams meet; whether one is
-    used up now. ``scales``: (n,) factors, applied first; ``sigma_m`` and after as of :class:`Errors`.
+    ``TOO_NEAR_M`` below the lower limit, inf where nothing was met, else clamped to the limits. ``scales``:
+    (m,) factors, applied first; ``sigma_m`` and after as of :class:`Errors`.
     """
-    used_up = False
+    noisy = np.empty_like(ranges)
     for i in range(ranges.shape[0]):
-        row = rows[i]
-        errors = normals[row, used[row]]
         for k in range(ranges.shape[1]):
             true_m = ranges[i, k]
             if true_m < limits_m[0]:
                 noisy[i, k] = TOO_NEAR_M
-            elif true_m == np.inf or sigma_m == 0.0:
+            elif true_m == np.inf:
                 noisy[i, k] = true_m
             else:
-                scaled = true_m * scales[row]
+                scaled = true_m * scales[i]
                 sigma = sigma_m if scaled < near_m else sigma_share * scaled
-                noisy[i, k] = min(max(scaled + sigma * errors[k], limits_m[0]), limits_m[1])
-        if sigma_m > 0.0:
-            used[row] += 1
-            used_up = used_up or used[row] == normals.shape[1]
-    return used_up
+                noisy[i, k] = min(max(scaled + sigma * normals[i, k], limits_m[0]), limits_m[1])
+    return noisy
 
 
 @njit
@@ -290,22 +299,12 @@ class LidarSensors:
 
         It takes one reading of each one's ``noise``. Errors as :class:`Errors` has them.
         """
-        ranges = np.empty_like(true_ranges)
         sigma_m, sigma_share, near_m, _ = self._errors
-        if reported(
-            true_ranges,
-            rows,
-            noise.normals,
-            noise.used,
-            self._scales,
-            sigma_m,
-            sigma_share,
-            near_m,
-            (self._lidar.range_min_m, self._lidar.range_max_m),
-            ranges,
-        ):
-            noise.refill()
-        return ranges
+        limits_m = self._lidar.range_min_m, self._lidar.range_max_m
+        if sigma_m == 0.0:
+            return np.where(true_ranges < limits_m[0], TOO_NEAR_M, true_ranges)
+        normals, scales = noise.take(rows), self._scales[rows]
+        return np.asarray(reported(true_ranges, normals, scales, sigma_m, sigma_share, near_m, limits_m))
 
     def true_scan(self, rows: Ints) -> NoiseFreeScan:
         """What the beams of those robots meet at this tick. Raises ValueError if one was removed."""
@@ -344,6 +343,9 @@ def draw_scale(rng: np.random.Generator) -> float:
 ACCELEROMETER_STDDEV_MPS2, ACCELEROMETER_BIAS_MPS2, ACCELEROMETER_BIAS_STDDEV_MPS2 = 1.7e-2, 0.1, 1e-3
 
 
+_NO_ERRORS = np.empty((0, 2))
+
+
 class ImuSensors:
     """The gyroscopes and forward accelerometers of n robots.
 
@@ -355,15 +357,15 @@ class ImuSensors:
     def __init__(self, settings: ImuSettings, rngs: Sequence[np.random.Generator]) -> None:
         """One generator for each robot, which gives its biases first and then its noise."""
         self._noisy = settings.noise == "gazebo"
-        self._gyro_stddev_radps = settings.gyro_stddev_radps
+        self._stddevs = np.array([settings.gyro_stddev_radps, ACCELEROMETER_STDDEV_MPS2])
         signs = np.array([rng.choice((-1.0, 1.0), size=2) for rng in rngs])
         draws = np.array([standard_normals(rng, (2,)) for rng in rngs])
         means = np.array([settings.gyro_bias_radps, ACCELEROMETER_BIAS_MPS2])
         spreads = np.array([settings.gyro_bias_stddev_radps, ACCELEROMETER_BIAS_STDDEV_MPS2])
         self._biases = signs * (means + spreads * draws)
         self._noise = NoiseBlocks(rngs, 2)
-        self._drift_rad = np.zeros(len(rngs))
-        self._linear_mps = np.zeros(len(rngs))
+        self._drifts = np.zeros((len(rngs), 2))
+        """the integral of the gyroscope's errors, rad, and the last forward speed, m/s"""
         self._readings = np.full((len(rngs), 3), np.nan)
 
     def read(self, rows: Ints, poses: Floats, velocities: Floats, elapsed_s: float) -> Floats:
@@ -373,22 +375,18 @@ class ImuSensors:
         rates. Robots are taken to have stood still before their first reading. The acceleration is the mean
         over the time elapsed; no filter here reads it.
         """
-        used_up = read_imus(
+        errors = self._noise.take(rows) if self._noisy else _NO_ERRORS
+        read_imus(
             rows,
             poses,
             velocities,
             elapsed_s,
-            self._noisy,
-            self._gyro_stddev_radps,
+            errors,
+            self._stddevs,
             self._biases,
-            self._noise.normals,
-            self._noise.used,
-            self._drift_rad,
-            self._linear_mps,
+            self._drifts,
             self._readings,
         )
-        if used_up:
-            self._noise.refill()
         return self._readings
 
 
@@ -398,32 +396,23 @@ def read_imus(
     poses: Floats,
     velocities: Floats,
     elapsed_s: float,
-    noisy: bool,
-    gyro_stddev_radps: float,
-    biases: Floats,
     normals: Floats,
-    used: Ints,
-    drift_rad: Floats,
-    linear_mps: Floats,
+    stddevs: Floats,
+    biases: Floats,
+    drifts: Floats,
     readings: Floats,
-) -> bool:
-    """Put the readings of ``rows`` into ``readings``; whether some robot's noise is used up now."""
-    used_up = False
-    for row in rows:
-        acceleration = (velocities[row, 0] - linear_mps[row]) / elapsed_s
-        linear_mps[row] = velocities[row, 0]
+) -> None:
+    """Put the readings of ``rows`` into ``readings``; ``normals``: (m, 2), or (0, 2) for no errors at all."""
+    for i, row in enumerate(rows):
+        acceleration = (velocities[row, 0] - drifts[row, 1]) / elapsed_s
+        drifts[row, 1] = velocities[row, 0]
         readings[row, 0], readings[row, 1], readings[row, 2] = poses[row, 2], velocities[row, 1], acceleration
-        if not noisy:
-            continue
-        gyro, accelerometer = normals[row, used[row]]
-        used[row] += 1
-        used_up = used_up or used[row] == normals.shape[1]
-        rate_error = biases[row, 0] + gyro_stddev_radps * gyro
-        drift_rad[row] += rate_error * elapsed_s
-        readings[row, 0] = (poses[row, 2] + drift_rad[row] + math.pi) % (2.0 * math.pi) - math.pi
-        readings[row, 1] += rate_error
-        readings[row, 2] += biases[row, 1] + ACCELEROMETER_STDDEV_MPS2 * accelerometer
-    return used_up
+        if len(normals) > 0:
+            rate_error = biases[row, 0] + stddevs[0] * normals[i, 0]
+            drifts[row, 0] += rate_error * elapsed_s
+            readings[row, 0] = (poses[row, 2] + drifts[row, 0] + math.pi) % (2.0 * math.pi) - math.pi
+            readings[row, 1] += rate_error
+            readings[row, 2] += biases[row, 1] + stddevs[1] * normals[i, 1]
 
 
 TICK_RAD = 2.0 * math.pi / 4096
@@ -461,7 +450,7 @@ class EncoderOdometers:
 
         The poses of ``rows`` move along the heading half-way through the turn (midpoint rule).
         """
-        used_up = reckon(
+        reckon(
             rows,
             wheel_angles_rad,
             elapsed_s,
@@ -469,14 +458,11 @@ class EncoderOdometers:
             self._scales,
             self._separation_m,
             self._slip,
-            self._noise.normals,
-            self._noise.used,
+            self._noise.take(rows),
             self._ticks,
             self.poses,
             self._velocities,
         )
-        if used_up:
-            self._noise.refill()
         return self._velocities
 
 
@@ -490,22 +476,18 @@ def reckon(
     separation_m: Floats,
     slip_m_per_sqrt_m: float,
     normals: Floats,
-    used: Ints,
     ticks: Floats,
     poses: Floats,
     velocities: Floats,
-) -> bool:
-    """Move the odometry of ``rows`` on; whether some robot's noise is used up now."""
-    used_up = False
+) -> None:
+    """Move the odometry of ``rows`` on."""
     travel = np.empty(2)
-    for row in rows:
+    for i, row in enumerate(rows):
         for wheel in range(2):
             now = math.floor(wheel_angles_rad[row, wheel] / TICK_RAD)
             way = (now - ticks[row, wheel]) * tick_m * scales[row, wheel]
             ticks[row, wheel] = now
-            travel[wheel] = way + slip_m_per_sqrt_m * math.sqrt(abs(way)) * normals[row, used[row], wheel]
-        used[row] += 1
-        used_up = used_up or used[row] == normals.shape[1]
+            travel[wheel] = way + slip_m_per_sqrt_m * math.sqrt(abs(way)) * normals[i, wheel]
         forward, turn = (travel[0] + travel[1]) / 2.0, (travel[1] - travel[0]) / separation_m[row]
         heading = poses[row, 2] + turn / 2.0
         c, s = cos_sin(heading)
@@ -513,4 +495,3 @@ def reckon(
         poses[row, 1] += forward * s
         poses[row, 2] = (poses[row, 2] + turn + math.pi) % (2.0 * math.pi) - math.pi
         velocities[row, 0], velocities[row, 1] = forward / elapsed_s, turn / elapsed_s
-    return used_up

@@ -162,14 +162,8 @@ def noisy_scans(noise: str, scans: int = 300) -> tuple[np.ndarray, np.ndarray]:
 
 
 def reported(ranges: np.ndarray, noise: str) -> np.ndarray:
-    blocks = NoiseBlocks([stream(1, "a")], ranges.shape[1], 1)
-    noisy = np.empty_like(ranges)
-    sigma_m, sigma_share, near_m, _ = lidar.ERRORS[noise]
-    row, ones = np.zeros(1, dtype=np.int64), np.ones(1)
-    assert lidar.reported(
-        ranges, row, blocks.normals, blocks.used, ones, sigma_m, sigma_share, near_m, LIMITS_M, noisy
-    )
-    return noisy
+    normals = standard_normals(stream(1, "a"), ranges.shape)
+    return lidar.reported(ranges, normals, np.ones(1), *lidar.ERRORS[noise][:3], LIMITS_M)
 
 
 def test_noise_drawn_in_blocks_is_that_drawn_scan_by_scan() -> None:

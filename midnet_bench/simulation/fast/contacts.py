@@ -91,17 +91,6 @@ class ContactBuffer(NamedTuple):
     """(c, 2) bodies that each contact's normal points to and from; -1 for walls, or ``OBSTACLE``"""
 
 
-class Obstacles(NamedTuple):
-    """What moves by itself, near bodies."""
-
-    hulls: Floats
-    """(k, 4, 7) of boxes in the map frame; of a disc, the first corner is its middle"""
-    radii_m: Floats
-    """(k,) of discs; 0 for boxes"""
-    circles_m: Floats
-    """(k, 3) x, y and radius of a circle about each"""
-
-
 def body_of(robot: RobotModel) -> Body:
     """A robot as contacts see it."""
     return Body(hull_of(robot.body), robot.body_reach_m, robot.gyration_radius_m * robot.gyration_radius_m)
@@ -143,38 +132,48 @@ def find_contacts(
     present: npt.NDArray[np.bool_],
     body: Body,
     margin_m: float,
+    solids: Floats,
     ground: SideGrid,
     room: ContactBuffer,
-    count: int = 0,
 ) -> int:
     """Writes the contacts of bodies at (n, 3) ``poses`` into ``room``, and says how many there are.
+
+    Those with obstacles come first: in each of the solver's rounds walls and bodies have the last word.
 
     Args:
         poses: of the base frames, map frame.
         present: (n,) which bodies are there.
         body: what they are.
         margin_m: the widest gap that counts.
+        solids: (k, 6) obstacles: x, y and yaw, metres and radians, length, width, and whether it is a disc.
         ground: what never moves; its reach is no less than that of a body and ``margin_m`` together.
         room: where they go.
-        count: how many are there already.
     """
-    reach_m, frame, hulls = body.reach_m, ground.frame, room.hulls
+    reach_m, hulls = body.reach_m, room.hulls
     is_placed = np.zeros(len(poses), dtype=np.bool_)
+    count = 0
+    for i in range(len(poses)):
+        for solid in solids:
+            x, y = poses[i, 0], poses[i, 1]
+            solid_m = solid[3] / 2.0 if solid[5] else hypot(solid[3], solid[4]) / 2.0
+            if not present[i] or hypot(x - solid[0], y - solid[1]) > reach_m + margin_m + solid_m:
+                continue
+            if not is_placed[i]:
+                _place(body.hull, poses[i], hulls[i])
+                is_placed[i] = True
+            count = _against_obstacle(i, hulls[i], x, y, solid, margin_m, room, count)
     for i in range(len(poses)):
         if not present[i]:
             continue
         x, y = poses[i, 0], poses[i, 1]
-        column, line = int((x - frame[0]) / frame[2]), int((y - frame[1]) / frame[2])
-        if x >= frame[0] and y >= frame[1] and column < frame[3] and line < frame[4]:
-            cell = line * int(frame[3]) + column
-            for member in range(ground.first[cell], ground.first[cell + 1]):
-                side = ground.sides[ground.members[member]]
-                if not _may_touch(side, x, y, reach_m + margin_m):
-                    continue
-                if not is_placed[i]:
-                    _place(body.hull, poses[i], hulls[i])
-                    is_placed[i] = True
-                count = _against_side(i, hulls[i], x, y, side, margin_m, room, count)
+        for member in _sides_near(ground, x, y):
+            side = ground.sides[member]
+            if not _may_touch(side, x, y, reach_m + margin_m):
+                continue
+            if not is_placed[i]:
+                _place(body.hull, poses[i], hulls[i])
+                is_placed[i] = True
+            count = _against_side(i, hulls[i], x, y, side, margin_m, room, count)
         for j in range(i):
             dx, dy = x - poses[j, 0], y - poses[j, 1]
             apart = 2.0 * reach_m + margin_m
@@ -190,101 +189,80 @@ def find_contacts(
 
 
 @njit
-def obstacles_near(
-    solids: Floats, poses: Floats, present: npt.NDArray[np.bool_], within_m: float
-) -> Obstacles:
-    """Those of (k, 6) ``solids`` that a body's base frame is less than ``within_m`` from.
-
-    Their columns: x, y and yaw, metres and radians, length and width, and whether it is a disc.
-    """
-    hulls, radii = np.zeros((len(solids), 4, 7)), np.zeros(len(solids))
-    circles, hull = np.empty((len(solids), 3)), np.empty((4, 7))
-    count = 0
-    for x, y, yaw, length_m, width_m, is_disc in solids:
-        reach_m = length_m / 2.0 if is_disc else hypot(length_m, width_m) / 2.0
-        is_near, apart_m = False, within_m + reach_m
-        for i in range(len(poses)):
-            dx, dy = poses[i, 0] - x, poses[i, 1] - y
-            is_near |= present[i] and dx * dx + dy * dy < apart_m * apart_m
-        if not is_near:
-            continue
-        circles[count, 0], circles[count, 1], circles[count, 2] = x, y, reach_m
-        if is_disc:
-            hulls[count, 0, X], hulls[count, 0, Y], radii[count] = x, y, reach_m
-        else:
-            hull[:] = _SQUARE
-            hull[:, X] *= length_m / 2.0
-            hull[:, Y] *= width_m / 2.0
-            hull[0::2, LENGTH], hull[1::2, LENGTH] = length_m, width_m
-            _place(hull, np.array((x, y, yaw)), hulls[count])
-        count += 1
-    return Obstacles(hulls[:count], radii[:count], circles[:count])
+def _sides_near(ground: SideGrid, x: float, y: float) -> Ints:
+    """The sides that a body at (x, y) may touch, by their rows."""
+    frame = ground.frame
+    column, line = int((x - frame[0]) / frame[2]), int((y - frame[1]) / frame[2])
+    if x >= frame[0] and y >= frame[1] and column < frame[3] and line < frame[4]:
+        cell = line * int(frame[3]) + column
+        return ground.members[ground.first[cell] : ground.first[cell + 1]]
+    return ground.members[:0]
 
 
 @njit
-def find_obstacle_contacts(
-    poses: Floats,
-    present: npt.NDArray[np.bool_],
-    body: Body,
+def _against_obstacle(
+    i: int,
+    body: Floats,
+    x: float,
+    y: float,
+    solid: Floats,
     margin_m: float,
-    obstacles: Obstacles,
     room: ContactBuffer,
+    count: int,
 ) -> int:
-    """The same as :func:`find_contacts` for contacts with obstacles alone, deep ones too.
+    """Adds the contacts of body i, placed, with an obstacle, deep ones too.
 
     An obstacle of 2 m/s may come far into a body before it has pushed it out. A box that lies across a body,
     no corner of the one before a side of the other, has no contact: the body drives on until one has.
     """
-    count = 0
-    for i in range(len(poses)):
-        x, y = poses[i, 0], poses[i, 1]
-        is_placed = False
-        for k in range(len(obstacles.radii_m)):
-            dx, dy = x - obstacles.circles_m[k, 0], y - obstacles.circles_m[k, 1]
-            if not present[i] or hypot(dx, dy) > body.reach_m + margin_m + obstacles.circles_m[k, 2]:
-                continue
-            if not is_placed:
-                _place(body.hull, poses[i], room.hulls[i])
-                is_placed = True
-            hull, radius_m = obstacles.hulls[k], obstacles.radii_m[k]
-            own = room.hulls[i]
-            for corner in hull[:1] if radius_m > 0.0 else hull:
-                count = _obstacle_contact(i, x, y, corner, own, margin_m, radius_m, False, room, count)
-            if radius_m == 0.0:
-                for corner in own:
-                    count = _obstacle_contact(i, x, y, corner, hull, margin_m, 0.0, True, room, count)
+    rows = room.rows
+    if solid[5]:
+        before, radius_m = count, solid[3] / 2.0
+        corner = (solid[0], solid[1], 0.0, 0.0, 0.0, 0.0)
+        count = _meet(i, OBSTACLE, corner, body, x, y, margin_m + radius_m, False, np.inf, room, count)
+        rows[before:count, GAP] -= radius_m
+        return count
+    hull, placed = _SQUARE.copy(), np.empty((4, 7))
+    hull[:, X] *= solid[3] / 2.0
+    hull[:, Y] *= solid[4] / 2.0
+    hull[0::2, LENGTH], hull[1::2, LENGTH] = solid[3], solid[4]
+    _place(hull, solid, placed)
+    for k in range(len(placed)):
+        count = _meet(i, OBSTACLE, _corner(placed[k]), body, x, y, margin_m, False, np.inf, room, count)
+    for k in range(len(body)):
+        before = count
+        count = _meet(i, OBSTACLE, _corner(body[k]), placed, x, y, margin_m, True, np.inf, room, count)
+        for row in rows[before:count]:
+            row[NORMAL_X], row[NORMAL_Y] = -row[NORMAL_X], -row[NORMAL_Y]
+            row[ARM_X], row[ARM_Y] = body[k, X] - x, body[k, Y] - y
     return count
 
 
 @njit
-def _obstacle_contact(
-    i: int,
+def _meet(
+    a: int,
+    b: int,
+    corner: tuple[float, ...],
+    hull: Floats,
     x: float,
     y: float,
-    corner: Floats,
-    hull: Floats,
     margin_m: float,
-    radius_m: float,
-    is_own: bool,
+    sides_only: bool,
+    deep_m: float,
     room: ContactBuffer,
     count: int,
 ) -> int:
-    """Adds the contact of an obstacle's corner, with a disc's radius, with body i, placed, if there is one.
+    """Adds the contact of a corner of b with the placed hull of body a, at (x, y), if there is one.
 
-    ``is_own``: the corner is the body's, and the hull is the obstacle's.
+    The rest as for :func:`_corner_before_body`.
     """
-    if count >= len(room.rows):
-        return count
-    row = room.rows[count]
-    if not _corner_before_body(_corner(corner), hull, margin_m + radius_m, is_own, row, np.inf):
-        return count
-    if is_own:
-        row[NORMAL_X], row[NORMAL_Y] = -row[NORMAL_X], -row[NORMAL_Y]
-        row[ARM_X], row[ARM_Y] = corner[X], corner[Y]
-    row[GAP] -= radius_m
-    row[ARM_X], row[ARM_Y], row[OTHER_X], row[OTHER_Y] = row[ARM_X] - x, row[ARM_Y] - y, 0.0, 0.0
-    room.pairs[count, 0], room.pairs[count, 1] = i, OBSTACLE
-    return count + 1
+    if count < len(room.rows):
+        row = room.rows[count]
+        if _corner_before_body(corner, hull, margin_m, sides_only, row, deep_m):
+            row[ARM_X], row[ARM_Y], row[OTHER_X], row[OTHER_Y] = row[ARM_X] - x, row[ARM_Y] - y, 0.0, 0.0
+            room.pairs[count, 0], room.pairs[count, 1] = a, b
+            count += 1
+    return count
 
 
 @njit
@@ -341,13 +319,9 @@ def _against_side(
             row[ARM_X], row[ARM_Y], row[OTHER_X], row[OTHER_Y] = body[k, X] - x, body[k, Y] - y, 0.0, 0.0
             pairs[count, 0], pairs[count, 1] = i, -1
             count += 1
-    if (side[BEFORE_X] != 0.0 or side[BEFORE_Y] != 0.0) and count < len(rows):
-        row = rows[count]
+    if side[BEFORE_X] != 0.0 or side[BEFORE_Y] != 0.0:
         corner = (side[AX], side[AY], along_x, along_y, side[BEFORE_X], side[BEFORE_Y])
-        if _corner_before_body(corner, body, margin_m, False, row):
-            row[ARM_X], row[ARM_Y], row[OTHER_X], row[OTHER_Y] = row[ARM_X] - x, row[ARM_Y] - y, 0.0, 0.0
-            pairs[count, 0], pairs[count, 1] = i, -1
-            count += 1
+        count = _meet(i, -1, corner, body, x, y, margin_m, False, DEEP_M, room, count)
     return count
 
 
@@ -362,17 +336,12 @@ def _against_body(
     count: int,
 ) -> int:
     """Adds the contacts of body i's corners with body j."""
-    hulls, rows, pairs = room
-    body = hulls[i]
+    body, hull, x, y = room.hulls[i], room.hulls[j], poses[j, 0], poses[j, 1]
     for k in range(len(body)):
-        if count >= len(rows):
-            break
-        row = rows[count]
-        if _corner_before_body(_corner(body[k]), hulls[j], margin_m, sides_only, row):
-            row[ARM_X], row[ARM_Y] = row[ARM_X] - poses[j, 0], row[ARM_Y] - poses[j, 1]
+        before = count
+        count = _meet(j, i, _corner(body[k]), hull, x, y, margin_m, sides_only, DEEP_M, room, count)
+        for row in room.rows[before:count]:
             row[OTHER_X], row[OTHER_Y] = body[k, X] - poses[i, 0], body[k, Y] - poses[i, 1]
-            pairs[count, 0], pairs[count, 1] = j, i
-            count += 1
     return count
 
 
@@ -389,7 +358,7 @@ def _corner_before_body(
     margin_m: float,
     sides_only: bool,
     row: Floats,
-    deep_m: float = DEEP_M,
+    deep_m: float,
 ) -> bool:
     """Whether a corner is in contact with a body; fills normal, gap and the body's point, map frame.
 
@@ -574,16 +543,13 @@ def stands_in(
     A check by another way than contacts are found by: the hull less a rim of that depth is cut with sides,
     and with bodies it has no line between. It writes hulls into ``room`` and nothing else.
     """
-    x, y, frame = poses[i, 0], poses[i, 1], ground.frame
+    x, y = poses[i, 0], poses[i, 1]
     _place(body.hull, poses[i], room.hulls[i])
     hull = room.hulls[i]
-    column, line = int((x - frame[0]) / frame[2]), int((y - frame[1]) / frame[2])
-    if x >= frame[0] and y >= frame[1] and column < frame[3] and line < frame[4]:
-        cell = line * int(frame[3]) + column
-        for member in range(ground.first[cell], ground.first[cell + 1]):
-            side = ground.sides[ground.members[member]]
-            if _may_touch(side, x, y, body.reach_m) and _cuts(side, hull, depth_m):
-                return True
+    for member in _sides_near(ground, x, y):
+        side = ground.sides[member]
+        if _may_touch(side, x, y, body.reach_m) and _cuts(side, hull, depth_m):
+            return True
     for j in range(len(poses)):
         dx, dy = x - poses[j, 0], y - poses[j, 1]
         if j == i or not present[j] or dx * dx + dy * dy > 4.0 * body.reach_m * body.reach_m:

@@ -20,12 +20,9 @@ from midnet_bench.simulation.fast.contacts import (
     WHEEL_FRICTION,
     Body,
     ContactBuffer,
-    Obstacles,
     find_contacts,
-    find_obstacle_contacts,
     islands,
     least_speed,
-    obstacles_near,
     part,
     parting_speed,
     solve_contacts,
@@ -108,26 +105,12 @@ def put_together(parts: Parts) -> tuple[Drive, Body, SideGrid, ContactBuffer]:
 
 @njit
 def step_world(states: Floats, present: npt.NDArray[np.bool_], solids: Floats, parts: Parts) -> None:
-    """:func:`advance` with ``parts`` as :func:`taken_apart` gives them.
+    """Let one tick pass for (n, 13) ``states``, by the columns above, of the bodies that are ``present``.
 
-    ``solids``: (k, 6) what moves by itself, by the columns of :func:`~.contacts.obstacles_near`.
+    ``solids``: (k, 6) what moves by itself, as for :func:`~.contacts.find_contacts`. ``parts``: as
+    :func:`taken_apart` gives them.
     """
     drive, body, ground, room = put_together(parts)
-    obstacles = obstacles_near(solids, states[:, :3], present, body.reach_m + 2.0 * drive.most_m)
-    advance(states, present, drive, body, ground, room, obstacles)
-
-
-@njit
-def advance(
-    states: Floats,
-    present: npt.NDArray[np.bool_],
-    drive: Drive,
-    body: Body,
-    ground: SideGrid,
-    room: ContactBuffer,
-    obstacles: Obstacles,
-) -> None:
-    """Let one tick pass for (n, 13) ``states``, by the columns above, of the bodies that are ``present``."""
     n = len(states)
     poses = states[:, :3]
     moves = np.zeros((n, 3))
@@ -137,9 +120,7 @@ def advance(
             _roll(states[i], drive, moves[i])
     # two bodies come nearer by as much as both can move
     reach_m = 2.0 * drive.most_m
-    # obstacles first: in each of the solver's rounds walls and bodies have the last word
-    count = find_obstacle_contacts(poses, present, body, reach_m, obstacles, room)
-    count = find_contacts(poses, present, body, reach_m, ground, room, count)
+    count = find_contacts(poses, present, body, reach_m, solids, ground, room)
     held = np.zeros(n, dtype=np.bool_)
     if count == 0:
         for i in range(n):
@@ -289,12 +270,12 @@ def _move_among_contacts(
     whatever the solver makes of a jam, nothing gets deeper than the check allows.
     """
     n = len(poses)
-    before = poses.copy()
+    before, nothing = poses.copy(), np.empty((0, 6))
     for i in range(n):
         if present[i]:
             _move(poses[i], moves[i], drive.step_s)
     for _ in range(_PARTINGS):
-        count = find_contacts(poses, present, body, 0.0, ground, room)
+        count = find_contacts(poses, present, body, 0.0, nothing, ground, room)
         if not part(count, room.rows, room.pairs, body.gyration2_m2, poses):
             break
     is_bad = np.zeros(n, dtype=np.bool_)
@@ -334,9 +315,7 @@ def touching(
 ) -> npt.NDArray[np.bool_]:
     """(n,) whether each body touches something; arguments as for :func:`step_world`."""
     _, body, ground, room = put_together(parts)
-    obstacles = obstacles_near(solids, states[:, :3], present, body.reach_m + TOUCH_M)
-    count = find_obstacle_contacts(states[:, :3], present, body, TOUCH_M, obstacles, room)
-    count = find_contacts(states[:, :3], present, body, TOUCH_M, ground, room, count)
+    count = find_contacts(states[:, :3], present, body, TOUCH_M, solids, ground, room)
     found = np.zeros(len(states), dtype=np.bool_)
     for c in range(count):
         for i in room.pairs[c]:
