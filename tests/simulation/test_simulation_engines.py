@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+from midnet_bench.errors import InputError
+from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.simulation.world import World
 from midnet_bench.simulation.world_settings import WorldSettings
@@ -17,6 +19,14 @@ def test_the_setting_picks_the_engine(engine: str) -> None:
     world = World(scene([(0.0, 0.0, 0.0)]), WorldSettings(engine=engine), BURGER)
     assert f".{engine}." in type(world.engine).__module__
     world.close()
+
+
+def test_without_mujoco_one_line_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(
+        InputError, match=r"engine: mujoco needs mujoco: pip install 'midnet-bench\[mujoco\]'"
+    ):
+        DetectionParameters.parse({"engine": "mujoco"}, "test")
 
 
 @pytest.mark.slow
@@ -47,7 +57,7 @@ print(hashlib.sha256(repr(run_labyrinth(parameters, 4).tables).encode()).hexdige
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", ENGINES[1:])
+@pytest.mark.parametrize("engine", ENGINES)
 def test_a_trial_gives_the_same_bytes_in_any_process_with_any_threads(engine: str) -> None:
     digests = set()
     for threads in ("1", "2"):

@@ -17,14 +17,16 @@ from midnet_bench.simulation.fast.outlines import outlines_of, side_grid
 from midnet_bench.simulation.world import World
 from midnet_bench.simulation.world_settings import WorldSettings
 from tests.simulation.overlap import deepest_m
-from tests.simulation.scenes import ENGINES, WORLDS, FastWorld, run, scene, small_arena
+from tests.simulation.scenes import ENGINES, NEEDS_MUJOCO, WORLDS, FastWorld, run, scene, small_arena
 
 
-def charge(layout: Layout, seed: int, seconds: float, step_hz: int = 30) -> tuple[World, float]:
+def charge(
+    layout: Layout, seed: int, seconds: float, step_hz: int = 30, engine: str = "fast"
+) -> tuple[World, float]:
     """A world whose robots drove about blindly, and the deepest that one stood in anything."""
     rng = np.random.default_rng(seed)
     deepest = 0.0
-    world = FastWorld(layout, WorldSettings(engine="fast", step_hz=step_hz))
+    world = WORLDS[engine](layout, WorldSettings(step_hz=step_hz))
     for tick in range(round(seconds * step_hz)):
         if tick % step_hz == 0:
             for index in range(len(world.active)):
@@ -122,16 +124,24 @@ def test_nobody_in_any_team_gets_a_millimetre_into_a_wall_or_another(
 
 
 @pytest.mark.parametrize(
-    ("side_m", "rows", "seed"), [pytest.param(1.0, 3, 0, marks=pytest.mark.slow), (1.0, 3, 2), (0.8, 2, 1)]
+    ("engine", "side_m", "rows", "seed", "most_m"),
+    [
+        pytest.param("fast", 1.0, 3, 0, 1e-3, marks=pytest.mark.slow),
+        ("fast", 1.0, 3, 2, 1e-3),
+        ("fast", 0.8, 2, 1, 1e-3),
+        pytest.param("mujoco", 1.0, 3, 2, 8e-3, marks=NEEDS_MUJOCO),
+    ],
 )
-def test_not_even_in_a_jam_and_a_jam_keeps_moving(side_m: float, rows: int, seed: int) -> None:
+def test_not_even_in_a_jam_and_a_jam_keeps_moving(
+    engine: str, side_m: float, rows: int, seed: int, most_m: float
+) -> None:
     """Nine robots on a square metre. In PyBullet each comes about as far, and 8 to 19 mm into the others."""
     places = np.linspace(-side_m / 2.0 + 0.2, side_m / 2.0 - 0.2, rows)
     rng = np.random.default_rng(seed)
     starts = [(x, y, rng.uniform(-3.0, 3.0)) for x in places for y in places]
     layout = scene(starts, arena=small_arena(side_m))
-    world, deepest = charge(layout, seed, 10.0)
-    assert deepest < 1e-3
+    world, deepest = charge(layout, seed, 10.0, engine=engine)
+    assert deepest < most_m
     moved = np.hypot(*(world.poses()[:, :2] - np.array(starts)[:, :2]).T)
     assert np.count_nonzero(moved > 0.02) >= 0.6 * len(starts)
     assert (world.collisions() > 0).all()

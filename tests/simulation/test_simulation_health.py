@@ -60,12 +60,3 @@ def test_ten_burgers_that_charge_about_blindly_go_through_nothing(rounds: int) -
         assert world.collisions().sum() > rounds / 2
     assert tracker.crossings.sum() == 0
     assert tracker.distances_m.min() > 0.025 * rounds
-
-
-def test_a_robot_that_stands_travels_nothing() -> None:
-    layout = scene([(0.0, 0.0, 0.0)])
-    with BulletWorld(layout) as world:
-        tracker = HealthTracker(layout, world.poses())
-        run(world, 5.0)
-        tracker.update(world.poses())
-    assert tracker.distances_m[0] == pytest.approx(0.0, abs=1e-3)

@@ -28,13 +28,6 @@ def test_a_delay_by_hand() -> None:
     assert link.latest(0, 5.3) == Message(5.0, 3)
 
 
-def test_senders_do_not_hear_each_other() -> None:
-    link = network(NetworkSettings(), senders=2)
-    link.send(1, 7, 0.1)
-    assert link.latest(0, 9.0) is None
-    assert link.latest(1, 9.0) == Message(0.1, 7)
-
-
 def test_an_overtaken_message_is_not_gone_back_to() -> None:
     """Jitter far above the interval: many arrive late, and none of them replaces a newer one."""
     link = network(NetworkSettings(jitter_s=2.0))
