@@ -20,7 +20,6 @@ from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.geometry import Command, Pose2D
 from midnet_bench.rng import stream
 from midnet_bench.robots.burger import BURGER, LDS_01
-from midnet_bench.simulation.bullet.client import bullet
 from midnet_bench.simulation.world import World
 
 GUARDS = 5
@@ -72,7 +71,7 @@ def bare_cpu_s(simulated_s: float) -> float:
             world.step()
             if tick % (world.step_hz // SCAN_HZ) == 0:
                 for starts, ends in scans:
-                    bullet.rayTestBatch(starts, ends, numThreads=1, physicsClientId=world.engine.client)
+                    world.engine.client.rayTestBatch(starts, ends, numThreads=1)
     return time.process_time() - begin
 
 

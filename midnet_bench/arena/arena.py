@@ -206,10 +206,7 @@ class Arena(Spec):
 
 @lru_cache(maxsize=16)
 def _boxes(
-    walls: tuple[tuple[Point, ...], ...],
-    blocks: tuple[Corners, ...],
-    thickness_m: float,
-    height_m: float,
+    walls: tuple[tuple[Point, ...], ...], blocks: tuple[Corners, ...], thickness_m: float, height_m: float
 ) -> tuple[Solid, ...]:
     """Made once in a process: the same in every trial in one arena, and each remembers its outline."""
     return (

@@ -40,10 +40,7 @@ class FreeSpace:
         return float(lengths(self._centers - (x, y)).min())
 
     def draw(
-        self,
-        rng: np.random.Generator,
-        away_from: tuple[float, float] | None = None,
-        at_least_m: float = 0.0,
+        self, rng: np.random.Generator, away_from: tuple[float, float] | None = None, at_least_m: float = 0.0
     ) -> tuple[float, float]:
         """The centre (x, y) of a free cell, all equally likely, ``at_least_m`` from ``away_from``.
 

@@ -1,4 +1,4 @@
-"""What charts of numbers share: series that colour-blind readers tell apart, estimates with intervals.
+"""Charts of numbers: series that colour-blind readers tell apart, estimates with intervals, axis labels.
 
 By matplotlib, Agg only: no window, no global state.
 """
@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
 
-from midnet_bench.analysis.statistics import Estimate
+from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.errors import InputError
 
@@ -37,6 +37,43 @@ METADATA: Mapping[str, dict[str, None]] = {
 """format of a figure -> what is left out of its file, or its bytes would differ"""
 FORMATS = ("png", "svg")
 """written unless other formats are given"""
+
+
+LONGEST = 44
+"""characters of an explanation that fits an axis"""
+AXIS_LABELS = {
+    "f1": "F1",
+    "f1_one_to_one": "F1, one-to-one",
+    "gospa_per_frame_m": "GOSPA, m per frame",
+    "robots": "security robots",
+    "intruders": "intruders",
+    "frames": "frames",
+    "caught_percent": "intruders caught, %",
+    "success_rate": "success rate, %",
+    "local_size_m": "local costmap's side, m",
+    "obstacle_range_m": "usable LiDAR range, m",
+    "thresh_local": "thresh of Eq. 1, local costmap",
+    "thresh_global": "thresh of Eq. 1, prior map",
+    "resolution_m": "side of a cell, m",
+    "iou_fuse": "least IoU of fused boxes",
+    "iou_ally": "least IoU with an ally's square",
+    "message_delay_s": "delay of messages, s",
+    "message_loss": "share of messages lost",
+    "lidar_dropout": "share of beams without return",
+    "intruder_speed_mps": "intruders' top speed, m/s",
+}
+UNITS = {
+    "_mps2": "m/s²",
+    "_radps": "rad/s",
+    "_percent": "%",
+    "_mps": "m/s",
+    "_deg": "degrees",
+    "_rad": "rad",
+    "_hz": "Hz",
+    "_m": "m",
+    "_s": "s",
+}
+"""end of a name -> its unit"""
 
 
 class Style(NamedTuple):
@@ -177,6 +214,78 @@ def panel_figure(
     figure.suptitle(title, fontsize=FONT_PT + 2, x=0.01, ha="left")
     figure.supxlabel(foot, fontsize=FONT_PT - 2, color="#555555")
     return figure
+
+
+Means = Mapping[str, Mapping[float, Estimate]]
+Trials = Mapping[str, Mapping[float, Mapping[int, float]]]
+
+
+def curves_figure(
+    x: str,
+    trials: Mapping[str, Trials],
+    means: Mapping[str, Means],
+    ranges: Mapping[str, tuple[float, float]],
+) -> Figure:
+    """A panel for each score, with a line for each curve over a numeric factor.
+
+    Args:
+        x: label of the axis.
+        trials: score -> curve -> place along x -> seed -> value; each is a dot.
+        means: score -> curve -> place along x -> the mean over seeds and its interval, the bar.
+        ranges: score -> the least and the greatest value that it can have; one in 0 to 1 has that axis.
+    """
+    panels = []
+    for score, curves in means.items():
+        limits = (0.0 if ranges[score][0] == 0.0 else None, 1.03 if ranges[score] == (0.0, 1.0) else None)
+        dots = {
+            label: {place: [*seeds.values()] for place, seeds in points.items()}
+            for label, points in trials[score].items()
+        }
+        panels.append(Panel(axis_label(score), curves, limits=limits, trials=dots))
+    return panel_figure(panels, x, f"Scores by {x}", MEAN_METHOD, 3 if len(means) > 4 else 2)
+
+
+def values_figure(
+    values: Sequence[str], means: Mapping[str, Mapping[str, Mapping[str, Estimate]]], what: str
+) -> Figure:
+    """A panel for each score below each other, with points for each cell over a factor's values.
+
+    Args:
+        values: along x, the baseline first; its means go across the panel.
+        means: score -> cell -> value -> the mean over seeds and its interval.
+        what: the factor, for the title.
+    """
+    panels = [
+        Panel(
+            axis_label(score),
+            cells,
+            levels=[
+                (points[values[0]].value, style.color)
+                for points, style in zip(cells.values(), STYLES, strict=False)
+                if values[0] in points
+            ],
+        )
+        for score, cells in means.items()
+    ]
+    return panel_figure(panels, what, f"Scores by {what}", MEAN_METHOD, 1, note=f"lines: {values[0]}")
+
+
+def axis_label(name: str, explanation: str = "") -> str:
+    """What an axis says of a column or a parameter.
+
+    Args:
+        name: such as ``message_delay_s``.
+        explanation: its help; the first clause, where it is short, stands for a name that is not known here.
+    """
+    if name in AXIS_LABELS:
+        return AXIS_LABELS[name]
+    end = next((one for one in UNITS if name.endswith(one)), "")
+    clause = explanation.split(".")[0].split(",")[0].split(";")[0].split(":")[0].split("(")[0].strip()
+    words = name.removesuffix(end).replace("_", " ")
+    if 0 < len(clause) <= LONGEST:
+        is_word = clause.split()[0][1:].islower()  # and no abbreviation
+        words = clause[0].lower() + clause[1:] if is_word else clause
+    return f"{words}, {UNITS[end]}" if end else words
 
 
 def light_grid(axes: Axes) -> None:

@@ -16,15 +16,7 @@ from midnet_bench.drawing.canvas import (
     write,
 )
 from midnet_bench.drawing.growth import CELLS, MapSnapshot, color_of, paint_map
-from midnet_bench.drawing.palette import (
-    DETECTION,
-    FALSE_DETECTION,
-    GUARD,
-    GUARD_RANGE,
-    INK,
-    INTRUDER,
-    TRUTH,
-)
+from midnet_bench.drawing.palette import DETECTION, FALSE_DETECTION, GUARD, GUARD_RANGE, INK, INTRUDER, TRUTH
 from midnet_bench.drawing.panels import MARGIN_M, DetectionPanel, WorldPanel
 from midnet_bench.drawing.scene import Floats, Scene, Setup
 from midnet_bench.geometry import Box, Point

@@ -110,7 +110,7 @@ class MujocoEngine:
 
     def cast(self, beams: Beams, near_m: float, far_m: float) -> Floats:
         """(m, beams) metres from the axis to the first solid between near and far; inf if there is none."""
-        count = beams.directions.shape[1]
+        model, data, count = self._model, self._data, beams.directions.shape[1]
         ranges = np.empty(beams.directions.shape[:2])
         axis, ways = np.full(3, self._robot.lidar_height_m), np.zeros((count, 3))
         groups = np.zeros(6, dtype=np.uint8)
@@ -119,25 +119,12 @@ class MujocoEngine:
         for place, directions, found in zip(beams.axes, beams.directions, ranges, strict=True):
             axis[:2], ways[:, :2] = place, directions
             mujoco.mj_multiRay(
-                self._model,
-                self._data,
-                axis,
-                ways.reshape(-1),
-                groups,
-                True,
-                -1,
-                met,
-                found,
-                None,
-                count,
-                far_m,
+                model, data, axis, ways.reshape(-1), groups, True, -1, met, found, None, count, far_m
             )
             # what begins too near may end, or hide something, farther on
             for k in np.flatnonzero((met >= 0) & (found < near_m)).tolist():
                 start = axis + near_m * ways[k]
-                beyond_m = mujoco.mj_ray(
-                    self._model, self._data, start, ways[k], groups, True, -1, met[k : k + 1]
-                )
+                beyond_m = mujoco.mj_ray(model, data, start, ways[k], groups, True, -1, met[k : k + 1])
                 found[k] = near_m + beyond_m
             found[(met < 0) | (found > far_m)] = np.inf
         return ranges
@@ -196,12 +183,9 @@ def add_robot(spec: mujoco.MjSpec, robot: RobotModel, name: str) -> None:
     body.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0, 0, 1])
     body.add_geom(meshname="body", group=ROBOTS, friction=[BODY_FRICTION, 0.0, 0.0])
     half_m = robot.wheel_separation_m / 2.0
-    # of both wheels, of one, of one, and along which axis of the body
-    for motor, (share, side_m, axis) in {
-        ALONG_LEFT: (0.5, half_m, 0),
-        ALONG_RIGHT: (0.5, -half_m, 0),
-        ASIDE: (1.0, 0.0, 1),
-    }.items():
+    # the share of both wheels, how far aside, and along which axis of the body
+    motors = {ALONG_LEFT: (0.5, half_m, 0), ALONG_RIGHT: (0.5, -half_m, 0), ASIDE: (1.0, 0.0, 1)}
+    for motor, (share, side_m, axis) in motors.items():
         point = f"{name} {motor}"
         body.add_site(name=point, pos=[0.0, side_m, 0.0])
         most_n = share * GRIP * GRAVITY_MPS2 * robot.mass_kg

@@ -491,8 +491,7 @@ def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figur
     ]
     title = f"Scores by {x} ({MEAN_METHOD}, over seeds)"
     table = Table(f"{y or 'scores'}_by_{x}", title, rows, bounds={"mean": ("low", "high", "seeds")})
-    from midnet_bench.drawing.curves import curves_figure
-    from midnet_bench.drawing.labels import axis_label
+    from midnet_bench.drawing.charts import axis_label, curves_figure
 
     leaf = leaves(record.model).get(x)
     ranges = {measure: record.range_of(measure) for measure in means}
@@ -540,7 +539,7 @@ def compared_values(results: Results) -> tuple[Table, "Figure"] | None:
     name, title = f"differences_by_{preset.by}", f"Differences from {baseline} {HOW}"
     hidden = ("seeds", "p_holm", "outlier_seed", "value", "baseline")
     table = Table(name, title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=_notes(compared), beside=hidden)
-    from midnet_bench.drawing.curves import values_figure
+    from midnet_bench.drawing.charts import values_figure
 
     return table, values_figure(list(ordered), means, preset.by)
 

@@ -67,10 +67,7 @@ def test_delays_have_the_mean_that_is_set() -> None:
 
 
 settings = st.builds(
-    NetworkSettings,
-    delay_s=st.floats(0.0, 2.0),
-    jitter_s=st.floats(0.0, 2.0),
-    loss=st.floats(0.0, 1.0),
+    NetworkSettings, delay_s=st.floats(0.0, 2.0), jitter_s=st.floats(0.0, 2.0), loss=st.floats(0.0, 1.0)
 )
 
 

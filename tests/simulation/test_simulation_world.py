@@ -174,10 +174,7 @@ def test_a_client_that_was_used_before_gives_the_bytes_of_a_new_one(monkeypatch:
 def test_worlds_stepped_in_turns_do_not_touch_each_other(engine: str, World: type) -> None:
     alone = [digest_of(engine, 1), digest_of(engine, 2)]
     digests = [hashlib.sha256(), hashlib.sha256()]
-    with (
-        World(place(load_arena("map1"), 1, 3, 3)) as one,
-        World(place(load_arena("map1"), 2, 3, 3)) as two,
-    ):
+    with World(place(load_arena("map1"), 1, 3, 3)) as one, World(place(load_arena("map1"), 2, 3, 3)) as two:
         for _ in zip(moving(one, 5.0, digests[0]), moving(two, 5.0, digests[1]), strict=True):
             pass
     assert [digest.hexdigest() for digest in digests] == alone

@@ -6,8 +6,7 @@ from matplotlib.figure import Figure
 
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
-from midnet_bench.drawing.charts import STYLES, Panel, Style, panel_figure
-from midnet_bench.drawing.labels import axis_label
+from midnet_bench.drawing.charts import STYLES, Panel, Style, axis_label, panel_figure
 from midnet_bench.experiments.detection.tables import (
     PAPER,
     SCORES,

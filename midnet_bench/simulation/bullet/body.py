@@ -7,7 +7,7 @@ import numpy as np
 
 from midnet_bench.geometry import Pose2D, Solid
 from midnet_bench.robots.model import RobotModel
-from midnet_bench.simulation.bullet.client import bullet
+from midnet_bench.simulation.bullet.client import Client, bullet
 
 # Collision groups: what a shape is, and (as its mask) with which groups it collides. PyBullet lets two shapes
 # collide when either one's mask names the other's group, so every mask here is answered by the other side's.
@@ -26,32 +26,31 @@ class Body(NamedTuple):
     """of the point that PyBullet calls the body's position, its base's centre of mass, in the base frame"""
 
 
-def load_robot(client: int, robot: RobotModel, pose: Pose2D) -> Body:
+def load_robot(client: Client, robot: RobotModel, pose: Pose2D) -> Body:
     """A robot with its base frame at ``pose``. Wheels and caster touch the floor only."""
     if robot.urdf is None:
         return _build_robot(client, robot, pose)
-    body = bullet.loadURDF(
+    body = client.loadURDF(
         str(robot.urdf),
         [pose.x, pose.y, robot.base_link_height_m],
         bullet.getQuaternionFromEuler([0.0, 0.0, pose.yaw]),
         flags=bullet.URDF_USE_INERTIA_FROM_FILE,
-        physicsClientId=client,
     )
     links = {"base_link": -1}
-    for joint in range(bullet.getNumJoints(body, physicsClientId=client)):
-        links[bullet.getJointInfo(body, joint, physicsClientId=client)[12].decode()] = joint
+    for joint in range(client.getNumJoints(body)):
+        links[client.getJointInfo(body, joint)[12].decode()] = joint
     wheels = (links["wheel_left"], links["wheel_right"])
     return _on_wheels(client, body, wheels, links["caster"])
 
 
-def _on_wheels(client: int, body: int, wheels: tuple[int, int], caster: int) -> Body:
+def _on_wheels(client: Client, body: int, wheels: tuple[int, int], caster: int) -> Body:
     """A loaded body of which only those links touch the floor."""
     rollers = (*wheels, caster)
-    for link in range(-1, bullet.getNumJoints(body, physicsClientId=client)):
+    for link in range(-1, client.getNumJoints(body)):
         group, mask = (ROLLER, FLOOR) if link in rollers else (ROBOT, ROBOT | STATIC | FLOOR)
-        bullet.setCollisionFilterGroupMask(body, link, group, mask, physicsClientId=client)
-        bullet.changeDynamics(body, link, contactProcessingThreshold=0.0, physicsClientId=client)
-    mass_x_m = bullet.getDynamicsInfo(body, -1, physicsClientId=client)[3][0]
+        client.setCollisionFilterGroupMask(body, link, group, mask)
+        client.changeDynamics(body, link, contactProcessingThreshold=0.0)
+    mass_x_m = client.getDynamicsInfo(body, -1)[3][0]
     return Body(body, wheels, mass_x_m)
 
 
@@ -67,7 +66,7 @@ _WHEEL_MASS, _CASTER_MASS = 0.03, 0.005
 """shares of the robot's mass"""
 
 
-def _build_robot(client: int, robot: RobotModel, pose: Pose2D) -> Body:
+def _build_robot(client: Client, robot: RobotModel, pose: Pose2D) -> Body:
     """A body of a robot's measures: its hull from above, two wheels and a ball under the longer end."""
     front, back = max(x for x, _ in robot.body), min(x for x, _ in robot.body)
     caster_x = back + _CASTER_INSIDE_M if -back >= front else front - _CASTER_INSIDE_M
@@ -75,9 +74,7 @@ def _build_robot(client: int, robot: RobotModel, pose: Pose2D) -> Body:
     low, high = 0.25 * axle_z, max(robot.lidar_height_m, axle_z)
     hull = [(x - mass_x, y, z - axle_z) for x, y in robot.body for z in (low, high)]
 
-    def shape(kind: int, **measures: object) -> int:
-        return int(bullet.createCollisionShape(kind, physicsClientId=client, **measures))
-
+    shape = client.createCollisionShape
     wheel = shape(bullet.GEOM_SPHERE, radius=robot.wheel_radius_m)
     ball = shape(bullet.GEOM_SPHERE, radius=_CASTER_M)
     side = robot.wheel_separation_m / 2.0
@@ -85,7 +82,7 @@ def _build_robot(client: int, robot: RobotModel, pose: Pose2D) -> Body:
     masses = [share * robot.mass_kg for share in (_WHEEL_MASS, _WHEEL_MASS, _CASTER_MASS)]
     level = [(0.0, 0.0, 0.0, 1.0)] * 3
     start = pose.compose(Pose2D(mass_x, 0.0, 0.0))
-    body = bullet.createMultiBody(
+    body = client.createMultiBody(
         baseMass=robot.mass_kg - math.fsum(masses),
         baseCollisionShapeIndex=shape(bullet.GEOM_MESH, vertices=hull),
         basePosition=(start.x, start.y, axle_z),
@@ -100,32 +97,24 @@ def _build_robot(client: int, robot: RobotModel, pose: Pose2D) -> Body:
         linkParentIndices=[0] * 3,
         linkJointTypes=[bullet.JOINT_REVOLUTE, bullet.JOINT_REVOLUTE, bullet.JOINT_FIXED],
         linkJointAxis=[(0.0, 1.0, 0.0)] * 3,
-        physicsClientId=client,
     )
     inertia = robot.mass_kg * robot.gyration_radius_m * robot.gyration_radius_m
-    bullet.changeDynamics(
-        body,
-        -1,
-        localInertiaDiagonal=[inertia] * 3,
-        linearDamping=0.0,
-        angularDamping=0.0,
-        physicsClientId=client,
-    )
+    client.changeDynamics(body, -1, localInertiaDiagonal=[inertia] * 3, linearDamping=0.0, angularDamping=0.0)
     for link, friction in ((0, WHEEL_FRICTION), (1, WHEEL_FRICTION), (2, CASTER_FRICTION)):
-        bullet.changeDynamics(body, link, lateralFriction=friction, physicsClientId=client)
+        client.changeDynamics(body, link, lateralFriction=friction)
     return _on_wheels(client, body, (0, 1), 2)._replace(mass_x_m=mass_x)
 
 
 _BELOW_FLOOR_M = 0.05
 
 
-def add_floor(client: int) -> int:
+def add_floor(client: Client) -> int:
     """The body id of an endless floor that robots stand on and beams do not see."""
-    shape = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=client)
+    shape = client.createCollisionShape(bullet.GEOM_PLANE)
     return _add_static(client, shape, FLOOR, ROBOT | ROLLER)
 
 
-def add_solids(client: int, solids: tuple[Solid, ...]) -> int:
+def add_solids(client: Client, solids: tuple[Solid, ...]) -> int:
     """The body id of one triangle mesh of all ``solids``, which beams see and robots run into.
 
     Sides only: nothing reaches a top. The mesh is passed inline, because PyBullet remembers files by name.
@@ -140,44 +129,35 @@ def add_solids(client: int, solids: tuple[Solid, ...]) -> int:
         for corner in range(count):
             low, low_next = first + corner, first + (corner + 1) % count
             triangles += [low, low_next, low_next + count, low, low_next + count, low + count]
-    shape = bullet.createCollisionShape(
-        bullet.GEOM_MESH,
-        vertices=vertices,
-        indices=triangles,
-        flags=bullet.GEOM_FORCE_CONCAVE_TRIMESH,
-        physicsClientId=client,
+    shape = client.createCollisionShape(
+        bullet.GEOM_MESH, vertices=vertices, indices=triangles, flags=bullet.GEOM_FORCE_CONCAVE_TRIMESH
     )
     return _add_static(client, shape, STATIC, RAY | ROBOT)
 
 
-def add_obstacle(client: int, solid: Solid) -> int:
+def add_obstacle(client: Client, solid: Solid) -> int:
     """The body id of something that robots run into and beams do not see; :func:`move_obstacle` moves it."""
     if solid.kind == "cylinder":
-        shape = bullet.createCollisionShape(
-            bullet.GEOM_CYLINDER,
-            radius=solid.length_m / 2.0,
-            height=solid.height_m,
-            physicsClientId=client,
+        shape = client.createCollisionShape(
+            bullet.GEOM_CYLINDER, radius=solid.length_m / 2.0, height=solid.height_m
         )
     else:
         half = [solid.length_m / 2.0, solid.width_m / 2.0, solid.height_m / 2.0]
-        shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, physicsClientId=client)
+        shape = client.createCollisionShape(bullet.GEOM_BOX, halfExtents=half)
     body = _add_static(client, shape, ROBOT, ROBOT)
     move_obstacle(client, body, solid)
     return body
 
 
-def move_obstacle(client: int, body: int, solid: Solid) -> None:
+def move_obstacle(client: Client, body: int, solid: Solid) -> None:
     """Put an obstacle where ``solid`` is now."""
     turn = bullet.getQuaternionFromEuler([0.0, 0.0, solid.pose.yaw])
     at = [solid.pose.x, solid.pose.y, solid.height_m / 2.0]
-    bullet.resetBasePositionAndOrientation(body, at, turn, physicsClientId=client)
+    client.resetBasePositionAndOrientation(body, at, turn)
 
 
-def _add_static(client: int, shape: int, group: int, mask: int) -> int:
-    body = bullet.createMultiBody(0.0, shape, physicsClientId=client)
-    bullet.setCollisionFilterGroupMask(body, -1, group, mask, physicsClientId=client)
-    bullet.changeDynamics(
-        body, -1, lateralFriction=1.0, contactProcessingThreshold=0.0, physicsClientId=client
-    )
+def _add_static(client: Client, shape: int, group: int, mask: int) -> int:
+    body = client.createMultiBody(0.0, shape)
+    client.setCollisionFilterGroupMask(body, -1, group, mask)
+    client.changeDynamics(body, -1, lateralFriction=1.0, contactProcessingThreshold=0.0)
     return int(body)

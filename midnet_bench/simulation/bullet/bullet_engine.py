@@ -19,7 +19,7 @@ from midnet_bench.simulation.bullet.body import (
     load_robot,
     move_obstacle,
 )
-from midnet_bench.simulation.bullet.client import bullet, give_back, take_client
+from midnet_bench.simulation.bullet.client import Client, bullet
 from midnet_bench.simulation.engine import Beams
 
 Floats = npt.NDArray[np.float64]
@@ -42,8 +42,8 @@ class BulletEngine:
     def __init__(self, layout: Layout, robot: RobotModel, step_hz: int, solver_iterations: int) -> None:
         self._robot = robot
         self._step_hz = step_hz
-        self.client = take_client()
-        self._ray_client = take_client()
+        self.client = Client()
+        self._ray_client = Client()
         """the solids alone: beside floor and robots, which no beam meets, a ray takes a fifth longer"""
         try:
             self._build(layout, solver_iterations)
@@ -54,13 +54,12 @@ class BulletEngine:
     def _build(self, layout: Layout, solver_iterations: int) -> None:
         """Load everything, and let the robots settle on their wheels."""
         starts = layout.robots + layout.intruders
-        bullet.setPhysicsEngineParameter(
+        self.client.setPhysicsEngineParameter(
             fixedTimeStep=1.0 / self._step_hz,
             numSolverIterations=solver_iterations,
             deterministicOverlappingPairs=1,
-            physicsClientId=self.client,
         )
-        bullet.setGravity(0.0, 0.0, -9.81, physicsClientId=self.client)
+        self.client.setGravity(0.0, 0.0, -9.81)
         self._floor = add_floor(self.client)
         add_solids(self.client, layout.solids)
         add_solids(self._ray_client, layout.solids)
@@ -73,14 +72,12 @@ class BulletEngine:
         self._poses: Floats | None = None
         """the poses of this tick, once they were read"""
         for _ in range(round(_SETTLE_S * self._step_hz)):
-            bullet.stepSimulation(physicsClientId=self.client)
+            self.client.stepSimulation()
 
     def close(self) -> None:
         """Give the clients back; more than once does no harm."""
-        if self.client >= 0:
-            give_back(self.client)
-            give_back(self._ray_client)
-            self.client = self._ray_client = -1
+        self.client.close()
+        self._ray_client.close()
 
     def drive(self, index: int, command: Command) -> None:
         """Give a robot its new velocity, within its limits; held until the next one."""
@@ -89,7 +86,7 @@ class BulletEngine:
     def step(self) -> None:
         """Let 1 / ``step_hz`` seconds pass."""
         self._drive.step()
-        bullet.stepSimulation(physicsClientId=self.client)
+        self.client.stepSimulation()
         self._poses = None
 
     def obstruct(self, solids: Sequence[Solid]) -> None:
@@ -102,10 +99,10 @@ class BulletEngine:
     def poses(self) -> Floats:
         """(n, 3) x, y, yaw of each robot's base frame, under the middle of its axle."""
         if self._poses is None:
-            fetch, client = bullet.getBasePositionAndOrientation, self.client
+            fetch = self.client.getBasePositionAndOrientation
             places = np.full((len(self._bodies), 7), np.nan)
             for index in self._present:
-                at, turn = fetch(self._bodies[index].body, client)
+                at, turn = fetch(self._bodies[index].body)
                 places[index] = at + turn
             self._poses = base_poses(places, self._mass_x_m)
         return self._poses
@@ -115,7 +112,7 @@ class BulletEngine:
         velocities = np.full((len(self._bodies), 2), np.nan)
         yaws = self.poses()[:, 2].tolist()
         for index in rows.tolist():
-            (x, y, _), (_, _, turn) = bullet.getBaseVelocity(self._bodies[index].body, self.client)
+            (x, y, _), (_, _, turn) = self.client.getBaseVelocity(self._bodies[index].body)
             # the solver made this velocity at the heading that the step began with
             heading = yaws[index] - turn / self._step_hz
             c, s = cos_sin(heading)
@@ -127,7 +124,7 @@ class BulletEngine:
         angles = np.full((len(self._bodies), 2), np.nan)
         for index in self._present:
             body, wheels, _ = self._bodies[index]
-            left, right = bullet.getJointStates(body, wheels, physicsClientId=self.client)
+            left, right = self.client.getJointStates(body, wheels)
             angles[index] = left[0], right[0]
         return angles
 
@@ -141,14 +138,14 @@ class BulletEngine:
         fractions = np.empty(len(starts))
         for first in range(0, len(starts), BATCH):
             batch = slice(first, first + BATCH)
-            hits = bullet.rayTestBatch(starts[batch], ends[batch], physicsClientId=self._ray_client)
+            hits = self._ray_client.rayTestBatch(starts[batch], ends[batch])
             fractions[batch] = [hit[2] for hit in hits]
         ranges = np.where(fractions < 1.0, near_m + fractions * (far_m - near_m), np.inf)
         return ranges.reshape(shape)
 
     def remove(self, index: int) -> None:
         """Take a robot out for good."""
-        bullet.removeBody(self._bodies[index].body, physicsClientId=self.client)
+        self.client.removeBody(self._bodies[index].body)
         self._drive.forget(index)
         self._present.remove(index)
         self._poses = None
@@ -157,9 +154,7 @@ class BulletEngine:
         """(n,) whether each robot touches anything but the floor now."""
         touching = np.zeros(len(self._bodies), dtype=np.bool_)
         for index in self._present:
-            points = bullet.getContactPoints(
-                bodyA=self._bodies[index].body, linkIndexA=-1, physicsClientId=self.client
-            )
+            points = self.client.getContactPoints(bodyA=self._bodies[index].body, linkIndexA=-1)
             touching[index] = any(point[2] != self._floor and point[8] <= 0.0 for point in points)
         return touching
 
@@ -171,10 +166,10 @@ class Drive:
     the ramp of both wheels as soon as one of them is near its target; that jump is not copied.
     """
 
-    def __init__(self, robot: RobotModel, bodies: list[Body], client: int, step_s: float) -> None:
+    def __init__(self, robot: RobotModel, bodies: list[Body], client: Client, step_s: float) -> None:
         self._robot = robot
         self._bodies = bodies
-        self._client = client
+        self.client = client
         self._most = robot.rim_acceleration_mps2 * step_s
         self._targets = [(0.0, 0.0)] * len(bodies)
         self._speeds = [(0.0, 0.0)] * len(bodies)
@@ -189,10 +184,7 @@ class Drive:
         """Move every wheel's speed one physics step closer to its target."""
         for number, (target, speed) in enumerate(zip(self._targets, self._speeds, strict=True)):
             if target != speed:
-                self._speeds[number] = (
-                    self._nearer(speed[0], target[0]),
-                    self._nearer(speed[1], target[1]),
-                )
+                self._speeds[number] = (self._nearer(speed[0], target[0]), self._nearer(speed[1], target[1]))
                 self._set_motors(number)
 
     def forget(self, number: int) -> None:
@@ -205,13 +197,12 @@ class Drive:
 
     def _set_motors(self, number: int) -> None:
         body, robot = self._bodies[number], self._robot
-        bullet.setJointMotorControlArray(
+        self.client.setJointMotorControlArray(
             body.body,
             body.wheels,
             bullet.VELOCITY_CONTROL,
             targetVelocities=[speed / robot.wheel_radius_m for speed in self._speeds[number]],
             forces=(robot.wheel_torque_nm, robot.wheel_torque_nm),
-            physicsClientId=self._client,
         )
 
 

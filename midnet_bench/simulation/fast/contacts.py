@@ -19,17 +19,7 @@ from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, hypot
 from midnet_bench.geometry import lengths
 from midnet_bench.robots.model import RobotModel
-from midnet_bench.simulation.fast.outlines import (
-    AX,
-    AY,
-    BEFORE_X,
-    BEFORE_Y,
-    BX,
-    BY,
-    NX,
-    NY,
-    SideGrid,
-)
+from midnet_bench.simulation.fast.outlines import AX, AY, BEFORE_X, BEFORE_Y, BX, BY, NX, NY, SideGrid
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -201,14 +191,7 @@ def _sides_near(ground: SideGrid, x: float, y: float) -> Ints:
 
 @njit
 def _against_obstacle(
-    i: int,
-    body: Floats,
-    x: float,
-    y: float,
-    solid: Floats,
-    margin_m: float,
-    room: ContactBuffer,
-    count: int,
+    i: int, body: Floats, x: float, y: float, solid: Floats, margin_m: float, room: ContactBuffer, count: int
 ) -> int:
     """Adds the contacts of body i, placed, with an obstacle, deep ones too.
 
@@ -291,14 +274,7 @@ def _may_touch(side: Floats, x: float, y: float, within_m: float) -> bool:
 
 @njit
 def _against_side(
-    i: int,
-    body: Floats,
-    x: float,
-    y: float,
-    side: Floats,
-    margin_m: float,
-    room: ContactBuffer,
-    count: int,
+    i: int, body: Floats, x: float, y: float, side: Floats, margin_m: float, room: ContactBuffer, count: int
 ) -> int:
     """Adds the contacts of body i, placed, with one side and with the corner at its first end."""
     _, rows, pairs = room
@@ -327,13 +303,7 @@ def _against_side(
 
 @njit
 def _against_body(
-    i: int,
-    j: int,
-    poses: Floats,
-    margin_m: float,
-    sides_only: bool,
-    room: ContactBuffer,
-    count: int,
+    i: int, j: int, poses: Floats, margin_m: float, sides_only: bool, room: ContactBuffer, count: int
 ) -> int:
     """Adds the contacts of body i's corners with body j."""
     body, hull, x, y = room.hulls[i], room.hulls[j], poses[j, 0], poses[j, 1]
@@ -353,12 +323,7 @@ def _corner(row: Floats) -> tuple[float, ...]:
 
 @njit
 def _corner_before_body(
-    corner: tuple[float, ...],
-    body: Floats,
-    margin_m: float,
-    sides_only: bool,
-    row: Floats,
-    deep_m: float,
+    corner: tuple[float, ...], body: Floats, margin_m: float, sides_only: bool, row: Floats, deep_m: float
 ) -> bool:
     """Whether a corner is in contact with a body; fills normal, gap and the body's point, map frame.
 
@@ -507,13 +472,7 @@ def solve_contacts(
 
 
 @njit
-def part(
-    count: int,
-    rows: Floats,
-    pairs: Ints,
-    gyration2: float,
-    poses: Floats,
-) -> bool:
+def part(count: int, rows: Floats, pairs: Ints, gyration2: float, poses: Floats) -> bool:
     """Moves bodies that overlap apart by half of what is needed; whether any did."""
     found = False
     for c in range(count):
