@@ -21,7 +21,7 @@ Output = Annotated[Path | None, options.output_option("FILE", "The arena's file 
 @command(example="midnet-bench arena show map1 > mine.yaml", group=arena)
 def show(
     name: Annotated[
-        str | None, typer.Argument(help="A packaged arena or a YAML file.", autocompletion=completion.arenas)
+        str | None, options.argument(None, "A packaged arena or a YAML file.", completion.arenas)
     ] = None,
 ) -> None:
     """Print an arena's file, comments and all; without a name, the names of those that there are."""
@@ -39,16 +39,14 @@ def show(
     "from-image", example="midnet-bench arena from-image plan.png --resolution 0.02 -o mine.yaml", group=arena
 )
 def from_image(
-    image: Annotated[
-        Path, typer.Argument(metavar="IMAGE", help="The plan, a PNG, JPEG or PGM: dark is wall.")
-    ],
-    resolution: Annotated[float, typer.Option(metavar="METRES", help="Side of a pixel in metres.")],
+    image: Annotated[Path, options.argument("IMAGE", "The plan, a PNG, JPEG or PGM: dark is wall.")],
+    resolution: Annotated[float, options.option("METRES", "Side of a pixel in metres.")],
     drop_specks: Annotated[
         float,
-        typer.Option(
+        options.option(
+            "METRES",
+            "Pieces of wall that touch no other and are no longer than this are floor: dirt, lettering.",
             "--drop-specks",
-            metavar="METRES",
-            help="Pieces of wall that touch no other and are no longer than this are floor: dirt, lettering.",
         ),
     ] = 0.0,
     output: Output = None,
@@ -74,9 +72,9 @@ def from_image(
 
 @command("from-map", example="midnet-bench arena from-map map.yaml -o mine.yaml", group=arena)
 def from_map(
-    map_file: Annotated[Path, typer.Argument(metavar="MAP", help="The YAML file of a ROS map_server map.")],
+    map_file: Annotated[Path, options.argument("MAP", "The YAML file of a ROS map_server map.")],
     unknown: Annotated[
-        Literal["wall", "free"], typer.Option(help="What the cells are that the map knows nothing of.")
+        Literal["wall", "free"], options.option(None, "What the cells are that the map knows nothing of.")
     ] = "wall",
     output: Output = None,
 ) -> None:
@@ -91,12 +89,7 @@ def from_map(
 
 @command("check", example="midnet-bench arena check mine.yaml -o mine.png", group=arena)
 def check(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="ARENA", help="A packaged arena or a YAML file.", autocompletion=completion.arenas
-        ),
-    ],
+    name: Annotated[str, options.argument("ARENA", "A packaged arena or a YAML file.", completion.arenas)],
     output: Annotated[Path | None, options.output_option("FILE", "Draw it: a PNG.")] = None,
     as_json: options.Json = False,
 ) -> None:

@@ -19,23 +19,18 @@ SEED = 1
 def export(
     trial: Annotated[
         str,
-        typer.Argument(
-            help="detection, labyrinth, or the folder of a campaign of one of them.",
-            autocompletion=completion.exported,
+        options.argument(
+            None, "detection, labyrinth, or the folder of a campaign of one of them.", completion.exported
         ),
     ],
     bag_format: Annotated[
         str,
-        typer.Option(
-            "--format",
-            metavar="NAME",
-            help="mcap (one file), ros2 (a bag's folder, SQLite) or ros1 (a .bag file).",
+        options.option(
+            "NAME", "mcap (one file), ros2 (a bag's folder, SQLite) or ros1 (a .bag file).", "--format"
         ),
     ] = "mcap",
-    robots: Annotated[int | None, typer.Option(metavar="N", help="Security robots (default 5).")] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, metavar="N", help="The trial's seed (default 1).")
-    ] = None,
+    robots: Annotated[int | None, options.option("N", "Security robots (default 5).")] = None,
+    seed: Annotated[int | None, options.option("N", "The trial's seed (default 1).", min=0)] = None,
     where: Where = None,
     frames: options.Number = None,
     engine: options.Engine = None,
@@ -43,11 +38,8 @@ def export(
     settings: options.Settings = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="PATH",
-            help="The file, or the folder of ros2 (default results/export-...).",
+        options.option(
+            "PATH", "The file, or the folder of ros2 (default results/export-...).", "-o", "--output"
         ),
     ] = None,
     trust: options.Trust = False,
@@ -98,38 +90,31 @@ def export(
 def node(
     robots: Annotated[
         list[str],
-        typer.Argument(
-            metavar="NAME...", help="The robots; also ROS's remappings, such as /guard_1/scan:=/tb3_0/scan."
-        ),
+        options.argument("NAME...", "The robots; also ROS's remappings, such as /guard_1/scan:=/tb3_0/scan."),
     ],
-    ros: Annotated[Literal["1", "2"], typer.Option("--ros", help="The version of ROS.")] = "2",
+    ros: Annotated[Literal["1", "2"], options.option(None, "The version of ROS.", "--ros")] = "2",
     map_file: Annotated[
-        Path | None,
-        typer.Option("--map", metavar="FILE", help="The prior map: a map_server YAML (default topic /map)."),
+        Path | None, options.option("FILE", "The prior map: a map_server YAML (default topic /map).", "--map")
     ] = None,
     pose: Annotated[
-        Literal["topic", "tf"], typer.Option(help="Poses are from the topics /NAME/pose, or from tf.")
+        Literal["topic", "tf"], options.option(None, "Poses are from the topics /NAME/pose, or from tf.")
     ] = "topic",
     mount: Annotated[
         str | None,
-        typer.Option(
-            metavar="X,Y,YAW_DEG", help="Where each laser sits on its robot (default from /tf_static)."
-        ),
+        options.option("X,Y,YAW_DEG", "Where each laser sits on its robot (default from /tf_static)."),
     ] = None,
     no_return: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="CODE=MEANING",
-            help="What inf, nan, zero, below or above means: clears (inf, above) or nothing.",
+        options.option(
+            "CODE=MEANING", "What inf, nan, zero, below or above means: clears (inf, above) or nothing."
         ),
     ] = None,
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Frames a second, by the stamps.")] = 5.0,
+    rate: Annotated[float, options.option("HZ", "Frames a second, by the stamps.")] = 5.0,
     patience: Annotated[
-        float,
-        typer.Option(metavar="S", help="Make a frame so long after its time even if a robot is silent."),
+        float, options.option("S", "Make a frame so long after its time even if a robot is silent.")
     ] = 1.0,
     preset: Annotated[
-        Literal["real", "paper"], typer.Option(help="Which values: for real robots, or the paper's.")
+        Literal["real", "paper"], options.option(None, "Which values: for real robots, or the paper's.")
     ] = "real",
     settings: options.Settings = None,
 ) -> None:

@@ -45,10 +45,10 @@ def run(
     campaign: options.Campaign,
     file: Annotated[
         str | None,
-        typer.Argument(
-            metavar="[CAMPAIGN]",
-            help="A campaign file, or the name of a packaged campaign; without it, they are listed.",
-            autocompletion=completion.campaigns,
+        options.argument(
+            "[CAMPAIGN]",
+            "A campaign file, or the name of a packaged campaign; without it, they are listed.",
+            completion.campaigns,
         ),
     ] = None,
 ) -> None:

@@ -16,10 +16,10 @@ BROKEN = 1
 def check(
     thing: Annotated[
         str,
-        typer.Argument(
-            metavar="THING",
-            help="A detector, fusion, patrol, pursuit, metric, engine or robot: NAME, package.module:NAME or "
-            "file.py:NAME.",
+        options.argument(
+            "THING",
+            "A detector, fusion, patrol, pursuit, metric, engine or robot: NAME, package.module:NAME or"
+            " file.py:NAME.",
         ),
     ],
     as_json: options.Json = False,

@@ -11,14 +11,13 @@ from midnet_bench.cli.reports import Directory, print_lines, show
 
 Where = Annotated[
     list[str] | None,
-    typer.Option(
-        metavar="FACTOR=VALUE",
-        help="Only trials with this value of the grid, such as oracle=none; may be given again.",
+    options.option(
+        "FACTOR=VALUE", "Only trials with this value of the grid, such as oracle=none; may be given again."
     ),
 ]
 
 
-Robots = Annotated[int | None, typer.Option(metavar="N", help="Only trials with this team size.")]
+Robots = Annotated[int | None, options.option("N", "Only trials with this team size.")]
 
 
 def places(where: list[str] | None, robots: int | None) -> list[str]:
@@ -31,37 +30,33 @@ def errors(
     directory: Directory,
     robots: Robots = None,
     where: Where = None,
-    seed: Annotated[int | None, typer.Option(help="Only this seed's trials.")] = None,
+    seed: Annotated[int | None, options.option(None, "Only this seed's trials.")] = None,
     frame: Annotated[
-        int | None, typer.Option(help="Explain each error of this frame, counted from 1, in a line.")
+        int | None, options.option(None, "Explain each error of this frame, counted from 1, in a line.")
     ] = None,
     grids: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="With --frame: draw each guard's grids A to D into this folder; the trial runs again.",
+        options.option(
+            "DIR", "With --frame: draw each guard's grids A to D into this folder; the trial runs again."
         ),
     ] = None,
     steps: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="With --frame: walk the frame through the paper's equations, a page in this folder; the "
+        options.option(
+            "DIR",
+            "With --frame: walk the frame through the paper's equations, a page in this folder; the "
             "trial runs again, recorded or not.",
         ),
     ] = None,
-    guard: Annotated[
-        int | None, typer.Option(metavar="N", help="With --steps: whose grids are shown, from 1.")
-    ] = None,
+    guard: Annotated[int | None, options.option("N", "With --steps: whose grids are shown, from 1.")] = None,
     versus: Annotated[
         Path | None,
-        typer.Option(
-            metavar="OTHER_DIR",
-            help="Another recorded campaign: count errors of both, and of one alone, by cause.",
+        options.option(
+            "OTHER_DIR", "Another recorded campaign: count errors of both, and of one alone, by cause."
         ),
     ] = None,
     versus_where: Annotated[
-        list[str] | None, typer.Option(metavar="FACTOR=VALUE", help="As --where, of the other campaign.")
+        list[str] | None, options.option("FACTOR=VALUE", "As --where, of the other campaign.")
     ] = None,
     trust: options.Trust = False,
     as_json: options.Json = False,

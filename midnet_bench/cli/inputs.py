@@ -17,10 +17,7 @@ LISTED = "; 'midnet-bench parameters EXPERIMENT' lists an experiment's"
 @command(example="midnet-bench parameters localization")
 def parameters(
     name: Annotated[
-        str,
-        typer.Argument(
-            help="An experiment, or a parameter of any experiment.", autocompletion=completion.parameters
-        ),
+        str, options.argument(None, "An experiment, or a parameter of any experiment.", completion.parameters)
     ] = "detection",
     as_json: options.Json = False,
 ) -> None:

@@ -30,36 +30,33 @@ _ENDINGS = re.compile(r"(\.(yaml|yml|log|clf|carmen|txt|dat))?(\.gz)?$")
 def make_map(
     arena: Annotated[
         str | None,
-        typer.Argument(
-            help="The arena to explore: map1, map2, empty, or a YAML file.", autocompletion=completion.arenas
-        ),
+        options.argument(None, "The arena to explore: map1, map2, empty, or a YAML file.", completion.arenas),
     ] = None,
     robots: options.Number = None,
-    exact: Annotated[bool, typer.Option("--exact", help="Draw the arena's walls without exploring.")] = False,
+    exact: Annotated[bool, options.flag("Draw the arena's walls without exploring.", "--exact")] = False,
     from_log: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Run SLAM over a recording: a bag, a CARMEN log, a table."),
+        Path | None, options.option("FILE", "Run SLAM over a recording: a bag, a CARMEN log, a table.")
     ] = None,
     from_map: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Resample a map_server map to resolution_m (default 0.05 m): no wall gets lost.",
+        options.option(
+            "FILE", "Resample a map_server map to resolution_m (default 0.05 m): no wall gets lost."
         ),
     ] = None,
     slam: Annotated[
         Literal["graph", "gmapping"] | None,
-        typer.Option(
-            help="What maps a log: graph SLAM, which survives slips of the wheels (default), or GMapping "
-            "(default with --particles)."
+        options.option(
+            None,
+            "What maps a log: graph SLAM, which survives slips of the wheels (default), or GMapping "
+            "(default with --particles).",
         ),
     ] = None,
     particles: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Number of GMapping particles (default 30).")
+        int | None, options.option("N", "Number of GMapping particles (default 30).", min=1)
     ] = None,
-    seed: Annotated[int | None, typer.Option(min=0, metavar="N", help="Random seed (default 1).")] = None,
+    seed: Annotated[int | None, options.option("N", "Random seed (default 1).", min=0)] = None,
     clip: Annotated[
-        bool | None, typer.Option(CLIP, help="Make a film (MP4) of the growing map (default clip).")
+        bool | None, options.flag("Make a film (MP4) of the growing map (default clip).", CLIP)
     ] = None,
     engine: options.Engine = None,
     robot_model: options.RobotModel = None,

@@ -18,30 +18,42 @@ if TYPE_CHECKING:
 RESULTS = Path("results")
 """Where results go unless ``-o`` says otherwise."""
 
-Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Random seed.")]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Set any parameter; 'midnet-bench parameters' lists them. May be repeated.",
-        autocompletion=completion.settings,
-    ),
-]
-Sweep = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Set any parameter; 'midnet-bench parameters' lists them. KEY=VALUE,VALUE runs each value. "
-        "May be repeated.",
-        autocompletion=completion.settings,
-    ),
-]
-Map = Annotated[
-    Path | None,
-    typer.Option("--map", metavar="FILE", help="Prior map: the YAML file of a ROS map_server map."),
-]
+
+def option(metavar: str | None, help: str, *names: str, **more: Any) -> Any:
+    """An option: what stands for its value in the help, its help, and its names where they are not usual."""
+    return typer.Option(*names, metavar=metavar, help=help, **more)
+
+
+def flag(help: str, *names: str, **more: Any) -> Any:
+    """An option without a value."""
+    return typer.Option(*names, help=help, **more)
+
+
+def argument(metavar: str | None, help: str, complete: Any = None, **more: Any) -> Any:
+    """An argument, with what the tab key offers for it."""
+    return typer.Argument(metavar=metavar, help=help, autocompletion=complete, **more)
+
+
+def output_option(metavar: str, help: str) -> Any:
+    """The option ``-o``."""
+    return option(metavar, help, "-o", "--output")
+
+
+def parameter(metavar: str = "NAME", **more: Any) -> Any:
+    """An option for the parameter of its name, whose declaration the help is made of."""
+    return typer.Option(metavar=metavar, help=PARAMETER, show_default=False, **more)
+
+
+def settings_option(more: str = "") -> Any:
+    """The option ``--set``; ``more``: a sentence of its help."""
+    text = f"Set any parameter; 'midnet-bench parameters' lists them. {more}May be repeated."
+    return option("KEY=VALUE", text, "--set", autocompletion=completion.settings)
+
+
+Seed = Annotated[int, option("N", "Random seed.", min=0)]
+Settings = Annotated[list[str] | None, settings_option()]
+Sweep = Annotated[list[str] | None, settings_option("KEY=VALUE,VALUE runs each value. ")]
+Map = Annotated[Path | None, option("FILE", "Prior map: the YAML file of a ROS map_server map.", "--map")]
 PARAMETER = "="
 """Help of an option whose sentence, range and default are those of the parameter of its name."""
 NUMBERS = ("robots", "intruders", "frames")
@@ -50,16 +62,6 @@ KEY_OF = {"robot_model": "robot", "metric": "metrics"}
 OPTION_OF = {key: name.replace("_", "-") for name, key in KEY_OF.items()}
 EXPERIMENT_OF = {"detection": "detection", "labyrinth": "labyrinth", "map": "mapping"}
 """command -> the experiment that its parameters are of"""
-
-
-def output_option(metavar: str, help: str) -> Any:
-    """The option ``-o``."""
-    return typer.Option("-o", "--output", metavar=metavar, help=help)
-
-
-def parameter(metavar: str = "NAME", **more: Any) -> Any:
-    """An option for the parameter of its name, whose declaration the help is made of."""
-    return typer.Option(metavar=metavar, help=PARAMETER, show_default=False, **more)
 
 
 def help_of(name: str, command: str) -> str | None:
@@ -94,16 +96,14 @@ RobotModel = Annotated[str | None, parameter()]
 Number = Annotated[int | None, parameter("N")]
 Numbers = Annotated[str | None, parameter("N,N")]
 Part = Annotated[str | None, parameter()]
-Jobs = Annotated[int | None, typer.Option(min=1, metavar="N", help="Worker processes (default all cores).")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON, and nothing else, on standard output.")]
-Wide = Annotated[
-    bool, typer.Option("--wide", help="Print tables with all their columns, however long the lines.")
-]
+Jobs = Annotated[int | None, option("N", "Worker processes (default all cores).", min=1)]
+Json = Annotated[bool, flag("Print JSON, and nothing else, on standard output.", "--json")]
+Wide = Annotated[bool, flag("Print tables with all their columns, however long the lines.", "--wide")]
 Trust = Annotated[
     bool,
-    typer.Option(
+    flag(
+        "Run the code that results from elsewhere name.",
         "--trust",
-        help="Run the code that results from elsewhere name.",
         callback=lambda value: _trust(value),
         expose_value=False,
     ),
@@ -117,7 +117,6 @@ def _trust(is_given: bool) -> None:
         trust.all_code = is_given
 
 
-_MESSAGES = "Messages"
 Given = TypeVar("Given")
 
 
@@ -127,20 +126,17 @@ class Campaign:
 
     seeds: Annotated[
         int | None,
-        typer.Option(
+        option(
+            "N",
+            "Seeds: so many trials of each cell (default: detection 1, labyrinth 20, else the campaign's).",
             "--seeds",
             "--trials",  # its name in earlier versions; the help leaves it out
             min=1,
-            metavar="N",
-            help="Seeds: so many trials of each cell (default: detection 1, labyrinth 20, else the "
-            "campaign's).",
         ),
     ] = None
     seed: Annotated[
         int | None,
-        typer.Option(
-            min=0, metavar="N", help="First seed; the others count up from it (default 1, or the campaign's)."
-        ),
+        option("N", "First seed; the others count up from it (default 1, or the campaign's).", min=0),
     ] = None
     robots: Numbers = None
     intruders: Numbers = None
@@ -156,10 +152,10 @@ class Campaign:
     metric: Annotated[list[str] | None, parameter()] = None
     record: Annotated[
         bool,
-        typer.Option(
-            "--record",
-            help="Keep each frame for the player, and the cause of each error of the detection test, which "
+        flag(
+            "Keep each frame for the player, and the cause of each error of the detection test, which "
             "does so by itself for up to four trials.",
+            "--record",
         ),
     ] = False
     map_file: Map = None
@@ -168,23 +164,19 @@ class Campaign:
         Path | None, output_option("DIR", "Folder for the results (default results/CAMPAIGN).")
     ] = None
     jobs: Jobs = None
-    backend: Annotated[
-        str, typer.Option(metavar="NAME", help="Where trials run: loky (this machine) or dask.")
-    ] = "loky"
+    backend: Annotated[str, option("NAME", "Where trials run: loky (this machine) or dask.")] = "loky"
     scheduler: Annotated[
         str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Address of the Dask scheduler, such as tcp://127.0.0.1:8786 (default: on this machine).",
+        option(
+            "ADDRESS",
+            "Address of the Dask scheduler, such as tcp://127.0.0.1:8786 (default: on this machine).",
         ),
     ] = None
-    dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Say what would run, and stop.")] = False
+    dry_run: Annotated[bool, flag("Say what would run, and stop.", "--dry-run", "-n")] = False
     fresh: Annotated[
-        bool, typer.Option("--fresh", help="Start over; the old results database is kept beside the new one.")
+        bool, flag("Start over; the old results database is kept beside the new one.", "--fresh")
     ] = False
-    retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Run trials that failed once more.")
-    ] = False
+    retry_failed: Annotated[bool, flag("Run trials that failed once more.", "--retry-failed")] = False
     as_json: Json = False
     wide: Wide = False
 
@@ -220,18 +212,11 @@ class Campaign:
 class Messages:
     """What every command takes: how much it says while it works."""
 
-    quiet: Annotated[
-        bool, typer.Option("-q", "--quiet", help="Say only what goes wrong.", rich_help_panel=_MESSAGES)
-    ] = False
-    verbose: Annotated[
-        bool,
-        typer.Option("-v", "--verbose", help="Say more: each trial as it ends.", rich_help_panel=_MESSAGES),
-    ] = False
+    quiet: Annotated[bool, flag("Say only what goes wrong.", "-q", "--quiet")] = False
+    verbose: Annotated[bool, flag("Say more: each trial as it ends.", "-v", "--verbose")] = False
     log_file: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", help="Append every message with its time to this file.", rich_help_panel=_MESSAGES
-        ),
+        option("FILE", "Append every message with its time to this file."),
     ] = None
 
 

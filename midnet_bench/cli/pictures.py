@@ -15,23 +15,19 @@ ROBOTS = 5
 @command(example="midnet-bench render labyrinth --robots 3 --intruders 2 --seed 4")
 def render(
     experiment: Annotated[
-        str, typer.Argument(help="detection or labyrinth.", autocompletion=completion.experiments)
+        str, options.argument(None, "detection or labyrinth.", completion.experiments)
     ] = "detection",
-    robots: Annotated[int | None, typer.Option(metavar="N", help="Security robots (default 5).")] = None,
+    robots: Annotated[int | None, options.option("N", "Security robots (default 5).")] = None,
     intruders: options.Number = None,
     frames: options.Number = None,
     seed: options.Seed = 1,
     frame: Annotated[
         int | None,
-        typer.Option(
-            metavar="N", help="Which frame the pictures show, counted from 1 (default 100 or the last)."
-        ),
+        options.option("N", "Which frame the pictures show, counted from 1 (default 100 or the last)."),
     ] = None,
-    clip: Annotated[bool, typer.Option(help="Make a film (MP4) and a storyboard of the whole trial.")] = True,
-    speed: Annotated[
-        float, typer.Option(metavar="FACTOR", help="How much faster than real time the film runs.")
-    ] = 4.0,
-    scans: Annotated[bool, typer.Option(help="Show the returns of the robots' LiDARs.")] = False,
+    clip: Annotated[bool, options.flag("Make a film (MP4) and a storyboard of the whole trial.")] = True,
+    speed: Annotated[float, options.option("FACTOR", "How much faster than real time the film runs.")] = 4.0,
+    scans: Annotated[bool, options.flag("Show the returns of the robots' LiDARs.")] = False,
     arena: options.Arena = None,
     engine: options.Engine = None,
     robot_model: options.RobotModel = None,

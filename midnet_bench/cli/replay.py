@@ -27,88 +27,66 @@ def key_of(option: str) -> str | None:
     )
 
 
-def _text(metavar: str, help: str) -> typer.models.OptionInfo:
-    return typer.Option(metavar=metavar, help=help, show_default=False)
-
-
 @dataclass(frozen=True)
 class ReplayOptions:
     """Options of ``replay``; those that are keys of setup.yaml too count more than the file."""
 
     setup: Annotated[
         Path | None,
-        _text("FILE", "Topics, mount, clock, delay, allies and labels: a setup.yaml, as --check writes it."),
+        options.option(
+            "FILE", "Topics, mount, clock, delay, allies and labels: a setup.yaml, as --check writes it."
+        ),
     ] = None
     map: Annotated[
-        str | None,
-        typer.Option(
-            "--map",
-            metavar="FILE|TOPIC",
-            help="Prior map: a map_server YAML, or a topic.",
-            show_default=False,
-        ),
+        str | None, options.option("FILE|TOPIC", "Prior map: a map_server YAML, or a topic.", "--map")
     ] = None
     pose: Annotated[
         list[str] | None,
-        _text(
+        options.option(
             "[NAME=]TOPIC", "Robot's pose: a topic, tf, a CSV or TUM file, or at:X,Y,YAW_DEG for one at rest."
         ),
     ] = None
     start: Annotated[
         list[str] | None,
-        _text("[NAME=]X,Y,YAW_DEG", "Where the robot began on the map, if its poses are by odometry."),
+        options.option(
+            "[NAME=]X,Y,YAW_DEG", "Where the robot began on the map, if its poses are by odometry."
+        ),
     ] = None
     place: Annotated[
         Literal["found"] | None,
-        typer.Option(help="Find where the robot began, if its poses are by odometry.", show_default=False),
+        options.option(None, "Find where the robot began, if its poses are by odometry."),
     ] = None
-    from_s: Annotated[
-        float | None,
-        typer.Option("--from", metavar="S", help="Use scans from S seconds on.", show_default=False),
-    ] = None
-    to_s: Annotated[
-        float | None,
-        typer.Option("--to", metavar="S", help="Use scans up to S seconds.", show_default=False),
-    ] = None
+    from_s: Annotated[float | None, options.option("S", "Use scans from S seconds on.", "--from")] = None
+    to_s: Annotated[float | None, options.option("S", "Use scans up to S seconds.", "--to")] = None
     truth: Annotated[
         list[str] | None,
-        _text("FILE|NAME=TOPIC", "Labels: a CSV (t or scan_index, id, x, y), or the pose of an intruder."),
+        options.option(
+            "FILE|NAME=TOPIC", "Labels: a CSV (t or scan_index, id, x, y), or the pose of an intruder."
+        ),
     ] = None
     preset: Annotated[
         Literal["real", "paper", "both"] | None,
-        typer.Option(
-            help="Detector options for real robots, the paper's, or both (default).", show_default=False
-        ),
+        options.option(None, "Detector options for real robots, the paper's, or both (default)."),
     ] = None
     settings: options.Settings = None
     check: Annotated[
         bool,
-        typer.Option(
-            "--check", help="Only check that scans, poses and map fit; write a corrected setup.yaml."
-        ),
+        options.flag("Only check that scans, poses and map fit; write a corrected setup.yaml.", "--check"),
     ] = False
-    film: Annotated[
-        bool, typer.Option("--film", help="Draw the recording: trial.mp4 and storyboard.png.")
-    ] = False
+    film: Annotated[bool, options.flag("Draw the recording: trial.mp4 and storyboard.png.", "--film")] = False
     bag: Annotated[
         Path | None,
-        _text(
+        options.option(
             "FILE", "Write boxes, tracks, foreground, scans and tf to a bag: .mcap, .bag, or a ROS 2 folder."
         ),
     ] = None
     steps: Annotated[
         int | None,
-        typer.Option(
-            metavar="N",
-            help="Only walk frame N, counted from 0, through the paper's equations: steps.html.",
-            show_default=False,
-        ),
+        options.option("N", "Only walk frame N, counted from 0, through the paper's equations: steps.html."),
     ] = None
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o", "--output", metavar="DIR", help="Folder for the results (default results/replay-FILE)."
-        ),
+        options.option("DIR", "Folder for the results (default results/replay-FILE).", "-o", "--output"),
     ] = None
     as_json: options.Json = False
     wide: options.Wide = False
@@ -168,10 +146,10 @@ class ReplayOptions:
 def replay(
     files: Annotated[
         list[Path],
-        typer.Argument(
-            help="A ROS 1 bag, a ROS 2 bag's folder, an MCAP file, a CSV table or a CARMEN log; several are "
+        options.argument(
+            None,
+            "A ROS 1 bag, a ROS 2 bag's folder, an MCAP file, a CSV table or a CARMEN log; several are "
             "played together.",
-            show_default=False,
         ),
     ],
     given: ReplayOptions,

@@ -33,11 +33,11 @@ def _campaigns_folders(directories: list[Path]) -> list[Path]:
 
 Directory = Annotated[
     Path,
-    typer.Argument(
-        metavar="DIR",
-        help="A campaign's folder, such as results/labyrinth.",
+    options.argument(
+        "DIR",
+        "A campaign's folder, such as results/labyrinth.",
+        completion.results,
         callback=_campaigns_folder,
-        autocompletion=completion.results,
     ),
 ]
 
@@ -46,22 +46,17 @@ Directory = Annotated[
 def report(
     directory: Directory,
     x: Annotated[
-        str | None,
-        typer.Option("--x", metavar="FACTOR", help="Draw scores over this numeric factor of the grid."),
+        str | None, options.option("FACTOR", "Draw scores over this numeric factor of the grid.", "--x")
     ] = None,
     y: Annotated[
         str | None,
-        typer.Option(
-            "--y",
-            metavar="COLUMN",
-            help="Which score, such as f1, or another column (default the main scores).",
+        options.option(
+            "COLUMN", "Which score, such as f1, or another column (default the main scores).", "--y"
         ),
     ] = None,
     formats: Annotated[
         str | None,
-        typer.Option(
-            "--format", metavar="NAME,NAME", help="Formats of the figures: pdf, png, svg (default png,svg)."
-        ),
+        options.option("NAME,NAME", "Formats of the figures: pdf, png, svg (default png,svg).", "--format"),
     ] = None,
     output: Annotated[
         Path | None,
@@ -119,59 +114,52 @@ def _draw(
 def compare(
     directories: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="DIR...",
-            help="Two or more folders of campaigns of one experiment; one with --by, --rank or --exact.",
+        options.argument(
+            "DIR...",
+            "Two or more folders of campaigns of one experiment; one with --by, --rank or --exact.",
+            completion.results,
             callback=_campaigns_folders,
-            autocompletion=completion.results,
         ),
     ],
     by: Annotated[
         str | None,
-        typer.Option(
-            metavar="FACTOR", help="A factor of the only campaign's grid, such as engine: compare its values."
-        ),
+        options.option("FACTOR", "A factor of the only campaign's grid, such as engine: compare its values."),
     ] = None,
     baseline: Annotated[
         str | None,
-        typer.Option(
-            metavar="VALUE", help="The factor's value that the others are compared with (default the first)."
-        ),
+        options.option("VALUE", "The factor's value that the others are compared with (default the first)."),
     ] = None,
     fail_if_worse: Annotated[
         str | None,
-        typer.Option(
-            metavar="MEASURE",
-            help="Exit code 1 if this score, such as f1, is significantly worse than the first's.",
+        options.option(
+            "MEASURE", "Exit code 1 if this score, such as f1, is significantly worse than the first's."
         ),
     ] = None,
     rank: Annotated[
         bool,
-        typer.Option(
-            "--rank", help="Rank what the only campaign compares, the best first, and write leaderboard.md."
+        options.flag(
+            "Rank what the only campaign compares, the best first, and write leaderboard.md.", "--rank"
         ),
     ] = False,
     of: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="FACTOR",
-            help="With --rank: a factor whose values are ranked; may be repeated (default: those that name "
+        options.option(
+            "FACTOR",
+            "With --rank: a factor whose values are ranked; may be repeated (default: those that name "
             "code, such as detector and fusion).",
         ),
     ] = None,
-    rank_by: Annotated[
-        str | None, typer.Option(metavar="SCORE", help="With --rank: the score, such as f1.")
-    ] = None,
+    rank_by: Annotated[str | None, options.option("SCORE", "With --rank: the score, such as f1.")] = None,
     exact: Annotated[
         bool,
-        typer.Option(
-            "--exact",
-            help="Compare each number with those that are committed: of the packaged campaign of the "
+        options.flag(
+            "Compare each number with those that are committed: of the packaged campaign of the "
             "folder's name, or in a second folder. Exit code 1 if any is off.",
+            "--exact",
         ),
     ] = False,
     update: Annotated[
-        bool, typer.Option("--update", help="With --exact: commit this run's numbers instead; in a checkout.")
+        bool, options.flag("With --exact: commit this run's numbers instead; in a checkout.", "--update")
     ] = False,
     output: Annotated[
         Path | None,
@@ -250,25 +238,21 @@ def _compare_exactly(directories: list[Path], update: bool) -> None:
 @command(example="midnet-bench verify results/labyrinth")
 def verify(
     directory: Directory,
-    everything: Annotated[
-        bool, typer.Option("--all", help="List the claims that are reproduced, too.")
-    ] = False,
+    everything: Annotated[bool, options.flag("List the claims that are reproduced, too.", "--all")] = False,
     difference: Annotated[
         float | None,
-        typer.Option(
-            metavar="POINTS",
-            help="Instead, say how many trials show a change of the labyrinth's success rate by so many "
+        options.option(
+            "POINTS",
+            "Instead, say how many trials show a change of the labyrinth's success rate by so many "
             "percentage points.",
         ),
     ] = None,
     robots: Annotated[
-        str | None, typer.Option(metavar="N,N", help="With --difference: the two team sizes (default 4,5).")
+        str | None, options.option("N,N", "With --difference: the two team sizes (default 4,5).")
     ] = None,
     probability: Annotated[
         float | None,
-        typer.Option(
-            "--power", metavar="P", help="With --difference: probability of detecting it (default 0.8)."
-        ),
+        options.option("P", "With --difference: probability of detecting it (default 0.8).", "--power"),
     ] = None,
     trust: options.Trust = False,
     as_json: options.Json = False,

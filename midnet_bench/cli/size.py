@@ -14,26 +14,21 @@ from midnet_bench.cli.reports import print_lines, show
 
 @command(example="midnet-bench size office --within 60 --probability 0.9")
 def size(
-    arena: Annotated[
-        str,
-        typer.Argument(
-            metavar="ARENA", help="A packaged arena or a YAML file.", autocompletion=completion.arenas
-        ),
-    ],
+    arena: Annotated[str, options.argument("ARENA", "A packaged arena or a YAML file.", completion.arenas)],
     within: Annotated[
-        float, typer.Option(metavar="S", help="Time in which an intruder has to be found, from its entry.")
+        float, options.option("S", "Time in which an intruder has to be found, from its entry.")
     ] = 60.0,
     probability: Annotated[
-        float, typer.Option(metavar="P", help="With which probability it has to be found, at least.")
+        float, options.option("P", "With which probability it has to be found, at least.")
     ] = 0.9,
     capture: Annotated[
-        bool, typer.Option("--capture", help="It has to be caught: a guard within capture_distance_m.")
+        bool, options.flag("It has to be caught: a guard within capture_distance_m.", "--capture")
     ] = False,
     intruders: Annotated[
         str | None,
-        typer.Option(
-            metavar="PLACES",
-            help="Where an intruder enters: doors, anywhere, or 'X,Y X,Y' in metres (default doors if the "
+        options.option(
+            "PLACES",
+            "Where an intruder enters: doors, anywhere, or 'X,Y X,Y' in metres (default doors if the "
             "outer wall has gaps, else anywhere).",
         ),
     ] = None,
@@ -44,18 +39,14 @@ def size(
     patrol: options.Part = None,
     pursuit: options.Part = None,
     settings: options.Settings = None,
-    trials: Annotated[
-        int, typer.Option(metavar="N", help="Most trials of each team size, a multiple of 40.")
-    ] = 400,
+    trials: Annotated[int, options.option("N", "Most trials of each team size, a multiple of 40.")] = 400,
     seed: options.Seed = 1,
     jobs: options.Jobs = None,
     output: Annotated[
         Path | None, options.output_option("DIR", "Folder for the results (default results/size-ARENA).")
     ] = None,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Run all trials anew.")] = False,
-    dry_run: Annotated[
-        bool, typer.Option("--dry-run", "-n", help="Say what it would cost, and stop.")
-    ] = False,
+    fresh: Annotated[bool, options.flag("Run all trials anew.", "--fresh")] = False,
+    dry_run: Annotated[bool, options.flag("Say what it would cost, and stop.", "--dry-run", "-n")] = False,
     as_json: options.Json = False,
 ) -> None:
     """Find the smallest team that finds an intruder in time, for a building, its robots and a patrol.
