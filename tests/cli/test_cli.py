@@ -4,14 +4,12 @@ import json
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 import yaml
 
 from tests.cli.command import (
-    MAP_KEYS,
     REPOSITORY,
     in_its_own_process,
     midnet_bench,
@@ -98,19 +96,6 @@ def test_the_same_command_again_runs_nothing_and_prints_the_same(detection: Path
     assert len(json.loads((detection / "provenance.json").read_text())) == 1
 
 
-def test_a_dry_run_runs_nothing(tmp_path: Path) -> None:
-    done = midnet_bench("labyrinth", "--trials", 20, "--dry-run", folder=tmp_path)
-    assert "500 trials" in done.stdout
-    assert not (tmp_path / "results").exists()
-
-
-def test_a_dry_run_of_millions_of_trials_is_quick(tmp_path: Path) -> None:
-    start_s = time.monotonic()
-    done = midnet_bench("labyrinth", "--trials", 1_000_000, "--dry-run", folder=tmp_path)
-    assert done.stdout.startswith("25 cells, 25000000 trials, 25000000 of them to run")
-    assert time.monotonic() - start_s < 30
-
-
 @pytest.mark.parametrize(
     "command",
     [
@@ -151,11 +136,6 @@ def test_letters_that_the_output_lacks_cost_no_table() -> None:
     assert "frames" in done.stdout
 
 
-def test_one_of_each_is_counted_in_the_singular(tmp_path: Path) -> None:
-    done = midnet_bench("detection", "--robots", 1, "--dry-run", folder=tmp_path)
-    assert done.stdout.startswith("1 cell, 1 trial, 1 of them to run")
-
-
 @pytest.mark.slow
 def test_labyrinth_then_report_power_and_verify(labyrinth_campaign: Path) -> None:
     folder, name = labyrinth_campaign.parent, labyrinth_campaign.name
@@ -193,17 +173,6 @@ def test_campaign_files_say_what_the_two_commands_run() -> None:
     assert campaign("labyrinth")["trials"] == 20
 
 
-def test_the_mapping_campaign_compares_three_teams_on_both_arenas(tmp_path: Path) -> None:
-    done = midnet_bench("run", REPOSITORY / "campaigns" / "mapping.yaml", "--dry-run", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("6 cells, 60 trials, 60 of them to run")
-
-
-def write_map(folder: Path, **changes: object) -> None:
-    (folder / "map.yaml").write_text(yaml.safe_dump({**MAP_KEYS, **changes}))
-    (folder / "map.pgm").write_bytes(b"P5\n160 160\n255\n" + bytes([254]) * (160 * 160))
-
-
 def test_input_that_no_trial_can_use_is_named_at_the_end(tmp_path: Path) -> None:
     grid = ("--robots", 1, "--intruders", 1, "--trials", 1)
     run = ("labyrinth", *grid, "--set", "escape_distance_m=26.5", "-o", "out")
@@ -216,98 +185,6 @@ def test_input_that_no_trial_can_use_is_named_at_the_end(tmp_path: Path) -> None
         assert count == "1 trial could not use the input: see out/failures.csv"
         assert "Traceback" not in done.stderr
     assert len(rows(tmp_path / "out" / "failures.csv")) == 1
-
-
-def missing_image(folder: Path) -> None:
-    write_map(folder)
-    (folder / "map.pgm").unlink()
-
-
-def truncated_image(folder: Path) -> None:
-    write_map(folder)
-    (folder / "map.pgm").write_bytes((folder / "map.pgm").read_bytes()[:1000])
-
-
-def arena(folder: Path, text: str) -> None:
-    (folder / "arena.yaml").write_text(text)
-
-
-def campaign(folder: Path, text: str) -> None:
-    (folder / "campaign.yaml").write_text(text)
-
-
-MAP = ("detection", "--map", "map.yaml")
-ARENA = ("detection", "--arena", "arena.yaml")
-CAMPAIGN = ("run", "campaign.yaml")
-
-
-@pytest.mark.parametrize(
-    ("prepare", "arguments", "words"),
-    [
-        (None, ("detection", "--robots", "0"), ["robots", "0"]),
-        (None, ("detection", "--robots", "one"), ["--robots", "one"]),
-        (None, ("detection", "--frames", "-5"), ["frames", "-5"]),
-        (None, ("detection", "--set", "thresh_locl=9"), ["thresh_locl", "thresh_local"]),
-        (None, ("detection", "--set", "thresh_local=200"), ["thresh_local", "100", "200"]),
-        (None, ("detection", "--set", "thresh_local"), ["thresh_local", "key=value"]),
-        (None, ("detection", "-o", "/proc/nowhere"), ["/proc/nowhere"]),
-        (None, ("detection", "--arena", "map9"), ["map9", "did you mean"]),
-        (None, (*MAP, "--set", "prior_map=exact"), ["--map map.yaml", "--set prior_map=exact", "one of"]),
-        (None, ("render", *MAP[1:], "--set", "prior_map=exact"), ["--map map.yaml", "prior_map=exact"]),
-        (
-            lambda folder: campaign(folder, "experiment: detection\n"),
-            ("run", "campaign.yaml", *MAP[1:]),
-            ["map.yaml", "cannot be read"],
-        ),
-        (None, ("run", "absent.yaml"), ["absent.yaml"]),
-        (None, ("report", "absent"), ["absent"]),
-        (None, ("labyrinth", "--backend", "dusk"), ["dusk", "dask"]),
-        (None, ("labyrinth", "--scheduler", "tcp://a:1", "-n"), ["--scheduler tcp://a:1", "--backend dask"]),
-        (None, ("render", "--frame", "0"), ["frame", "0"]),
-        (None, ("render", "mapping"), ["mapping", "midnet-bench map"]),
-        (None, ("parameters", "labirynth"), ["labirynth", "labyrinth"]),
-        (None, ("detection", "--seed", "-1"), ["--seed", "0"]),
-        (None, ("detection", "--sed", "1"), ["--sed", "--seed"]),
-        (None, ("detction",), ["detction", "detection"]),
-        (missing_image, MAP, ["map.pgm"]),
-        (truncated_image, MAP, ["map.pgm"]),
-        (lambda folder: write_map(folder, origin=[-4.0, -4.0]), MAP, ["map.yaml", "origin"]),
-        (lambda folder: write_map(folder, resolution=0.1), MAP, ["prior_map", "0.1", "0.05"]),
-        (
-            lambda folder: arena(folder, "name: a\nplain_m: [8, 8]\n"),
-            ARENA,
-            ["arena.yaml", "plain_m", "plane_m"],
-        ),
-        (lambda folder: arena(folder, "name: [a"), ARENA, ["arena.yaml", "YAML"]),
-        (
-            lambda folder: campaign(folder, "experiment: detection\ngird: {}\n"),
-            CAMPAIGN,
-            ["campaign.yaml", "grid"],
-        ),
-        (
-            lambda folder: campaign(folder, "experiment: detection\nparameters: {robts: 1}\n"),
-            CAMPAIGN,
-            ["campaign.yaml", "robts", "robots"],
-        ),
-        (
-            lambda folder: campaign(folder, "experiment: detection\ngrid: {robots: []}\n"),
-            CAMPAIGN,
-            ["campaign.yaml", "robots"],
-        ),
-        (
-            lambda folder: campaign(folder, "experiment: detection\ntrials: -1\n"),
-            CAMPAIGN,
-            ["campaign.yaml", "trials", "-1"],
-        ),
-    ],
-)
-def test_wrong_input_gets_one_line_and_exit_code_2(prepare, arguments, words, tmp_path: Path) -> None:
-    if prepare is not None:
-        prepare(tmp_path)
-    done = midnet_bench(*arguments, folder=tmp_path)
-    complaint = one_line_of_complaint(done)
-    assert all(word in complaint for word in words), complaint
-    assert not (tmp_path / "results").exists()
 
 
 def test_one_parameter_is_explained_with_the_papers_gap(tmp_path: Path) -> None:
@@ -346,11 +223,3 @@ def test_one_parameter_is_explained_to_programs(tmp_path: Path) -> None:
     )
     assert told["experiments"][0]["maximum"] == 0.2
     assert told["readings"] == []
-
-
-def test_an_unknown_parameter_gets_the_nearest(tmp_path: Path) -> None:
-    done = midnet_bench("parameters", "thresh_locl", folder=tmp_path)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == (
-        "error: parameters: no experiment or parameter 'thresh_locl'; did you mean 'thresh_local'?\n"
-    )

@@ -45,22 +45,3 @@ def test_a_campaigns_trial_is_written_as_it_was(tmp_path: Path) -> None:
     ]:
         complaint = one_line_of_complaint(midnet_bench("export", "campaign", *arguments, folder=tmp_path))
         assert named_too in complaint
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (("detection", "--format", "rosbag"), "did you mean 'ros2'"),
-        (("detection", "--where", "robots=1"), "--where"),
-        (("labyrinth", "--frames", 3), "--frames"),
-        (("mapping",), "mapping"),
-        (("results/detection",), "results/detection"),
-        (("detection", "--set", "oracle=pose", *SMALL), "oracle"),
-    ],
-)
-def test_what_cannot_be_exported_is_one_line(
-    arguments: tuple[object, ...], named: str, tmp_path: Path
-) -> None:
-    complaint = one_line_of_complaint(midnet_bench("export", *arguments, folder=tmp_path))
-    assert named in complaint
-    assert not list(tmp_path.rglob("*.*"))

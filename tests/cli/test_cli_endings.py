@@ -43,6 +43,8 @@ LONG, ENDLESS = "x" * 300, "x" * 10_000
         ("run", "--log-file", ENDLESS),
         ("map", ENDLESS),
         ("render", ENDLESS),
+        ("map", "map1", "--exact", "-o", LONG),
+        ("map", "--from-log", LONG),
     ],
     ids=lambda arguments: " ".join(str(one)[:12] for one in arguments),
 )
@@ -53,6 +55,7 @@ def test_an_endless_name_leaves_room_to_say_what_is_wrong(
     assert len(complaint) <= LONGEST
     assert complaint.count("x") < 200, complaint
     assert not complaint.endswith(("x", "\N{HORIZONTAL ELLIPSIS}")), complaint
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_campaigns_name_fits_a_folder(tmp_path: Path) -> None:
@@ -203,3 +206,17 @@ def test_the_cursor_is_never_hidden(tmp_path: Path) -> None:
     os.close(leader)
     said = written.decode()
     assert said.rfind("\x1b[?25h") > said.rfind("\x1b[?25l")
+
+
+def test_a_map_for_which_the_disk_has_no_room_ends_with_1(tmp_path: Path) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("mounting a small disk needs root")
+    try:
+        done = midnet_bench("map", "map2", "--exact", "-o", disk, folder=tmp_path)
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
+    assert done.returncode == 1
+    assert "cannot be written: No space left on device; make room" in done.stderr.splitlines()[-1]

@@ -51,17 +51,3 @@ def test_what_runs_campaigns_shares_its_options_in_three_groups(name: str, tmp_p
     known = {one.name for one in typer.main.get_command(app).commands[name].params}
     assert {option for names in GROUPS.values() for option in names.split()} <= known
     assert "--trials" not in text
-
-
-def test_the_old_name_of_seeds_works(tmp_path: Path) -> None:
-    for option in ("--seeds", "--trials"):
-        done = midnet_bench("labyrinth", option, 3, "--robots", 2, "-n", folder=tmp_path)
-        assert done.stdout.startswith("5 cells, 15 trials"), done.stderr
-
-
-def test_several_numbers_and_a_preset_sweep_in_any_campaign(tmp_path: Path) -> None:
-    done = midnet_bench("detection", "--robots", "2,3,4", "--intruders", "1,2", "-n", folder=tmp_path)
-    assert done.stdout.startswith("6 cells"), done.stderr
-    run = ("run", "detection", "--robots", "3", "--frames", "20", "--arena", "map2", "--preset", "best", "-n")
-    done = midnet_bench(*run, folder=tmp_path)
-    assert done.stdout.startswith("1 cell, 1 trial"), done.stderr

@@ -20,43 +20,6 @@ COMMANDS = [one.name or one.callback.__name__ for one in app.registered_commands
 TINY = ("detection", "--robots", 1, "--frames", 2)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "key"),
-    [
-        (("detection", "--frames", 10, "--set", "frames=20"), "frames"),
-        (("detection", "--robots", "1,5", "--set", "robots=3"), "robots"),
-        (("detection", "--arena", "map1", "--set", "arena=map2"), "arena"),
-        (("labyrinth", "--arena", "map2", "--set", "arena=map1"), "arena"),
-        (("labyrinth", "--intruders", 2, "--set", "intruders=3"), "intruders"),
-        (("labyrinth", "--robots", 2, "--set", "robots=3"), "robots"),
-        (("render", "--frames", 10, "--set", "frames=20"), "frames"),
-        (("render", "--robots", 1, "--set", "robots=2"), "robots"),
-        (("map", "map1", "--robots", 1, "--set", "robots=2"), "robots"),
-    ],
-)
-def test_a_parameter_given_by_its_own_option_and_by_set_is_refused(
-    arguments: tuple[object, ...], key: str, tmp_path: Path
-) -> None:
-    complaint = one_line_of_complaint(midnet_bench(*arguments, folder=tmp_path))
-    assert f"--set {key}" in complaint
-    assert "give it once" in complaint
-    assert not (tmp_path / "results").exists()
-
-
-@pytest.mark.parametrize(
-    "arguments", [("detection", "--seed", 3, "--set", "seed=4"), ("labyrinth", "--set", "seed=4")]
-)
-def test_the_seed_is_no_setting(arguments: tuple[object, ...], tmp_path: Path) -> None:
-    assert "--seed" in one_line_of_complaint(midnet_bench(*arguments, folder=tmp_path))
-
-
-def test_set_alone_narrows_the_grid(tmp_path: Path) -> None:
-    done = midnet_bench(
-        "detection", "--set", "robots=3", "--set", "frames=20", "-n", "--json", folder=tmp_path
-    )
-    assert (json.loads(done.stdout)["tables"]["plan"][0]["cells"], done.stderr) == (1, "")
-
-
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_help_of_every_command_opens_with_an_example_that_it_understands(
     name: str, tmp_path: Path
@@ -127,10 +90,6 @@ def test_verbose_and_the_log_file_tell_each_trial(tmp_path: Path) -> None:
     assert last.split(maxsplit=3)[2:] == ["ERROR", wrong.stderr.strip()]
 
 
-def test_quiet_and_verbose_exclude_each_other(tmp_path: Path) -> None:
-    assert "--quiet and --verbose" in one_line_of_complaint(midnet_bench(*TINY, "-q", "-v", folder=tmp_path))
-
-
 def test_a_log_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     done = midnet_bench(*TINY, "--log-file", tmp_path, folder=tmp_path)
     assert f"--log-file {tmp_path}" in one_line_of_complaint(done)
@@ -185,28 +144,6 @@ def test_the_shell_completes_names(tmp_path: Path) -> None:
         "escape_at=",
         "escape_radius_m=",
     ]
-
-
-def test_a_long_message_keeps_what_it_is_about_and_what_is_wrong(tmp_path: Path) -> None:
-    complaint = one_line_of_complaint(midnet_bench("run", "--log-file", "x" * 400, folder=tmp_path))
-    assert len(complaint) <= 300
-    assert complaint.startswith("error: --log-file xxx")
-    assert complaint.endswith("xxx: cannot be written: File name too long")
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("run", "x" * 5000, "-n"),
-        ("run", "smoke-detection", "-n", "-o", "x" * 300),
-        ("report", "x" * 300),
-        ("map", "map1", "--exact", "-o", "x" * 300),
-        ("map", "--from-log", "x" * 300),
-    ],
-)
-def test_a_name_that_is_too_long_is_one_line(arguments: tuple[str, ...], tmp_path: Path) -> None:
-    assert "File name too long" in one_line_of_complaint(midnet_bench(*arguments, folder=tmp_path))
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_help_leaves_out_options_that_the_command_refuses(tmp_path: Path) -> None:

@@ -280,29 +280,6 @@ def complaint(tmp_path: Path) -> Callable[..., str]:
     return complain
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", ["run.log", "empty"]),
-        ("FLASER 3 1 2 3 0 0 0\n", ["run.log:1", "odometry missing"]),
-        ("RAWLASER1 0 -1.57 3.14 1 80 0 0 3 1 2 3 0 1.0 h 1\n", ["run.log", "odometry missing", "ODOM"]),
-        ("1 0 0 0 3 1 2 3\n2 0 0 0 2 1 2\n", ["run.log:2", "2 ranges", "3"]),
-        ("1 0 0 0 3 nan nan nan\n", ["run.log", "NaN"]),
-        ("1 0 0 0 3 1 2 3\n2 2500 0 0 3 1 2 3\n", ["run.log:2", "2500", "metres"]),
-        ("FLASER \u00b2 1 2 0 0 0 0 0 0 1 h 1\n", ["run.log:1", "number of ranges"]),
-        (None, ["run.log: cannot be read: No such file"]),
-    ],
-)
-def test_a_log_that_cannot_be_used_gets_one_line(
-    text: str | None, words: list[str], tmp_path: Path, complaint: Callable[..., str]
-) -> None:
-    if text is not None:
-        (tmp_path / "run.log").write_text(text, encoding="utf-8")
-    said = complaint("--from-log", "run.log")
-    assert all(word in said for word in words), said
-    assert not (tmp_path / "results").exists()
-
-
 def test_a_bad_log_is_refused_before_the_slow_rooms_are_loaded(tmp_path: Path) -> None:
     (tmp_path / "run.log").write_text("nothing\n")
     command = [sys.executable, "-X", "importtime", "-m", "midnet_bench", "map", "--from-log", "run.log"]
@@ -310,42 +287,6 @@ def test_a_bad_log_is_refused_before_the_slow_rooms_are_loaded(tmp_path: Path) -
     assert done.returncode == 2
     assert "numpy" in done.stderr
     assert not any(f"| {room}" in done.stderr.replace("  ", "") for room in ("numba", "matplotlib"))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        ((), ["map1", "--from-log"]),
-        (("map1", "--from-log", "run.log"), ["either", "--from-log"]),
-        (("--from-log", "run.log", "--robots", 2), ["--from-log", "--robots"]),
-        (("--from-log", "run.log", "--set", "robots=2"), ["--from-log", "--set"]),
-        (("--from-log", "run.log", "--slam", "graph", "--particles", 5), ["--slam graph", "--particles"]),
-        (("--from-log", "run.log", "--slam", "graf"), ["--slam", "graf", "graph"]),
-        (("map1", "--slam", "graph"), ["--slam graph", "--from-log"]),
-        (("map1", "--exact", "--slam", "gmapping"), ["--exact", "--slam"]),
-        (("map9",), ["map9", "did you mean"]),
-        (("map1", "--robots", 0), ["robots", "0"]),
-        (("map1", "--particles", 0), ["--particles", "1"]),
-        (("map1", "--set", "robtos=2"), ["robtos", "robots"]),
-        (("map1", "--robots", 2, "--set", "robots=3"), ["--set robots", "once"]),
-        (("map1", "--exact", "--robots", 2), ["--exact", "--robots"]),
-        (("map1", "--exact", "--seed", 1), ["--exact", "--seed"]),
-        (("map1", "--exact", "--no-clip"), ["--exact", "--no-clip"]),
-        (("map1", "--exact", "--set", "robots=2"), ["--set robots", "exact", "resolution_m"]),
-        (("map1", "--exact", "--set", "resolutoin_m=2"), ["resolutoin_m", "resolution_m"]),
-        (("map1", "-o", "/proc/nowhere"), ["/proc/nowhere"]),
-        (("map1", "-o", "folder.yaml"), ["folder.yaml", "-o"]),
-        (("crowded.yaml", "--robots", 20), ["two small rooms", "20"]),
-    ],
-)
-def test_wrong_arguments_get_one_line(
-    arguments: tuple[object, ...], words: list[str], tmp_path: Path, complaint: Callable[..., str]
-) -> None:
-    write_arena(tmp_path).rename(tmp_path / "crowded.yaml")
-    (tmp_path / "folder.yaml").mkdir()
-    said = complaint(*arguments)
-    assert all(word in said for word in words), said
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["crowded.yaml", "folder.yaml"]
 
 
 @pytest.mark.slow
@@ -378,10 +319,3 @@ def test_an_arenas_exact_map_goes_beside_its_explored_one(tmp_path: Path) -> Non
     ]
     grid = load_map(tmp_path / folder / "map.yaml")
     assert (told["cells"], told["resolution_m"]) == ([grid.width, grid.height], 0.05)
-
-
-def test_the_parameters_of_an_exploration_are_listed(tmp_path: Path) -> None:
-    done = midnet_bench("parameters", "mapping", "--json", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
-    described = {one["key"]: one for one in json.loads(done.stdout)["parameters"]}
-    assert described["particles"]["default"] == 30

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from midnet_bench.analysis.frames import load_results
 from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows
 from tests.simulation.scenes import OWN_ENGINE, OWN_ROBOT
 
@@ -254,3 +255,14 @@ def test_a_campaign_with_parts_of_ones_own_goes_on_after_kill_9(
         assert done.returncode == 0, done.stderr
     for table in tables:
         assert (folder / "killed" / table).read_bytes() == (folder / "whole" / table).read_bytes()
+
+
+@pytest.mark.slow
+def test_a_campaign_runs_on_the_engine_asked_for_and_goes_on_there_alone(tmp_path: Path) -> None:
+    small = ["detection", "--robots", "1", "--frames", "2", "--jobs", "1", "-o", "out", "-q"]
+    done = midnet_bench(*small, "--engine", "fast", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert load_results(tmp_path / "out").definition.parameters["engine"] == "fast"
+    other = midnet_bench(*small, folder=tmp_path)
+    assert other.returncode == 2
+    assert "engine fast -> bullet" in other.stderr

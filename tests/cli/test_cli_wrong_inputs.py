@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.command import midnet_bench, one_line_of_complaint
+from tests.cli.test_cli_map import write_arena
 from tests.stores import detection_store, labyrinth_store
 
 TWO_CLASSES = "class Mine:\n    pass\n\n\nclass Helper:\n    pass\n"
@@ -28,6 +29,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "mine.py").write_text(TWO_CLASSES)
     (place / "empty.py").write_text("x = [\n")
     (place / "plan.png").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
+    (place / "folder.yaml").mkdir()
+    write_arena(place).rename(place / "crowded.yaml")
     return place
 
 
@@ -104,13 +107,68 @@ WRONG: list[tuple[str, str]] = [
     ("render --robots 0", "--robots 0: must be 1 to 20"),
     ("export detection --frames 0", "--frames 0: must be 1 to 1000000"),
     ("node guard_1 --ros 3", "--ros: '3' is not one of '1', '2'"),
-    ("parameters thresh_locl", "did you mean 'thresh_local'?"),
+    ("parameters thresh_locl", "no experiment or parameter 'thresh_locl'; did you mean 'thresh_local'?"),
+    ("parameters labirynth", "did you mean 'labyrinth'?"),
+    ("detection -o /proc/nowhere", "/proc/nowhere"),
+    (
+        "detection --map map.yaml --set prior_map=exact",
+        "--map map.yaml: --set prior_map=exact too; give one of the two",
+    ),
+    (
+        "render --map map.yaml --set prior_map=exact",
+        "--map map.yaml: --set prior_map=exact too; give one of the two",
+    ),
+    ("detection --seed -1", "--seed: must be at least 0"),
+    ("detection --sed 1", "--seed"),
+    ("labyrinth --backend dusk", "dask"),
+    ("labyrinth --scheduler tcp://a:1 -n", "--backend dask"),
+    ("render --frame 0", "frame: 0"),
+    ("render mapping", "midnet-bench map"),
+    ("detection --frames 10,20 --set frames=20", "'frames' without --set too; give it once"),
+    ("labyrinth --arena map2 --set arena=map1", "'arena' without --set too; give it once"),
+    ("labyrinth --engine fast --set engine=fast", "'engine' without --set too; give it once"),
+    ("render --frames 10 --set frames=20", "'frames' without --set too; give it once"),
+    ("map map1 --robots 2 --set robots=3", "'robots' without --set too; give it once"),
+    ("detection --set frames=5,6", "has a column of that name; give"),
+    ("detection --set robot=burger,waffle", "has a column of that name; give"),
+    ("run labirynth", "did you mean 'labyrinth'"),
+    ("run campaigns/labyrinth.yaml", "'midnet-bench run labyrinth'"),
+    ("run mine.yaml", "working folder"),
+    ("run detection --engine ode -n", "engine: "),
+    ("render detection --engine ode", "engine: "),
+    ("map map1 --engine ode", "engine: "),
+    ("map", "give either an arena, such as map1, or --from-log FILE"),
+    ("map --from-log run.log --robots 2", "--robots has no meaning with --from-log"),
+    ("map --from-log run.log --set robots=2", "--set has no meaning with --from-log"),
+    ("map --from-log run.log --slam graph --particles 5", "--particles has no meaning with --slam graph"),
+    ("map --from-log run.log --slam graf", "'graf' is not one of 'graph', 'gmapping'"),
+    ("map map1 --exact --slam gmapping", "--slam has no meaning with --exact"),
+    ("map map1 --exact --engine fast", "--engine has no meaning with --exact"),
+    ("map map1 --exact --robots 2", "--robots has no meaning with --exact"),
+    ("map map1 --exact --seed 1", "--seed has no meaning with --exact"),
+    ("map map1 --exact --no-clip", "--clip/--no-clip has no meaning with --exact"),
+    ("map map1 --exact --set robots=2", "--set robots: "),
+    ("map map1 --exact --set resolutoin_m=2", "resolution_m"),
+    ("map map9", "did you mean"),
+    ("map map1 --particles 0", "--particles: must be at least 1"),
+    ("map map1 --set robtos=2", "did you mean 'robots'?"),
+    ("map map1 -o /proc/nowhere", "/proc/nowhere"),
+    ("map map1 -o folder.yaml", "folder.yaml"),
+    ("map crowded.yaml --robots 20", "two small rooms"),
+    ("export detection --format rosbag", "did you mean 'ros2'"),
+    ("export detection --where robots=1", "--where"),
+    ("export labyrinth --frames 3", "--frames"),
+    ("export mapping", "mapping"),
+    ("export absent/detection", "absent/detection"),
+    ("export detection --set oracle=pose --engine fast --set frames=2", "oracle"),
 ]
 
 
 @pytest.mark.parametrize(("line", "said"), WRONG, ids=lambda one: str(one)[:60])
 def test_a_wrong_input_is_answered_in_one_line(line: str, said: str, folder: Path) -> None:
+    before = sorted(folder.rglob("*"))
     complaint = one_line_of_complaint(midnet_bench(*line.split(), folder=folder))
+    assert sorted(folder.rglob("*")) == before
     assert said in complaint
     assert complaint.startswith("error: ")
     assert "Input should be" not in complaint
