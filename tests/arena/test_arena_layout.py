@@ -68,15 +68,12 @@ def test_a_seed_repeats_and_another_differs() -> None:
 
 @pytest.mark.parametrize("robots", [2, 3, 4, 5, 8])
 def test_robots_start_on_a_ring_looking_outwards(robots: int) -> None:
+    assert robot_starts(MAP1, 1) == ((0.0, 0.0, 0.0),)
     starts = robot_starts(MAP1, robots)
     neighbours = [a.distance_to(b) for a, b in zip(starts, starts[1:] + starts[:1], strict=True)]
     np.testing.assert_allclose(neighbours, 0.6)
     for pose in starts:
         assert math.cos(pose.yaw - math.atan2(pose.y, pose.x)) == pytest.approx(1.0)
-
-
-def test_one_robot_starts_at_the_centre() -> None:
-    assert robot_starts(MAP1, 1) == ((0.0, 0.0, 0.0),)
 
 
 def test_intruders_come_in_both_shapes_and_all_sizes() -> None:

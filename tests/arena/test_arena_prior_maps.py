@@ -1,6 +1,5 @@
 """The two maps as the paper describes them, the exact prior map, and free space."""
 
-import itertools
 import math
 
 import cv2
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 
 from midnet_bench.arena.arena import load_arena
-from midnet_bench.arena.free_space import free_space
+from midnet_bench.arena.free_space import doors, free_space
 from midnet_bench.arena.layout import place
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.errors import InputError
@@ -28,22 +27,11 @@ def inside_walls(arena) -> np.ndarray:
 
 
 def test_map_2_has_two_doors_of_a_person_s_width_in_opposite_walls() -> None:
-    walls = MAP2.wall_solids()
-    along = np.linspace(-10.0, 10.0, 4001)
-    rim = {
-        "west": np.column_stack((np.full(4001, -10.0), along)),
-        "east": np.column_stack((np.full(4001, 10.0), along)),
-        "south": np.column_stack((along, np.full(4001, -10.0))),
-        "north": np.column_stack((along, np.full(4001, 10.0))),
-    }
-    doors = {}
-    for side, line in rim.items():
-        opened = np.min([wall.distance_to(line) for wall in walls], axis=0) > 0.0
-        runs = [list(run) for is_open, run in itertools.groupby(range(4001), opened.__getitem__) if is_open]
-        doors[side] = [along[run[-1]] - along[run[0]] for run in runs]
-    assert [len(doors[side]) for side in ("west", "east", "south", "north")] == [1, 1, 0, 0]
-    assert doors["west"][0] == pytest.approx(1.25, abs=0.02)
-    assert doors["east"][0] == pytest.approx(1.25, abs=0.02)
+    (east_x, east_y), (west_x, west_y) = found = doors(MAP2)
+    assert (east_x, west_x) == (10.0, -10.0)
+    assert east_y == pytest.approx(-west_y)
+    to_walls_m = np.min([wall.distance_to(np.array(found)) for wall in MAP2.wall_solids()], axis=0)
+    np.testing.assert_allclose(2.0 * to_walls_m, 1.25, atol=0.02)
 
 
 def test_every_corridor_of_map_2_is_at_least_1_2_m_wide_and_leads_everywhere() -> None:
@@ -90,8 +78,7 @@ def test_free_space_keeps_its_distance_exactly() -> None:
     layout = place(MAP1, 4, 5)
     free = free_space(MAP1, 0.4, layout.stationary)
     grid = free.grid
-    rows, columns = np.nonzero(np.ones(grid.data.shape))
-    centers = np.column_stack([grid.origin[i] + (n + 0.5) * 0.05 for i, n in ((0, columns), (1, rows))])
+    centers = np.stack(np.meshgrid(grid.x_centers, grid.y_centers), axis=-1).reshape(-1, 2)
     distance = np.min([solid.distance_to(centers) for solid in layout.solids], axis=0)
     inside = np.abs(centers).max(axis=1) < 3.0
     assert np.array_equal(grid.data.ravel(), (distance >= 0.4 - 1e-9) & inside)
@@ -134,11 +121,8 @@ def test_a_slanted_wall_fills_what_points_on_it_fill() -> None:
     arena = MAP1.model_copy(update={"walls": walls})
     grid = render_exact(arena)
     (wall,) = arena.wall_solids()
-    t = np.linspace(-0.5, 0.5, 4001)
-    s = np.linspace(-0.5, 0.5, 81)
-    along, across = (m.ravel() for m in np.meshgrid(t * wall.length_m, s * wall.width_m))
-    c, sn = math.cos(wall.pose.yaw), math.sin(wall.pose.yaw)
-    x, y = wall.pose.x + c * along - sn * across, wall.pose.y + sn * along + c * across
+    sides = np.linspace(-0.5, 0.5, 4001) * wall.length_m, np.linspace(-0.5, 0.5, 81) * wall.width_m
+    x, y = wall.pose.transform(np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)).T
     expected = np.zeros_like(grid.data)
     expected[((y + 4.0) / 0.05).astype(int), ((x + 4.0) / 0.05).astype(int)] = 100
     differing = np.argwhere(expected != grid.data)

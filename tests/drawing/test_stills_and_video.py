@@ -1,6 +1,7 @@
 """What is drawn stands where it belongs, in the colours that the legend names."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -49,33 +50,54 @@ def plot_of(page: Picture, setup: Setup, lines: int) -> Canvas:
     return Canvas(page[rows, columns], view)
 
 
+def world_of(scene: Scene, setup: Setup = SETUP) -> Canvas:
+    """The true world of a film's picture."""
+    panel, film = WorldPanel(setup, 720), np.zeros((720, 720, 3), dtype=np.uint8)
+    panel.paint(film, scene)
+    return Canvas(film, panel.view)
+
+
+def place_in(canvas: Canvas, at: Sequence[float]) -> tuple[int, int]:
+    """Row and column of (x, y)."""
+    column, row = np.floor(canvas.pixels(at)).astype(int).tolist()
+    return row, column
+
+
+def color_at(canvas: Canvas, *at: float) -> RGB:
+    red, green, blue = canvas.picture[place_in(canvas, at)].tolist()
+    return red, green, blue
+
+
 def texts(entries: list[legend.Entry]) -> str:
     return "; ".join(text for _, text in entries)
 
 
-@pytest.mark.slow
-def test_the_video_shows_walls_robots_and_intruders_where_they_are() -> None:
-    picture = ScenePainter(SETUP, 2.0).paint(SCENE)
-    assert picture.shape == (720, 1280, 3)
-    world = Canvas(picture[:, :720], SETUP.plan.view(MARGIN_M))
-
-    def color_at(x: float, y: float) -> RGB:
-        column, row = np.floor(world.pixels((x, y))).astype(int).tolist()
-        red, green, blue = world.picture[row, column].tolist()
-        return red, green, blue
-
+@pytest.mark.parametrize("kind", ["film", "still"])
+def test_walls_robots_and_intruders_are_shown_where_they_are(kind: str) -> None:
+    scene = replace(SCENE, detections=[])
+    world = world_of(scene) if kind == "film" else plot_of(draw_arena(SETUP, scene), SETUP, 1)
     for wall in SETUP.plan.walls:
-        x, y = wall.mean(axis=0).tolist()
-        if not any(found.box.distance_to_point(x, y) < 0.2 for found in SCENE.detections):
-            assert color_at(x, y) == WOOD
-    assert color_at(-3.2, -3.2) == GROUND
+        assert color_at(world, *wall.mean(axis=0).tolist()) == WOOD
+    assert color_at(world, -3.2, -3.2) == GROUND
     for robot in SCENE.robots:
         color = GUARD if robot.is_guard else INTRUDER
-        assert color in [color_at(*robot.pose.compose(point)[:2]) for point in BESIDE]
-    inside = [color_at(*solid.pose.compose(Pose2D(0.15, 0.1, 0.0))[:2]) for solid in layout_of().stationary]
-    assert INTRUDER_FAINT in inside
-    shown = {tuple(color) for color in world.picture.reshape(-1, 3).tolist()}
-    assert {FLOOR, DETECTION, FALSE_DETECTION} <= shown
+        assert color in [color_at(world, *robot.pose.compose(point)[:2]) for point in BESIDE]
+    places = [solid.pose.compose(Pose2D(0.15, 0.1, 0.0))[:2] for solid in layout_of().stationary]
+    assert INTRUDER_FAINT in [color_at(world, *place) for place in places]
+    assert (world.picture == FLOOR).all(axis=2).any()
+
+
+def test_faults_of_an_arena_are_crossed() -> None:
+    fault = draw_arena(SETUP, replace(SCENE, robots=[], detections=[]), {1: (0.5, 0.5)})
+    assert color_at(plot_of(fault, SETUP, 1), 0.5, 0.5) == FALSE_DETECTION
+
+
+def test_a_film_shows_the_world_with_its_detections() -> None:
+    picture = ScenePainter(SETUP, 2.0).paint(SCENE)
+    assert picture.shape == (720, 1280, 3)
+    assert np.array_equal(picture[:, :720], world_of(SCENE).picture)
+    for color in (DETECTION, FALSE_DETECTION):
+        assert (picture[:, :720] == color).all(axis=2).any()
 
 
 def test_the_map_beside_it_shows_the_foreground_of_every_guard() -> None:
@@ -86,28 +108,9 @@ def test_the_map_beside_it_shows_the_foreground_of_every_guard() -> None:
         rows, columns = np.nonzero(view.d.data)
         assert len(rows) > 20
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
-            x, y = np.floor(canvas.pixels(view.d.center_of(column, row))).astype(int).tolist()
-            assert canvas.picture[y, x].tolist() == list(SHADES[FOREGROUND])
+            assert color_at(canvas, *view.d.center_of(column, row)) == SHADES[FOREGROUND]
     without = ScenePainter(SETUP, 2.0).paint(without_explanation(SCENE))
     assert not (without == SHADES[FOREGROUND]).all(axis=2)[MAP_TOP : MAP_TOP + MAP_PX, MAP_LEFT:].any()
-
-
-def test_the_arena_picture_has_the_same_things_in_the_same_colours() -> None:
-    canvas = plot_of(draw_arena(SETUP, replace(SCENE, detections=[])), SETUP, 1)
-
-    def color_at(x: float, y: float) -> RGB:
-        column, row = np.floor(canvas.pixels((x, y))).astype(int).tolist()
-        red, green, blue = canvas.picture[row, column].tolist()
-        return red, green, blue
-
-    assert color_at(-1.0, -3.0) == color_at(3.0, -1.0) == WOOD
-    assert color_at(-3.2, -3.2) == GROUND
-    for robot in SCENE.robots:
-        color = GUARD if robot.is_guard else INTRUDER
-        assert color in [color_at(*robot.pose.compose(point)[:2]) for point in BESIDE]
-    fault = draw_arena(SETUP, replace(SCENE, robots=[], detections=[]), {1: (0.5, 0.5)})
-    column, row = np.floor(plot_of(fault, SETUP, 1).pixels((0.5, 0.5))).astype(int).tolist()
-    assert plot_of(fault, SETUP, 1).picture[row, column].tolist() == list(FALSE_DETECTION)
 
 
 @pytest.mark.parametrize("shape", [(1.0, 1.0), (1.0, 0.3), (0.2, 1.0)])
@@ -180,7 +183,7 @@ def test_a_legend_has_what_is_in_the_picture() -> None:
 def test_detections_are_in_their_colours_over_the_true_outlines() -> None:
     canvas = plot_of(draw_detections(SETUP, SCENE), SETUP, 2)
     for found in SCENE.detections:
-        x, y = np.floor(canvas.pixels((found.box.center[0], found.box.y_min))).astype(int).tolist()
+        y, x = place_in(canvas, (found.box.center[0], found.box.y_min))
         color = FALSE_DETECTION if found.is_false else DETECTION
         assert list(color) in canvas.picture[y - 1 : y + 2, x].tolist()
     outlines = canvas.picture.astype(int) - INTRUDER
@@ -200,7 +203,7 @@ def test_a_map_shows_walls_path_and_truth() -> None:
     canvas = Canvas(page[rows, columns], view)
 
     def near(x: float, y: float) -> list[list[int]]:
-        column, row = np.floor(canvas.pixels((x, y))).astype(int).tolist()
+        row, column = place_in(canvas, (x, y))
         around = canvas.picture[row - 1 : row + 2, column - 1 : column + 2].reshape(-1, 3)
         return [[int(value) for value in color] for color in around]
 
@@ -221,14 +224,9 @@ def with_errors(scene: Scene) -> Scene:
 def darkest_about(truth: Truth) -> list[int]:
     """The darkest grey about a lone intruder, 0 to 255: in a film, and in a still; 255 if there is none."""
     scene = Scene(1.0, 5, [], [], [truth])
-    film = np.zeros((720, 720, 3), dtype=np.uint8)
-    WorldPanel(SETUP, 720).paint(film, scene)
-    canvas = Canvas(film, SETUP.plan.view(MARGIN_M))
-    still = plot_of(draw_detections(SETUP, scene), SETUP, 2)
     darkest = []
-    x, y = truth.outlines[0].mean(axis=0).tolist()
-    for shown in (canvas, still):
-        column, row = shown.pixels((x, y)).astype(int).tolist()
+    for shown in (world_of(scene), plot_of(draw_detections(SETUP, scene), SETUP, 2)):
+        row, column = place_in(shown, truth.outlines[0].mean(axis=0).tolist())
         near = shown.picture[row - 40 : row + 40, column - 40 : column + 40].reshape(-1, 3)
         greys = near[np.ptp(near.astype(int), axis=1) < 6]
         dark = greys.max(axis=1)
@@ -303,17 +301,13 @@ def test_labels_lie_on_no_other_one_and_on_nothing_that_is_to_stay_in_sight() ->
 
 def test_robots_of_a_large_arena_are_enlarged_and_those_that_are_gone_not_drawn() -> None:
     setup, scene = setup_and_scene("map2")
-    panel = WorldPanel(setup, 720)
-    assert panel.enlarged > 2.0
+    assert WorldPanel(setup, 720).enlarged > 2.0
     gone = next(robot for robot in scene.robots if not robot.is_guard)
     left = [robot for robot in scene.robots if robot is not gone]
-    pictures = [np.zeros((720, 720, 3), dtype=np.uint8) for _ in range(2)]
-    panel.paint(pictures[0], replace(scene, detections=[]))
-    panel.paint(pictures[1], replace(scene, detections=[], robots=left))
-    beside = gone.pose.compose(Pose2D(-0.1, 0.1, 0.0))
-    column, row = np.floor(Canvas(pictures[0], panel.view).pixels(beside[:2])).astype(int).tolist()
-    assert pictures[0][row, column].tolist() == list(INTRUDER)
-    assert pictures[1][row, column].tolist() != list(INTRUDER)
+    beside = gone.pose.compose(Pose2D(-0.1, 0.1, 0.0))[:2]
+    for robots, is_there in ((scene.robots, True), (left, False)):
+        world = world_of(replace(scene, detections=[], robots=robots), setup)
+        assert (color_at(world, *beside) == INTRUDER) is is_there
 
 
 def test_row_0_of_a_grid_is_painted_at_the_bottom() -> None:
@@ -377,24 +371,20 @@ def test_the_local_costmap_is_a_square_about_where_a_guard_takes_itself_to_be() 
     scene = replace(SCENE, robots=[replace(guard, goal=None)], detections=[], truths=[], explanation=None)
     box = SETUP.window(guard)
     assert tuple(box) == pytest.approx((-1.7, -2.2, 2.3, 1.8))
-    film = np.zeros((720, 720, 3), dtype=np.uint8)
-    WorldPanel(SETUP, 720).paint(film, scene)
-    world = Canvas(film, SETUP.plan.view(MARGIN_M))
-    column, row = world.pixels((-1.7, 1.2)).round().astype(int).tolist()
-    assert (film[row, column - 1 : column + 2, 2] > film[row, column - 1 : column + 2, 0] + 60).any()
+    world = world_of(scene)
+    row, column = place_in(world, (-1.7, 1.2))
+    near = world.picture[row, column - 1 : column + 3]
+    assert (near[:, 2] > near[:, 0] + 60).any()
 
 
 def test_scans_are_shown_if_the_setup_says_so() -> None:
     points = np.array([(x, 0.9) for x in np.arange(-0.5, 0.5, 0.05)])
     scene = replace(SCENE, robots=[], detections=[], truths=[], scans=[points])
-    pictures = []
-    for shows in (False, True):
-        film = np.zeros((720, 720, 3), dtype=np.uint8)
-        WorldPanel(replace(SETUP, shows_scans=shows), 720).paint(film, scene)
-        pictures.append(film)
-    column, row = Canvas(film, SETUP.plan.view(MARGIN_M)).pixels((0.0, 0.9)).round().astype(int).tolist()
-    assert (pictures[0] == pictures[1])[:300].mean() > 0.9
-    assert not (pictures[0] == pictures[1])[row - 2 : row + 3, column - 2 : column + 3].all()
+    without, shown = (world_of(scene, replace(SETUP, shows_scans=shows)) for shows in (False, True))
+    row, column = place_in(shown, (0.0, 0.9))
+    is_same = without.picture == shown.picture
+    assert is_same[:300].mean() > 0.9
+    assert not is_same[row - 2 : row + 3, column - 2 : column + 3].all()
 
 
 def test_a_goal_under_a_stationary_intruder_is_not_drawn() -> None:
@@ -403,12 +393,10 @@ def test_a_goal_under_a_stationary_intruder_is_not_drawn() -> None:
     scene = replace(SCENE, robots=[hidden], detections=[], truths=[])
     assert SETUP.plan.hides((x, y))
     assert not SETUP.plan.hides(hidden.pose[:2])
-    pictures = []
-    for goal in ((x, y), None):
-        film = np.zeros((720, 720, 3), dtype=np.uint8)
-        WorldPanel(SETUP, 720).paint(film, replace(scene, robots=[replace(hidden, goal=goal)]))
-        pictures.append(film)
-    assert (pictures[0] == pictures[1]).all()
+    pictures = [
+        world_of(replace(scene, robots=[replace(hidden, goal=goal)])).picture for goal in ((x, y), None)
+    ]
+    assert np.array_equal(*pictures)
 
 
 def test_the_known_part_of_a_map_is_what_a_picture_shows() -> None:

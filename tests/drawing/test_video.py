@@ -12,12 +12,13 @@ from midnet_bench.drawing.video import mp4_file
 from midnet_bench.errors import InputError, MidnetBenchError
 
 
-def write_40_pictures(path: Path, fails_at: int | None = None) -> None:
-    with mp4_file(path, 640, 640, 10.0) as append:
+def write_40_pictures(path: Path, fails_at: int | None = None, side_px: int = 640) -> None:
+    rng = np.random.default_rng(1)
+    with mp4_file(path, side_px, side_px, 10.0) as append:
         for number in range(40):
             if number == fails_at:
                 raise KeyError(number)
-            append(np.full((640, 640, 3), number, dtype=np.uint8))
+            append(rng.integers(0, 256, (side_px, side_px, 3), dtype=np.uint8))
 
 
 def test_a_video_has_all_its_pictures_and_its_folder_is_made(tmp_path: Path) -> None:
@@ -53,26 +54,13 @@ def test_a_place_that_cannot_be_written_is_wrong_input(tmp_path: Path) -> None:
     assert "\n" not in str(told.value)
 
 
-def write_an_odd_size(path: Path) -> None:
-    with mp4_file(path, 641, 641, 10.0) as append:
-        for _ in range(40):
-            append(np.zeros((641, 641, 3), dtype=np.uint8))
-
-
 def test_ffmpeg_that_fails_is_told_in_a_line(tmp_path: Path) -> None:
     # half a pixel of colour: yuv420p takes even sizes only
     with pytest.raises(MidnetBenchError, match="cannot be written") as told:
-        write_an_odd_size(tmp_path / "odd.mp4")
+        write_40_pictures(tmp_path / "odd.mp4", side_px=641)
     assert not isinstance(told.value, InputError)
     assert "\n" not in str(told.value)
     assert list(tmp_path.iterdir()) == []
-
-
-def write_noise(path: Path) -> None:
-    rng = np.random.default_rng(1)
-    with mp4_file(path, 320, 320, 10.0) as append:
-        for _ in range(40):
-            append(rng.integers(0, 256, (320, 320, 3), dtype=np.uint8))
 
 
 def test_a_full_disk_is_no_wrong_input(tmp_path: Path) -> None:
@@ -83,7 +71,7 @@ def test_a_full_disk_is_no_wrong_input(tmp_path: Path) -> None:
         pytest.skip("mounting a small disk needs root")
     try:
         with pytest.raises(MidnetBenchError, match="No space") as told:
-            write_noise(disk / "noise.mp4")
+            write_40_pictures(disk / "noise.mp4", side_px=320)
         assert not isinstance(told.value, InputError)
         assert list(disk.iterdir()) == []
     finally:
