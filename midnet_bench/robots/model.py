@@ -59,21 +59,10 @@ class RobotModel:
 
     def __post_init__(self) -> None:
         """Raises InputError: a line that names the robot and the measure that cannot be."""
-        positive = (
-            "radius_m",
-            "wheel_radius_m",
-            "wheel_separation_m",
-            "max_linear_mps",
-            "max_angular_radps",
-            "rim_acceleration_mps2",
-            "wheel_torque_nm",
-            "mass_kg",
-            "gyration_radius_m",
-            "lidar_height_m",
-        )
-        for measure in positive:
+        measures = [one.name for one in fields(self) if one.type is float]
+        for measure in measures:
             value = getattr(self, measure)
-            if not 0.0 < value < math.inf:
+            if measure != "base_link_height_m" and not 0.0 < value < math.inf:
                 raise self._wrong(measure, f"{value!r} is no finite number above 0")
         for outline in ("body", "footprint"):
             turns = _turns(getattr(self, outline))

@@ -49,13 +49,10 @@ class LossyNetwork(Generic[Payload]):
 
         None if none has. Time may not run backwards from call to call.
         """
-        waiting = []
-        for arrives_s, message in self._under_way[sender]:
-            if arrives_s > time_s + 1e-9:
-                waiting.append((arrives_s, message))
-                continue
-            newest = self._newest[sender]
-            if newest is None or message.stamp_s > newest.stamp_s:
-                self._newest[sender] = message
-        self._under_way[sender] = waiting
-        return self._newest[sender]
+        messages, newest = self._under_way[sender], self._newest[sender]
+        for arrives_s, message in messages:
+            if arrives_s <= time_s + 1e-9 and (newest is None or message.stamp_s > newest.stamp_s):
+                newest = message
+        self._under_way[sender] = [one for one in messages if one[0] > time_s + 1e-9]
+        self._newest[sender] = newest
+        return newest

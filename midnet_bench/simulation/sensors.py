@@ -147,20 +147,6 @@ def reported(
 
 
 @njit
-def in_marked_cells(
-    poses: Floats, marked: npt.NDArray[np.bool_], origin_m: tuple[float, float], resolution_m: float
-) -> npt.NDArray[np.bool_]:
-    """(m,) whether each of (m, 3) poses lies in a cell of a grid (rows, columns) that is ``marked``."""
-    found = np.zeros(len(poses), dtype=np.bool_)
-    for i in range(len(poses)):
-        column = math.floor((poses[i, 0] - origin_m[0]) / resolution_m)
-        row = math.floor((poses[i, 1] - origin_m[1]) / resolution_m)
-        is_on_grid = 0 <= row < marked.shape[0] and 0 <= column < marked.shape[1]
-        found[i] = is_on_grid and marked[row, column]
-    return found
-
-
-@njit
 def hide_behind_discs(
     ranges: Floats,
     axes: Floats,
@@ -317,11 +303,12 @@ class LidarSensors:
         beams = Beams(*beam_directions(own, self._lidar.mount.x, self._cosines, self._sines))
         ranges = self._world.cast(beams, low, high)
         blind = self._blind_cells
-        near = in_marked_cells(own, blind.data, blind.origin, blind.resolution)
-        for i in np.flatnonzero(near).tolist():
-            # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
-            one = Beams(beams.axes[i : i + 1], beams.directions[i : i + 1])
-            ranges[i] = np.minimum(ranges[i], self._world.cast(one, 0.0, low)[0])
+        for i, (x, y, _) in enumerate(own.tolist()):
+            column, row = blind.cell_at(x, y)
+            if blind.contains_cell(column, row) and blind.data[row, column]:
+                # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
+                one = Beams(beams.axes[i : i + 1], beams.directions[i : i + 1])
+                ranges[i] = np.minimum(ranges[i], self._world.cast(one, 0.0, low)[0])
         bodies = hide_behind_discs(ranges, *beams, poses, self._disc.offset_x_m, self._radii_m, rows, high)
         return NoiseFreeScan(beams, ranges, bodies)
 

@@ -12,7 +12,6 @@ from midnet_bench.elementary import atan2, cos_sin
 from midnet_bench.geometry import Command, Solid
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.bullet.body import (
-    Body,
     add_floor,
     add_obstacle,
     add_solids,
@@ -65,7 +64,11 @@ class BulletEngine:
         add_solids(self._ray_client, layout.solids)
         self._bodies = [load_robot(self.client, self._robot, pose) for pose in starts]
         self._mass_x_m = self._bodies[0].mass_x_m if starts else 0.0
-        self._drive = Drive(self._robot, self._bodies, self.client, 1.0 / self._step_hz)
+        # of the rims, left and right, m/s
+        self._targets = [(0.0, 0.0)] * len(starts)
+        self._speeds = [(0.0, 0.0)] * len(starts)
+        for index in range(len(starts)):
+            self._set_motors(index)
         self._present = list(range(len(starts)))
         """the robots that are still in the arena"""
         self._obstacles: list[int] = []
@@ -81,13 +84,34 @@ class BulletEngine:
 
     def drive(self, index: int, command: Command) -> None:
         """Give a robot its new velocity, within its limits; held until the next one."""
-        self._drive.command(index, command)
+        self._targets[index] = self._robot.rim_speeds(command)
 
     def step(self) -> None:
-        """Let 1 / ``step_hz`` seconds pass."""
-        self._drive.step()
+        """Let 1 / ``step_hz`` seconds pass; each wheel's speed comes nearer to its target.
+
+        The ramp is the Gazebo plugin's wheelAcceleration, applied at every physics step. The plugin skips
+        the ramp of both wheels as soon as one of them is near its target; that jump is not copied.
+        """
+        for index, (target, speed) in enumerate(zip(self._targets, self._speeds, strict=True)):
+            if target != speed:
+                self._speeds[index] = (self._nearer(speed[0], target[0]), self._nearer(speed[1], target[1]))
+                self._set_motors(index)
         self.client.stepSimulation()
         self._poses = None
+
+    def _nearer(self, speed: float, target: float) -> float:
+        missing, most = target - speed, self._robot.rim_acceleration_mps2 * (1.0 / self._step_hz)
+        return target if abs(missing) <= most else speed + math.copysign(most, missing)
+
+    def _set_motors(self, index: int) -> None:
+        robot, (body, wheels, _) = self._robot, self._bodies[index]
+        self.client.setJointMotorControlArray(
+            body,
+            wheels,
+            bullet.VELOCITY_CONTROL,
+            targetVelocities=[speed / robot.wheel_radius_m for speed in self._speeds[index]],
+            forces=(robot.wheel_torque_nm, robot.wheel_torque_nm),
+        )
 
     def obstruct(self, solids: Sequence[Solid]) -> None:
         """Let ``solids`` stand in the robots' way, the same number at each call; beams pass them."""
@@ -146,7 +170,7 @@ class BulletEngine:
     def remove(self, index: int) -> None:
         """Take a robot out for good."""
         self.client.removeBody(self._bodies[index].body)
-        self._drive.forget(index)
+        self._targets[index] = self._speeds[index]
         self._present.remove(index)
         self._poses = None
 
@@ -157,53 +181,6 @@ class BulletEngine:
             points = self.client.getContactPoints(bodyA=self._bodies[index].body, linkIndexA=-1)
             touching[index] = any(point[2] != self._floor and point[8] <= 0.0 for point in points)
         return touching
-
-
-class Drive:
-    """The wheel motors of several robots: clamps commands and ramps each wheel towards its target.
-
-    The ramp is the Gazebo plugin's wheelAcceleration, applied at every physics step. The plugin skips
-    the ramp of both wheels as soon as one of them is near its target; that jump is not copied.
-    """
-
-    def __init__(self, robot: RobotModel, bodies: list[Body], client: Client, step_s: float) -> None:
-        self._robot = robot
-        self._bodies = bodies
-        self.client = client
-        self._most = robot.rim_acceleration_mps2 * step_s
-        self._targets = [(0.0, 0.0)] * len(bodies)
-        self._speeds = [(0.0, 0.0)] * len(bodies)
-        for number in range(len(bodies)):
-            self._set_motors(number)
-
-    def command(self, number: int, command: Command) -> None:
-        """Take a new command; it is held until the next one, as the plugin holds it."""
-        self._targets[number] = self._robot.rim_speeds(command)
-
-    def step(self) -> None:
-        """Move every wheel's speed one physics step closer to its target."""
-        for number, (target, speed) in enumerate(zip(self._targets, self._speeds, strict=True)):
-            if target != speed:
-                self._speeds[number] = (self._nearer(speed[0], target[0]), self._nearer(speed[1], target[1]))
-                self._set_motors(number)
-
-    def forget(self, number: int) -> None:
-        """Never touch that robot's motors again."""
-        self._targets[number] = self._speeds[number]
-
-    def _nearer(self, speed: float, target: float) -> float:
-        missing = target - speed
-        return target if abs(missing) <= self._most else speed + math.copysign(self._most, missing)
-
-    def _set_motors(self, number: int) -> None:
-        body, robot = self._bodies[number], self._robot
-        self.client.setJointMotorControlArray(
-            body.body,
-            body.wheels,
-            bullet.VELOCITY_CONTROL,
-            targetVelocities=[speed / robot.wheel_radius_m for speed in self._speeds[number]],
-            forces=(robot.wheel_torque_nm, robot.wheel_torque_nm),
-        )
 
 
 @njit
