@@ -1,6 +1,7 @@
 """``Arena``: what a YAML file says about a place to guard, checked."""
 
 import math
+from collections.abc import Iterator
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -254,47 +255,40 @@ def _written_arena(yaml: str, path: str, source: str) -> Arena:
 def checked_arena(values: Any, source: str) -> Arena:
     """The arena that ``values`` describe. Raises InputError, ``source: key: what is wrong``."""
     arena = parse(Arena, values, source)
-    _check_places(arena, source)
+    for fault in _faults(arena):
+        raise InputError(f"{source}: {fault}")
     return arena
 
 
-def _check_places(arena: Arena, source: str) -> None:
-    """Raise InputError unless everything lies where it can."""
-    half = (arena.plane_m[0] / 2.0, arena.plane_m[1] / 2.0)
+def _faults(arena: Arena) -> Iterator[str]:
+    """What lies where it cannot, each with its key."""
     if not arena.walls and not arena.blocks:
-        raise InputError(f"{source}: walls: there is none; give lines that walls follow, or blocks")
+        yield "walls: there is none; give lines that walls follow, or blocks"
     for axis in (0, 1):
         if arena.enclosure_m[axis] > arena.plane_m[axis]:
-            raise InputError(
-                f"{source}: enclosure_m.{axis}: larger than the plane ({arena.plane_m[axis]:g} m)"
-            )
+            yield f"enclosure_m.{axis}: larger than the plane ({arena.plane_m[axis]:g} m)"
+    end_x, end_y = arena.plane_m[0] / 2.0, arena.plane_m[1] / 2.0
+    ends = f"the plane, which ends at ({end_x:g}, {end_y:g})"
     for number, line in enumerate(arena.walls):
         for corner, (x, y) in enumerate(line):
-            if abs(x) > half[0] or abs(y) > half[1]:
-                raise InputError(
-                    f"{source}: walls.{number}.{corner}: ({x:g}, {y:g}) is off the plane, "
-                    f"which ends at ({half[0]:g}, {half[1]:g})"
-                )
+            if abs(x) > end_x or abs(y) > end_y:
+                yield f"walls.{number}.{corner}: ({x:g}, {y:g}) is off {ends}"
             if corner and line[corner - 1] == (x, y):
-                raise InputError(f"{source}: walls.{number}.{corner}: the same point as the one before")
+                yield f"walls.{number}.{corner}: the same point as the one before"
     for number, (x_min, y_min, x_max, y_max) in enumerate(arena.blocks):
         if x_min >= x_max or y_min >= y_max:
-            raise InputError(f"{source}: blocks.{number}: give x_min, y_min, x_max, y_max")
+            yield f"blocks.{number}: give x_min, y_min, x_max, y_max"
         # a hair: corners of a plan are sums of cells
-        if max(-x_min, x_max) > half[0] + 1e-6 or max(-y_min, y_max) > half[1] + 1e-6:
-            raise InputError(
-                f"{source}: blocks.{number}: it leaves the plane, which ends at ({half[0]:g}, {half[1]:g})"
-            )
+        if max(-x_min, x_max) > end_x + 1e-6 or max(-y_min, y_max) > end_y + 1e-6:
+            yield f"blocks.{number}: it leaves {ends}"
     half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
     for key, (x, y) in _inner_points(arena).items():
         if abs(x) >= half_x or abs(y) >= half_y:
-            raise InputError(f"{source}: {key}: ({x:g}, {y:g}) is not inside the enclosure")
+            yield f"{key}: ({x:g}, {y:g}) is not inside the enclosure"
     walls = arena.wall_solids()
     for number, solid in enumerate(arena.placed_solids()):
-        if abs(solid.pose.x) > half[0] or abs(solid.pose.y) > half[1] or gap_m(solid, walls) <= 0.0:
-            raise InputError(
-                f"{source}: stationary_intruders.placed.{number}: in a wall or off the plane; move it"
-            )
+        if abs(solid.pose.x) > end_x or abs(solid.pose.y) > end_y or gap_m(solid, walls) <= 0.0:
+            yield f"stationary_intruders.placed.{number}: in a wall or off the plane; move it"
 
 
 def _inner_points(arena: Arena) -> dict[str, Point]:

@@ -364,15 +364,21 @@ def png_of(picture: Picture) -> bytes:
 
 
 def write(
-    picture: Picture, left: int, top: int, text: str, size_px: int, color: RGB, bold: bool = False
+    picture: Picture,
+    column: int,
+    top: int,
+    text: str,
+    size_px: int,
+    color: RGB,
+    bold: bool = False,
+    before: float = 0.0,
 ) -> None:
-    """Draw a line of text whose upper left corner is at (left, top); what lies outside is cut off."""
-    _blend(picture, text_mask(text, size_px, bold), left, top, color)
+    """Draw a line of text; what lies outside is cut off.
 
-
-def write_right(picture: Picture, right: int, top: int, text: str, size_px: int, color: RGB) -> None:
-    """Draw a bold line of text whose upper right corner is at (right, top)."""
-    write(picture, right - text_mask(text, size_px, True).shape[1], top, text, size_px, color, bold=True)
+    ``before``: which part of it stands on the left of ``column``, 0 to 1.
+    """
+    mask = text_mask(text, size_px, bold)
+    _blend(picture, mask, column - int(before * mask.shape[1]), top, color)
 
 
 @lru_cache(maxsize=1024)

@@ -9,15 +9,7 @@ import cv2
 import numpy as np
 
 from midnet_bench.drawing import legend
-from midnet_bench.drawing.canvas import (
-    Canvas,
-    Picture,
-    blank_page,
-    paint_floor_plan,
-    paint_robot,
-    write,
-    write_right,
-)
+from midnet_bench.drawing.canvas import Canvas, Picture, blank_page, paint_floor_plan, paint_robot, write
 from midnet_bench.drawing.palette import EXPLORERS, FAINT_INK, INK, RGB, WHITE
 from midnet_bench.drawing.scene import Floats, FloorPlan
 from midnet_bench.drawing.video import mp4_file
@@ -215,7 +207,7 @@ class Growth:
                     truth = Canvas(picture[MAP_TOP:, map_px:], self._view)
                     _paint_robots(truth, snapshot.poses, snapshot.model)
                 now, known = self._words(snapshot)
-                write_right(picture, WIDTH - GAP_PX, 10, now, 20, INK)
+                write(picture, WIDTH - GAP_PX, 10, now, 20, INK, bold=True, before=1.0)
                 write(picture, GAP_PX, SECOND_LINE, known, 16, INK)
                 append(picture)
             for _ in range(round(LAST_PICTURE_S * rate)):

@@ -186,13 +186,11 @@ def _page(
     for k in range(int(np.ceil(view.x_min / step_m)), int(view.x_max // step_m) + 1):
         column = columns.start + round(float(canvas.pixels((k * step_m, 0.0))[0]))
         page[rows.stop : rows.stop + 5, column] = INK
-        text = f"{k * step_m:g}"
-        write(page, column - text_mask(text, 14).shape[1] // 2, rows.stop + 6, text, 14, INK)
+        write(page, column, rows.stop + 6, f"{k * step_m:g}", 14, INK, before=0.5)
     for k in range(int(np.ceil(view.y_min / step_m)), int(view.y_max // step_m) + 1):
         row = rows.start + round(float(canvas.pixels((0.0, k * step_m))[1]))
         page[row, LEFT_PX - 5 : LEFT_PX] = INK
-        text = f"{k * step_m:g}"
-        write(page, LEFT_PX - 8 - text_mask(text, 14).shape[1], row - 9, text, 14, INK)
+        write(page, LEFT_PX - 8, row - 9, f"{k * step_m:g}", 14, INK, before=1.0)
     write(page, (columns.start + columns.stop) // 2 - 20, rows.stop + 24, "x / m", 14, INK)
     write(page, 2, rows.start - 20, "y / m", 14, INK)
     legend.write_legend(page, entries, legend_left, rows.start + 12, ROW_PX, TEXT_PX)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from midnet_bench.drawing import legend
-from midnet_bench.drawing.canvas import Picture, blank_page, png_of, text_mask, write, write_right
+from midnet_bench.drawing.canvas import Picture, blank_page, png_of, write
 from midnet_bench.drawing.palette import FAINT_INK, INK
 from midnet_bench.drawing.panels import DetectionPanel, WorldPanel
 from midnet_bench.drawing.scene import Scene, Setup
@@ -72,10 +72,9 @@ class ScenePainter:
         self._world.paint(picture[:, :HEIGHT], scene)
         beside = picture[MAP_TOP : MAP_TOP + MAP_PX, MAP_LEFT : MAP_LEFT + MAP_PX]
         self._detections.paint(beside, scene)
-        write_right(picture, COLUMN_RIGHT, 8, f"{scene.time_s:.1f} s", 24, INK)
+        write(picture, COLUMN_RIGHT, 8, f"{scene.time_s:.1f} s", 24, INK, bold=True, before=1.0)
         write(picture, COLUMN_LEFT + 8, COUNTS_TOP, scene.counter, 14, INK, bold=True)
-        remark_px = text_mask(scene.remark, 14).shape[1]
-        write(picture, COLUMN_RIGHT - remark_px, COUNTS_TOP, scene.remark, 14, INK)
+        write(picture, COLUMN_RIGHT, COUNTS_TOP, scene.remark, 14, INK, before=1.0)
         return picture
 
 

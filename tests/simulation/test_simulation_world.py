@@ -27,22 +27,10 @@ def World(engine: str) -> type:
     return WORLDS[engine]
 
 
-def test_a_burger_drives_straight_at_the_speed_asked_for(World: type) -> None:
-    with World(scene([(-2.0, 0.0, 0.0)])) as world:
-        world.drive(0, Command(0.2, 0.0))
-        run(world, 1.0)
-        before = world.poses()[0]
-        run(world, 5.0)
-        after = world.poses()[0]
-    assert after[0] - before[0] == pytest.approx(1.0, rel=0.01)
-    assert abs(after[1] - before[1]) < 0.002
-    assert abs(after[2]) < 0.002
-
-
 @pytest.mark.parametrize(
-    ("linear", "angular"), [(0.0, 0.5), (0.0, 2.84), (0.2, 0.5), (0.1, -2.5), (-0.1, 1.0)]
+    ("linear", "angular"), [(0.2, 0.0), (0.0, 0.5), (0.0, 2.84), (0.2, 0.5), (0.1, -2.5), (-0.1, 1.0)]
 )
-def test_a_burger_turns_at_the_rate_asked_for(World: type, linear: float, angular: float) -> None:
+def test_a_burger_drives_and_turns_at_the_speed_asked_for(World: type, linear: float, angular: float) -> None:
     with World(scene([(0.0, 0.0, 0.3)])) as world:
         world.drive(0, Command(linear, angular))
         run(world, 1.0)
@@ -52,7 +40,7 @@ def test_a_burger_turns_at_the_rate_asked_for(World: type, linear: float, angula
             yaws.append(world.poses()[0, 2])
             xy.append(world.poses()[0, :2])
             velocities.append(world.velocities()[0])
-    assert np.diff(np.unwrap(yaws)).sum() == pytest.approx(angular * 5.0, rel=0.02)
+    assert np.diff(np.unwrap(yaws)).sum() == pytest.approx(angular * 5.0, rel=0.02, abs=0.002)
     assert np.hypot(*np.diff(xy, axis=0).T).sum() == pytest.approx(abs(linear) * 5.0, rel=0.02, abs=0.01)
     np.testing.assert_allclose(np.mean(velocities, axis=0), (linear, angular), rtol=0.02, atol=2e-3)
 

@@ -18,7 +18,6 @@ import numpy.typing as npt
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import cos_sin, hypot
 from midnet_bench.geometry import lengths
-from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.fast.outlines import AX, AY, BEFORE_X, BEFORE_Y, BX, BY, NX, NY, SideGrid
 
 Floats = npt.NDArray[np.float64]
@@ -54,8 +53,7 @@ _SQUARE = np.array(
 # Columns of a contact: the unit normal towards the first body, the gap, the point as seen from both bodies'
 # base frames (map axes), and the impulses so far along normal and tangent, per mass.
 NORMAL_X, NORMAL_Y, GAP, ARM_X, ARM_Y, OTHER_X, OTHER_Y, NORMAL, TANGENTIAL = range(9)
-_COLUMNS = 9
-_PER_BODY = 48
+PER_BODY = 48
 """contacts that there is room for"""
 
 
@@ -79,19 +77,6 @@ class ContactBuffer(NamedTuple):
     """(c, 9) contacts by the columns ``NORMAL_X`` to ``TANGENTIAL``"""
     pairs: Ints
     """(c, 2) bodies that each contact's normal points to and from; -1 for walls, or ``OBSTACLE``"""
-
-
-def body_of(robot: RobotModel) -> Body:
-    """A robot as contacts see it."""
-    return Body(hull_of(robot.body), robot.body_reach_m, robot.gyration_radius_m * robot.gyration_radius_m)
-
-
-def room_for(count: int, body: Body) -> ContactBuffer:
-    """Room for ``count`` bodies."""
-    rows = _PER_BODY * count
-    return ContactBuffer(
-        np.zeros((count, *body.hull.shape)), np.zeros((rows, _COLUMNS)), np.zeros((rows, 2), dtype=np.int64)
-    )
 
 
 def hull_of(contour: tuple[tuple[float, float], ...]) -> Floats:

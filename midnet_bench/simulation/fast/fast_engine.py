@@ -10,9 +10,7 @@ from midnet_bench.geometry import Command, Solid
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.engine import Beams
 from midnet_bench.simulation.fast import motion
-from midnet_bench.simulation.fast.contacts import body_of, room_for
-from midnet_bench.simulation.fast.motion import drive_of
-from midnet_bench.simulation.fast.outlines import outlines_of, side_grid
+from midnet_bench.simulation.fast.outlines import outlines_of
 from midnet_bench.simulation.fast.rays import cast_on_outlines
 
 Floats = npt.NDArray[np.float64]
@@ -28,11 +26,8 @@ class FastEngine:
     def __init__(self, layout: Layout, robot: RobotModel, step_hz: int, solver_iterations: int) -> None:
         self._robot = robot
         starts = layout.robots + layout.intruders
-        drive = drive_of(robot, step_hz, solver_iterations)
-        body = body_of(robot)
         self._outlines = outlines_of(layout.solids)
-        ground = side_grid(self._outlines, body.reach_m + 2.0 * drive.most_m)
-        self._parts = motion.taken_apart(drive, body, ground, room_for(len(starts), body))
+        self._parts = motion.parts_of(robot, self._outlines, len(starts), step_hz, solver_iterations)
         self._states = np.zeros((len(starts), motion.COLUMNS))
         self._states[:, motion.POSE] = starts
         self._present = np.ones(len(starts), dtype=np.bool_)

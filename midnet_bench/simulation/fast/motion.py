@@ -15,12 +15,14 @@ from midnet_bench.simulation.fast.contacts import (
     NORMAL,
     NORMAL_X,
     NORMAL_Y,
+    PER_BODY,
     SKIN_M,
     TANGENTIAL,
     WHEEL_FRICTION,
     Body,
     ContactBuffer,
     find_contacts,
+    hull_of,
     islands,
     least_speed,
     part,
@@ -28,7 +30,7 @@ from midnet_bench.simulation.fast.contacts import (
     solve_contacts,
     stands_in,
 )
-from midnet_bench.simulation.fast.outlines import SideGrid
+from midnet_bench.simulation.fast.outlines import Outlines, SideGrid, side_grid
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -75,11 +77,14 @@ _PUSHED = 1.25
 """How much faster than by its own wheels a body may be moved."""
 
 
-def drive_of(robot: RobotModel, step_hz: int, rounds: int) -> Drive:
-    """How a robot drives at ``step_hz`` ticks per second."""
-    step_s = 1.0 / step_hz
-    fastest = robot.max_linear_mps + robot.max_angular_radps * robot.body_reach_m
-    return Drive(
+def parts_of(robot: RobotModel, outlines: Outlines, count: int, step_hz: int, rounds: int) -> Parts:
+    """What ``count`` robots are, how they drive, what stands about them, and room for their contacts.
+
+    Arrays only: handing named tuples to compiled code takes three times as long as a tick.
+    """
+    step_s, reach_m = 1.0 / step_hz, robot.body_reach_m
+    fastest = robot.max_linear_mps + robot.max_angular_radps * reach_m
+    drive = Drive(
         step_s,
         robot.rim_acceleration_mps2 * step_s,
         robot.wheel_separation_m,
@@ -87,16 +92,21 @@ def drive_of(robot: RobotModel, step_hz: int, rounds: int) -> Drive:
         _PUSHED * fastest * step_s,
         rounds,
     )
-
-
-def taken_apart(drive: Drive, body: Body, ground: SideGrid, room: ContactBuffer) -> Parts:
-    """Arrays only: handing named tuples to compiled code takes three times as long as a tick."""
-    return (np.array([*drive, body.reach_m, body.gyration2_m2]), body.hull, *ground, *room)
+    body = Body(hull_of(robot.body), reach_m, robot.gyration_radius_m * robot.gyration_radius_m)
+    rows = PER_BODY * count
+    return (
+        np.array([*drive, body.reach_m, body.gyration2_m2]),
+        body.hull,
+        *side_grid(outlines, reach_m + 2.0 * drive.most_m),
+        np.zeros((count, *body.hull.shape)),
+        np.zeros((rows, 9)),
+        np.zeros((rows, 2), dtype=np.int64),
+    )
 
 
 @njit
 def put_together(parts: Parts) -> tuple[Drive, Body, SideGrid, ContactBuffer]:
-    """What :func:`taken_apart` took apart."""
+    """The named tuples of :func:`parts_of`."""
     numbers, hull, sides, frame, first, members, hulls, rows, pairs = parts
     drive = Drive(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], int(numbers[5]))
     body = Body(hull, numbers[6], numbers[7])
@@ -108,7 +118,7 @@ def step_world(states: Floats, present: npt.NDArray[np.bool_], solids: Floats, p
     """Let one tick pass for (n, 13) ``states``, by the columns above, of the bodies that are ``present``.
 
     ``solids``: (k, 6) what moves by itself, as for :func:`~.contacts.find_contacts`. ``parts``: as
-    :func:`taken_apart` gives them.
+    :func:`parts_of` gives them.
     """
     drive, body, ground, room = put_together(parts)
     n = len(states)
