@@ -63,7 +63,7 @@ class Client:
         return function
 
     def close(self) -> None:
-        """Empty it for its next user, to whom it is as a new one bit for bit; twice does no harm."""
+        """Empty it for its next user; it is then as a new one, bit for bit. Twice does no harm."""
         if self._number >= 0:
             self.resetSimulation()
             _idle.append(self._number)
