@@ -12,38 +12,21 @@ import typer
 from typer.main import get_command
 
 from midnet_bench import compiled
-from midnet_bench.cli import (
+from midnet_bench.cli import (  # noqa: F401 - each adds its commands
     arenas,
-    bags,
     campaigns,
-    check,
     errors,
     inputs,
     maps,
     messages,
-    pictures,
     replay,
     reports,
     size,
+    trials,
 )
 from midnet_bench.cli.app import MOVED_OPTIONS, app, printing
 from midnet_bench.cli.replay import key_of
 from midnet_bench.errors import InputError, MidnetBenchError
-
-__all__ = [
-    "arenas",
-    "bags",
-    "campaigns",
-    "check",
-    "errors",
-    "inputs",
-    "main",
-    "maps",
-    "pictures",
-    "replay",
-    "reports",
-    "size",
-]
 
 PLAIN = {
     r" / '--trials'": "",
@@ -88,20 +71,18 @@ def main() -> None:
         for pattern, words in PLAIN.items():
             message = re.sub(pattern, words, message)
         if message:
-            messages.log.error("%s", messages.one_line(f"error: {message}"))
+            messages.refuse(message)
         code = error.exit_code
     except MidnetBenchError as error:
         if os.environ.get("MIDNET_BENCH_DEBUG"):
             raise
-        messages.log.error("%s", messages.one_line(f"error: {error}"))
+        messages.refuse(error)
         code = error.exit_code
     except OSError as error:
         # a path that the user gave, wherever it was first used
         if error.errno not in NO_PATH or error.filename is None or os.environ.get("MIDNET_BENCH_DEBUG"):
             raise
-        messages.log.error(
-            "%s", messages.one_line(f"error: {error.filename}: {error.strerror}; give another")
-        )
+        messages.refuse(f"{error.filename}: {error.strerror}; give another")
         code = InputError.exit_code
     except (KeyboardInterrupt, typer.Abort):
         code = 130

@@ -5,6 +5,7 @@ import dataclasses
 import errno
 import inspect
 import io
+import json
 import os
 import select
 import sys
@@ -127,6 +128,11 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
+
+
+def print_json(document: Any) -> None:
+    """Print one JSON document."""
+    typer.echo(json.dumps(document, indent=1, allow_nan=False))
 
 
 def add_group(name: str, help: str) -> typer.Typer:

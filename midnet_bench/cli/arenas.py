@@ -9,7 +9,7 @@ import typer
 
 from midnet_bench.cli import completion, messages, options
 from midnet_bench.cli.app import add_group, command
-from midnet_bench.cli.check import BROKEN
+from midnet_bench.cli.inputs import BROKEN
 
 arena = add_group("arena", "Show, make and check arenas: floor plans with start poses.")
 
@@ -66,7 +66,7 @@ def from_image(
 
     text, notes = made_from(image, resolution, drop_specks)
     for note in notes:
-        messages.log.info("note: %s", note)
+        messages.note(f"note: {note}")
     _give(text, output)
 
 

@@ -1,7 +1,6 @@
 """The commands that run campaigns: ``detection``, ``labyrinth``, ``run``."""
 
 import dataclasses
-import json
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from midnet_bench.cli import completion, messages, options
-from midnet_bench.cli.app import command
+from midnet_bench.cli.app import command, print_json
 
 if TYPE_CHECKING:
     from midnet_bench.campaign.definition import Campaign
@@ -71,7 +70,7 @@ def _list_campaigns(as_json: bool) -> None:
 
     found = {name: summary_of(path) for name, path in packaged_campaigns().items()}
     if as_json:
-        typer.echo(json.dumps(found, indent=1))
+        print_json(found)
         return
     indent = max(map(len, found)) + 2
     for name, summary in found.items():
@@ -106,7 +105,7 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
     directory = chosen.output or options.RESULTS / campaign.name
     resolved = resolve(campaign, registry)
     for note in resolved.notes:
-        messages.log.info("note: %s", note)
+        messages.note(f"note: {note}")
     given = {name: getattr(chosen, name) for name in EXECUTION}
     if chosen.dry_run:
         ahead = plan(resolved, directory, **given)
@@ -126,7 +125,7 @@ def _print_plan(experiment: str, ahead: "Plan", directory: Path, as_json: bool) 
         from midnet_bench.analysis.tables import Table, to_json
 
         table = Table("plan", "What would run", [dataclasses.asdict(ahead)])
-        typer.echo(json.dumps(to_json(experiment, [table], directory=str(directory)), indent=1))
+        print_json(to_json(experiment, [table], directory=str(directory)))
         return
     basis = (
         f"from {messages.counted(ahead.measured_on, 'finished trial')}"

@@ -1,16 +1,19 @@
-"""The command ``parameters``."""
+"""The commands that say what can be given: ``parameters``, and ``check`` of code for a seam."""
 
+import json
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from midnet_bench.cli import completion, options
-from midnet_bench.cli.app import command
+from midnet_bench.cli.app import command, print_json
 
 if TYPE_CHECKING:
     from midnet_bench.settings import Leaf
 
 
+BROKEN = 1
+"""exit code where something is wrong"""
 LISTED = "; 'midnet-bench parameters EXPERIMENT' lists an experiment's"
 
 
@@ -41,7 +44,9 @@ def parameters(
 
 def _list(experiment: str, options: "list[Leaf]", as_json: bool) -> None:
     if as_json:
-        _dump({"schema": 1, "experiment": experiment, "parameters": [_described(one) for one in options]})
+        print_json(
+            {"schema": 1, "experiment": experiment, "parameters": [_described(one) for one in options]}
+        )
         return
     from midnet_bench.cli.terminal import filled, width
 
@@ -67,7 +72,7 @@ def _explain(name: str, users: "dict[str, Leaf]", as_json: bool) -> None:
     readings = readings_of(name)
     if as_json:
         rows = [{"experiment": experiment, **_described(leaf)} for experiment, leaf in users.items()]
-        _dump({"schema": 1, "parameter": name, "experiments": rows, "readings": [*map(vars, readings)]})
+        print_json({"schema": 1, "parameter": name, "experiments": rows, "readings": [*map(vars, readings)]})
         return
     typer.echo(name)
     users_of: dict[tuple[str, ...], list[str]] = {}
@@ -112,7 +117,45 @@ def _written(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else "null" if value is None else str(value)
 
 
-def _dump(values: dict[str, Any]) -> None:
-    import json
+@command(example="midnet-bench check my_detector.py:Mine")
+def check(
+    thing: Annotated[
+        str,
+        options.argument(
+            "THING",
+            "A detector, fusion, patrol, pursuit, metric, engine or robot: NAME, package.module:NAME or"
+            " file.py:NAME.",
+        ),
+    ],
+    as_json: options.Json = False,
+) -> None:
+    """Check that your plug-in follows the interface: a line for each fault, or 'ok'.
 
-    typer.echo(json.dumps(values, indent=1))
+    Runs your code with 0, 1 and 20 robots, in two processes, and checks units, shapes, unchanged inputs and
+    repeatable results. The exit code is 1 if anything is wrong.
+    """
+    from midnet_bench.workflows.check import check as checked_thing
+
+    found = checked_thing(thing)
+    if as_json:
+        typer.echo(
+            json.dumps(
+                {
+                    "seam": found.seam,
+                    "name": found.name,
+                    "faults": found.faults,
+                    "frame_ms": None if found.frame_ms is None else round(found.frame_ms, 3),
+                }
+            )
+        )
+    elif not found.faults:
+        plugin = f"{found.seam} {found.name}"
+        if found.frame_ms is None:
+            typer.echo(f"ok ({plugin})")
+        else:
+            typer.echo(f"ok, {found.frame_ms:.1f} ms a frame ({plugin}, four robots)")
+    else:
+        for fault in found.faults:
+            typer.echo(fault)
+    if found.faults:
+        raise typer.Exit(BROKEN)

@@ -1,6 +1,5 @@
 """The command that makes maps: ``map``."""
 
-import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from midnet_bench.cli import completion, messages, options
-from midnet_bench.cli.app import command
+from midnet_bench.cli.app import command, print_json
 
 if TYPE_CHECKING:
     from midnet_bench.campaign.trial import Scalar
@@ -140,14 +139,14 @@ def _map_log(
     from midnet_bench.cli.progress import meter
     from midnet_bench.workflows.read_log import read_log
 
-    log = read_log(path, lambda line: messages.log.info("%s", line))  # a bad one ends it before what is slow
+    log = read_log(path, messages.note)  # a bad one ends it before what is slow
     from midnet_bench.mapping.graph_slam.slam import FEWEST_BEAMS
     from midnet_bench.mapping.log_mapping import held_in_memory
     from midnet_bench.workflows.maps import map_log
 
     if slam is None and particles is None and log.geometry.beams < FEWEST_BEAMS:
         beams = log.geometry.beams
-        messages.log.info("%s: %d beams are too few for graph SLAM: GMapping maps it", path, beams)
+        messages.note(f"{path}: {beams} beams are too few for graph SLAM: GMapping maps it")
         particles = PARTICLES
     with meter() as bar, held_in_memory(log):
         return map_log(
@@ -199,7 +198,7 @@ def _print(made: "MadeMap", as_json: bool) -> None:
             files=[str(file) for file in made.files],
             warnings=made.warnings,
         )
-        typer.echo(json.dumps(document, indent=1, allow_nan=False))
+        print_json(document)
         return
     typer.echo(f"{grid.width} x {grid.height} cells of {grid.resolution:g} m")
     for file in made.files:

@@ -121,12 +121,17 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
+def note(line: str) -> None:
+    """A line that ``-q`` silences."""
+    log.info("%s", line)
+
+
+def refuse(text: object) -> None:
+    """The one line that ends a command which could not do its work."""
+    log.error("%s", one_line(f"error: {text}"))
+
+
 def log_folder(directory: Path) -> None:
     """The line that a command with results ends with."""
     files = sum(path.is_file() for path in directory.rglob("*"))
-    log.info("results in %s (%s)", directory, counted(files, "file"))
-
-
-def log_file_written(file: Path) -> None:
-    """The same where it wrote one file."""
-    log.info("written to %s", file)
+    note(f"results in {directory} ({counted(files, 'file')})")

@@ -46,7 +46,7 @@ class Meter:
 
     def note(self, text: str) -> None:
         """A line that the user should read."""
-        messages.log.info("%s", text)
+        messages.note(text)
 
     def close(self) -> None:
         """Nothing more will come."""
@@ -54,7 +54,7 @@ class Meter:
 
     def _print(self) -> None:
         if self._pending:
-            messages.log.info("%s", self._pending)
+            messages.note(self._pending)
         self._pending = ""
 
 
@@ -120,7 +120,7 @@ def compiling() -> Iterator[Callable[[int, int], None]]:
     def show(done: int, total: int) -> None:
         nonlocal opened
         if opened is None:
-            messages.log.info("compiling %d loops, once, about %d s", total, round(total * S_PER_LOOP))
+            messages.note(f"compiling {total} loops, once, about {round(total * S_PER_LOOP)} s")
             opened = _open()
         opened.show(done, max(done, total), f"compiled {done} loops")
 

@@ -163,14 +163,11 @@ def replay(
     from midnet_bench.recording.inputs import list_topics
     from midnet_bench.workflows import replay as workflow
 
-    def note(line: str) -> None:
-        messages.log.info("%s", line)
-
     if given.map is None and given.setup is None and given.bag is None:
         tables, lines, faults = list_topics(files)
         show(None, tables, given.as_json, given.wide)
         for line in lines:
-            note(line)
+            messages.note(line)
         if faults:
             raise InputError("; ".join(faults)[:600])
         return
@@ -180,9 +177,9 @@ def replay(
     with given.naming_options():
         setup = given.chosen()
         if given.check:
-            made = workflow.check(files, setup, note, given.output)
+            made = workflow.check(files, setup, messages.note, given.output)
             show(None, made.tables, given.as_json, given.wide)
-            note(f"written: {made.files[0]}; use it by --setup {made.files[0]}")
+            messages.note(f"written: {made.files[0]}; use it by --setup {made.files[0]}")
             return
         if given.steps is not None:
             from midnet_bench.workflows.steps import steps_of_recording
@@ -195,7 +192,7 @@ def replay(
             made = workflow.replay(
                 files,
                 setup,
-                note,
+                messages.note,
                 lambda share: shown.show(share, 1.0, f"{share:.0%} of the recording"),
                 given.film,
                 given.output,

@@ -1,6 +1,5 @@
 """The commands that read a campaign's results: ``report``, ``compare``, ``verify``."""
 
-import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from midnet_bench.cli import completion, messages, options
-from midnet_bench.cli.app import command
+from midnet_bench.cli.app import command, print_json
 
 if TYPE_CHECKING:
     from midnet_bench.analysis.tables import Table
@@ -216,7 +215,7 @@ def _rank(
     write_ranking(directory, tables, page)
     show(None, tables, as_json, wide)
     if not as_json:
-        messages.log_file_written(page)
+        messages.note(f"written to {page}")
 
 
 def _compare_exactly(directories: list[Path], update: bool) -> None:
@@ -321,7 +320,7 @@ def log_page(directory: Path) -> None:
     """The last line of a command that wrote a campaign's page: what to open."""
     page = directory / "report.html"
     if page.exists():
-        messages.log.info("Open %s", page)
+        messages.note(f"Open {page}")
     else:
         messages.log_folder(directory)
 
@@ -331,7 +330,7 @@ def show(experiment: str | None, tables: "Sequence[Table]", as_json: bool, wide:
     if as_json:
         from midnet_bench.analysis.tables import to_json
 
-        typer.echo(json.dumps(to_json(experiment, tables), indent=1, allow_nan=False))
+        print_json(to_json(experiment, tables))
         return
     from midnet_bench.cli.terminal import drawn, width
 

@@ -1,14 +1,11 @@
 """The command that answers how many robots a building needs: ``size``."""
 
-import json
 from datetime import timedelta
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from midnet_bench.cli import completion, messages, options
-from midnet_bench.cli.app import command
+from midnet_bench.cli.app import command, print_json
 from midnet_bench.cli.reports import print_lines, show
 
 
@@ -65,10 +62,10 @@ def size(
     question = workflow.Question(arena, within, probability, capture, intruders, parameters, trials, seed)
     question, building, notes = workflow.ask(question)
     for text in notes:
-        messages.log.info("note: %s", text)
+        messages.note(f"note: {text}")
     least_s, most_s = workflow.cost_of(question, building, jobs)
     clear, unclear = (timedelta(seconds=round(time_s)) for time_s in (least_s, most_s))
-    messages.log.info(
+    messages.note(
         f"Up to {trials} trials of {within:g} s for each team size: about {clear} if the answer is clear, "
         f"{unclear} if it is not."
     )
@@ -81,12 +78,12 @@ def size(
         directory,
         jobs=jobs,
         fresh=fresh,
-        note=lambda text: messages.log.info("%s", text),
+        note=messages.note,
     )
     workflow.write(answer, building, directory)
     if as_json:
         document = to_json("size", [answer.table, answer.places], answer=answer.sentences)
-        typer.echo(json.dumps(document, indent=1, allow_nan=False))
+        print_json(document)
         return
     first, *others = answer.sentences
     print_lines([first, ""])
