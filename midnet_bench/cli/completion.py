@@ -1,6 +1,6 @@
 """What the shell offers when the user presses the tab key: names instead of guesses."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import typer
@@ -10,56 +10,59 @@ def experiments(incomplete: str) -> list[str]:
     """Experiments by name."""
     from midnet_bench.experiments.registry import names
 
-    return [name for name in names() if name.startswith(incomplete)]
+    return _beginning(incomplete, names())
 
 
 def parameters(incomplete: str) -> list[str]:
     """Experiments, then parameters of any of them."""
-    from midnet_bench.experiments.registry import names, parameters_model
+    from midnet_bench.experiments.registry import names
 
-    keys = [key for name in names() for key in parameters_model(name).defaults()]
-    return [key for key in dict.fromkeys([*names(), *keys]) if key.startswith(incomplete)]
+    return _beginning(incomplete, [*names(), *_keys(names())])
 
 
 def campaigns(incomplete: str) -> list[str]:
     """Packaged campaigns, then campaign files whose path begins so."""
     from midnet_bench.workflows.campaigns import packaged_campaigns
 
-    named = [name for name in packaged_campaigns() if name.startswith(incomplete)]
-    return named + list(_paths(incomplete, ".yaml"))
+    return [*_beginning(incomplete, packaged_campaigns()), *_paths(incomplete, ".yaml")]
 
 
 def arenas(incomplete: str) -> list[str]:
     """Packaged arenas, then YAML files whose path begins so."""
     from midnet_bench.arena.arena import arena_names
 
-    named = [name for name in arena_names() if name.startswith(incomplete)]
-    return named + list(_paths(incomplete, ".yaml"))
+    return [*_beginning(incomplete, arena_names()), *_paths(incomplete, ".yaml")]
 
 
 def results(incomplete: str) -> list[str]:
     """Folders with a campaign's results: those in ``results/``, and any whose path begins so."""
-    usual = [f"{folder}" for folder in sorted(Path("results").glob("*")) if _has_results(folder)]
-    return list(
-        dict.fromkeys([name for name in usual if name.startswith(incomplete)] + list(_paths(incomplete, "")))
-    )
+    usual = [str(folder) for folder in sorted(Path("results").glob("*")) if _has_results(folder)]
+    return list(dict.fromkeys([*_beginning(incomplete, usual), *_paths(incomplete, "")]))
 
 
 def exported(incomplete: str) -> list[str]:
     """What has guards: experiments by name, then folders with results."""
-    named = [name for name in ("detection", "labyrinth") if name.startswith(incomplete)]
-    return named + results(incomplete)
+    return [*_beginning(incomplete, ("detection", "labyrinth")), *results(incomplete)]
 
 
 def settings(context: typer.Context, incomplete: str) -> list[str]:
     """Parameters of the experiment that the command runs, each with ``=`` behind it."""
-    from midnet_bench.experiments.registry import names as experiment_names
-    from midnet_bench.experiments.registry import parameters_model
+    from midnet_bench.experiments.registry import names
 
     named = str(context.params.get("experiment") or context.info_name)
-    names = [named] if named in experiment_names() else experiment_names()
-    keys = {key: None for name in names for key in parameters_model(name).defaults()}
-    return [f"{key}=" for key in keys if key.startswith(incomplete)]
+    return [f"{key}=" for key in _beginning(incomplete, _keys([named] if named in names() else names()))]
+
+
+def _keys(experiments: Iterable[str]) -> list[str]:
+    """The parameters of any of the experiments."""
+    from midnet_bench.experiments.registry import parameters_model
+
+    return [key for name in experiments for key in parameters_model(name).defaults()]
+
+
+def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
+    """The names that begin so, each once."""
+    return [name for name in dict.fromkeys(names) if name.startswith(incomplete)]
 
 
 def _has_results(folder: Path) -> bool:

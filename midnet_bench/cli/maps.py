@@ -102,11 +102,11 @@ def make_map(
         from midnet_bench.workflows.maps import resample
 
         target = output or _folder(from_map.name, "-resampled")
-        made = resample(from_map, options.settings_with({}, settings), target)
+        made = resample(from_map, options.joined({}, settings), target)
     elif arena is not None and exact:
         from midnet_bench.workflows.maps import draw
 
-        made = draw(_joined({"arena": arena}, settings), output or _folder(arena, "-exact"))
+        made = draw(options.joined({"arena": arena}, settings), output or _folder(arena, "-exact"))
     else:
         assert arena is not None
         if slam == "graph":
@@ -115,7 +115,7 @@ def make_map(
             )
         named = {"arena": arena, "robots": robots, "particles": particles}
         named |= {"engine": engine, "robot": robot_model}
-        made = _explore(_joined(named, settings), seed, with_clip, output or _folder(arena), as_json)
+        made = _explore(options.joined(named, settings), seed, with_clip, output or _folder(arena), as_json)
     _print(made, as_json)
 
 
@@ -125,12 +125,6 @@ def _refuse(option: str, given: Mapping[str, object]) -> None:
     for name, value in given.items():
         if value is not None:
             raise InputError(f"map: {name} has no meaning with {option}; leave it out")
-
-
-def _joined(named: "Mapping[str, Scalar]", settings: list[str] | None) -> "dict[str, Scalar]":
-    """Arguments, options and ``--set`` in one. Raises InputError if two of them name one parameter."""
-    values = {name: value for name, value in named.items() if value is not None}
-    return {**values, **options.settings_with(values, settings)}
 
 
 def _map_log(

@@ -231,12 +231,12 @@ def whole_numbers(text: str, option: str) -> "Values":
     return found[0] if len(found) == 1 else list(found)
 
 
-def check_values(experiment: str, given: "Mapping[str, Values]", option: str) -> None:
+def check_values(experiment: str, given: "Mapping[str, Values | None]", option: str) -> None:
     """Refuse an option that the experiment lacks, or a number outside its range.
 
     Args:
         experiment: its name or a reference.
-        given: the values by key.
+        given: the values by key; None of what is not given.
         option: what a message begins with, ``{key}`` being the key; ends in ``=`` where the value follows it.
 
     Raises:
@@ -250,6 +250,8 @@ def check_values(experiment: str, given: "Mapping[str, Values]", option: str) ->
     model = parameters_model(experiment)
     known = leaves(model)
     for key, values in given.items():
+        if values is None:
+            continue
         named = option.format(key=OPTION_OF.get(key, key))
         if key not in known:
             if option.endswith("="):
@@ -262,10 +264,10 @@ def check_values(experiment: str, given: "Mapping[str, Values]", option: str) ->
                 raise InputError(f"{named}{gap}{value}: must be {known[key].range}")
 
 
-def settings_with(
-    named: "Mapping[str, object]", settings: list[str] | None, map_file: Path | None = None
+def joined(
+    named: "Mapping[str, Scalar | None]", settings: list[str] | None, map_file: Path | None = None
 ) -> "dict[str, Scalar]":
-    """What ``--set`` and ``--map`` ask for.
+    """What options, ``--set`` and ``--map`` ask for, by key.
 
     Args:
         named: values of options that are parameters, such as ``--frames``; None if not given.
@@ -277,14 +279,15 @@ def settings_with(
     """
     from midnet_bench.campaign.definition import parse_settings
 
-    return _given_once(named, parse_settings(settings or [], map_file))
+    given = {key: value for key, value in named.items() if value is not None}
+    return {**given, **_given_once(given, parse_settings(settings or [], map_file))}
 
 
 def _given_once(named: "Mapping[str, object]", parsed: "dict[str, Given]") -> "dict[str, Given]":
     """``parsed``. Raises InputError if another option names one of its keys."""
     from midnet_bench.errors import InputError
 
-    for name, value in named.items():
-        if name in parsed and value is not None:
+    for name in named:
+        if name in parsed:
             raise InputError(f"--set {name}: the command line gives '{name}' without --set too; give it once")
     return parsed

@@ -56,8 +56,7 @@ def size(
 
     chosen = {"engine": engine, "robot": robot_model, "detector": detector, "fusion": fusion}
     chosen |= {"patrol": patrol, "pursuit": pursuit}
-    given = {key: value for key, value in chosen.items() if value is not None}
-    parameters = {**given, **options.settings_with(chosen, settings)}
+    parameters = options.joined(chosen, settings)
     options.check_values("labyrinth", parameters, "--set {key}=")
     question = workflow.Question(arena, within, probability, capture, intruders, parameters, trials, seed)
     question, building, notes = workflow.ask(question)

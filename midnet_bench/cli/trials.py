@@ -46,16 +46,15 @@ def render(
 
     chosen = {"robots": robots, "intruders": intruders, "frames": frames, "arena": arena}
     chosen |= {"engine": engine, "robot": robot_model}
-    given = options.settings_with(chosen, settings, map_file)
-    parameters = {key: value for key, value in chosen.items() if value is not None}
+    parameters = options.joined(chosen, settings, map_file)
     found = registry.experiment(experiment)
     known = found.model.defaults()
-    options.check_values(experiment, parameters, "--{key}")
+    options.check_values(experiment, chosen, "--{key}")
     directory = output or options.RESULTS / f"render-{found.name}-{seed}"
     with meter() as shown:
         files = render_trial(
             experiment,
-            {**({"robots": ROBOTS} if "robots" in known else {}), **parameters, **given},
+            {**({"robots": ROBOTS} if "robots" in known else {}), **parameters},
             seed,
             directory,
             frame,
@@ -122,10 +121,9 @@ def export(
             raise InputError("export: --where goes with a campaign's folder; set parameters by --set")
         found = registry.experiment(trial)
         chosen = {"robots": robots, "frames": frames, "engine": engine}
-        given = {key: value for key, value in chosen.items() if value is not None}
-        options.check_values(trial, given, "--{key}")
+        options.check_values(trial, chosen, "--{key}")
         name, experiment, seed = found.name, trial, SEED if seed is None else seed
-        parameters = {"robots": ROBOTS, **given, **options.settings_with(chosen, settings, map_file)}
+        parameters = {"robots": ROBOTS, **options.joined(chosen, settings, map_file)}
     path = output or options.RESULTS / plain_name(f"export-{name}-{seed}{ending}")
     with meter() as shown:
         export_trial(
