@@ -254,31 +254,14 @@ def parse_carmen(path: Path, lines: list[str]) -> ScanLog:
     kind = next((words[0] for line in lines if (words := line.split()) and words[0] in _PARSERS), None)
     if kind is None:
         raise InputError(f"{path}: no laser scan: no line begins with {' or '.join(_PARSERS)}")
-    return _PARSERS[kind](path, lines)
+    return _PARSERS[kind](path, lines, kind)
 
 
-def _parse_flaser(path: Path, lines: list[str]) -> ScanLog:
-    scans: list[LoggedScan] = []
-    lasers_on_base: list[Pose2D] = []
-    for where, words in _messages(path, lines, "FLASER"):
-        ranges_m, rest = take_ranges(words[1:], where)
-        if len(rest) < 7:
-            raise InputError(
-                f"{where}: odometry missing: x y theta, odom_x odom_y odom_theta and a stamp must follow the "
-                f"{len(ranges_m)} ranges; the line holds {len(rest)} more words"
-            )
-        odometry, laser = _take_poses(rest, where)
-        corrected = odometry.compose(laser)
-        _add(LoggedScan(numbers(rest[6:7], where, "stamp")[0], odometry, ranges_m, corrected), scans, where)
-        lasers_on_base.append(laser)
-    return _mounted(ScanLog(path, half_circle(len(scans[0].ranges_m)), scans), lasers_on_base)
-
-
-def _parse_rawlaser(path: Path, lines: list[str]) -> ScanLog:
+def _parse_rawlaser(path: Path, lines: list[str], kind: str) -> ScanLog:
     scans: list[LoggedScan] = []
     geometry: LidarGeometry | None = None
     odometry: Pose2D | None = None
-    for where, words in _messages(path, lines, "ODOM", "RAWLASER1"):
+    for where, words in _messages(path, lines, "ODOM", kind):
         if words[0] == "ODOM":
             if len(words) < 4:
                 raise InputError(f"{where}: odometry missing: ODOM must be followed by x y theta")
@@ -295,26 +278,34 @@ def _parse_rawlaser(path: Path, lines: list[str]) -> ScanLog:
     return ScanLog(path, geometry, scans)
 
 
-def _parse_robotlaser(path: Path, lines: list[str]) -> ScanLog:
+def _parse_posed(path: Path, lines: list[str], kind: str) -> ScanLog:
+    """The scans of ``FLASER`` or ``ROBOTLASER1``, whose lines have the laser's pose and the robot's."""
     scans: list[LoggedScan] = []
     geometries: list[LidarGeometry] = []
     lasers_on_base: list[Pose2D] = []
-    for where, words in _messages(path, lines, "ROBOTLASER1"):
-        scanner, ranges_m, rest = _take_scan(words, where)
-        if len(rest) < 9:
-            raise InputError(
-                f"{where}: odometry missing: laser_x laser_y laser_theta, robot_x robot_y robot_theta and at "
-                f"the end stamp host stamp must follow the scan; the line holds {len(rest)} more words"
+    for where, words in _messages(path, lines, kind):
+        if kind == "FLASER":
+            ranges_m, rest = take_ranges(words[1:], where)
+            scanner, fewest, stamp_at = half_circle(len(ranges_m)), 7, 6
+            needed = f"x y theta, odom_x odom_y odom_theta and a stamp must follow the {len(ranges_m)} ranges"
+        else:
+            scanner, ranges_m, rest = _take_scan(words, where)
+            fewest, stamp_at = 9, len(rest) - 3
+            needed = (
+                "laser_x laser_y laser_theta, robot_x robot_y robot_theta and at the end stamp host stamp "
+                "must follow the scan"
             )
+        if len(rest) < fewest:
+            raise InputError(f"{where}: odometry missing: {needed}; the line holds {len(rest)} more words")
         odometry, laser = _take_poses(rest, where)
-        corrected = odometry.compose(laser)
-        _add(LoggedScan(numbers(rest[-3:-2], where, "stamp")[0], odometry, ranges_m, corrected), scans, where)
+        (stamp_s,) = numbers([rest[stamp_at]], where, "stamp")
+        _add(LoggedScan(stamp_s, odometry, ranges_m, odometry.compose(laser)), scans, where)
         geometries.append(scanner)
         lasers_on_base.append(laser)
     return _mounted(ScanLog(path, geometries[0], scans), lasers_on_base)
 
 
-_PARSERS = {"FLASER": _parse_flaser, "RAWLASER1": _parse_rawlaser, "ROBOTLASER1": _parse_robotlaser}
+_PARSERS = {"FLASER": _parse_posed, "RAWLASER1": _parse_rawlaser, "ROBOTLASER1": _parse_posed}
 
 
 def _messages(path: Path, lines: list[str], *kinds: str) -> Iterator[tuple[str, list[str]]]:
