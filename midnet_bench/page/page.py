@@ -79,6 +79,8 @@ class Layer(NamedTuple):
     is_on: bool
 
 
+CHAPTERS = ["results", "verdicts", "causes", "counterfactuals", "player", "figures", "tables", "provenance"]
+"""in their order; the first and the last are always there"""
 LAYERS = (
     Layer("boxes", "boxes and errors", "color: var(--detection)", True),
     Layer("window", "local costmaps, LiDAR range", "color: var(--guard); border-width: 1px", True),
@@ -187,15 +189,12 @@ def _rendered(
     places = {trial.place: number for number, trial in enumerate(kept)}
     sides = [_side(funnel, side, places) for side in MEANINGS if funnel.causes(side)]
     figures = [_figure(one) for one in content.pictures if {".png", ".svg"} & one.files.keys()]
-    claims = None if content.claims is None else _shown(content.claims)
     page = {
-        "title": content.title,
-        "lead": content.lead,
-        "conclusion": content.conclusion,
+        **vars(content),
         "headline": [_shown(table) for table in content.headline],
-        "claims": claims,
-        "verdicts": "" if content.claims is None else _verdicts(content.claims),
-        "funnel": sides,
+        "claims": content.claims and _shown(content.claims),
+        "verdicts": content.claims and _verdicts(content.claims),
+        "causes": sides,
         "counterfactuals": content.counterfactuals and _shown(content.counterfactuals),
         "player": _player(kept, with_scans, recorded) if kept else None,
         "first_figure": figures[:1],
@@ -203,23 +202,11 @@ def _rendered(
         "tables": [_shown(table) for table in content.tables],
         "provenance": [list(_flat(run)) for run in content.provenance],
         "configuration": list(_flat(content.configuration)),
-        "version": content.version,
         "colours": {"light": Markup(_variables(LIGHT)), "dark": Markup(_variables(DARK))},
         "style": Markup(_source("page.css")),
         "script": Markup(_source("trial.js") + _source("player.js")),
     }
-    chapters = {
-        "results": "Results",
-        "verdicts": "Verdicts",
-        "causes": "Causes",
-        "counterfactuals": "Counterfactuals",
-        "player": "Player",
-        "figures": "Figures",
-        "tables": "Tables",
-        "provenance": "Provenance",
-    }
-    asked = {"results": True, "causes": sides, "verdicts": claims, "provenance": True}
-    page["chapters"] = [(id_, name) for id_, name in chapters.items() if asked.get(id_, page.get(id_))]
+    page["chapters"] = [name for name in CHAPTERS if name in ("results", "provenance") or page[name]]
     environment = Environment(
         loader=FileSystemLoader(FOLDER),
         autoescape=True,
