@@ -99,6 +99,7 @@ WRONG: list[tuple[str, str]] = [
     ("compare --exact results/mine", "no numbers are committed for a campaign of this name"),
     ("verify results/one-trial --difference 5", "--difference needs 2, so --seeds 2"),
     ("verify results/one-trial --difference 5 --robots 4", "give two team sizes, such as 4,5"),
+    ("verify results/one-trial --difference 5 --robots 4,4", "--robots 4 4"),
     ("verify results/one-trial --robots 4,5", "--robots and --power go with --difference"),
     ("verify results/mine --difference 5", "--difference works on labyrinth campaigns"),
     ("errors results/mine", "run them with --record"),
