@@ -57,6 +57,13 @@ def midnet_bench(*arguments: object, folder: Path) -> Done:
     return Done(code or 0, _written(out), _written(err))
 
 
+def worked(*arguments: object, folder: Path) -> Done:
+    """The same of a command that has to end well."""
+    done = midnet_bench(*arguments, folder=folder)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
 def in_its_own_process(
     *arguments: object, folder: Path, environment: dict[str, str] | None = None
 ) -> subprocess.CompletedProcess[str]:

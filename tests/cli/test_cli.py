@@ -15,6 +15,7 @@ from tests.cli.command import (
     midnet_bench,
     one_line_of_complaint,
     rows,
+    worked,
 )
 
 HEADER = "trial,frames,tp,fp,fn,precision,recall,f1"
@@ -23,8 +24,7 @@ HEADER = "trial,frames,tp,fp,fn,precision,recall,f1"
 @pytest.fixture(scope="module")
 def detection(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("detection")
-    done = midnet_bench("detection", "--frames", 20, "--seeds", 2, "--jobs", 2, "-o", "out", folder=folder)
-    assert done.returncode == 0, done.stderr
+    done = worked("detection", "--frames", 20, "--seeds", 2, "--jobs", 2, "-o", "out", folder=folder)
     assert "paper" in done.stdout
     return folder / "out"
 
@@ -65,8 +65,8 @@ def test_one_worker_gives_the_bytes_of_two_and_another_seed_gives_others(
     detection: Path, tmp_path: Path
 ) -> None:
     run = ("detection", "--frames", 20, "--seeds", 2)
-    assert midnet_bench(*run, "--jobs", 1, "-o", "one", folder=tmp_path).returncode == 0
-    assert midnet_bench(*run, "--seed", 7, "-o", "other", folder=tmp_path).returncode == 0
+    worked(*run, "--jobs", 1, "-o", "one", folder=tmp_path)
+    worked(*run, "--seed", 7, "-o", "other", folder=tmp_path)
     for file in sorted(detection.glob("*.csv")):
         if file.name != "timing.csv":
             assert file.read_bytes() == (tmp_path / "one" / file.name).read_bytes(), file.name
@@ -83,10 +83,9 @@ def test_results_that_cannot_be_written_are_one_line_and_exit_code_2(detection: 
 
 
 def test_the_same_command_again_runs_nothing_and_prints_the_same(detection: Path) -> None:
-    done = midnet_bench(
+    done = worked(
         "detection", "--frames", 20, "--seeds", 2, "--json", "-o", detection, folder=detection.parent
     )
-    assert done.returncode == 0
     told = json.loads(done.stdout)
     assert (told["schema"], told["experiment"]) == (1, "detection")
     assert [row["trial"] for row in told["tables"]["detection_scores"]] == ["1-robot", "5-robot"]
@@ -139,11 +138,10 @@ def test_letters_that_the_output_lacks_cost_no_table() -> None:
 @pytest.mark.slow
 def test_labyrinth_then_report_power_and_verify(labyrinth_campaign: Path) -> None:
     folder, name = labyrinth_campaign.parent, labyrinth_campaign.name
-    assert midnet_bench("report", name, folder=folder).returncode == 0
+    worked("report", name, folder=folder)
     assert (labyrinth_campaign / "success_rate.csv").exists()
     assert len(rows(labyrinth_campaign / "trial.csv")) == 4
-    power = midnet_bench("verify", name, "--robots", "1,2", "--difference", 20, folder=folder)
-    assert power.returncode == 0, power.stderr
+    worked("verify", name, "--robots", "1,2", "--difference", 20, folder=folder)
     verdict = midnet_bench("verify", name, folder=folder)
     assert verdict.returncode in (0, 3, 4), verdict.stderr
     assert "inconclusive" in verdict.stdout
@@ -152,8 +150,7 @@ def test_labyrinth_then_report_power_and_verify(labyrinth_campaign: Path) -> Non
 @pytest.mark.slow
 def test_labyrinth_goes_on_with_a_store_of_the_same_trials(labyrinth_campaign: Path) -> None:
     run = ("labyrinth", "--robots", "1,2", "--intruders", 1, "--set", "time_limit_s=4")
-    done = midnet_bench(*run, "--trials", 2, "-o", labyrinth_campaign, folder=labyrinth_campaign.parent)
-    assert done.returncode == 0, done.stderr
+    worked(*run, "--trials", 2, "-o", labyrinth_campaign, folder=labyrinth_campaign.parent)
     assert (labyrinth_campaign / "success_rate.csv").exists()
     assert len(json.loads((labyrinth_campaign / "provenance.json").read_text())) == 1, "nothing was run"
 

@@ -10,7 +10,7 @@ import yaml
 
 from midnet_bench.arena.arena import FOLDER, arena_names, load_arena
 from midnet_bench.io.map_server import load_map
-from tests.cli.command import midnet_bench, one_line_of_complaint
+from tests.cli.command import midnet_bench, one_line_of_complaint, worked
 
 ROOMS = {
     "name": "two rooms",
@@ -40,8 +40,7 @@ def plan(folder: Path) -> Path:
 
 @pytest.mark.parametrize("name", arena_names())
 def test_a_packaged_arena_is_shown_with_its_comments_and_is_input_again(name: str, tmp_path: Path) -> None:
-    shown = midnet_bench("arena", "show", name, folder=tmp_path)
-    assert shown.returncode == 0
+    shown = worked("arena", "show", name, folder=tmp_path)
     assert shown.stdout == (FOLDER / f"{name}.yaml").read_text()
     (tmp_path / "mine.yaml").write_text(shown.stdout)
     assert load_arena(tmp_path / "mine.yaml") == load_arena(name)
@@ -50,8 +49,7 @@ def test_a_packaged_arena_is_shown_with_its_comments_and_is_input_again(name: st
 
 def test_an_arena_of_a_plan_is_guarded(tmp_path: Path) -> None:
     plan(tmp_path)
-    made = midnet_bench("arena", "from-image", "plan.png", "--resolution", 0.04, folder=tmp_path)
-    assert made.returncode == 0, made.stderr
+    made = worked("arena", "from-image", "plan.png", "--resolution", 0.04, folder=tmp_path)
     (tmp_path / "mine.yaml").write_text(made.stdout)
     arena = load_arena(tmp_path / "mine.yaml")
     assert arena.enclosure_m == (6.4, 4.8)
@@ -59,8 +57,7 @@ def test_an_arena_of_a_plan_is_guarded(tmp_path: Path) -> None:
     done = midnet_bench("arena", "check", "mine.yaml", "-o", "mine.png", folder=tmp_path)
     assert (done.returncode, done.stdout) == (0, "ok (plan: 6.4 x 4.8 m, 5 pieces of wall)\n"), done.stderr
     assert cv2.imread(str(tmp_path / "mine.png")) is not None
-    kept = midnet_bench("map", "--exact", "mine.yaml", "-o", "exact.yaml", folder=tmp_path)
-    assert kept.returncode == 0, kept.stderr
+    worked("map", "--exact", "mine.yaml", "-o", "exact.yaml", folder=tmp_path)
 
 
 def test_a_scanned_plan_loses_its_margin_and_its_specks_are_named(tmp_path: Path) -> None:
@@ -71,8 +68,7 @@ def test_a_scanned_plan_loses_its_margin_and_its_specks_are_named(tmp_path: Path
     pixels[10:14, 5:9] = 0  # a title in the margin
     cv2.imwrite(str(tmp_path / "scan.jpg"), pixels, [cv2.IMWRITE_JPEG_QUALITY, 95])
     scan = ("arena", "from-image", "scan.jpg", "--resolution", 0.04, "-o", "mine.yaml")
-    made = midnet_bench(*scan, folder=tmp_path)
-    assert made.returncode == 0, made.stderr
+    made = worked(*scan, folder=tmp_path)
     (margin, small) = made.stderr.splitlines()
     assert "7.4 x 6 m of 8.8 x 7.2 m are left" in margin
     assert "2 small pieces of wall up to 0.2 m long, at (" in small
@@ -92,7 +88,7 @@ def test_floor_that_no_robot_can_enter_is_named_with_its_area(tmp_path: Path) ->
     pixels[:40, -4:] = 0  # the yard is open at the plan's edge
     cv2.imwrite(str(tmp_path / "plan.png"), pixels)
     scan = ("arena", "from-image", "plan.png", "--resolution", 0.05, "-o", "mine.yaml")
-    assert midnet_bench(*scan, folder=tmp_path).returncode == 0
+    worked(*scan, folder=tmp_path)
     done = midnet_bench("arena", "check", "mine.yaml", folder=tmp_path)
     first, last, advice = done.stdout.splitlines()
     assert first.startswith("ok (")
@@ -124,7 +120,7 @@ def test_an_arena_of_a_map_lies_where_its_heading_says(tmp_path: Path) -> None:
     grid = load_map(tmp_path / "map.yaml")
     for unknown, is_wall in (("wall", True), ("free", False)):
         arguments = ("arena", "from-map", "map.yaml", "--unknown", unknown, "-o", "mine.yaml")
-        assert midnet_bench(*arguments, folder=tmp_path).returncode == 0
+        worked(*arguments, folder=tmp_path)
         arena = load_arena(tmp_path / "mine.yaml")
         assert arena.enclosure_m == (8.0, 6.0)
         heading = (tmp_path / "mine.yaml").read_text().splitlines()[1]
@@ -207,13 +203,12 @@ def test_what_no_arena_can_be_made_of_is_one_line(arguments, said: str, tmp_path
 def test_a_map_of_another_resolution_is_resampled_on_request(tmp_path: Path) -> None:
     write(tmp_path)
     fine = ("map", "--exact", "rooms.yaml", "--set", "resolution_m=0.03", "-o", "fine.yaml")
-    assert midnet_bench(*fine, folder=tmp_path).returncode == 0
+    worked(*fine, folder=tmp_path)
     trial = ("detection", "--engine", "fast", "--arena", "rooms.yaml", "--dry-run", "--map")
     assert "map --from-map FILE" in one_line_of_complaint(midnet_bench(*trial, "fine.yaml", folder=tmp_path))
-    done = midnet_bench("map", "--from-map", "fine.yaml", "-o", "coarse.yaml", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = worked("map", "--from-map", "fine.yaml", "-o", "coarse.yaml", folder=tmp_path)
     assert done.stdout.splitlines()[0] == "161 x 161 cells of 0.05 m"
-    assert midnet_bench(*trial, "coarse.yaml", folder=tmp_path).returncode == 0
+    worked(*trial, "coarse.yaml", folder=tmp_path)
     for wrong, said in (
         (("--from-map", "fine.yaml", "--exact"), "--exact has no meaning with --from-map"),
         (("--from-map", "fine.yaml", "map1"), "give either an arena"),

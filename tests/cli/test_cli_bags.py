@@ -4,15 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.command import midnet_bench, one_line_of_complaint
+from tests.cli.command import midnet_bench, one_line_of_complaint, worked
 from tests.recording.test_export import read
 
 SMALL = ("--engine", "fast", "--set", "frames=2")
 
 
 def test_a_trial_goes_to_a_file_that_is_named(tmp_path: Path) -> None:
-    done = midnet_bench("export", "detection", *SMALL, "--robots", 1, "--seed", 4, folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = worked("export", "detection", *SMALL, "--robots", 1, "--seed", 4, folder=tmp_path)
     assert done.stdout == "results/export-detection-4.mcap\n"
     said = list(read(tmp_path / done.stdout.strip()))
     assert sum(one.topic == "/midnet/detections" for one in said) == 2
@@ -22,11 +21,11 @@ def test_a_trial_goes_to_a_file_that_is_named(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_campaigns_trial_is_written_as_it_was(tmp_path: Path) -> None:
     campaign = ("detection", *SMALL, "--robots", "1,2", "--seeds", 2, "-o", "campaign", "--record")
-    assert midnet_bench(*campaign, "--jobs", 1, folder=tmp_path).returncode == 0
+    worked(*campaign, "--jobs", 1, folder=tmp_path)
     named = ("--seed", 2, "--robots", 2, "--format", "ros1", "-o", "trial.bag")
-    assert midnet_bench("export", "campaign", *named, folder=tmp_path).returncode == 0
+    worked("export", "campaign", *named, folder=tmp_path)
     again = ("--seed", 2, "--robots", 2, "--format", "ros2", "-o", "again")
-    assert midnet_bench("export", "detection", *SMALL, *again, folder=tmp_path).returncode == 0
+    worked("export", "detection", *SMALL, *again, folder=tmp_path)
     of_campaign, of_experiment = (
         [
             (one.stamp_ns, [(cube.pose.position.x, cube.pose.position.y) for cube in one.message.markers])

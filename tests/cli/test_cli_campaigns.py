@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from midnet_bench.workflows.compare import TABLES
-from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows
+from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows, worked
 
 
 def test_campaigns_lists_every_file_with_its_first_sentence(tmp_path: Path) -> None:
@@ -26,8 +26,7 @@ def test_campaigns_lists_every_file_with_its_first_sentence(tmp_path: Path) -> N
     "path", sorted((REPOSITORY / "campaigns").glob("*.yaml")), ids=lambda path: path.stem
 )
 def test_every_packaged_campaign_can_be_planned_from_any_folder(path: Path, tmp_path: Path) -> None:
-    done = midnet_bench("run", path.stem, "-n", "--json", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = worked("run", path.stem, "-n", "--json", folder=tmp_path)
     written = yaml.safe_load(path.read_text())
     cells = len(written.get("variants", {})) or 1
     for values in written.get("grid", {}).values():
@@ -41,14 +40,13 @@ def test_every_packaged_campaign_can_be_planned_from_any_folder(path: Path, tmp_
 @pytest.mark.slow
 def test_a_sweep_over_both_ranges_is_reported_and_compared(tmp_path: Path) -> None:
     options = ("--frames", 5, "--engine", "fast", "--robots", 1, "--set", "in_range=centre,edge")
-    done = midnet_bench("detection", *options, "-o", "ranges", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    worked("detection", *options, "-o", "ranges", folder=tmp_path)
     scores = rows(tmp_path / "ranges" / "scores.csv")
     assert [row["in_range"] for row in scores] == ["centre", "edge"]
     near = [int(row["intruders_in_range"]) for row in scores]
     assert near[0] < near[1]
-    assert midnet_bench("report", "ranges", folder=tmp_path).returncode == 0
-    assert midnet_bench("compare", "ranges", "--by", "in_range", folder=tmp_path).returncode == 0
+    worked("report", "ranges", folder=tmp_path)
+    worked("compare", "ranges", "--by", "in_range", folder=tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -84,10 +82,8 @@ def test_a_folder_of_that_name_does_not_hide_the_campaign_but_a_file_does(tmp_pa
 @pytest.mark.slow
 def test_smoke_agrees_with_the_expected_numbers(tmp_path: Path) -> None:
     for name in TABLES:
-        run = midnet_bench("run", name, "-o", name, "-q", folder=tmp_path)
-        assert run.returncode == 0, run.stderr
-        done = midnet_bench("compare", "--exact", name, folder=tmp_path)
-        assert done.returncode == 0, done.stdout
+        worked("run", name, "-o", name, "-q", folder=tmp_path)
+        done = worked("compare", "--exact", name, folder=tmp_path)
         assert done.stdout.startswith("0 differences")
     scores = tmp_path / "smoke-labyrinth" / "trial.csv"
     scores.write_text("".join(scores.read_text().splitlines(keepends=True)[:-1]))
@@ -108,13 +104,12 @@ def test_a_campaign_of_variants_from_end_to_end(tmp_path: Path) -> None:
         "base_seed: 2001\n"
         "parameters: {engine: fast, frames: 4}\n"
     )
-    done = midnet_bench("run", "mine.yaml", "--jobs", "1", "-o", "out", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = worked("run", "mine.yaml", "--jobs", "1", "-o", "out", folder=tmp_path)
     assert "2 robots, slow network" in done.stdout
     drawn = [tmp_path / "out" / f"differences_by_variant.{ending}" for ending in ("png", "svg")]
-    assert midnet_bench("report", "out", "-q", folder=tmp_path).returncode == 0
+    worked("report", "out", "-q", folder=tmp_path)
     before = [file.read_bytes() for file in drawn]
-    assert midnet_bench("report", "out", "--format", "png,svg", "-q", folder=tmp_path).returncode == 0
+    worked("report", "out", "--format", "png,svg", "-q", folder=tmp_path)
     assert [file.read_bytes() for file in drawn] == before
     differences = rows(tmp_path / "out" / "differences_by_variant.csv")
     assert len(differences) == 2 * 2 * 2

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.compiled import folder
-from tests.cli.command import REPOSITORY, midnet_bench
+from tests.cli.command import REPOSITORY, worked
 
 MODULES = (
     "signal",
@@ -68,8 +68,7 @@ def files_in(results: Path) -> dict[str, bytes]:
 def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     folder = tmp_path_factory.mktemp("elsewhere")
     (folder / "small.yaml").write_text(CAMPAIGN)
-    done = midnet_bench("run", "small.yaml", "--jobs", 2, folder=folder)
-    assert done.returncode == 0, done.stderr
+    worked("run", "small.yaml", "--jobs", 2, folder=folder)
     found = files_in(folder / "results" / "small")
     assert any(name.endswith(".svg") for name in found)
     return found

@@ -14,7 +14,7 @@ import yaml
 
 from midnet_bench.cli.app import app
 from midnet_bench.cli.options import PARAMETER, help_of
-from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint
+from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, worked
 
 COMMANDS = [one.name or one.callback.__name__ for one in app.registered_commands if one.callback]
 TINY = ("detection", "--robots", 1, "--frames", 2)
@@ -75,8 +75,7 @@ def test_a_run_ends_by_naming_its_folder_unless_it_is_quiet_or_prints_json(tmp_p
 
 @pytest.mark.slow
 def test_verbose_and_the_log_file_tell_each_trial(tmp_path: Path) -> None:
-    done = midnet_bench(*TINY, "--seeds", 2, "-v", "--log-file", "logs/run.txt", folder=tmp_path)
-    assert done.returncode == 0
+    done = worked(*TINY, "--seeds", 2, "-v", "--log-file", "logs/run.txt", folder=tmp_path)
     lines = (tmp_path / "logs" / "run.txt").read_text().splitlines()
     for text in (done.stderr.splitlines(), lines):
         assert sum(" finished after " in line for line in text) == 2

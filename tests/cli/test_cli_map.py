@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from midnet_bench.io.map_server import load_map
-from tests.cli.command import midnet_bench, one_line_of_complaint, rows
+from tests.cli.command import midnet_bench, one_line_of_complaint, rows, worked
 
 ROOM = {
     "name": "two small rooms",
@@ -39,8 +39,7 @@ def write_arena(folder: Path, **changes: object) -> Path:
 def explored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("explored")
     write_arena(folder)
-    done = midnet_bench("map", "rooms.yaml", "--robots", 2, "--no-clip", "-o", "out", folder=folder)
-    assert done.returncode == 0, done.stderr
+    done = worked("map", "rooms.yaml", "--robots", 2, "--no-clip", "-o", "out", folder=folder)
     assert "explored" in done.stderr.splitlines()[-1]
     assert "two small rooms" in done.stdout
     named = {Path(line).name for line in done.stdout.splitlines() if line.startswith("out/")}
@@ -85,7 +84,7 @@ def test_an_exploration_is_filmed_in_real_time(tmp_path: Path) -> None:
     write_arena(tmp_path)
     run = ("map", "rooms.yaml", "--robots", 2, "--set", "time_limit_s=4")
     for options in (("-o", "filmed"), ("-o", "alone", "--no-clip")):
-        assert midnet_bench(*run, *options, folder=tmp_path).returncode == 0
+        worked(*run, *options, folder=tmp_path)
     folder = tmp_path / "filmed"
     assert (folder / "map.pgm").read_bytes() == (tmp_path / "alone" / "map.pgm").read_bytes()
     film = cv2.VideoCapture(str(folder / "growth.mp4"))
@@ -99,8 +98,7 @@ def test_an_exploration_is_filmed_in_real_time(tmp_path: Path) -> None:
 def test_the_same_seed_explores_the_same_bytes(explored: Path) -> None:
     folder = explored.parent
     run = ("map", "rooms.yaml", "--robots", 2, "--no-clip", "--json")
-    done = midnet_bench(*run, "-o", "again.yaml", folder=folder)
-    assert done.returncode == 0, done.stderr
+    done = worked(*run, "-o", "again.yaml", folder=folder)
     told = json.loads(done.stdout)
     assert told["tables"]["scores"][0]["robots"] == 2
     assert told["tables"]["scores"][0]["merge_confidence"] is None
@@ -114,7 +112,7 @@ def test_the_same_seed_explores_the_same_bytes(explored: Path) -> None:
         assert (explored / one).read_bytes() == (folder / other).read_bytes()
     for name in ("scores.csv", "robots.csv", "configuration.json"):
         assert (explored / name).read_bytes() == (folder / f"again_{name}").read_bytes()
-    assert midnet_bench(*run, "--seed", 2, "-o", "other", folder=folder).returncode == 0
+    worked(*run, "--seed", 2, "-o", "other", folder=folder)
     assert (explored / "map.pgm").read_bytes() != (folder / "other" / "map.pgm").read_bytes()
 
 
@@ -124,8 +122,7 @@ def test_a_campaigns_trial_is_the_exploration_of_that_seed(explored: Path) -> No
     (folder / "teams.yaml").write_text(
         "experiment: mapping\ngrid: {robots: [1, 2]}\nparameters: {arena: rooms.yaml}\n"
     )
-    done = midnet_bench("run", "teams.yaml", "--jobs", 2, "-o", "teams", folder=folder)
-    assert done.returncode == 0, done.stderr
+    done = worked("run", "teams.yaml", "--jobs", 2, "-o", "teams", folder=folder)
     assert "Best maps" in done.stdout
     _, team = rows(folder / "teams" / "maps.csv")
     (alone,) = rows(explored / "scores.csv")
@@ -137,8 +134,7 @@ def test_a_campaigns_trial_is_the_exploration_of_that_seed(explored: Path) -> No
 
 def test_guards_take_an_explored_map(explored: Path) -> None:
     run = ("detection", "--arena", "rooms.yaml", "--frames", 5, "--robots", 1, "-o", "detection")
-    done = midnet_bench(*run, "--map", "out/map.yaml", folder=explored.parent)
-    assert done.returncode == 0, done.stderr
+    worked(*run, "--map", "out/map.yaml", folder=explored.parent)
 
 
 def test_an_arena_of_ones_own_has_no_explored_map_yet(tmp_path: Path) -> None:
@@ -152,8 +148,7 @@ def test_an_arena_of_ones_own_has_no_explored_map_yet(tmp_path: Path) -> None:
 def test_an_exploration_that_runs_out_of_time_says_so(tmp_path: Path) -> None:
     write_arena(tmp_path)
     run = ("map", "rooms.yaml", "--no-clip", "--set", "time_limit_s=2")
-    done = midnet_bench(*run, folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = worked(*run, folder=tmp_path)
     assert any(line.startswith("warning: ") and "time limit" in line for line in done.stderr.splitlines())
     (score,) = rows(tmp_path / "results" / "map-rooms" / "scores.csv")
     assert score["finished"] == "False"
@@ -163,8 +158,7 @@ def test_an_exploration_that_runs_out_of_time_says_so(tmp_path: Path) -> None:
 def test_a_room_without_a_door_is_left_out_with_a_warning(tmp_path: Path) -> None:
     closed = [ROOM["walls"][0], [[0.8, -1.5], [0.8, 1.5]]]
     write_arena(tmp_path, walls=closed)
-    done = midnet_bench("map", "rooms.yaml", "--no-clip", "-o", "out", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = worked("map", "rooms.yaml", "--no-clip", "-o", "out", folder=tmp_path)
     assert any(line.startswith("warning: no robot can enter") for line in done.stderr.splitlines())
     grid = load_map(tmp_path / "out" / "map.yaml")
     column, row = grid.cell_at(1.4, 0.0)
@@ -174,14 +168,14 @@ def test_a_room_without_a_door_is_left_out_with_a_warning(tmp_path: Path) -> Non
 
 
 def test_the_exact_map_is_a_pair_that_detection_takes(tmp_path: Path) -> None:
-    assert midnet_bench("map", "--exact", "map1", "-o", "m.yaml", folder=tmp_path).returncode == 0
+    worked("map", "--exact", "map1", "-o", "m.yaml", folder=tmp_path)
     assert set(load_map(tmp_path / "m.yaml").data.ravel().tolist()) == {0, 100}
     assert (load_map(tmp_path / "m_binary.yaml").data == 100).sum() > (
         load_map(tmp_path / "m.yaml").data == 100
     ).sum()
     run = ("detection", "--frames", 5, "--robots", 1)
-    assert midnet_bench(*run, "--map", "m.yaml", "-o", "mapped", folder=tmp_path).returncode == 0
-    assert midnet_bench(*run, "--set", "prior_map=exact", "-o", "exact", folder=tmp_path).returncode == 0
+    worked(*run, "--map", "m.yaml", "-o", "mapped", folder=tmp_path)
+    worked(*run, "--set", "prior_map=exact", "-o", "exact", folder=tmp_path)
     scores = [(tmp_path / out / "scores.csv").read_bytes() for out in ("mapped", "exact")]
     assert scores[0] == scores[1]
 
@@ -207,8 +201,7 @@ def square_room_log(path: Path, first_range: str = "") -> None:
 def test_a_recorded_log_becomes_a_map_a_trajectory_and_a_picture(tmp_path: Path) -> None:
     square_room_log(tmp_path / "run.log")
     run = ("map", "--from-log", "run.log", "--particles", 5)
-    done = midnet_bench(*run, "-o", "out", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    worked(*run, "-o", "out", folder=tmp_path)
     grid = load_map(tmp_path / "out" / "map.yaml")
     assert (grid.data == 100).sum() > 100
     assert (grid.data == 0).sum() > 5000
@@ -226,7 +219,7 @@ def test_a_recorded_log_becomes_a_map_a_trajectory_and_a_picture(tmp_path: Path)
     assert film.get(cv2.CAP_PROP_FRAME_COUNT) == 8 + 20, "each scan, and two seconds of the last"
     configuration = json.loads((tmp_path / "out" / "configuration.json").read_text())
     assert configuration["gmapping"]["particles"] == 5
-    assert midnet_bench(*run, "--no-clip", "-o", "again.yaml", folder=tmp_path).returncode == 0
+    worked(*run, "--no-clip", "-o", "again.yaml", folder=tmp_path)
     assert (tmp_path / "again_growth.png").exists()
     assert not (tmp_path / "again_growth.mp4").exists()
     for one, other in (("map.pgm", "again.pgm"), ("trajectory.tum", "again_trajectory.tum")):
@@ -242,10 +235,7 @@ def test_a_log_is_mapped_by_graph_slam_unless_gmapping_is_asked_for(tmp_path: Pa
         "graph": ("--slam", "graph"),
         "old": ("--slam", "gmapping"),
     }.items():
-        done = midnet_bench(
-            "map", "--from-log", "run.log", "--no-clip", *arguments, "-o", name, folder=tmp_path
-        )
-        assert done.returncode == 0, done.stderr
+        worked("map", "--from-log", "run.log", "--no-clip", *arguments, "-o", name, folder=tmp_path)
         used[name] = json.loads((tmp_path / name / "configuration.json").read_text())
         assert len(np.loadtxt(tmp_path / name / "trajectory.tum")) >= 4
     assert used["default"] == used["graph"]
@@ -258,8 +248,7 @@ def test_a_log_is_mapped_by_graph_slam_unless_gmapping_is_asked_for(tmp_path: Pa
 def test_ranges_that_say_nothing_are_left_out_with_a_warning(tmp_path: Path) -> None:
     square_room_log(tmp_path / "run.log", first_range="nan")
     run = ("map", "--from-log", "run.log", "--particles", 2, "--no-clip")
-    done = midnet_bench(*run, "--json", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = worked(*run, "--json", folder=tmp_path)
     warning = "run.log: 8 of 1440 ranges are NaN or infinite and were left out"
     assert done.stderr.splitlines()[-1] == f"warning: {warning}"
     told = json.loads(done.stdout)
@@ -294,7 +283,7 @@ def test_maps_of_two_runs_do_not_mix(tmp_path: Path, complaint: Callable[..., st
     for name in ("run.2020.log", "run.2021.log"):
         square_room_log(tmp_path / name)
         run = ("map", "--from-log", name, "--particles", 1, "--no-clip")
-        assert midnet_bench(*run, folder=tmp_path).returncode == 0
+        worked(*run, folder=tmp_path)
     made = tmp_path / "results" / "map-run.2020"
     assert sorted(path.name for path in (tmp_path / "results").iterdir()) == [made.name, "map-run.2021"]
     before = {path.name: path.read_bytes() for path in made.iterdir()}
@@ -302,7 +291,7 @@ def test_maps_of_two_runs_do_not_mix(tmp_path: Path, complaint: Callable[..., st
     assert "another run" in complaint(*again, "--seed", 2)
     assert "another run" in complaint("map1", "--exact", "-o", made)
     assert {path.name: path.read_bytes() for path in made.iterdir()} == before
-    assert midnet_bench("map", *again, folder=tmp_path).returncode == 0, "the same run once more"
+    worked("map", *again, folder=tmp_path)  # the same run once more
     (made / "configuration.json").unlink()
     assert "another run" in complaint(*again), "nobody knows whose map that is"
 
@@ -310,8 +299,7 @@ def test_maps_of_two_runs_do_not_mix(tmp_path: Path, complaint: Callable[..., st
 def test_an_arenas_exact_map_goes_beside_its_explored_one(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     write_arena(tmp_path / "a")
-    done = midnet_bench("map", "a/rooms.yaml", "--exact", "--json", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = worked("map", "a/rooms.yaml", "--exact", "--json", folder=tmp_path)
     told = json.loads(done.stdout)
     folder = Path("results/map-rooms-exact")
     assert told["files"] == [

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.analysis.frames import load_results
-from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows
+from tests.cli.command import REPOSITORY, midnet_bench, one_line_of_complaint, rows, worked
 from tests.simulation.scenes import OWN_ENGINE, OWN_ROBOT
 
 MINE = '''
@@ -76,8 +76,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_a_detector_of_ones_own_runs_and_its_trial_says_which_it_was(folder: Path) -> None:
     arguments = ("detection", *SHORT, "--robots", "2", "--detector", "mine.py:Returns(away_m=0.4)")
-    done = midnet_bench(*arguments, "-o", "out", folder=folder)
-    assert done.returncode == 0, done.stderr
+    worked(*arguments, "-o", "out", folder=folder)
     (score,) = rows(folder / "out" / "scores.csv")
     assert int(score["frames"]) == 4
     assert '"mine.py:Returns(away_m=0.4)#' in (folder / "out" / "configuration.json").read_text()
@@ -91,8 +90,7 @@ def test_a_detector_of_ones_own_runs_and_its_trial_says_which_it_was(folder: Pat
 
 def test_a_trial_runs_on_an_engine_of_ones_own(folder: Path) -> None:
     arguments = ("--engine", "stub.py:World", "--frames", "12", "--robots", "2", "--jobs", "1")
-    done = midnet_bench("detection", *arguments, "-o", "out", folder=folder)
-    assert done.returncode == 0, done.stderr
+    worked("detection", *arguments, "-o", "out", folder=folder)
     (score,) = rows(folder / "out" / "scores.csv")
     assert float(score["recall"]) > 0.2
     assert float(score["precision"]) > 0.5
@@ -121,8 +119,7 @@ def test_parts_stand_in_a_campaign_s_grid(folder: Path) -> None:
         "grid:\n  detector: [midnet, mine.py:Returns]\n"
         "  fusion: [paper, components(iou=0.2), mine.py:Largest]\n"
     )
-    done = midnet_bench("run", "both.yaml", "-o", "out", "--jobs", "1", folder=folder)
-    assert done.returncode == 0, done.stderr
+    worked("run", "both.yaml", "-o", "out", "--jobs", "1", folder=folder)
     table = rows(folder / "out" / "scores.csv")
     assert len(table) == 6
     fusions = {row["fusion"].partition("#")[0] for row in table}
@@ -134,8 +131,7 @@ def test_metrics_of_ones_own_stand_in_a_grid_and_are_reported(folder: Path) -> N
         "experiment: detection\ntrials: 2\nparameters: {engine: fast, frames: 4, robots: 2}\n"
         "grid:\n  metrics: [none, counts.py:Boxes; ospa, counts.py:Boxes(factor=2)]\n"
     )
-    done = midnet_bench("run", "measured.yaml", "-o", "out", "--jobs", "1", folder=folder)
-    assert done.returncode == 0, done.stderr
+    worked("run", "measured.yaml", "-o", "out", "--jobs", "1", folder=folder)
     boxes: dict[tuple[str, str], float] = {
         (row["metrics"], row["seed"]): float(row["value"])
         for row in rows(folder / "out" / "metrics.csv")
@@ -251,8 +247,7 @@ def test_a_campaign_with_parts_of_ones_own_goes_on_after_kill_9(
     process.wait()
 
     for name in ("killed", "whole"):
-        done = midnet_bench(*given, "-o", name, folder=folder)
-        assert done.returncode == 0, done.stderr
+        worked(*given, "-o", name, folder=folder)
     for table in tables:
         assert (folder / "killed" / table).read_bytes() == (folder / "whole" / table).read_bytes()
 
@@ -260,8 +255,7 @@ def test_a_campaign_with_parts_of_ones_own_goes_on_after_kill_9(
 @pytest.mark.slow
 def test_a_campaign_runs_on_the_engine_asked_for_and_goes_on_there_alone(tmp_path: Path) -> None:
     small = ["detection", "--robots", "1", "--frames", "2", "--jobs", "1", "-o", "out", "-q"]
-    done = midnet_bench(*small, "--engine", "fast", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    worked(*small, "--engine", "fast", folder=tmp_path)
     assert load_results(tmp_path / "out").definition.parameters["engine"] == "fast"
     other = midnet_bench(*small, folder=tmp_path)
     assert other.returncode == 2

@@ -9,7 +9,7 @@ import pytest
 
 from midnet_bench.io.map_server import load_map
 from midnet_bench.recording.setup import EVERY, RecordingSetup
-from tests.cli.command import REPOSITORY, Done, midnet_bench, rows
+from tests.cli.command import REPOSITORY, Done, midnet_bench, rows, worked
 from tests.recording.test_export import read
 
 RECORDINGS = REPOSITORY.parent / "shared" / "data" / "recordings"
@@ -69,13 +69,11 @@ def test_an_exported_trial_gives_its_detections_again(tmp_path: Path, form: str,
         "--set",
         "decay_s=0.4",
     )
-    assert midnet_bench("export", *trial, "--format", form, "-o", name, folder=tmp_path).returncode == 0
-    listed = midnet_bench("replay", name, folder=tmp_path)
-    assert listed.returncode == 0, listed.stderr
+    worked("export", *trial, "--format", form, "-o", name, folder=tmp_path)
+    listed = worked("replay", name, folder=tmp_path)
     (proposed,) = (line for line in listed.stderr.splitlines() if line.startswith("proposed: "))
     command = proposed.removeprefix("proposed: midnet-bench ").split()
-    done = midnet_bench(*command, "-o", "again", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    worked(*command, "-o", "again", folder=tmp_path)
     wanted = exported_boxes(tmp_path / name)
     assert len(wanted) == 12
     assert sum(map(len, wanted.values())) > 12
@@ -210,8 +208,7 @@ def test_a_laser_at_rest_makes_its_own_map(tmp_path: Path) -> None:
     (tmp_path / "still.csv").write_text("\n".join(lines) + "\n")
     (tmp_path / "setup.yaml").write_text("background: first-5\npose: at:0,0,0\n")
     options = ("--setup", "setup.yaml", "--preset", "real", "-o", "out")
-    done = midnet_bench("replay", "still.csv", *options, folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    worked("replay", "still.csv", *options, folder=tmp_path)
     boxes = rows(tmp_path / "out" / "boxes.csv")
     assert len(boxes) == 40
     assert {round(float(row["t"])) for row in boxes} == {6, 7, 8, 9, 10}

@@ -9,7 +9,7 @@ import pytest
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.trial import Scalar, TrialSpec
 from midnet_bench.campaign.worker import Outcome
-from tests.cli.command import midnet_bench, one_line_of_complaint
+from tests.cli.command import midnet_bench, one_line_of_complaint, worked
 from tests.stores import detection_store, labyrinth_store
 
 SCORES = {1: dict.fromkeys((1, 2), (0.9, 0.5, math.nan))}
@@ -52,8 +52,7 @@ def test_a_report_of_nothing_says_so(tmp_path: Path) -> None:
 def test_numbers_that_are_not_defined_are_null_in_json_and_names_stay(tmp_path: Path) -> None:
     for name in ("one", "NaNcy"):
         detection_store(tmp_path / name, SCORES)
-    done = midnet_bench("compare", "one", "NaNcy", "--json", folder=tmp_path)
-    assert done.returncode == 0
+    done = worked("compare", "one", "NaNcy", "--json", folder=tmp_path)
     told = json.loads(done.stdout)
     assert (told["schema"], told["experiment"], list(told["tables"])) == (
         1,

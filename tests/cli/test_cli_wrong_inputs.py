@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.command import midnet_bench, one_line_of_complaint
+from tests.cli.command import midnet_bench, one_line_of_complaint, worked
 from tests.cli.test_cli_map import write_arena
 from tests.stores import detection_store, labyrinth_store
 
@@ -177,8 +177,7 @@ def test_a_wrong_input_is_answered_in_one_line(line: str, said: str, folder: Pat
 
 def test_a_number_is_a_baseline_however_it_is_written(tmp_path: Path) -> None:
     detection_store(tmp_path / "teams", {1: {1: (0.9, 0.5, 0.6)}, 5: {1: (0.9, 0.5, 0.6)}})
-    done = midnet_bench("compare", "teams", "--by", "robots", "--baseline", "5.0", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = worked("compare", "teams", "--by", "robots", "--baseline", "5.0", folder=tmp_path)
     assert "robots=1 against robots=5" in done.stdout
 
 
