@@ -22,7 +22,6 @@ from midnet_bench.navigation.costmap import LETHAL
 from midnet_bench.navigation.global_planner import potential_to
 from midnet_bench.simulation import walking
 from midnet_bench.simulation.engine import Beams
-from midnet_bench.simulation.walking import Walkers
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -38,16 +37,16 @@ class DynamicObstacle:
         name: str,
         group: OtherIntruders,
         space: tuple[FreeSpace, OccupancyGrid],
-        walkers: Walkers,
+        crowd: "Crowd",
         number: int,
     ) -> None:
-        """Row ``number`` of ``walkers``; ``space``: where its middle may be, also as the planner's costs."""
+        """Member ``number`` of ``crowd``; ``space``: where its middle may be, also as the planner's costs."""
         self.name = name
         self.group = group
         self.free, self._costs = space
-        self._walkers = walkers
+        self._crowd = crowd
         self._number = number
-        self._state = walkers.states[number]
+        self._state = crowd.states[number]
 
     @property
     def pose(self) -> Pose2D:
@@ -83,7 +82,7 @@ class DynamicObstacle:
         goal, start = self.goal, self.place
         potential = None if goal is None else potential_to(goal, self._costs, start)
         path = None if potential is None else potential.path_from(*start)
-        if not self._walkers.follow(self._number, path):
+        if not self._crowd.follow(self._number, path):
             self._state[walking.GOAL] = math.nan
 
     def solids(self) -> tuple[Solid, ...]:
@@ -110,22 +109,48 @@ class Crowd:
         spaces = {
             radius_m: _space(layout, radius_m) for radius_m in {o.group.radius_m for o in layout.others}
         }
-        bodies = [(*other.pose, other.group.radius_m, other.group.speed_mps) for other in layout.others]
-        self._walkers = Walkers(np.array(bodies).reshape(-1, 5))
+        count = len(layout.others)
+        self.states = np.zeros((count, walking.COLUMNS))
+        """(n, 15) by the columns of ``walking``"""
+        self._paths = np.zeros((count, 0, 3))
+        self._counts = np.zeros(count, dtype=np.int64)
+        self._needs_path = np.zeros(count, dtype=np.bool_)
         counts: dict[str, int] = {}
         self.members: list[DynamicObstacle] = []
         for number, other in enumerate(layout.others):
             kind = other.group.kind
             counts[kind] = counts.get(kind, 0) + 1
             name, space = f"{kind} {counts[kind]}", spaces[other.group.radius_m]
-            self.members.append(DynamicObstacle(name, other.group, space, self._walkers, number))
+            state = self.states[number]
+            state[walking.POSE], state[walking.GOAL] = other.pose, math.nan
+            state[walking.RADIUS], state[walking.FASTEST] = other.group.radius_m, other.group.speed_mps
+            walking.put_feet(state, self._paths[number])
+            self.members.append(DynamicObstacle(name, other.group, space, self, number))
         self._solids: tuple[Solid, ...] | None = None
 
     def step(self, robots: Floats) -> None:
         """Let one tick pass; ``robots``: (n, 3) x, y and radius of the robots that are there."""
-        for number in self._walkers.step(robots, self._step_s):
+        walking.walk(self.states, self._paths, self._counts, robots, self._step_s, self._needs_path)
+        for number in np.flatnonzero(self._needs_path).tolist():
             self.members[number].plan()
         self._solids = None
+
+    def follow(self, number: int, path: Floats | None) -> bool:
+        """Let a member stop and take a path of (k, 2) points; whether it leads anywhere."""
+        walking.stop(self.states[number], self._counts, number)
+        if path is None:
+            return False
+        sides = lengths(path[1:] - path[:-1])
+        path = path[np.concatenate(([True], sides > 0.0))]
+        arcs = np.concatenate(([0.0], np.cumsum(sides[sides > 0.0])))
+        if arcs[-1] < walking.ARRIVED_M:
+            return False
+        missing = len(path) - self._paths.shape[1]
+        if missing > 0:
+            self._paths = np.pad(self._paths, ((0, 0), (0, missing), (0, 0)))
+        self._paths[number, : len(path)] = np.column_stack((path, arcs))
+        self._counts[number] = len(path)
+        return True
 
     def solids(self) -> tuple[Solid, ...]:
         """Legs and things as they are at this tick, always in the same order."""

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from midnet_bench.compiled import njit
 from midnet_bench.elementary import atan2, cos, cos_sin
-from midnet_bench.geometry import lengths
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -47,48 +46,6 @@ COLUMNS = 15
 
 # Columns of a path's point: where it is, and how long the path is up to it.
 ARC = 2
-
-
-class Walkers:
-    """All that walk, in arrays."""
-
-    def __init__(self, bodies: Floats) -> None:
-        """At rest; ``bodies``: (n, 5) x, y and yaw, radius and greatest speed, metres and radians."""
-        self.states = np.zeros((len(bodies), COLUMNS))
-        """(n, 15) by the columns above"""
-        self.states[:, POSE] = bodies[:, :3]
-        self.states[:, RADIUS:] = bodies[:, 3:]
-        self.states[:, GOAL] = math.nan
-        self._paths = np.zeros((len(bodies), 0, 3))
-        self._counts = np.zeros(len(bodies), dtype=np.int64)
-        self._needs_path = np.zeros(len(bodies), dtype=np.bool_)
-        for state, path in zip(self.states, self._paths, strict=True):
-            put_feet(state, path)
-
-    def follow(self, number: int, path: Floats | None) -> bool:
-        """Let walker ``number`` stop and take a path of (k, 2) points; whether it leads anywhere."""
-        stop(self.states[number], self._counts, number)
-        if path is None:
-            return False
-        sides = lengths(path[1:] - path[:-1])
-        path = path[np.concatenate(([True], sides > 0.0))]
-        arcs = np.concatenate(([0.0], np.cumsum(sides[sides > 0.0])))
-        if arcs[-1] < ARRIVED_M:
-            return False
-        missing = len(path) - self._paths.shape[1]
-        if missing > 0:
-            self._paths = np.pad(self._paths, ((0, 0), (0, missing), (0, 0)))
-        self._paths[number, : len(path)] = np.column_stack((path, arcs))
-        self._counts[number] = len(path)
-        return True
-
-    def step(self, robots: Floats, step_s: float) -> list[int]:
-        """Let one tick pass; the numbers of those that have a goal and need a path to it.
-
-        ``robots``: (m, 3) x, y and radius of the robots that are there.
-        """
-        walk(self.states, self._paths, self._counts, robots, step_s, self._needs_path)
-        return np.flatnonzero(self._needs_path).tolist()
 
 
 @njit

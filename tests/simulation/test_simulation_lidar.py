@@ -28,16 +28,7 @@ def discs_seen(poses, by: int, radius: float = 0.055, offset: float = -0.017):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "seed"),
-    [
-        ("map1", 1),
-        pytest.param("map1", 2, marks=pytest.mark.slow),
-        pytest.param("map1", 3, marks=pytest.mark.slow),
-        pytest.param("map2", 1, marks=pytest.mark.slow),
-        ("map2", 2),
-    ],
-)
+@pytest.mark.parametrize(("name", "seed"), [("map1", 1), ("map1", 2), ("map1", 3), ("map2", 1), ("map2", 2)])
 def test_ranges_are_those_of_walls_and_discs(name: str, seed: int) -> None:
     """To 3 mm, but for the few beams that pass within 2 mm of a corner or graze a 64-sided cylinder."""
     layout = place(load_arena(name), seed, 5, 5)
