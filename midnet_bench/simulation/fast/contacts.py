@@ -12,6 +12,7 @@ that, the body stays in the obstacle.
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -81,24 +82,13 @@ class ContactBuffer(NamedTuple):
 
 def hull_of(contour: tuple[tuple[float, float], ...]) -> Floats:
     """(h, 7) the convex hull of a contour, counter-clockwise, by the columns ``X`` to ``LAST_Y``; metres."""
-    chain: list[tuple[float, float]] = []
-    points = sorted(set(contour))
-    for half in (points, points[::-1]):
-        floor = max(len(chain), 1)
-        for point in half:
-            while len(chain) > floor and _turns_right(chain[-2], chain[-1], point):
-                chain.pop()
-            if not chain or chain[-1] != point:
-                chain.append(point)
-    corners = np.array(chain[:-1])
+    points = np.array(sorted(set(contour)))
+    order = cv2.convexHull(points.astype(np.float32), returnPoints=False).ravel()
+    corners = points[np.roll(order, -int(order.argmin()))]
     sides = np.roll(corners, -1, axis=0) - corners
     lengths_m = lengths(sides)
     along = sides / lengths_m[:, None]
     return np.column_stack((corners, along, lengths_m, np.roll(along, 1, axis=0)))
-
-
-def _turns_right(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) <= 0.0
 
 
 @njit
