@@ -303,9 +303,11 @@ class LidarSensors:
         beams = Beams(*beam_directions(own, self._lidar.mount.x, self._cosines, self._sines))
         ranges = self._world.cast(beams, low, high)
         blind = self._blind_cells
+        (left_m, low_m), (rows_there, columns_there) = blind.origin, blind.data.shape
         for i, (x, y, _) in enumerate(own.tolist()):
-            column, row = blind.cell_at(x, y)
-            if blind.contains_cell(column, row) and blind.data[row, column]:
+            column = math.floor((x - left_m) / blind.resolution)
+            row = math.floor((y - low_m) / blind.resolution)
+            if 0 <= row < rows_there and 0 <= column < columns_there and blind.data[row, column]:
                 # The rays above start past the sensor's housing; what stands nearer needs rays of its own.
                 one = Beams(beams.axes[i : i + 1], beams.directions[i : i + 1])
                 ranges[i] = np.minimum(ranges[i], self._world.cast(one, 0.0, low)[0])
