@@ -179,8 +179,7 @@ def _paint_tree(picture: Picture, tree: Tree, team: int) -> None:
         ]
         widths = [text_mask(line, NODE_TEXT_PX).shape[1] for line in lines]
         (x, y), half_x, half_y = at[first, last], max(widths) / 2.0 + 6.0, ROW_PX * len(lines) / 2.0 + 4.0
-        frame = [(x - half_x, y - half_y), (x + half_x, y - half_y), (x + half_x, y + half_y)]
-        canvas.polygon([*frame, (x - half_x, y + half_y)], WHITE, GUARD)
+        canvas.box(Box(x - half_x, y - half_y, x + half_x, y + half_y), GUARD, fill=WHITE)
         for number, (line, wide) in enumerate(zip(lines, widths, strict=True)):
             row = round(4.0 - y - half_y) + ROW_PX * number
             write(picture, round(x - wide / 2.0), row, line, NODE_TEXT_PX, INK)

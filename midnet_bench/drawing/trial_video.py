@@ -61,7 +61,15 @@ class ScenePainter:
         self._world = WorldPanel(setup, HEIGHT)
         self._detections = DetectionPanel(setup)
         self._page = blank_page(WIDTH, HEIGHT)
-        _write_title(self._page, setup, speed, self._world.enlarged)
+        intruders = setup.mobile_intruders + setup.other_intruders + len(setup.plan.stationary)
+        team = (
+            f"{setup.guards} guard{'s' * (setup.guards != 1)}, {intruders} intruder{'s' * (intruders != 1)}"
+        )
+        enlarged = self._world.enlarged
+        size = f"; robots drawn {enlarged:.1f} times their size" if enlarged > 1.0 else ""
+        write(self._page, COLUMN_LEFT, 10, setup.plan.title, 20, INK, bold=True)
+        write(self._page, COLUMN_LEFT, 38, f"{team}; {speed:g} x real time{size}", 14, INK)
+        write(self._page, MAP_LEFT, MAP_TOP - 20, "what MIDNet sees, on the prior map", 13, FAINT_INK)
         detections = [*legend.of_detections(numbered=True), *legend.of_grids()]
         for left, entries in ((COLUMN_LEFT + 8, legend.of_world(setup)), (COLUMN_LEFT + 254, detections)):
             legend.write_legend(self._page, entries, left, LEGEND_TOP, LEGEND_ROW_PX, 13)
@@ -76,20 +84,6 @@ class ScenePainter:
         write(picture, COLUMN_LEFT + 8, COUNTS_TOP, scene.counter, 14, INK, bold=True)
         write(picture, COLUMN_RIGHT, COUNTS_TOP, scene.remark, 14, INK, before=1.0)
         return picture
-
-
-def _write_title(page: Picture, setup: Setup, speed: float, enlarged: float) -> None:
-    write(page, COLUMN_LEFT, 10, setup.plan.title, 20, INK, bold=True)
-    intruders = setup.mobile_intruders + setup.other_intruders + len(setup.plan.stationary)
-    size = f"; robots drawn {enlarged:.1f} times their size" if enlarged > 1.0 else ""
-    team = f"{setup.guards} guard{_s(setup.guards)}, {intruders} intruder{_s(intruders)}"
-    heading = f"{team}; {speed:g} x real time{size}"
-    write(page, COLUMN_LEFT, 38, heading, 14, INK)
-    write(page, MAP_LEFT, MAP_TOP - 20, "what MIDNet sees, on the prior map", 13, FAINT_INK)
-
-
-def _s(count: int) -> str:
-    return "" if count == 1 else "s"
 
 
 class Storyboard:
