@@ -189,18 +189,14 @@ def test_datasheet_noise_grows_with_range_and_has_a_scale_of_its_own() -> None:
     assert relative.mean() == pytest.approx(0.035 / 3.0, rel=0.02)
 
 
-def test_datasheet_noise_is_a_third_of_a_centimetre_close_by() -> None:
-    noisy = reported(np.full((1, 20000), 0.3), "datasheet")
-    assert noisy.std() == pytest.approx(0.010 / 3.0, rel=0.03)
-
-
 def test_sensors_scales_are_spread_as_the_maker_says() -> None:
     scales = np.array([lidar.draw_scale(stream(1, "scale", i)) for i in range(2000)])
     assert scales.std() == pytest.approx(0.05 / 3.0, rel=0.05)
     assert np.abs(scales - 1.0).max() <= 0.05 + 1e-9
 
 
-def test_ranges_are_clamped_to_the_sensor_s_limits() -> None:
-    ranges = np.array([[0.1201] * 500 + [3.499] * 500])
-    noisy = reported(ranges, "gazebo")
+def test_close_by_noise_is_a_third_of_a_centimetre_and_ranges_are_clamped() -> None:
+    noisy = reported(np.full((1, 20000), 0.3), "datasheet")
+    assert noisy.std() == pytest.approx(0.010 / 3.0, rel=0.03)
+    noisy = reported(np.array([[0.1201] * 500 + [3.499] * 500]), "gazebo")
     assert (noisy.min(), noisy.max()) == (0.12, 3.5)

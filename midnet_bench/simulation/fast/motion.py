@@ -135,7 +135,7 @@ def step_world(states: Floats, present: npt.NDArray[np.bool_], solids: Floats, p
     if count == 0:
         for i in range(n):
             if present[i]:
-                _move(poses[i], moves[i], drive.step_s)
+                poses[i] += moves[i] * drive.step_s
     else:
         label = islands(count, room.pairs, n)
         _hold(count, states, drive, body, label, room, moves, held)
@@ -165,12 +165,6 @@ def _roll(state: Floats, drive: Drive, move: Floats) -> None:
     heading = state[2] + turn * drive.step_s / 2.0
     c, s = cos_sin(heading)
     move[0], move[1], move[2] = forward * c, forward * s, turn
-
-
-@njit
-def _move(pose: Floats, move: Floats, step_s: float) -> None:
-    for axis in range(3):
-        pose[axis] += move[axis] * step_s
 
 
 @njit
@@ -283,7 +277,7 @@ def _move_among_contacts(
     before, nothing = poses.copy(), np.empty((0, 6))
     for i in range(n):
         if present[i]:
-            _move(poses[i], moves[i], drive.step_s)
+            poses[i] += moves[i] * drive.step_s
     for _ in range(_PARTINGS):
         count = find_contacts(poses, present, body, 0.0, nothing, ground, room)
         if not part(count, room.rows, room.pairs, body.gyration2_m2, poses):
@@ -299,9 +293,7 @@ def _move_among_contacts(
     for i in range(n):
         if is_bad[label[i]]:
             held[i] = True
-            for axis in range(3):
-                poses[i, axis] = before[i, axis]
-                moves[i, axis] = 0.0
+            poses[i], moves[i] = before[i], 0.0
 
 
 @njit
