@@ -82,8 +82,8 @@ MUTANTS = [
     Mutant(
         "a message that was overtaken replaces the newer one",
         "simulation/network.py",
-        "if newest is None or message.stamp_s > newest.stamp_s:",
-        "if True:",
+        "(newest is None or message.stamp_s > newest.stamp_s)",
+        "True",
         "simulation/test_simulation_network.py::test_an_overtaken_message_is_not_gone_back_to",
     ),
 ]
