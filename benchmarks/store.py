@@ -19,10 +19,10 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from midnet_bench.campaign.definition import ResolvedCampaign, load_campaign, override, resolve
+from midnet_bench.campaign.pool import encode_tables
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import FILE_NAME, open_or_create
-from midnet_bench.campaign.trial import Row, TrialResult, TrialSpec
-from midnet_bench.campaign.worker import Outcome, encode_tables
+from midnet_bench.campaign.trial import Outcome, Row, TrialResult, TrialSpec
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.workflows.campaigns import packaged_campaigns

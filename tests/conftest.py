@@ -27,12 +27,10 @@ def _state(tmp_path_factory: pytest.TempPathFactory) -> None:
 def campaign_folder(directory: Path, **campaign: Any) -> Path:
     """``directory`` with a campaign's store and CSV files; its trials run one by one in this process."""
     from midnet_bench.campaign.definition import Campaign, resolve
-    from midnet_bench.campaign.export import export_csv
-    from midnet_bench.campaign.payload import encode_tables
     from midnet_bench.campaign.provenance import collect
-    from midnet_bench.campaign.store import FILE_NAME, open_or_create
-    from midnet_bench.campaign.trial import run_alone
-    from midnet_bench.campaign.worker import Outcome
+    from midnet_bench.campaign.store import FILE_NAME, export_csv, open_or_create
+    from midnet_bench.campaign.tables import encode_tables
+    from midnet_bench.campaign.trial import Outcome, run_alone
     from midnet_bench.experiments import registry
 
     resolved = resolve(Campaign.model_validate(campaign), registry)

@@ -5,11 +5,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from midnet_bench.campaign.definition import Definition
-from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import Store, open_or_create
-from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
-from midnet_bench.campaign.worker import Outcome
+from midnet_bench.campaign.tables import encode_tables
+from midnet_bench.campaign.trial import Outcome, Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.scoring.frame_counts import Causes
 
 Caught = Callable[[int, int, int], int]

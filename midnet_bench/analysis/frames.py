@@ -23,11 +23,19 @@ from typing import Any, TypeVar, cast
 import numpy as np
 import pandas as pd
 
-from midnet_bench.campaign.columns import Column, Columns, Tables, shown
 from midnet_bench.campaign.definition import Definition, shown_cell
-from midnet_bench.campaign.export import FAILURES, TIMING, TIMING_TABLE, cell_text, export_csv
 from midnet_bench.campaign.provenance import Provenance, versions_note
-from midnet_bench.campaign.store import FILE_NAME, Store, open_store
+from midnet_bench.campaign.store import FILE_NAME, Store, export_csv, open_store
+from midnet_bench.campaign.tables import (
+    FAILURES,
+    TIMING,
+    TIMING_TABLE,
+    Column,
+    Columns,
+    Tables,
+    cell_text,
+    shown,
+)
 from midnet_bench.campaign.trial import VARIANT, Row, Scalar, factor_text
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.files import read_bounded, temporary_folder

@@ -11,7 +11,7 @@ import numpy as np
 from tabulate import tabulate  # type: ignore[import-untyped]
 
 from midnet_bench.analysis.statistics import Estimate
-from midnet_bench.campaign.export import csv_text
+from midnet_bench.campaign.tables import csv_text
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.io.files import write_atomically
 

@@ -11,9 +11,8 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from importlib import metadata
 from typing import Any
 
-from midnet_bench.campaign.pools import Group, WorkersLost
-from midnet_bench.campaign.trial import RunTrials
-from midnet_bench.campaign.worker import Outcome, attempt_together
+from midnet_bench.campaign.pool import Group, WorkersLost, attempt
+from midnet_bench.campaign.trial import Outcome, RunTrials
 from midnet_bench.errors import InputError, MidnetBenchError
 
 try:
@@ -26,6 +25,8 @@ POLL_S = 0.5
 """between two looks at the workers of the cluster"""
 TELL_AFTER_S = 2.0
 """without any worker; one that died is started again in less"""
+_LOGGERS = [logging.getLogger(name) for name in ("distributed.client", "tornado.application")]
+"""what they log comes up as the error in outcomes"""
 
 
 class DaskPool:
@@ -44,40 +45,39 @@ class DaskPool:
     """
 
     def __init__(self, scheduler: str | None, note: Callable[[str], None], workers: int = 1) -> None:
-        self._cluster: Any = None
-        if scheduler is None:
-            self._cluster = distributed.LocalCluster(  # type: ignore[no-untyped-call]
-                n_workers=workers,
-                threads_per_worker=1,
-                dashboard_address="127.0.0.1:0",
-                silence_logs=logging.CRITICAL,
-            )
-            scheduler = str(self._cluster.scheduler_address)
-        self._scheduler = scheduler
         self._note = note
         self._absent_since_s: float | None = None
-        self._loggers = [logging.getLogger(name) for name in ("distributed.client", "tornado.application")]
-        self._log_levels = [logger.level for logger in self._loggers]
-        try:
-            # the client itself would wait without end for a server that listens and says nothing
-            answers = asyncio.run(_identity(scheduler)).get("type")
-        except (OSError, ValueError) as error:
-            raise InputError(
-                f"--scheduler {scheduler}: no Dask scheduler answers there within {CONNECT_TIMEOUT_S} s"
-                " (expected an address such as tcp://127.0.0.1:8786)"
-            ) from error
-        if answers != "Scheduler":
-            raise InputError(f"--scheduler {scheduler}: a Dask {answers} answers there, not a scheduler")
-        for logger in self._loggers:
-            logger.setLevel(logging.CRITICAL)  # what it logs comes up as the error in outcomes
-        self._client = distributed.Client(  # type: ignore[no-untyped-call]
-            scheduler, timeout=CONNECT_TIMEOUT_S, set_as_default=False
-        )
-        try:
+        self._held = contextlib.ExitStack()
+        with contextlib.ExitStack() as held:
+            if scheduler is None:
+                cluster: Any = distributed.LocalCluster(  # type: ignore[no-untyped-call]
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    dashboard_address="127.0.0.1:0",
+                    silence_logs=logging.CRITICAL,
+                )
+                held.callback(cluster.close, timeout=CONNECT_TIMEOUT_S)
+                scheduler = str(cluster.scheduler_address)
+            self._name = f"--scheduler {scheduler}"
+            try:
+                # the client itself would wait without end for a server that listens and says nothing
+                answers = asyncio.run(_identity(scheduler)).get("type")
+            except (OSError, ValueError) as error:
+                raise InputError(
+                    f"{self._name}: no Dask scheduler answers there within {CONNECT_TIMEOUT_S} s"
+                    " (expected an address such as tcp://127.0.0.1:8786)"
+                ) from error
+            if answers != "Scheduler":
+                raise InputError(f"{self._name}: a Dask {answers} answers there, not a scheduler")
+            for logger in _LOGGERS:
+                held.callback(logger.setLevel, logger.level)
+                logger.setLevel(logging.CRITICAL)
+            self._client = distributed.Client(  # type: ignore[no-untyped-call]
+                scheduler, timeout=CONNECT_TIMEOUT_S, set_as_default=False
+            )
+            held.callback(self._client.close, timeout=CONNECT_TIMEOUT_S)
             self._check_versions()
-        except BaseException:
-            self.close()
-            raise
+            self._held = held.pop_all()
 
     def _check_versions(self) -> None:
         """Raises InputError if a worker has another midnet-bench: it would fail in its first trial."""
@@ -88,7 +88,7 @@ class DaskPool:
         here = metadata.version("midnet-bench")
         if versions - {here}:
             raise InputError(
-                f"--scheduler {self._scheduler}: its workers have midnet-bench {', '.join(sorted(versions))},"
+                f"{self._name}: its workers have midnet-bench {', '.join(sorted(versions))},"
                 f" here it is {here}; install the same one there"
             )
 
@@ -106,13 +106,15 @@ class DaskPool:
         in_flight: dict[Any, str] = {}
         given_up: dict[str, str] = {}
         try:
-            self._wait_for_a_worker()
+            if not self.workers:
+                while not self.workers:
+                    self._note_absence()
+                    time.sleep(POLL_S)
+                self._check_versions()
             while True:
                 most = 1 if one_at_a_time else 2 * max(1, self.workers)
                 for group in itertools.islice(groups, max(0, most - len(in_flight))):
-                    future = self._client.submit(
-                        attempt_together, run_trials, group, limit_s, None, pure=False
-                    )
+                    future = self._client.submit(attempt, run_trials, group, limit_s, pure=False)
                     in_flight[future] = group[0].trial_id
                     future.add_done_callback(finished.put)  # type: ignore[no-untyped-call]
                 if not in_flight:
@@ -138,7 +140,7 @@ class DaskPool:
             raise
         except Exception as error:
             raise MidnetBenchError(
-                f"--scheduler {self._scheduler}: the cluster stopped working: {type(error).__name__}:"
+                f"{self._name}: the cluster stopped working: {type(error).__name__}:"
                 f" {' '.join(str(error).split())}; run the same command again to continue"
             ) from error
         finally:
@@ -146,14 +148,6 @@ class DaskPool:
                 self._client.cancel(list(in_flight))  # type: ignore[no-untyped-call]
         if given_up:
             raise WorkersLost("workers of the cluster died", given_up)
-
-    def _wait_for_a_worker(self) -> None:
-        """Returns when there is one."""
-        if not self.workers:
-            while not self.workers:
-                self._note_absence()
-                time.sleep(POLL_S)
-            self._check_versions()
 
     def _note_absence(self) -> None:
         """Notes once each time that the last worker has gone for some seconds."""
@@ -164,17 +158,13 @@ class DaskPool:
         elif time.monotonic() - self._absent_since_s > TELL_AFTER_S:
             self._absent_since_s = math.inf
             self._note(
-                f"--scheduler {self._scheduler}: no workers there; the trials wait for one"
+                f"{self._name}: no workers there; the trials wait for one"
                 " (Ctrl-C stops, and the same command continues)"
             )
 
     def close(self) -> None:
         """Leaves the cluster, which drops what it was still running for us."""
-        self._client.close(timeout=CONNECT_TIMEOUT_S)  # type: ignore[no-untyped-call]
-        if self._cluster is not None:
-            self._cluster.close(timeout=CONNECT_TIMEOUT_S)
-        for logger, level in zip(self._loggers, self._log_levels, strict=True):
-            logger.setLevel(level)
+        self._held.close()
 
 
 async def _identity(address: str) -> dict[str, str]:

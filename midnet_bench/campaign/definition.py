@@ -8,6 +8,7 @@ import itertools
 import json
 import math
 import os
+import re
 from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -17,7 +18,7 @@ from typing import Annotated, Any, Protocol
 
 from pydantic import Field, PrivateAttr, Strict, TypeAdapter, field_validator
 
-from midnet_bench.campaign.columns import Tables
+from midnet_bench.campaign.tables import Tables
 from midnet_bench.campaign.trial import VARIANT, Cell, RunTrials, Scalar, Sharing, TrialResult, TrialSpec
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.extension_points import code_in
@@ -42,17 +43,26 @@ Values = Scalar | list[Scalar]
 """of an option on the command line: one, or several that make a factor of the grid"""
 
 
-class Experiments(Protocol):
-    """What the engine asks of the experiments. A module with these four functions is one."""
+class Experiment(Protocol):
+    """What the engine uses of an experiment."""
 
-    def parameters_model(self, experiment: str) -> type[Parameters]:
-        """The class of an experiment's parameters. Raises InputError on an unknown name."""
+    @property
+    def model(self) -> type[Parameters]:
+        """The class of its parameters."""
 
-    def columns(self, experiment: str) -> Tables:
+    @property
+    def columns(self) -> Tables:
         """The tables of its trials; none if it does not say."""
 
-    def sharing(self, experiment: str, parameters: Parameters) -> Sharing:
+    def sharing(self, parameters: Any) -> Sharing:
         """What the trials of these parameters share with trials of others."""
+
+
+class Experiments(Protocol):
+    """The experiments by name. A module with these two functions is one."""
+
+    def experiment(self, name: str) -> Experiment:
+        """The experiment of that name. Raises InputError on an unknown one."""
 
     def run_trials(self, specs: Sequence[TrialSpec]) -> Sequence[TrialResult | Exception]:
         """See ``RunTrials``; a module-level function, so that other processes can import it."""
@@ -218,6 +228,11 @@ class ResolvedCampaign:
         first = self.definition.base_seed
         return range(first, first + self.definition.trials)
 
+    @property
+    def total(self) -> int:
+        """How many trials it has."""
+        return self.definition.cells * self.definition.trials
+
     def trials(self) -> Iterator[TrialSpec]:
         """Every trial, seed by seed, so that an interrupted campaign has visited all cells about equally.
 
@@ -281,31 +296,28 @@ def override(
     Raises:
         InputError: ``trials`` or ``base_seed`` is out of range. The settings are :func:`resolve`'s to check.
     """
-    values = campaign.model_dump()
+    grid, parameters, variants = {**campaign.grid}, {**campaign.parameters}, campaign.variants
     for key, value in settings.items():
         if key == VARIANT and campaign.variants:
-            names = map(str, value if isinstance(value, list) else [value])
-            values["variants"] = {name: _variant(campaign, name) for name in names}
-        elif key in values["grid"] and isinstance(value, str) and _file_and_name(value.partition("(")[0])[0]:
-            values["grid"][key] = [*values["grid"][key], value]
-        elif isinstance(value, list) or key in values["grid"]:
-            values["grid"][key] = value if isinstance(value, list) else [value]
-            values["parameters"].pop(key, None)
+            variants = {}
+            for name in map(str, value if isinstance(value, list) else [value]):
+                if name not in campaign.variants:
+                    hint = nearest_name(name, campaign.variants)
+                    raise InputError(f"variant: '{name}' is none of the campaign's{hint}")
+                variants[name] = campaign.variants[name]
+        elif key in grid and isinstance(value, str) and _file_and_name(value.partition("(")[0])[0]:
+            grid[key] = [*grid[key], value]
+        elif isinstance(value, list) or key in grid:
+            grid[key] = value if isinstance(value, list) else [value]
+            parameters.pop(key, None)
         else:
-            values["parameters"][key] = value
-    values["trials"] = campaign.trials if trials is None else trials
-    values["base_seed"] = campaign.base_seed if base_seed is None else base_seed
-    changed = parse_campaign(values, "command line")
+            parameters[key] = value
+    given = {"trials": trials, "base_seed": base_seed}
+    changes = {"grid": grid, "parameters": parameters, "variants": variants}
+    changes |= {key: number for key, number in given.items() if number is not None}
+    changed = parse_campaign({**campaign.model_dump(), **changes}, "command line")
     changed._before_override = campaign
     return changed
-
-
-def _variant(campaign: Campaign, name: str) -> dict[str, Scalar]:
-    if name not in campaign.variants:
-        raise InputError(
-            f"variant: '{name}' is none of the campaign's{nearest_name(name, campaign.variants)}"
-        )
-    return campaign.variants[name]
 
 
 def parse_settings(
@@ -352,7 +364,12 @@ def values_of(text: str, option: str) -> Values:
     Raises:
         InputError: one is missing or no scalar.
     """
-    parts = _between_commas(text)
+    parts: list[str] = []
+    for piece in text.split(","):
+        if parts and _is_open(parts[-1]):
+            parts[-1] += f",{piece}"
+        else:
+            parts.append(piece)
     if len(parts) == 1:
         return _scalar(text, option)
     if not all(part.strip() for part in parts):
@@ -360,22 +377,11 @@ def values_of(text: str, option: str) -> Values:
     return [_scalar(part.strip(), option) for part in parts]
 
 
-def _between_commas(text: str) -> list[str]:
-    parts, depth, quote = [""], 0, ""
-    for letter in text:
-        if quote:
-            quote = "" if letter == quote else quote
-        elif letter in "'\"" and (depth or not parts[-1].strip()):  # else an apostrophe
-            quote = letter
-        elif letter in "([{":
-            depth += 1
-        elif letter in ")]}":
-            depth -= 1
-        if letter == "," and not depth and not quote:
-            parts.append("")
-        else:
-            parts[-1] += letter
-    return parts
+def _is_open(text: str) -> bool:
+    """Whether a bracket or a quotation is not closed; an apostrophe behind a letter opens none."""
+    bare = re.sub(r"""(?<!\w)('[^']*'|"[^"]*")""", "", text)
+    brackets = any(bare.count(pair[0]) > bare.count(pair[1]) for pair in ("()", "[]", "{}"))
+    return brackets or bare.lstrip()[:1] in ("'", '"')
 
 
 def _scalar(text: str, option: str) -> Scalar:
@@ -401,69 +407,71 @@ def resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
 
 
 def _resolve(campaign: Campaign, experiments: Experiments) -> ResolvedCampaign:
-    parameters = experiments.parameters_model(campaign.experiment)
-    _check_keys(campaign, parameters)
-    _check_factors(campaign, experiments.columns(campaign.experiment))
-    file, name = _file_and_name(campaign.experiment)
-    identity = campaign.experiment if file is None else f"{file.name}:{name}"
-    axes = campaign.axes
+    experiment = experiments.experiment(campaign.experiment)
+    model, axes = experiment.model, campaign.axes
+    _check_keys(campaign, experiment)
     count = math.prod(map(len, axes.values()))
     if count > MAX_CELLS:
         raise InputError(
             f"grid: {count} cells, and each is checked before the first trial;"
             f" give at most {MAX_CELLS}, in several campaigns if need be"
         )
-    products = [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
+    cells: list[dict[str, Scalar]] = []
+    checked: list[Parameters] = []
+    known: set[tuple[tuple[str, Scalar], ...]] = set()
     try:
-        checked = [_cell(campaign, parameters, product) for product in products]
+        for values in itertools.product(*axes.values()):
+            product = dict(zip(axes, values, strict=True))
+            parameters = _parameters_in(campaign, model, product)
+            cell = {**parameters.flat_values(), **{key: product[key] for key in product if key == VARIANT}}
+            if (identity := tuple(cell.items())) not in known:
+                known.add(identity)
+                cells.append(cell)
+                checked.append(parameters)
     except InputError:
         # no fault of a cell if the parameters that all cells share are wrong by themselves
-        parameters.parse(campaign.parameters, "parameters")
+        model.parse(campaign.parameters, "parameters")
         raise
+    grid = {factor: list(dict.fromkeys(cell[factor] for cell in cells)) for factor in axes}
     notes = [
         f"{factor}={_shown(value)} is there {times} times; it is run once"
         for factor, values in campaign.grid.items()
         for value, times in Counter(values).items()
         if times > 1
     ]
-    once: dict[str, tuple[dict[str, Scalar], Parameters]] = {}
-    for cell, found in checked:
-        once.setdefault(TrialSpec(identity, cell, 0).trial_id, (cell, found))
-    cells = [cell for cell, _ in once.values()]
     given = itertools.chain(campaign.parameters, campaign.grid, *campaign.variants.values())
-    notes += without_effect(parameters, dict.fromkeys(given), cells)
-    code = code_in(value for cell in cells for value in cell.values())
+    notes += without_effect(model, dict.fromkeys(given), cells)
     sharing = [Sharing(None, None)]  # a lone cell shares nothing, and what others do takes a compiler
-    if len(once) > 1:
-        sharing = [experiments.sharing(campaign.experiment, found) for _, found in once.values()]
-    grid = {factor: list(dict.fromkeys(cell[factor] for cell in cells)) for factor in axes}
+    if len(cells) > 1:
+        sharing = [experiment.sharing(parameters) for parameters in checked]
+    file, name = _file_and_name(campaign.experiment)
+    run_trials: RunTrials = experiments.run_trials
+    code = code_in(value for cell in cells for value in cell.values())
+    if file or code:
+        run_trials = partial(_run_with_files, run_trials, campaign.experiment if file else None, code)
     return ResolvedCampaign(
         campaign=campaign,
         definition=Definition(
-            experiment=identity,
+            experiment=f"{file.name}:{name}" if file else campaign.experiment,
             base_seed=campaign.base_seed,
             trials=campaign.trials,
             grid=grid,
             parameters={name: _in_all_cells(name, cells) for name in cells[0] if name not in grid},
             variants=_resolved_variants(cells, grid),
-            compare=None if campaign.compare is None else _baseline(campaign, campaign.compare, grid),
+            compare=_baseline(campaign.compare, grid),
         ),
         cells=cells,
-        checked=[found for _, found in once.values()],
+        checked=checked,
         sharing=sharing,
-        run_trials=partial(
-            _run_with_files, experiments.run_trials, None if file is None else campaign.experiment, code
-        )
-        if file or code
-        else experiments.run_trials,
+        run_trials=run_trials,
         experiment_file=file,
         notes=[*notes, *same_trials(grid, cells, [shared.result_key for shared in sharing])],
     )
 
 
-def _check_keys(campaign: Campaign, parameters: type[Parameters]) -> None:
+def _check_keys(campaign: Campaign, experiment: Experiment) -> None:
     """Raises InputError unless every key is a parameter of the experiment, and given in one place."""
-    known = parameters.defaults()
+    known = experiment.model.defaults()
     if VARIANT in known:
         raise InputError(f"'{VARIANT}' is a campaign's own axis; rename that parameter")
     sections: dict[str, Mapping[str, object]] = {"grid": campaign.grid, "parameters": campaign.parameters}
@@ -480,32 +488,21 @@ def _check_keys(campaign: Campaign, parameters: type[Parameters]) -> None:
             if key not in known:
                 where = f"; 'midnet-bench parameters {campaign.experiment}' lists them"
                 raise InputError(f"{section}.{key}: unknown key{nearest_name(key, known, where)}")
-    twice = sorted(set(campaign.grid) & set(campaign.parameters))
-    if twice:
+    if twice := sorted(set(campaign.grid) & set(campaign.parameters)):
         raise InputError(f"parameters.{twice[0]}: also a factor of the grid; keep one of the two")
+    for factor, (name, table) in itertools.product(campaign.axes, experiment.columns.items()):
+        if factor in table.columns:
+            raise InputError(
+                f"grid.{factor}: the table '{name}' has a column of that name; give "
+                f"{factor} one value as a parameter, and run a campaign for each value"
+            )
 
 
-def _check_factors(campaign: Campaign, tables: Tables) -> None:
-    """Raises InputError if a factor has the name of a column, which would stand twice in that table."""
-    for factor in campaign.axes:
-        for name, table in tables.items():
-            if factor in table.columns:
-                raise InputError(
-                    f"grid.{factor}: the table '{name}' has a column of that name; give "
-                    f"{factor} one value as a parameter, and run a campaign for each value"
-                )
-
-
-def _cell(
-    campaign: Campaign, parameters: type[Parameters], product: dict[str, Scalar]
-) -> tuple[dict[str, Scalar], Parameters]:
-    """The parameters of a cell, defaults filled in, as a trial has them and checked."""
-    source = f"cell {shown_cell(product)}"
+def _parameters_in(campaign: Campaign, model: type[Parameters], product: Mapping[str, Scalar]) -> Parameters:
+    """The parameters of a cell, defaults filled in and checked."""
     changes = campaign.variants.get(str(product.get(VARIANT)), {})
     given = {key: value for key, value in product.items() if key != VARIANT}
-    checked = parameters.parse({**campaign.parameters, **changes, **given}, source)
-    cell = checked.flat_values()
-    return ({**cell, VARIANT: product[VARIANT]} if VARIANT in product else cell), checked
+    return model.parse({**campaign.parameters, **changes, **given}, f"cell {shown_cell(product)}")
 
 
 def _resolved_variants(
@@ -520,8 +517,10 @@ def _resolved_variants(
     return {name: {key: first[name][key] for key in differ} for name in map(str, grid[VARIANT])}
 
 
-def _baseline(campaign: Campaign, compare: Baseline, grid: Mapping[str, Sequence[Scalar]]) -> Baseline:
+def _baseline(compare: Baseline | None, grid: Mapping[str, Sequence[Scalar]]) -> Baseline | None:
     """With the baseline filled in. Raises InputError if there is no such factor, or no such value of it."""
+    if compare is None:
+        return None
     if compare.by not in grid:
         raise InputError(f"compare.by: '{compare.by}' is no factor{nearest_name(compare.by, grid)}")
     baseline = grid[compare.by][0] if compare.baseline is None else compare.baseline
@@ -556,13 +555,9 @@ def same_trials(
 def _run_with_files(
     run_trials: RunTrials, reference: str | None, code: Mapping[str, Source], specs: Sequence[TrialSpec]
 ) -> Sequence[TrialResult | Exception]:
-    """``run_trials`` in a process that has none of the user's files.
+    """``run_trials`` in a process that has none of the user's files: the ``code`` of parts of a trial.
 
-    Args:
-        run_trials: see ``RunTrials``.
-        reference: the experiment's file; specs have the file's name alone, the same on any machine.
-        code: the files of parts of a trial.
-        specs: the trials.
+    Specs have the name alone of the file of the experiment's ``reference``, the same on any machine.
     """
     take_sources(code)
     return run_trials(specs if reference is None else [replace(one, experiment=reference) for one in specs])

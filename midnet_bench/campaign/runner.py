@@ -2,11 +2,12 @@
 
 import contextlib
 import hashlib
+import itertools
 import math
 import signal
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,20 +15,21 @@ import joblib
 
 from midnet_bench.campaign import store as stores
 from midnet_bench.campaign import trust
-from midnet_bench.campaign.database import only_writer
 from midnet_bench.campaign.definition import ResolvedCampaign
-from midnet_bench.campaign.pending import PendingTrials, pending_trials
-from midnet_bench.campaign.pools import LokyPool, Pool, WorkersLost, check_options
-from midnet_bench.campaign.progress import Progress
+from midnet_bench.campaign.pool import HARD_LIMIT_S, Group, LokyPool, Pool, WorkersLost, interruptible
 from midnet_bench.campaign.provenance import Provenance, collect, versions_note
-from midnet_bench.campaign.signals import interruptible
-from midnet_bench.campaign.trial import RunTrials, TrialSpec
-from midnet_bench.campaign.worker import HARD_LIMIT_S, Outcome
-from midnet_bench.errors import InputError, MidnetBenchError
+from midnet_bench.campaign.store import Inventory, Store
+from midnet_bench.campaign.trial import Cell, Outcome, RunTrials, TrialSpec
+from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
 
+BACKENDS = ("loky", "dask")
 MAX_LOSSES_IN_VAIN = 3
 """workers that die one after another before any of them has begun a trial"""
 RULE_OF_THUMB_BYTES = 20_000.0
+FEW_TRIALS = 10
+"""for a worker, each with those that share its simulation: no more are begun by their length alone"""
+MOST_TOGETHER = 100
+"""trials of one simulation, which has all their tables in memory"""
 
 
 class Interrupted(MidnetBenchError):
@@ -36,6 +38,22 @@ class Interrupted(MidnetBenchError):
     def __init__(self, message: str, signal_number: int = signal.SIGINT) -> None:
         super().__init__(message)
         self.exit_code = 128 + signal_number
+
+
+class Progress:
+    """What the runner calls while a campaign runs; this one keeps silent."""
+
+    def begin(self, total: int, done: int) -> None:
+        """``total`` trials in the campaign, ``done`` of them by earlier runs."""
+
+    def advance(self, outcome: Outcome) -> None:
+        """One more trial is stored."""
+
+    def note(self, text: str) -> None:
+        """Something that the user should know, in one line."""
+
+    def end(self) -> None:
+        """Nothing more will come."""
 
 
 @dataclass(frozen=True)
@@ -87,11 +105,11 @@ def plan(
         InputError: as :func:`run_campaign`, of a wrong option or if the store in ``directory`` is no good
             for ``campaign``. Whether a scheduler answers is not asked.
     """
-    check_options(backend, jobs, scheduler)
+    _check_options(backend, jobs, scheduler)
     definition = campaign.definition
-    finished = failed = 0
-    measured_on, size = 0, RULE_OF_THUMB_BYTES
-    wall_s = math.fsum(one.expected_wall_s for one in campaign.checked) / len(campaign.cells)
+    finished = failed = measured_on = 0
+    wall_s = math.fsum(each.expected_wall_s for each in campaign.checked) / len(campaign.cells)
+    size = RULE_OF_THUMB_BYTES
     path = Path(directory) / stores.FILE_NAME
     if path.exists() and not fresh:
         with stores.open_store(path) as store:
@@ -100,19 +118,10 @@ def plan(
             finished, failed = store.inventory(campaign.numbered_cells).count()
             if finished:
                 measured_on, wall_s, size = store.sizes()
-    all_trials = definition.cells * definition.trials
-    to_run = all_trials - finished - (0 if retry_failed else failed)
+    to_run = campaign.total - finished - (0 if retry_failed else failed)
     workers = min(jobs or joblib.cpu_count(), max(1, to_run))
-    return Plan(
-        cells=definition.cells,
-        trials=all_trials,
-        finished=finished,
-        failed=failed,
-        to_run=to_run,
-        wall_s=to_run * wall_s / workers,
-        disk_bytes=to_run * size,
-        measured_on=measured_on,
-    )
+    wall_s, size = to_run * wall_s / workers, to_run * size
+    return Plan(definition.cells, campaign.total, finished, failed, to_run, wall_s, size, measured_on)
 
 
 def run_campaign(
@@ -149,41 +158,112 @@ def run_campaign(
     progress = progress or Progress()
     directory = Path(directory)
     path = directory / stores.FILE_NAME
-    with _pool(backend, jobs, scheduler, directory, progress) as pool, only_writer(directory):
+    with (
+        contextlib.closing(_pool(backend, jobs, scheduler, directory, progress)) as pool,
+        stores.only_writer(directory),
+    ):
         if fresh and (aside := stores.back_up(path)):
             progress.note(f"the old store is kept as {aside}")
         with stores.open_or_create(path, campaign.definition_in(directory)) as store:
             trust.remember(path, store.definition)
             store.write_cells(campaign.numbered_cells)
             inventory = store.inventory()
-            _forget_damaged(store, inventory.damaged, progress)
-            missing = pending_trials(campaign, inventory, retry_failed, pool.workers)
-            ran = len(missing)
-            if missing:
-                _add_trials(store, pool, campaign, missing, progress, prepare)
+            if inventory.damaged:
+                store.forget(inventory.damaged)
+                first, *others = inventory.damaged.values()
+                more = f" and {len(others)} more" if others else ""
+                progress.note(f"{path}: damaged; what cannot be read is run again: {first}{more}")
+            ran, missing = pending_trials(campaign, inventory, retry_failed, pool.workers)
+            if ran:
+                _add_trials(store, pool, campaign, ran, missing, progress, prepare)
             finished, failed = store.counts()
+            no_input = f"{InputError.__module__}.{InputError.__qualname__}: "
             return CampaignOutcome(
                 store=path,
                 finished=finished,
                 failed=failed,
-                unusable=_unusable(store),
+                unusable=Counter(
+                    line.removeprefix(no_input) for line in store.failures() if line.startswith(no_input)
+                ),
                 ran=ran,
                 wall_s=time.perf_counter() - start_s,
                 notes=versions_note(store.runs()),
             )
 
 
+def _check_options(backend: str, jobs: int | None, scheduler: str | None) -> None:
+    """Raises InputError unless the options that say where trials run go together."""
+    if backend not in BACKENDS:
+        raise InputError(f"--backend {backend}: unknown{nearest_name(backend, BACKENDS)}")
+    if backend != "dask" and scheduler is not None:
+        raise InputError(f"--scheduler {scheduler}: only with --backend dask")
+    if jobs is not None and jobs < 1:
+        raise InputError(f"--jobs {jobs}: give 1 or more")
+
+
+def _pool(backend: str, jobs: int | None, scheduler: str | None, directory: Path, progress: Progress) -> Pool:
+    """The pool that the options ask for; says what is wrong with them before anything is touched."""
+    _check_options(backend, jobs, scheduler)
+    workers = joblib.cpu_count() if jobs is None else jobs
+    if backend == "loky":
+        return LokyPool(workers, directory / ".running", progress.note)
+    from midnet_bench.campaign.dask_pool import DaskPool
+
+    return DaskPool(scheduler, progress.note, workers)
+
+
+def pending_trials(
+    campaign: ResolvedCampaign, inventory: Inventory, retry_failed: bool, workers: int
+) -> tuple[int, Iterator[Group]]:
+    """How many trials are to run, and which, in groups; there may be millions.
+
+    Seed by seed, so that an interrupted campaign has visited all cells about equally, and of each seed the
+    trials that take longest first. Where there are few trials for each worker, those that take longest come
+    first of all: a worker that begins one at the end would keep the others waiting. Trials of one seed that
+    share a simulation come as one group, up to ``MOST_TOGETHER`` of them.
+    """
+    nothing: set[int] = set()
+    count = campaign.total
+    shared: dict[Hashable, list[tuple[float, Cell, set[int]]]] = {}
+    for cell, parameters, sharing in sorted(
+        zip(campaign.numbered_cells, campaign.checked, campaign.sharing, strict=True),
+        key=lambda each: -each[1].effort,
+    ):
+        done = inventory.finished.get(cell.number, nothing)
+        if not retry_failed:
+            done = done | inventory.failed.get(cell.number, nothing)
+        count -= sum(seed in campaign.seeds for seed in done)
+        shared.setdefault(sharing.simulation_key, []).append((parameters.effort, cell, done))
+    together = [
+        cells[first : first + MOST_TOGETHER]
+        for cells in shared.values()
+        for first in range(0, len(cells), MOST_TOGETHER)
+    ]
+
+    def groups() -> Iterator[tuple[float, Group]]:
+        for seed, cells in itertools.product(campaign.seeds, together):
+            missing = [cell for _, cell, done in cells if seed not in done]
+            if missing:
+                yield cells[0][0], [TrialSpec(cell.experiment, cell.parameters, seed) for cell in missing]
+
+    missing = groups()
+    first = list(itertools.islice(missing, FEW_TRIALS * workers + 1))
+    if len(first) <= FEW_TRIALS * workers:
+        first.sort(key=lambda each: -each[0])
+    return count, (group for _, group in itertools.chain(first, missing))
+
+
 def _add_trials(
-    store: stores.Store,
+    store: Store,
     pool: Pool,
     campaign: ResolvedCampaign,
-    missing: PendingTrials,
+    count: int,
+    missing: Iterator[Group],
     progress: Progress,
     prepare: Callable[[], None],
 ) -> None:
-    """Runs the missing trials and stores each as it ends. Raises Interrupted on Ctrl-C."""
+    """Runs the ``count`` missing trials and stores each as it ends. Raises Interrupted on Ctrl-C."""
     run_id = store.begin_run(_provenance(campaign))
-    total = campaign.definition.cells * campaign.definition.trials
 
     def keep(spec: TrialSpec, outcome: Outcome) -> None:
         store.record(run_id, spec, outcome)
@@ -192,13 +272,13 @@ def _add_trials(
     try:
         with interruptible():
             prepare()
-            progress.begin(total, total - len(missing))
+            progress.begin(campaign.total, campaign.total - count)
             limit_s = campaign.campaign.trial_timeout_s
-            _run(pool, campaign.run_trials, missing, limit_s, keep, progress.note)
+            _run(pool, campaign.run_trials, count, missing, limit_s, keep, progress.note)
     except KeyboardInterrupt as interrupt:
         store.refuse_if_gone()
         raise Interrupted(
-            f"interrupted; {sum(store.counts())} of {total} trials are stored in {store.path}:"
+            f"interrupted; {sum(store.counts())} of {campaign.total} trials are stored in {store.path}:"
             " run the same command again to continue",
             *interrupt.args,
         ) from None
@@ -207,36 +287,11 @@ def _add_trials(
     store.end_run(run_id)
 
 
-def _forget_damaged(store: stores.Store, damaged: Mapping[int, str], progress: Progress) -> None:
-    """Makes trials that cannot be read any more count as not done, and says so."""
-    if damaged:
-        store.forget(damaged)
-        first, *others = damaged.values()
-        more = f" and {len(others)} more" if others else ""
-        progress.note(f"{store.path}: damaged; what cannot be read is run again: {first}{more}")
-
-
-@contextlib.contextmanager
-def _pool(
-    backend: str, jobs: int | None, scheduler: str | None, directory: Path, progress: Progress
-) -> Iterator[Pool]:
-    """The pool that the options ask for; says what is wrong with them before anything is touched."""
-    check_options(backend, jobs, scheduler)
-    workers = joblib.cpu_count() if jobs is None else jobs
-    if backend == "dask":
-        from midnet_bench.campaign.dask_pool import DaskPool
-
-        pool: Pool = DaskPool(scheduler, progress.note, workers)
-    else:
-        pool = LokyPool(workers, directory / ".running", progress.note)
-    with contextlib.closing(pool):
-        yield pool
-
-
 def _run(
     pool: Pool,
     run_trials: RunTrials,
-    missing: PendingTrials,
+    count: int,
+    missing: Iterator[Group],
     limit_s: float,
     keep: Callable[[TrialSpec, Outcome], None],
     note: Callable[[str], None],
@@ -246,50 +301,55 @@ def _run(
     A worker that dies does not tell which trial did it. So those that were running, and those that shared
     a simulation with them, are repeated one at a time, and the one with which a worker dies again has failed.
     """
-    suspects = PendingTrials()
+    begun: dict[str, tuple[TrialSpec, Group]] = {}
+    """trials that were handed to the workers and have no outcome, with their groups"""
+    suspects: dict[str, TrialSpec] = {}
     losses_in_vain = 0
-    while missing or suspects:
+
+    def taken(groups: Iterator[Group]) -> Iterator[Group]:
+        for group in groups:
+            begun.update((spec.trial_id, (spec, group)) for spec in group)
+            yield group
+
+    def finish(outcome: Outcome) -> None:
+        nonlocal count
+        spec, _ = begun.pop(outcome.trial_id)
+        suspects.pop(outcome.trial_id, None)
+        keep(spec, outcome)
+        count -= 1
+
+    while count:
         alone = bool(suspects)
-        batch = suspects if alone else missing
+        if alone:
+            groups = taken(iter([[spec] for spec in suspects.values()]))
+        else:  # first those that were handed out in vain
+            left = {id(group): group for _, group in begun.values()}.values()
+            in_vain = [[spec for spec in group if spec.trial_id in begun] for group in left]
+            groups = itertools.chain(in_vain, taken(missing))
         try:
-            outcomes = pool.outcomes(run_trials, iter(batch), limit_s, one_at_a_time=alone)
-            with contextlib.closing(outcomes):
+            with contextlib.closing(pool.outcomes(run_trials, groups, limit_s, alone)) as outcomes:
                 for outcome in outcomes:
-                    keep(batch.take(outcome.trial_id), outcome)
+                    finish(outcome)
                     losses_in_vain = 0
-            if batch:
+            if suspects or (count and not alone):
                 raise WorkersLost("the workers stopped", {})
         except WorkersLost as lost:
-            in_flight = {trial_id: stack for trial_id, stack in lost.in_flight.items() if trial_id in batch}
+            in_flight = {trial_id: stack for trial_id, stack in lost.in_flight.items() if trial_id in begun}
             losses_in_vain = 0 if in_flight else losses_in_vain + 1
             if losses_in_vain == MAX_LOSSES_IN_VAIN:
                 raise MidnetBenchError(f"workers die before they begin a trial: {lost}") from lost
             for trial_id, stack in in_flight.items():
-                together = batch.group_of(trial_id)
-                if len(together) > 1:
-                    for spec in together:
-                        suspects.add(batch.take(spec.trial_id))
-                    continue
-                spec = batch.take(trial_id)
-                if stack.startswith("Timeout"):
-                    failure = (
-                        f"{stack}\nstill in native code {HARD_LIMIT_S:g} s after its limit of {limit_s:g} s"
-                    )
-                    keep(spec, Outcome(trial_id, limit_s + HARD_LIMIT_S, failure=failure))
-                elif alone:
-                    failure = (
-                        f"{stack}\nits worker died twice: it crashed, or lacked memory or, on a cluster, time"
-                    )
-                    keep(spec, Outcome(trial_id, 0.0, failure=failure.strip()))
+                together = [one for one in begun[trial_id][1] if one.trial_id in begun]
+                if len(together) > 1 or not (alone or stack.startswith("Timeout")):
+                    suspects |= {one.trial_id: one for one in together}
+                elif stack.startswith("Timeout"):
+                    what = f"still in native code {HARD_LIMIT_S:g} s after its limit of {limit_s:g} s"
+                    finish(Outcome(trial_id, limit_s + HARD_LIMIT_S, failure=f"{stack}\n{what}"))
                 else:
-                    suspects.add(spec)
+                    what = "its worker died twice: it crashed, or lacked memory or, on a cluster, time"
+                    finish(Outcome(trial_id, 0.0, failure=f"{stack}\n{what}".strip()))
             if suspects and not alone:
                 note(f"a worker died; what was running is repeated, one at a time ({len(suspects)})")
-
-
-def _unusable(store: stores.Store) -> dict[str, int]:
-    name = f"{InputError.__module__}.{InputError.__qualname__}: "
-    return Counter(line.removeprefix(name) for line in store.failures() if line.startswith(name))
 
 
 def _provenance(campaign: ResolvedCampaign) -> Provenance:

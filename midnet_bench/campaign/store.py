@@ -1,27 +1,127 @@
-"""The store: one SQLite file per campaign, one transaction per finished trial, one process that writes."""
+"""The store: one SQLite file per campaign, one transaction per finished trial, one process that writes.
+
+The rollback journal with full synchronisation, SQLite's defaults, is what makes a store survive: a
+process that is killed or a disk that is full leaves the last committed transaction and nothing
+half-written, in one file that can be copied as it is.
+
+A file from elsewhere is read as SQLite must not read it: a journal beside it makes SQLite write the file, and
+delete any other that the journal names. So readers leave both as they are, and writers look at them first.
+"""
 
 import contextlib
 import json
+import math
+import shutil
 import sqlite3
+import stat
+import struct
+import tempfile
+import textwrap
+import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType, TracebackType
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple, get_type_hints
 
-from midnet_bench.campaign import database, rows
-from midnet_bench.campaign.columns import Tables, check_tables
-from midnet_bench.campaign.database import explained, transaction
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
 from midnet_bench.campaign.definition import Definition, differences, shown_cell
-from midnet_bench.campaign.payload import decode_tables
 from midnet_bench.campaign.provenance import Provenance, now_utc
-from midnet_bench.campaign.trial import Cell, Row, Scalar, TrialSpec
-from midnet_bench.campaign.worker import Outcome
+from midnet_bench.campaign.tables import (
+    FAILURES,
+    TIMING,
+    TIMING_TABLE,
+    CsvFile,
+    Tables,
+    check_tables,
+    decode_tables,
+    shown,
+)
+from midnet_bench.campaign.trial import Cell, Outcome, Row, Scalar, TrialSpec
 from midnet_bench.errors import InputError, MidnetBenchError
+from midnet_bench.io.files import temporary_path
 
 FILE_NAME = "campaign.sqlite"
+APPLICATION_ID = 0x4D49444E
+"""``MIDN``: SQLite's mark of the program that a file belongs to"""
+FORMAT = 4
+"""of stores; it changes with their tables and with the columns of any experiment, and none reads another's"""
+JOURNAL_MAGIC = bytes.fromhex("d9d505f920a163d7")
+"""SQLite's; a journal that ends in it names a file that SQLite deletes when it takes the journal back"""
+ROLLBACK_HEADER = b"SQLite format 3\0", b"\1\1"
+"""what a store begins with, and what stands two bytes behind; of one with a write-ahead log it is 2 and 2"""
 ROWS_AT_ONCE = 500
 """that are read by one statement"""
+
+
+class StoreFull(MidnetBenchError):
+    """The disk has no room left. The store holds every trial that was committed before."""
+
+
+class TrialRow(NamedTuple):
+    """What the table ``trials`` has of a trial: failed if it has a traceback, finished if it has a result."""
+
+    cell: int
+    seed: int
+    run_id: int
+    simulated_s: float | None
+    wall_s: float
+    finished_utc: str
+    traceback: str | None
+    result: bytes | None
+
+    @property
+    def checksum(self) -> int:
+        """The CRC-32 of all of it; it is found a million times where a million trials go on."""
+        cell, seed, run_id, simulated_s, wall_s, finished_utc, traceback, result = self
+        times = math.nan if simulated_s is None else simulated_s, wall_s
+        numbers = _NUMBERS.pack(cell, seed, run_id, *times, traceback is None, result is None)
+        text = finished_utc if traceback is None else finished_utc + traceback
+        return zlib.crc32(
+            result or b"", zlib.crc32(text.encode("utf-8", "surrogatepass"), zlib.crc32(numbers))
+        )
+
+    def is_sound(self, checksum: object) -> bool:
+        """Whether the values are those that were written with this checksum."""
+        try:
+            return checksum == self.checksum
+        except (AttributeError, TypeError, struct.error):  # values of other types
+            return False
+
+    def named(self, row_id: int, cells: Mapping[int, Cell]) -> str:
+        """What messages call the trial, whose values may be damaged."""
+        if self.cell in cells and isinstance(self.seed, int):
+            return f"trial {cells[self.cell].trial_id(self.seed)} (seed {self.seed})"
+        return f"row {row_id}"
+
+
+_NUMBERS = struct.Struct("<qqqdd??")
+_SQL_TYPES = {
+    int: "INTEGER NOT NULL",
+    float: "REAL NOT NULL",
+    str: "TEXT NOT NULL",
+    float | None: "REAL",
+    str | None: "TEXT",
+    bytes | None: "BLOB",
+}
+ONE_ROW_EACH = "CREATE UNIQUE INDEX one_row_each ON trials (cell, seed)"
+SCHEMA = (
+    "CREATE TABLE campaign (definition TEXT NOT NULL)",
+    "CREATE TABLE runs (run_id INTEGER PRIMARY KEY, provenance TEXT NOT NULL, ended_utc TEXT)",
+    "CREATE TABLE cells (cell INTEGER PRIMARY KEY, parameters TEXT NOT NULL)",
+    "CREATE TABLE trials ("
+    + "".join(f"{name} {_SQL_TYPES[kind]}, " for name, kind in get_type_hints(TrialRow).items())
+    + "checksum INTEGER NOT NULL)",
+    ONE_ROW_EACH,
+)
+COLUMNS = f"{', '.join(TrialRow._fields)}, checksum"
+"""of the table ``trials``: a :class:`TrialRow` and its checksum"""
+INSERT = f"INSERT OR REPLACE INTO trials ({COLUMNS}) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)"
 
 
 @dataclass(frozen=True)
@@ -63,7 +163,7 @@ class StoredTrial:
         """The tables of a finished trial.
 
         Args:
-            expected: the experiment's tables; see :func:`columns.check_tables`.
+            expected: the experiment's tables; see :func:`~midnet_bench.campaign.tables.check_tables`.
             factors: of the campaign's grid, to name the trial by.
 
         Raises:
@@ -98,7 +198,7 @@ class Inventory:
 
     def count(self) -> tuple[int, int]:
         """How many have finished, and how many have failed."""
-        finished, failed = (sum(map(len, one.values())) for one in (self.finished, self.failed))
+        finished, failed = (sum(map(len, each.values())) for each in (self.finished, self.failed))
         return finished, failed
 
 
@@ -109,27 +209,29 @@ class Store:
         self.path = path
         self._connection = connection
         self._identity = _identity(path)
-        self._definition: Definition | None = None
         self._written: set[int] = set()
         """numbers of cells whose parameters are there"""
 
     def __enter__(self) -> "Store":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
         """Closes the file."""
         self._connection.close()
 
+    def _read(self, statement: str, values: Sequence[Any] = ()) -> list[Any]:
+        """Rows, all at once: a statement that is left open would keep a campaign from storing."""
+        with _explained(self.path):
+            return self._connection.execute(statement, values).fetchall()
+
     @contextlib.contextmanager
     def _transaction(self) -> Iterator[None]:
         self.refuse_if_gone()
         try:
-            with explained(self.path), transaction(self._connection):
+            with _explained(self.path), _all_or_nothing(self._connection):
                 yield
         except MidnetBenchError:
             self.refuse_if_gone()  # that explains it better
@@ -143,25 +245,21 @@ class Store:
                 " unless you put it back; run the same command again to go on with what is there"
             )
 
-    @property
+    @cached_property
     def definition(self) -> Definition:
         """The campaign of the store. Raises InputError if that is damaged."""
-        if self._definition is None:
-            with explained(self.path):
-                row = self._connection.execute("SELECT definition FROM campaign").fetchone()
-            try:
-                self._definition = Definition.from_json(row[0] if row else "")
-            except ValueError as error:
-                raise InputError(
-                    f"{self.path}: damaged (which campaign it holds cannot be read); move it away, or"
-                    " --fresh to start over"
-                ) from error
-        return self._definition
+        rows = self._read("SELECT definition FROM campaign")
+        try:
+            return Definition.from_json(rows[0][0] if rows else "")
+        except ValueError as error:
+            raise InputError(
+                f"{self.path}: damaged (which campaign it holds cannot be read); move it away, or"
+                " --fresh to start over"
+            ) from error
 
     def refuse_unless_extended_by(self, definition: Definition) -> None:
         """Raises InputError, naming what differs, unless ``definition`` only adds trials or grid values."""
-        found = differences(self.definition, definition)
-        if found:
+        if found := differences(self.definition, definition):
             raise InputError(
                 f"{self.path}: made by another campaign ({'; '.join(found)});"
                 " give another folder with -o, or --fresh to start over"
@@ -172,7 +270,7 @@ class Store:
         self.refuse_unless_extended_by(definition)
         with self._transaction():
             self._connection.execute("UPDATE campaign SET definition = ?", (definition.to_json(),))
-        self._definition = definition
+        self.definition = definition
 
     def write_cells(self, cells: Iterable[Cell]) -> None:
         """Writes the parameters of these cells down where they are not, or are damaged."""
@@ -191,18 +289,14 @@ class Store:
 
     def counts(self) -> tuple[int, int]:
         """How many trials have finished, and how many have failed."""
-        with explained(self.path):
-            finished, total = self._connection.execute(
-                "SELECT count(*) - count(traceback), count(*) FROM trials NOT INDEXED"
-            ).fetchone()
+        ((finished, total),) = self._read(
+            "SELECT count(*) - count(traceback), count(*) FROM trials NOT INDEXED"
+        )
         return finished, total - finished
 
     def failures(self) -> list[str]:
         """Of each failed trial the last line of its traceback: the exception and its message."""
-        with explained(self.path):
-            found = self._connection.execute(
-                "SELECT traceback FROM trials WHERE traceback IS NOT NULL"
-            ).fetchall()
+        found = self._read("SELECT traceback FROM trials WHERE traceback IS NOT NULL")
         return [_last_line(text) for (text,) in found]
 
     def begin_run(self, provenance: Provenance) -> int:
@@ -223,12 +317,17 @@ class Store:
 
         One that is damaged comes as its text under the key ``damaged``: it is no reason to lose the trials.
         """
-        with explained(self.path):
-            found = self._connection.execute(
-                "SELECT provenance, ended_utc FROM runs WHERE run_id IN (SELECT run_id FROM trials)"
-                " ORDER BY run_id"
-            ).fetchall()
-        return [{**_provenance(text), "ended_utc": ended_utc} for text, ended_utc in found]
+        runs = []
+        for text, ended_utc in self._read(
+            "SELECT provenance, ended_utc FROM runs WHERE run_id IN (SELECT run_id FROM trials)"
+            " ORDER BY run_id"
+        ):
+            try:
+                provenance = dict(json.loads(text))
+            except (TypeError, ValueError):
+                provenance = {"damaged": text}
+            runs.append({**provenance, "ended_utc": ended_utc})
+        return runs
 
     def record(self, run_id: int, spec: TrialSpec, outcome: Outcome) -> None:
         """Commits one trial, in place of an earlier failure of it."""
@@ -240,22 +339,13 @@ class Store:
         written = []
         for spec, outcome in trials:
             cell = cells.setdefault(id(spec.parameters), Cell(spec.experiment, spec.parameters))
-            written.append(
-                rows.TrialRow(
-                    cell.number,
-                    spec.seed,
-                    run_id,
-                    outcome.simulated_s,
-                    outcome.wall_s,
-                    now_utc(),
-                    outcome.failure,
-                    outcome.payload,
-                )
-            )
+            times = outcome.simulated_s, outcome.wall_s, now_utc()
+            row = TrialRow(cell.number, spec.seed, run_id, *times, outcome.failure, outcome.payload)
+            written.append((*row, row.checksum))
         if any(cell.number not in self._written for cell in cells.values()):
             self.write_cells(cells.values())
         with self._transaction():
-            self._connection.executemany(rows.INSERT, ((*row, row.checksum) for row in written))
+            self._connection.executemany(INSERT, written)
 
     def trials(self) -> Iterator[StoredTrial]:
         """Every trial of the present definition, cell by cell in the grid's order, then by seed.
@@ -265,48 +355,41 @@ class Store:
         """
         cells = self._cells_in_order()
         positions = {number: position for position, number in enumerate(cells)}
-        with explained(self.path):
-            order = []
-            for row_id, number, seed in self._connection.execute(
-                "SELECT rowid, cell, seed FROM trials NOT INDEXED"
-            ):
-                if number not in positions or not isinstance(seed, int):
-                    raise _damaged(self.path, f"row {row_id}")
-                order.append((positions[number], seed, row_id))
-            order.sort()
-            for first in range(0, len(order), ROWS_AT_ONCE):
-                wanted = [row_id for _, _, row_id in order[first : first + ROWS_AT_ONCE]]
-                # all of them at once: a statement that is left open would keep a campaign from storing
-                found = {
-                    row_id: row
-                    for row_id, *row in self._connection.execute(
-                        f"SELECT rowid, {rows.COLUMNS} FROM trials"
-                        f" WHERE rowid IN ({','.join('?' * len(wanted))})",
-                        wanted,
-                    ).fetchall()
-                }
-                for row_id in wanted:
-                    if row_id in found:  # else a campaign has just repeated it
-                        yield self._trial(row_id, found[row_id], cells)
+        order = []
+        for row_id, number, seed in self._read("SELECT rowid, cell, seed FROM trials NOT INDEXED"):
+            if number not in positions or not isinstance(seed, int):
+                raise self._damaged(f"row {row_id}")
+            order.append((positions[number], seed, row_id))
+        order.sort()
+        for first in range(0, len(order), ROWS_AT_ONCE):
+            wanted = [row_id for _, _, row_id in order[first : first + ROWS_AT_ONCE]]
+            marks = ",".join("?" * len(wanted))
+            statement = f"SELECT rowid, {COLUMNS} FROM trials WHERE rowid IN ({marks})"
+            found = {row_id: values for row_id, *values in self._read(statement, wanted)}
+            for row_id in filter(found.__contains__, wanted):  # else a campaign has just repeated it
+                *values, checksum = found[row_id]
+                row = TrialRow(*values)
+                if not row.is_sound(checksum):
+                    raise self._damaged(row.named(row_id, cells))
+                cell, seed, _, simulated_s, wall_s, finished, failure, result = row
+                yield StoredTrial(
+                    self.path, cells[cell], seed, simulated_s, wall_s, finished, failure, result
+                )
 
-    def _trial(self, row_id: int, values: Sequence[Any], cells: Mapping[int, Cell]) -> StoredTrial:
-        """The trial in a row. Raises InputError if it is damaged."""
-        *columns, checksum = values
-        row = rows.TrialRow(*columns)
-        if not row.is_sound(checksum):
-            raise _damaged(self.path, _called(row_id, row, cells))
-        cell, seed, _, simulated_s, wall_s, finished_utc, traceback, result = row
-        return StoredTrial(self.path, cells[cell], seed, simulated_s, wall_s, finished_utc, traceback, result)
+    def _damaged(self, what: str) -> InputError:
+        return InputError(
+            f"{self.path}: {what} cannot be read, the file is damaged there;"
+            " run the campaign's command again to mend it; the other trials are kept"
+        )
 
     def _cells(self) -> dict[int, Cell]:
         """Number -> cell, without those that are damaged."""
         experiment, cells = self.definition.experiment, {}
-        with explained(self.path):
-            for number, text in self._connection.execute("SELECT cell, parameters FROM cells"):
-                with contextlib.suppress(TypeError, ValueError):
-                    cell = Cell(experiment, dict(json.loads(text)))
-                    if cell.number == number:
-                        cells[number] = cell
+        for number, text in self._read("SELECT cell, parameters FROM cells"):
+            with contextlib.suppress(TypeError, ValueError):
+                cell = Cell(experiment, dict(json.loads(text)))
+                if cell.number == number:
+                    cells[number] = cell
         return cells
 
     def _cells_in_order(self) -> dict[int, Cell]:
@@ -328,14 +411,14 @@ class Store:
         finished: dict[int, set[int]] = {number: set() for number in cells}
         failed: dict[int, set[int]] = {number: set() for number in cells}
         damaged = {}
-        with explained(self.path):
-            for values in self._connection.execute(f"SELECT rowid, {rows.COLUMNS} FROM trials NOT INDEXED"):
+        with _explained(self.path):  # row by row: results may be larger than the memory
+            for values in self._connection.execute(f"SELECT rowid, {COLUMNS} FROM trials NOT INDEXED"):
                 row_id, *columns, checksum = values
-                row = rows.TrialRow(*columns)
+                row = TrialRow(*columns)
                 if row.cell in cells and row.is_sound(checksum):
                     (failed if row.result is None else finished)[row.cell].add(row.seed)
                 else:
-                    damaged[row_id] = _called(row_id, row, cells)
+                    damaged[row_id] = row.named(row_id, cells)
         return Inventory(finished, failed, damaged)
 
     def forget(self, row_ids: Iterable[int]) -> None:
@@ -344,14 +427,13 @@ class Store:
             # made anew, for the damage may be in the index, or in what it is made of
             self._connection.execute("DROP INDEX one_row_each")
             self._connection.executemany("DELETE FROM trials WHERE rowid = ?", [(one,) for one in row_ids])
-            self._connection.execute(rows.ONE_ROW_EACH)
+            self._connection.execute(ONE_ROW_EACH)
 
     def sizes(self) -> tuple[int, float, float]:
         """Of the finished trials: how many, their mean wall time in seconds, their mean size in bytes."""
-        with explained(self.path):
-            count, wall_s, size = self._connection.execute(
-                "SELECT count(*), avg(wall_s), avg(length(result)) FROM trials WHERE traceback IS NULL"
-            ).fetchone()
+        ((count, wall_s, size),) = self._read(
+            "SELECT count(*), avg(wall_s), avg(length(result)) FROM trials WHERE traceback IS NULL"
+        )
         return count, wall_s or 0.0, size or 0.0
 
 
@@ -368,25 +450,56 @@ def _last_line(text: str) -> str:
     return (text.splitlines() or [""])[-1]
 
 
-def _called(row_id: int, row: rows.TrialRow, cells: Mapping[int, Cell]) -> str:
-    """What messages call the trial in a row that may be damaged."""
-    if row.cell in cells and isinstance(row.seed, int):
-        return f"trial {cells[row.cell].trial_id(row.seed)} (seed {row.seed})"
-    return f"row {row_id}"
+def export_csv(store: Store, directory: Path, expected: Tables = MappingProxyType({})) -> list[Path]:
+    """Writes one CSV per table of the trials; the files written.
 
+    Rows stand in the campaign's order (cells, then seeds, then the trial's own rows), led by the
+    factors of the grid and the seed. ``timing.csv`` keeps wall times apart, because no two runs agree
+    on them. ``failures.csv`` names the trials that failed; it is there only if some did. One trial is in
+    memory at a time, however many there are. The same trials give the same bytes, wherever they ran.
 
-def _damaged(path: Path, what: str) -> InputError:
-    return InputError(
-        f"{path}: {what} cannot be read, the file is damaged there;"
-        " run the campaign's command again to mend it; the other trials are kept"
-    )
+    Args:
+        store: open.
+        directory: for the files.
+        expected: the tables that the campaign's experiment has; any do if it declares none.
 
+    Raises:
+        InputError: a trial is damaged or its tables are others, or the folder cannot be written. No file is
+            written then.
+        MidnetBenchError: there is no room.
+    """
+    definition = store.definition
+    with contextlib.ExitStack() as drafts:
+        files: dict[str, CsvFile] = {}
 
-def _provenance(text: str) -> Provenance:
-    try:
-        return dict(json.loads(text))
-    except (TypeError, ValueError):
-        return {"damaged": text}
+        def add(name: str, key: Row, rows: Sequence[Row]) -> None:
+            if name not in files:
+                draft = drafts.enter_context(temporary_path(directory / f"{name}.csv"))
+                files[name] = drafts.enter_context(CsvFile(draft))
+            files[name].add(key, rows)
+
+        add(TIMING, {}, [])
+        for trial in store.trials():
+            key: Row = {**definition.cell_of(trial.parameters), "seed": trial.seed}
+            timing: Row = {name: getattr(trial, name) for name in TIMING_TABLE[TIMING].columns}
+            try:
+                check_tables(TIMING_TABLE, {TIMING: [timing]}, key)
+            except ValueError as error:
+                raise trial.fault(str(error), definition.grid) from error
+            add(TIMING, key, [timing])
+            if trial.traceback is not None:
+                add(FAILURES, key, [{"trial_id": trial.trial_id, "reason": trial.reason}])
+                continue
+            for name, rows in trial.tables(expected, definition.grid).items():
+                for row in rows:
+                    for column in row.keys() & key.keys():
+                        if row[column] != key[column]:
+                            what = f"table '{name}', column '{column}': {shown(row[column])} is another's"
+                            raise trial.fault(what, definition.grid)
+                add(name, key, rows)
+    if FAILURES not in files:
+        (directory / f"{FAILURES}.csv").unlink(missing_ok=True)
+    return [directory / f"{name}.csv" for name in files]
 
 
 def open_or_create(path: Path, definition: Definition) -> Store:
@@ -395,27 +508,103 @@ def open_or_create(path: Path, definition: Definition) -> Store:
     Raises:
         InputError: as :func:`open_store`, or the store there is another campaign's.
     """
-    connection = database.create(path, definition.to_json())
-    if connection is not None:
-        return Store(path, connection)
+    refuse_traps(path)
+    with _explained(path):
+        connection = sqlite3.connect(path, timeout=30, isolation_level=None)
+        with _closed_on_error(connection):
+            _pragma(connection, "schema_version")  # reading takes back what a killed process left half-made
+            if path.stat().st_size == 0:
+                with _all_or_nothing(connection):
+                    for statement in SCHEMA:
+                        connection.execute(statement)
+                    connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+                    connection.execute(f"PRAGMA user_version = {FORMAT}")
+                    connection.execute("INSERT INTO campaign VALUES (?)", (definition.to_json(),))
+                return Store(path, connection)
+    connection.close()
     store = open_store(path, is_writer=True)
-    try:
+    with contextlib.ExitStack() as on_error:
+        on_error.enter_context(store)
         store.extend(definition)
-    except BaseException:
-        store.close()
-        raise
+        on_error.pop_all()
     return store
 
 
 def open_store(path: Path, is_writer: bool = False) -> Store:
-    """The store at ``path``; a reader changes no file.
+    """The store at ``path``. A reader changes no file, and may read while another process writes.
 
     Raises:
-        InputError: there is none; the file is another program's, damaged, or another version's.
+        InputError: there is none; the file is another program's, damaged, or another version's; or as
+            :func:`refuse_traps`.
     """
     if not path.is_file():
         raise InputError(f"{path}: there is no campaign store here")
-    return Store(path, database.open_existing(path, is_writer))
+    refuse_traps(path if is_writer else path.resolve())
+    with _explained(path):
+        with path.open("rb") as file:
+            begins, _, versions = file.read(16), file.read(2), file.read(2)
+        if begins == ROLLBACK_HEADER[0] and versions != ROLLBACK_HEADER[1]:  # even a reader would write a log
+            raise InputError(f"{path}: another program's SQLite file, not a campaign store; left as it is")
+        try:
+            return Store(path, _connection(path, "rw" if is_writer else "ro"))
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode != sqlite3.SQLITE_READONLY_ROLLBACK:
+                raise
+        with contextlib.suppress(FileNotFoundError):  # a campaign goes on and has just taken it back
+            return Store(path, _rolled_back_copy(path))
+        return Store(path, _connection(path, "ro"))
+
+
+def _connection(path: Path, mode: str) -> sqlite3.Connection:
+    connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode={mode}", 30, isolation_level=None, uri=True)
+    # invalid UTF-8 is reported by the reader of the text, which knows the trial's id
+    connection.text_factory = lambda text: text.decode(errors="replace")
+    with _closed_on_error(connection):
+        _refuse_unless_sound(connection, path)
+    return connection
+
+
+def _refuse_unless_sound(connection: sqlite3.Connection, path: Path) -> None:
+    """Raises InputError unless the file is a sound store of this version."""
+    if _pragma(connection, "application_id") != APPLICATION_ID:
+        raise InputError(f"{path}: another program's SQLite file, not a campaign store; left as it is")
+    version = _pragma(connection, "user_version")
+    if version != FORMAT:
+        raise InputError(
+            f"{path}: another version of midnet-bench wrote it (format {version}, this one reads {FORMAT});"
+            " use that version, or --fresh to start over"
+        )
+    alien = connection.execute("SELECT type, name FROM sqlite_master WHERE type IN ('view', 'trigger')")
+    if found := alien.fetchone():
+        raise InputError(f"{path}: no store of midnet-bench: it has a {found[0]}; move it away")
+    state = " ".join(str(_pragma(connection, "quick_check(1)")).split())
+    if state != "ok":
+        raise InputError(f"{path}: damaged ({state}); move it away, or --fresh to start over")
+
+
+def _rolled_back_copy(path: Path) -> sqlite3.Connection:
+    """A connection to what a store was before the transaction in which a process was killed; in memory."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder, path.name)
+        for ending in ("", "-journal"):
+            shutil.copyfile(f"{path.resolve()}{ending}", f"{copy}{ending}", follow_symlinks=False)
+        refuse_traps(copy)
+        with contextlib.closing(_connection(copy, "rw")) as copied:
+            memory = sqlite3.connect(":memory:", isolation_level=None)
+            memory.text_factory = copied.text_factory
+            copied.backup(memory)
+    return memory
+
+
+def refuse_traps(path: Path) -> None:
+    """Raises InputError unless SQLite would write to ``path``, if it is there, and to its journal alone."""
+    journal = Path(f"{path}-journal")
+    for file in (path, journal):
+        with contextlib.suppress(FileNotFoundError):
+            if not stat.S_ISREG(file.lstat().st_mode):
+                raise InputError(f"{file}: a link, or no ordinary file; move it away, or give another -o")
+            if file == journal and journal.read_bytes().endswith(JOURNAL_MAGIC):
+                raise InputError(f"{journal}: names another file, as ours never do; remove it")
 
 
 def back_up(path: Path) -> Path | None:
@@ -429,3 +618,101 @@ def back_up(path: Path) -> Path | None:
     if journal.exists():
         journal.rename(f"{aside}-journal")
     return path.rename(aside)
+
+
+@contextlib.contextmanager
+def only_writer(directory: Path) -> Iterator[None]:
+    """Keeps other processes from writing to the campaign in ``directory``; a dead process holds nothing.
+
+    The lock is SQLite's own on an empty file, so it works wherever the store does, and readers of the
+    store are left alone.
+
+    Raises:
+        InputError: another process is at it, or the folder cannot be written.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        lock = directory / ".campaign.lock"
+        refuse_traps(lock)
+        if lock.exists() and lock.stat().st_size:
+            raise InputError(f"{lock}: not the empty file that midnet-bench makes; remove it")
+        connection = sqlite3.connect(lock, timeout=0, isolation_level=None)
+        with _closed_on_error(connection):
+            connection.execute("PRAGMA journal_mode = MEMORY")  # nothing to write, even on a full disk
+            connection.execute("BEGIN EXCLUSIVE")
+    except OSError as error:
+        raise InputError(f"{directory}: cannot be used as a folder for results: {error.strerror}") from error
+    except sqlite3.OperationalError as error:
+        if error.sqlite_errorcode == sqlite3.SQLITE_BUSY:
+            _refuse_without_locks(directory)
+            raise InputError(
+                f"{directory}: another midnet-bench is running this campaign; wait for it or give another -o"
+            ) from error
+        raise InputError(f"{directory}: cannot be written ({error})") from error
+    with contextlib.closing(connection):
+        yield
+
+
+def _refuse_without_locks(directory: Path) -> None:
+    """Raises InputError if the file system cannot lock files, which SQLite takes for a lock that is held."""
+    if fcntl is not None:
+        with tempfile.TemporaryFile(dir=directory) as file:
+            try:
+                fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise InputError(
+                    f"{directory}: files cannot be locked there: {error.strerror}; give another -o"
+                ) from error
+
+
+def _pragma(connection: sqlite3.Connection, name: str) -> int | str:
+    (value,) = connection.execute(f"PRAGMA {name}").fetchone()
+    return value
+
+
+@contextlib.contextmanager
+def _all_or_nothing(connection: sqlite3.Connection) -> Iterator[None]:
+    connection.execute("BEGIN IMMEDIATE")
+    try:
+        yield
+        connection.execute("COMMIT")
+    except BaseException:
+        if connection.in_transaction:  # a full disk makes SQLite roll back by itself
+            connection.execute("ROLLBACK")
+        raise
+
+
+@contextlib.contextmanager
+def _closed_on_error(connection: sqlite3.Connection) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        connection.close()
+        raise
+
+
+@contextlib.contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    """SQLite's errors as this package's, in one line."""
+    try:
+        yield
+    except UnicodeDecodeError as error:  # SQLite quotes a damaged table's name in its complaint
+        raise InputError(f"{path}: damaged; move it away, or --fresh to start over") from error
+    except sqlite3.Error as error:
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        what = textwrap.shorten(str(error), 200, placeholder="...")  # a damaged schema is quoted line by line
+        if code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
+            raise StoreFull(
+                f"{path}: cannot be written ({what}); what was stored is intact:"
+                " make room and run the same command again to continue"
+            ) from error
+        if code in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR):
+            raise InputError(
+                f"{path}: not a campaign store, or a damaged one ({what}); nothing was changed:"
+                " move it away, or --fresh to start over"
+            ) from error
+        if code in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_PERM, sqlite3.SQLITE_READONLY):
+            raise InputError(
+                f"{path}: {what}; it must be a file that you may write: move it away, or give another -o"
+            ) from error
+        raise MidnetBenchError(f"{path}: {what}") from error

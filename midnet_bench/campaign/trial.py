@@ -66,7 +66,7 @@ class TrialSpec:
 
     @property
     def trial_id(self) -> str:
-        """16 hex digits: a hash of what defines the trial and of nothing else."""
+        """See :meth:`Cell.trial_id`."""
         return Cell(self.experiment, self.parameters).trial_id(self.seed)
 
 
@@ -79,6 +79,17 @@ class TrialResult:
 
     tables: Mapping[str, list[Row]]
     simulated_s: float
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a worker hands back of a trial; exactly one of ``payload`` and ``failure`` is there."""
+
+    trial_id: str
+    wall_s: float
+    simulated_s: float | None = None
+    payload: bytes | None = None
+    failure: str | None = None
 
 
 RunTrials = Callable[[Sequence[TrialSpec]], Sequence[TrialResult | Exception]]

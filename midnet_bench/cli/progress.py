@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from datetime import timedelta
 from typing import TextIO
 
-from midnet_bench.campaign.progress import Progress
-from midnet_bench.campaign.worker import Outcome
+from midnet_bench.campaign.runner import Progress
+from midnet_bench.campaign.trial import Outcome
 from midnet_bench.cli import messages
 
 SECONDS_BETWEEN_LINES = 10.0

@@ -8,8 +8,7 @@ from typing import Any
 
 from midnet_bench.campaign import runner
 from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
-from midnet_bench.campaign.progress import Progress
-from midnet_bench.campaign.runner import CampaignOutcome
+from midnet_bench.campaign.runner import CampaignOutcome, Progress
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.warm_up import Show, compile_ahead

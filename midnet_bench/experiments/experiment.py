@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from midnet_bench.analysis.claims import Finding
     from midnet_bench.analysis.frames import Results
     from midnet_bench.analysis.tables import Table
-    from midnet_bench.campaign.columns import Tables
-    from midnet_bench.campaign.trial import TrialResult
+    from midnet_bench.campaign.tables import Tables
+    from midnet_bench.campaign.trial import Sharing, TrialResult
     from midnet_bench.io.parameters import Parameters
     from midnet_bench.page.recording import Recording
 
@@ -126,6 +126,15 @@ class Experiment:
             if column is not None and column.kind in (int, float):
                 return column.least, column.most
         return -math.inf, math.inf
+
+    def sharing(self, parameters: Any) -> "Sharing":
+        """What the trials of these parameters share with others of their seed."""
+        from midnet_bench.campaign.trial import Sharing
+
+        result_key = parameters if self.result_key is None else self.result_key(parameters)
+        if self.simulation_key is None or self.run_together is None:
+            return Sharing(result_key, result_key)
+        return Sharing(self.simulation_key(parameters), result_key)
 
     @property
     def has_figures(self) -> bool:

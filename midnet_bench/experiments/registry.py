@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from midnet_bench.campaign.columns import check_tables, shown
+from midnet_bench.campaign.tables import check_tables, shown
 from midnet_bench.campaign.trial import VARIANT
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments.detection import DETECTION
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from midnet_bench.analysis.frames import Results
-    from midnet_bench.campaign.columns import Tables
     from midnet_bench.campaign.definition import Definition
-    from midnet_bench.campaign.trial import Sharing, TrialResult, TrialSpec
+    from midnet_bench.campaign.tables import Tables
+    from midnet_bench.campaign.trial import TrialResult, TrialSpec
     from midnet_bench.io.parameters import Parameters
 
 ENTRY_POINTS = "midnet_bench.experiments"
@@ -108,22 +108,6 @@ def parameters_model(name: str) -> "type[Parameters]":
     return experiment(name).model
 
 
-def columns(name: str) -> "Tables":
-    """The tables of an experiment's trials. Raises InputError as :func:`experiment`."""
-    return experiment(name).columns
-
-
-def sharing(name: str, parameters: "Parameters") -> "Sharing":
-    """What trials share with others of their seed. Raises InputError as :func:`experiment`."""
-    from midnet_bench.campaign.trial import Sharing
-
-    found = experiment(name)
-    result_key = parameters if found.result_key is None else found.result_key(parameters)
-    if found.simulation_key is None or found.run_together is None:
-        return Sharing(result_key, result_key)
-    return Sharing(found.simulation_key(parameters), result_key)
-
-
 def run_trials(specs: "Sequence[TrialSpec]") -> "list[TrialResult | Exception]":
     """The tables of each trial, or why it failed: a pure function of ``specs``, which are of one seed.
 
@@ -133,7 +117,7 @@ def run_trials(specs: "Sequence[TrialSpec]") -> "list[TrialResult | Exception]":
     """
     found, seed = experiment(specs[0].experiment), specs[0].seed
     parameters = [found.model.from_flat(spec.settings) for spec in specs]
-    keys = [sharing(specs[0].experiment, each).result_key for each in parameters]
+    keys = [found.sharing(each).result_key for each in parameters]
     different = dict(zip(reversed(keys), reversed(parameters), strict=True))  # the first of equal ones
     results: Sequence[TrialResult | Exception]
     if len(different) == 1 or found.run_together is None:

@@ -22,8 +22,7 @@ from midnet_bench.agents.pursuit import TargetState, TeamPursuit
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import place
 from midnet_bench.campaign.definition import parse_campaign, resolve
-from midnet_bench.campaign.pools import LokyPool, WorkersLost
-from midnet_bench.campaign.worker import attempt
+from midnet_bench.campaign.pool import LokyPool, WorkersLost, attempt
 from midnet_bench.detectors.detector_node import detected, fused
 from midnet_bench.detectors.tracking import Tracker
 from midnet_bench.elementary import directions
@@ -166,7 +165,8 @@ def check(thing: str) -> Checked:
                 faults = list(_robot_faults(ROBOTS.make(name)))
     except PluginError as error:
         faults = [str(error)]
-    if not faults and attempt(*_trial(plugin, name), LIMIT_S, None).payload != elsewhere:
+    run_trials, spec = _trial(plugin, name)
+    if not faults and attempt(run_trials, [spec], LIMIT_S)[0].payload != elsewhere:
         faults = [
             seam.line_of(name)
             + "another process gets other results from the same trial: does it depend on the "

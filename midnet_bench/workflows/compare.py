@@ -20,8 +20,8 @@ from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate, mean, outlier_notes
 from midnet_bench.analysis.tables import Cell, Table, signed
 from midnet_bench.analysis.words import in_words, team_in_words
-from midnet_bench.campaign.columns import ANY_DRIFT, Drift
 from midnet_bench.campaign.provenance import Provenance, code_of, collect, versions_note
+from midnet_bench.campaign.tables import ANY_DRIFT, Drift
 from midnet_bench.campaign.trial import factor_text
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments import registry
@@ -658,7 +658,7 @@ def _differing(run: Path, golden: Path, name: str, is_exact: bool) -> Iterator[s
     drifts = {
         (table, column): known.drift
         for experiment in registry.names()
-        for table, its in registry.columns(experiment).items()
+        for table, its in registry.experiment(experiment).columns.items()
         for column, known in its.columns.items()
     }
     ours, theirs = _rows(run / f"{name}.csv"), _rows(golden / f"{name}.csv")

@@ -11,9 +11,10 @@ from midnet_bench.analysis.frames import Results, load_results, records
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.campaign.trial import Row
 from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.experiments.detection import DETECTION
 from midnet_bench.experiments.detection.error_tables import by_frame, error_tables, without
 from midnet_bench.experiments.guarded.record import RecordedFrame
-from midnet_bench.experiments.registry import columns, tables_of
+from midnet_bench.experiments.registry import tables_of
 from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
 from midnet_bench.workflows.render import render_trial
 
@@ -181,7 +182,7 @@ def _of_seed(results: Results, seed: int) -> Results:
 def _errors_of(results: Results) -> pd.DataFrame:
     found = results.tables.get("errors")
     if found is None:  # no trial had any
-        return pd.DataFrame(columns=["seed", *columns("detection")["errors"].columns])
+        return pd.DataFrame(columns=["seed", *DETECTION.columns["errors"].columns])
     return found
 
 

@@ -14,8 +14,8 @@ import numpy.typing as npt
 import midnet_bench
 from midnet_bench.analysis.tables import Table
 from midnet_bench.arena.prior_maps import resampled
-from midnet_bench.campaign.export import csv_text
 from midnet_bench.campaign.provenance import Provenance, collect, now_utc
+from midnet_bench.campaign.tables import csv_text
 from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.drawing.canvas import png_of
 from midnet_bench.drawing.growth import Growth, MapHistory, MapSnapshot

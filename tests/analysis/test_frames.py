@@ -9,11 +9,10 @@ import pytest
 
 from midnet_bench.analysis.frames import Results, load_results
 from midnet_bench.campaign.definition import Definition
-from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.provenance import collect
 from midnet_bench.campaign.store import open_or_create
-from midnet_bench.campaign.trial import Row, Scalar, TrialResult, TrialSpec
-from midnet_bench.campaign.worker import Outcome
+from midnet_bench.campaign.tables import encode_tables
+from midnet_bench.campaign.trial import Outcome, Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.errors import InputError
 from midnet_bench.workflows.report import write_report
 from tests.stores import detection_store, labyrinth_store
@@ -64,8 +63,7 @@ def test_store_and_files_give_the_same_data_frames(tmp_path: Path, kind: str) ->
     stored = load_results(tmp_path)
     frames = dict(stored.tables)
     if kind == "odd":  # no such experiment: the files alone, and no tables of it
-        from midnet_bench.campaign.export import export_csv
-        from midnet_bench.campaign.store import open_store
+        from midnet_bench.campaign.store import export_csv, open_store
 
         with open_store(tmp_path / "campaign.sqlite") as store:
             export_csv(store, tmp_path)

@@ -7,8 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from midnet_bench.campaign.export import export_csv
-from midnet_bench.campaign.store import open_store
+from midnet_bench.campaign.store import export_csv, open_store
 
 HERE = Path(__file__).parent
 REPOSITORY = HERE.parents[1]

@@ -1,8 +1,9 @@
 """A tiny experiment that goes through the real engine: tossing coins, with ways to go wrong on demand."""
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
-from midnet_bench.campaign.columns import Column, Columns, Tables
+from midnet_bench.campaign.tables import Column, Columns, Tables
 from midnet_bench.campaign.trial import Sharing
 from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.io.parameters import Parameters
@@ -23,16 +24,18 @@ class CoinParameters(Parameters):
     trouble_file: str = option("", "File that trouble needs.")
 
 
-def parameters_model(experiment: str) -> type[CoinParameters]:
-    if experiment != "coins":
-        raise InputError(f"experiment: unknown name '{experiment}'{nearest_name(experiment, ['coins'])}")
-    return CoinParameters
+class Coins:
+    """As an experiment of the registry."""
+
+    model = CoinParameters
+    columns: ClassVar[Tables] = {"tosses": Columns({"heads": Column(int), "noise_bytes": Column(int)})}
+
+    def sharing(self, parameters: CoinParameters) -> Sharing:
+        """Coins of any bias are tossed once; none is below 0 or above 1."""
+        return Sharing(replace(parameters, bias=0.0, trouble=""), parameters)
 
 
-def columns(experiment: str) -> Tables:
-    return {"tosses": Columns({"heads": Column(int), "noise_bytes": Column(int)})}
-
-
-def sharing(experiment: str, parameters: CoinParameters) -> Sharing:
-    """Coins of any bias are tossed once; none is below 0 or above 1."""
-    return Sharing(replace(parameters, bias=0.0, trouble=""), parameters)
+def experiment(name: str) -> Coins:
+    if name != "coins":
+        raise InputError(f"experiment: unknown name '{name}'{nearest_name(name, ['coins'])}")
+    return Coins()

@@ -5,9 +5,8 @@ import sys
 from pathlib import Path
 
 from midnet_bench.campaign.definition import Campaign, resolve
-from midnet_bench.campaign.progress import Progress
-from midnet_bench.campaign.runner import run_campaign
-from midnet_bench.campaign.worker import Outcome
+from midnet_bench.campaign.runner import Progress, run_campaign
+from midnet_bench.campaign.trial import Outcome
 from midnet_bench.errors import MidnetBenchError
 from tests.campaign import coin_experiments
 

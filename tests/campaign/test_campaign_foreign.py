@@ -15,7 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from midnet_bench.campaign import database, pools
+from midnet_bench.campaign import pool as pools
+from midnet_bench.campaign import store as database
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.campaign.store import open_or_create, open_store
 from midnet_bench.errors import InputError
@@ -186,4 +187,4 @@ def test_a_store_that_would_compute_is_refused(planted: str, store: Path) -> Non
         connection.commit()
     for is_writer in (False, True):
         with pytest.raises(InputError, match=r"view|trigger"):
-            database.open_existing(store, is_writer)
+            open_store(store, is_writer)

@@ -12,9 +12,9 @@ import pytest
 
 import midnet_bench
 from midnet_bench.campaign import provenance
-from midnet_bench.campaign.export import csv_text
 from midnet_bench.campaign.provenance import collect
-from midnet_bench.campaign.worker import Outcome
+from midnet_bench.campaign.tables import csv_text
+from midnet_bench.campaign.trial import Outcome
 from midnet_bench.errors import InputError
 from midnet_bench.io.files import write_atomically
 

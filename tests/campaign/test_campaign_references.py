@@ -154,7 +154,7 @@ def test_the_engine_runs_an_experiment_of_its_own_without_any_of_the_packages(tm
         "import sys\n"
         "from pathlib import Path\n"
         "from midnet_bench.campaign.definition import Campaign, resolve\n"
-        "from midnet_bench.campaign.export import export_csv\n"
+        "from midnet_bench.campaign.store import export_csv\n"
         "from midnet_bench.campaign.runner import plan, run_campaign\n"
         "from midnet_bench.campaign.store import open_store\n"
         "from tests.campaign import coin_experiments as coins\n"

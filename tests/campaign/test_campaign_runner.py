@@ -13,11 +13,16 @@ import pytest
 
 import midnet_bench
 from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
-from midnet_bench.campaign.pending import pending_trials
-from midnet_bench.campaign.progress import Progress
-from midnet_bench.campaign.runner import CampaignOutcome, Interrupted, plan, run_campaign
+from midnet_bench.campaign.runner import (
+    CampaignOutcome,
+    Interrupted,
+    Progress,
+    pending_trials,
+    plan,
+    run_campaign,
+)
 from midnet_bench.campaign.store import Inventory, StoredTrial, open_store
-from midnet_bench.campaign.worker import Outcome
+from midnet_bench.campaign.trial import Outcome
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from tests.campaign import coin_experiments as coins
@@ -102,7 +107,7 @@ def test_as_many_workers_are_started_as_there_is_work_for(tmp_path: Path) -> Non
         "import sys\n"
         "from pathlib import Path\n"
         "from midnet_bench.campaign.definition import Campaign, resolve\n"
-        "from midnet_bench.campaign.progress import Progress\n"
+        "from midnet_bench.campaign.runner import Progress\n"
         "from midnet_bench.campaign.runner import run_campaign\n"
         "from tests.campaign import coin_experiments as coins\n"
         "class Counting(Progress):\n"
@@ -131,7 +136,8 @@ def begun(campaign: ResolvedCampaign, workers: int) -> list[tuple[int, int]]:
     """(effort, seed) in the order in which the trials of a new campaign are begun."""
     nothing = Inventory({}, {}, {})
     efforts = dict(zip(map(id, campaign.cells), (one.effort for one in campaign.checked), strict=True))
-    missing = [spec for group in pending_trials(campaign, nothing, False, workers) for spec in group]
+    _, groups = pending_trials(campaign, nothing, False, workers)
+    missing = [spec for group in groups for spec in group]
     assert {spec.trial_id for spec in missing} == {spec.trial_id for spec in campaign.trials()}
     return [(round(efforts[id(spec.parameters)]), spec.seed) for spec in missing]
 
@@ -392,7 +398,7 @@ def running_process() -> Iterator[subprocess.Popen[bytes]]:
 def test_workers_leave_with_their_parent(running_process: subprocess.Popen[bytes]) -> None:
     """A worker whose parent is not the expected one (it was adopted after a kill) ends by itself."""
     code = (
-        "import time; from midnet_bench.campaign.worker import prepare_worker;"
+        "import time; from midnet_bench.campaign.pool import prepare_worker;"
         f"prepare_worker({running_process.pid}); time.sleep(60)"
     )
     assert running_process.pid != os.getpid()

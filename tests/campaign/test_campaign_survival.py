@@ -12,11 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from midnet_bench.campaign import pools
-from midnet_bench.campaign.database import StoreFull, only_writer
+from midnet_bench.campaign import pool as pools
 from midnet_bench.campaign.definition import Campaign, resolve
 from midnet_bench.campaign.runner import CampaignOutcome, run_campaign
-from midnet_bench.campaign.store import open_store
+from midnet_bench.campaign.store import StoreFull, only_writer, open_store
 from midnet_bench.errors import MidnetBenchError
 from midnet_bench.io.files import write_atomically
 from tests.campaign import coin_experiments as coins

@@ -9,12 +9,11 @@ from typing import Any
 import pytest
 
 from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
-from midnet_bench.campaign.payload import encode_tables
-from midnet_bench.campaign.pending import MOST_TOGETHER, pending_trials
-from midnet_bench.campaign.runner import run_campaign
+from midnet_bench.campaign.pool import attempt
+from midnet_bench.campaign.runner import MOST_TOGETHER, pending_trials, run_campaign
 from midnet_bench.campaign.store import Inventory, StoredTrial, open_or_create, open_store
+from midnet_bench.campaign.tables import encode_tables
 from midnet_bench.campaign.trial import TrialResult, TrialSpec
-from midnet_bench.campaign.worker import attempt, attempt_together
 from tests.campaign import coin_experiments as coins
 
 BIASES = [0.2, 0.4, 0.6, 0.8]
@@ -34,7 +33,7 @@ def campaign(trouble: Sequence[str] = ("",), **keys: Any) -> ResolvedCampaign:
 
 def alone(resolved: ResolvedCampaign) -> dict[str, bytes | None]:
     """Trial id -> its bytes when nobody shares its work; None for one that raises."""
-    outcomes = (attempt(resolved.run_trials, spec, 60.0, None) for spec in resolved.trials())
+    outcomes = (attempt(resolved.run_trials, [spec], 60.0)[0] for spec in resolved.trials())
     return {outcome.trial_id: outcome.payload for outcome in outcomes}
 
 
@@ -44,7 +43,7 @@ def stored(directory: Path) -> dict[str, StoredTrial]:
 
 
 def groups(resolved: ResolvedCampaign, inventory: Inventory | None = None) -> list[list[TrialSpec]]:
-    missing = pending_trials(resolved, inventory or Inventory({}, {}, {}), False, 2)
+    _, missing = pending_trials(resolved, inventory or Inventory({}, {}, {}), False, 2)
     return [list(group) for group in missing]
 
 
@@ -75,7 +74,7 @@ def test_any_subset_may_be_there_already(tmp_path: Path, seed: int) -> None:
         run_id = store.begin_run({})
         for spec in resolved.trials():
             if chance.random() < 0.5:
-                store.record(run_id, spec, attempt(resolved.run_trials, spec, 60.0, None))
+                store.record(run_id, spec, attempt(resolved.run_trials, [spec], 60.0)[0])
         there = sum(store.counts())
     outcome = run_campaign(resolved, tmp_path, jobs=1)
     assert outcome.ran == len(resolved.cells) * 2 - there
@@ -109,7 +108,7 @@ def test_a_group_that_takes_too_long_is_taken_apart(tmp_path: Path, how: str) ->
 
 def test_the_time_of_a_group_is_parted_evenly() -> None:
     (group, *_) = groups(campaign(parameters={"work_s": 0.2}))
-    times = [one.wall_s for one in attempt_together(coins.run_trials, group, 60.0, None)]
+    times = [one.wall_s for one in attempt(coins.run_trials, group, 60.0)]
     assert len(set(times)) == 1
     assert 0.2 <= sum(times) < 0.4
 
@@ -125,6 +124,6 @@ def in_vain(specs: Sequence[TrialSpec], calls: list[int]) -> list[TrialResult | 
 def test_where_a_group_cannot_be_run_each_trial_is() -> None:
     (group, *_) = groups(campaign())
     calls: list[int] = []
-    outcomes = attempt_together(functools.partial(in_vain, calls=calls), group, 60.0, None)
+    outcomes = attempt(functools.partial(in_vain, calls=calls), group, 60.0)
     assert calls == [4, 1, 1, 1, 1]
     assert [one.payload for one in outcomes] == [encode_tables(coins.run_trial(spec)) for spec in group]

@@ -11,9 +11,8 @@ import pytest
 import yaml
 
 from midnet_bench.campaign.definition import Campaign, resolve
-from midnet_bench.campaign.progress import Progress
-from midnet_bench.campaign.runner import run_campaign
-from midnet_bench.campaign.worker import Outcome
+from midnet_bench.campaign.runner import Progress, run_campaign
+from midnet_bench.campaign.trial import Outcome
 from midnet_bench.cli.messages import LONGEST, one_line
 from midnet_bench.errors import MidnetBenchError, nearest_name
 from midnet_bench.io.files import plain_name, temporary_path

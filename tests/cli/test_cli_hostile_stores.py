@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from midnet_bench.campaign import rows
+from midnet_bench.campaign import store as rows
 from midnet_bench.campaign.trial import Scalar
 from tests.cli.command import midnet_bench, one_line_of_complaint
 from tests.stores import labyrinth_store

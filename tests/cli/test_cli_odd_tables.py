@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from midnet_bench.campaign import rows
+from midnet_bench.campaign import store as rows
 from midnet_bench.campaign.definition import Definition
 from midnet_bench.experiments.registry import experiment, names
 from tests.cli.command import midnet_bench, one_line_of_complaint, worked

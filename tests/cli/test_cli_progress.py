@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from midnet_bench import compiled
-from midnet_bench.campaign.worker import Outcome
+from midnet_bench.campaign.trial import Outcome
 from midnet_bench.cli import messages, progress
 from midnet_bench.cli.progress import Bar, CampaignProgress, meter
 

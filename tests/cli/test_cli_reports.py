@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from midnet_bench.campaign.provenance import collect
-from midnet_bench.campaign.trial import Scalar, TrialSpec
-from midnet_bench.campaign.worker import Outcome
+from midnet_bench.campaign.trial import Outcome, Scalar, TrialSpec
 from tests.cli.command import midnet_bench, one_line_of_complaint, worked
 from tests.stores import detection_store, labyrinth_store
 

@@ -12,9 +12,9 @@ import pytest
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.campaign.definition import Campaign, resolve
-from midnet_bench.campaign.payload import encode_tables
 from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.campaign.store import FILE_NAME, open_store
+from midnet_bench.campaign.tables import encode_tables
 from midnet_bench.campaign.trial import TrialResult, TrialSpec, run_alone
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry

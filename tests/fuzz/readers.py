@@ -17,7 +17,7 @@ from typer.main import get_command
 
 from benchmarks.relations import read_dense_odometry, read_relations
 from midnet_bench import cli
-from midnet_bench.campaign import rows
+from midnet_bench.campaign import store as rows
 from midnet_bench.cli.app import app
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.registry import parameters_model
