@@ -15,16 +15,14 @@ from midnet_bench import compiled
 from midnet_bench.cli import (  # noqa: F401 - each adds its commands
     arenas,
     campaigns,
-    errors,
     inputs,
     maps,
     messages,
     replay,
     reports,
-    size,
     trials,
 )
-from midnet_bench.cli.app import MOVED_OPTIONS, app, printing
+from midnet_bench.cli.app import MOVED_OPTIONS, app
 from midnet_bench.cli.replay import key_of
 from midnet_bench.errors import InputError, MidnetBenchError
 
@@ -58,29 +56,22 @@ def main() -> None:
     compiled.collect_garbage_rarely()
     # on a machine where no worker can be started; a command that needs one says so itself
     warnings.filterwarnings("ignore", ".*joblib will operate in serial mode", UserWarning)
+    keeps_traceback = os.environ.get("MIDNET_BENCH_DEBUG")
     try:
-        with printing():
+        with messages.printing():
             code = _commands()(prog_name="midnet-bench", standalone_mode=False)
     except typer.TyperException as error:
-        message = error.format_message()
-        option, context = getattr(error, "option_name", ""), getattr(error, "ctx", None)
-        if context is not None and context.info_name == "replay" and (key := key_of(option)):
-            message = f"{option}: write '{key}: ...' into setup.yaml and give --setup setup.yaml"
-        elif option in MOVED_OPTIONS:
-            message = f"{option}: now {MOVED_OPTIONS[option]}"
-        for pattern, words in PLAIN.items():
-            message = re.sub(pattern, words, message)
-        if message:
-            messages.refuse(message)
+        if text := _in_plain_words(error):
+            messages.refuse(text)
         code = error.exit_code
     except MidnetBenchError as error:
-        if os.environ.get("MIDNET_BENCH_DEBUG"):
+        if keeps_traceback:
             raise
         messages.refuse(error)
         code = error.exit_code
     except OSError as error:
         # a path that the user gave, wherever it was first used
-        if error.errno not in NO_PATH or error.filename is None or os.environ.get("MIDNET_BENCH_DEBUG"):
+        if error.errno not in NO_PATH or error.filename is None or keeps_traceback:
             raise
         messages.refuse(f"{error.filename}: {error.strerror}; give another")
         code = InputError.exit_code
@@ -89,3 +80,16 @@ def main() -> None:
     finally:
         messages.shut_down()
     sys.exit(code)
+
+
+def _in_plain_words(error: Any) -> str:
+    """What is wrong with a command line; of an option of an earlier version, what to give now."""
+    text = error.format_message()
+    option, context = getattr(error, "option_name", ""), getattr(error, "ctx", None)
+    if context is not None and context.info_name == "replay" and (key := key_of(option)):
+        text = f"{option}: write '{key}: ...' into setup.yaml and give --setup setup.yaml"
+    elif option in MOVED_OPTIONS:
+        text = f"{option}: now {MOVED_OPTIONS[option]}"
+    for pattern, words in PLAIN.items():
+        text = re.sub(pattern, words, text)
+    return text

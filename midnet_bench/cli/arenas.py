@@ -10,12 +10,15 @@ import typer
 from midnet_bench.cli import completion, messages, options
 from midnet_bench.cli.app import add_group, command
 from midnet_bench.cli.inputs import BROKEN
+from midnet_bench.errors import InputError
 
 arena = add_group("arena", "Show, make and check arenas: floor plans with start poses.")
 
 MOST_AREAS = 5
 """that a line lists"""
-Output = Annotated[Path | None, options.output_option("FILE", "The arena's file (default: print it).")]
+Output = Annotated[
+    Path | None, options.option("FILE", "The arena's file (default: print it).", "-o", "--output")
+]
 
 
 @command(example="midnet-bench arena show map1 > mine.yaml", group=arena)
@@ -40,24 +43,20 @@ def show(
 )
 def from_image(
     image: Annotated[Path, options.argument("IMAGE", "The plan, a PNG, JPEG or PGM: dark is wall.")],
-    resolution: Annotated[float, options.option("METRES", "Side of a pixel in metres.")],
-    drop_specks: Annotated[
-        float,
-        options.option(
-            "METRES",
-            "Pieces of wall that touch no other and are no longer than this are floor: dirt, lettering.",
-            "--drop-specks",
-        ),
-    ] = 0.0,
+    resolution: float,
+    drop_specks: float = 0.0,
     output: Output = None,
 ) -> None:
     """Make an arena of a drawn plan.
 
     Dark pixels become walls: rectangles that cover them exactly. A blank margin is cut off. Where the guards
     start and how many robots intrude gets values that you may edit.
-    """
-    from midnet_bench.errors import InputError
 
+    Options:
+        resolution METRES: Side of a pixel in metres.
+        drop_specks METRES: Pieces of wall that touch no other and are no longer than this are floor: dirt,
+            lettering.
+    """
     if not 0.0 < resolution <= 1.0:
         raise InputError(f"--resolution: {resolution:g} is out of range; allowed: above 0 and at most 1")
     if not 0.0 <= drop_specks < math.inf:
@@ -73,31 +72,31 @@ def from_image(
 @command("from-map", example="midnet-bench arena from-map map.yaml -o mine.yaml", group=arena)
 def from_map(
     map_file: Annotated[Path, options.argument("MAP", "The YAML file of a ROS map_server map.")],
-    unknown: Annotated[
-        Literal["wall", "free"], options.option(None, "What the cells are that the map knows nothing of.")
-    ] = "wall",
+    unknown: Literal["wall", "free"] = "wall",
     output: Output = None,
 ) -> None:
     """Make an arena of a map_server map: its known part, moved to the middle of the plane.
 
     Occupied cells become walls: rectangles that cover them exactly.
+
+    Options:
+        unknown: What the cells are that the map knows nothing of.
     """
     from midnet_bench.workflows.arenas import from_map as made_from
 
     _give(made_from(map_file, unknown), output)
 
 
-@command("check", example="midnet-bench arena check mine.yaml -o mine.png", group=arena)
-def check(
-    name: Annotated[str, options.argument("ARENA", "A packaged arena or a YAML file.", completion.arenas)],
-    output: Annotated[Path | None, options.output_option("FILE", "Draw it: a PNG.")] = None,
-    as_json: options.Json = False,
-) -> None:
+@command(example="midnet-bench arena check mine.yaml -o mine.png", group=arena)
+def check(name: options.ArenaFile, output: Path | None = None, as_json: options.Json = False) -> None:
     """Say what is wrong with an arena, a line for each fault with its place in metres, or 'ok'.
 
     Starts that collide, rooms that no guard can reach, intruders that no guard can ever see, and layouts of
     five seeds for which there is no room. A picture numbers the faults. The exit code is 1 if there are any.
     Floor that no robot can enter is named with its area: no fault around a building, but look at it inside.
+
+    Options:
+        output FILE: Draw it: a PNG.
     """
     from midnet_bench.workflows.arenas import check as checked
     from midnet_bench.workflows.arenas import write_picture
@@ -110,8 +109,7 @@ def check(
         areas = [{"m2": round(m2, 2), "at_m": [round(part, 3) for part in at]} for m2, at, _ in closed]
         typer.echo(json.dumps({"arena": found.name, "faults": listed, "no_entry": areas}))
     elif not faults:
-        width_m, height_m = found.enclosure_m
-        walls = len(found.wall_solids())
+        (width_m, height_m), walls = found.enclosure_m, len(found.wall_solids())
         typer.echo(f"ok ({messages.shown(found.name)}: {width_m:g} x {height_m:g} m, {walls} pieces of wall)")
     else:
         for number, fault in enumerate(faults, 1):

@@ -1,4 +1,4 @@
-"""The commands that run campaigns: ``detection``, ``labyrinth``, ``run``."""
+"""The commands that run campaigns: ``detection``, ``labyrinth``, ``run`` and ``size``."""
 
 import dataclasses
 from datetime import timedelta
@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from midnet_bench.cli import completion, messages, options
-from midnet_bench.cli.app import command, print_json
+from midnet_bench.cli.app import command
+from midnet_bench.cli.messages import counted
+from midnet_bench.cli.terminal import filled, print_json, print_lines, show, width
+from midnet_bench.errors import InputError
 
 if TYPE_CHECKING:
-    from midnet_bench.campaign.definition import Campaign
     from midnet_bench.campaign.runner import CampaignOutcome, Plan
 
 EXECUTION = ("jobs", "backend", "scheduler", "fresh", "retry_failed")
@@ -55,21 +57,13 @@ def run(
 
     The same command again continues where it stopped.
     """
-    from midnet_bench.workflows.campaigns import campaign_file
+    from midnet_bench.workflows.campaigns import campaign_file, packaged_campaigns, summary_of
 
-    if file is None:
-        _list_campaigns(campaign.as_json)
-    else:
-        _run_file(campaign_file(file), campaign)
-
-
-def _list_campaigns(as_json: bool) -> None:
-    """The packaged campaigns, each with what it is for."""
-    from midnet_bench.cli.terminal import filled, width
-    from midnet_bench.workflows.campaigns import packaged_campaigns, summary_of
-
+    if file is not None:
+        _run(campaign_file(file), campaign)
+        return
     found = {name: summary_of(path) for name, path in packaged_campaigns().items()}
-    if as_json:
+    if campaign.as_json:
         print_json(found)
         return
     indent = max(map(len, found)) + 2
@@ -81,20 +75,12 @@ def _list_campaigns(as_json: bool) -> None:
 def _run_packaged(name: str, chosen: options.Campaign) -> None:
     from midnet_bench.workflows.campaigns import packaged_campaigns
 
-    _run_file(packaged_campaigns()[name], chosen)
+    _run(packaged_campaigns()[name], chosen)
 
 
-def _run_file(file: Path, chosen: options.Campaign) -> None:
-    """Run the campaign in a file, with what the command line changes."""
-    from midnet_bench.campaign.definition import load_campaign, override
-
-    written = load_campaign(file)
-    changes = chosen.sweep(written.experiment)
-    _run(override(written, changes, trials=chosen.seeds, base_seed=chosen.seed), chosen)
-
-
-def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
-    from midnet_bench.campaign.definition import resolve
+def _run(file: Path, chosen: options.Campaign) -> None:
+    """Run the campaign in a file, with what the command line changes, and print its results."""
+    from midnet_bench.campaign.definition import load_campaign, override, resolve
     from midnet_bench.campaign.runner import plan
     from midnet_bench.cli.progress import CampaignProgress, compiling
     from midnet_bench.cli.reports import log_page, present
@@ -102,6 +88,9 @@ def _run(campaign: "Campaign", chosen: options.Campaign) -> None:
     from midnet_bench.experiments.campaigns import run_resolved
     from midnet_bench.workflows.campaigns import recorded_if_small
 
+    written = load_campaign(file)
+    changes = chosen.sweep(written.experiment)
+    campaign = override(written, changes, trials=chosen.seeds, base_seed=chosen.seed)
     directory = chosen.output or options.RESULTS / campaign.name
     resolved = resolve(campaign, registry)
     for note in resolved.notes:
@@ -127,30 +116,91 @@ def _print_plan(experiment: str, ahead: "Plan", directory: Path, as_json: bool) 
         table = Table("plan", "What would run", [dataclasses.asdict(ahead)])
         print_json(to_json(experiment, [table], directory=str(directory)))
         return
-    basis = (
-        f"from {messages.counted(ahead.measured_on, 'finished trial')}"
-        if ahead.measured_on
-        else "before any trial is measured"
-    )
+    measured = ahead.measured_on
+    basis = f"from {counted(measured, 'finished trial')}" if measured else "before any trial is measured"
     typer.echo(
-        f"{messages.counted(ahead.cells, 'cell')}, {messages.counted(ahead.trials, 'trial')},"
-        f" {ahead.to_run} of them to run; estimated {timedelta(seconds=round(ahead.wall_s))}"
+        f"{counted(ahead.cells, 'cell')}, {counted(ahead.trials, 'trial')}, {ahead.to_run} of them to run;"
+        f" estimated {timedelta(seconds=round(ahead.wall_s))}"
         f" and {ahead.disk_bytes / 1e6:.1f} MB in {directory} ({basis})"
     )
 
 
 def _log_failures(outcome: "CampaignOutcome", file: Path) -> int:
-    """Says why trials failed; the exit code: 2 if nothing but their input was wrong."""
-    from midnet_bench.errors import InputError
-
+    """Say why trials failed; the exit code: 2 if nothing but their input was wrong."""
     for reason, count in list(outcome.unusable.items())[:MAX_REASONS]:
-        messages.log.error("error: %s (%s)", reason, messages.counted(count, "trial"))
+        messages.log.error("error: %s (%s)", reason, counted(count, "trial"))
     unusable = sum(outcome.unusable.values())
     if unusable:
-        messages.log.error("%s could not use the input: see %s", messages.counted(unusable, "trial"), file)
-    others = outcome.failed - unusable
-    if others:
-        messages.log.error(
-            "%s failed: see %s; --retry-failed tries again", messages.counted(others, "trial"), file
-        )
+        messages.log.error("%s could not use the input: see %s", counted(unusable, "trial"), file)
+    if others := outcome.failed - unusable:
+        messages.log.error("%s failed: see %s; --retry-failed tries again", counted(others, "trial"), file)
     return 1 if others else InputError.exit_code
+
+
+@command(example="midnet-bench size office --within 60 --probability 0.9")
+def size(
+    arena: options.ArenaFile,
+    within: float = 60.0,
+    probability: float = 0.9,
+    capture: bool = False,
+    intruders: str | None = None,
+    engine: options.Part = None,
+    robot_model: options.Part = None,
+    detector: options.Part = None,
+    fusion: options.Part = None,
+    patrol: options.Part = None,
+    pursuit: options.Part = None,
+    settings: options.Settings = None,
+    trials: int = 400,
+    seed: options.Seed = 1,
+    jobs: options.Jobs = None,
+    output: Path | None = None,
+    fresh: bool = False,
+    dry_run: bool = False,
+    as_json: options.Json = False,
+) -> None:
+    """Find the smallest team that finds an intruder in time, for a building, its robots and a patrol.
+
+    Teams of 1, 2, 4, 8 ... guards are tried until one is enough, then those between. The same command again
+    continues where it stopped.
+
+    Options:
+        within S: Time in which an intruder has to be found, from its entry.
+        probability P: With which probability it has to be found, at least.
+        capture: It has to be caught: a guard within capture_distance_m.
+        intruders PLACES: Where an intruder enters: doors, anywhere, or 'X,Y X,Y' in metres (default doors if
+            the outer wall has gaps, else anywhere).
+        trials N: Most trials of each team size, a multiple of 40.
+        output DIR: Folder for the results (default results/size-ARENA).
+        fresh: Run all trials anew.
+        dry_run --dry-run -n: Say what it would cost, and stop.
+    """
+    from midnet_bench.workflows import size as workflow
+
+    chosen = {"engine": engine, "robot": robot_model, "detector": detector, "fusion": fusion}
+    parameters = options.joined({**chosen, "patrol": patrol, "pursuit": pursuit}, settings)
+    options.check_values("labyrinth", parameters, "--set {key}=")
+    question = workflow.Question(arena, within, probability, capture, intruders, parameters, trials, seed)
+    question, building, notes = workflow.ask(question)
+    clear, unclear = (timedelta(seconds=round(s)) for s in workflow.cost_of(question, building, jobs))
+    cost = f"Up to {trials} trials of {within:g} s for each team size: about {clear}"
+    for text in (
+        *(f"note: {text}" for text in notes),
+        f"{cost} if the answer is clear, {unclear} if it is not.",
+    ):
+        messages.note(text)
+    if dry_run:
+        return
+    directory = output or options.RESULTS / f"size-{building.name}"
+    answer = workflow.size(question, building, directory, jobs=jobs, fresh=fresh, note=messages.note)
+    workflow.write(answer, building, directory)
+    if as_json:
+        from midnet_bench.analysis.tables import to_json
+
+        print_json(to_json("size", [answer.table, answer.places], answer=answer.sentences))
+        return
+    first, *others = answer.sentences
+    print_lines([first, ""])
+    show(None, [answer.table])
+    print_lines(others)
+    messages.log_folder(directory)

@@ -54,14 +54,12 @@ def settings(context: typer.Context, incomplete: str) -> list[str]:
 
 
 def _keys(experiments: Iterable[str]) -> list[str]:
-    """The parameters of any of the experiments."""
     from midnet_bench.experiments.registry import parameters_model
 
     return [key for name in experiments for key in parameters_model(name).defaults()]
 
 
 def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
-    """The names that begin so, each once."""
     return [name for name in dict.fromkeys(names) if name.startswith(incomplete)]
 
 
@@ -71,16 +69,14 @@ def _has_results(folder: Path) -> bool:
 
 def _paths(incomplete: str, suffix: str) -> Iterator[str]:
     """Folders, and files that end in ``suffix``, whose path begins with ``incomplete``."""
-    if not incomplete:
-        return
-    place = Path(incomplete)
-    parent = place if incomplete.endswith("/") else place.parent
-    beginning = "" if incomplete.endswith("/") else place.name
+    folder, slash, beginning = incomplete.rpartition("/")
     try:
-        found = sorted(path for path in parent.iterdir() if path.name.startswith(beginning))
+        found = sorted(Path(folder + slash).iterdir()) if incomplete else []
     except OSError:
         return
     for path in found:
+        if not path.name.startswith(beginning):
+            continue
         if path.is_dir():
             yield str(path) if suffix == "" and _has_results(path) else f"{path}/"
         elif suffix and path.name.endswith(suffix):

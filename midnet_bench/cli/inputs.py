@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from midnet_bench.cli import completion, options
-from midnet_bench.cli.app import command, print_json
+from midnet_bench.cli.app import command
+from midnet_bench.cli.terminal import print_json
 
 if TYPE_CHECKING:
     from midnet_bench.settings import Leaf

@@ -3,15 +3,16 @@
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from midnet_bench.cli import completion, messages, options
-from midnet_bench.cli.app import command, print_json
+from midnet_bench.cli.app import command
+from midnet_bench.cli.terminal import print_json, show
+from midnet_bench.errors import InputError
 
 if TYPE_CHECKING:
-    from midnet_bench.campaign.trial import Scalar
     from midnet_bench.workflows.maps import MadeMap
 
 PARTICLES, SEED = 30, 1
@@ -32,49 +33,35 @@ def make_map(
         options.argument(None, "The arena to explore: map1, map2, empty, or a YAML file.", completion.arenas),
     ] = None,
     robots: options.Number = None,
-    exact: Annotated[bool, options.flag("Draw the arena's walls without exploring.", "--exact")] = False,
-    from_log: Annotated[
-        Path | None, options.option("FILE", "Run SLAM over a recording: a bag, a CARMEN log, a table.")
-    ] = None,
-    from_map: Annotated[
-        Path | None,
-        options.option(
-            "FILE", "Resample a map_server map to resolution_m (default 0.05 m): no wall gets lost."
-        ),
-    ] = None,
-    slam: Annotated[
-        Literal["graph", "gmapping"] | None,
-        options.option(
-            None,
-            "What maps a log: graph SLAM, which survives slips of the wheels (default), or GMapping "
-            "(default with --particles).",
-        ),
-    ] = None,
-    particles: Annotated[
-        int | None, options.option("N", "Number of GMapping particles (default 30).", min=1)
-    ] = None,
-    seed: Annotated[int | None, options.option("N", "Random seed (default 1).", min=0)] = None,
-    clip: Annotated[
-        bool | None, options.flag("Make a film (MP4) of the growing map (default clip).", CLIP)
-    ] = None,
-    engine: options.Engine = None,
-    robot_model: options.RobotModel = None,
+    exact: bool = False,
+    from_log: Path | None = None,
+    from_map: Path | None = None,
+    slam: Literal["graph", "gmapping"] | None = None,
+    particles: int | None = None,
+    seed: int | None = None,
+    clip: bool | None = None,
+    engine: options.Part = None,
+    robot_model: options.Part = None,
     settings: options.Settings = None,
-    output: Annotated[
-        Path | None,
-        options.output_option(
-            "PATH", "Folder, or the map's YAML file; all else goes beside it (default results/map-NAME)."
-        ),
-    ] = None,
+    output: Path | None = None,
     as_json: options.Json = False,
 ) -> None:
     """Make a map: explore an arena, run SLAM over a log, draw an arena exactly, or resample a map.
 
     Writes a map for ROS map_server and the binary grid that MIDNet subtracts. An exploration and a log also
     give pictures and a film of the growing map; an exploration gives scores.
-    """
-    from midnet_bench.errors import InputError
 
+    Options:
+        exact: Draw the arena's walls without exploring.
+        from_log FILE: Run SLAM over a recording: a bag, a CARMEN log, a table.
+        from_map FILE: Resample a map_server map to resolution_m (default 0.05 m): no wall gets lost.
+        slam: What maps a log: graph SLAM, which survives slips of the wheels (default), or GMapping (default
+            with --particles).
+        particles N>=1: Number of GMapping particles (default 30).
+        seed N>=0: Random seed (default 1).
+        clip --clip/--no-clip: Make a film (MP4) of the growing map (default clip).
+        output PATH: Folder, or the map's YAML file; all else goes beside it (default results/map-NAME).
+    """
     if [arena, from_log, from_map].count(None) != 2:
         raise InputError("map: give either an arena, such as map1, or --from-log FILE, or --from-map FILE")
     given = {
@@ -91,44 +78,41 @@ def make_map(
     way = "--from-log" if from_log else "--from-map" if from_map else "--exact" if exact else None
     if way is not None:
         _refuse(way, {name: value for name, value in given.items() if name not in (*TAKEN[way], way)})
-    seed, with_clip = SEED if seed is None else seed, clip is not False
+    if slam == "graph" and from_log is not None:
+        _refuse("--slam graph", {"--particles": particles})
+    elif slam == "graph":
+        raise InputError("map: --slam graph maps recorded logs only; leave it out, or give --from-log FILE")
+    source = str(from_log or from_map or arena)
+    ending = "-exact" if exact else "-resampled" if from_map else ""
+    target = output or options.RESULTS / f"map-{_ENDINGS.sub('', Path(source).name)}{ending}"
+    how: dict[str, Any] = {"seed": SEED if seed is None else seed, "clip": clip is not False}
     if from_log is not None:
-        if slam == "graph":
-            _refuse("--slam graph", {"--particles": particles})
-        elif slam == "gmapping":
-            particles = particles or PARTICLES
-        made = _map_log(from_log, slam, particles, seed, with_clip, output or _folder(from_log.name))
+        made = _map_log(from_log, slam, particles, target, how)
     elif from_map is not None:
         from midnet_bench.workflows.maps import resample
 
-        target = output or _folder(from_map.name, "-resampled")
         made = resample(from_map, options.joined({}, settings), target)
-    elif arena is not None and exact:
+    elif exact:
         from midnet_bench.workflows.maps import draw
 
-        made = draw(options.joined({"arena": arena}, settings), output or _folder(arena, "-exact"))
+        made = draw(options.joined({"arena": arena}, settings), target)
     else:
-        assert arena is not None
-        if slam == "graph":
-            raise InputError(
-                "map: --slam graph maps recorded logs only; leave it out, or give --from-log FILE"
-            )
         named = {"arena": arena, "robots": robots, "particles": particles}
         named |= {"engine": engine, "robot": robot_model}
-        made = _explore(options.joined(named, settings), seed, with_clip, output or _folder(arena), as_json)
+        made = _explore(options.joined(named, settings), target, how)
+        if made.scores is not None and not as_json:
+            _show_scores(made)
     _print(made, as_json)
 
 
 def _refuse(option: str, given: Mapping[str, object]) -> None:
-    from midnet_bench.errors import InputError
-
     for name, value in given.items():
         if value is not None:
             raise InputError(f"map: {name} has no meaning with {option}; leave it out")
 
 
 def _map_log(
-    path: Path, slam: str | None, particles: int | None, seed: int, clip: bool, output: Path
+    path: Path, slam: str | None, particles: int | None, output: Path, how: dict[str, Any]
 ) -> "MadeMap":
     from midnet_bench.cli.progress import meter
     from midnet_bench.workflows.read_log import read_log
@@ -138,42 +122,47 @@ def _map_log(
     from midnet_bench.mapping.log_mapping import held_in_memory
     from midnet_bench.workflows.maps import map_log
 
-    if slam is None and particles is None and log.geometry.beams < FEWEST_BEAMS:
+    if slam == "gmapping":
+        particles = particles or PARTICLES
+    elif slam is None and particles is None and log.geometry.beams < FEWEST_BEAMS:
         beams = log.geometry.beams
         messages.note(f"{path}: {beams} beams are too few for graph SLAM: GMapping maps it")
         particles = PARTICLES
     with meter() as bar, held_in_memory(log):
         return map_log(
-            *(log, particles, seed, output, clip),
+            log,
+            particles,
+            output=output,
             progress=lambda done, scans: bar.show(done, scans, f"scan {done} of {scans}"),
+            **how,
         )
 
 
-def _explore(values: "dict[str, Scalar]", seed: int, clip: bool, output: Path, as_json: bool) -> "MadeMap":
-    from midnet_bench.analysis.tables import Table
+def _explore(values: "dict[str, Any]", output: Path, how: dict[str, Any]) -> "MadeMap":
     from midnet_bench.cli.progress import meter
-    from midnet_bench.cli.reports import show
     from midnet_bench.experiments.mapping.parameters import MappingParameters
     from midnet_bench.workflows.maps import explore
 
     parameters = MappingParameters.parse(values, "command line")
     with meter(estimates=False) as bar:
-        made = explore(
-            *(parameters, seed, output, clip),
+        return explore(
+            parameters,
+            output=output,
             progress=lambda time_s, known: bar.show(
                 known, 1.0, f"{time_s:.0f} s simulated, {known:.1%} explored"
             ),
+            **how,
         )
-    if made.scores is not None and not as_json:  # a line for each score: a terminal has no room for the row
-        (row,), (cells,) = made.scores.rows, made.scores.cells()
-        lines = [{"": name, "value": cell} for name, cell in zip(row, cells, strict=True)]
-        show(None, [Table(made.scores.name, made.scores.title, lines)], as_json=False)
-    return made
 
 
-def _folder(source: str, ending: str = "") -> Path:
-    """Where a map goes unless ``-o`` says otherwise."""
-    return options.RESULTS / f"map-{_ENDINGS.sub('', Path(source).name)}{ending}"
+def _show_scores(made: "MadeMap") -> None:
+    """A line for each score: a terminal has no room for the row."""
+    from midnet_bench.analysis.tables import Table
+
+    assert made.scores is not None
+    (row,), (cells,) = made.scores.rows, made.scores.cells()
+    lines = [{"": name, "value": cell} for name, cell in zip(row, cells, strict=True)]
+    show(None, [Table(made.scores.name, made.scores.title, lines)])
 
 
 def _print(made: "MadeMap", as_json: bool) -> None:
@@ -181,19 +170,19 @@ def _print(made: "MadeMap", as_json: bool) -> None:
     grid = made.grid
     for warning in made.warnings:
         messages.log.warning("warning: %s", warning)
-    if as_json:
-        from midnet_bench.analysis.tables import to_json
-
-        document = to_json(
-            "mapping" if made.scores else None,
-            [made.scores] if made.scores else [],
-            cells=[grid.width, grid.height],
-            resolution_m=grid.resolution,
-            files=[str(file) for file in made.files],
-            warnings=made.warnings,
-        )
-        print_json(document)
+    if not as_json:
+        typer.echo(f"{grid.width} x {grid.height} cells of {grid.resolution:g} m")
+        for file in made.files:
+            typer.echo(file)
         return
-    typer.echo(f"{grid.width} x {grid.height} cells of {grid.resolution:g} m")
-    for file in made.files:
-        typer.echo(file)
+    from midnet_bench.analysis.tables import to_json
+
+    document = to_json(
+        "mapping" if made.scores else None,
+        [made.scores] if made.scores else [],
+        cells=[grid.width, grid.height],
+        resolution_m=grid.resolution,
+        files=[str(file) for file in made.files],
+        warnings=made.warnings,
+    )
+    print_json(document)

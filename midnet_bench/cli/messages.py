@@ -1,26 +1,32 @@
-"""Messages of commands: lines on stderr, and in the log file of ``--log-file``.
+"""What commands say: results on standard output, and lines on stderr and in the file of ``--log-file``.
 
 Every module speaks through ``logging.getLogger("midnet_bench")``: ``debug`` what ``-v`` shows, ``info`` what
 ``-q`` silences, ``warning`` and ``error`` always.
 """
 
+import contextlib
+import errno
+import io
 import itertools
 import logging
 import os
+import select
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from midnet_bench import __version__, compiled
-from midnet_bench.errors import InputError
+from midnet_bench.errors import InputError, MidnetBenchError
 
 log = logging.getLogger("midnet_bench")
-
 
 FEW_LOOPS = 3
 """compiled without a word: they take a second"""
 LONGEST = 300
 """letters of a line that says what is wrong"""
-_handlers: list[logging.Handler] = []
+READER_GONE = 141
+"""exit code of a program whose reader has closed the pipe, as a shell reports it"""
+CANNOT_WRITE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
 
 class _Stderr(logging.Handler):
@@ -33,6 +39,9 @@ class _Stderr(logging.Handler):
             sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lasts
 
 
+_handlers: list[logging.Handler] = []
+
+
 def set_up(*, quiet: bool = False, verbose: bool = False, log_file: Path | None = None) -> None:
     """Direct the messages of one command, in place of what an earlier call set up.
 
@@ -42,9 +51,7 @@ def set_up(*, quiet: bool = False, verbose: bool = False, log_file: Path | None 
     if quiet and verbose:
         raise InputError("--quiet and --verbose: give one of the two")
     shut_down()
-    console = _Stderr()
-    console.setLevel(logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO)
-    _add(console)
+    _add(_Stderr(), logging.WARNING if quiet else logging.DEBUG if verbose else logging.INFO)
     log.setLevel(logging.DEBUG)
     log.propagate = False
     if log_file is not None:
@@ -54,9 +61,22 @@ def set_up(*, quiet: bool = False, verbose: bool = False, log_file: Path | None 
         except OSError as error:
             raise InputError(f"--log-file {log_file}: cannot be written: {error.strerror}") from error
         to_file.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
-        to_file.setLevel(logging.DEBUG)
-        _add(to_file)
+        _add(to_file, logging.DEBUG)
     log.debug("midnet-bench %s: %s", __version__, " ".join(sys.argv[1:]))
+
+
+def _add(handler: logging.Handler, least: int) -> None:
+    handler.setLevel(least)
+    _handlers.append(handler)
+    log.addHandler(handler)
+
+
+def shut_down() -> None:
+    """Close what :func:`set_up` opened."""
+    while _handlers:
+        handler = _handlers.pop()
+        log.removeHandler(handler)
+        handler.close()
 
 
 def announce_compiling() -> None:
@@ -70,24 +90,9 @@ def announce_compiling() -> None:
     compiled.after_compiling[:] = [count]
 
 
-def shut_down() -> None:
-    """Close what :func:`set_up` opened."""
-    while _handlers:
-        handler = _handlers.pop()
-        log.removeHandler(handler)
-        handler.close()
-
-
-def _add(handler: logging.Handler) -> None:
-    _handlers.append(handler)
-    log.addHandler(handler)
-
-
 def level() -> int:
     """From which level on messages reach stderr."""
-    return min(
-        (handler.level for handler in log.handlers if isinstance(handler, _Stderr)), default=logging.INFO
-    )
+    return min((one.level for one in log.handlers if isinstance(one, _Stderr)), default=logging.INFO)
 
 
 def one_line(text: str) -> str:
@@ -104,7 +109,6 @@ def one_line(text: str) -> str:
 
 
 def _shortened(text: str, most: int) -> str:
-    """Both ends of a text, together ``most`` letters at most."""
     half = (most - 1) // 2
     return text if len(text) <= most else f"{text[:half]}\N{HORIZONTAL ELLIPSIS}{text[-half:]}"
 
@@ -135,3 +139,63 @@ def log_folder(directory: Path) -> None:
     """The line that a command with results ends with."""
     files = sum(path.is_file() for path in directory.rglob("*"))
     note(f"results in {directory} ({counted(files, 'file')})")
+
+
+@contextlib.contextmanager
+def printing() -> Iterator[None]:
+    """Standard output for one command, written out to its last line.
+
+    Raises:
+        MidnetBenchError: it is closed, or cannot be written.
+        SystemExit: 141; the reader of the pipe has gone.
+    """
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lasts
+        os.set_inheritable(sys.stderr.fileno(), True)  # as number 2: workers need one
+    if sys.stdout is None:
+        # the next file to be opened would take its number, and what a library in C prints would land there
+        raise MidnetBenchError("standard output is closed; direct it somewhere, such as to /dev/null")
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # for characters that the terminal lacks
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+    except (BrokenPipeError, SystemExit) as error:
+        # rich and typer make the one into the other; an exit for any other reason stays as it is
+        if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
+            raise
+        if not _reader_has_gone():
+            raise MidnetBenchError(
+                "a connection to another program broke: it has ended, or was ended; run the command again"
+            ) from error
+        _drop_the_rest()
+        raise SystemExit(READER_GONE) from None
+    except OSError as error:
+        if error.errno not in CANNOT_WRITE:
+            raise
+        _drop_the_rest()
+        raise MidnetBenchError(f"the output cannot be written: {error.strerror}") from error
+
+
+def _reader_has_gone() -> bool:
+    """Whether standard output is a pipe without a reader."""
+    if not hasattr(select, "poll"):  # Windows tells no more
+        return True
+    poll = select.poll()
+    try:
+        output = sys.stdout.fileno()
+        if os.path.samestat(os.fstat(output), os.stat(os.devnull)):
+            return True  # rich has put it in the place of the broken output
+        poll.register(output, 0)
+    except OSError:  # it is no file
+        return False
+    return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
+
+
+def _drop_the_rest() -> None:
+    """Send what is still buffered to /dev/null: Python would try to write it again when it ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)

@@ -1,15 +1,22 @@
-"""Options that mean the same for every command; a dataclass is a group of them."""
+"""Options of commands: what a docstring says of them, and those that mean the same for every command.
 
+A function or a dataclass declares an option by a parameter with a type; its docstring has a section
+``Options`` with a line ``name --names METAVAR>=least: help`` for each, where all but name and help may be
+left out.
+"""
+
+import inspect
 import re
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_type_hints
 
 import typer
 
-from midnet_bench.cli import completion
+from midnet_bench.cli import completion, messages
+from midnet_bench.errors import InputError
 
 if TYPE_CHECKING:
     from midnet_bench.campaign.definition import Values
@@ -17,6 +24,23 @@ if TYPE_CHECKING:
 
 RESULTS = Path("results")
 """Where results go unless ``-o`` says otherwise."""
+PARAMETER = "="
+"""Help of an option whose sentence, range and default are those of the parameter of its name."""
+NUMBERS = ("robots", "intruders", "frames")
+KEY_OF = {"robot_model": "robot", "metric": "metrics"}
+"""option -> its parameter, where that is called otherwise"""
+OPTION_OF = {key: name.replace("_", "-") for name, key in KEY_OF.items()}
+EXPERIMENT_OF = {"detection": "detection", "labyrinth": "labyrinth", "map": "mapping"}
+"""command -> the experiment that its parameters are of"""
+USUAL_NAMES = {
+    "as_json": ("--json",),
+    "map_file": ("--map",),
+    "output": ("-o", "--output"),
+    "settings": ("--set",),
+}
+_LINE = re.compile(
+    r"(?P<name>\w+)(?P<names>(?: -\S+)*)(?: (?P<metavar>[^:>]\S*?)(?:>=(?P<least>\d+))?)?: (?P<help>.*)"
+)
 
 
 def option(metavar: str | None, help: str, *names: str, **more: Any) -> Any:
@@ -34,34 +58,66 @@ def argument(metavar: str | None, help: str, complete: Any = None, **more: Any) 
     return typer.Argument(metavar=metavar, help=help, autocompletion=complete, **more)
 
 
-def output_option(metavar: str, help: str) -> Any:
-    """The option ``-o``."""
-    return option(metavar, help, "-o", "--output")
-
-
 def parameter(metavar: str = "NAME", **more: Any) -> Any:
     """An option for the parameter of its name, whose declaration the help is made of."""
     return typer.Option(metavar=metavar, help=PARAMETER, show_default=False, **more)
 
 
-def settings_option(more: str = "") -> Any:
-    """The option ``--set``; ``more``: a sentence of its help."""
-    text = f"Set any parameter; 'midnet-bench parameters' lists them. {more}May be repeated."
-    return option("KEY=VALUE", text, "--set", autocompletion=completion.settings)
+def described(docstring: str | None) -> tuple[str, dict[str, re.Match[str]]]:
+    """A docstring without its section ``Options``, and by name the parts of that section's lines."""
+    text, _, section = inspect.cleandoc(docstring or "").partition("\n\nOptions:\n")
+    lines = [line.strip() for line in re.sub(r"\n {5,}", " ", section).splitlines()]
+    found = [_LINE.fullmatch(line) for line in lines]
+    assert all(found), f"an option needs 'name: help': {lines}"
+    return text, {said["name"]: said for said in found if said}
 
 
-Seed = Annotated[int, option("N", "Random seed.", min=0)]
-Settings = Annotated[list[str] | None, settings_option()]
-Sweep = Annotated[list[str] | None, settings_option("KEY=VALUE,VALUE runs each value. ")]
-Map = Annotated[Path | None, option("FILE", "Prior map: the YAML file of a ROS map_server map.", "--map")]
-PARAMETER = "="
-"""Help of an option whose sentence, range and default are those of the parameter of its name."""
-NUMBERS = ("robots", "intruders", "frames")
-KEY_OF = {"robot_model": "robot", "metric": "metrics"}
-"""option -> its parameter, where that is called otherwise"""
-OPTION_OF = {key: name.replace("_", "-") for name, key in KEY_OF.items()}
-EXPERIMENT_OF = {"detection": "detection", "labyrinth": "labyrinth", "map": "mapping"}
-"""command -> the experiment that its parameters are of"""
+def declared(function: Any) -> list[inspect.Parameter]:
+    """The parameters of a function or a dataclass, those that its docstring describes as Typer's options."""
+    _, found = described(function.__doc__)
+    hints = get_type_hints(function, include_extras=True)
+    made = []
+    for name, one in inspect.signature(function).parameters.items():
+        kind = hints[name]
+        if said := found.get(name):
+            # Typer makes a --no-... for a flag whose name is not given
+            usual = USUAL_NAMES.get(name, (f"--{name.replace('_', '-')}",) if kind is bool else ())
+            names, limits = (
+                said["names"].split() or usual,
+                {"min": int(said["least"])} if said["least"] else {},
+            )
+            kind = Annotated[kind, option(said["metavar"], said["help"], *names, **limits)]
+        made.append(one.replace(kind=inspect.Parameter.KEYWORD_ONLY, annotation=kind))
+    return made
+
+
+def with_flat_options(function: Callable[..., None]) -> Callable[..., None]:
+    """``function`` as Typer can read it: every dataclass of options as options of their own, and Messages."""
+    parameters: list[inspect.Parameter] = []
+    groups: dict[str, Any] = {}
+    for one in declared(function):
+        if is_dataclass(one.annotation):
+            groups[one.name] = one.annotation
+        else:
+            parameters.append(one)
+    for group in (*groups.values(), Messages):
+        parameters += declared(group)
+
+    def run(**values: Any) -> None:
+        messages.set_up(**_take(values, Messages))
+        messages.announce_compiling()
+        for name, group in groups.items():
+            values[name] = group(**_take(values, group))
+        function(**values)
+
+    run.__name__ = function.__name__
+    run.__annotations__ = {one.name: one.annotation for one in parameters}
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return run
+
+
+def _take(values: dict[str, Any], group: Any) -> dict[str, Any]:
+    return {field.name: values.pop(field.name) for field in fields(group)}
 
 
 def help_of(name: str, command: str) -> str | None:
@@ -72,10 +128,8 @@ def help_of(name: str, command: str) -> str | None:
     from midnet_bench.workflows.campaigns import packaged_campaigns
 
     key, experiment = KEY_OF.get(name, name), EXPERIMENT_OF.get(command)
-    known = [
-        leaves(parameters_model(one)) for one in ([experiment] if experiment else EXPERIMENT_OF.values())
-    ]
-    leaf = next((one[key] for one in known if key in one), None)
+    experiments = [experiment] if experiment else EXPERIMENT_OF.values()
+    leaf = next((known[key] for one in experiments if key in (known := leaves(parameters_model(one)))), None)
     if leaf is None:
         return None
     default: object = leaf.default if experiment else None
@@ -84,30 +138,14 @@ def help_of(name: str, command: str) -> str | None:
         default = campaign.grid.get(key, campaign.parameters.get(key, default))
     texts = [leaf.range] if name in NUMBERS else []
     if default is not None:
-        values = default if isinstance(default, list) else [default]
-        texts.append("default " + ",".join(map(str, values)))
+        texts.append("default " + ",".join(map(str, default if isinstance(default, list) else [default])))
     sentence = re.split(r"[.;] |\.$", leaf.help)[0]
     return sentence + f" ({'; '.join(texts)})" * bool(texts) + "."
 
 
-Arena = Annotated[str | None, parameter("ARENA", autocompletion=completion.arenas)]
-Engine = Annotated[str | None, parameter()]
-RobotModel = Annotated[str | None, parameter()]
-Number = Annotated[int | None, parameter("N")]
-Numbers = Annotated[str | None, parameter("N,N")]
-Part = Annotated[str | None, parameter()]
-Jobs = Annotated[int | None, option("N", "Worker processes (default all cores).", min=1)]
-Json = Annotated[bool, flag("Print JSON, and nothing else, on standard output.", "--json")]
-Wide = Annotated[bool, flag("Print tables with all their columns, however long the lines.", "--wide")]
-Trust = Annotated[
-    bool,
-    flag(
-        "Run the code that results from elsewhere name.",
-        "--trust",
-        callback=lambda value: _trust(value),
-        expose_value=False,
-    ),
-]
+def _settings(more: str = "") -> Any:
+    text = f"Set any parameter; 'midnet-bench parameters' lists them. {more}May be repeated."
+    return option("KEY=VALUE", text, "--set", autocompletion=completion.settings)
 
 
 def _trust(is_given: bool) -> None:
@@ -117,66 +155,74 @@ def _trust(is_given: bool) -> None:
         trust.all_code = is_given
 
 
+Seed = Annotated[int, option("N", "Random seed.", min=0)]
+Settings = Annotated[list[str] | None, _settings()]
+Sweep = Annotated[list[str] | None, _settings("KEY=VALUE,VALUE runs each value. ")]
+Map = Annotated[Path | None, option("FILE", "Prior map: the YAML file of a ROS map_server map.", "--map")]
+Arena = Annotated[str | None, parameter("ARENA", autocompletion=completion.arenas)]
+Part = Annotated[str | None, parameter()]
+Number = Annotated[int | None, parameter("N")]
+Numbers = Annotated[str | None, parameter("N,N")]
+Jobs = Annotated[int | None, option("N", "Worker processes (default all cores).", min=1)]
+Json = Annotated[bool, flag("Print JSON, and nothing else, on standard output.", "--json")]
+Wide = Annotated[bool, flag("Print tables with all their columns, however long the lines.", "--wide")]
+Trust = Annotated[
+    bool,
+    flag("Run the code that results from elsewhere name.", "--trust", callback=_trust, expose_value=False),
+]
+Where = Annotated[
+    list[str] | None,
+    option(
+        "FACTOR=VALUE", "Only trials with this value of the grid, such as oracle=none; may be given again."
+    ),
+]
+ArenaFile = Annotated[str, argument("ARENA", "A packaged arena or a YAML file.", completion.arenas)]
 Given = TypeVar("Given")
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """What every command that runs a campaign takes, besides what that campaign is."""
+    """What every command that runs a campaign takes, besides what that campaign is.
 
-    seeds: Annotated[
-        int | None,
-        option(
-            "N",
-            "Seeds: so many trials of each cell (default: detection 1, labyrinth 20, else the campaign's).",
-            "--seeds",
-            "--trials",  # its name in earlier versions; the help leaves it out
-            min=1,
-        ),
-    ] = None
-    seed: Annotated[
-        int | None,
-        option("N", "First seed; the others count up from it (default 1, or the campaign's).", min=0),
-    ] = None
+    Options:
+        seeds --seeds --trials N>=1: Seeds: so many trials of each cell (default: detection 1, labyrinth 20,
+            else the campaign's).
+        seed N>=0: First seed; the others count up from it (default 1, or the campaign's).
+        record: Keep each frame for the player, and the cause of each error of the detection test, which does
+            so by itself for up to four trials.
+        output DIR: Folder for the results (default results/CAMPAIGN).
+        backend NAME: Where trials run: loky (this machine) or dask.
+        scheduler ADDRESS: Address of the Dask scheduler, such as tcp://127.0.0.1:8786 (default: on this
+            machine).
+        dry_run --dry-run -n: Say what would run, and stop.
+        fresh: Start over; the old results database is kept beside the new one.
+        retry_failed: Run trials that failed once more.
+    """
+
+    seeds: int | None = None
+    seed: int | None = None
     robots: Numbers = None
     intruders: Numbers = None
     frames: Numbers = None
     arena: Arena = None
     preset: Annotated[Literal["paper", "best"] | None, parameter("paper|best")] = None
-    engine: Engine = None
-    robot_model: RobotModel = None
+    engine: Part = None
+    robot_model: Part = None
     detector: Part = None
     fusion: Part = None
     patrol: Part = None
     pursuit: Part = None
     metric: Annotated[list[str] | None, parameter()] = None
-    record: Annotated[
-        bool,
-        flag(
-            "Keep each frame for the player, and the cause of each error of the detection test, which "
-            "does so by itself for up to four trials.",
-            "--record",
-        ),
-    ] = False
+    record: bool = False
     map_file: Map = None
     settings: Sweep = None
-    output: Annotated[
-        Path | None, output_option("DIR", "Folder for the results (default results/CAMPAIGN).")
-    ] = None
+    output: Path | None = None
     jobs: Jobs = None
-    backend: Annotated[str, option("NAME", "Where trials run: loky (this machine) or dask.")] = "loky"
-    scheduler: Annotated[
-        str | None,
-        option(
-            "ADDRESS",
-            "Address of the Dask scheduler, such as tcp://127.0.0.1:8786 (default: on this machine).",
-        ),
-    ] = None
-    dry_run: Annotated[bool, flag("Say what would run, and stop.", "--dry-run", "-n")] = False
-    fresh: Annotated[
-        bool, flag("Start over; the old results database is kept beside the new one.", "--fresh")
-    ] = False
-    retry_failed: Annotated[bool, flag("Run trials that failed once more.", "--retry-failed")] = False
+    backend: str = "loky"
+    scheduler: str | None = None
+    dry_run: bool = False
+    fresh: bool = False
+    retry_failed: bool = False
     as_json: Json = False
     wide: Wide = False
 
@@ -193,8 +239,8 @@ class Campaign:
 
         given: dict[str, Values] = {}
         for name, hint in get_type_hints(type(self), include_extras=True).items():
-            value = getattr(self, name)
-            if hint.__metadata__[0].help != PARAMETER or value is None:
+            value, (said, *_) = getattr(self, name), getattr(hint, "__metadata__", (None,))
+            if value is None or getattr(said, "help", None) != PARAMETER:
                 continue
             key, text = KEY_OF.get(name, name), "; ".join(value) if isinstance(value, list) else value
             if name in NUMBERS:
@@ -210,20 +256,21 @@ class Campaign:
 
 @dataclass(frozen=True)
 class Messages:
-    """What every command takes: how much it says while it works."""
+    """What every command takes: how much it says while it works.
 
-    quiet: Annotated[bool, flag("Say only what goes wrong.", "-q", "--quiet")] = False
-    verbose: Annotated[bool, flag("Say more: each trial as it ends.", "-v", "--verbose")] = False
-    log_file: Annotated[
-        Path | None,
-        option("FILE", "Append every message with its time to this file."),
-    ] = None
+    Options:
+        quiet -q --quiet: Say only what goes wrong.
+        verbose -v --verbose: Say more: each trial as it ends.
+        log_file FILE: Append every message with its time to this file.
+    """
+
+    quiet: bool = False
+    verbose: bool = False
+    log_file: Path | None = None
 
 
 def whole_numbers(text: str, option: str) -> "Values":
     """One whole number, or several between commas. Raises InputError."""
-    from midnet_bench.errors import InputError
-
     try:
         found = [int(part) for part in text.split(",")]
     except ValueError as error:
@@ -242,7 +289,6 @@ def check_values(experiment: str, given: "Mapping[str, Values | None]", option: 
     Raises:
         InputError: names the option, the value and what is allowed.
     """
-    from midnet_bench.errors import InputError
     from midnet_bench.experiments.registry import parameters_model
     from midnet_bench.io.parameters import can_be
     from midnet_bench.settings import leaves
@@ -250,12 +296,10 @@ def check_values(experiment: str, given: "Mapping[str, Values | None]", option: 
     model = parameters_model(experiment)
     known = leaves(model)
     for key, values in given.items():
-        if values is None:
-            continue
         named = option.format(key=OPTION_OF.get(key, key))
+        if values is None or (key not in known and option.endswith("=")):
+            continue  # of an unknown setting, resolving the campaign names the nearest keys
         if key not in known:
-            if option.endswith("="):
-                continue  # resolving the campaign names the nearest keys
             raise InputError(f"{named} does not go with '{experiment}', which has no such parameter")
         for value in values if isinstance(values, list) else [values]:
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
@@ -267,26 +311,18 @@ def check_values(experiment: str, given: "Mapping[str, Values | None]", option: 
 def joined(
     named: "Mapping[str, Scalar | None]", settings: list[str] | None, map_file: Path | None = None
 ) -> "dict[str, Scalar]":
-    """What options, ``--set`` and ``--map`` ask for, by key.
-
-    Args:
-        named: values of options that are parameters, such as ``--frames``; None if not given.
-        settings: what ``--set`` gave.
-        map_file: what ``--map`` gave.
+    """What options that are parameters, ``--set`` and ``--map`` ask for, by key; None is not given.
 
     Raises:
         InputError: a setting is no ``key=value``, or another option names the same parameter.
     """
     from midnet_bench.campaign.definition import parse_settings
 
-    given = {key: value for key, value in named.items() if value is not None}
+    given = {KEY_OF.get(name, name): value for name, value in named.items() if value is not None}
     return {**given, **_given_once(given, parse_settings(settings or [], map_file))}
 
 
 def _given_once(named: "Mapping[str, object]", parsed: "dict[str, Given]") -> "dict[str, Given]":
-    """``parsed``. Raises InputError if another option names one of its keys."""
-    from midnet_bench.errors import InputError
-
     for name in named:
         if name in parsed:
             raise InputError(f"--set {name}: the command line gives '{name}' without --set too; give it once")

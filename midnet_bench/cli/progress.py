@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from typing import TextIO
 
 from midnet_bench.campaign.runner import Progress
 from midnet_bench.campaign.trial import Outcome
@@ -42,17 +41,14 @@ class Meter:
             if self._estimates and done < total:
                 left_s = elapsed_s / (done - self._done_before) * (total - done)
                 self._pending += f", estimated {_clock(left_s)} left"
-            self._print()
+            self.close()
 
     def note(self, text: str) -> None:
         """A line that the user should read."""
         messages.note(text)
 
     def close(self) -> None:
-        """Nothing more will come."""
-        self._print()
-
-    def _print(self) -> None:
+        """Print what is left; nothing more will come."""
         if self._pending:
             messages.note(self._pending)
         self._pending = ""
@@ -64,29 +60,23 @@ class Bar(Meter):
     def __init__(self, done: float = 0.0, estimates: bool = True) -> None:
         """As :class:`Meter`."""
         # rich takes a while to import, and a program that shows no bar has no use for it
+        from rich import progress
         from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            Progress,
-            TaskProgressColumn,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
 
-        columns = [
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            TaskProgressColumn(),
-            TimeElapsedColumn(),
+        columns: list[progress.ProgressColumn] = [
+            progress.TextColumn("{task.description}", markup=False),
+            progress.BarColumn(),
+            progress.TaskProgressColumn(),
+            progress.TimeElapsedColumn(),
         ]
         if estimates:
-            columns += [TextColumn("eta"), TimeRemainingColumn()]
-        self._bar = Progress(*columns, console=Console(file=sys.stderr), speed_estimate_period=600.0)
+            columns += [progress.TextColumn("eta"), progress.TimeRemainingColumn()]
+        console = Console(file=sys.stderr)
+        self._bar = progress.Progress(*columns, console=console, speed_estimate_period=600.0)
         self._task = self._bar.add_task("", total=None)
         self._bar.start()
         # rich hides it until the end, and not every end can bring it back: kill -9, a second Ctrl-C
-        self._bar.console.show_cursor(True)
+        console.show_cursor(True)
 
     def show(self, done: float, total: float, text: str) -> None:
         """See :class:`Meter`."""
@@ -102,9 +92,17 @@ class Bar(Meter):
         self._bar.stop()
 
 
+def _open(done: float = 0.0, estimates: bool = True) -> Meter:
+    """A bar if stderr may be animated and neither ``-q`` nor ``-v`` is given, else lines."""
+    is_plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+    # a bar that the lines of -v run through would be neither
+    as_bar = messages.level() == logging.INFO and sys.stderr.isatty() and not is_plain
+    return Bar(done, estimates) if as_bar else Meter(done, estimates)
+
+
 @contextmanager
 def meter(done: float = 0.0, estimates: bool = True) -> Iterator[Meter]:
-    """A bar if stderr may be animated and neither ``-q`` nor ``-v`` is given, else lines."""
+    """A :class:`Meter`, or a :class:`Bar` where that can be seen, for as long as the block takes."""
     opened = _open(done, estimates)
     try:
         yield opened
@@ -143,16 +141,15 @@ class CampaignProgress(Progress):
         messages.log.debug("%d trials, %d of them already stored", total, done)
         if done:
             self._meter.note(f"{done} of {total} trials are already stored")
-        self._meter.show(done, total, self._words())
+        self._show()
 
     def advance(self, outcome: Outcome) -> None:
         """See :class:`Progress`."""
-        assert self._meter is not None
         self._done += 1
         self._failed += outcome.failure is not None
         how = "failed" if outcome.failure else "finished"
         messages.log.debug("trial %s %s after %.1f s", outcome.trial_id, how, outcome.wall_s)
-        self._meter.show(self._done, self._total, self._words())
+        self._show()
 
     def note(self, text: str) -> None:
         """See :class:`Progress`."""
@@ -164,19 +161,10 @@ class CampaignProgress(Progress):
             self._meter.close()
             self._meter = None
 
-    def _words(self) -> str:
-        return f"{self._done}/{self._total} trials" + (f", {self._failed} failed" if self._failed else "")
-
-
-def may_animate(stream: TextIO) -> bool:
-    """Whether ``stream`` is a terminal, and neither NO_COLOR nor TERM=dumb is set."""
-    return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
-
-
-def _open(done: float = 0.0, estimates: bool = True) -> Meter:
-    # a bar that the lines of -v run through would be neither
-    as_bar = messages.level() == logging.INFO and may_animate(sys.stderr)
-    return Bar(done, estimates) if as_bar else Meter(done, estimates)
+    def _show(self) -> None:
+        assert self._meter is not None
+        failed = f", {self._failed} failed" if self._failed else ""
+        self._meter.show(self._done, self._total, f"{self._done}/{self._total} trials{failed}")
 
 
 def _clock(seconds: float) -> str:

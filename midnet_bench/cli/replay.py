@@ -11,7 +11,7 @@ import typer
 
 from midnet_bench.cli import messages, options
 from midnet_bench.cli.app import command
-from midnet_bench.cli.reports import show
+from midnet_bench.cli.terminal import show
 
 if TYPE_CHECKING:
     from midnet_bench.recording.setup import RecordingSetup

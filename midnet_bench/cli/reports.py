@@ -1,69 +1,43 @@
-"""The commands that read a campaign's results: ``report``, ``compare``, ``verify``."""
+"""The commands that read a campaign's results: ``report``, ``compare``, ``verify`` and ``errors``."""
 
-from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from midnet_bench.cli import completion, messages, options
-from midnet_bench.cli.app import command, print_json
+from midnet_bench.cli.app import command
+from midnet_bench.cli.terminal import print_lines, show
+from midnet_bench.errors import InputError
 
 if TYPE_CHECKING:
     from midnet_bench.analysis.tables import Table
 
 
-def _campaigns_folder(directory: Path) -> Path:
-    """The folder itself. Raises InputError, with a hint, if it is none."""
-    from midnet_bench.errors import InputError
-
-    if directory.is_file():
-        raise InputError(f"{directory}: this is a file; give the campaign's folder, {directory.parent}")
-    if not directory.is_dir():
-        raise InputError(
-            f"{directory}: there is no such folder; give a campaign's, such as results/labyrinth"
-        )
-    return directory
+def _is_folder(directories: "Path | list[Path]") -> "Path | list[Path]":
+    """The same. Raises InputError, with a hint, if one is no folder."""
+    for each in directories if isinstance(directories, list) else [directories]:
+        if each.is_file():
+            raise InputError(f"{each}: this is a file; give the campaign's folder, {each.parent}")
+        if not each.is_dir():
+            raise InputError(f"{each}: there is no such folder; give a campaign's, such as results/labyrinth")
+    return directories
 
 
-def _campaigns_folders(directories: list[Path]) -> list[Path]:
-    return [_campaigns_folder(directory) for directory in directories]
+def _folder(metavar: str, help: str) -> Any:
+    return options.argument(metavar, help, completion.results, callback=_is_folder)
 
 
-Directory = Annotated[
-    Path,
-    options.argument(
-        "DIR",
-        "A campaign's folder, such as results/labyrinth.",
-        completion.results,
-        callback=_campaigns_folder,
-    ),
-]
+Directory = Annotated[Path, _folder("DIR", "A campaign's folder, such as results/labyrinth.")]
 
 
 @command(example="midnet-bench report results/detection --x thresh_local --y f1 --format pdf")
 def report(
     directory: Directory,
-    x: Annotated[
-        str | None, options.option("FACTOR", "Draw scores over this numeric factor of the grid.", "--x")
-    ] = None,
-    y: Annotated[
-        str | None,
-        options.option(
-            "COLUMN", "Which score, such as f1, or another column (default the main scores).", "--y"
-        ),
-    ] = None,
-    formats: Annotated[
-        str | None,
-        options.option("NAME,NAME", "Formats of the figures: pdf, png, svg (default png,svg).", "--format"),
-    ] = None,
-    output: Annotated[
-        Path | None,
-        options.output_option(
-            "PATH",
-            "Draw the figures only, into this folder, or one figure into this .pdf, .png or .svg file.",
-        ),
-    ] = None,
+    x: str | None = None,
+    y: str | None = None,
+    formats: str | None = None,
+    output: Path | None = None,
     trust: options.Trust = False,
     as_json: options.Json = False,
     wide: options.Wide = False,
@@ -71,11 +45,18 @@ def report(
     """Rebuild all tables, figures and the page from the stored trials, without simulating.
 
     With --x, --y, --format or -o only figures are drawn.
-    """
-    from midnet_bench.errors import InputError
 
+    Options:
+        x FACTOR: Draw scores over this numeric factor of the grid.
+        y COLUMN: Which score, such as f1, or another column (default the main scores).
+        formats --format NAME,NAME: Formats of the figures: pdf, png, svg (default png,svg).
+        output PATH: Draw the figures only, into this folder, or one figure into this .pdf, .png or .svg file.
+    """
     if x or y or formats or output:
-        for file in _draw(directory, output, x, y, formats):
+        from midnet_bench.workflows.report import plot
+
+        wanted = None if formats is None else [part.strip() for part in formats.split(",")]
+        for file in plot(directory, output, x, y, wanted):
             typer.echo(file)
         return
     if not present(directory, as_json, wide=wide):
@@ -85,87 +66,23 @@ def report(
         log_page(directory)
 
 
-def _draw(
-    directory: Path, output: Path | None, x: str | None, y: str | None, formats: str | None
-) -> list[Path]:
-    """Draw figures; the files written."""
-    import tempfile
-
-    from midnet_bench.errors import InputError
-    from midnet_bench.io.files import write_atomically
-    from midnet_bench.workflows.report import FORMATS, plot
-
-    wanted = FORMATS if formats is None else tuple(part.strip() for part in formats.split(","))
-    if output is None or output.suffix not in (".pdf", ".png", ".svg"):
-        return plot(directory, output, x, y, wanted)
-    ending = output.suffix.removeprefix(".")
-    if wanted not in (FORMATS, (ending,)):
-        raise InputError(f"-o {output}: --format {formats} is another format; leave it out")
-    with tempfile.TemporaryDirectory() as folder:
-        figures = [one for one in plot(directory, folder, x, y, (ending,)) if one.suffix == output.suffix]
-        if len(figures) > 1:
-            raise InputError(f"-o {output}: {len(figures)} figures do not go into one file; give a folder")
-        write_atomically(output, figures[0].read_bytes())
-    return [output]
-
-
 @command(example="midnet-bench compare results/one results/other -o results/comparison")
 def compare(
     directories: Annotated[
         list[Path],
-        options.argument(
-            "DIR...",
-            "Two or more folders of campaigns of one experiment; one with --by, --rank or --exact.",
-            completion.results,
-            callback=_campaigns_folders,
+        _folder(
+            "DIR...", "Two or more folders of campaigns of one experiment; one with --by, --rank or --exact."
         ),
     ],
-    by: Annotated[
-        str | None,
-        options.option("FACTOR", "A factor of the only campaign's grid, such as engine: compare its values."),
-    ] = None,
-    baseline: Annotated[
-        str | None,
-        options.option("VALUE", "The factor's value that the others are compared with (default the first)."),
-    ] = None,
-    fail_if_worse: Annotated[
-        str | None,
-        options.option(
-            "MEASURE", "Exit code 1 if this score, such as f1, is significantly worse than the first's."
-        ),
-    ] = None,
-    rank: Annotated[
-        bool,
-        options.flag(
-            "Rank what the only campaign compares, the best first, and write leaderboard.md.", "--rank"
-        ),
-    ] = False,
-    of: Annotated[
-        list[str] | None,
-        options.option(
-            "FACTOR",
-            "With --rank: a factor whose values are ranked; may be repeated (default: those that name "
-            "code, such as detector and fusion).",
-        ),
-    ] = None,
-    rank_by: Annotated[str | None, options.option("SCORE", "With --rank: the score, such as f1.")] = None,
-    exact: Annotated[
-        bool,
-        options.flag(
-            "Compare each number with those that are committed: of the packaged campaign of the "
-            "folder's name, or in a second folder. Exit code 1 if any is off.",
-            "--exact",
-        ),
-    ] = False,
-    update: Annotated[
-        bool, options.flag("With --exact: commit this run's numbers instead; in a checkout.", "--update")
-    ] = False,
-    output: Annotated[
-        Path | None,
-        options.output_option(
-            "PATH", "Also write tables and figures into this folder; with --rank, the page into this file."
-        ),
-    ] = None,
+    by: str | None = None,
+    baseline: str | None = None,
+    fail_if_worse: str | None = None,
+    rank: bool = False,
+    of: list[str] | None = None,
+    rank_by: str | None = None,
+    exact: bool = False,
+    update: bool = False,
+    output: Path | None = None,
     trust: options.Trust = False,
     as_json: options.Json = False,
     wide: options.Wide = False,
@@ -174,17 +91,42 @@ def compare(
 
     Numbers that are compared exactly have to agree in every byte on the platform that made them; elsewhere
     they have to be near.
+
+    Options:
+        by FACTOR: A factor of the only campaign's grid, such as engine: compare its values.
+        baseline VALUE: The factor's value that the others are compared with (default the first).
+        fail_if_worse MEASURE: Exit code 1 if this score, such as f1, is significantly worse than the first's.
+        rank: Rank what the only campaign compares, the best first, and write leaderboard.md.
+        of FACTOR: With --rank: a factor whose values are ranked; may be repeated (default: those that name
+            code, such as detector and fusion).
+        rank_by SCORE: With --rank: the score, such as f1.
+        exact: Compare each number with those that are committed: of the packaged campaign of the folder's
+            name, or in a second folder. Exit code 1 if any is off.
+        update: With --exact: commit this run's numbers instead; in a checkout.
+        output PATH: Also write tables and figures into this folder; with --rank, the page into this file.
     """
-    from midnet_bench.errors import InputError
     from midnet_bench.workflows import compare as workflow
 
     if exact or update:
-        _compare_exactly(directories, update)
-        return
+        if len(directories) > 2:
+            raise InputError(
+                "compare: --exact compares one folder with the committed numbers, or two folders"
+            )
+        lines, how = workflow.compare_exactly(*directories, update=update)
+        how = "expected numbers updated" if update else f"{messages.counted(len(lines), 'difference')}, {how}"
+        typer.echo("\n".join([*lines, how]))
+        raise typer.Exit(1 if lines else 0)
     if rank or of or rank_by:
         if len(directories) != 1:
             raise InputError("compare: --rank ranks one campaign; give one folder")
-        _rank(directories[0], of or [], rank_by, output, as_json, wide)
+        page, tables = (
+            output or directories[0] / "leaderboard.md",
+            workflow.rank(directories[0], of or [], rank_by),
+        )
+        workflow.write_ranking(directories[0], tables, page)
+        show(None, tables, as_json, wide)
+        if not as_json:
+            messages.note(f"written to {page}")
         return
     found = workflow.compare(directories, by, baseline)
     if output is not None:
@@ -197,62 +139,21 @@ def compare(
     else:
         lines, tables = workflow.shown(found)
         print_lines([*lines, ""])
-        show(None, tables, as_json=False)
+        show(None, tables)
     if output is not None and not as_json:
         messages.log_folder(output)
     for line in regressions:
         messages.log.error("%s", line)
-    if regressions:
-        raise typer.Exit(1)
-
-
-def _rank(
-    directory: Path, of: list[str], rank_by: str | None, output: Path | None, as_json: bool, wide: bool
-) -> None:
-    from midnet_bench.workflows.compare import rank, write_ranking
-
-    page, tables = output or directory / "leaderboard.md", rank(directory, of, rank_by)
-    write_ranking(directory, tables, page)
-    show(None, tables, as_json, wide)
-    if not as_json:
-        messages.note(f"written to {page}")
-
-
-def _compare_exactly(directories: list[Path], update: bool) -> None:
-    from midnet_bench.errors import InputError
-    from midnet_bench.workflows.compare import compare_exactly
-
-    if len(directories) > 2:
-        raise InputError("compare: --exact compares one folder with the committed numbers, or two folders")
-    lines, how = compare_exactly(*directories, update=update)
-    for line in lines:
-        typer.echo(line)
-    typer.echo(
-        "expected numbers updated" if update else f"{messages.counted(len(lines), 'difference')}, {how}"
-    )
-    if lines:
-        raise typer.Exit(1)
+    raise typer.Exit(1 if regressions else 0)
 
 
 @command(example="midnet-bench verify results/labyrinth")
 def verify(
     directory: Directory,
-    everything: Annotated[bool, options.flag("List the claims that are reproduced, too.", "--all")] = False,
-    difference: Annotated[
-        float | None,
-        options.option(
-            "POINTS",
-            "Instead, say how many trials show a change of the labyrinth's success rate by so many "
-            "percentage points.",
-        ),
-    ] = None,
-    robots: Annotated[
-        str | None, options.option("N,N", "With --difference: the two team sizes (default 4,5).")
-    ] = None,
-    probability: Annotated[
-        float | None,
-        options.option("P", "With --difference: probability of detecting it (default 0.8).", "--power"),
-    ] = None,
+    everything: bool = False,
+    difference: float | None = None,
+    robots: str | None = None,
+    probability: float | None = None,
     trust: options.Trust = False,
     as_json: options.Json = False,
     wide: options.Wide = False,
@@ -260,27 +161,109 @@ def verify(
     """Check each claim of the paper against your results.
 
     Exit code: 0 all claims are reproduced, 3 some are inconclusive, 4 some are not reproduced.
+
+    Options:
+        everything --all: List the claims that are reproduced, too.
+        difference POINTS: Instead, say how many trials show a change of the labyrinth's success rate by so
+            many percentage points.
+        robots N,N: With --difference: the two team sizes (default 4,5).
+        probability --power P: With --difference: probability of detecting it (default 0.8).
     """
-    from midnet_bench.errors import InputError
-    from midnet_bench.workflows.verify import power_report
-    from midnet_bench.workflows.verify import verify as check_claims
+    from midnet_bench.workflows import verify as workflow
 
     if difference is not None:
         sizes = options.whole_numbers(robots or "4,5", "--robots")
         if not isinstance(sizes, list) or len(sizes) != 2:
             raise InputError(f"--robots {robots}: give two team sizes, such as 4,5")
         power = 0.8 if probability is None else probability
-        name, table = power_report(directory, difference, (sizes[0], sizes[1]), power)  # type: ignore[arg-type]
+        name, table = workflow.power_report(directory, difference, (sizes[0], sizes[1]), power)  # type: ignore[arg-type]
         show(name, [table], as_json, wide)
         return
     if robots is not None or probability is not None:
         raise InputError("verify: --robots and --power go with --difference; give it, such as --difference 5")
-    name, table, code = check_claims(directory)
+    name, table, code = workflow.verify(directory)
     if as_json or wide:
         show(name, [table], as_json, wide)
     else:
         _show_claims(directory, table, everything)
     raise typer.Exit(code)
+
+
+def _show_claims(directory: Path, table: "Table", everything: bool) -> None:
+    """The counts first, then what is not reproduced and what is open."""
+    from midnet_bench.analysis.claims import shown_claims
+
+    summary, tables = shown_claims(table, everything)
+    print_lines([summary, ""])
+    show(None, tables)
+    reproduced = sum(row["verdict"] == "reproduced" for row in table.rows)
+    if reproduced and not everything:
+        print_lines([f"reproduced: {messages.counted(reproduced, 'claim')}; --all lists them."])
+    if (file := directory / "claims.csv").exists():
+        print_lines([f"Each in {file}"])
+
+
+@command(example="midnet-bench errors results/detection --robots 5 --seed 3 --frame 60")
+def errors(
+    directory: Directory,
+    robots: int | None = None,
+    where: options.Where = None,
+    seed: int | None = None,
+    frame: int | None = None,
+    grids: Path | None = None,
+    steps: Path | None = None,
+    guard: int | None = None,
+    versus: Path | None = None,
+    versus_where: list[str] | None = None,
+    trust: options.Trust = False,
+    as_json: options.Json = False,
+    wide: options.Wide = False,
+) -> None:
+    """List the causes of missed intruders and false boxes in a recorded campaign.
+
+    Trials are recorded with '--record'. --frame explains one frame; --versus compares two campaigns.
+
+    Options:
+        robots N: Only trials with this team size.
+        seed: Only this seed's trials.
+        frame: Explain each error of this frame, counted from 1, in a line.
+        grids DIR: With --frame: draw each guard's grids A to D into this folder; the trial runs again.
+        steps DIR: With --frame: walk the frame through the paper's equations, a page in this folder; the
+            trial runs again, recorded or not.
+        guard N: With --steps: whose grids are shown, from 1.
+        versus OTHER_DIR: Another recorded campaign: count errors of both, and of one alone, by cause.
+        versus_where FACTOR=VALUE: As --where, of the other campaign.
+    """
+    from midnet_bench.workflows import errors as workflow
+
+    own = [*(where or ()), *([] if robots is None else [f"robots={robots}"])]
+    if versus is not None:
+        if seed is not None or frame is not None or grids is not None:
+            raise InputError("errors: --versus compares campaigns; leave out --seed, --frame and --grids")
+        show(None, [workflow.versus(directory, versus, own, versus_where or own)], as_json, wide)
+    elif frame is None:
+        if grids is not None or steps is not None:
+            option = "--grids draws" if steps is None else "--steps walks through"
+            raise InputError(f"errors: {option} one frame; give --frame, such as --frame 60")
+        show(None, workflow.errors(directory, own, seed), as_json, wide)
+    elif steps is not None:
+        from midnet_bench.workflows.steps import steps_of_trial
+
+        for file in steps_of_trial(directory, seed, frame, own, steps, guard):
+            typer.echo(file)
+    else:
+        table = workflow.explain(directory, seed, frame, own)
+        if as_json:
+            show(None, [table], as_json)
+        else:
+            print_lines([table.title, *(str(row["line"]) for row in table.rows)])
+            if grids is None:
+                player = directory / "report.html"
+                print_lines([f"To draw this frame add --grids DIR. The player in {player} shows all frames."])
+        if grids is not None:
+            workflow.grids(directory, seed, frame, own, grids)
+            if not as_json:
+                messages.log_folder(grids)
 
 
 def present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = False) -> bool:
@@ -295,25 +278,11 @@ def present(directory: Path, as_json: bool, drawn_from: int = 1, wide: bool = Fa
     if as_json:
         show(results.definition.experiment, tables, as_json)
     elif first is not None:
-        show(None, first.tables, as_json=False)
+        show(None, first.tables)
         print_lines([*first.conclusion, *first.notes, "", first.following])
     elif results.finished:
-        show(None, printed(results, tables), as_json, wide)
+        show(None, printed(results, tables), wide=wide)
     return results.finished > 0
-
-
-def _show_claims(directory: Path, table: "Table", everything: bool) -> None:
-    """The counts first, then what is not reproduced and what is open."""
-    from midnet_bench.analysis.claims import shown_claims
-
-    summary, tables = shown_claims(table, everything)
-    print_lines([summary, ""])
-    show(None, tables, as_json=False)
-    reproduced = sum(row["verdict"] == "reproduced" for row in table.rows)
-    if reproduced and not everything:
-        print_lines([f"reproduced: {messages.counted(reproduced, 'claim')}; --all lists them."])
-    if (file := directory / "claims.csv").exists():
-        print_lines([f"Each in {file}"])
 
 
 def log_page(directory: Path) -> None:
@@ -323,23 +292,3 @@ def log_page(directory: Path) -> None:
         messages.note(f"Open {page}")
     else:
         messages.log_folder(directory)
-
-
-def show(experiment: str | None, tables: "Sequence[Table]", as_json: bool, wide: bool = False) -> None:
-    """Print tables for people, or as one JSON document; ``wide``: all columns, however long the lines."""
-    if as_json:
-        from midnet_bench.analysis.tables import to_json
-
-        print_json(to_json(experiment, tables))
-        return
-    from midnet_bench.cli.terminal import drawn, width
-
-    for table in tables:
-        typer.echo(drawn(table, None if wide else width()) + "\n")
-
-
-def print_lines(sentences: "Iterable[str]") -> None:
-    """Print sentences, each from the beginning of a line; an empty one is an empty line."""
-    from midnet_bench.cli.terminal import filled, width
-
-    typer.echo("\n".join(line for sentence in sentences for line in filled(sentence, width()) or [""]))

@@ -1,14 +1,19 @@
-"""Tables on a terminal: at most seven columns, and no digit, verdict or name is ever cut."""
+"""Standard output: sentences, JSON, and tables, of which no digit, verdict or name is ever cut."""
 
+import json
 import re
 import shutil
 import textwrap
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from midnet_bench.analysis.tables import Table
+import typer
+
 from midnet_bench.analysis.words import in_words
 from midnet_bench.cli.messages import shown
+
+if TYPE_CHECKING:
+    from midnet_bench.analysis.tables import Table
 
 MOST_COLUMNS = 7
 PIPE_WIDTH = 80
@@ -52,11 +57,35 @@ def filled(text: str, most: int) -> list[str]:
     return textwrap.wrap(shown(text), most, break_long_words=False, break_on_hyphens=False)
 
 
-def drawn(table: Table, most: int | None) -> str:
+def print_json(document: Any) -> None:
+    """Print one JSON document."""
+    typer.echo(json.dumps(document, indent=1, allow_nan=False))
+
+
+def show(
+    experiment: str | None, tables: "Sequence[Table]", as_json: bool = False, wide: bool = False
+) -> None:
+    """Print tables for people, or as one JSON document; ``wide``: all columns, however long the lines."""
+    if as_json:
+        from midnet_bench.analysis.tables import to_json
+
+        print_json(to_json(experiment, tables))
+        return
+    for table in tables:
+        typer.echo(drawn(table, None if wide else width()) + "\n")
+
+
+def print_lines(sentences: Iterable[str]) -> None:
+    """Print sentences, each from the beginning of a line; an empty one is an empty line."""
+    for sentence in sentences:
+        typer.echo("\n".join(filled(sentence, width()) or [""]))
+
+
+def drawn(table: "Table", most: int | None) -> str:
     """A table as lines of text.
 
-    What is too wide loses the columns that ``table.beside`` lists, the last first; then numbers go above
-    their intervals; then each row becomes lines of its own.
+    What is too wide, or has more than ``MOST_COLUMNS``, loses the columns that ``table.beside`` lists, the
+    last first; then numbers go above their intervals; then each row becomes lines of its own.
 
     Args:
         table: any.

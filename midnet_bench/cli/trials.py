@@ -8,7 +8,7 @@ import typer
 
 from midnet_bench.cli import completion, options
 from midnet_bench.cli.app import command
-from midnet_bench.cli.errors import Where, places
+from midnet_bench.errors import InputError
 
 SEED, ROBOTS = 1, 5
 """of a trial that is no campaign's, unless the user says otherwise"""
@@ -19,27 +19,31 @@ def render(
     experiment: Annotated[
         str, options.argument(None, "detection or labyrinth.", completion.experiments)
     ] = "detection",
-    robots: Annotated[int | None, options.option("N", "Security robots (default 5).")] = None,
+    robots: int | None = None,
     intruders: options.Number = None,
     frames: options.Number = None,
-    seed: options.Seed = 1,
-    frame: Annotated[
-        int | None,
-        options.option("N", "Which frame the pictures show, counted from 1 (default 100 or the last)."),
-    ] = None,
-    clip: Annotated[bool, options.flag("Make a film (MP4) and a storyboard of the whole trial.")] = True,
-    speed: Annotated[float, options.option("FACTOR", "How much faster than real time the film runs.")] = 4.0,
-    scans: Annotated[bool, options.flag("Show the returns of the robots' LiDARs.")] = False,
+    seed: options.Seed = SEED,
+    frame: int | None = None,
+    clip: bool = True,
+    speed: float = 4.0,
+    scans: bool = False,
     arena: options.Arena = None,
-    engine: options.Engine = None,
-    robot_model: options.RobotModel = None,
+    engine: options.Part = None,
+    robot_model: options.Part = None,
     map_file: options.Map = None,
     settings: options.Settings = None,
-    output: Annotated[
-        Path | None, options.output_option("DIR", "Folder for the pictures (default results/render-...).")
-    ] = None,
+    output: Path | None = None,
 ) -> None:
-    """Draw one trial: the arena from above, each robot's grids A to D, the detections, and a film."""
+    """Draw one trial: the arena from above, each robot's grids A to D, the detections, and a film.
+
+    Options:
+        robots N: Security robots (default 5).
+        frame N: Which frame the pictures show, counted from 1 (default 100 or the last).
+        clip --clip/--no-clip: Make a film (MP4) and a storyboard of the whole trial.
+        speed FACTOR: How much faster than real time the film runs.
+        scans --scans/--no-scans: Show the returns of the robots' LiDARs.
+        output DIR: Folder for the pictures (default results/render-...).
+    """
     from midnet_bench.cli.progress import meter
     from midnet_bench.experiments import registry
     from midnet_bench.workflows.render import render_trial
@@ -48,18 +52,14 @@ def render(
     chosen |= {"engine": engine, "robot": robot_model}
     parameters = options.joined(chosen, settings, map_file)
     found = registry.experiment(experiment)
-    known = found.model.defaults()
     options.check_values(experiment, chosen, "--{key}")
+    if "robots" in found.model.defaults():
+        parameters = {"robots": ROBOTS, **parameters}
     directory = output or options.RESULTS / f"render-{found.name}-{seed}"
-    with meter() as shown:
+    with meter() as bar:
         files = render_trial(
-            experiment,
-            {**({"robots": ROBOTS} if "robots" in known else {}), **parameters},
-            seed,
-            directory,
-            frame,
-            clip,
-            progress=lambda done, most: shown.show(done, most, f"frame {done} of at most {most}"),
+            *(experiment, parameters, seed, directory, frame, clip),
+            progress=lambda done, most: bar.show(done, most, f"frame {done} of at most {most}"),
             speed=speed,
             scans=scans,
         )
@@ -75,34 +75,29 @@ def export(
             None, "detection, labyrinth, or the folder of a campaign of one of them.", completion.exported
         ),
     ],
-    bag_format: Annotated[
-        str,
-        options.option(
-            "NAME", "mcap (one file), ros2 (a bag's folder, SQLite) or ros1 (a .bag file).", "--format"
-        ),
-    ] = "mcap",
-    robots: Annotated[int | None, options.option("N", "Security robots (default 5).")] = None,
-    seed: Annotated[int | None, options.option("N", "The trial's seed (default 1).", min=0)] = None,
-    where: Where = None,
+    bag_format: str = "mcap",
+    robots: int | None = None,
+    seed: int | None = None,
+    where: options.Where = None,
     frames: options.Number = None,
-    engine: options.Engine = None,
+    engine: options.Part = None,
     map_file: options.Map = None,
     settings: options.Settings = None,
-    output: Annotated[
-        Path | None,
-        options.option(
-            "PATH", "The file, or the folder of ros2 (default results/export-...).", "-o", "--output"
-        ),
-    ] = None,
+    output: Path | None = None,
     trust: options.Trust = False,
 ) -> None:
     """Run one trial and write every sensor and detector message to a ROS bag.
 
     Foxglove, RViz, 'ros2 bag play' and 'rosbag play' open it without midnet-bench; docs/ros.md lists the
     topics. Of a campaign's folder --seed, --robots and --where name the trial.
+
+    Options:
+        bag_format --format NAME: mcap (one file), ros2 (a bag's folder, SQLite) or ros1 (a .bag file).
+        robots N: Security robots (default 5).
+        seed N>=0: The trial's seed (default 1).
+        output PATH: The file, or the folder of ros2 (default results/export-...).
     """
     from midnet_bench.cli.progress import meter
-    from midnet_bench.errors import InputError
     from midnet_bench.experiments import registry
     from midnet_bench.io.files import plain_name
     from midnet_bench.recording.files.writer import ending_of
@@ -114,25 +109,20 @@ def export(
             raise InputError(
                 "export: a campaign's trial is as it was; leave out --frames, --engine, --map, --set"
             )
-        name = Path(trial).resolve().name
-        experiment, parameters, seed = trial_of(trial, seed, places(where, robots))
+        name, cells = Path(trial).resolve().name, [] if robots is None else [f"robots={robots}"]
+        experiment, parameters, seed = trial_of(trial, seed, [*(where or ()), *cells])
     else:
         if where:
             raise InputError("export: --where goes with a campaign's folder; set parameters by --set")
-        found = registry.experiment(trial)
         chosen = {"robots": robots, "frames": frames, "engine": engine}
+        name, experiment, seed = registry.experiment(trial).name, trial, SEED if seed is None else seed
         options.check_values(trial, chosen, "--{key}")
-        name, experiment, seed = found.name, trial, SEED if seed is None else seed
         parameters = {"robots": ROBOTS, **options.joined(chosen, settings, map_file)}
     path = output or options.RESULTS / plain_name(f"export-{name}-{seed}{ending}")
-    with meter() as shown:
+    with meter() as bar:
         export_trial(
-            experiment,
-            parameters,
-            seed,
-            path,
-            bag_format,
-            progress=lambda done, most: shown.show(done, most, f"frame {done} of at most {most}"),
+            *(experiment, parameters, seed, path, bag_format),
+            progress=lambda done, most: bar.show(done, most, f"frame {done} of at most {most}"),
         )
     typer.echo(path)
 
@@ -143,36 +133,30 @@ def node(
         list[str],
         options.argument("NAME...", "The robots; also ROS's remappings, such as /guard_1/scan:=/tb3_0/scan."),
     ],
-    ros: Annotated[Literal["1", "2"], options.option(None, "The version of ROS.", "--ros")] = "2",
-    map_file: Annotated[
-        Path | None, options.option("FILE", "The prior map: a map_server YAML (default topic /map).", "--map")
-    ] = None,
-    pose: Annotated[
-        Literal["topic", "tf"], options.option(None, "Poses are from the topics /NAME/pose, or from tf.")
-    ] = "topic",
-    mount: Annotated[
-        str | None,
-        options.option("X,Y,YAW_DEG", "Where each laser sits on its robot (default from /tf_static)."),
-    ] = None,
-    no_return: Annotated[
-        list[str] | None,
-        options.option(
-            "CODE=MEANING", "What inf, nan, zero, below or above means: clears (inf, above) or nothing."
-        ),
-    ] = None,
-    rate: Annotated[float, options.option("HZ", "Frames a second, by the stamps.")] = 5.0,
-    patience: Annotated[
-        float, options.option("S", "Make a frame so long after its time even if a robot is silent.")
-    ] = 1.0,
-    preset: Annotated[
-        Literal["real", "paper"], options.option(None, "Which values: for real robots, or the paper's.")
-    ] = "real",
+    ros: Literal["1", "2"] = "2",
+    map_file: Path | None = None,
+    pose: Literal["topic", "tf"] = "topic",
+    mount: str | None = None,
+    no_return: list[str] | None = None,
+    rate: float = 5.0,
+    patience: float = 1.0,
+    preset: Literal["real", "paper"] = "real",
     settings: options.Settings = None,
 ) -> None:
     """Run MIDNet as a node of ROS: /map, /NAME/scan and poses in, /midnet/detections (MarkerArray) out.
 
     ROS 2: rclpy, or without it midnet-bench[ros2]. ROS 1: rospy (docs/ros.md). Each frame uses exactly the
     messages stamped before it, whatever the playback speed.
+
+    Options:
+        ros: The version of ROS.
+        map_file FILE: The prior map: a map_server YAML (default topic /map).
+        pose: Poses are from the topics /NAME/pose, or from tf.
+        mount X,Y,YAW_DEG: Where each laser sits on its robot (default from /tf_static).
+        no_return CODE=MEANING: What inf, nan, zero, below or above means: clears (inf, above) or nothing.
+        rate HZ: Frames a second, by the stamps.
+        patience S: Make a frame so long after its time even if a robot is silent.
+        preset: Which values: for real robots, or the paper's.
     """
     from midnet_bench.campaign.definition import parse_settings
     from midnet_bench.io.map_server import load_map

@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -21,6 +22,14 @@ from midnet_bench.workflows.render import render_trial
 WORST = 10
 """frames that ``errors`` names"""
 FRAME_S = 0.2
+NAMES = {
+    "miss": ("missed", "miss", "misses"),
+    "false": ("false positive", "false positive", "false positives"),
+    "fragment": ("second box", "second box", "second boxes"),
+}
+"""kind of an error -> in a sentence, one of them, several"""
+VERSUS = ("kind", "cause", "both", "only_first", "only_second")
+_NUMBERS = ("x_min_m", "y_min_m", "x_max_m", "y_max_m", "age_s", "offset_m")
 _BY_POSE = {"pose_error", "misplaced_by_pose", "wall_by_pose"}
 
 
@@ -41,19 +50,21 @@ def errors(directory: str | Path, where: Sequence[str] = (), seed: int | None = 
     return [*error_tables(results), _worst_frames(results)]
 
 
-def explain(directory: str | Path, seed: int, frame: int, where: Sequence[str] = ()) -> Table:
+def explain(directory: str | Path, seed: int | None, frame: int, where: Sequence[str] = ()) -> Table:
     """The errors of one frame of one trial, one row each; ``line`` is the row in words.
 
     Args:
         directory: of the campaign.
-        seed: of the trial.
+        seed: of the trial; the campaign's only one unless given.
         frame: counted from 1.
         where: ``FACTOR=VALUE`` of the grid, as many as it takes to name one trial.
 
     Raises:
         InputError: the trials were not recorded, several match, or there is no such trial or frame.
     """
-    results = _of_seed(_recorded(directory, where), seed)
+    whole = _recorded(directory, where)
+    seed = _only_seed(whole) if seed is None else seed
+    results = _of_seed(whole, seed)
     if "recorded" not in results.tables or results.tables["recorded"].empty:
         raise InputError(f"{directory}: trials with an oracle record no frames; add --where oracle=none")
     frames = results.tables["recorded"]
@@ -62,8 +73,7 @@ def explain(directory: str | Path, seed: int, frame: int, where: Sequence[str] =
         several = " or ".join(dict.fromkeys(results.other_factors(chosen)))[:200]
         raise InputError(f"{directory}: several trials have seed {seed}; name one by --where: {several}")
     if chosen.empty:
-        most = int(frames["frame"].max())
-        raise InputError(f"--frame {frame}: the trial has frames 1 to {most}")
+        raise InputError(f"--frame {frame}: the trial has frames 1 to {int(frames['frame'].max())}")
     recorded = RecordedFrame.from_row(records(chosen)[0])
     table = _errors_of(results)
     found = records(table[table["frame"] == frame])
@@ -72,15 +82,9 @@ def explain(directory: str | Path, seed: int, frame: int, where: Sequence[str] =
     return Table("explanation", _summary(recorded, seed, found), rows)
 
 
-def only_seed(directory: str | Path, where: Sequence[str] = ()) -> int:
-    """The seed of a recorded campaign that has one alone. Raises InputError if there are several."""
-    seeds = sorted(set(_recorded(directory, where).table("frames")["seed"].tolist()))
-    if len(seeds) > 1:
-        raise InputError(f"--frame: {directory} has seeds {seeds[0]} to {seeds[-1]}; name one by --seed")
-    return int(seeds[0])
-
-
-def grids(directory: str | Path, seed: int, frame: int, where: Sequence[str], output: Path) -> list[Path]:
+def grids(
+    directory: str | Path, seed: int | None, frame: int, where: Sequence[str], output: Path
+) -> list[Path]:
     """The files written to ``output``: one frame of a trial in pictures, each guard's grids A to D too.
 
     Grids are not recorded: the trial runs again up to that frame, as :func:`~.render.render_trial` says.
@@ -89,10 +93,12 @@ def grids(directory: str | Path, seed: int, frame: int, where: Sequence[str], ou
         InputError: as :func:`explain`.
     """
     explain(directory, seed, frame, where)
-    definition = _recorded(directory, where).definition
+    results = _recorded(directory, where)
+    definition = results.definition
     if definition.grid:
         raise InputError(f"{directory}: name one value of {', '.join(definition.grid)} by --where")
     parameters = {**definition.parameters, "record": False}
+    seed = _only_seed(results) if seed is None else seed
     return render_trial(definition.experiment, parameters, seed, output, frame, clip=False)
 
 
@@ -107,39 +113,34 @@ def versus(
     Raises:
         InputError: one was not recorded, or they have no recorded frame in common.
     """
-    both = [_recorded(directory, where), _recorded(other, other_where)]
     names = [str(directory), str(other)]
+    both = [_recorded(directory, where), _recorded(other, other_where)]
     frames = []
     for name, results in zip(names, both, strict=True):
         if results.factors:
             raise InputError(f"{name}: name one value of {', '.join(results.factors)} by --where")
-        rows_of = results.table("frames")
-        frames.append(set(zip(rows_of["seed"].tolist(), rows_of["frame"].tolist(), strict=True)))
+        each = results.table("frames")
+        frames.append(set(zip(each["seed"].tolist(), each["frame"].tolist(), strict=True)))
     shared = frames[0] & frames[1]
     if not shared:
         raise InputError(f"{names[0]} and {names[1]} have no seed and frame in common")
     one, two = (
-        {place: found for place, found in by_frame(_errors_of(each)).items() if place in shared}
-        for each in both
+        {frame: found for frame, found in by_frame(_errors_of(results)).items() if frame in shared}
+        for results in both
     )
-    only_one = [error for place, found in one.items() for error in without(found, two.get(place, ()))]
-    only_two = [error for place, found in two.items() for error in without(found, one.get(place, ()))]
+    only_one = [error for frame, found in one.items() for error in without(found, two.get(frame, ()))]
+    only_two = [error for frame, found in two.items() for error in without(found, one.get(frame, ()))]
     every = [error for found in one.values() for error in found]
     counts = [Counter((error.kind, error.cause) for error in each) for each in (every, only_one, only_two)]
-    rows: list[Mapping[str, Cell]] = [
-        _versus_row(kind, cause, *(count[kind, cause] for count in counts))
-        for kind, cause in dict.fromkeys([*counts[0], *counts[2]])
+    lines: list[tuple[Any, ...]] = [
+        (*key, counts[0][key] - counts[1][key], counts[1][key], counts[2][key])
+        for key in dict.fromkeys([*counts[0], *counts[2]])
     ]
-    rows.sort(key=lambda row: -max(int(str(row[name])) for name in ("both", "only_first", "only_second")))
-    rows.append(_versus_row("all", "", len(every), len(only_one), len(only_two)))
+    lines.sort(key=lambda line: -max(line[2:]))
+    lines.append(("all", "", len(every) - len(only_one), len(only_one), len(only_two)))
+    rows = [dict(zip(VERSUS, line, strict=True)) for line in lines]
     title = f"Errors of {names[0]} (first) and {names[1]} (second) in {len(shared)} frames"
     return Table("errors_versus", title, rows)
-
-
-def _versus_row(kind: str, cause: str, first: int, only_first: int, only_second: int) -> dict[str, Cell]:
-    """``first``: errors of the first campaign, those of both among them."""
-    both = first - only_first
-    return {"kind": kind, "cause": cause, "both": both, "only_first": only_first, "only_second": only_second}
 
 
 def narrowed(results: Results, where: Sequence[str]) -> Results:
@@ -171,8 +172,21 @@ def _recorded(directory: str | Path, where: Sequence[str]) -> Results:
     return results
 
 
+def _seeds(results: Results) -> list[int]:
+    return sorted(set(results.table("frames")["seed"].tolist()))
+
+
+def _only_seed(results: Results) -> int:
+    seeds = _seeds(results)
+    if len(seeds) > 1:
+        raise InputError(
+            f"--frame: {results.directory} has seeds {seeds[0]} to {seeds[-1]}; name one by --seed"
+        )
+    return seeds[0]
+
+
 def _of_seed(results: Results, seed: int) -> Results:
-    known = sorted(set(results.table("frames")["seed"].tolist()))
+    known = _seeds(results)
     if seed not in known:
         has = f"only seed {known[0]}" if len(known) == 1 else f"seeds {known[0]} to {known[-1]}"
         raise InputError(f"--seed {seed}: was not recorded; {results.directory} has {has}")
@@ -188,63 +202,54 @@ def _errors_of(results: Results) -> pd.DataFrame:
 
 def _worst_frames(results: Results) -> Table:
     """The frames with most errors, the worst first."""
-    found = results.tables.get("errors")
+    found = _errors_of(results)
     rows: list[Mapping[str, Cell]] = []
-    if found is not None and len(found):
-        found = found.assign(trial=results.teams(found))
-        counts = found.groupby(["trial", "seed", "frame"], sort=False).size()
-        worst = counts.sort_values(ascending=False, kind="stable").head(WORST).reset_index(name="errors")
-        causes = found.groupby(["trial", "seed", "frame"], sort=False)["cause"]
-        for row in records(worst):
-            own = causes.get_group((row["trial"], row["seed"], row["frame"])).value_counts()
-            rows.append({**row, "causes": ", ".join(f"{count} {cause}" for cause, count in own.items())})
+    if len(found):
+        frames = found.assign(trial=results.teams(found)).groupby(["trial", "seed", "frame"], sort=False)
+        counts = frames.size().sort_values(ascending=False, kind="stable").head(WORST)
+        for row in records(counts.reset_index(name="errors")):
+            causes = frames["cause"].get_group((row["trial"], row["seed"], row["frame"])).value_counts()
+            rows.append({**row, "causes": ", ".join(f"{count} {cause}" for cause, count in causes.items())})
     return Table("worst_frames", "Frames with most errors", rows)
 
 
+def _counted(count: int, one: str, several: str) -> str:
+    return f"{count} {one if count == 1 else several}"
+
+
 def _summary(recorded: RecordedFrame, seed: int, found: Sequence[Row]) -> str:
-    kinds = [row["kind"] for row in found]
+    kinds = Counter(str(row["kind"]) for row in found)
     in_range = sum(truth.in_range for truth in recorded.truths)
+    errors = ", ".join(_counted(kinds[kind], one, several) for kind, (_, one, several) in NAMES.items())
     return (
         f"seed {seed}, frame {recorded.number} ({recorded.number * FRAME_S:.1f} s): "
-        f"{_counted(in_range, 'intruder')} in range, {_counted(len(recorded.detections), 'box', 'boxes')}: "
-        f"{_counted(kinds.count('miss'), 'miss', 'misses')}, "
-        f"{_counted(kinds.count('false'), 'false positive')}, "
-        f"{_counted(kinds.count('fragment'), 'second box', 'second boxes')} on an intruder"
+        f"{_counted(in_range, 'intruder', 'intruders')} in range, "
+        f"{_counted(len(recorded.detections), 'box', 'boxes')}: {errors} on an intruder"
     )
-
-
-def _counted(count: int, noun: str, plural: str | None = None) -> str:
-    return f"{count} {noun if count == 1 else plural or noun + 's'}"
 
 
 def _sentence(row: Row, recorded: RecordedFrame) -> str:
     """One error in a line."""
-    cause, guard = str(row["cause"]), int(str(row["guard"]))
-    x_min, y_min, x_max, y_max = (
-        float(str(row[name])) for name in ("x_min_m", "y_min_m", "x_max_m", "y_max_m")
-    )
-    if row["kind"] == "miss":
-        what, meaning = f"missed: {row['intruder']}", MISS_CAUSES[cause]
+    kind, cause, guard, by = str(row["kind"]), str(row["cause"]), int(str(row["guard"])), row["by"]
+    x_min, y_min, x_max, y_max, age_s, offset_m = (float(str(row[name])) for name in _NUMBERS)
+    if kind == "miss":
+        what, meaning = str(row["intruder"]), MISS_CAUSES[cause]
     else:
-        name = "second box" if row["kind"] == "fragment" else "false positive"
-        what = f"{name}: {100 * (x_max - x_min):.0f} x {100 * (y_max - y_min):.0f} cm"
-        meaning = FALSE_CAUSES[cause]
-    what += f" at ({(x_min + x_max) / 2:.2f}, {(y_min + y_max) / 2:.2f}) m"
+        what, meaning = f"{100 * (x_max - x_min):.0f} x {100 * (y_max - y_min):.0f} cm", FALSE_CAUSES[cause]
     details = [f"guard {guard}"] if guard else []
-    by = row["by"]
     if isinstance(by, str) and by:
         details.append(by)
-    age_s, offset_m = float(str(row["age_s"])), float(str(row["offset_m"]))
     if age_s > 0.0:
         details.append(f"returns {age_s:.2f} s old")
     if offset_m > 0.0:
         details.append(f"off by {100 * offset_m:.1f} cm")
     robot = recorded.robots[guard - 1] if guard else None
     if cause in _BY_POSE and robot is not None:
-        error = robot.believed.relative_to(robot.pose)
-        degrees = math.degrees(abs(error.yaw))
+        degrees = math.degrees(abs(robot.believed.relative_to(robot.pose).yaw))
         details.append(
             f"pose estimate of guard {guard} off by {100 * robot.pose.distance_to(robot.believed):.1f} cm "
             f"and {degrees:.1f} degrees"
         )
-    return f"{what}. Cause: {cause} ({meaning})" + (f". {'; '.join(details)}" if details else "")
+    center = f"({(x_min + x_max) / 2:.2f}, {(y_min + y_max) / 2:.2f}) m"
+    text = f"{NAMES[kind][0]}: {what} at {center}. Cause: {cause} ({meaning})"
+    return text + (f". {'; '.join(details)}" if details else "")

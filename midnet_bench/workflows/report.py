@@ -1,6 +1,7 @@
 """What is made of a campaign's results: CSV files, tables, figures, and a page with all of them."""
 
 import json
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -56,8 +57,9 @@ def write_report(
     if (directory / FILE_NAME).exists():
         with open_store(directory / FILE_NAME) as store:
             results = results_of(store, directory, directory, tables_of)
-            _write_json(directory / CONFIGURATION, json.loads(store.definition.to_json()))
-            _write_json(directory / PROVENANCE, results.provenance)
+            configuration = json.loads(store.definition.to_json())
+            for name, content in {CONFIGURATION: configuration, PROVENANCE: results.provenance}.items():
+                write_atomically(directory / name, json.dumps(content, indent=1) + "\n")
     else:
         results = load_results(directory, tables_of)
     record = experiment_of(results)
@@ -67,14 +69,12 @@ def write_report(
     for table in [*tables, claims] if claims else tables:
         table.write(directory)
     pictures: list[Picture] = []
-    swept: list[Picture] = []
     if results.finished >= drawn_from:
-        pictures = _drawn(record.figures(results), formats)
-        swept = _swept(sweeps(results), formats)
-        _write_pictures(pictures, directory)
-        _write_swept(swept, directory)
+        pictures, swept = _drawn(record.figures(results), formats), _swept(sweeps(results), formats)
+        _write(directory, pictures, swept)
+        pictures += swept
     if results.finished:
-        _write_page(results, tables, claims, [*pictures, *swept])
+        _write_page(results, tables, claims, pictures)
     return results, tables
 
 
@@ -117,9 +117,7 @@ def printed(results: Results, tables: Sequence[Table]) -> list[Table]:
 def headline(results: Results) -> Headline | None:
     """What a terminal shows of a campaign first, beside the packaged reference; None: its printed tables."""
     record = experiment_of(results)
-    if (
-        results.definition.variants and results.finished
-    ):  # the protocol has some; others need no detectors here
+    if results.definition.variants and results.finished:  # the protocol has some; others load no detectors
         from midnet_bench.workflows import standing
 
         if standing.is_standard(results.definition):
@@ -136,29 +134,40 @@ def plot(
     output: str | Path | None = None,
     x: str | None = None,
     y: str | None = None,
-    formats: Sequence[str] = FORMATS,
+    formats: Sequence[str] | None = None,
 ) -> list[Path]:
     """Draw a campaign's figures anew, from its results alone; the files written.
 
     Args:
         directory: of the campaign.
-        output: a folder for the figures; the campaign's own unless given.
+        output: a folder for the figures, or a .pdf, .png or .svg file for the only one; the campaign's folder
+            unless given.
         x: a numeric factor of the grid, for a figure of scores over it; see :func:`compare.sweep`.
         y: the score.
-        formats: of the figures: png, svg, pdf.
+        formats: of the figures: png, svg, pdf; ``FORMATS`` unless given.
 
     Raises:
         InputError: there is no campaign, it is damaged, its experiment has no figures, there is no such
             format, or ``x`` and ``y`` are none.
     """
+    target, wanted = Path(output or directory), FORMATS if formats is None else tuple(formats)
+    if output is not None and target.suffix in (".pdf", ".png", ".svg"):
+        ending = (target.suffix.removeprefix("."),)
+        if wanted not in (FORMATS, ending):
+            raise InputError(f"-o {output}: --format {','.join(wanted)} is another format; leave it out")
+        with tempfile.TemporaryDirectory() as place:
+            drawn = [one for one in plot(directory, place, x, y, ending) if one.suffix == target.suffix]
+            if len(drawn) > 1:
+                raise InputError(f"-o {output}: {len(drawn)} figures do not go into one file; give a folder")
+            write_atomically(target, drawn[0].read_bytes())
+        return [target]
     if y is not None and x is None:
         raise InputError(f"plot: --y {y}: say by --x over which factor of the grid")
     results = load_results(directory, tables_of)
-    folder = Path(output or directory)
     if x is not None:
-        return _write_swept(_swept([sweep(results, x, y)], formats), folder)
-    written = _write_pictures(_drawn(experiment_of(results).figures(results), formats), folder)
-    written += _write_swept(_swept(sweeps(results), formats), folder)
+        return _write(target, [], _swept([sweep(results, x, y)], wanted))
+    figures = _drawn(experiment_of(results).figures(results), wanted)
+    written = _write(target, figures, _swept(sweeps(results), wanted))
     if not written:
         raise InputError(
             f"{directory}: no figures: a campaign of '{results.definition.experiment}'"
@@ -167,27 +176,11 @@ def plot(
     return written
 
 
-def _swept(drawn: "Sequence[tuple[Table, Figure]]", formats: Sequence[str]) -> "list[Picture]":
-    return [
-        picture._replace(data=table)
-        for table, figure in drawn
-        for picture in _drawn({plain_name(table.name): figure}, formats)
-    ]
-
-
-def _write_swept(pictures: "Sequence[Picture]", directory: Path) -> list[Path]:
-    """Figures with their numbers beside them; the files written."""
-    written = []
-    for picture in pictures:
-        written += [*_write_pictures([picture], directory), *picture.data.write(directory, picture.name)]
-    return written
-
-
 def write_comparison(found: Comparison, output: Path) -> None:
     """Write a comparison's tables, and the figures that its campaigns have in common."""
     for table in found.tables:
         table.write(output)
-    _write_pictures(_drawn(found.experiment.comparison_figures(found.campaigns), FORMATS), output)
+    _write(output, _drawn(found.experiment.comparison_figures(found.campaigns), FORMATS))
 
 
 def _drawn(figures: "Mapping[str, Figure]", formats: Sequence[str]) -> "list[Picture]":
@@ -199,13 +192,22 @@ def _drawn(figures: "Mapping[str, Figure]", formats: Sequence[str]) -> "list[Pic
     return [Picture(stem, chart_files(one, formats), drawn_data(stem, one)) for stem, one in figures.items()]
 
 
-def _write_pictures(pictures: "Sequence[Picture]", directory: Path) -> list[Path]:
-    """The files written."""
-    files = {f"{one.name}{ending}": content for one in pictures for ending, content in one.files.items()}
-    for name, content in files.items():
-        write_atomically(directory / name, content)
-    return [directory / name for name in files]
+def _swept(drawn: "Sequence[tuple[Table, Figure]]", formats: Sequence[str]) -> "list[Picture]":
+    """Pictures with the tables that they show, whose numbers are written beside them."""
+    return [
+        picture._replace(data=table)
+        for table, figure in drawn
+        for picture in _drawn({plain_name(table.name): figure}, formats)
+    ]
 
 
-def _write_json(path: Path, content: object) -> None:
-    write_atomically(path, json.dumps(content, indent=1) + "\n")
+def _write(directory: Path, pictures: "Sequence[Picture]", swept: "Sequence[Picture]" = ()) -> list[Path]:
+    """The files written: figures, and those of ``swept`` with their numbers beside them."""
+    written = []
+    for index, picture in enumerate([*pictures, *swept]):
+        for ending, content in picture.files.items():
+            write_atomically(directory / f"{picture.name}{ending}", content)
+            written.append(directory / f"{picture.name}{ending}")
+        if index >= len(pictures):
+            written += picture.data.write(directory, picture.name)
+    return written
