@@ -1,12 +1,18 @@
-"""References to Python objects: ``package.module:NAME`` or ``path/file.py:NAME``.
+"""Code by reference (``package.module:NAME``, ``path/file.py:NAME``), and the options whose value names code.
 
 A file that a trial needs is known by a digest of its bytes and of all modules that it imports from no
 installed distribution. They travel to the workers with the trial: these may run on another machine, and files
 may change while they do. A file finds its neighbours under their own names, whatever the working folder is.
+
+The value of an :class:`ExtensionPoint` is ``NAME`` or a reference, followed by options of the code in
+brackets: ``clusters(noise_m=0.02)``. :meth:`ExtensionPoint.pinned` adds ``#`` and a digest of the file or
+module and of all that it brings, or ``@`` and the version of the installed package. So a trial's parameters
+state all that it depends on, and its id changes with the code.
 """
 
 import ast
 import builtins
+import contextlib
 import functools
 import hashlib
 import importlib
@@ -16,22 +22,32 @@ import inspect
 import logging
 import os
 import pickle
+import re
 import sys
 import textwrap
-from collections.abc import Callable, Iterator, Mapping
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, NamedTuple
 
-from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.errors import InputError, MidnetBenchError, nearest_name
+from midnet_bench.settings import Scalar
 
 EXECUTED = "midnet_bench_reference_"
 """what the names of modules begin with that are read from a user's file or cell"""
 DIGITS = 12
 """of the digests, hexadecimal"""
 FORMS = "expected package.module:NAME or path/file.py:NAME"
+VALUE = re.compile(r"(?P<place>[^()#@]+)(?:\((?P<options>[^()]*)\))?(?:(?P<mark>[#@])(?P<pin>[\w.+-]+))?")
+"""an extension point's value: a place, options and a pin"""
+
+
+class PluginError(MidnetBenchError):
+    """Code from outside failed, or gave what it must not give. The message names it."""
 
 
 class Module(NamedTuple):
@@ -53,6 +69,14 @@ class Source(NamedTuple):
     source and that of what it calls there"""
     beside: Mapping[str, Module] = {}
     """by name, the modules that it imports, and those that they do, of no installed distribution"""
+
+    @property
+    def digest(self) -> str:
+        """Of all its code; that of the file itself if it brings no more."""
+        found = hashlib.sha256(self.content)
+        for name, module in sorted(self.beside.items()):
+            found.update(f"\n{name} {len(module.content)}\n".encode() + module.content)
+        return found.hexdigest()[:DIGITS]
 
 
 _KNOWN: dict[str, Source] = {}
@@ -76,12 +100,25 @@ def load_reference(reference: str) -> Any:
         raise InputError(f"{reference}: {FORMS}")
     if place.endswith(".py"):
         source = _source(Path(place), reference)._replace(name=place)
-        digest = hashlib.sha256(f"{Path(place).resolve()} {digest_of(source)}".encode()).hexdigest()
+        digest = hashlib.sha256(f"{Path(place).resolve()} {source.digest}".encode()).hexdigest()
         _KNOWN[digest] = source
-        module = _executed(digest, reference)
-    else:
-        module = _from_package(place, reference)
+        return _named(name, _executed(digest, reference), place, reference)
+    if not all(part.isidentifier() for part in place.split(".")):
+        raise InputError(f"{reference}: {FORMS}")
+    try:
+        module = importlib.import_module(place)
+    except Exception as error:
+        raise _not_imported(reference, error) from error
     return _named(name, module, place, reference)
+
+
+def later(reference: str) -> Callable[..., Any]:
+    """A function that imports the function that ``reference`` names when it is called, and calls it."""
+
+    def call(*arguments: Any, **named: Any) -> Any:
+        return load_reference(reference)(*arguments, **named)
+
+    return call
 
 
 def read_source(path: Path, reference: str) -> str:
@@ -91,29 +128,29 @@ def read_source(path: Path, reference: str) -> str:
         InputError: the file cannot be read; the message begins with ``reference``.
     """
     source = _source(path, reference)
-    digest = digest_of(source)
-    _KNOWN[digest] = source
-    return digest
-
-
-def digest_of(source: Source) -> str:
-    """Of all its code; that of the file itself if it brings no more."""
-    found = hashlib.sha256(source.content)
-    for name, module in sorted(source.beside.items()):
-        found.update(f"\n{name} {len(module.content)}\n".encode() + module.content)
-    return found.hexdigest()[:DIGITS]
+    _KNOWN[source.digest] = source
+    return source.digest
 
 
 def read_module(reference: str) -> str | None:
     """The digest of a module that a reference is into, and of what it brings; None if it is installed."""
     place = reference.rpartition(":")[0]
     found = _brought(f"import {place}".encode(), [], "", {})
-    return digest_of(Source(place, b"", beside=found)) if found else None
+    return Source(place, b"", beside=found).digest if found else None
 
 
 def _source(path: Path, reference: str) -> Source:
     content = _read(path, reference)
     return Source(path.name, content, beside=_brought(content, [str(path.parent.resolve())], "", {}))
+
+
+def _read(path: Path, reference: str) -> bytes:
+    try:
+        if path.exists() and not path.is_file():  # a pipe would be waited for
+            raise InputError(f"{reference}: {path} is no file; give one with Python code")
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{reference}: {path} cannot be read: {error.strerror}") from error
 
 
 def _brought(content: bytes, folders: list[str], package: str, known: dict[str, Module]) -> dict[str, Module]:
@@ -166,7 +203,7 @@ def _spec(module: str, places: list[str] | None) -> ModuleSpec | None:
 
 
 def _is_installed(spec: ModuleSpec) -> bool:
-    """Whether a distribution has it that is not editable: those lie elsewhere."""
+    """Whether a distribution has it that is not editable; those lie elsewhere."""
     place = Path(spec.origin or next(iter(spec.submodule_search_locations or []), ""))
     return not {"site-packages", "dist-packages"}.isdisjoint(place.parts) and (
         bool(distributions_of(spec.name)) or "." in spec.name
@@ -179,12 +216,9 @@ def distributions_of(module: str) -> list[str]:
     return _distributions(folders).get(module.partition(".")[0], [])
 
 
-@functools.lru_cache(maxsize=1)
+@functools.lru_cache(maxsize=1)  # Python reads a file of every distribution for it, 0.2 s in all
 def _distributions(folders: tuple[tuple[str, int], ...]) -> dict[str, list[str]]:
-    """Of each package its distributions; ``folders``: of modules, and when each was changed last.
-
-    Python reads a file of every distribution for it, 0.2 s in all.
-    """
+    """Of each package its distributions; ``folders``: of modules, and when each was changed last."""
     found: dict[str, list[str]] = {}
     for one in importlib.metadata.distributions():
         try:
@@ -316,14 +350,21 @@ def _names_in(code: CodeType) -> set[str]:
     return {*code.co_names}.union(*map(_names_in, inner))
 
 
-def sources(digests: set[str]) -> dict[str, Source]:
-    """Those of the known files that have one of ``digests``."""
-    return {digest: _KNOWN[digest] for digest in sorted(digests & _KNOWN.keys())}
-
-
 def take_sources(handed: Mapping[str, Source]) -> None:
     """Know files that another process has read."""
     _KNOWN.update(handed)
+
+
+def code_in(values: Iterable[Scalar]) -> dict[str, Source]:
+    """The files that pinned values name, which :func:`take_sources` takes in another process."""
+    texts = [VALUE.fullmatch(one) for value in values if isinstance(value, str) for one in several(value)]
+    digests = {found["pin"] for found in texts if found is not None and found["mark"] == "#"}
+    return {digest: _KNOWN[digest] for digest in sorted(digests & _KNOWN.keys())}
+
+
+def several(value: str) -> list[str]:
+    """The values in a list of them, which semicolons part."""
+    return [one for one in map(str.strip, value.split(";")) if one]
 
 
 def _named(name: str, module: ModuleType, place: str, reference: str) -> Any:
@@ -331,33 +372,6 @@ def _named(name: str, module: ModuleType, place: str, reference: str) -> Any:
         names = [one for one in vars(module) if not one.startswith("_")]
         raise InputError(f"{reference}: no '{name}' in {place}{nearest_name(name, names)}")
     return getattr(module, name)
-
-
-def later(reference: str) -> Callable[..., Any]:
-    """A function that imports the function that ``reference`` names when it is called, and calls it."""
-
-    def call(*arguments: Any, **named: Any) -> Any:
-        return load_reference(reference)(*arguments, **named)
-
-    return call
-
-
-def _from_package(place: str, reference: str) -> ModuleType:
-    if not all(part.isidentifier() for part in place.split(".")):
-        raise InputError(f"{reference}: {FORMS}")
-    try:
-        return importlib.import_module(place)
-    except Exception as error:
-        raise _not_imported(reference, error) from error
-
-
-def _read(path: Path, reference: str) -> bytes:
-    try:
-        if path.exists() and not path.is_file():  # a pipe would be waited for
-            raise InputError(f"{reference}: {path} is no file; give one with Python code")
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{reference}: {path} cannot be read: {error.strerror}") from error
 
 
 def _executed(digest: str, reference: str) -> ModuleType:
@@ -426,3 +440,271 @@ class _Beside:
 def _not_imported(reference: str, error: Exception) -> InputError:
     what = " ".join(str(error).split())
     return InputError(f"{reference}: cannot be imported: {type(error).__name__}: {what}")
+
+
+class Choice(NamedTuple):
+    """An extension point's value, taken apart."""
+
+    place: str
+    """a name, or a reference as :func:`load_reference` takes"""
+    options: Mapping[str, Scalar]
+    """of the code itself, by name"""
+    mark: str = ""
+    pin: str = ""
+
+    @property
+    def is_file(self) -> bool:
+        """Whether ``place`` is a name in a file of the user's."""
+        return self.place.rpartition(":")[0].endswith(".py")
+
+    def __str__(self) -> str:
+        words = {None: "null", True: "true", False: "false"}
+        options = ", ".join(
+            f"{key}={words[value] if value is None or isinstance(value, bool) else value}"
+            for key, value in sorted(self.options.items())
+        )
+        return f"{self.place}{f'({options})' if options else ''}{self.mark}{self.pin}"
+
+
+@dataclass(frozen=True)
+class ExtensionPoint:
+    """An option whose value names code."""
+
+    option: str
+    """its flat key, which messages begin with"""
+    entry_points: str
+    """the group under which installed packages offer theirs"""
+    method: str
+    """what every class here has"""
+    own: Mapping[str, str | None]
+    """this package's by name: a reference, or None for one that the caller makes"""
+    needs: Mapping[str, str] = field(default_factory=dict)
+    """by name in ``own``: the module of another library without which it does not run, and which the extra of
+    that name installs"""
+
+    @property
+    def wanted(self) -> str:
+        """What values must name, in words."""
+        return f"a class with a method '{self.method}', or a function that does what the method does"
+
+    def names(self) -> list[str]:
+        """The names that can be given, this package's first; beside them it takes references."""
+        return list(dict.fromkeys([*self.own, *(one.name for one in offered(self.entry_points))]))
+
+    def is_own(self, value: str) -> bool:
+        """Whether ``value`` names what comes with this package; InputError as :meth:`pinned`."""
+        choice = self._parsed(value)
+        return choice.place in self.own and not choice.pin
+
+    def is_made_here(self, value: str) -> bool:
+        """Whether ``value`` names what the caller makes."""
+        return value in self.own and self.own[value] is None
+
+    def pinned(self, value: str) -> str:
+        """``value`` in its one spelling, with a digest or version of code that is not this package's.
+
+        Raises:
+            InputError: there is no such code, it cannot be imported, a library that it needs is missing, it
+                has no such option, or it is not what a pin that was given says.
+        """
+        choice = self._parsed(value)
+        if choice.place in self.own:
+            if choice.pin:
+                raise self._refusal(
+                    choice, f"'{choice.place}' comes with midnet-bench; leave out what follows {choice.mark}"
+                )
+            library = self.needs.get(choice.place)
+            if library and importlib.util.find_spec(library) is None:
+                extra = f"midnet-bench[{choice.place}]"
+                raise InputError(f"{self.option}: {choice.place} needs {library}: pip install '{extra}'")
+            if choice.options:  # importing it takes a while
+                if self.own[choice.place] is None:
+                    keys = "goes by keys; 'midnet-bench parameters' lists them"
+                    raise self._refusal(choice, f"'{choice.place}' {keys}")
+                self._class(choice)
+            return str(choice)
+        try:
+            pinned = self._with_pin(choice)
+        except InputError as error:
+            raise InputError(f"{self.option}: {error}") from error
+        if choice.pin and choice != pinned:
+            raise self._refusal(value, f"what is here is {pinned}; leave out what follows {choice.mark}")
+        self._class(pinned)
+        return str(pinned)
+
+    def make(self, value: str, *arguments: Any) -> Any:
+        """An instance of what ``value``, a pinned one, names, made of ``arguments`` and its options.
+
+        Raises:
+            InputError: as :meth:`pinned`.
+            PluginError: it cannot be made.
+        """
+        choice = self._parsed(value)
+        made = self._class(choice)
+        with self.calling(value):
+            return made(*arguments, **choice.options)
+
+    @contextlib.contextmanager
+    def calling(self, value: str) -> Iterator[None]:
+        """Raises PluginError, by its name, if code that ``value`` names fails inside."""
+        try:
+            yield
+        except MidnetBenchError:
+            raise
+        except Exception as error:
+            what = " ".join(str(error).split()) or "without a word"
+            if "read-only" in what:  # as NumPy calls it
+                what += "; it changes what it is given: work on a copy"
+            where = _line_of(value, error)
+            raise PluginError(f"{self.option} {value}: {where}{type(error).__name__}: {what}") from error
+
+    def refused(self, value: str, fault: str) -> PluginError:
+        """The error for a wrong result of code that ``value`` names: file, line, and ``fault``."""
+        return PluginError(f"{self.option} {value}: {self.line_of(value)}{fault}")
+
+    def line_of(self, value: str) -> str:
+        """``mine.py:12: ``, where a user's file defines the method; empty for other code."""
+        choice = self._parsed(value)
+        code = getattr(getattr(self._class(choice), self.method, None), "__code__", None)
+        if not choice.is_file or code is None or Path(code.co_filename).name != choice.place.split(":")[0]:
+            return ""
+        return f"{Path(code.co_filename).name}:{code.co_firstlineno}: "
+
+    def _refusal(self, value: object, what: str) -> InputError:
+        return InputError(f"{self.option}: {value}: {what}")
+
+    def _parsed(self, value: str) -> Choice:
+        found = VALUE.fullmatch(value.strip())
+        if found is None:
+            raise self._refusal(
+                repr(value[:80]),
+                "expected NAME, package.module:NAME or path/file.py:NAME, "
+                "with options as NAME(key=value, key=value)",
+            )
+        options: dict[str, Scalar] = {}
+        for part in filter(None, map(str.strip, (found["options"] or "").split(","))):
+            key, equals, text = map(str.strip, part.partition("="))
+            if not (equals and key.isidentifier() and text) or key in options:
+                raise self._refusal(value[:80], f"{part!r} is no key=value, or its key is there twice")
+            options[key] = _scalar(text)
+            if options[key] != options[key]:
+                raise self._refusal(value[:80], f"{key}: a number is needed (got nan)")
+        return Choice(found["place"].strip(), options, found["mark"] or "", found["pin"] or "")
+
+    def _with_pin(self, choice: Choice) -> Choice:
+        """``choice`` with the pin that it has here; a file by its name alone."""
+        if choice.is_file:
+            if choice.pin:
+                return choice
+            file, _, name = choice.place.rpartition(":")
+            pin = read_source(Path(file), choice.place)
+            return choice._replace(place=f"{Path(file).name}:{name}", mark="#", pin=pin)
+        reference = self._reference(choice)
+        if digest := read_module(reference):
+            return choice._replace(mark="#", pin=digest)
+        for distribution in distributions_of(reference.partition(":")[0]):
+            return choice._replace(mark="@", pin=importlib.metadata.version(distribution))
+        return choice._replace(mark="", pin="")
+
+    def _reference(self, choice: Choice) -> str:
+        """Of what is in no file."""
+        if ":" in choice.place:
+            return choice.place
+        if (own := self.own.get(choice.place)) is not None:
+            return own
+        for point in offered(self.entry_points):
+            if point.name == choice.place:
+                return point.value
+        raise InputError(f"unknown name '{choice.place}'{nearest_name(choice.place, self.names())}")
+
+    def _found(self, choice: Choice) -> Any:
+        """What a choice names, as it stands there. Raises InputError."""
+        try:
+            if choice.is_file:
+                return from_source(choice.pin, choice.place.rpartition(":")[2], str(choice))
+            reference = self._reference(choice)
+            found = load_reference(reference)
+        except InputError as error:
+            raise InputError(f"{self.option}: {error}") from error
+        if choice.mark == "#" and (loaded := _loaded(reference)) != choice.pin:
+            raise self._refusal(choice, f"the code that is loaded here is #{loaded}; start a new process")
+        return found
+
+    def _class(self, choice: Choice) -> Any:
+        """The class that a choice names, which takes the options that it gives. Raises InputError."""
+        found = self._found(choice)
+        # of a user's own; of any package's a name that is mistyped would be taken
+        if choice.mark == "#" and inspect.isfunction(found) and not hasattr(found, self.method):
+            members = {"__init__": lambda self, *arguments: None, self.method: staticmethod(found)}
+            found = type(found.__name__, (), members)
+        if not callable(found) or not callable(getattr(found, self.method, None)):
+            raise self._refusal(choice, f"expected {self.wanted}")
+        if choice.options:
+            # what may be given by name, behind what is given by position
+            given = inspect.signature(found).parameters.values()
+            known = {one.name: one.default for one in given if one.default is not one.empty}
+            for key, value in choice.options.items():
+                if key not in known:
+                    raise self._refusal(choice, f"no option '{key}'{nearest_name(key, list(known))}")
+                is_number = isinstance(known[key], int | float)
+                if choice.place in self.own and is_number and isinstance(value, str):
+                    raise self._refusal(choice, f"{key}: a number is needed (got {value!r})")
+        return found
+
+
+def _line_of(value: str, error: Exception) -> str:
+    """``mine.py:12 in detect: ``, the last line of a plug-in before its error; empty if none."""
+    package = value.partition(":")[0].partition(".")[0]
+    for frame, line in reversed([*traceback.walk_tb(error.__traceback__)]):
+        module = str(frame.f_globals.get("__name__", ""))
+        if module.startswith(EXECUTED) or module.partition(".")[0] == package:
+            return f"{Path(frame.f_code.co_filename).name}:{line} in {frame.f_code.co_name}: "
+    return ""
+
+
+@functools.cache
+def _loaded(reference: str) -> str | None:
+    """The digest of a module, about when this process imported it."""
+    return read_module(reference)
+
+
+def _scalar(text: str) -> Scalar:
+    """A number, true, false, null, or the text as it stands."""
+    if text in ("true", "false", "null"):
+        return {"true": True, "false": False, "null": None}[text]
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(text)
+    return text
+
+
+_FUSIONS = {
+    "none": "NoFusion",
+    "suppression": "NonMaximumSuppression",
+    "components": "ConnectedComponents",
+    "weighted": "WeightedBoxes",
+    "centres": "CentreDistance",
+    "tracks": "KalmanTracks",
+}
+DETECTORS = ExtensionPoint(
+    option="detector",
+    entry_points="midnet_bench.detectors",
+    method="detect",
+    own={
+        "midnet": None,
+        "subtraction": "midnet_bench.detectors.map_subtraction:MapSubtraction",
+        "clusters": "midnet_bench.detectors.clusters:CircleClusters",
+        "background": "midnet_bench.detectors.background:RunningMean",
+    },
+)
+"""see ``detectors/detector.py``"""
+FUSIONS = ExtensionPoint(
+    option="fusion",
+    entry_points="midnet_bench.fusions",
+    method="fuse",
+    own={
+        "paper": None,
+        **{name: f"midnet_bench.detectors.alternative_fusions:{kind}" for name, kind in _FUSIONS.items()},
+    },
+)
+"""see ``detectors/box_fusion.py``"""

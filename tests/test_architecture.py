@@ -25,7 +25,6 @@ FLOORS = [
         "grid",
         "plugins",
         "rng",
-        "extension_points",
         "settings",
     },
     {"io"},

@@ -11,8 +11,7 @@ import pytest
 
 from midnet_bench import plugins
 from midnet_bench.errors import InputError
-from midnet_bench.extension_points import DETECTORS, FUSIONS, PluginError, code_in
-from midnet_bench.plugins import read_module
+from midnet_bench.plugins import DETECTORS, FUSIONS, PluginError, code_in, read_module
 
 MINE = """
 class Mine:
@@ -120,7 +119,7 @@ def test_neighbours_travel_to_other_processes(tmp_path: Path) -> None:
     code = (
         "import pickle, sys\n"
         "from midnet_bench.plugins import take_sources\n"
-        "from midnet_bench.extension_points import DETECTORS\n"
+        "from midnet_bench.plugins import DETECTORS\n"
         "take_sources(pickle.load(sys.stdin.buffer))\n"
         f"print(DETECTORS.make({pinned!r}, None, 2.5).numbers)"
     )

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from midnet_bench.extension_points import ExtensionPoint
+from midnet_bench.plugins import ExtensionPoint
 from midnet_bench.settings import Settings, option
 
 

@@ -21,10 +21,9 @@ from pydantic import Field, PrivateAttr, Strict, TypeAdapter, field_validator
 from midnet_bench.campaign.tables import Tables
 from midnet_bench.campaign.trial import VARIANT, Cell, RunTrials, Scalar, Sharing, TrialResult, TrialSpec
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.extension_points import code_in
 from midnet_bench.io.checked_yaml import Spec, load_yaml, parse, read_yaml
 from midnet_bench.io.parameters import Parameters
-from midnet_bench.plugins import Source, reference_to, take_sources
+from midnet_bench.plugins import Source, code_in, reference_to, take_sources
 from midnet_bench.settings import without_effect
 
 SEVERAL = " | "

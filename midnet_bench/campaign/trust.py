@@ -17,8 +17,8 @@ from pathlib import Path
 from midnet_bench.campaign.definition import SEVERAL, Definition
 from midnet_bench.campaign.store import FILE_NAME
 from midnet_bench.errors import InputError
-from midnet_bench.extension_points import VALUE, several
 from midnet_bench.io.files import read_bounded
+from midnet_bench.plugins import VALUE, several
 
 MOST_BYTES = 50_000_000
 _CODE = re.compile(r"(?P<place>.+\.py(?=:)|[\w.]+(?=:\s*[^\W\d]\w*\s*$)).*", re.DOTALL)

@@ -11,7 +11,6 @@ from midnet_bench.detectors.box_fusion import Fusion
 from midnet_bench.detectors.detector import Detector
 from midnet_bench.detectors.evidence import WallEvidence
 from midnet_bench.errors import InputError, MidnetBenchError
-from midnet_bench.extension_points import DETECTORS, FUSIONS, ExtensionPoint
 from midnet_bench.geometry import Box, LidarGeometry, Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import BoxArray, binary_map
@@ -19,6 +18,7 @@ from midnet_bench.midnet.midnet_settings import PriorMapSettings
 from midnet_bench.midnet.pipeline import Ally, Frame, MIDNet, MIDNetSettings, Observation
 from midnet_bench.navigation.costmap import RollingCostmap, static_costs
 from midnet_bench.navigation.navigation_settings import CostmapSettings
+from midnet_bench.plugins import DETECTORS, FUSIONS, ExtensionPoint
 
 Number = TypeVar("Number", bound=np.generic)
 

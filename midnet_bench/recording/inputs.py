@@ -12,10 +12,10 @@ import numpy as np
 
 from midnet_bench.analysis.tables import Table
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.extension_points import DETECTORS, FUSIONS
 from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import load_map
+from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.recording.files.bags import Bag, is_bag
 from midnet_bench.recording.files.readings import NS, GridReading, Source
 from midnet_bench.recording.files.survey import Survey, listing, survey

@@ -15,10 +15,10 @@ import numpy as np
 
 from midnet_bench.detectors.detector_node import DetectorNode, DetectorSettings
 from midnet_bench.errors import InputError
-from midnet_bench.extension_points import PluginError
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Observation
+from midnet_bench.plugins import PluginError
 from midnet_bench.recording.files.bags import in_words
 from midnet_bench.recording.files.no_return import CODES, Meaning, NoReturn
 from midnet_bench.recording.files.readings import (

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from midnet_bench.errors import InputError
-from midnet_bench.extension_points import DETECTORS, FUSIONS
 from midnet_bench.midnet.midnet_settings import MIDNetSettings, PriorMapSettings
 from midnet_bench.navigation.navigation_settings import MIDNET_SOURCES, CostmapSettings
+from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.robots.model import ROBOTS, RobotModel
 from midnet_bench.settings import Scalar, Settings, group, leaves, option
 

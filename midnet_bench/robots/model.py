@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.extension_points import Choice, ExtensionPoint
 from midnet_bench.geometry import Command, LidarGeometry
+from midnet_bench.plugins import Choice, ExtensionPoint
 
 Outline = tuple[tuple[float, float], ...]
 """(x, y) of the corners in the robot's base frame, metres"""

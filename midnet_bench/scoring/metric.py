@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from midnet_bench.errors import InputError
-from midnet_bench.extension_points import ExtensionPoint, several
 from midnet_bench.geometry import Box
+from midnet_bench.plugins import ExtensionPoint, several
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.settings import Scalar
 

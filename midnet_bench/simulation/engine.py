@@ -10,8 +10,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.extension_points import ExtensionPoint
 from midnet_bench.geometry import Command
+from midnet_bench.plugins import ExtensionPoint
 
 Floats = npt.NDArray[np.float64]
 

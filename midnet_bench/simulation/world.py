@@ -7,8 +7,8 @@ import numpy.typing as npt
 
 from midnet_bench.arena.layout import Layout
 from midnet_bench.elementary import directions
-from midnet_bench.extension_points import PluginError
 from midnet_bench.geometry import Command, Pose2D
+from midnet_bench.plugins import PluginError
 from midnet_bench.robots.burger import BURGER
 from midnet_bench.robots.model import RobotModel
 from midnet_bench.simulation.crowd import Crowd

@@ -31,11 +31,11 @@ from midnet_bench.experiments import registry
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.detection.trial import DetectionTrial
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
-from midnet_bench.extension_points import DETECTORS, FUSIONS, ExtensionPoint, PluginError
 from midnet_bench.geometry import STOP, Command, lengths
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.pipeline import Observation
+from midnet_bench.plugins import DETECTORS, FUSIONS, ExtensionPoint, PluginError
 from midnet_bench.robots.burger import BURGER, LDS_01
 from midnet_bench.robots.model import ROBOTS, RobotModel
 from midnet_bench.scoring.metric import METRICS, MetricFrame, TrialMetrics

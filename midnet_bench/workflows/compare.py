@@ -27,8 +27,8 @@ from midnet_bench.errors import InputError, nearest_name
 from midnet_bench.experiments import registry
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.experiments.registry import experiment_of, tables_of
-from midnet_bench.extension_points import DETECTORS, FUSIONS
 from midnet_bench.io.files import write_atomically
+from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.settings import leaves
 from midnet_bench.workflows.shipped import installed, shipped_folder
 

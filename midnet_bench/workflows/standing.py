@@ -25,8 +25,8 @@ from midnet_bench.campaign.trial import VARIANT, Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.experiment import Headline
 from midnet_bench.experiments.registry import experiment_of, tables_of
-from midnet_bench.extension_points import DETECTORS, FUSIONS
 from midnet_bench.io.files import write_atomically
+from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.workflows.check import detector_ms
 from midnet_bench.workflows.shipped import shipped_folder
 

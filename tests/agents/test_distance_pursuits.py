@@ -13,8 +13,8 @@ from midnet_bench.agents.agent_settings import PURSUITS
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.agents.pursuit import TargetState, TeamPursuit
 from midnet_bench.errors import InputError
-from midnet_bench.extension_points import PluginError
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.plugins import PluginError
 
 FLOOR = OccupancyGrid(np.zeros((20, 20), np.int8), 0.5, (-5.0, -5.0))
 RULES = [name for name in PURSUITS.own if not PURSUITS.is_made_here(name)]

@@ -14,8 +14,8 @@ from midnet_bench.agents.graph_patrols import (
 from midnet_bench.agents.mobile_robot import GuardState
 from midnet_bench.agents.patrol import TeamPatrol
 from midnet_bench.errors import InputError
-from midnet_bench.extension_points import PluginError
 from midnet_bench.geometry import Point
+from midnet_bench.plugins import PluginError
 
 RULES = [CyclicRoute, ConscientiousReactive, CoordinatedIdleness]
 Points = npt.NDArray[np.float64]

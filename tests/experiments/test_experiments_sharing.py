@@ -11,7 +11,7 @@ from midnet_bench.experiments.detection.parameters import DetectionParameters, r
 from midnet_bench.experiments.guarded import sharing
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.registry import run_trials
-from midnet_bench.extension_points import PluginError
+from midnet_bench.plugins import PluginError
 
 VARIANTS: list[dict[str, Any]] = [
     {},

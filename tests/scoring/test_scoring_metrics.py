@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.errors import InputError
-from midnet_bench.extension_points import PluginError, code_in
 from midnet_bench.geometry import Box
+from midnet_bench.plugins import PluginError, code_in
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.scoring.metric import METRICS, NONE, MetricFrame, TrialMetrics, pinned_metrics
 from midnet_bench.scoring.metrics import FirstDetection, Idleness, Ospa

@@ -16,9 +16,9 @@ from midnet_bench.experiments.guarded.ground_truth import fused_by_identity
 from midnet_bench.experiments.guarded.guarded_arena import GuardedArena, ObservedFrame
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.record import recorder_of
-from midnet_bench.extension_points import PluginError
 from midnet_bench.geometry import Point
 from midnet_bench.midnet.pipeline import Observation
+from midnet_bench.plugins import PluginError
 from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import (
     CauseCounter,

@@ -15,11 +15,11 @@ from midnet_bench.experiments.guarded.inputs import (
     inline_arena,
     inline_prior_map,
 )
-from midnet_bench.extension_points import DETECTORS, FUSIONS
 from midnet_bench.io.parameters import Parameters
 from midnet_bench.localization.localization_settings import ScanToMapSettings, UkfSettings
 from midnet_bench.midnet.midnet_settings import MIDNetSettings, PriorMapSettings
 from midnet_bench.navigation.navigation_settings import MIDNET_SOURCES, CostmapSettings, NavigatorSettings
+from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.scoring.metric import NONE, pinned_metrics
 from midnet_bench.settings import Scalar, group, option
 from midnet_bench.simulation.world_settings import NetworkSettings, SimulationSettings
