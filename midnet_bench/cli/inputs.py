@@ -8,6 +8,7 @@ import typer
 from midnet_bench.cli import completion, options
 from midnet_bench.cli.app import command
 from midnet_bench.cli.terminal import print_json
+from midnet_bench.errors import InputError, nearest_name
 
 if TYPE_CHECKING:
     from midnet_bench.settings import Leaf
@@ -26,7 +27,6 @@ def parameters(
     as_json: options.Json = False,
 ) -> None:
     """List an experiment's parameters: default, range, meaning, source. Of one parameter, say more."""
-    from midnet_bench.errors import InputError, nearest_name
     from midnet_bench.experiments.registry import names, parameters_model
     from midnet_bench.settings import leaves
 
@@ -45,22 +45,19 @@ def parameters(
 
 def _list(experiment: str, options: "list[Leaf]", as_json: bool) -> None:
     if as_json:
-        print_json(
-            {"schema": 1, "experiment": experiment, "parameters": [_described(one) for one in options]}
-        )
+        rows = [_described(one) for one in options]
+        print_json({"schema": 1, "experiment": experiment, "parameters": rows})
         return
     from midnet_bench.cli.terminal import filled, width
 
-    lines = [experiment]
-    group = ""
+    lines, group = [experiment], ""
     for one in options:
         if one.group != group:
             lines += ["", one.group]
             group = one.group
         allowed = f" ({one.allowed})" if one.allowed else ""
         texts = [(2, f"{one.key} = {_written(one.default)}{allowed}"), (6, one.help)]
-        if one.source:
-            texts.append((6, f"source: {one.source}"))
+        texts += [(6, f"source: {one.source}")] * bool(one.source)
         for indent, text in texts:
             first, *more = filled(text, width() - indent) or [""]
             lines += [" " * indent + first, *(" " * 6 + line for line in more)]
@@ -139,24 +136,14 @@ def check(
 
     found = checked_thing(thing)
     if as_json:
-        typer.echo(
-            json.dumps(
-                {
-                    "seam": found.seam,
-                    "name": found.name,
-                    "faults": found.faults,
-                    "frame_ms": None if found.frame_ms is None else round(found.frame_ms, 3),
-                }
-            )
-        )
-    elif not found.faults:
-        plugin = f"{found.seam} {found.name}"
-        if found.frame_ms is None:
-            typer.echo(f"ok ({plugin})")
-        else:
-            typer.echo(f"ok, {found.frame_ms:.1f} ms a frame ({plugin}, four robots)")
+        frame_ms = None if found.frame_ms is None else round(found.frame_ms, 3)
+        said = {"seam": found.seam, "name": found.name, "faults": found.faults, "frame_ms": frame_ms}
+        typer.echo(json.dumps(said))
+    elif found.faults:
+        typer.echo("\n".join(found.faults))
+    elif found.frame_ms is None:
+        typer.echo(f"ok ({found.seam} {found.name})")
     else:
-        for fault in found.faults:
-            typer.echo(fault)
+        typer.echo(f"ok, {found.frame_ms:.1f} ms a frame ({found.seam} {found.name}, four robots)")
     if found.faults:
         raise typer.Exit(BROKEN)

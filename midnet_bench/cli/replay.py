@@ -12,6 +12,7 @@ import typer
 from midnet_bench.cli import messages, options
 from midnet_bench.cli.app import command
 from midnet_bench.cli.terminal import show
+from midnet_bench.errors import InputError
 
 if TYPE_CHECKING:
     from midnet_bench.recording.setup import RecordingSetup
@@ -22,72 +23,46 @@ def key_of(option: str) -> str | None:
     from midnet_bench.recording.setup import RecordingSetup
 
     start = {"--scan-delay": "delay_s", "--ally": "allies"}.get(option, option[2:].replace("-", "_"))
-    return next(
-        (key for key in RecordingSetup.model_fields if len(start) > 3 and key.startswith(start)), None
-    )
+    keys = (key for key in RecordingSetup.model_fields if len(start) > 3 and key.startswith(start))
+    return next(keys, None)
 
 
 @dataclass(frozen=True)
 class ReplayOptions:
-    """Options of ``replay``; those that are keys of setup.yaml too count more than the file."""
+    """Options of ``replay``; those that are keys of setup.yaml too count more than the file.
 
-    setup: Annotated[
-        Path | None,
-        options.option(
-            "FILE", "Topics, mount, clock, delay, allies and labels: a setup.yaml, as --check writes it."
-        ),
-    ] = None
-    map: Annotated[
-        str | None, options.option("FILE|TOPIC", "Prior map: a map_server YAML, or a topic.", "--map")
-    ] = None
-    pose: Annotated[
-        list[str] | None,
-        options.option(
-            "[NAME=]TOPIC", "Robot's pose: a topic, tf, a CSV or TUM file, or at:X,Y,YAW_DEG for one at rest."
-        ),
-    ] = None
-    start: Annotated[
-        list[str] | None,
-        options.option(
-            "[NAME=]X,Y,YAW_DEG", "Where the robot began on the map, if its poses are by odometry."
-        ),
-    ] = None
-    place: Annotated[
-        Literal["found"] | None,
-        options.option(None, "Find where the robot began, if its poses are by odometry."),
-    ] = None
-    from_s: Annotated[float | None, options.option("S", "Use scans from S seconds on.", "--from")] = None
-    to_s: Annotated[float | None, options.option("S", "Use scans up to S seconds.", "--to")] = None
-    truth: Annotated[
-        list[str] | None,
-        options.option(
-            "FILE|NAME=TOPIC", "Labels: a CSV (t or scan_index, id, x, y), or the pose of an intruder."
-        ),
-    ] = None
-    preset: Annotated[
-        Literal["real", "paper", "both"] | None,
-        options.option(None, "Detector options for real robots, the paper's, or both (default)."),
-    ] = None
+    Options:
+        setup FILE: Topics, mount, clock, delay, allies and labels: a setup.yaml, as --check writes it.
+        map --map FILE|TOPIC: Prior map: a map_server YAML, or a topic.
+        pose [NAME=]TOPIC: Robot's pose: a topic, tf, a CSV or TUM file, or at:X,Y,YAW_DEG for one at rest.
+        start [NAME=]X,Y,YAW_DEG: Where the robot began on the map, if its poses are by odometry.
+        place: Find where the robot began, if its poses are by odometry.
+        from_s --from S: Use scans from S seconds on.
+        to_s --to S: Use scans up to S seconds.
+        truth FILE|NAME=TOPIC: Labels: a CSV (t or scan_index, id, x, y), or the pose of an intruder.
+        preset: Detector options for real robots, the paper's, or both (default).
+        check --check: Only check that scans, poses and map fit; write a corrected setup.yaml.
+        film --film: Draw the recording: trial.mp4 and storyboard.png.
+        bag FILE: Write boxes, tracks, foreground, scans and tf to a bag: .mcap, .bag, or a ROS 2 folder.
+        steps N: Only walk frame N, counted from 0, through the paper's equations: steps.html.
+        output DIR: Folder for the results (default results/replay-FILE).
+    """
+
+    setup: Path | None = None
+    map: str | None = None
+    pose: list[str] | None = None
+    start: list[str] | None = None
+    place: Literal["found"] | None = None
+    from_s: float | None = None
+    to_s: float | None = None
+    truth: list[str] | None = None
+    preset: Literal["real", "paper", "both"] | None = None
     settings: options.Settings = None
-    check: Annotated[
-        bool,
-        options.flag("Only check that scans, poses and map fit; write a corrected setup.yaml.", "--check"),
-    ] = False
-    film: Annotated[bool, options.flag("Draw the recording: trial.mp4 and storyboard.png.", "--film")] = False
-    bag: Annotated[
-        Path | None,
-        options.option(
-            "FILE", "Write boxes, tracks, foreground, scans and tf to a bag: .mcap, .bag, or a ROS 2 folder."
-        ),
-    ] = None
-    steps: Annotated[
-        int | None,
-        options.option("N", "Only walk frame N, counted from 0, through the paper's equations: steps.html."),
-    ] = None
-    output: Annotated[
-        Path | None,
-        options.option("DIR", "Folder for the results (default results/replay-FILE).", "-o", "--output"),
-    ] = None
+    check: bool = False
+    film: bool = False
+    bag: Path | None = None
+    steps: int | None = None
+    output: Path | None = None
     as_json: options.Json = False
     wide: options.Wide = False
 
@@ -98,13 +73,9 @@ class ReplayOptions:
 
         chosen = RecordingSetup() if self.setup is None else RecordingSetup.load(self.setup)
         given: dict[str, Any] = {
-            "map": self.map,
-            "pose": by_name(self.pose, "--pose"),
+            **{key: getattr(self, key) for key in ("map", "from_s", "to_s", "preset")},
+            **{key: by_name(getattr(self, key), f"--{key}") for key in ("pose", "truth")},
             "start": self._starts(),
-            "from_s": self.from_s,
-            "to_s": self.to_s,
-            "truth": by_name(self.truth, "--truth"),
-            "preset": self.preset,
             "settings": {**chosen.settings, **parse_settings(self.settings or [], None)},
         }
         changes = {key: value for key, value in given.items() if value}
@@ -113,8 +84,6 @@ class ReplayOptions:
     @contextmanager
     def naming_options(self) -> Iterator[None]:
         """Errors in the block that begin with a key name the option by which its value was typed."""
-        from midnet_bench.errors import InputError
-
         typed = {key: f"--{key}" for key in ("map", "pose", "start", "truth") if getattr(self, key)}
         typed |= {"start": "--place"} if self.place else {}
         typed |= {"from_s": "--from", "to_s": "--to"}
@@ -127,19 +96,14 @@ class ReplayOptions:
             raise InputError(f"{typed[key]}{colon}{rest}") from error
 
     def _starts(self) -> dict[str, Any]:
-        from midnet_bench.errors import InputError
-        from midnet_bench.recording.plan import mount_of
-        from midnet_bench.recording.setup import EVERY, FOUND, by_name
+        from midnet_bench.recording.setup import EVERY, FOUND, by_name, mount_of
 
         if self.place and self.start:
             raise InputError("--start and --place: give one of the two")
         if self.place:
             return {EVERY: FOUND}
-        return {
-            name: [place.x, place.y, math.degrees(place.yaw)]
-            for name, text in by_name(self.start, "--start").items()
-            for place in [mount_of(text, "--start")]
-        }
+        places = {name: mount_of(text, "--start") for name, text in by_name(self.start, "--start").items()}
+        return {name: [place.x, place.y, math.degrees(place.yaw)] for name, place in places.items()}
 
 
 @command(example="midnet-bench replay robot.bag --map map.yaml --pose /amcl_pose")
@@ -159,7 +123,6 @@ def replay(
     FILE alone lists its topics and proposes a command. What else a recording needs is a key of setup.yaml.
     """
     from midnet_bench.cli.progress import meter
-    from midnet_bench.errors import InputError
     from midnet_bench.recording.inputs import list_topics
     from midnet_bench.workflows import replay as workflow
 

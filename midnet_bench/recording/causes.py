@@ -34,6 +34,13 @@ NEAR_M = 0.35
 """how far a declared ally or a displaced box may lie from where its pose is"""
 WALL_M = 0.15
 """beyond the cells that the prior map's walls were grown by, a return this far off a wall may still be its"""
+WALL_STAYS_M = 0.25
+"""up to here from a mapped wall, what stays put is the wall's own"""
+BESIDE_A_LABEL = ("displaced", "fragment")
+MAY_STAY = ("unlabelled", "near_wall", "unknown_cells", "single_return", *BESIDE_A_LABEL)
+"""causes that become ``unmapped`` where the whole recording shows that what is there stays put"""
+MOST_RECENT = 20
+"""scans whose surroundings are kept: one of each robot"""
 
 
 class ErrorRow(NamedTuple):
@@ -68,15 +75,6 @@ class Surroundings(NamedTuple):
     """(n,) whether the map knows nothing there, or ends before"""
 
 
-WALL_STAYS_M = 0.25
-"""up to here from a mapped wall, what stays put is the wall's own"""
-BESIDE_A_LABEL = ("displaced", "fragment")
-MAY_STAY = ("unlabelled", "near_wall", "unknown_cells", "single_return", *BESIDE_A_LABEL)
-"""causes that become ``unmapped`` where the whole recording shows that what is there stays put"""
-MOST_RECENT = 20
-"""scans whose surroundings are kept: one of each robot"""
-
-
 class Explainer:
     """Finds the causes of errors, scan by scan, and keeps them until the whole recording is known."""
 
@@ -95,13 +93,12 @@ class Explainer:
         causes that its end decides.
         """
         self._preset, self._map, self._node, self._settings = preset, prior_map, node, settings
-        self.counts = counts
+        self.counts, self._kept = counts, kept
         solid = (prior_map.data == 100).astype(np.uint8)
+        self._wall_m = np.full(solid.shape, math.inf)
         if solid.any():
             away = cv2.distanceTransform(1 - solid, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
             self._wall_m = away.astype(np.float64) * prior_map.resolution
-        else:
-            self._wall_m = np.full(solid.shape, math.inf)
         self._matcher: ScanToMap | None = None
         self._matched: dict[int, tuple[Scan, Pose2D | None]] = {}
         """robot -> its last scan that was matched to the map, and the pose that came of it"""
@@ -109,7 +106,6 @@ class Explainer:
         """of the last scans' returns, which each box needs"""
         self._label_ways: dict[str, tuple[list[float], list[float]]] = {}
         """label -> lowest and highest x, y that it was at"""
-        self._kept = kept
 
     def surroundings(self, returns: Floats) -> Surroundings:
         """What the map has about each of a scan's (n, 2) returns; worked out once for each scan."""
@@ -138,15 +134,17 @@ class Explainer:
     def _miss_stage(self, frame: ReplayFrame, label: Label, near_m: float, view: Frame) -> tuple[str, int]:
         """The last stage that returns near a label reached with any robot, and their number."""
         assert view.explanation is not None
-        boxes = frame.outputs[self._preset].frame.detections
-        if _near(boxes, label, near_m):
-            return "merged", returns_near(frame, label, near_m)
+        every = sum(len(_points_near(one.returns, label, near_m)) for one in frame.observed)
+        if _near(frame.outputs[self._preset].frame.detections, label, near_m):
+            return "merged", every
         if self._settings.detector != "midnet":  # its stages are not known
-            return "not_detected", returns_near(frame, label, near_m)
+            return "not_detected", every
         stages, total = ["beyond_range"], 0
         for one, robot in zip(frame.observed, view.explanation.views, strict=True):
             if one.scan is not None:
-                points = off_walls(self, near(one.returns, label, near_m))
+                points = _points_near(one.returns, label, near_m)
+                free = points[self._surroundings(points).wall_m > self.counts.resolution_m]
+                points = free if len(free) else points
                 total += len(points)
                 stages.append(self._stage(one.robot, one.scan, points, robot, label, near_m))
         return max(stages, key=list(RECORDED_MISSES).index), total
@@ -155,9 +153,10 @@ class Explainer:
         self, robot: int, scan: Scan, points: Floats, view: RobotView, label: Label, near_m: float
     ) -> str:
         """The stage at which one robot loses the (n, 2) returns near a label, map frame."""
+        settings, midnet, prior = self._settings, self._settings.midnet, self._node.prior
         sensor = scan.pose.compose(scan.lidar.mount)
         apart = np.hypot(points[:, 0] - sensor.x, points[:, 1] - sensor.y)
-        points = points[apart <= self._settings.range_m]
+        points = points[apart <= settings.range_m]
         if not len(points):
             return "beyond_range"
         costmap = self._node.costmaps[robot]
@@ -165,14 +164,13 @@ class Explainer:
         points = points[(points >= (x0, y0)).all(axis=1) & (points < (x0 + side_m, y0 + side_m)).all(axis=1)]
         if not len(points):
             return "outside_window"
-        prior = self._node.prior
         values = values_at(prior.data.astype(np.int16), prior, points, -1)
         points_on, values_on = points[values >= 0], values[values >= 0]
         if not len(points_on):
             return "outside_prior"
-        if not self._is_left(view.d, points_on, math.ceil(self._settings.local_reach_m / prior.resolution)):
-            unknown = self._surroundings(points_on).unknown
-            is_unknown = self._settings.prior.unknown == "occupied" and unknown.mean() > 0.5
+        about = self._surroundings(points_on)
+        if not _is_left(view.d, points_on, math.ceil(settings.local_reach_m / prior.resolution)):
+            is_unknown = settings.prior.unknown == "occupied" and about.unknown.mean() > 0.5
             return "unknown_cells" if is_unknown else "under_prior"
         if _near(view.kept, label, near_m):
             return "dropped_by_fusion"
@@ -183,8 +181,8 @@ class Explainer:
         grown = _near([Box._make(box) for box in contours], label, near_m)
         if not grown:
             return "displaced"
-        midnet, free = self._settings.midnet, int(np.count_nonzero(values_on))
-        if self._settings.return_area_m2 and middle(self._surroundings(points_on).wall_m) <= evidence.WALL_M:
+        free = int(np.count_nonzero(values_on))
+        if settings.return_area_m2 and middle(about.wall_m) <= evidence.WALL_M:
             free = 0  # so near to a wall returns count in part
         if midnet.min_returns and free < midnet.min_returns <= len(points):
             return "under_prior"  # which leaves a rim of what was inflated, without its returns
@@ -193,14 +191,6 @@ class Explainer:
         largest = max(round(x / prior.resolution) * round(y / prior.resolution) for x, y in sides)
         is_small = largest < midnet.min_area_cells or not midnet.min_returns
         return "too_small" if is_small else "too_few_returns"
-
-    @staticmethod
-    def _is_left(d: OccupancyGrid, points: Floats, reach: int) -> bool:
-        """Whether a cell within ``reach`` cells of a point is left in D."""
-        return any(
-            d.data[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1].any()
-            for column, row in cells_of(d, points).tolist()
-        )
 
     def boxes(
         self,
@@ -236,7 +226,8 @@ class Explainer:
         distance_m: float,
     ) -> tuple[str, float, str]:
         """Cause, age in seconds, and the name of its label, ally or robot."""
-        for label in labels.gaps if labels else ():
+        there, gaps = labels or ((), ())
+        for label in gaps:
             if box.distance_to_point(label.x, label.y) <= distance_m:
                 return "label_gap", 0.0, label.name
         for plan, estimate in frame.allies:
@@ -246,11 +237,11 @@ class Explainer:
             reach_m = plan.diameter_m / 2.0 + NEAR_M + min(estimate.age_s, 2.0) * late
             if box.distance_to_point(estimate.pose.x, estimate.pose.y) <= reach_m:
                 return ("ally_late" if late else "ally_left"), estimate.age_s, plan.name
+        is_team = len({one.carrier for one in frame.observed}) > 1
         for one in frame.observed:
-            apart_m = box.distance_to_point(*one.estimate.pose[:2])
-            if len({other.carrier for other in frame.observed}) > 1 and apart_m <= NEAR_M:
+            if is_team and box.distance_to_point(*one.estimate.pose[:2]) <= NEAR_M:
                 return "ally_left", one.estimate.age_s, f"robot {one.carrier + 1}"
-        for label in labels.there if labels else ():
+        for label in there:
             if box.distance_to_point(label.x, label.y) <= distance_m + NEAR_M:
                 return "displaced", 0.0, label.name
         if not len(about.wall_m):
@@ -267,23 +258,21 @@ class Explainer:
 
     def _in_box(self, frame: ReplayFrame, box: Box) -> tuple[Floats, Surroundings]:
         """The returns of the last scans in a box or a cell beside it, and what the map has about them."""
-        inside = [is_inside(box, one.returns, self._map.resolution) for one in frame.observed]
-        about = [self.surroundings(one.returns) for one in frame.observed]
-        points, wall_m, unknown = (
-            np.concatenate([column[chosen] for column, chosen in zip(columns, inside, strict=True)])
-            for columns in ([one.returns for one in frame.observed], *zip(*about, strict=True))
-        )
+        rows = [
+            [column[_is_inside(box, one.returns, self._map.resolution)] for column in columns]
+            for one in frame.observed
+            for columns in [(one.returns, *self.surroundings(one.returns))]
+        ]
+        points, wall_m, unknown = (np.concatenate(column) for column in zip(*rows, strict=True))
         return points, Surroundings(wall_m, unknown)
 
     def _better_pose_corrects(self, frame: ReplayFrame, box: Box) -> bool:
         """Whether a match of the scan to the map puts the box's returns back onto walls."""
         grown_m = self._settings.prior_reach_m - self._settings.local_reach_m
         for one in frame.observed:
-            points = one.returns[is_inside(box, one.returns, self._map.resolution)]
-            if one.scan is None or not len(points):
-                continue
-            pose = self._matched_pose(one.robot, one.scan)
-            if pose is None:
+            points = one.returns[_is_inside(box, one.returns, self._map.resolution)]
+            pose = self._matched_pose(one.robot, one.scan) if one.scan is not None and len(points) else None
+            if one.scan is None or pose is None:
                 continue
             shifted = pose.transform(one.scan.pose.inverse().transform(points))
             off_m = float(np.median(self._surroundings(shifted).wall_m))
@@ -312,48 +301,40 @@ class Explainer:
         while self._kept.tell() < end:
             cells, points = pickle.load(self._kept)
             row = ErrorRow(*cells)
-            is_standing_label = row.cause in BESIDE_A_LABEL and self._stands(row.name)
-            if points is not None and not is_standing_label:
+            if points is not None and row.offset_m > WALL_STAYS_M and not self._stands(row):
                 points_stay = values_at(grid.data, grid, points, -1)
                 points_stay = points_stay[points_stay >= 0]
-                if len(points_stay) and points_stay.mean() > 0.5 and row.offset_m > WALL_STAYS_M:
+                if len(points_stay) and points_stay.mean() > 0.5:
                     row = row._replace(cause="unmapped")
             yield row
 
-    def _stands(self, name: str) -> bool:
-        """Whether a labelled object was in one place at all its errors: it stays put itself."""
-        return math.dist(*self._label_ways[name]) <= NEAR_M
+    def _stands(self, row: ErrorRow) -> bool:
+        """Whether a box is beside a labelled object that was in one place at all its errors."""
+        return row.cause in BESIDE_A_LABEL and math.dist(*self._label_ways[row.name]) <= NEAR_M
+
+
+def _is_left(d: OccupancyGrid, points: Floats, reach: int) -> bool:
+    """Whether a cell within ``reach`` cells of a point is left in grid D."""
+    return any(
+        d.data[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1].any()
+        for column, row in cells_of(d, points).tolist()
+    )
 
 
 def _near(boxes: Sequence[Box], label: Label, near_m: float) -> list[Box]:
-    """Those of the boxes that are no farther than this from a label, metres."""
     return [box for box in boxes if box.distance_to_point(label.x, label.y) <= near_m]
 
 
-def near(points: Floats, label: Label, distance_m: float) -> Floats:
-    """Those of (n, 2) returns that lie no farther than ``distance_m`` from a label, map frame."""
-    return np.asarray(points[np.hypot(points[:, 0] - label.x, points[:, 1] - label.y) <= distance_m])
+def _points_near(points: Floats, label: Label, near_m: float) -> Floats:
+    return np.asarray(points[np.hypot(points[:, 0] - label.x, points[:, 1] - label.y) <= near_m])
 
 
-def off_walls(explainer: Explainer, points: Floats) -> Floats:
-    """Those of (n, 2) points that lie on no mapped wall; all of them if none does."""
-    free = points[explainer._surroundings(points).wall_m > explainer.counts.resolution_m]
-    return free if len(free) else points
-
-
-def returns_near(frame: ReplayFrame, label: Label, distance_m: float) -> int:
-    """How many returns of the last scans lie near a label."""
-    return sum(len(near(one.returns, label, distance_m)) for one in frame.observed)
+def _is_inside(box: Box, points: Floats, margin_m: float) -> npt.NDArray[np.bool_]:
+    low, high = (box.x_min - margin_m, box.y_min - margin_m), (box.x_max + margin_m, box.y_max + margin_m)
+    return np.asarray(((points >= low) & (points <= high)).all(axis=1))
 
 
 def middle(values: Floats) -> float:
     """The median, of an even number the higher one of the middle; inf of none."""
     ordered = sorted(values.tolist())
     return float(ordered[len(ordered) // 2]) if ordered else math.inf
-
-
-def is_inside(box: Box, points: Floats, margin_m: float) -> npt.NDArray[np.bool_]:
-    """(n,) whether each of (n, 2) points lies in a box that is wider by a margin."""
-    x, y = points[:, 0], points[:, 1]
-    across = (x >= box.x_min - margin_m) & (x <= box.x_max + margin_m)
-    return np.asarray(across & (y >= box.y_min - margin_m) & (y <= box.y_max + margin_m))

@@ -18,15 +18,15 @@ from midnet_bench.io.map_server import load_map
 from midnet_bench.plugins import DETECTORS, FUSIONS
 from midnet_bench.recording.files.bags import Bag, is_bag
 from midnet_bench.recording.files.readings import NS, GridReading, Source
-from midnet_bench.recording.files.survey import Survey, listing, survey
+from midnet_bench.recording.files.survey import Survey, listing
 from midnet_bench.recording.files.tables import read_text
 from midnet_bench.recording.fitting.localize import Localizer
-from midnet_bench.recording.fitting.place import placed
-from midnet_bench.recording.plan import AllyPlan, RobotPlan, followed_topics, number_of, robots_of
+from midnet_bench.recording.fitting.setup_check import placed
+from midnet_bench.recording.plan import AllyPlan, Recorded, RobotPlan, followed_topics, robots_of
 from midnet_bench.recording.ray_counts import RayCounts
 from midnet_bench.recording.recording_settings import ReplaySettings
-from midnet_bench.recording.replay import Replay, part_of
-from midnet_bench.recording.setup import EVERY, RecordingSetup
+from midnet_bench.recording.replay import Replay
+from midnet_bench.recording.setup import EVERY, RecordingSetup, number_of
 from midnet_bench.recording.truth import LabelTable
 from midnet_bench.robots.model import ROBOTS
 from midnet_bench.settings import Scalar
@@ -43,21 +43,12 @@ class ReplayInputs:
 
     setup: RecordingSetup
     """completed by what an exported trial says of itself"""
-    sources: list[Source]
-    surveys: list[Survey]
-    """one of each source"""
-    names: list[str]
-    """one of each source"""
+    recorded: Recorded
     robots: list[RobotPlan]
     prior_map: OccupancyGrid
     """int8, 100 occupied, 0 free, -1 unknown, map frame"""
     scored_from_ns: int | None
     """end of the seconds that the background was made from, record time; None if it is of no such seconds"""
-
-    @property
-    def offsets_ns(self) -> list[int]:
-        """Added to the times of each source. Raises InputError: no source has a name that is there."""
-        return offsets_of(self.setup, self.names)
 
     def settings(self) -> dict[str, ReplaySettings]:
         """The detector options by preset. Raises InputError: an unknown key, or a value out of range."""
@@ -70,26 +61,29 @@ class ReplayInputs:
             )
         return {preset: ReplaySettings.of(preset, values, cell_m) for preset in self.setup.presets}
 
-    def localizers(self) -> list[Localizer]:
-        """One for each laser, the same one for those of a robot; none if poses are taken as they are."""
-        each = {robot.carrier: Localizer(self.prior_map) for robot in self.robots if self.setup.localize}
-        return [each[robot.carrier] for robot in self.robots if each]
+    def replay(self, settings: Mapping[str, ReplaySettings], followed: Sequence[AllyPlan] = ()) -> Replay:
+        """A pass over them with detectors, and allies as large as the first of these says.
 
-    def allies(self, diameter_m: float) -> list[AllyPlan]:
-        """The allies; ``diameter_m`` of those without one. Raises InputError: no such topic."""
-        allies = self.setup.allies
-        return followed_topics(
-            self.surveys,
+        ``followed``: see :class:`Replay`. Raises InputError: no topic of an ally.
+        """
+        diameter_m, allies = next(iter(settings.values())).midnet.ally_diameter_m, self.setup.allies
+        plans = followed_topics(
+            self.recorded,
             {name: ally.topic for name, ally in allies.items()},
             {name: ally.diameter_m or diameter_m for name, ally in allies.items()},
             "allies",
+        )
+        each = {robot.carrier: Localizer(self.prior_map) for robot in self.robots if self.setup.localize}
+        correctors = [each[robot.carrier] for robot in self.robots if each]
+        return Replay(
+            self.recorded, self.robots, self.prior_map, settings, self.setup, plans, correctors, followed
         )
 
     def labels(self) -> tuple[LabelTable | None, list[AllyPlan]]:
         """The table of labels, or the topics with poses of intruders. Raises InputError: there are none."""
         truth = self.setup.truth
         if EVERY not in truth:
-            return None, followed_topics(self.surveys, truth, dict.fromkeys(truth, 1.0), "truth")
+            return None, followed_topics(self.recorded, truth, dict.fromkeys(truth, 1.0), "truth")
         if len(truth) > 1:
             raise InputError("truth: give either a table or topics")
         table = LabelTable(Path(truth[EVERY]))
@@ -114,40 +108,25 @@ def prepared(files: Sequence[Path], setup: RecordingSetup, note: Note) -> Iterat
                 table = read_text(Path(text)).called(text)
                 stack.callback(table.close)
                 sources.append(table)
-        names = file_names([Path(source.path) for source in sources])
-        offsets_ns = offsets_of(setup, names)
-        from_ns, to_ns = part_of(sources, setup, offsets_ns)
-        surveys = [
-            survey(source, from_ns - own_ns, to_ns - own_ns)
-            for source, own_ns in zip(sources, offsets_ns, strict=True)
-        ]
-        for source in sources:
-            for remark in source.remarks:
-                note(remark)
-        for one in surveys:
-            for remark in one.remarks:
-                note(remark)
-        setup = with_exported(setup, surveys)
+        recorded = Recorded.of(sources, file_names([Path(source.path) for source in sources]), setup)
+        for remark in (
+            remark for each in (sources, recorded.surveys) for one in each for remark in one.remarks
+        ):
+            note(remark)
+        setup = with_exported(setup, recorded.surveys)
         if setup.localize is None:  # odometry drifts wherever it began
             setup = setup.changed({"localize": bool(setup.start)})
-        robots = robots_of(surveys, setup, names)
+        robots = robots_of(recorded, setup)
         if setup.start and setup.background is not None:
             raise InputError("start: a place on a map is needed; give --map in place of the background")
-        prior_map, scored_from_ns = prior_map_of(setup, surveys, robots, note)
-        inputs = ReplayInputs(setup, sources, surveys, names, robots, prior_map, scored_from_ns)
+        prior_map, scored_from_ns = prior_map_of(setup, recorded, robots, note)
         setup.of_each("start", [robot.carrier for robot in robots])
         moved: dict[str, Pose2D] = {}
-        for number, robot in enumerate(robots):
+        for robot in robots:
             if robot.carrier not in moved:
-                moved[robot.carrier] = placed(robot, surveys, setup, offsets_ns, prior_map, note)
-            robots[number] = robot.moved(moved[robot.carrier])
-        yield inputs
-
-
-def offsets_of(setup: RecordingSetup, names: Sequence[str]) -> list[int]:
-    """Added to the times of each source, ns. Raises InputError: no source has a name that is there."""
-    given = setup.of_each("offset_s", names)
-    return [round(given.get(name, 0.0) * NS) for name in names]
+                moved[robot.carrier] = placed(robot, recorded, setup, prior_map, note)
+        robots = [robot.moved(moved[robot.carrier]) for robot in robots]
+        yield ReplayInputs(setup, recorded, robots, prior_map, scored_from_ns)
 
 
 def open_source(path: Path) -> Source:
@@ -181,44 +160,44 @@ def list_topics(files: Sequence[Path]) -> tuple[list[Table], list[str], list[str
     Raises:
         InputError: a recording cannot be read.
     """
-    tables: list[Table] = []
-    lines: list[str] = []
     with opened(files) as sources:
-        surveys = [survey(source) for source in sources]
-        for path, one in zip(files, surveys, strict=True):
-            title = f"{path}: {one.duration_s:.1f} s"
-            tables.append(Table("topics", title, listing(one)))
+        recorded = Recorded.of(sources, file_names(files), RecordingSetup())
+        tables, lines = [], []
+        for path, one in zip(files, recorded.surveys, strict=True):
+            tables.append(Table("topics", f"{path}: {one.duration_s:.1f} s", listing(one)))
             lines += [*one.source.remarks, *one.remarks]
-        lines += proposal(files, surveys)
-        faults = [one.fault for one in surveys if one.fault]
-    return tables, lines, faults
+        lines += proposal(files, recorded)
+        return tables, lines, [one.fault for one in recorded.surveys if one.fault]
 
 
-def proposal(files: Sequence[Path], surveys: Sequence[Survey]) -> list[str]:
+def proposal(files: Sequence[Path], recorded: Recorded) -> list[str]:
     """The command that would replay these, and what has to be added to it."""
     words = ["midnet-bench replay", *map(str, files)]
-    if exported(surveys[0]) is not None:
+    if exported(recorded.surveys[0]) is not None:
         return [f"proposed: {' '.join(words)} --map /map"]
     try:
-        robots = robots_of(surveys, RecordingSetup(), file_names(files))
+        carriers = {robot.carrier: robot for robot in robots_of(recorded, RecordingSetup())}
     except InputError as error:
         return [f"to replay it: {error}"]
     lines = []
-    carriers = {robot.carrier: robot for robot in robots}
     for robot in carriers.values():
         words.append(f"--pose {f'{robot.carrier}=' if len(carriers) > 1 else ''}{robot.pose_key}")
-        stream = surveys[robot.source].streams.get(robot.pose_key)
+        stream = recorded.surveys[robot.source].streams.get(robot.pose_key)
         if stream is None or not robot.pose_key.startswith("/"):
             continue
         lines.append(f"{robot.pose_key} is taken for the pose of {robot.name}; is it, on the map?")
         if stream.topic.type == "nav_msgs/msg/Odometry" and stream.poses[0].frame != "map":
             words += ["--place found"] * ("--place found" not in words)
-    grids = [name for one in surveys for name, topic in one.source.topics.items() if topic.kind == "grid"]
+    grids = _grids(recorded)
     if not grids:
-        made = f"results/map-{file_names(files)[0]}"
+        made = f"results/map-{recorded.names[0]}"
         lines.append(f"no map: midnet-bench map --from-log {files[0]} -o {made}; then --map {made}/map.yaml")
     words.append(f"--map {grids[0] if '/map' in grids else 'MAP.yaml'}")
     return [f"proposed: {' '.join(words)}", *lines, "--check besides finds the mount and writes a setup.yaml"]
+
+
+def _grids(recorded: Recorded) -> list[str]:
+    return [name for one in recorded.sources for name, topic in one.topics.items() if topic.kind == "grid"]
 
 
 def file_names(files: Sequence[Path]) -> list[str]:
@@ -240,49 +219,42 @@ def exported(one: Survey) -> dict[str, object] | None:
 
 
 def with_exported(setup: RecordingSetup, surveys: Sequence[Survey]) -> RecordingSetup:
-    """The setup, completed by what the file itself says if ``export`` wrote it."""
+    """The setup, completed by what the file itself says if ``export`` wrote it.
+
+    Raises:
+        InputError: that cannot be, or names code that does not come with this package.
+    """
     written = exported(surveys[0]) if len(surveys) == 1 else None
     if written is None or setup.scan:
         return setup
-    path = surveys[0].source.path
+    source = f"{surveys[0].source.path}: {EXPORTED}"
+    poses = (stream.topic.name for stream in surveys[0].streams.values() if stream.poses)
+    true_poses = {name.split("/")[2]: name for name in poses if re.fullmatch("/truth/[^/]+/pose", name)}
     try:
         robots, settings = written["robots"], written["settings"]
         assert isinstance(robots, list)
         assert isinstance(settings, dict)
+        mounts = {one["name"]: one["mount"] for one in robots}
         values = {
             "scan": {one["name"]: one["scan"] for one in robots},
             "pose": {one["name"]: one["pose"] for one in robots},
-            "mount": {
-                one["name"]: [one["mount"][0], one["mount"][1], math.degrees(one["mount"][2])]
-                for one in robots
-            },
+            "mount": {name: [at[0], at[1], math.degrees(at[2])] for name, at in mounts.items()},
             "settings": {**_own(settings, setup.settings), **setup.settings},
             "preset": "paper",
             "rate_hz": setup.rate_hz or written["rate_hz"],
             "tick_hz": written["tick_hz"],
             "map": setup.map or (None if setup.background else "/map"),
-            "truth": setup.truth or _own_truth(surveys[0]),
+            "truth": setup.truth or true_poses,
         }
     except InputError as error:
-        raise InputError(f"{path}: {EXPORTED}: {error}") from error
+        raise InputError(f"{source}: {error}") from error
     except (AssertionError, KeyError, TypeError, IndexError, ValueError, OverflowError) as error:
-        raise InputError(f"{path}: {EXPORTED}: {error!r}; export the trial again") from error
-    return setup.changed(values, f"{path}: {EXPORTED}")
-
-
-def _own_truth(one: Survey) -> dict[str, str]:
-    """Intruder -> topic of its true pose, as ``export`` writes them."""
-    topics = (stream.topic.name for stream in one.streams.values() if stream.poses)
-    return {topic.split("/")[2]: topic for topic in topics if re.fullmatch("/truth/[^/]+/pose", topic)}
+        raise InputError(f"{source}: {error!r}; export the trial again") from error
+    return setup.changed(values, source)
 
 
 def _own(settings: Mapping[str, Scalar], typed: Mapping[str, Scalar]) -> dict[str, Scalar]:
-    """A recording's own settings without those that the user has ``typed``.
-
-    Raises:
-        InputError: one cannot be, or names code that does not come with this package: a file from elsewhere
-            runs none.
-    """
+    """A recording's own settings without those that the user has ``typed``: a file runs no code."""
     left = {key: value for key, value in settings.items() if key not in typed}
     ReplaySettings.from_flat({key: value for key, value in left.items() if key != "resolution_m"})
     for point in (DETECTORS, FUSIONS, ROBOTS):
@@ -297,7 +269,7 @@ def _own(settings: Mapping[str, Scalar], typed: Mapping[str, Scalar]) -> dict[st
 
 
 def prior_map_of(
-    setup: RecordingSetup, surveys: Sequence[Survey], robots: Sequence[RobotPlan], note: Note
+    setup: RecordingSetup, recorded: Recorded, robots: Sequence[RobotPlan], note: Note
 ) -> tuple[OccupancyGrid, int | None]:
     """The map that is subtracted, and until when its background was taken, ns of the record time.
 
@@ -307,54 +279,44 @@ def prior_map_of(
     if setup.map is not None and setup.background is not None:
         raise InputError("replay: map and background both give the map; leave one out")
     if setup.background is not None:
-        return _background(setup, setup.background, surveys, robots, note)
+        return _background(setup, setup.background, recorded, robots, note)
     if setup.map is None:
         raise InputError("replay: a map is needed: --map MAP.yaml, --map TOPIC, or background in setup.yaml")
-    if any(setup.map in one.source.topics for one in surveys):
-        return map_of_topic(surveys, setup.map), None
-    if setup.map.startswith("/") and not Path(setup.map).exists():
-        grids = [name for one in surveys for name, topic in one.source.topics.items() if topic.kind == "grid"]
-        if grids:
-            raise InputError(f"map: {setup.map}: no such topic{nearest_name(setup.map, grids)}")
+    for source in recorded.sources:
+        if setup.map in source.topics:
+            reading = next(iter(source.readings({setup.map})), None)
+            if isinstance(reading, GridReading):
+                return reading.as_map(), None
+    if any(setup.map in source.topics for source in recorded.sources):
+        raise InputError(f"map: {setup.map}: holds no map (nav_msgs/OccupancyGrid)")
+    grids = _grids(recorded)
+    if grids and setup.map.startswith("/") and not Path(setup.map).exists():
+        raise InputError(f"map: {setup.map}: no such topic{nearest_name(setup.map, grids)}")
     return load_map(Path(setup.map)), None
 
 
-def map_of_topic(surveys: Sequence[Survey], topic: str) -> OccupancyGrid:
-    """The first map of a topic, int8: 100 occupied, 0 free, -1 unknown. Raises InputError: it has none."""
-    for one in surveys:
-        if topic not in one.source.topics:
-            continue
-        for reading in one.source.readings({topic}):
-            if not isinstance(reading, GridReading):
-                break
-            return reading.as_map()
-    raise InputError(f"map: {topic}: holds no map (nav_msgs/OccupancyGrid)")
-
-
 def _background(
-    setup: RecordingSetup, background: str, surveys: Sequence[Survey], robots: Sequence[RobotPlan], note: Note
+    setup: RecordingSetup, background: str, recorded: Recorded, robots: Sequence[RobotPlan], note: Note
 ) -> tuple[OccupancyGrid, int | None]:
     """A map by ray counting over another recording, or over the first seconds of this one."""
-    counts = RayCounts(setup.resolution_m)
+    counts, each_scan = RayCounts(setup.resolution_m), setup.model_copy(update={"rate_hz": None})
     scored_from_ns: int | None = None
-    each_scan = setup.model_copy(update={"rate_hz": None})
     if background.startswith(FIRST) and not Path(background).exists():
         seconds = number_of(background.removeprefix(FIRST), f"background: {background}")
         if seconds <= 0.0:
             raise InputError(f"background: {background}: {seconds:g} s is no time; give such as first-10")
-        sources = [one.source for one in surveys]
-        taken, scored_from_ns = _count(counts, sources, robots, each_scan, round(seconds * NS))
+        taken, scored_from_ns = _count(counts, recorded, robots, each_scan, round(seconds * NS))
     else:
         path = Path(background)
-        if any(path.exists() and path.samefile(one.source.path) for one in surveys):
+        if any(path.exists() and path.samefile(source.path) for source in recorded.sources):
             raise InputError(
                 f"background: {background}: is the recording itself, whose people would be walls; "
                 "give another recording, or its beginning as first-10"
             )
         with opened([path]) as sources:
-            whole = each_scan.model_copy(update={"from_s": 0.0, "to_s": None})
-            recorded = robots_of([survey(sources[0])], whole, file_names([path]))
-            taken, _ = _count(counts, sources, recorded, whole, None)
+            whole = each_scan.model_copy(update={"from_s": 0.0, "to_s": None, "offset_s": {}})
+            other = Recorded.of(sources, file_names([path]), whole)
+            taken, _ = _count(counts, other, robots_of(other, whole), whole, None)
     if not taken:
         raise InputError(f"background: {background}: no scan of it has a pose; the map would be empty")
     grid = counts.map(setup.hit_threshold)
@@ -367,16 +329,15 @@ def _background(
 
 def _count(
     counts: RayCounts,
-    sources: Sequence[Source],
+    recorded: Recorded,
     robots: Sequence[RobotPlan],
     setup: RecordingSetup,
     lasts_ns: int | None,
 ) -> tuple[int, int | None]:
     """Count the rays of the scans, or of the first ``lasts_ns``; how many scans they were, and until when."""
     empty = OccupancyGrid(np.zeros((1, 1), np.int8), counts.resolution_m, (0.0, 0.0))
-    replay = Replay(sources, robots, [], empty, {}, setup)
     taken, until_ns = 0, None
-    for frame in replay.frames():
+    for frame in Replay(recorded, robots, empty, {}, setup).frames():
         if until_ns is None and lasts_ns is not None:
             until_ns = frame.time_ns + lasts_ns
         if until_ns is not None and frame.time_ns >= until_ns:

@@ -33,9 +33,9 @@ from midnet_bench.recording.files.readings import (
     decoded,
 )
 from midnet_bench.recording.files.ros_messages import MAP, Message, detections, ros_name
-from midnet_bench.recording.plan import AT_ORIGIN
+from midnet_bench.recording.plan import AT_ORIGIN, geometry_of
 from midnet_bench.recording.poses import PoseInterpolator, PoseTrack
-from midnet_bench.recording.replay import LARGEST_JUMP_NS, geometry_of
+from midnet_bench.recording.replay import LARGEST_JUMP_NS
 
 MAP_TOPIC, TF, TF_STATIC = "/map", "/tf", "/tf_static"
 KEPT = 1000

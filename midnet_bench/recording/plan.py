@@ -3,15 +3,17 @@
 import itertools
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 from midnet_bench.errors import InputError, nearest_name
-from midnet_bench.geometry import Pose2D
+from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.recording.files.no_return import NoReturn, found_in
-from midnet_bench.recording.files.readings import NO_MOTION, NS, POSE, SCAN, PoseReading
-from midnet_bench.recording.files.survey import Stream, Survey
-from midnet_bench.recording.setup import LARGEST, RecordingSetup
+from midnet_bench.recording.files.readings import NO_MOTION, NS, POSE, SCAN, PoseReading, Source
+from midnet_bench.recording.files.survey import EVER_NS, Stream, Survey, survey
+from midnet_bench.recording.setup import RecordingSetup, mount_of
 
 TF_POSE = "tf"
 """value of key ``pose`` for transforms"""
@@ -22,14 +24,72 @@ NO_POSE = re.compile(r"goal|initial_?pose|target|waypoint|clicked|truth|/plan", 
 """in names of topics that say where a robot is to go or was said to be, not where it is"""
 FARTHEST_LASER_M = 100.0
 """from its robot's middle"""
+LEAST_BEAM_ANGLE_RAD = 1e-5
+
+
+class Recorded(NamedTuple):
+    """Open recordings, one element of each list for each source."""
+
+    sources: list[Source]
+    surveys: list[Survey]
+    names: list[str]
+    offsets_ns: list[int]
+    """added to the times of each source"""
+    part_ns: tuple[int, int]
+    """first and last record time of the scans that are used, by the sources' common clock"""
+
+    @classmethod
+    def of(cls, sources: list[Source], names: list[str], setup: RecordingSetup) -> "Recorded":
+        """A look into each source. Raises InputError: damaged, no such part, or offset_s of no file."""
+        given = setup.of_each("offset_s", names)
+        offsets_ns = [round(given.get(name, 0.0) * NS) for name in names]
+        from_ns, to_ns = _part(sources, offsets_ns, setup)
+        surveys = [
+            survey(source, from_ns - own_ns, to_ns - own_ns)
+            for source, own_ns in zip(sources, offsets_ns, strict=True)
+        ]
+        return cls(sources, surveys, names, offsets_ns, (from_ns, to_ns))
+
+    def holder(self, topic: str, first: int = 0) -> int:
+        """The source that has a topic, ``first`` before others."""
+        at = (first, *range(len(self.surveys)))
+        return next((number for number in at if topic in self.surveys[number].streams), first)
+
+    def check_topic(self, source: int, topic: str, kind: str, key: str) -> None:
+        """Raises InputError: the source has no such topic, nothing in it, or another kind of message."""
+        streams = self.surveys[source].streams
+        if topic not in streams:
+            known = [
+                name for each in self.surveys for name, one in each.streams.items() if one.topic.kind == kind
+            ]
+            raise InputError(f"{key}: no topic '{topic}'{nearest_name(topic, known or streams)}")
+        if streams[topic].topic.kind != kind:
+            raise InputError(
+                f"{key}: '{topic}' is {streams[topic].topic.type}, which gives no {kind}; "
+                f"'midnet-bench replay {self.sources[source].path}' lists what there is"
+            )
+        if not streams[topic].seen:
+            raise InputError(f"{key}: '{topic}' has no message where the recording was looked at")
+
+
+def _part(sources: Sequence[Source], offsets_ns: Sequence[int], setup: RecordingSetup) -> tuple[int, int]:
+    begin_ns = min(source.start_ns + own_ns for source, own_ns in zip(sources, offsets_ns, strict=True))
+    end_ns = max(source.end_ns + own_ns for source, own_ns in zip(sources, offsets_ns, strict=True))
+    from_ns = begin_ns + round(setup.from_s * NS)
+    if setup.from_s and from_ns > end_ns:
+        length_s = (end_ns - begin_ns) / NS
+        raise InputError(f"from_s: {setup.from_s:g} s is after the recording's end, {length_s:.1f} s")
+    if setup.to_s is not None and setup.to_s <= setup.from_s:
+        raise InputError(f"to_s: {setup.to_s:g} s is not after from_s, {setup.from_s:g} s")
+    to_ns = EVER_NS if setup.to_s is None else begin_ns + round(setup.to_s * NS)
+    return (from_ns if setup.from_s else -EVER_NS), to_ns
 
 
 class Link(NamedTuple):
-    """One track that a pose is made of: a topic, or a pair of frames of tf."""
+    """One track that a pose is made of: a topic, or a pair of frames of tf, whose ``topic`` is empty."""
 
     source: int
     topic: str
-    """empty for a pair of frames"""
     frame: str = ""
     child: str = ""
 
@@ -40,8 +100,8 @@ class Link(NamedTuple):
 
     def seen(self, surveys: Sequence[Survey]) -> list[PoseReading]:
         """Its readings where the recordings were looked at."""
-        survey = surveys[self.source]
-        return survey.streams[self.topic].poses if self.topic else survey.transforms[self.frame, self.child]
+        each = surveys[self.source]
+        return each.streams[self.topic].poses if self.topic else each.transforms[self.frame, self.child]
 
 
 class PoseChain(NamedTuple):
@@ -61,7 +121,6 @@ class RobotPlan(NamedTuple):
     """its stream: the topic, with ``@FRAME`` where scans of several lasers are on it"""
     pose: PoseChain
     mount: Pose2D
-    """of the laser on the robot"""
     is_mirrored: bool
     """whether its beams go the other way round, or it is upside down"""
     delay_ns: int
@@ -99,49 +158,59 @@ class AllyPlan(NamedTuple):
     diameter_m: float
 
 
-def robots_of(surveys: Sequence[Survey], setup: RecordingSetup, file_names: Sequence[str]) -> list[RobotPlan]:
-    """Each laser of the recordings, robot by robot.
+def followed_topics(
+    recorded: Recorded, topics: Mapping[str, str], diameters_m: Mapping[str, float], key: str
+) -> list[AllyPlan]:
+    """Objects whose poses are recorded, by name. Raises InputError: no such topic; ``key`` is named."""
+    plans = []
+    for name, topic in topics.items():
+        source = recorded.holder(topic)
+        recorded.check_topic(source, topic, POSE, f"{key}: {name}")
+        plans.append(AllyPlan(name, PoseChain((Link(source, topic),), topic), diameters_m[name]))
+    return plans
 
-    Args:
-        surveys: of each source.
-        setup: topics, mounts and delays, as far as they are given.
-        file_names: a name for each source, for robots of several files.
+
+class _Laser(NamedTuple):
+    """A stream of scans, and the name of the robot that carries its laser."""
+
+    carrier: str
+    source: int
+    stream: str
+
+
+def robots_of(recorded: Recorded, setup: RecordingSetup) -> list[RobotPlan]:
+    """Each laser of the recordings, robot by robot.
 
     Raises:
         InputError: a topic or transforms are missing, do not fit, or it is not clear which to take.
     """
-    scans = _scan_topics(surveys, setup, file_names)
-    lasers = [laser for own in scans.values() for laser in own]
-    names = [*scans, *(topic for _, topic in lasers)]
-    poses = setup.of_each("pose", list(scans))
-    mounts, mirrored, delays_s = (setup.of_each(key, names) for key in ("mount", "mirrored", "delay_s"))
+    lasers = _named_lasers(recorded, setup) if setup.scan else _all_lasers(recorded, setup)
+    counts = Counter(laser.carrier for laser in lasers)
+    names = [*counts, *(laser.stream for laser in lasers)]
+    poses = setup.of_each("pose", list(counts))
+    each = {key: setup.of_each(key, names) for key in ("mount", "mirrored", "delay_s")}
     robots = []
-    for carrier, (source, topic) in ((name, laser) for name, own in scans.items() for laser in own):
-        is_alone = len(scans[carrier]) == 1
-        name = carrier if is_alone else f"{carrier} {topic.strip('/')}"
-        survey, stream, own_mount = (
-            surveys[source],
-            surveys[source].streams[topic],
-            surveys[source].source.mount,
-        )
-        laser, map_frame = stream.scans[0].frame, setup.map_frame
-        above = survey.chain(laser)
-        if setup.start and map_frame not in above and above[-1] not in _fixed_part(survey, laser):
-            map_frame = above[-1]  # that of odometry, which is placed on the map
-        chain, mount, upside_down = _where(surveys, source, laser, poses.get(carrier), map_frame, carrier)
-        key_of = {
-            key: topic if topic in getattr(setup, key) else carrier
-            for key in ("mount", "mirrored", "delay_s")
+    for laser in sorted(lasers, key=lambda one: list(counts).index(one.carrier)):
+        carrier, source, topic = laser
+        given = {
+            key: values.get(topic if topic in getattr(setup, key) else carrier)
+            for key, values in each.items()
         }
-        if key_of["mount"] in mounts:
-            if not is_alone and key_of["mount"] == carrier:
-                raise InputError(
-                    f"mount: robot '{carrier}' has several lasers; give {{{topic}: [x, y, yaw_deg], ...}}"
-                )
-            x, y, yaw_deg = mounts[key_of["mount"]]
+        is_alone, look = counts[carrier] == 1, recorded.surveys[source]
+        if given["mount"] is not None and not is_alone and topic not in setup.mount:
+            several = f"robot '{carrier}' has several lasers; give {{{topic}: [x, y, yaw_deg], ...}}"
+            raise InputError(f"mount: {several}")
+        name, stream = carrier if is_alone else f"{carrier} {topic.strip('/')}", look.streams[topic]
+        frame = stream.scans[0].frame
+        above, map_frame = look.chain(frame), setup.map_frame
+        if setup.start and map_frame not in above and above[-1] not in _fixed_part(look, frame):
+            map_frame = above[-1]  # that of odometry, which is placed on the map
+        chain, (mount, upside_down) = _pose_and_mount(recorded, laser, frame, poses.get(carrier), map_frame)
+        if given["mount"] is not None:
+            x, y, yaw_deg = given["mount"]
             mount = Pose2D(x, y, math.radians(yaw_deg))
-        elif own_mount is not None and mount == AT_ORIGIN:
-            mount = own_mount
+        elif look.source.mount is not None and mount == AT_ORIGIN:
+            mount = look.source.mount
         if max(abs(mount.x), abs(mount.y)) > FARTHEST_LASER_M:
             raise InputError(
                 f"mount: robot '{name}': its laser sits {mount.x:g}, {mount.y:g} m off; give mount, in metres"
@@ -153,76 +222,76 @@ def robots_of(surveys: Sequence[Survey], setup: RecordingSetup, file_names: Sequ
                 topic,
                 chain,
                 mount,
-                upside_down != mirrored.get(key_of["mirrored"], False),
-                round(delays_s.get(key_of["delay_s"], 0.0) * NS),
+                upside_down != (given["mirrored"] or False),
+                round((given["delay_s"] or 0.0) * NS),
                 found_in(stream.scans, setup.no_return),
                 beam_time(stream)[0],
                 carrier,
-                laser if topic != stream.topic.name else "",
+                frame if topic != stream.topic.name else "",
             )
         )
     return robots
 
 
-def _scan_topics(
-    surveys: Sequence[Survey], setup: RecordingSetup, file_names: Sequence[str]
-) -> dict[str, list[tuple[int, str]]]:
-    """Robot's name -> source and stream of each of its lasers."""
-    if not setup.scan:
-        return _all_scan_topics(surveys, setup, file_names)
-    found: dict[str, list[tuple[int, str]]] = {}
+def _named_lasers(recorded: Recorded, setup: RecordingSetup) -> list[_Laser]:
+    found = []
     for name, given in setup.scan.items():
         for topic in [given] if isinstance(given, str) else given:
-            sources = [number for number, survey in enumerate(surveys) if _lasers_on(survey, topic)]
-            if len(surveys) > 1 and name in file_names and file_names.index(name) in sources:
-                sources = [file_names.index(name)]
+            sources = [number for number, look in enumerate(recorded.surveys) if _streams_on(look, topic)]
+            if len(recorded.names) > 1 and name in recorded.names and recorded.names.index(name) in sources:
+                sources = [recorded.names.index(name)]
             source = sources[0] if sources else 0
-            lasers = _lasers_on(surveys[source], topic) or [topic]
-            for laser in lasers:
-                check_topic(surveys, source, laser, SCAN, "scan")
-                if not surveys[source].streams[laser].has_ranges:
+            look = recorded.surveys[source]
+            for stream in _streams_on(look, topic) or [topic]:
+                recorded.check_topic(source, stream, SCAN, "scan")
+                if not look.streams[stream].has_ranges:
                     raise InputError(f"scan: {topic}: no scan of it holds a range; give another topic")
-            found.setdefault(name or ONE_ROBOT, []).extend((source, laser) for laser in lasers)
+                found.append(_Laser(name or ONE_ROBOT, source, stream))
     return found
 
 
-def _lasers_on(survey: Survey, topic: str) -> list[str]:
+def _streams_on(look: Survey, topic: str) -> list[str]:
     """Streams of a topic: itself; of one with several frames those in tf, or the one with most scans."""
-    if topic in survey.streams:
+    if topic in look.streams:
         return [topic]
-    each = [name for name in survey.streams if name.rpartition("@")[0] == topic]
-    return [name for name in each if survey.streams[name].scans[0].frame in survey.parents()] or each[:1]
+    each = [name for name in look.streams if name.rpartition("@")[0] == topic]
+    return [name for name in each if look.streams[name].scans[0].frame in look.parents()] or each[:1]
 
 
-def _all_scan_topics(
-    surveys: Sequence[Survey], setup: RecordingSetup, file_names: Sequence[str]
-) -> dict[str, list[tuple[int, str]]]:
-    found: dict[str, list[tuple[int, str]]] = {}
-    for number, survey in enumerate(surveys):
-        carriers = _carriers(survey, setup.map_frame)
-        if len(surveys) > 1 and len(carriers) > 1:
+def _all_lasers(recorded: Recorded, setup: RecordingSetup) -> list[_Laser]:
+    found, is_one = [], len(recorded.surveys) == 1
+    for number, look in enumerate(recorded.surveys):
+        carriers = _carriers(look, setup.map_frame)
+        if not is_one and len(carriers) > 1:
+            topics = ", ".join(topic for streams in carriers for topic in streams)
             raise InputError(
-                f"{survey.source.path}: several topics have scans; choose in setup.yaml, "
-                f"'scan: {{NAME: TOPIC}}': {', '.join(topic for lasers in carriers for topic in lasers)}"
+                f"{look.source.path}: several topics have scans; choose in setup.yaml, "
+                f"'scan: {{NAME: TOPIC}}': {topics}"
             )
-        names = [file_names[number]] if len(surveys) > 1 else _names([lasers[0] for lasers in carriers])
-        each = zip(names, carriers, strict=False)
-        found |= {name: [(number, topic) for topic in lasers] for name, lasers in each}
-    if not found:
-        paths = ", ".join(survey.source.path for survey in surveys)
-        if setup.from_s or setup.to_s:
-            upto = "the end" if setup.to_s is None else f"{setup.to_s:g} s"
-            raise InputError(f"{paths}: no scan from {setup.from_s:g} s to {upto}; change --from or --to")
-        raise InputError(f"{paths}: {_no_scans(surveys, any(survey.of_kind(SCAN) for survey in surveys))}")
-    return found
+        names = _names([streams[0] for streams in carriers]) if is_one else [recorded.names[number]]
+        for name, streams in zip(names, carriers, strict=False):
+            found += [_Laser(name, number, stream) for stream in streams]
+    if found:
+        return found
+    paths = ", ".join(source.path for source in recorded.sources)
+    if setup.from_s or setup.to_s:
+        upto = "the end" if setup.to_s is None else f"{setup.to_s:g} s"
+        raise InputError(f"{paths}: no scan from {setup.from_s:g} s to {upto}; change --from or --to")
+    if any(look.of_kind(SCAN) for look in recorded.surveys):
+        raise InputError(
+            f"{paths}: no scan: each scan of it has no range at all; give a recording with ranges"
+        )
+    known = ", ".join(name for look in recorded.surveys for name in look.streams)[:120]
+    held = f"it holds {known}" if known else "it is empty"
+    raise InputError(f"{paths}: no scan: no message of sensor_msgs/LaserScan; {held}")
 
 
-def _carriers(survey: Survey, map_frame: str) -> list[list[str]]:
+def _carriers(look: Survey, map_frame: str) -> list[list[str]]:
     """The streams of scans of each robot: lasers that tf fixes to one frame are on one."""
     found: dict[str, list[str]] = {}
-    for topic in dict.fromkeys(one.topic.name for one in survey.of_kind(SCAN) if one.has_ranges):
-        for name in _lasers_on(survey, topic):
-            fixed = _fixed_part(survey, survey.streams[name].scans[0].frame)
+    for topic in dict.fromkeys(one.topic.name for one in look.of_kind(SCAN) if one.has_ranges):
+        for name in _streams_on(look, topic):
+            fixed = _fixed_part(look, look.streams[name].scans[0].frame)
             fixed = fixed[: fixed.index(map_frame)] if map_frame in fixed else fixed
             found.setdefault(fixed[-1] if len(fixed) > 1 else name, []).append(name)
     return list(found.values())
@@ -232,104 +301,69 @@ def _names(topics: Sequence[str]) -> list[str]:
     """A name for each robot by its topic: the first part in which they differ; ``robot`` for one alone."""
     if len(topics) < 2:
         return [ONE_ROBOT] * len(topics)
-    first = [topic.strip("/").split("/")[0] for topic in topics]
-    return (
-        first if len(set(first)) == len(first) else [topic.strip("/").replace("/", "_") for topic in topics]
-    )
+    plain = [topic.strip("/") for topic in topics]
+    first = [name.split("/")[0] for name in plain]
+    return first if len(set(first)) == len(first) else [name.replace("/", "_") for name in plain]
 
 
-def _no_scans(surveys: Sequence[Survey], has_topic: bool) -> str:
-    if has_topic:
-        return "no scan: each scan of it has no range at all; give a recording with ranges"
-    known = [name for survey in surveys for name in survey.streams]
-    held = f"it holds {', '.join(known)[:120]}" if known else "it is empty"
-    return f"no scan: no message of sensor_msgs/LaserScan; {held}"
-
-
-def check_topic(surveys: Sequence[Survey], source: int, topic: str, kind: str, key: str) -> None:
-    """Raises InputError: the source has no such topic, nothing in it, or another kind of message."""
-    streams = surveys[source].streams
-    if topic not in streams:
-        known = [name for survey in surveys for name, one in survey.streams.items() if one.topic.kind == kind]
-        raise InputError(f"{key}: no topic '{topic}'{nearest_name(topic, known or streams)}")
-    if streams[topic].topic.kind != kind:
-        raise InputError(
-            f"{key}: '{topic}' is {streams[topic].topic.type}, which gives no {kind}; 'midnet-bench replay "
-            f"{surveys[source].source.path}' lists what there is"
-        )
-    if not (streams[topic].scans or streams[topic].poses):
-        raise InputError(f"{key}: '{topic}' has no message where the recording was looked at")
-
-
-def _where(
-    surveys: Sequence[Survey], source: int, laser: str, given: str | None, map_frame: str, name: str
-) -> tuple[PoseChain, Pose2D, bool]:
+def _pose_and_mount(
+    recorded: Recorded, laser: _Laser, frame: str, given: str | None, map_frame: str
+) -> tuple[PoseChain, tuple[Pose2D, bool]]:
     """A robot's poses, its laser's mount, and whether the laser is upside down."""
-    survey = surveys[source]
-    above = _fixed_part(survey, laser)
-    given = _proposed_pose(survey, laser, map_frame, name) if given is None else given
+    look = recorded.surveys[laser.source]
+    above = _fixed_part(look, frame)
+    given = _proposed_pose(look, frame, map_frame, laser.carrier) if given is None else given
     if given == TF_POSE:
-        if map_frame not in survey.chain(laser):
-            raise InputError(_missing_link(survey, laser, map_frame, name))
+        if map_frame not in look.chain(frame):
+            raise InputError(_missing_link(look, frame, map_frame, laser.carrier))
         if map_frame in above:  # the whole chain is fixed: the laser is at rest
-            pose, is_upside_down = _composed(survey, above[: above.index(map_frame) + 1])
-            return PoseChain((pose,), "a fixed transform"), AT_ORIGIN, is_upside_down
-        return _tf_chain(survey, source, above[-1], map_frame), *_composed(survey, above)
+            pose, is_upside_down = _composed(look, above[: above.index(map_frame) + 1])
+            return PoseChain((pose,), "a fixed transform"), (AT_ORIGIN, is_upside_down)
+        return _tf_chain(look, laser.source, above[-1], map_frame), _composed(look, above)
     if given.startswith("at:"):
-        return PoseChain((mount_of(given[3:], "pose"),), given), *_composed(survey, above)
-    topic_at = source_of(surveys, given, source)
-    check_topic(surveys, topic_at, given, POSE, "pose")
-    child = surveys[topic_at].streams[given].poses[0].child
+        return PoseChain((mount_of(given[3:], "pose"),), given), _composed(look, above)
+    source = recorded.holder(given, laser.source)
+    recorded.check_topic(source, given, POSE, "pose")
+    child = recorded.surveys[source].streams[given].poses[0].child
     if child and child in above:
         above = above[: above.index(child) + 1]
-    return PoseChain((Link(topic_at, given),), given), *_composed(survey, above)
+    return PoseChain((Link(source, given),), given), _composed(look, above)
 
 
-def source_of(surveys: Sequence[Survey], topic: str, first: int) -> int:
-    """The source that has a topic, the one of the scans before others."""
-    at = [first, *(number for number in range(len(surveys)) if number != first)]
-    return next((number for number in at if topic in surveys[number].streams), first)
-
-
-def _fixed_part(survey: Survey, laser: str) -> list[str]:
+def _fixed_part(look: Survey, laser: str) -> list[str]:
     """The laser's frame and those above it that it is fixed to, upwards."""
-    above = [laser]
-    for frame in survey.chain(laser)[1:]:
-        if not survey.is_fixed(frame, above[-1]):
-            break
-        above.append(frame)
-    return above
+    chain = look.chain(laser)
+    fixed = itertools.takewhile(lambda pair: look.is_fixed(pair[1], pair[0]), itertools.pairwise(chain))
+    return [laser, *(frame for _, frame in fixed)]
 
 
-def _composed(survey: Survey, frames: Sequence[str]) -> tuple[Pose2D, bool]:
+def _composed(look: Survey, frames: Sequence[str]) -> tuple[Pose2D, bool]:
     """The first frame's pose in the last one's, and whether it is upside down there."""
     whole = NO_MOTION
     for child, frame in itertools.pairwise(frames):
-        whole = survey.fixed(frame, child).then(whole)
+        whole = look.fixed(frame, child).then(whole)
     return Pose2D(whole.x, whole.y, whole.yaw), whole.is_upside_down
 
 
-def _tf_chain(survey: Survey, source: int, base: str, map_frame: str) -> PoseChain:
-    frames = survey.chain(base)
+def _tf_chain(look: Survey, source: int, base: str, map_frame: str) -> PoseChain:
+    frames = look.chain(base)
     frames = frames[: frames.index(map_frame) + 1][::-1]
     links = [
-        _composed(survey, (child, frame))[0]
-        if survey.is_fixed(frame, child)
-        else Link(source, "", frame, child)
+        _composed(look, (child, frame))[0] if look.is_fixed(frame, child) else Link(source, "", frame, child)
         for frame, child in itertools.pairwise(frames)
     ]
     return PoseChain(tuple(links), "tf " + " -> ".join(frames))
 
 
-def _missing_link(survey: Survey, laser: str, map_frame: str, name: str) -> str:
-    chain, line = survey.chain(laser), f"{survey.source.path}: robot '{name}': "
-    if not survey.transforms:
+def _missing_link(look: Survey, laser: str, map_frame: str, name: str) -> str:
+    chain, line = look.chain(laser), f"{look.source.path}: robot '{name}': "
+    if not look.transforms:
         return (
             f"{line}no transforms: there is no /tf; give --pose TOPIC, FILE.csv, "
             "or at:X,Y,YAW_DEG if it is at rest"
         )
     line += f"tf does not lead from '{map_frame}' to '{laser}': "
-    if map_frame not in survey.parents().values():
+    if map_frame not in look.parents().values():
         line += f"no transform begins at '{map_frame}', the chain ends at '{chain[-1]}'"
         return f"{line}; --place found or --start X,Y,YAW_DEG places odometry; else set map_frame"
     if len(chain) == 1:
@@ -337,34 +371,20 @@ def _missing_link(survey: Survey, laser: str, map_frame: str, name: str) -> str:
     return f"{line}nothing links '{chain[-1]}' to '{map_frame}'; give --pose TOPIC or FILE.csv"
 
 
-def _proposed_pose(survey: Survey, laser: str, map_frame: str, name: str) -> str:
+def _proposed_pose(look: Survey, laser: str, map_frame: str, name: str) -> str:
     """Transforms if they lead to the map, else the only topic with poses. Raises InputError: unclear."""
-    if map_frame in survey.chain(laser):
+    if map_frame in look.chain(laser):
         return TF_POSE
-    topics = [one.topic.name for one in survey.of_kind(POSE) if not NO_POSE.search(one.topic.name)]
+    topics = [one.topic.name for one in look.of_kind(POSE) if not NO_POSE.search(one.topic.name)]
     if "pose" in topics:
         return "pose"  # of a table or a log
     own = [topic for topic in topics if topic.strip("/").split("/")[0] == name]
     if len(own or topics) == 1:
         return (own or topics)[0]
     if topics:
-        raise InputError(
-            f"{survey.source.path}: robot '{name}': several topics have poses; choose with --pose TOPIC: "
-            f"{', '.join(topics)[:150]}"
-        )
-    raise InputError(_missing_link(survey, laser, map_frame, name))
-
-
-def followed_topics(
-    surveys: Sequence[Survey], topics: Mapping[str, str], diameters_m: Mapping[str, float], key: str
-) -> list[AllyPlan]:
-    """Objects whose poses are recorded, by name. Raises InputError: no such topic; ``key`` is named."""
-    plans = []
-    for name, topic in topics.items():
-        source = source_of(surveys, topic, 0)
-        check_topic(surveys, source, topic, POSE, f"{key}: {name}")
-        plans.append(AllyPlan(name, PoseChain((Link(source, topic),), topic), diameters_m[name]))
-    return plans
+        several = "several topics have poses; choose with --pose TOPIC: " + ", ".join(topics)[:150]
+        raise InputError(f"{look.source.path}: robot '{name}': {several}")
+    raise InputError(_missing_link(look, laser, map_frame, name))
 
 
 def beam_time(stream: Stream) -> tuple[float, str]:
@@ -388,21 +408,15 @@ def beam_time(stream: Stream) -> tuple[float, str]:
     )
 
 
-def mount_of(text: str, option: str) -> Pose2D:
-    """``X,Y,YAW_DEG``. Raises InputError: these are no three numbers."""
-    parts = text.split(",")
-    if len(parts) != 3:
-        raise InputError(f"{option} {text}: three numbers are needed: X,Y,YAW_DEG (metres, degrees)")
-    x, y, yaw_deg = (number_of(part, f"{option} {text}") for part in parts)
-    return Pose2D(x, y, math.radians(yaw_deg))
-
-
-def number_of(text: str, source: str) -> float:
-    """A finite number, at most ``LARGEST``. Raises InputError otherwise."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise InputError(f"{source}: {text!r} is not a number") from None
-    if not abs(value) <= LARGEST:
-        raise InputError(f"{source}: {text!r} is out of range; allowed: -{LARGEST:g} to {LARGEST:g}")
-    return value
+@lru_cache(maxsize=256)
+def geometry_of(numbers: tuple[float, ...], beams: int, mount: Pose2D, is_mirrored: bool) -> LidarGeometry:
+    """A LiDAR by :meth:`ScanReading.geometry`, the same one each time. Raises InputError: it cannot be."""
+    first, step, least_m, most_m = numbers
+    if not (math.isfinite(first) and math.isfinite(step) and abs(step) > LEAST_BEAM_ANGLE_RAD):
+        raise InputError(f"has angle_min {first:g} and angle_increment {step:g}, which no LiDAR has")
+    if abs(step) * (beams - 1) > 2.0 * math.tau or abs(first) > 2.0 * math.tau:
+        raise InputError(f"has {beams} beams {step:g} rad apart, which go round more than once; in degrees?")
+    if math.isnan(least_m) or math.isnan(most_m):
+        raise InputError("has a range limit that is not a number")
+    side = -1.0 if is_mirrored else 1.0
+    return LidarGeometry(beams, side * first, side * step, max(least_m, 0.0), most_m, mount)

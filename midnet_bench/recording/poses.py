@@ -12,8 +12,6 @@ from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.recording.files.readings import NS, PoseReading, ScanReading
 
 Floats = npt.NDArray[np.float64]
-Times = npt.NDArray[np.int64]
-"""nanoseconds"""
 Clock = Literal["header", "record"]
 
 KEPT_NS = 5 * NS
@@ -28,7 +26,6 @@ class InterpolatedPose(NamedTuple):
 
     pose: Pose2D
     age_s: float
-    """from the instant to the farther of the two readings"""
 
 
 def stamp_ns(reading: ScanReading | PoseReading, clock: Clock) -> int:
@@ -55,14 +52,15 @@ def _wrapped(angles_rad: Floats) -> Floats:
 class PoseTrack:
     """The poses of one topic, or of one pair of tf's frames, in order of time; old ones are forgotten."""
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = "") -> None:
+        self.name = name
         self._times: list[int] = []
         self._poses: list[Pose2D] = []
+        self._first_ns = 0
+        self.taken = 0
         self.void = 0
         """readings that were no pose: nan, inf, too far off, or a quaternion of no length"""
         self.first_void_ns: int | None = None
-        self.taken = 0
-        self._first_ns = 0
 
     def take(self, time_ns: int, reading: PoseReading) -> None:
         """One more pose. One that is late takes its place; of two at one time the later one counts."""
@@ -77,16 +75,10 @@ class PoseTrack:
         """See :meth:`take`."""
         self._first_ns = self._first_ns if self.taken else time_ns
         self.taken += 1
-        if not self._times or time_ns > self._times[-1]:
-            self._times.append(time_ns)
-            self._poses.append(pose)
-            return
         index = bisect.bisect_left(self._times, time_ns)
-        if self._times[index] == time_ns:
-            self._poses[index] = pose
-        else:
-            self._times.insert(index, time_ns)
-            self._poses.insert(index, pose)
+        is_known = index < len(self._times) and self._times[index] == time_ns
+        self._times[index : index + is_known] = [time_ns]
+        self._poses[index : index + is_known] = [pose]
 
     @property
     def until_ns(self) -> int | None:
@@ -98,20 +90,25 @@ class PoseTrack:
         """From one pose to the next on the average; inf before the second."""
         return (self._times[-1] - self._first_ns) / NS / (self.taken - 1) if self.taken > 1 else math.inf
 
-    def at(self, time_ns: int) -> InterpolatedPose | None:
-        """The pose at an instant; the last one after the last, None before the first."""
+    def latest(self, time_ns: int) -> InterpolatedPose | None:
+        """The last pose up to an instant; None before the first."""
         after = bisect.bisect_right(self._times, time_ns)
         if after == 0:
             return None
-        older_ns, older = self._times[after - 1], self._poses[after - 1]
-        if after == len(self._times) or older_ns == time_ns:
-            return InterpolatedPose(older, (time_ns - older_ns) / NS)
-        newer_ns, newer = self._times[after], self._poses[after]
+        return InterpolatedPose(self._poses[after - 1], (time_ns - self._times[after - 1]) / NS)
+
+    def at(self, time_ns: int) -> InterpolatedPose | None:
+        """The pose at an instant; the last one after the last, None before the first."""
+        after = bisect.bisect_right(self._times, time_ns)
+        if after in (0, len(self._times)) or self._times[after - 1] == time_ns:
+            return self.latest(time_ns)
+        older_ns, newer_ns = self._times[after - 1 : after + 1]
+        older, newer = (np.array([pose]) for pose in self._poses[after - 1 : after + 1])
         share = np.array([(time_ns - older_ns) / (newer_ns - older_ns)])
-        between = Pose2D(*interpolated(np.array([older]), np.array([newer]), share)[0].tolist())
+        between = Pose2D(*interpolated(older, newer, share)[0].tolist())
         return InterpolatedPose(between, max(time_ns - older_ns, newer_ns - time_ns) / NS)
 
-    def at_times(self, times_ns: Times) -> Floats:
+    def at_times(self, times_ns: npt.NDArray[np.int64]) -> Floats:
         """(n, 3) x, y, yaw at (n,) instants; the first or last pose before and after them."""
         times, poses = np.array(self._times), np.array(self._poses)
         after = np.searchsorted(times, times_ns, side="right")
@@ -119,13 +116,6 @@ class PoseTrack:
         gaps = times[newer] - times[older]
         share = np.divide(times_ns - times[older], gaps, out=np.zeros(len(times_ns)), where=gaps > 0)
         return interpolated(poses[older], poses[newer], share)
-
-    def latest(self, time_ns: int) -> InterpolatedPose | None:
-        """The last pose up to an instant; None before the first."""
-        after = bisect.bisect_right(self._times, time_ns)
-        if after == 0:
-            return None
-        return InterpolatedPose(self._poses[after - 1], (time_ns - self._times[after - 1]) / NS)
 
     def forget_after(self, limit_ns: float) -> None:
         """Poses whose stamps turned out to be no times."""
@@ -142,7 +132,7 @@ class PoseTrack:
 class PoseInterpolator:
     """Poses of one object in the map: of one track, or of a chain of tf with fixed links."""
 
-    def __init__(self, links: Sequence["PoseTrack | Pose2D"]) -> None:
+    def __init__(self, links: Sequence[PoseTrack | Pose2D]) -> None:
         self.links = links
         self.tracks = [link for link in links if isinstance(link, PoseTrack)]
 
@@ -158,7 +148,7 @@ class PoseInterpolator:
         """The last readings up to an instant; None before the first of a link."""
         return self._joined([track.latest(time_ns) for track in self.tracks])
 
-    def _joined(self, parts: list[InterpolatedPose | None]) -> InterpolatedPose | None:
+    def _joined(self, parts: Sequence[InterpolatedPose | None]) -> InterpolatedPose | None:
         known = [part for part in parts if part is not None]
         if len(known) < len(parts):
             return None
@@ -171,10 +161,10 @@ class PoseInterpolator:
         # links that never move have no age
         return InterpolatedPose(pose, max(self._ages_s([part.age_s for part in known]), default=0.0))
 
-    def _ages_s(self, ages_s: Sequence[float]) -> list[float]:
+    def _ages_s(self, ages_s: list[float]) -> list[float]:
         """Of each track what counts: a link slower than the fastest holds for a while until it changes."""
         if len(ages_s) < 2:
-            return list(ages_s)
+            return ages_s
         usual_s = [track.usual_s for track in self.tracks]
         fastest = usual_s.index(min(usual_s))
         return [
@@ -182,14 +172,14 @@ class PoseInterpolator:
             for number, age_s in enumerate(ages_s)
         ]
 
-    def missing(self, time_ns: int) -> list[int]:
-        """The tracks, by number, that have no pose before an instant."""
-        return [number for number, track in enumerate(self.tracks) if track.at(time_ns) is None]
+    def missing(self, time_ns: int) -> PoseTrack | None:
+        """The first track that has no pose before an instant; None if all have one."""
+        return next((track for track in self.tracks if track.at(time_ns) is None), None)
 
-    def oldest(self, time_ns: int) -> int:
-        """The track, by number, whose pose lies farthest from an instant where all have one."""
+    def oldest(self, time_ns: int) -> PoseTrack:
+        """The track whose pose lies farthest from an instant where all have one."""
         ages_s = self._ages_s([one.age_s for track in self.tracks if (one := track.at(time_ns)) is not None])
-        return ages_s.index(max(ages_s))
+        return self.tracks[ages_s.index(max(ages_s))]
 
     def forget(self, before_ns: int) -> None:
         """See :meth:`PoseTrack.forget`."""

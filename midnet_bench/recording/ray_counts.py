@@ -38,8 +38,7 @@ class RayCounts:
         self, resolution_m: float, origin: tuple[float, float] = (0.0, 0.0), shape: tuple[int, int] = (1, 1)
     ) -> None:
         """``shape``: (rows, columns) to begin with; cells lie on the lattice of ``origin``."""
-        self.resolution_m = resolution_m
-        self.origin = origin
+        self.resolution_m, self.origin = resolution_m, origin
         self.hits: Counts = np.zeros(shape, np.int32)
         self.passes: Counts = np.zeros(shape, np.int32)
         self.first_s = np.full(shape, np.inf, np.float32)
@@ -58,9 +57,8 @@ class RayCounts:
             points = points[np.hypot(points[:, 0] - sensor.x, points[:, 1] - sensor.y) <= range_m]
         if not len(points):
             return
-        self._hold(np.minimum(points.min(axis=0), sensor[:2]), np.maximum(points.max(axis=0), sensor[:2]))
-        if self.began_s is None:
-            self.began_s = scan.stamp_s
+        self._hold(np.concatenate((points, [sensor[:2]])))
+        self.began_s = scan.stamp_s if self.began_s is None else self.began_s
         self.newest_s = scan.stamp_s
         column, row = self._cells(np.array(sensor[:2])).tolist()
         since_s, cells = np.float32(scan.stamp_s - self.began_s), self._cells(points)
@@ -70,17 +68,14 @@ class RayCounts:
         """(..., 2) column and row of each of (..., 2) points."""
         return np.asarray(np.floor((points - self.origin) / self.resolution_m).astype(np.int64))
 
-    def _hold(self, low: Floats, high: Floats) -> None:
-        """Grow until two corners, metres, lie inside."""
-        if not (np.isfinite(low).all() and np.isfinite(high).all()):
+    def _hold(self, points: Floats) -> None:
+        """Grow until all points, metres, lie inside."""
+        if not np.isfinite(points).all():
             raise InputError("ray counts: a return lies nowhere; poses and ranges must be finite")
         rows, columns = self.hits.shape
-        first, last = self._cells(low).tolist(), self._cells(high).tolist()
-        left, below = (MARGIN_CELLS - cell if cell < 0 else 0 for cell in first)
-        right, above = (
-            cell - size + 1 + MARGIN_CELLS if cell >= size else 0
-            for cell, size in zip(last, (columns, rows), strict=True)
-        )
+        low, high = self._cells(points.min(axis=0)), self._cells(points.max(axis=0)) - (columns - 1, rows - 1)
+        left, below = np.where(low < 0, MARGIN_CELLS - low, 0).tolist()
+        right, above = np.where(high > 0, MARGIN_CELLS + high, 0).tolist()
         if not (left or below or right or above):
             return
         if (rows + below + above) * (columns + left + right) > MOST_CELLS:
@@ -91,20 +86,16 @@ class RayCounts:
         self.hits, self.passes = np.pad(self.hits, around), np.pad(self.passes, around)
         self.first_s = np.pad(self.first_s, around, constant_values=np.inf)
         self.last_s = np.pad(self.last_s, around, constant_values=-np.inf)
-        self.origin = (
-            self.origin[0] - left * self.resolution_m,
-            self.origin[1] - below * self.resolution_m,
-        )
+        x, y = self.origin
+        self.origin = x - left * self.resolution_m, y - below * self.resolution_m
 
     def shares(self) -> npt.NDArray[np.float64]:
         """(rows, columns) hits of all that met the cell or went through it; 0 where nothing did."""
-        seen = self.hits + self.passes
-        return np.asarray(self.hits / np.maximum(seen, 1))
+        return np.asarray(self.hits / np.maximum(self.hits + self.passes, 1))
 
     def map(self, hit_threshold: float) -> OccupancyGrid:
         """int8: 100 where at least that share of the beams ended, 0 where fewer did, -1 where none came."""
-        cells = np.full(self.hits.shape, -1, np.int8)
-        cells[self.hits + self.passes > 0] = 0
+        cells = np.where(self.hits + self.passes > 0, np.int8(0), np.int8(-1))
         cells[(self.shares() >= hit_threshold) & (self.hits >= SEEN_TWICE)] = 100
         return OccupancyGrid(cells, self.resolution_m, self.origin)
 
@@ -165,11 +156,18 @@ def unmapped(
     for blob in range(1, number):
         cells = on_map & (blobs == blob)
         rows, columns = np.nonzero(cells)
-        first_x, first_y = x0 + float(columns.min()) * cell_m, y0 + float(rows.min()) * cell_m
-        last_x, last_y = x0 + float(columns.max() + 1) * cell_m, y0 + float(rows.max() + 1) * cell_m
-        times_s = began_s + float(first_s[cells].min()), began_s + float(last_s[cells].max())
-        hits_in = int(hits[cells].sum())
-        things.append(Unmapped(first_x, first_y, last_x, last_y, len(rows), hits_in, *times_s))
+        things.append(
+            Unmapped(
+                x0 + float(columns.min()) * cell_m,
+                y0 + float(rows.min()) * cell_m,
+                x0 + float(columns.max() + 1) * cell_m,
+                y0 + float(rows.max() + 1) * cell_m,
+                len(rows),
+                int(hits[cells].sum()),
+                began_s + float(first_s[cells].min()),
+                began_s + float(last_s[cells].max()),
+            )
+        )
     return sorted(things, key=lambda thing: -thing.hits), prior_map.with_data(patched)
 
 

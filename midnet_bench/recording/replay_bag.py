@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
-from typing import NamedTuple
 
 from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.detectors.tracking import Tracker
@@ -48,31 +47,50 @@ class _Tracks:
         ]
 
 
-class Anchors(NamedTuple):
-    """How a recording's own frames hang on the map, where its transforms do not lead there themselves."""
-
-    fixed: list[tuple[str, str, Pose2D]]
-    """the map, a topmost frame, and its place"""
-    carried: dict[int, tuple[str, Pose2D]]
-    """robot -> the topmost frame, which moves with its laser, and the laser's pose in it"""
-
-
 class ReplayBag:
     """Writes the frames of a replay: record times and stamps are those of the scans that made them."""
 
     def __init__(
-        self,
-        bag: BagWriter,
-        inputs: ReplayInputs,
-        nodes: Mapping[str, DetectorNode],
-        anchors: Anchors,
+        self, bag: BagWriter, inputs: ReplayInputs, nodes: Mapping[str, DetectorNode], note: Note
     ) -> None:
         """Of a replay that has not begun, by the detectors ``nodes`` of its presets."""
-        self._bag, self._inputs, self._nodes, self._anchors = bag, inputs, nodes, anchors
+        self._bag, self._inputs, self._nodes = bag, inputs, nodes
         self._names = [ros_name(robot.name) for robot in inputs.robots]
         self._tracks = {preset: _Tracks() for preset in nodes}
         self._last: dict[int, Scan] = {}
         self._record_ns = 0
+        self._fixed: list[tuple[str, str, Pose2D]] = []
+        """the map, a topmost frame of the recording's own, and its place"""
+        self._carried: dict[int, tuple[str, Pose2D]] = {}
+        """robot -> the topmost frame, which moves with its laser, and the laser's pose in it"""
+        self._anchor(note)
+
+    def _anchor(self, note: Note) -> None:
+        """Hang the recording's own frames on the map, where its transforms do not lead there themselves.
+
+        Where poses are in the topmost frame, it is fixed on the map; where no frame moves, all are carried.
+        Else nothing places them, and ``note`` says so.
+        """
+        surveys, known = self._inputs.recorded.surveys, {MAP, ""}
+        for number, robot in enumerate(self._inputs.robots):
+            survey = surveys[robot.source]
+            chain = survey.chain(survey.streams[robot.scan_topic].scans[0].frame)
+            top, pairs = chain[-1], [(frame, child) for child, frame in itertools.pairwise(chain)]
+            moving = next((link for link in robot.pose.links if isinstance(link, Link)), None)
+            if top in known:
+                continue
+            known.add(top)
+            if moving is not None and moving.seen(surveys)[0].frame == top:
+                before = itertools.takewhile(lambda link: isinstance(link, Pose2D), robot.pose.links)
+                steps = [link for link in before if isinstance(link, Pose2D)]
+                self._fixed.append((MAP, top, reduce(Pose2D.compose, steps, AT_ORIGIN)))
+            elif all(survey.is_fixed(*pair) for pair in pairs):
+                whole = NO_MOTION
+                for pair in pairs:
+                    whole = survey.fixed(*pair).then(whole)
+                self._carried[number] = top, Pose2D(whole.x, whole.y, whole.yaw)
+            else:
+                note(f"--bag: the recording's own frames, below '{top}', are not placed on the map")
 
     def write(self, frame: ReplayFrame) -> None:
         """A frame: the scans that are new, where their robots were, and each preset's boxes."""
@@ -83,7 +101,7 @@ class ReplayBag:
                 (f"replay/{name}", f"replay/{name}/laser", robot.mount)
                 for name, robot in zip(self._names, self._inputs.robots, strict=True)
             ]
-            placed += self._anchors.fixed
+            placed += self._fixed
             bag.write("/tf_static", record_ns, ros.transforms(frame.time_ns, placed), is_kept=True)
             prior_map = ros.occupancy_grid(frame.time_ns, self._inputs.prior_map)
             bag.write(f"{TOPICS}/map", record_ns, prior_map, is_kept=True)
@@ -105,39 +123,13 @@ class ReplayBag:
     def _write_scan(self, robot: int, scan: Scan) -> None:
         name, record_ns, stamp_ns = self._names[robot], self._record_ns, round(scan.stamp_s * NS)
         placed = [(MAP, f"replay/{name}", scan.pose)]
-        if robot in self._anchors.carried:
-            frame, laser = self._anchors.carried[robot]
+        if robot in self._carried:
+            frame, laser = self._carried[robot]
             sensor = scan.pose.compose(self._inputs.robots[robot].mount)
             placed.append((MAP, frame, sensor.compose(laser.inverse())))
         self._bag.write("/tf", record_ns, ros.transforms(stamp_ns, placed))
         message = ros.laser_scan(f"replay/{name}/laser", stamp_ns, scan.ranges_m, scan.lidar, 0.0)
         self._bag.write(f"{TOPICS}/{name}/scan", record_ns, message)
-
-
-def anchors_of(inputs: ReplayInputs, note: Note) -> Anchors:
-    """Where poses are in the topmost frame, it is fixed on the map; where no frame moves, all are carried.
-
-    Else nothing places the recording's own frames, and ``note`` says so.
-    """
-    found, known = Anchors([], {}), {MAP, ""}
-    for number, robot in enumerate(inputs.robots):
-        survey = inputs.surveys[robot.source]
-        chain = survey.chain(survey.streams[robot.scan_topic].scans[0].frame)
-        top, pairs = chain[-1], [(frame, child) for child, frame in itertools.pairwise(chain)]
-        moving = next((link for link in robot.pose.links if isinstance(link, Link)), None)
-        if top in known:
-            continue
-        if moving is not None and moving.seen(inputs.surveys)[0].frame == top:
-            before = robot.pose.links[: robot.pose.links.index(moving)]
-            steps = [link for link in before if isinstance(link, Pose2D)]
-            found.fixed.append((MAP, top, reduce(Pose2D.compose, steps, AT_ORIGIN)))
-        elif all(survey.is_fixed(*pair) for pair in pairs):
-            whole = reduce(lambda below, pair: survey.fixed(*pair).then(below), pairs, NO_MOTION)
-            found.carried[number] = top, Pose2D(whole.x, whole.y, whole.yaw)
-        else:
-            note(f"--bag: the recording's own frames, below '{top}', are not placed on the map")
-        known.add(top)
-    return found
 
 
 def check_place(path: Path, files: Sequence[Path]) -> None:
@@ -156,6 +148,6 @@ def replay_bag(
     Raises InputError: the place cannot be written.
     """
     with bag_writer(path, format_of(path)) as bag:
-        yield ReplayBag(bag, inputs, nodes, anchors_of(inputs, note))
+        yield ReplayBag(bag, inputs, nodes, note)
         kinds = bag.kinds
     write_layout(path, kinds, Box(*inputs.prior_map.extent))

@@ -8,9 +8,8 @@ import numpy as np
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.scan_logs import LoggedScan, ScanLog
-from midnet_bench.recording.files.survey import survey
 from midnet_bench.recording.inputs import opened
-from midnet_bench.recording.plan import robots_of
+from midnet_bench.recording.plan import Recorded, robots_of
 from midnet_bench.recording.replay import Replay
 from midnet_bench.recording.setup import EVERY, FOUND, RecordingSetup
 
@@ -25,11 +24,11 @@ def scan_log_of(path: Path, note: Callable[[str], None]) -> ScanLog:
             LiDARs.
     """
     setup = RecordingSetup().changed({"start": {EVERY: FOUND}, "map": None})
-    with opened([path]) as (source,):
-        looked_at = survey(source)
-        for remark in (*source.remarks, *looked_at.remarks):
+    with opened([path]) as sources:
+        recorded = Recorded.of(sources, [path.name], setup)
+        for remark in (*sources[0].remarks, *recorded.surveys[0].remarks):
             note(remark)
-        robots = robots_of([looked_at], setup, [path.name])
+        robots = robots_of(recorded, setup)
         if len(robots) > 1:
             raise InputError(
                 f"{path}: has {len(robots)} lasers ({', '.join(robot.name for robot in robots)[:100]}); "
@@ -39,7 +38,7 @@ def scan_log_of(path: Path, note: Callable[[str], None]) -> ScanLog:
         nothing = OccupancyGrid(np.zeros((1, 1), np.int8), 0.05, (0.0, 0.0))
         scans = [
             (one.scan, one.estimate.pose)
-            for frame in Replay([source], robots, [], nothing, {}, setup).frames()
+            for frame in Replay(recorded, robots, nothing, {}, setup).frames()
             for one in frame.observed
             if one.scan is not None
         ]

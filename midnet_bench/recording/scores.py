@@ -1,7 +1,7 @@
 """Which labels of a frame count, and the counts of a recording."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -37,41 +37,33 @@ class Score:
     not_visible: int = 0
     """labels in range that no return lies near"""
 
-    def looked_at(self, name: str) -> dict[str, float | int | str]:
+    def looked_at(self) -> dict[str, float | int | str]:
         """Frames and boxes: a row of the table of frames."""
-        return {
-            "preset": name,
-            "frames": self.frames,
-            "boxes": self.boxes,
-            "boxes_per_frame": self.boxes / max(self.frames, 1),
-        }
+        per_frame = self.boxes / max(self.frames, 1)
+        return {"frames": self.frames, "boxes": self.boxes, "boxes_per_frame": per_frame}
 
-    def scored(self, name: str) -> dict[str, float | int | str]:
+    def scored(self) -> dict[str, float | int | str]:
         """The paper's counts and ratios; the columns are those of a trial's."""
         counts = self.counts
-        paper = ratios(counts.tp, counts.fp, counts.fn)
         return {
-            "preset": name,
             "labelled": self.labelled,
             "in_range": counts.intruders_in_range,
             "not_visible": self.not_visible,
             "tp": counts.tp,
             "fp": counts.fp,
             "fn": counts.fn,
-            **paper._asdict(),
+            **ratios(counts.tp, counts.fp, counts.fn)._asdict(),
         }
 
-    def paired(self, name: str) -> dict[str, float | int | str]:
+    def paired(self) -> dict[str, float | int | str]:
         """The same by one-to-one matching, as in a trial's tables."""
         counts = self.counts
-        own = ratios(counts.matched, counts.fp + counts.duplicates, counts.missed)
         return {
-            "preset": name,
             "matched": counts.matched,
             "fp": counts.fp,
             "duplicates": counts.duplicates,
             "missed": counts.missed,
-            **own._asdict(),
+            **ratios(counts.matched, counts.fp + counts.duplicates, counts.missed)._asdict(),
             "mean_error_m": counts.error_sum_m / counts.matched if counts.matched else math.nan,
             "gospa_per_frame_m": counts.gospa_m / max(self.labelled, 1),
         }
@@ -88,15 +80,6 @@ class FrameScore(NamedTuple):
     """of these labels and the scored boxes"""
     scored: list[int]
     """indices of the frame's boxes within sector and window; the others are neither right nor wrong"""
-
-
-class Visibility(NamedTuple):
-    """Of one label at a frame."""
-
-    counts: bool
-    """within range, sector and window of some robot"""
-    is_visible: bool
-    """a return that lies on no mapped wall lies near it"""
 
 
 class Scorer:
@@ -117,17 +100,16 @@ class Scorer:
         score.labelled += 1
         distance_m = self._setup.match_distance_m
         there = [one for one in labels.there if self._is_scored(frame.observed, one.x, one.y)]
-        scored = self._scored(frame.observed, boxes, labels.there, there)
+        scored = self._scored_boxes(frame.observed, boxes, labels.there, there)
         boxes = [boxes[index] for index in scored]
         match = matched(boxes, there, distance_m)
-        sights = [self._visibility(frame.observed, label) for label in there]
-        in_range = [one.counts and one.is_visible for one in sights]
-        score.not_visible += sum(one.counts and not one.is_visible for one in sights)
+        seen = [self._visibility(frame.observed, label) for label in there]
+        in_range = [counts and is_visible for counts, is_visible in seen]
+        score.not_visible += sum(counts and not is_visible for counts, is_visible in seen)
         truths = [
             TruthObject(one.name, Box.square(one.x, one.y, 2.0 * distance_m), (one.x, one.y)) for one in there
         ]
-        counts = count_frame(boxes, truths, in_range, match=match)
-        score.counts = total([score.counts, counts])
+        score.counts = total([score.counts, count_frame(boxes, truths, in_range, match=match)])
         missed = [k for k, found in enumerate(match.detection_of) if found is None and in_range[k]]
         wrong = {scored[k]: match.touched[k] for k, truth in enumerate(match.truth_of) if truth is None}
         if missed:
@@ -136,7 +118,7 @@ class Scorer:
             self._explainer.boxes(frame, wrong, labels._replace(there=there), distance_m)
         return FrameScore(there, in_range, match, scored)
 
-    def _scored(
+    def _scored_boxes(
         self,
         observed: Sequence[RobotObservation],
         boxes: Sequence[Box],
@@ -146,11 +128,11 @@ class Scorer:
         """Indices of the boxes within sector and window; none that lies on labels outside alone."""
         if self._setup.sector_deg is None and self._setup.window_m is None:
             return list(range(len(boxes)))
-        outside = [label for label in every if label not in there]
 
-        def is_on(box: Box, labels: Sequence[Label]) -> bool:
+        def is_on(box: Box, labels: Iterable[Label]) -> bool:
             return any(box.distance_to_point(one.x, one.y) <= self._setup.match_distance_m for one in labels)
 
+        outside = [label for label in every if label not in there]
         return [
             index
             for index, box in enumerate(boxes)
@@ -168,11 +150,11 @@ class Scorer:
         if setup.sector_deg is None:
             return True
         begin, end = map(math.radians, setup.sector_deg)
-        sensor = pose.compose(scan.lidar.mount)
-        bearing = math.atan2(y - sensor.y, x - sensor.x)
+        _, bearing = _polar(scan, x, y)
         return (wrap_angle(bearing - pose.yaw) - begin) % math.tau <= (end - begin) % math.tau
 
-    def _visibility(self, observed: Sequence[RobotObservation], label: Label) -> Visibility:
+    def _visibility(self, observed: Sequence[RobotObservation], label: Label) -> tuple[bool, bool]:
+        """Whether a robot has a label in range, sector and window; and a return off the walls near it."""
         counts = is_visible = False
         for one in observed:
             if one.scan is None or not self._is_in_view(one.scan, label):
@@ -182,19 +164,22 @@ class Scorer:
             near = dx * dx + dy * dy <= self._setup.match_distance_m * self._setup.match_distance_m
             wall_m = self._explainer.surroundings(one.returns).wall_m[near]
             is_visible |= bool((wall_m > OFF_WALLS_CELLS * self._explainer.counts.resolution_m).any())
-        return Visibility(counts, is_visible)
+        return counts, is_visible
 
     def _is_in_view(self, scan: Scan, label: Label) -> bool:
         """Whether a label lies in range and among the beams of a scan, in the setup's window and sector."""
-        lidar, sensor = scan.lidar, scan.pose.compose(scan.lidar.mount)
-        if math.hypot(label.x - sensor.x, label.y - sensor.y) > self._range_m:
-            return False
-        bearing = math.atan2(label.y - sensor.y, label.x - sensor.x)
+        lidar = scan.lidar
+        distance_m, bearing = _polar(scan, label.x, label.y)
         last_rad = lidar.angle_min_rad + lidar.angle_increment_rad * (lidar.beams - 1)
-        first_rad, sweep_rad = (
-            min(lidar.angle_min_rad, last_rad),
-            abs(lidar.angle_increment_rad) * lidar.beams,
-        )
-        if sweep_rad < FULL_CIRCLE_RAD and (bearing - sensor.yaw - first_rad) % math.tau > sweep_rad:
+        first_rad = min(lidar.angle_min_rad, last_rad)
+        sweep_rad = abs(lidar.angle_increment_rad) * lidar.beams
+        from_first_rad = (bearing - scan.pose.compose(lidar.mount).yaw - first_rad) % math.tau
+        if distance_m > self._range_m or (sweep_rad < FULL_CIRCLE_RAD and from_first_rad > sweep_rad):
             return False
         return self._is_within(scan, label.x, label.y)
+
+
+def _polar(scan: Scan, x: float, y: float) -> tuple[float, float]:
+    """Distance and bearing of a place from a scan's sensor, map frame."""
+    sensor = scan.pose.compose(scan.lidar.mount)
+    return math.hypot(x - sensor.x, y - sensor.y), math.atan2(y - sensor.y, x - sensor.x)

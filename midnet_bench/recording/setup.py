@@ -1,14 +1,16 @@
 """``setup.yaml``: which topics, frames, clocks and labels of a recording are used, and how."""
 
 import json
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BeforeValidator, Field, field_validator
 
 from midnet_bench.errors import InputError, nearest_name
+from midnet_bench.geometry import Pose2D
 from midnet_bench.io.checked_yaml import Spec, parse, read_yaml
 from midnet_bench.recording.files.no_return import CODES, MEANINGS, Meaning
 from midnet_bench.recording.poses import Clock
@@ -34,117 +36,88 @@ def _topics(value: Any) -> Any:
     return value
 
 
-ByName = BeforeValidator(_by_name)
-"""Takes one value for every robot, or a mapping from robot names to values; kept as a mapping."""
+Value = TypeVar("Value")
+ByName = Annotated[dict[str, Value], BeforeValidator(_by_name)]
+"""One value for every robot, or a mapping from robot names to values; kept as a mapping."""
 Text = Annotated[str, Field(min_length=1)]
 Coordinate = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Mount = tuple[Coordinate, Coordinate, Coordinate]
 Seconds = Annotated[float, Field(ge=-1e10, le=1e10)]
+Topics = Annotated[str | list[str], BeforeValidator(_topics)]
+
+
+def _key(default: Any, description: str, **limits: Any) -> Any:
+    return Field(default=default, description=description, **limits)
 
 
 class AllySetup(Spec):
-    """One ally."""
+    """One ally; without ``diameter_m`` it has the detector's ``ally_diameter_m``."""
 
     topic: Text
     diameter_m: float | None = Field(default=None, gt=0.0, le=20.0)
-    """None: option ``ally_diameter_m`` of the detector"""
 
 
 class RecordingSetup(Spec):
     """What a recording needs beside its files; each key of ``setup.yaml`` with its default."""
 
-    map: Text | None = Field(default=None, description="prior map: a map_server YAML, or a topic")
-    background: Text | None = Field(
-        default=None,
-        description="in place of map: another recording, or first-10 for the first 10 s of this one",
+    map: Text | None = _key(None, "prior map: a map_server YAML, or a topic")
+    background: Text | None = _key(
+        None, "in place of map: another recording, or first-10 for the first 10 s of this one"
     )
-    hit_threshold: float = Field(
-        default=0.1,
-        ge=0.0,
-        le=1.0,
-        description="share of beams that end in an occupied cell of the background",
+    hit_threshold: float = _key(
+        0.1, "share of beams that end in an occupied cell of the background", ge=0.0, le=1.0
     )
-    resolution_m: float = Field(default=0.05, ge=0.01, le=0.2, description="side of a cell of the background")
-    scan: Annotated[dict[str, Annotated[str | list[str], BeforeValidator(_topics)]], ByName] = Field(
-        default={},
-        description="topic of the scans, a list for several lasers, TOPIC@FRAME for one of those on a topic, "
+    resolution_m: float = _key(0.05, "side of a cell of the background", ge=0.01, le=0.2)
+    scan: ByName[Topics] = _key(
+        {},
+        "topic of the scans, a list for several lasers, TOPIC@FRAME for one of those on a topic, "
         "or {NAME: ...} for each robot; default all LaserScans",
     )
-    pose: Annotated[dict[str, Text], ByName] = Field(
-        default={},
-        description="pose of the robot: a topic, tf, a CSV or TUM file, or at:X,Y,YAW_DEG for one at rest",
+    pose: ByName[Text] = _key(
+        {}, "pose of the robot: a topic, tf, a CSV or TUM file, or at:X,Y,YAW_DEG for one at rest"
     )
-    start: Annotated[dict[str, Mount | Literal["found"]], ByName] = Field(
-        default={},
-        description="poses by odometry: where the robot began, [x, y, yaw_deg] on the map, or found",
+    start: ByName[Mount | Literal["found"]] = _key(
+        {}, "poses by odometry: where the robot began, [x, y, yaw_deg] on the map, or found"
     )
-    mount: Annotated[dict[str, Mount], ByName] = Field(
-        default={},
-        description="laser on the robot: [x, y, yaw_deg]; of several {TOPIC: ...}; default from tf, else 0",
+    mount: ByName[Mount] = _key(
+        {}, "laser on the robot: [x, y, yaw_deg]; of several {TOPIC: ...}; default from tf, else 0"
     )
-    mirrored: Annotated[dict[str, bool], ByName] = Field(
-        default={EVERY: False}, description="true: reverse the order of the beams, as of a laser upside down"
+    mirrored: ByName[bool] = _key(
+        {EVERY: False}, "true: reverse the order of the beams, as of a laser upside down"
     )
-    map_frame: Text = Field(default="map", description="frame of tf that the map is in")
-    clock: Clock = Field(default="header", description="header or record: which time stamps are used")
-    delay_s: Annotated[dict[str, Seconds], ByName] = Field(
-        default={}, description="seconds by which the scans are stamped too late"
+    map_frame: Text = _key("map", "frame of tf that the map is in")
+    clock: Clock = _key("header", "header or record: which time stamps are used")
+    delay_s: ByName[Seconds] = _key({}, "seconds by which the scans are stamped too late")
+    offset_s: dict[str, Seconds] = _key({}, "{FILE: SECONDS} to add to all times of one of several files")
+    no_return: dict[str, Meaning] = _key(
+        {}, "{inf|nan|zero|below|above: clears|nothing|invalid}; default found from the scans"
     )
-    offset_s: dict[str, Seconds] = Field(
-        default={}, description="{FILE: SECONDS} to add to all times of one of several files"
+    deskew: bool = _key(False, "true: correct the robot's motion during a scan")
+    rate_hz: float | None = _key(None, "frames a second; default one at each scan", ge=0.01, le=1000.0)
+    tick_hz: float | None = _key(None, "simulation steps a second of an exported trial", gt=0.0, le=1e6)
+    from_s: float = _key(0.0, "scans from here on, seconds after the recording's beginning", ge=0.0, le=1e9)
+    to_s: float | None = _key(None, "scans up to here; default to the recording's end", gt=0.0, le=1e9)
+    max_pose_age_s: float = _key(0.5, "scans farther in time from a pose are left out", ge=0.0)
+    allies: dict[str, AllySetup] = _key(
+        {}, "{NAME: {topic: TOPIC, diameter_m: 0.3}}: moving objects that are no intruders"
     )
-    no_return: dict[str, Meaning] = Field(
-        default={},
-        description="{inf|nan|zero|below|above: clears|nothing|invalid}; default found from the scans",
+    max_ally_age_s: float = _key(0.5, "an older pose of an ally is not used", ge=0.0)
+    truth: ByName[Text] = _key(
+        {}, "labels: a CSV (t or scan_index, id, x, y), or {NAME: TOPIC} with poses of intruders"
     )
-    deskew: bool = Field(default=False, description="true: correct the robot's motion during a scan")
-    rate_hz: float | None = Field(
-        default=None, ge=0.01, le=1000.0, description="frames a second; default one at each scan"
+    match_distance_m: float = _key(0.35, "a box may be this far from its label", ge=0.0)
+    sector_deg: tuple[float, float] | None = _key(
+        None, "[from, to]: only what lies in this part of the robot's view is scored"
     )
-    tick_hz: float | None = Field(
-        default=None, gt=0.0, le=1e6, description="simulation steps a second of an exported trial"
+    window_m: float | None = _key(
+        None, "only what lies in a square of this side about the robot is scored", ge=0.1
     )
-    from_s: float = Field(
-        default=0.0, ge=0.0, le=1e9, description="scans from here on, seconds after the recording's beginning"
+    preset: Literal["real", "paper", "both"] = _key("both", "detector options: real, paper or both")
+    settings: dict[str, Scalar] = _key({}, "detector options by key, as --set gives them")
+    localize: bool | None = _key(
+        None, "true: correct the poses by matching scans to the map; default true with start"
     )
-    to_s: float | None = Field(
-        default=None, gt=0.0, le=1e9, description="scans up to here; default to the recording's end"
-    )
-    max_pose_age_s: float = Field(
-        default=0.5, ge=0.0, description="scans farther in time from a pose are left out"
-    )
-    allies: dict[str, AllySetup] = Field(
-        default={},
-        description="{NAME: {topic: TOPIC, diameter_m: 0.3}}: moving objects that are no intruders",
-    )
-    max_ally_age_s: float = Field(default=0.5, ge=0.0, description="an older pose of an ally is not used")
-    truth: Annotated[dict[str, Text], ByName] = Field(
-        default={},
-        description="labels: a CSV (t or scan_index, id, x, y), or {NAME: TOPIC} with poses of intruders",
-    )
-    match_distance_m: float = Field(default=0.35, ge=0.0, description="a box may be this far from its label")
-    sector_deg: tuple[float, float] | None = Field(
-        default=None,
-        description="[from, to]: only what lies in this part of the robot's view is scored",
-    )
-    window_m: float | None = Field(
-        default=None,
-        ge=0.1,
-        description="only what lies in a square of this side about the robot is scored",
-    )
-    preset: Literal["real", "paper", "both"] = Field(
-        default="both", description="detector options: real, paper or both"
-    )
-    settings: dict[str, Scalar] = Field(
-        default={}, description="detector options by key, as --set gives them"
-    )
-    localize: bool | None = Field(
-        default=None,
-        description="true: correct the poses by matching scans to the map; default true with start",
-    )
-    unmapped: bool = Field(
-        default=False, description="true: write stationary objects missing on the map, and a map with them"
-    )
+    unmapped: bool = _key(False, "true: write stationary objects missing on the map, and a map with them")
 
     @field_validator("no_return", mode="before")
     @classmethod
@@ -178,7 +151,7 @@ class RecordingSetup(Spec):
 
     def with_paths(self, path_of: Callable[[str], str]) -> Self:
         """The same with ``path_of`` applied to every value that may name a file."""
-        named = {
+        named: dict[str, Any] = {
             key: {name: path_of(text) for name, text in getattr(self, key).items()}
             for key in ("pose", "truth")
         }
@@ -191,28 +164,24 @@ class RecordingSetup(Spec):
         Raises:
             InputError: no robot or file has a name that is there.
         """
-        values = getattr(self, key)
+        values, kind = getattr(self, key), "file" if key == "offset_s" else "robot"
         for name in values:
             if name not in (EVERY, *names):
-                raise InputError(
-                    f"{key}: {name}: no {'file' if key == 'offset_s' else 'robot'} is called '{name}'"
-                    f"{nearest_name(name, names)}"
-                )
-        default = values.get(EVERY)
-        found = {name: values.get(name, default) for name in names}
+                raise InputError(f"{key}: {name}: no {kind} is called '{name}'{nearest_name(name, names)}")
+        found = {name: values.get(name, values.get(EVERY)) for name in names}
         return {name: value for name, value in found.items() if value is not None}
 
     def to_yaml(self, folder: Path) -> str:
         """The text of a ``setup.yaml`` in a folder: every key with its meaning, defaults commented out."""
-        relative = self.with_paths(
-            lambda text: os.path.relpath(text, folder) if Path(text).is_file() else text
-        )
         default, lines = (
             type(self)(),
             ["# how 'midnet-bench replay FILE --setup setup.yaml' reads a recording"],
         )
+        values = self.with_paths(
+            lambda text: os.path.relpath(text, folder) if Path(text).is_file() else text
+        ).model_dump(exclude_none=True)
         for key, field in type(self).model_fields.items():
-            value = relative.model_dump(exclude_none=True).get(key)
+            value = values.get(key)
             if isinstance(value, dict) and set(value) == {EVERY}:
                 value = value[EVERY]
             mark = "# " if getattr(self, key) == getattr(default, key) else ""
@@ -227,8 +196,27 @@ def by_name(texts: Sequence[str] | None, option: str) -> dict[str, str]:
         name, sign, value = text.partition("=")
         key, value = (name, value) if sign else (EVERY, text)
         if key in values:
-            raise InputError(
-                f"{option} {text}: {repr(key) if key else 'a value for all robots'} is given twice"
-            )
+            twice = repr(key) if key else "a value for all robots"
+            raise InputError(f"{option} {text}: {twice} is given twice")
         values[key] = value
     return values
+
+
+def mount_of(text: str, option: str) -> Pose2D:
+    """``X,Y,YAW_DEG``. Raises InputError: these are no three numbers."""
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise InputError(f"{option} {text}: three numbers are needed: X,Y,YAW_DEG (metres, degrees)")
+    x, y, yaw_deg = (number_of(part, f"{option} {text}") for part in parts)
+    return Pose2D(x, y, math.radians(yaw_deg))
+
+
+def number_of(text: str, source: str) -> float:
+    """A finite number, at most ``LARGEST``. Raises InputError otherwise."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(f"{source}: {text!r} is not a number") from None
+    if not abs(value) <= LARGEST:
+        raise InputError(f"{source}: {text!r} is out of range; allowed: -{LARGEST:g} to {LARGEST:g}")
+    return value

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -11,12 +11,11 @@ from midnet_bench.campaign.trial import Scalar
 from midnet_bench.detectors.events import Event, Events
 from midnet_bench.errors import InputError
 from midnet_bench.recording.files.readings import NS
-from midnet_bench.recording.files.survey import Survey, lag_in_words
+from midnet_bench.recording.files.survey import lag_in_words
 from midnet_bench.recording.fitting.fit import samples_of
 from midnet_bench.recording.fitting.setup_check import NAMES, QUICK_SAMPLES, Proposal, SetBy, verdict
 from midnet_bench.recording.inputs import Note, ReplayInputs
 from midnet_bench.recording.plan import Link, RobotPlan, beam_time
-from midnet_bench.recording.poses import Clock
 from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import Replay
 from midnet_bench.recording.scores import Score, Scorer
@@ -27,40 +26,35 @@ from midnet_bench.scoring.error_causes import MISS, RECORDED_BOXES, RECORDED_MIS
 
 def input_summary(inputs: ReplayInputs, settings: Mapping[str, ReplaySettings]) -> list[str]:
     """How each robot's scans are read, and what thresholds mean, a line each."""
-    surveys, robots, setup = inputs.surveys, inputs.robots, inputs.setup
     lines = []
-    for robot in robots:
-        stream = surveys[robot.source].streams[robot.scan_topic]
+    for robot in inputs.robots:
+        stream = inputs.recorded.surveys[robot.source].streams[robot.scan_topic]
         x, y, yaw = robot.mount
         mirrored = ", mirrored" if robot.is_mirrored else ""
         lines.append(
             f"{robot.name}: scans {robot.scan_topic}, pose {robot.pose.in_words}, mount {x:.3f},{y:.3f},"
             f"{math.degrees(yaw):.2f}{mirrored}; no return: {robot.no_return.in_words}"
         )
-        lines += lag_lines(surveys, robot, setup.clock)
-        if setup.deskew and (fault := beam_time(stream)[1]):
+        lines += lag_lines(inputs, robot)
+        if inputs.setup.deskew and (fault := beam_time(stream)[1]):
             lines.append(f"{robot.name}: deskew: {fault}")
         beams = {len(scan.ranges_m) for scan in stream.scans}
         if len(beams) > 1:
             lines.append(
                 f"{robot.name}: scans have {min(beams)} to {max(beams)} beams; each is read as it is"
             )
-    for name, one in settings.items():
-        increment = surveys[robots[0].source].streams[robots[0].scan_topic].scans[0].angle_increment_rad
-        lines += [f"{name}: {line}" for line in one.in_words(increment)]
-    return lines
+    first = inputs.robots[0]
+    increment = inputs.recorded.surveys[first.source].streams[first.scan_topic].scans[0].angle_increment_rad
+    return lines + [f"{name}: {line}" for name, one in settings.items() for line in one.in_words(increment)]
 
 
 def report_fit(inputs: ReplayInputs, robot: RobotPlan, note: Note) -> list[str]:
     """Note whether a robot's scans lie on the map; the lines that say what does not fit."""
-    setup, prior_map = inputs.setup, inputs.prior_map
-    samples = samples_of(
-        inputs.surveys, robot, setup.clock, setup.max_pose_age_s, inputs.offsets_ns, QUICK_SAMPLES
-    )
-    if not samples or not (prior_map.data == 100).any():
+    samples = samples_of(inputs.recorded, robot, inputs.setup, QUICK_SAMPLES)
+    if not samples or not (inputs.prior_map.data == 100).any():
         note(f"{robot.name}: nothing can be said of how scans and map fit: no scan with a pose, or no wall")
         return []
-    found = verdict(samples, prior_map, SetBy(robot.is_mirrored, robot.delay_ns / NS))
+    found = verdict(samples, inputs.prior_map, SetBy(robot.is_mirrored, robot.delay_ns / NS))
     lines = [f"{robot.name}: {line}" for line in found.lines]
     for line in lines:
         note(line if found.fits else f"does not fit: {line}")
@@ -91,8 +85,9 @@ LAG_S = 0.02
 """by which the stamps of scans and poses may differ before a line says so"""
 
 
-def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list[str]:
+def lag_lines(inputs: ReplayInputs, robot: RobotPlan) -> list[str]:
     """Whether scans and poses were stamped alike. Raises InputError: the stamps stand still."""
+    surveys, clock = inputs.recorded.surveys, inputs.setup.clock
     scans = surveys[robot.source].streams[robot.scan_topic]
     readings = {link.in_words: link.seen(surveys) for link in robot.pose.links if isinstance(link, Link)}
     still = [(robot.scan_topic, "scans", scans.scans[0].stamp_ns)] if scans.stamps_stand_still else []
@@ -111,8 +106,7 @@ def lag_lines(surveys: Sequence[Survey], robot: RobotPlan, clock: Clock) -> list
     pose_lags_s = [(pose.record_ns - pose.stamp_ns) / NS for poses in readings.values() for pose in poses]
     if not len(scan_lags_s) or not pose_lags_s:
         return []
-    lines = []
-    pose_lag_s = float(np.median(pose_lags_s))
+    lines, pose_lag_s = [], float(np.median(pose_lags_s))
     apart_s = float(np.median(scan_lags_s)) - pose_lag_s
     if abs(apart_s) > LAG_S:
         lines.append(
@@ -181,14 +175,13 @@ def unlabelled(
 
 def score_tables(scorers: Mapping[str, Scorer], has_truth: bool) -> list[Table]:
     """A row for each preset: what was looked at; with labels, the paper's scores and one-to-one scores."""
-    scores = {name: scorer.score for name, scorer in scorers.items()}
     kinds = [
         ("recording_frames", "Frames and boxes", Score.looked_at),
         ("recording_scores", "Detection scores, as the paper counts", Score.scored),
         ("recording_matching", "One-to-one matching: a second box on one label is false", Score.paired),
     ]
     return [
-        Table(name, title, [row_of(score, preset) for preset, score in scores.items()])
+        Table(name, title, [{"preset": preset, **row_of(one.score)} for preset, one in scorers.items()])
         for name, title, row_of in (kinds if has_truth else kinds[:1])
     ]
 

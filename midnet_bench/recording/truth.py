@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from midnet_bench.errors import InputError
@@ -19,6 +20,7 @@ SAME_NS = NS // 50
 """a label that is no farther from a scan in time is taken for the scan's own"""
 LARGEST_GAP_NS = NS // 2
 """labels that lie farther apart leave a gap without a label"""
+FAR = 1e6
 
 
 class Label(NamedTuple):
@@ -44,27 +46,25 @@ class LabelTable:
     def __init__(self, path: Path) -> None:
         """Read it. Raises InputError: file, line and column of what is wrong."""
         self.by_index: dict[int, list[Label]] = {}
+        self.by_time: dict[str, list[tuple[int, float, float]]] = {}
         self._index_ns: dict[int, int] = {}
         """of labels that have both, the time of their scan"""
-        self.by_time: dict[str, list[tuple[int, float, float]]] = {}
-        empty_ns: list[int] = []
-        self._path = path
+        self._path, empty_ns = path, []
         for where, cells in rows_of(path, read_lines(path)):
             name, index = cells.get("id", ""), None
             if "scan_index" in cells:
                 index = int(number_in(cells, "scan_index", where))
                 if cells.get("t"):
                     self._index_ns[index] = time_in(cells, where)
-            if not name and ("x" not in cells or not cells["x"]):
-                if index is not None:
-                    self.by_index.setdefault(index, [])
-                else:
+                self.by_index.setdefault(index, [])
+            if not name and not cells.get("x"):
+                if index is None:
                     empty_ns.append(time_in(cells, where))
                 continue
             x, y = number_in(cells, "x", where), number_in(cells, "y", where)
             name = name or "object"
             if index is not None:
-                self.by_index.setdefault(index, []).append(Label(name, x, y))
+                self.by_index[index].append(Label(name, x, y))
             else:
                 self.by_time.setdefault(name, []).append((time_in(cells, where), x, y))
         for rows in self.by_time.values():
@@ -83,40 +83,34 @@ class LabelTable:
             InputError: labels by scan_index where frames are at a rate, or whose t is of another scan.
         """
         if self.by_index:
-            if scan_index is None:
-                raise InputError(f"{self._path}: its labels have scan_index; with rate_hz give labels with t")
-            there = self.by_index.get(scan_index)
-            said_ns = self._index_ns.get(scan_index, time_ns)
-            if abs(said_ns - time_ns) > LARGEST_GAP_NS:
-                raise InputError(
-                    f"{self._path}: scan_index {scan_index} has t {said_ns / NS:.3f}, but that scan is of "
-                    f"{time_ns / NS:.3f} s; leave out the column that is wrong"
-                )
-            return None if there is None else Labels(there, [])
-        found, gaps, is_labelled = [], [], False
+            return self._at_index(time_ns, scan_index)
+        found, gaps = list[Label](), list[Label]()
+        is_labelled = _has_near(self._empty_ns, time_ns)
         for name, rows in self.by_time.items():
             times = self._times[name]
             after = int(np.searchsorted(times, time_ns))
-            nearest = min(
-                (k for k in (after - 1, after) if 0 <= k < len(rows)),
-                key=lambda k: abs(int(times[k]) - time_ns),
-            )
+            near = [k for k in (after - 1, after) if 0 <= k < len(rows)]
+            nearest = min(near, key=lambda k: abs(int(times[k]) - time_ns))
             if abs(int(times[nearest]) - time_ns) <= SAME_NS:
-                found.append(Label(name, rows[nearest][1], rows[nearest][2]))
-                is_labelled = True
+                found.append(Label(name, *rows[nearest][1:]))
             elif 0 < after < len(rows):
                 (t0, x0, y0), (t1, x1, y1) = rows[after - 1], rows[after]
                 share = (time_ns - t0) / (t1 - t0)
                 between = Label(name, x0 + share * (x1 - x0), y0 + share * (y1 - y0))
-                if t1 - t0 <= LARGEST_GAP_NS:
-                    found.append(between)
-                    is_labelled = True
-                else:
-                    gaps.append(between)
-        if not is_labelled:
-            after = int(np.searchsorted(self._empty_ns, time_ns - SAME_NS))
-            is_labelled = after < len(self._empty_ns) and self._empty_ns[after] <= time_ns + SAME_NS
-        return Labels(found, gaps) if is_labelled else None
+                (found if t1 - t0 <= LARGEST_GAP_NS else gaps).append(between)
+        return Labels(found, gaps) if found or is_labelled else None
+
+    def _at_index(self, time_ns: int, scan_index: int | None) -> Labels | None:
+        if scan_index is None:
+            raise InputError(f"{self._path}: its labels have scan_index; with rate_hz give labels with t")
+        there = self.by_index.get(scan_index)
+        said_ns = self._index_ns.get(scan_index, time_ns)
+        if abs(said_ns - time_ns) > LARGEST_GAP_NS:
+            raise InputError(
+                f"{self._path}: scan_index {scan_index} has t {said_ns / NS:.3f}, but that scan is of "
+                f"{time_ns / NS:.3f} s; leave out the column that is wrong"
+            )
+        return None if there is None else Labels(there, [])
 
     @property
     def span(self) -> str:
@@ -127,25 +121,27 @@ class LabelTable:
         return f"t {every.min() / NS:.3f} to {every.max() / NS:.3f}"
 
 
+def _has_near(times_ns: npt.NDArray[np.int64], time_ns: int) -> bool:
+    after = int(np.searchsorted(times_ns, time_ns - SAME_NS))
+    return bool(after < len(times_ns) and times_ns[after] <= time_ns + SAME_NS)
+
+
 def matched(boxes: Sequence[Box], labels: Sequence[Label], distance_m: float) -> FrameMatch:
     """Pairs of boxes and labels: as many as there can be, then the least sum of distances.
 
     A box is right for a label that lies in it or no farther than ``distance_m`` from its nearest point.
     """
     apart = np.array([[box.distance_to_point(one.x, one.y) for one in labels] for box in boxes])
-    touched = [
-        [k for k in range(len(labels)) if apart[box, k] <= distance_m] if labels else []
-        for box in range(len(boxes))
-    ]
+    apart = apart.reshape(len(boxes), len(labels))
+    touched = [np.flatnonzero(row <= distance_m).tolist() for row in apart]
     truth_of: list[int | None] = [None] * len(boxes)
     detection_of: list[int | None] = [None] * len(labels)
     if any(touched):
         # centres settle which of two boxes on one label is its own
         centres = np.array([[math.dist(box.center, (one.x, one.y)) for one in labels] for box in boxes])
-        far = 1e6
-        cost = np.where(apart <= distance_m, apart + 1e-3 * centres, far)
+        cost = np.where(apart <= distance_m, apart + 1e-3 * centres, FAR)
         rows, columns = linear_sum_assignment(cost)
         for box, label in zip(rows.tolist(), columns.tolist(), strict=True):
-            if cost[box, label] < far:
+            if cost[box, label] < FAR:
                 truth_of[box], detection_of[label] = label, box
     return FrameMatch(touched, truth_of, detection_of)

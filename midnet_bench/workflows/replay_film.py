@@ -12,6 +12,7 @@ from midnet_bench.drawing.scene import Detection, Floats, FloorPlan, Robot, Scen
 from midnet_bench.drawing.trial_video import trial_video
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.recording.inputs import ReplayInputs
 from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.recording.replay import Replay, ReplayFrame
 from midnet_bench.recording.scores import FrameScore, Score
@@ -30,9 +31,8 @@ def film(
     title: str,
     preset: str,
     replay: Replay,
-    prior_map: OccupancyGrid,
+    inputs: ReplayInputs,
     settings: ReplaySettings,
-    frames_hz: float,
     labels: int,
     folder: Path,
     driven: Box | None = None,
@@ -43,9 +43,8 @@ def film(
         title: of the recording.
         preset: of the detector that is drawn.
         replay: that the frames are of.
-        prior_map: int8, 100 occupied, map frame.
+        inputs: of that replay.
         settings: of that detector.
-        frames_hz: frames a second of the recording.
         labels: how many objects are labelled.
         folder: where to.
         driven: the box of all the robots' positions, map frame, metres, to which pictures are cropped.
@@ -54,7 +53,7 @@ def film(
         InputError: the place cannot be written.
         MidnetBenchError: there is no room, or ffmpeg fails.
     """
-    node = replay.nodes[preset]
+    node, prior_map = replay.nodes[preset], inputs.prior_map
     # of a recorded robot no more than its footprint is known
     model = replace(settings.robot_model, body=boxed(settings.robot_model.footprint))
     seen_m = max(settings.range_m, settings.costmap.size_m / 2.0)
@@ -66,57 +65,69 @@ def film(
         mobile_intruders=0,
         usable_range_m=settings.range_m,
         local_size_m=settings.costmap.size_m,
-        frame_hz=frames_hz,
+        frame_hz=_frames_hz(inputs),
         other_intruders=labels,
     )
+    first_ns: int | None = None
     with trial_video(setup, folder, SPEED) as append:
 
         def take(frame: ReplayFrame, frame_score: FrameScore | None, score: Score) -> None:
-            made, observations = frame.outputs[preset]
-            explanation = node.midnet.update(
-                observations, explain=True, allies=frame.fresh_allies
-            ).explanation
+            nonlocal first_ns
+            first_ns = frame.time_ns if first_ns is None else first_ns
+            _, observations = frame.outputs[preset]
+            made = node.midnet.update(observations, explain=True, allies=frame.fresh_allies)
             robots = [
                 Robot(one.robot + 1, True, one.estimate.pose, one.estimate.pose, None, None, model)
                 for one in frame.observed
             ]
-            false, second = set[int](), set[int]()
-            for place, k in enumerate(frame_score.scored if frame_score else ()):
-                if frame_score is not None and frame_score.match.truth_of[place] is None:
-                    (second if frame_score.match.touched[place] else false).add(k)
-            detections = [
-                Detection(box, frame.observed[robot].robot + 1, k in false, k in second)
-                for k, (box, robot) in enumerate(zip(made.detections, made.robots, strict=True))
-            ]
-            truths, others = [], []
-            for k, label in enumerate(frame_score.labels if frame_score else ()):
-                outline = _square(label.x, label.y)
-                found = frame_score is not None and frame_score.match.detection_of[k] is not None
-                truths.append(Truth([outline], found, frame_score is not None and frame_score.in_range[k]))
-                others.append([outline])
+            truths = _truths(frame_score) if frame_score else []
             counts = score.counts
             append(
                 Scene(
-                    time_s=(frame.time_ns - take_first(frame)) / 1e9,
+                    time_s=(frame.time_ns - first_ns) / 1e9,
                     frame=frame.number + 1,
                     robots=robots,
-                    detections=detections,
+                    detections=_detections(frame, preset, frame_score),
                     truths=truths,
-                    explanation=explanation,
-                    others=others,
+                    explanation=made.explanation,
+                    others=[truth.outlines for truth in truths],
                     is_labelled=frame_score is not None,
                     scans=[one.returns for one in frame.observed],
                     so_far=ratios(counts.tp, counts.fp, counts.fn) if score.labelled else None,
                 )
             )
 
-        began: list[int] = []
-
-        def take_first(frame: ReplayFrame) -> int:
-            began.append(frame.time_ns) if not began else None
-            return began[0]
-
         yield take
+
+
+def _frames_hz(inputs: ReplayInputs) -> float:
+    """Frames a second that the recording gives."""
+    if inputs.setup.rate_hz is not None:
+        return inputs.setup.rate_hz
+    surveys = inputs.recorded.surveys
+    scans = sum(surveys[one.source].streams[one.scan_topic].topic.messages for one in inputs.robots)
+    return max(scans / max(max(one.duration_s for one in surveys), 0.1), 0.5)
+
+
+def _detections(frame: ReplayFrame, preset: str, score: FrameScore | None) -> list[Detection]:
+    made, false, second = frame.outputs[preset].frame, set[int](), set[int]()
+    for place, k in enumerate(score.scored) if score else ():
+        if score is not None and score.match.truth_of[place] is None:
+            (second if score.match.touched[place] else false).add(k)
+    return [
+        Detection(box, frame.observed[robot].robot + 1, k in false, k in second)
+        for k, (box, robot) in enumerate(zip(made.detections, made.robots, strict=True))
+    ]
+
+
+def _truths(score: FrameScore) -> list[Truth]:
+    half = LABEL_M / 2.0
+    corners = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
+    each = zip(score.labels, score.match.detection_of, score.in_range, strict=True)
+    return [
+        Truth([corners + np.array((label.x, label.y))], place is not None, is_in_range)
+        for label, place, is_in_range in each
+    ]
 
 
 def boxed(outline: Outline) -> Outline:
@@ -157,8 +168,3 @@ def plan_of(title: str, prior_map: OccupancyGrid, shown: Box | None = None) -> F
         if shown.x_min >= shown.x_max or shown.y_min >= shown.y_max:  # a drive off the map
             shown = None
     return FloorPlan(title, enclosure, walls, [], ground=prior_map, shown=shown)
-
-
-def _square(x: float, y: float) -> Floats:
-    half = LABEL_M / 2.0
-    return np.array([(x - half, y - half), (x + half, y - half), (x + half, y + half), (x - half, y + half)])

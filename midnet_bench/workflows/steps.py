@@ -14,7 +14,6 @@ from midnet_bench.io.files import write_atomically
 from midnet_bench.midnet.midnet_settings import MIDNetSettings
 from midnet_bench.midnet.pipeline import Explanation, Observation
 from midnet_bench.recording.inputs import prepared
-from midnet_bench.recording.replay import Replay
 from midnet_bench.recording.setup import RecordingSetup
 from midnet_bench.workflows.export import trial_of
 from midnet_bench.workflows.simulate import simulate
@@ -97,17 +96,7 @@ def steps_of_recording(files: Sequence[Path], setup: RecordingSetup, frame: int,
     with prepared(files, setup, lambda line: None) as inputs:
         name, prior_map = inputs.setup.presets[0], inputs.prior_map
         settings = inputs.settings()[name]
-        allies = inputs.allies(settings.midnet.ally_diameter_m)
-        played = Replay(
-            inputs.sources,
-            inputs.robots,
-            allies,
-            prior_map,
-            {name: settings},
-            inputs.setup,
-            inputs.offsets_ns,
-            inputs.localizers(),
-        )
+        played = inputs.replay({name: settings})
         shown = next((one for one in played.frames() if one.number == frame), None)
         if shown is None:
             raise InputError(f"--steps {frame}: there are frames 0 to {played.tally.frames - 1}")
@@ -115,7 +104,7 @@ def steps_of_recording(files: Sequence[Path], setup: RecordingSetup, frame: int,
         midnet = played.nodes[name].midnet.update(seen, explain=True, allies=shown.fresh_allies)
         if settings.detector != "midnet" or midnet.explanation is None:
             raise InputError(f"--steps: detector={settings.detector} does not work by the paper's steps")
-        title = f"{inputs.names[0]}, preset {name}, frame {frame}"
+        title = f"{inputs.recorded.names[0]}, preset {name}, frame {frame}"
         has_paper_fusion = settings.fusion == "paper"
         explained = ExplainedFrame(
             title, prior_map, seen, midnet.explanation, settings.midnet, has_paper_fusion

@@ -166,7 +166,7 @@ def test_the_printed_correction_never_lowers_the_share(side_m, x, y, degrees):
     after = [
         sample_at(number, moved.compose(one.pose), one.ranges_m, lidar) for number, one in enumerate(samples)
     ]
-    before, now = (fit_of(each, Walls(grid)).total.on_walls for each in (samples, after))
+    before, now = (fit_of(each, Walls(grid)).on_walls for each in (samples, after))
     assert now >= before
     assert now >= found.share_after - 0.02
 

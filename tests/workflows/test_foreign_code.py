@@ -122,8 +122,8 @@ def test_boxes_of_a_replay_are_not_written_through_a_link(tmp_path: Path) -> Non
     victim.write_text("years of work")
     folder.mkdir()
     (folder / "boxes.csv").symlink_to(victim)
-    with _boxes_file(folder) as writer:
-        writer.writerow(["paper"])
+    with _boxes_file(folder) as write:
+        write([["paper"]])
     assert victim.read_text() == "years of work"
     assert (folder / "boxes.csv").read_text().endswith("\npaper\n")
 

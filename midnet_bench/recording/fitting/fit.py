@@ -12,19 +12,17 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.grid import OCCUPIED_FROM, UNKNOWN, OccupancyGrid, values_at
 from midnet_bench.recording.files.readings import NS
-from midnet_bench.recording.files.survey import Survey, spread
-from midnet_bench.recording.plan import Link, RobotPlan
-from midnet_bench.recording.poses import Clock, PoseInterpolator, PoseTrack, stamp_ns
-from midnet_bench.recording.replay import geometry_of
+from midnet_bench.recording.files.survey import spread
+from midnet_bench.recording.plan import Link, Recorded, RobotPlan, geometry_of
+from midnet_bench.recording.poses import PoseInterpolator, PoseTrack, stamp_ns
+from midnet_bench.recording.setup import RecordingSetup
 
 Floats = npt.NDArray[np.float64]
 
 ON_WALL_M, ON_WALL_CELLS = 0.1, 1.5
 """A return this near to a mapped wall lies on it: the larger of the two counts."""
-
 WALL_DEPTH_M = 0.2
 """Occupied cells further than this from any other are what lies behind a wall, not the wall."""
-
 MOST = 120
 REACH_S, STEP_S = 0.8, 0.04
 """how far before and after a scan its robot's poses are sampled, and how densely"""
@@ -47,33 +45,34 @@ class Sample(NamedTuple):
         """Of the robot at the scan's time, map frame."""
         return Pose2D(*self.track.at_times(np.array([self.time_ns]))[0].tolist())
 
-    def ends(self) -> tuple[npt.NDArray[np.int64], Floats]:
-        """(n,) the beams that met something within the sensor's limits, and (n, 2) where, sensor frame."""
+    def ends(self) -> Floats:
+        """(n, 2) where the beams ended that met something within the sensor's limits, sensor frame."""
         lidar = self.lidar
         met = np.isfinite(self.ranges_m) & (self.ranges_m > 0.0)
         met &= (self.ranges_m >= lidar.range_min_m) & (self.ranges_m <= lidar.range_max_m)
-        beams = np.flatnonzero(met)
-        return beams, lidar.directions[beams] * self.ranges_m[beams, None]
+        return np.asarray(lidar.directions[met] * self.ranges_m[met, None])
 
 
-def samples_of(
-    surveys: Sequence[Survey],
-    robot: RobotPlan,
-    clock: Clock,
-    max_pose_age_s: float,
-    offsets_ns: Sequence[int],
-    most: int = MOST,
-) -> list[Sample]:
+def samples_of(recorded: Recorded, robot: RobotPlan, setup: RecordingSetup, most: int = MOST) -> list[Sample]:
     """At most so many scans of a robot that have a pose, spread over what was looked at."""
-    pose_of = _interpolator(surveys, robot, clock, offsets_ns)
-    scans = [scan for scan in surveys[robot.source].streams[robot.scan_topic].scans if len(scan.ranges_m)]
-    own_ns = offsets_ns[robot.source] if offsets_ns else 0
+    links: list[PoseTrack | Pose2D] = []
+    for link in robot.pose.links:
+        if not isinstance(link, Link):
+            links.append(link)
+            continue
+        links.append(track := PoseTrack())
+        for reading in link.seen(recorded.surveys):
+            track.take(stamp_ns(reading, setup.clock) + recorded.offsets_ns[link.source], reading)
+    pose_of = PoseInterpolator(links)
+    scans = [
+        scan for scan in recorded.surveys[robot.source].streams[robot.scan_topic].scans if len(scan.ranges_m)
+    ]
     around_ns = (np.arange(-REACH_S, REACH_S + STEP_S / 2.0, STEP_S) * NS).astype(np.int64)
     samples = []
     for scan in spread(scans, most):
-        time_ns = stamp_ns(scan, clock) + own_ns - robot.delay_ns
+        time_ns = stamp_ns(scan, setup.clock) + recorded.offsets_ns[robot.source] - robot.delay_ns
         estimate = pose_of.at(time_ns)
-        if estimate is None or estimate.age_s > max_pose_age_s:
+        if estimate is None or estimate.age_s > setup.max_pose_age_s:
             continue
         numbers = scan.geometry(robot.no_return.range_max_m)
         try:
@@ -83,26 +82,10 @@ def samples_of(
         track = PoseTrack()
         for near_ns in (time_ns + around_ns).tolist():
             near = pose_of.at(near_ns)
-            if near is not None and near.age_s <= max_pose_age_s:
+            if near is not None and near.age_s <= setup.max_pose_age_s:
                 track.add(near_ns, near.pose)
         samples.append(Sample(time_ns, robot.no_return.cleaned(scan), lidar, track))
     return samples
-
-
-def _interpolator(
-    surveys: Sequence[Survey], robot: RobotPlan, clock: Clock, offsets_ns: Sequence[int]
-) -> PoseInterpolator:
-    """Where the robot was, by all the poses that were looked at."""
-    links: list[PoseTrack | Pose2D] = []
-    for link in robot.pose.links:
-        if not isinstance(link, Link):
-            links.append(link)
-            continue
-        track = PoseTrack()
-        for reading in link.seen(surveys):
-            track.take(stamp_ns(reading, clock) + (offsets_ns[link.source] if offsets_ns else 0), reading)
-        links.append(track)
-    return PoseInterpolator(links)
 
 
 class Walls:
@@ -152,14 +135,16 @@ class Walls:
         return np.asarray(values_at(self.grid.data, self.grid, points, UNKNOWN) == UNKNOWN)
 
 
-class Shares(NamedTuple):
-    """Where returns lie."""
+class Fit(NamedTuple):
+    """How the scans of a recording lie on a map; shares are 0 to 1, NaN without a return or sample."""
 
     returns: int
     on_walls: float
-    """share that lies on mapped walls, 0 to 1; NaN without a return"""
+    """share of the returns that lies on mapped walls"""
     unmapped: float
     """share that lies on no wall and outside the map or in unknown cells"""
+    robot_off_map: float
+    """share of the samples in which the robot itself is outside the map or in a cell that it does not know"""
 
     @property
     def in_the_free(self) -> float:
@@ -167,24 +152,15 @@ class Shares(NamedTuple):
         return 1.0 - self.on_walls - self.unmapped
 
 
-class Fit(NamedTuple):
-    """How the scans of a recording lie on a map."""
-
-    total: Shares
-    """of all returns"""
-    robot_off_map: float
-    """share of the samples in which the robot itself is outside the map or in a cell that it does not know"""
-
-
 def fit_of(samples: Sequence[Sample], walls: Walls) -> Fit:
     """How the scans lie on the walls as everything is set now."""
     off = returns = on = unknown = 0
     for sample in samples:
         pose = sample.pose
-        points = pose.compose(sample.lidar.mount).transform(sample.ends()[1])
+        points = pose.compose(sample.lidar.mount).transform(sample.ends())
         on_walls = walls.on_walls(points)
         returns, on = returns + len(points), on + int(on_walls.sum())
         unknown += int((walls.unmapped(points) & ~on_walls).sum())
         off += bool(walls.unmapped(np.array([pose[:2]]))[0])
     on_share, unknown_share = (count / returns if returns else math.nan for count in (on, unknown))
-    return Fit(Shares(returns, on_share, unknown_share), off / len(samples) if samples else math.nan)
+    return Fit(returns, on_share, unknown_share, off / len(samples) if samples else math.nan)

@@ -26,19 +26,19 @@ values) says that the motion slipped: the pose is doubted by as much as it excee
 
 @dataclass(frozen=True)
 class LocalizerSettings:
-    """What is believed of the recorded poses and of the ranges. All values are our choice."""
+    """What is believed of the recorded poses and of the ranges: standard deviations, all our choice."""
 
     start_m: float = 0.05
-    """standard deviation of the first recorded pose, along x and along y"""
+    """of the first recorded pose, along x and along y"""
     start_rad: float = math.radians(1.0)
     drift_m: float = 0.02
-    """standard deviation of place that the recorded motion gains over a metre; grows with the way's root"""
+    """of place that the recorded motion gains over a metre; grows with the way's root"""
     drift_rad: float = math.radians(1.0)
     """the same of the yaw"""
     drift_rad_per_rad: float = 0.03
     """the same over the first radian of a turn"""
     range_error: float = 0.03
-    """standard deviation of what all ranges of a sensor are off by, as a share of them"""
+    """of what all ranges of a sensor are off by, as a share of them"""
     bias_lasts_m: float = 1.0
     """way over which what a match is off by falls to a third"""
     every_m: float = 0.5
@@ -96,12 +96,11 @@ class Localizer:
         if before is None:
             self._pose = recorded
             return
-        step = recorded.relative_to(before)
+        step, settings = recorded.relative_to(before), self._settings
         there = self._pose.compose(step)
         turning = np.eye(6)
         turning[0, 2], turning[1, 2] = self._pose.y - there.y, there.x - self._pose.x
         moved_m, turned_rad = math.hypot(step.x, step.y), abs(step.yaw)
-        settings = self._settings
         place = settings.drift_m**2 * moved_m
         heading = settings.drift_rad**2 * moved_m + settings.drift_rad_per_rad**2 * turned_rad
         noise = np.diag((place, place, heading, 0.0, 0.0, 0.0))
@@ -118,10 +117,8 @@ class Localizer:
         matched, noise = found
         self._let_bias_change(self._bias_covariance(scan._replace(pose=matched)))
         self._moved_m = self._turned_rad = 0.0
-        off = np.array(
-            [matched.x - self._pose.x, matched.y - self._pose.y, wrap_angle(matched.yaw - self._pose.yaw)]
-        )
-        off -= self._bias
+        x, y, yaw = self._pose
+        off = np.array([matched.x - x, matched.y - y, wrap_angle(matched.yaw - yaw)]) - self._bias
         # a match is the pose and its bias
         common = self._covariance[:, :3] + self._covariance[:, 3:]
         expected = common[:3] + common[3:] + noise
@@ -134,8 +131,7 @@ class Localizer:
         change = gain @ off
         after = self._covariance - gain @ common.T
         self._covariance = 0.5 * (after + after.T)
-        x, y, yaw = (self._pose + change[:3]).tolist()
-        self._pose = Pose2D(x, y, yaw)
+        self._pose = Pose2D(*(self._pose + change[:3]).tolist())
         self._bias = self._bias + change[3:]
 
     def _let_bias_change(self, bias_covariance: Floats) -> None:

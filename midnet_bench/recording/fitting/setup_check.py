@@ -1,4 +1,4 @@
-"""Do scans, poses and map fit together, and if not, what is wrong and which key of the setup corrects it?"""
+"""Whether scans, poses and map fit, which key corrects what is wrong, and where odometry began."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.recording.files.survey import spread
-from midnet_bench.recording.fitting.fit import Fit, Sample, Walls, fit_of
+from midnet_bench.recording.fitting.fit import Fit, Sample, Walls, fit_of, samples_of
 from midnet_bench.recording.fitting.setup_search import (
     DELAY,
     FACTOR,
@@ -23,6 +24,8 @@ from midnet_bench.recording.fitting.setup_search import (
     Search,
     Setup,
 )
+from midnet_bench.recording.plan import AT_ORIGIN, Recorded, RobotPlan
+from midnet_bench.recording.setup import EVERY, FOUND, RecordingSetup
 
 QUICK_SAMPLES, QUICK_BEAMS = 40, 40
 FULL_SAMPLES, FULL_BEAMS = 120, 90
@@ -41,6 +44,8 @@ ALIKE = 0.02
 LARGEST_INTERVAL = {**dict.fromkeys((0, 1, 4, 5), 1.0), **dict.fromkeys((2, 6), 0.5), 3: 0.5}
 """how far the interval of a parameter is followed: metres, radians, seconds"""
 NAMES = ("mount x", "mount y", "mount yaw", "scan delay", "map x", "map y", "map yaw", "range factor")
+APART_M, APART_RAD = 1.0, math.radians(20.0)
+"""Two places that differ by less are one."""
 
 
 class SetBy(NamedTuple):
@@ -72,13 +77,13 @@ class Proposal(NamedTuple):
     """by how much its mount is turned against the one that was set, within [-pi, pi)"""
     share_before: float
     share_after: float
-    ranges: dict[str, Range]
-    """of the parameters by ``NAMES``; metres, radians, seconds; empty where none is needed"""
-    alike: tuple["Proposal", ...]
-    """other changes that would correct as much: the recording does not decide"""
     start: Pose2D
     """where the robot was at the first scan, in the frame of a map that is moved as the setup says"""
-    cannot_tell: tuple[str, ...]
+    ranges: dict[str, Range] = {}  # noqa: RUF012
+    """of the parameters by ``NAMES``; metres, radians, seconds; empty where none is needed"""
+    alike: tuple["Proposal", ...] = ()
+    """other changes that would correct as much: the recording does not decide"""
+    cannot_tell: tuple[str, ...] = ()
     """sentences: along which directions the recording says nothing"""
 
     @property
@@ -104,7 +109,7 @@ class Verdict(NamedTuple):
         return not self.kinds
 
 
-def verdict(samples: Sequence[Sample], grid: OccupancyGrid, set_by: SetBy | None = None) -> Verdict:
+def verdict(samples: Sequence[Sample], grid: OccupancyGrid, set_by: SetBy = SetBy()) -> Verdict:  # noqa: B008
     """The findings before a replay, in about a quarter of a second of CPU time.
 
     Args:
@@ -115,23 +120,27 @@ def verdict(samples: Sequence[Sample], grid: OccupancyGrid, set_by: SetBy | None
     Raises:
         InputError: the map has no wall.
     """
-    walls, set_by = Walls(grid), set_by or SetBy()
-    chosen = spread(samples, QUICK_SAMPLES)
+    walls, chosen = Walls(grid), spread(samples, QUICK_SAMPLES)
     fit = fit_of(chosen, walls)
-    share = fit.total.on_walls
-    if fit.total.returns < FEW_RETURNS:
+    share = fit.on_walls
+    if fit.returns < FEW_RETURNS:
         line = (
-            f"only {fit.total.returns} returns in {len(chosen)} of the scans: too few to say whether scans "
+            f"only {fit.returns} returns in {len(chosen)} of the scans: too few to say whether scans "
             "and map fit; are ranges, limits and the topic right?"
         )
         return Verdict(("few returns",), (line,), share)
     faults: dict[str, str] = {}
     if fit.robot_off_map > 0.5:
-        faults["off the map"] = _off_map(chosen, grid, fit)
+        x, y = np.median([sample.pose[:2] for sample in chosen], axis=0).tolist()
+        x_min, y_min, x_max, y_max = grid.extent
+        faults["off the map"] = (
+            f"the robot is off the map or in its unknown cells in {fit.robot_off_map:.0%} of the scans, "
+            f"about ({x:.1f}, {y:.1f}) m; the map spans x {x_min:.1f} to {x_max:.1f}, y {y_min:.1f} to "
+            f"{y_max:.1f} m: are map (--map) and poses of one place and one frame?"
+        )
     search, plain, best, others = _quick_search(chosen, walls)
     gain = max(best.share - plain.share, best.score - plain.score)
-    is_better = best.share >= plain.share + WORTH and gain >= ALARM
-    if is_better and best.share >= GOOD:
+    if best.share >= plain.share + WORTH and gain >= ALARM and best.share >= GOOD:
         proposal = _proposal(search, plain, best, others)
         lines = (*faults.values(), line_of(proposal, set_by))
         return Verdict((*faults, *proposal.kinds), lines, share)
@@ -143,6 +152,15 @@ def verdict(samples: Sequence[Sample], grid: OccupancyGrid, set_by: SetBy | None
             f"poses' frame (--map)? {PLACED}; --check searches further"
         )
     return Verdict(tuple(faults), tuple(faults.values()) or (_fits(fit, walls),), share)
+
+
+def _fits(fit: Fit, walls: Walls) -> str:
+    line = f"{fit.on_walls:.2f} of the returns lie on mapped walls (within {walls.near_m:.2f} m)"
+    if fit.on_walls >= GOOD:
+        return line + ": scans, poses and map fit"
+    where = "in unknown cells or off the map" if fit.unmapped > fit.in_the_free else "in the free"
+    rest = max(fit.unmapped, fit.in_the_free)
+    return line + f"; {rest:.2f} lie {where}, and no other setup does clearly better"
 
 
 def find_setup(samples: Sequence[Sample], grid: OccupancyGrid) -> Proposal:
@@ -170,7 +188,8 @@ def find_setup(samples: Sequence[Sample], grid: OccupancyGrid) -> Proposal:
         best, others = plain, []
     best = _more(fine, best)
     others = [each for each in others if not set(each.changed) <= set(best.changed)]
-    return _proposal(fine, plain, best, others, with_ranges=True)
+    proposal = _proposal(fine, plain, best, others)
+    return proposal._replace(ranges={NAMES[k]: _range(fine, best, k) for k in LARGEST_INTERVAL})
 
 
 def _quick_search(
@@ -179,24 +198,20 @@ def _quick_search(
     """A search of few returns: itself, no change, the most usual of the best changes, the others as good."""
     search = Search(Returns(samples, QUICK_BEAMS), walls, samples[0].lidar.mount)
     plain = search.as_it_is()
-    best, others = _one_change(search, plain)
-    if best.share < GOOD:  # a place of the map anywhere in the plane, if that is clearly better
-        anywhere = max((search.anywhere(mirrored) for mirrored in (False, True)), key=lambda each: each.score)
-        if anywhere.score >= best.score + WORTH:
-            best, others = anywhere, []
-    return search, plain, best, others
-
-
-def _one_change(search: Search, plain: Candidate) -> tuple[Candidate, list[Candidate]]:
     tried = [search.turned(False), search.turned(True), search.moved()]
     if search.returns.speed_mps >= SLOWEST_MPS:
         tried.append(search.late())
     better = [each for each in tried if each.share >= plain.share + WORTH]
-    if not better:
-        return plain, []
-    least = max(each.score for each in better) - max(WORTH, search.noise)
-    alike = sorted((each for each in better if each.score >= least), key=lambda each: _oddity(each, plain))
-    return alike[0], alike[1:]
+    best, others = plain, list[Candidate]()
+    if better:
+        least = max(each.score for each in better) - max(WORTH, search.noise)
+        alike = [each for each in better if each.score >= least]
+        best, *others = sorted(alike, key=lambda each: _oddity(each, plain))
+    if best.share < GOOD:  # a place of the map anywhere in the plane, if that is clearly better
+        anywhere = max((*search.places(False), *search.places(True)), key=lambda each: each.score)
+        if anywhere.score >= best.score + WORTH:
+            best, others = anywhere, []
+    return search, plain, best, others
 
 
 def _oddity(candidate: Candidate, plain: Candidate) -> float:
@@ -257,19 +272,12 @@ def _is_worth(before: Candidate, after: Candidate) -> bool:
     return after.share >= before.share + WORTH and after.score >= before.score + WORTH
 
 
-def _proposal(
-    search: Search,
-    plain: Candidate,
-    best: Candidate,
-    others: Sequence[Candidate],
-    with_ranges: bool = False,
-) -> Proposal:
-    returns = search.returns
-    return _bare(returns, plain, best)._replace(
-        ranges={NAMES[k]: _range(search, best, k) for k in LARGEST_INTERVAL} if with_ranges else {},
-        alike=tuple(_bare(returns, plain, each) for each in others if each.changed or each.mirrored),
-        cannot_tell=_cannot_tell(search, best),
+def _proposal(search: Search, plain: Candidate, best: Candidate, others: Sequence[Candidate]) -> Proposal:
+    found, *alike = (
+        _bare(search.returns, plain, each)
+        for each in (best, *(other for other in others if other.changed or other.mirrored))
     )
+    return found._replace(alike=tuple(alike), cannot_tell=_cannot_tell(search, best))
 
 
 def _bare(returns: Returns, plain: Candidate, candidate: Candidate) -> Proposal:
@@ -280,7 +288,7 @@ def _bare(returns: Returns, plain: Candidate, candidate: Candidate) -> Proposal:
     )
     setup = returns.setup(candidate.values, candidate.mirrored)
     start = setup.map_moved.compose(returns.first)
-    return Proposal(kinds, setup, turned_rad, plain.share, candidate.share, {}, (), start, ())
+    return Proposal(kinds, setup, turned_rad, plain.share, candidate.share, start)
 
 
 def _range(search: Search, best: Candidate, number: int) -> Range:
@@ -312,7 +320,7 @@ def _end(stays: Callable[[float], bool], farthest: float) -> tuple[float, bool]:
 
 def _cannot_tell(search: Search, best: Candidate) -> tuple[str, ...]:
     """Along which directions the returns say nothing."""
-    information, sentences = search.information(best), []
+    information, units, sentences = search.information(best), search.returns.units, []
     strengths, ways = np.linalg.eigh(information[4:6, 4:6])
     if strengths[0] < SEEN:
         angle = math.degrees(math.atan2(ways[1, 0], ways[0, 0])) % 180.0
@@ -324,7 +332,6 @@ def _cannot_tell(search: Search, best: Candidate) -> tuple[str, ...]:
             "the robot hardly moves: nothing can be said of a scan delay, nor of mount against map"
         )
         return tuple(sentences)
-    units = search.returns.units
     left, by_mount = _left_over(information, DELAY, MOUNT)
     if left < ALIKE:
         x, y, yaw = (-0.1 * units[3] / units[:3] * by_mount[:, 0]).tolist()
@@ -347,37 +354,47 @@ def _left_over(
     return float(np.trace(rest) / max(np.trace(own), 1e-12)), by_others
 
 
-def line_of(proposal: Proposal, set_by: SetBy | None = None) -> str:
+def line_of(proposal: Proposal, set_by: SetBy = SetBy()) -> str:  # noqa: B008
     """What is wrong, the shares before and after, and what corrects it, in one line."""
-    set_by, after = set_by or SetBy(), f"{proposal.share_after:.2f}"
+    after = f"{proposal.share_after:.2f}"
     line = f"{proposal.share_before:.2f} of the returns lie on mapped walls, "
     if not proposal.kinds:
         return line + "and no other setup does better"
     if not proposal.is_good:
-        line += f"and no setup brings more than {after}: is it the map of this place (--map)? "
-        return line + PLACED
-    line += f"{after} if {_what(proposal)}: {correction_of(proposal, set_by)}"
+        return f"{line}and no setup brings more than {after}: is it the map of this place (--map)? {PLACED}"
+    what, keys = _in_words(proposal, set_by)
+    line += f"{after} if {what}: {keys}"
     if proposal.alike:
-        other = proposal.alike[0]
-        line += f"; or, which this recording cannot tell, if {_what(other)}"
-        correction = f": {correction_of(other, set_by)}"
-        line += correction if len(line + correction) < LONGEST_LINE else ""
+        what, keys = _in_words(proposal.alike[0], set_by)
+        line += f"; or, which this recording cannot tell, if {what}"
+        line += f": {keys}" if len(line) + len(keys) + 2 < LONGEST_LINE else ""
     return line
 
 
-def correction_of(proposal: Proposal, set_by: SetBy | None = None) -> str:
-    """The keys of ``setup.yaml`` that make a proposal's setup."""
-    set_by, setup, keys = set_by or SetBy(), proposal.setup, []
+def _in_words(proposal: Proposal, set_by: SetBy) -> tuple[str, str]:
+    """What is wrong, and the keys of ``setup.yaml`` that make a proposal's setup."""
+    setup, kinds, parts, keys = proposal.setup, proposal.kinds, [], []
+    x, y, yaw = setup.mount
     if setup.is_mirrored:
+        parts.append("the scans are mirrored")
         keys.append(f"mirrored: {'false' if set_by.mirrored else 'true'}")
-    if {"mount", "turn"} & {*proposal.kinds}:
-        x, y, yaw = setup.mount
+    elif "turn" in kinds:
+        parts.append(f"the scans are turned by {90 * _quarter_turns(proposal.turned_rad)} degrees")
+    elif "mount" in kinds:
+        degrees = math.degrees(yaw)
+        parts.append(f"the laser sits at x {x:z.2f}, y {y:z.2f} m, {degrees:z.1f} degrees on the robot")
+    if {"mount", "turn"} & {*kinds}:
         keys.append(f"mount: [{x:z.3f}, {y:z.3f}, {math.degrees(yaw):z.1f}]")
-    if "delay" in proposal.kinds:
+    if "delay" in kinds:
+        late = "late" if setup.delay_s > 0.0 else "early"
+        parts.append(f"the scans come {abs(setup.delay_s):.2f} s {late}")
         keys.append(f"delay_s: {set_by.delay_s + setup.delay_s:z.3f}")
-    if "map" in proposal.kinds:
+    if "map" in kinds:
+        x, y, yaw = setup.map_moved
+        turned = f" and turned by {math.degrees(yaw):.0f} degrees" if abs(yaw) >= math.radians(2.0) else ""
+        parts.append(f"the map is moved by x {x:z.2f}, y {y:z.2f} m{turned} against the poses")
         keys.append(f"start: {start_of(proposal)}")
-    return "; ".join(keys)
+    return " and ".join(parts), "; ".join(keys)
 
 
 def start_of(proposal: Proposal) -> list[float]:
@@ -386,41 +403,70 @@ def start_of(proposal: Proposal) -> list[float]:
     return [round(x, 3), round(y, 3), round(math.degrees(wrap_angle(yaw)), 2)]
 
 
-def _what(proposal: Proposal) -> str:
-    setup, parts = proposal.setup, []
-    if setup.is_mirrored:
-        parts.append("the scans are mirrored")
-    elif "turn" in proposal.kinds:
-        parts.append(f"the scans are turned by {90 * _quarter_turns(proposal.turned_rad)} degrees")
-    elif "mount" in proposal.kinds:
-        x, y, yaw = setup.mount
-        degrees = math.degrees(yaw)
-        parts.append(f"the laser sits at x {x:z.2f}, y {y:z.2f} m, {degrees:z.1f} degrees on the robot")
-    if "delay" in proposal.kinds:
-        late = "late" if setup.delay_s > 0.0 else "early"
-        parts.append(f"the scans come {abs(setup.delay_s):.2f} s {late}")
-    if "map" in proposal.kinds:
-        x, y, yaw = setup.map_moved
-        turned = f" and turned by {math.degrees(yaw):.0f} degrees" if abs(yaw) >= math.radians(2.0) else ""
-        parts.append(f"the map is moved by x {x:z.2f}, y {y:z.2f} m{turned} against the poses")
-    return " and ".join(parts)
+def placed(
+    robot: RobotPlan,
+    recorded: Recorded,
+    setup: RecordingSetup,
+    prior_map: OccupancyGrid,
+    note: Callable[[str], None],
+) -> Pose2D:
+    """What takes a robot's odometry into the map's frame, as key ``start`` says; without one it is there.
+
+    Odometry begins wherever the robot was switched on. A start that was typed is refined by the walls about
+    it; without one the whole map is searched.
+
+    Raises:
+        InputError: no scan has a pose, or no place of the map brings the returns onto walls.
+    """
+    start = setup.start.get(robot.carrier, setup.start.get(EVERY))
+    if start is None:
+        return AT_ORIGIN
+    samples = samples_of(recorded, robot, setup)
+    if not samples:
+        raise InputError(f"start: {robot.name}: no scan of it has a pose; see 'midnet-bench replay FILE'")
+    walls, first, moved = Walls(prior_map), samples[0].pose, AT_ORIGIN
+    if not isinstance(start, str):
+        x, y, yaw_deg = start
+        moved = Pose2D(x, y, math.radians(yaw_deg)).compose(first.inverse())
+        samples = samples_of(recorded, robot.moved(moved), setup)
+    search = Search(Returns(samples, FULL_BEAMS), walls, robot.mount)
+    found, others = _anywhere(search) if start == FOUND else (_refined(search), [])
+    if start == FOUND and found.share < POOR:
+        raise InputError(
+            f"start: {robot.name}: no place of the map brings more than {found.share:.2f} of the returns "
+            "onto walls; is it the map of this place (--map), and the mount right (--mount)? Else give "
+            "--start X,Y,YAW_DEG"
+        )
+    better = search.returns.setup(found.values, False).map_moved
+    x, y, yaw = better.compose(moved).compose(first)
+    said = f"[{x:z.2f}, {y:z.2f}, {math.degrees(wrap_angle(yaw)):z.1f}]"
+    note(f"{robot.name}: began at start: {said} on the map; {found.share:.2f} of the returns lie on walls")
+    for other in others:
+        x, y, yaw = search.returns.setup(other.values, False).map_moved.compose(first)
+        note(
+            f"{robot.name}: {other.share:.2f} do from [{x:z.2f}, {y:z.2f}, {math.degrees(yaw):z.1f}], too: "
+            "the recording does not tell the two apart; --start says which"
+        )
+    if found.share < GOOD:
+        note(f"{robot.name}: few returns for the right place; --check looks for the mount as well")
+    return better.compose(moved)
 
 
-def _off_map(samples: Sequence[Sample], grid: OccupancyGrid, fit: Fit) -> str:
-    x, y = np.median([sample.pose[:2] for sample in samples], axis=0).tolist()
-    x_min, y_min, x_max, y_max = grid.extent
-    return (
-        f"the robot is off the map or in its unknown cells in {fit.robot_off_map:.0%} of the scans, about "
-        f"({x:.1f}, {y:.1f}) m; the map spans x {x_min:.1f} to {x_max:.1f}, y {y_min:.1f} to {y_max:.1f} m: "
-        "are map (--map) and poses of one place and one frame?"
-    )
+def _refined(search: Search) -> Candidate:
+    """The place near where the poses are now by which more returns lie on walls; it itself if none is."""
+    here = search.as_it_is()
+    better = search.refined(here, MAP)
+    return better if better.share >= here.share and better.score > here.score else here
 
 
-def _fits(fit: Fit, walls: Walls) -> str:
-    total = fit.total
-    line = f"{total.on_walls:.2f} of the returns lie on mapped walls (within {walls.near_m:.2f} m)"
-    if total.on_walls >= 0.6:
-        return line + ": scans, poses and map fit"
-    where = "in unknown cells or off the map" if total.unmapped > total.in_the_free else "in the free"
-    rest = max(total.unmapped, total.in_the_free)
-    return line + f"; {rest:.2f} lie {where}, and no other setup does clearly better"
+def _anywhere(search: Search) -> tuple[Candidate, list[Candidate]]:
+    """The best place of all, and another one that is as good within noise, if there is one."""
+    every = sorted(search.places(), key=lambda each: -each.score)
+    best = search.refined(every[0], MAP, wide_m=0.15)
+    least = best.score - max(WORTH, search.noise)
+
+    def is_apart(other: Candidate) -> bool:
+        x, y, turn = (other.values - best.values)[list(MAP)].tolist()
+        return math.hypot(x, y) > APART_M or abs(wrap_angle(turn)) > APART_RAD
+
+    return best, [each for each in every[1:] if each.score >= least and is_apart(each)][:1]

@@ -2,8 +2,8 @@
 
 import cmath
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ from midnet_bench.recording.fitting.fit import Sample, Walls
 
 Floats = npt.NDArray[np.float64]
 Points = npt.NDArray[np.complex128]
-"""(n,) x + iy, metres"""
+"""(n,) x + iy, metres: a turn is one product, and the work of a search a third"""
 
 MOUNT, DELAY, MAP, FACTOR = (0, 1, 2), (3,), (4, 5, 6), (7,)
 """numbers of the parameters that a hypothesis may change; see ``Setup``"""
@@ -60,14 +60,14 @@ class Returns:
         """At most ``most_beams`` of a sample, spread evenly over those that met something."""
         self.first = samples[0].pose
         """of the robot at the first sample"""
-        ends, owners = [np.empty((0, 2))], [np.empty(0, dtype=np.int64)]
+        ends = []
         for number, sample in enumerate(samples):
-            met = sample.ends()[1]
+            met = sample.ends()
             step = max(math.ceil(len(met) / most_beams), 1)
             ends.append(met[number % step :: step])
-            owners.append(np.full(len(ends[-1]), number))
-        self.ends, self._owners = np.concatenate(ends), np.concatenate(owners)
-        self._ends = _points(self.ends)
+        self._owners = np.repeat(np.arange(len(ends)), [len(own) for own in ends])
+        plain = np.concatenate(ends)
+        self._ends = _points(plain)
         steps = math.ceil(LARGEST_DELAY_S / _DELAY_STEP_S) + 2
         self._delays_s: Floats = np.arange(-steps, steps + 1, dtype=np.float64) * _DELAY_STEP_S
         delays_ns = np.rint(self._delays_s * NS).astype(np.int64)
@@ -75,16 +75,19 @@ class Returns:
         self._poses[:, :, 2] = np.unwrap(self._poses[:, :, 2], axis=1)
         self.middle = self._poses[:, steps, :2].mean(axis=0)
         """(2,) of the robot's ways, metres: a map turns about it here"""
-        self.lever_m = math.sqrt(np.square(self.ends).sum() / max(len(self.ends), 1))
+        lever = self.lever_m = math.sqrt(np.square(plain).sum() / max(len(plain), 1))
         """root mean square of the ranges"""
         rates = self._rates(0.0)
         self.speed_mps = math.sqrt(
-            np.square(rates[:, :2]).sum(axis=1).mean() + np.square(rates[:, 2]).mean() * self.lever_m**2
+            np.square(rates[:, :2]).sum(axis=1).mean() + np.square(rates[:, 2]).mean() * lever**2
         )
         """how fast returns of still walls move in the robot's frame, root mean square"""
+        speed = max(self.speed_mps, SLOWEST_MPS)
+        self.units = np.array([1.0, 1.0, lever, speed, 1.0, 1.0, lever, lever])
+        """(8,) how far a unit of each parameter moves the returns, metres, typically"""
 
     def __len__(self) -> int:
-        return len(self.ends)
+        return len(self._ends)
 
     def _poses_at(self, delay_s: float) -> Floats:
         at = (delay_s - self._delays_s[0]) / _DELAY_STEP_S
@@ -94,20 +97,16 @@ class Returns:
 
     def _rates(self, delay_s: float) -> Floats:
         """(m, 3) how the samples' poses change with the delay, per second."""
-        return (self._poses_at(delay_s + _DELAY_STEP_S) - self._poses_at(delay_s - _DELAY_STEP_S)) / (
-            2.0 * _DELAY_STEP_S
-        )
+        later, sooner = (self._poses_at(delay_s + step) for step in (_DELAY_STEP_S, -_DELAY_STEP_S))
+        return (later - sooner) / (2.0 * _DELAY_STEP_S)
 
     def place(self, values: Floats, mirrored: bool) -> Floats:
         """(n, 2) where the returns lie, map frame, by the (8,) values of the parameters."""
-        robots, headings, on_robot, at = self._place(values, mirrored)
-        return _pairs(robots + headings * (on_robot + at))
+        robots, headings, on_robot, mount = self._place(values, mirrored)
+        return _pairs(robots + headings * (on_robot + mount))
 
     def _place(self, values: Floats, mirrored: bool) -> tuple[Points, Points, Points, complex]:
-        """Places and headings of each return's robot, map frame; by the robot's axes, what a sensor says.
-
-        That is where the returns lie from the sensor, and the sensor from the robot.
-        """
+        """Of each return its robot and heading, map frame, and itself from the sensor; the sensor's place."""
         x, y, yaw, delay_s, dx, dy, turn, factor = values.tolist()
         poses = self._poses_at(delay_s)
         on_robot = (np.conj(self._ends) if mirrored else self._ends) * cmath.rect(factor, yaw)
@@ -120,35 +119,19 @@ class Returns:
         self, values: Floats, mirrored: bool, changed: Sequence[int] = range(8)
     ) -> tuple[Floats, Floats]:
         """(n, 2) as :meth:`place` has it, and (n, 2, k) how each return moves with each of k parameters."""
-        robots, headings, on_robot, at = self._place(values, mirrored)
-        from_sensor, from_robot = headings * on_robot, headings * (on_robot + at)
-        points = robots + from_robot
-
-        def drift() -> Points:
+        robots, headings, on_robot, mount = self._place(values, mirrored)
+        from_sensor, from_robot = headings * on_robot, headings * (on_robot + mount)
+        points, late = robots + from_robot, 0.0
+        if 3 in changed:
             rates = self._rates(float(values[3]))
             along = _points(rates[:, :2]) * cmath.rect(1.0, float(values[6]))
-            return along[self._owners] + 1j * rates[self._owners, 2] * from_robot
-
-        ways: dict[int, Callable[[], Any]] = {
-            0: lambda: headings,
-            1: lambda: 1j * headings,
-            2: lambda: 1j * from_sensor,
-            3: drift,
-            4: lambda: 1.0,
-            5: lambda: 1j,
-            6: lambda: 1j * (points - complex(*(self.middle + values[4:6]))),
-            7: lambda: from_sensor / values[7],
-        }
+            late = along[self._owners] + 1j * rates[self._owners, 2] * from_robot
+        about = 1j * (points - complex(*(self.middle + values[4:6])))
+        ways = (headings, 1j * headings, 1j * from_sensor, late, 1.0, 1j, about, from_sensor / values[7])
         moves = np.empty((len(changed), len(points)), dtype=np.complex128)
         for row, number in zip(moves, changed, strict=True):
-            row[:] = ways[number]()
+            row[:] = ways[number]
         return _pairs(points), np.stack((moves.real, moves.imag)).transpose(2, 0, 1)
-
-    @property
-    def units(self) -> Floats:
-        """(8,) how far a unit of each parameter moves the returns, metres, typically."""
-        lever, speed = self.lever_m, max(self.speed_mps, SLOWEST_MPS)
-        return np.array([1.0, 1.0, lever, speed, 1.0, 1.0, lever, lever])
 
     def setup(self, values: Floats, mirrored: bool) -> Setup:
         """The parameters' values as a setup."""
@@ -189,7 +172,7 @@ class Search:
         """What these values are worth."""
         distances_m = self.walls.distances(self.returns.place(values, mirrored))
         share = float(np.mean(distances_m <= self.walls.near_m))
-        return Candidate(changed, values, mirrored, share, self._score(distances_m, NARROW_M))
+        return Candidate(changed, values, mirrored, share, _score(distances_m, NARROW_M))
 
     def as_it_is(self) -> Candidate:
         """Nothing changed."""
@@ -197,9 +180,8 @@ class Search:
 
     def turned(self, mirrored: bool) -> Candidate:
         """Another mount, turned by any angle; ``mirrored``: and the beams the other way round."""
-        turns = np.arange(_TURN_STEPS) * (2.0 * math.pi / _TURN_STEPS)
         starts = np.tile(self._start, (_TURN_STEPS, 1))
-        starts[:, 2] += turns
+        starts[:, 2] += np.arange(_TURN_STEPS) * (2.0 * math.pi / _TURN_STEPS)
         scores = self._coarse(starts, mirrored)
         best = int(np.argmax(scores))
         apart = np.abs((np.arange(_TURN_STEPS) - best + _TURN_STEPS // 2) % _TURN_STEPS - _TURN_STEPS // 2)
@@ -212,28 +194,23 @@ class Search:
         steps = np.linspace(-FAR_M, FAR_M, 9)
         starts = np.tile(self._start, (len(steps) ** 2, 1))
         starts[:, 4:6] = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-        order = np.argsort(-self._coarse(starts, False), kind="stable")
-        return self._best(MAP, [starts[k] for k in order[:2]], False)
+        order = np.argsort(-self._coarse(starts), kind="stable")
+        return self._best(MAP, [starts[k] for k in order[:2]])
 
     def late(self) -> Candidate:
         """The scans late or early."""
         starts = np.tile(self._start, (21, 1))
         starts[:, 3] = np.linspace(-LARGEST_DELAY_S, LARGEST_DELAY_S, 21)
-        return self._best(DELAY, [starts[np.argmax(self._coarse(starts, False))]], False)
-
-    def anywhere(self, mirrored: bool) -> Candidate:
-        """The map moved by any distance and turned by any angle: the best overlap of all."""
-        return max(self.places(mirrored), key=lambda each: each.score)
+        return self._best(DELAY, [starts[np.argmax(self._coarse(starts))]])
 
     def places(self, mirrored: bool = False) -> list[Candidate]:
-        """The best overlaps of all, three turns that are apart."""
+        """The map moved by any distance and turned by any angle: the best overlaps, three turns apart."""
         return self._tried(MAP, self._overlaps(mirrored), mirrored)
 
     def refined(self, start: Candidate, changed: tuple[int, ...], wide_m: float = WIDE_M) -> Candidate:
         """The best setup near ``start`` of those that differ from it in ``changed``."""
         values = self._refine(start.values, changed, start.mirrored, wide_m)
-        all_changed = tuple(sorted({*start.changed, *changed}))
-        return self.candidate(all_changed, values, start.mirrored)
+        return self.candidate(tuple(sorted({*start.changed, *changed})), values, start.mirrored)
 
     def information(self, candidate: Candidate) -> Floats:
         """(8, 8) of the parameters, in the returns' own metres: 1 where all returns are constrained."""
@@ -243,26 +220,16 @@ class Search:
         rows = np.einsum("nk,nkp->np", slopes, moves) / self.returns.units
         return np.asarray((rows * weights[:, None]).T @ rows / max(weights.sum(), 1e-9))
 
-    def _best(self, changed: tuple[int, ...], starts: Sequence[Floats], mirrored: bool) -> Candidate:
+    def _best(self, changed: tuple[int, ...], starts: Sequence[Floats], mirrored: bool = False) -> Candidate:
         return max(self._tried(changed, starts, mirrored), key=lambda each: each.score)
 
     def _tried(self, changed: tuple[int, ...], starts: Sequence[Floats], mirrored: bool) -> list[Candidate]:
-        return [
-            self.candidate(changed, self._refine(start, changed, mirrored, WIDE_M), mirrored)
-            for start in starts
-        ]
+        refined = [self._refine(start, changed, mirrored, WIDE_M) for start in starts]
+        return [self.candidate(changed, values, mirrored) for values in refined]
 
-    def _coarse(self, starts: Floats, mirrored: bool) -> Floats:
-        return np.array(
-            [
-                self._score(self.walls.distances(self.returns.place(values, mirrored)), COARSE_M)
-                for values in starts
-            ]
-        )
-
-    @staticmethod
-    def _score(distances_m: Floats, half_m: float) -> float:
-        return float(np.mean(1.0 / (1.0 + np.square(distances_m / half_m))))
+    def _coarse(self, starts: Floats, mirrored: bool = False) -> Floats:
+        placed = (self.returns.place(values, mirrored) for values in starts)
+        return np.array([_score(self.walls.distances(points), COARSE_M) for points in placed])
 
     def _refine(self, start: Floats, changed: tuple[int, ...], mirrored: bool, wide_m: float) -> Floats:
         """Gauss-Newton on the distances to the nearest walls, with weights as in ``ScanToMap``."""
@@ -314,40 +281,36 @@ class Search:
         ways; the best of three turns that are apart.
         """
         cell_m = max(4.0 * self.walls.grid.resolution, 0.2)
-        points = self.returns.place(self._start, mirrored)
-        reaches = np.abs(points - self.returns.middle)
-        reach = reaches.max() if len(points) else 0.0
+        points = self.returns.place(self._start, mirrored) - self.returns.middle
+        reach = np.abs(points).max() if len(points) else 0.0
         if reach > LARGEST_PICTURE_M:  # poses that jump far off: most returns must do
-            reach = min(float(np.quantile(reaches, 0.9)), LARGEST_PICTURE_M)
+            reach = min(float(np.quantile(np.abs(points), 0.9)), LARGEST_PICTURE_M)
         size = 2 * math.ceil(reach / cell_m) + 1
-        field = self.walls.distances_m
         coarse = max(round(cell_m / self.walls.grid.resolution), 1)
         cell_m = coarse * self.walls.grid.resolution
-        near = 1.0 / (1.0 + np.square(field[::coarse, ::coarse].astype(np.float64) / COARSE_M))
+        near = self.walls.distances_m[::coarse, ::coarse].astype(np.float64)
+        near = 1.0 / (1.0 + np.square(near / COARSE_M))
         near -= near.mean()
         shape = near.shape[0] + size, near.shape[1] + size
         spectrum = np.fft.rfft2(near, shape)
         found = []
         for number in range(_TURN_STEPS):
             turn = number * (2.0 * math.pi / _TURN_STEPS)
-            cells = np.floor(_turned(points - self.returns.middle, turn) / cell_m + size / 2.0).astype(
-                np.int64
-            )
+            cells = np.floor(_turned(points, turn) / cell_m + size / 2.0).astype(np.int64)
             picture = np.zeros(shape)
             inside = ((cells >= 0) & (cells < size)).all(axis=1)
             np.add.at(picture, (cells[inside, 1], cells[inside, 0]), 1.0)
             overlap = np.fft.irfft2(spectrum * np.conj(np.fft.rfft2(picture)), shape)
-            row, column = (int(k) for k in np.unravel_index(int(np.argmax(overlap)), shape))
-            best = float(overlap[row, column])
+            place = np.unravel_index(int(np.argmax(overlap)), shape)
             row, column = (
-                k - side if k >= side - size else k for k, side in zip((row, column), shape, strict=True)
+                int(k) - side if k >= side - size else int(k) for k, side in zip(place, shape, strict=True)
             )
             # where the picture's middle comes to lie
             at = np.array([column, row]) * cell_m + (size / 2.0) * cell_m + self.walls.corner
             values = self._start.copy()
             values[4:6] = at - self.returns.middle
             values[6] = wrap_angle(turn)
-            found.append((best, number, values))
+            found.append((float(overlap[place]), number, values))
         found.sort(key=lambda each: (-each[0], each[1]))
         chosen: list[tuple[float, int, Floats]] = []
         for each in found:
@@ -355,6 +318,10 @@ class Search:
             if len(chosen) < 3 and not any(near_turn):
                 chosen.append(each)
         return [values for _, _, values in chosen]
+
+
+def _score(distances_m: Floats, half_m: float) -> float:
+    return float(np.mean(1.0 / (1.0 + np.square(distances_m / half_m))))
 
 
 def _weights(distances_m: Floats, half_m: float) -> Floats:
@@ -367,10 +334,8 @@ def _turned(points: Floats, angle_rad: float) -> Floats:
 
 
 def _points(pairs: Floats) -> Points:
-    """(n,) x + iy of (n, 2): a turn is then one product, and the work of a search a third."""
     return np.ascontiguousarray(pairs).view(np.complex128)[:, 0]
 
 
 def _pairs(points: Points) -> Floats:
-    """(n, 2) of (n,) x + iy."""
     return np.ascontiguousarray(points).view(np.float64).reshape(-1, 2)
