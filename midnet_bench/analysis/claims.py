@@ -56,8 +56,6 @@ class Finding(NamedTuple):
     def verdict(self) -> Verdict:
         """Of this claim by itself: where its 95 % interval lies; inconclusive where there is none."""
         low, high = self.ours.low, self.ours.high
-        if math.isnan(low) or math.isnan(high):
-            return Verdict.INCONCLUSIVE
         if self.above < low and high < self.below:
             return Verdict.REPRODUCED
         return Verdict.NOT_REPRODUCED if high < self.above or low > self.below else Verdict.INCONCLUSIVE
@@ -80,11 +78,7 @@ def finding(
 
 
 def comparison(
-    claim: str,
-    first: Mapping[int, float],
-    second: Mapping[int, float],
-    rises: bool,
-    within: Range = ANY,
+    claim: str, first: Mapping[int, float], second: Mapping[int, float], rises: bool, within: Range = ANY
 ) -> Finding:
     """Whether ``second`` is above ``first`` (or below, unless ``rises``), over the seeds that both have.
 
@@ -107,35 +101,35 @@ def verdicts(findings: Sequence[Finding]) -> list[Verdict]:
 
     A finding without a p-value is judged by its own interval and does not count among the others.
     """
-    adjusted = holm([one.p_value for one in findings])
+    adjusted = holm([each.p_value for each in findings])
     return [
-        one.verdict if math.isnan(p) or p <= LEVEL else Verdict.INCONCLUSIVE
-        for one, p in zip(findings, adjusted, strict=True)
+        each.verdict if math.isnan(p) or p <= LEVEL else Verdict.INCONCLUSIVE
+        for each, p in zip(findings, adjusted, strict=True)
     ]
 
 
 def verdict_table(findings: Sequence[Finding]) -> Table:
     """A row per finding: the number with its interval, the range that counts as reproduced, the verdict."""
-    adjusted = holm([one.p_value for one in findings])
+    adjusted = holm([each.p_value for each in findings])
     rows: list[Mapping[str, Cell]] = [
         {
-            "claim": one.claim,
-            "ours": one.ours,
-            "reproduced_above": _bound(one.above),
-            "reproduced_below": _bound(one.below),
-            "n": one.ours.n,
-            "agreeing_seeds": one.agreeing_seeds,
-            "outlier_seed": one.outlier_seed,
-            "p_value": one.p_value,
+            "claim": each.claim,
+            "ours": each.ours,
+            "reproduced_above": None if math.isinf(each.above) else each.above,
+            "reproduced_below": None if math.isinf(each.below) else each.below,
+            "n": each.ours.n,
+            "agreeing_seeds": each.agreeing_seeds,
+            "outlier_seed": each.outlier_seed,
+            "p_value": each.p_value,
             "p_holm": p,
             "verdict": verdict.value,
         }
-        for one, p, verdict in zip(findings, adjusted, verdicts(findings), strict=True)
+        for each, p, verdict in zip(findings, adjusted, verdicts(findings), strict=True)
     ]
     title = f"What the paper states ({MEAN_METHOD}; verdicts by Holm at 5 % over the table)"
-    digits = {"p_value": 4, "p_holm": 4}
-    notes = outlier_notes(one.outlier_seed for one in findings)
-    return Table("claims", title, rows, digits, bounds={"ours": ("low", "high", "n")}, notes=notes)
+    notes = outlier_notes(each.outlier_seed for each in findings)
+    digits, bounds = {"p_value": 4, "p_holm": 4}, {"ours": ("low", "high", "n")}
+    return Table("claims", title, rows, digits, bounds, notes)
 
 
 def shown_claims(table: Table, everything: bool = False) -> tuple[str, list[Table]]:
@@ -143,27 +137,22 @@ def shown_claims(table: Table, everything: bool = False) -> tuple[str, list[Tabl
 
     Claims that are reproduced are listed with ``everything``.
     """
-    found = {
-        verdict: [row for row in table.rows if row["verdict"] == verdict.value]
-        for verdict in (Verdict.NOT_REPRODUCED, Verdict.INCONCLUSIVE, Verdict.REPRODUCED)
-    }
-    counts = [
-        f"{len(found[Verdict.REPRODUCED])} of {len(table.rows)} claims reproduced",
-        *(f"{len(rows)} {verdict}" for verdict, rows in found.items() if verdict != Verdict.REPRODUCED),
-    ]
+    order = (Verdict.NOT_REPRODUCED, Verdict.INCONCLUSIVE, Verdict.REPRODUCED)
+    found = {verdict: [row for row in table.rows if row["verdict"] == verdict.value] for verdict in order}
+    counts = [f"{len(found[verdict])} {verdict}" for verdict in order[:2]]
     n = max((int(str(row["n"])) for row in table.rows), default=0)
-    summary = f"{', '.join(counts)} ({n} seed{'' if n == 1 else 's'}, Holm)"
+    reproduced = f"{len(found[Verdict.REPRODUCED])} of {len(table.rows)} claims reproduced"
+    summary = f"{', '.join([reproduced, *counts])} ({n} seed{'' if n == 1 else 's'}, Holm)"
     if n < MIN_TRIALS:
         summary += f"; fewer than {MIN_TRIALS} seeds give no interval and decide nothing: run --seeds 20"
-    listed = [verdict for verdict in found if everything or verdict != Verdict.REPRODUCED]
     return summary, [
         Table(
             f"claims_{verdict}",
             verdict.value,
             [{"claim": row["claim"], "ours": row["ours"], "accepted": _accepted(row)} for row in rows],
         )
-        for verdict in listed
-        if (rows := found[verdict])
+        for verdict, rows in found.items()
+        if rows and (everything or verdict != Verdict.REPRODUCED)
     ]
 
 
@@ -173,7 +162,3 @@ def _accepted(row: Mapping[str, Cell]) -> str:
     if above is None:
         return f"below {below:.3g}"
     return f"above {above:.3g}" if below is None else f"{above:.3g} to {below:.3g}"
-
-
-def _bound(value: float) -> float | None:
-    return None if math.isinf(value) else value

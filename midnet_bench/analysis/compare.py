@@ -11,15 +11,7 @@ from typing import NamedTuple
 import pandas as pd
 
 from midnet_bench.analysis.claims import LEVEL
-from midnet_bench.analysis.statistics import (
-    ANY,
-    Estimate,
-    Range,
-    exact_mean,
-    holm,
-    p_value,
-    pair,
-)
+from midnet_bench.analysis.statistics import Estimate, Range, exact_mean, holm, p_value, pair
 from midnet_bench.analysis.tables import Cell
 from midnet_bench.campaign.trial import factor_text
 
@@ -31,17 +23,6 @@ Key = tuple[object, ...]
 SCOPE, MEASURE = "scope", "measure"
 BOUNDS = {"difference": ("low", "high", "n")}
 """the columns of a table's differences"""
-
-
-def holm_notes(names: Sequence[str], differences: Sequence["Difference"]) -> list[str]:
-    """A sentence on differences without a verdict whose interval leaves out 0; ``names``: of each."""
-    withheld = [name for name, each in zip(names, differences, strict=True) if each.is_withheld]
-    if not withheld:
-        return []
-    return [
-        f"{'; '.join(withheld)}: no clear difference, though the interval leaves out 0: of "
-        f"{len(differences)} comparisons made together, Holm's adjusted p is above {LEVEL:g}."
-    ]
 
 
 class Difference(NamedTuple):
@@ -58,7 +39,6 @@ class Difference(NamedTuple):
     """adjusted by Holm for all that are compared together; NaN where there is no interval"""
     outlier_seed: int | None = None
     """the seed whose difference makes the interval wide, if one does"""
-
     is_identical: bool = False
     """whether both cells have the same number at every seed"""
 
@@ -73,11 +53,20 @@ class Difference(NamedTuple):
             return UNCLEAR
         return BETTER if (self.change.low > 0.0) != wants_less else WORSE
 
-    @property
-    def is_withheld(self) -> bool:
-        """Whether the interval leaves out 0 and Holm's adjusted p, of many comparisons, is above 5 %."""
-        leaves_out_0 = self.change.low > 0.0 or self.change.high < 0.0
-        return leaves_out_0 and not self.p_holm <= LEVEL
+
+def holm_notes(names: Sequence[str], differences: Sequence[Difference]) -> list[str]:
+    """A sentence on differences without a verdict whose interval leaves out 0; ``names``: of each."""
+    withheld = [
+        name
+        for name, each in zip(names, differences, strict=True)
+        if (each.change.low > 0.0 or each.change.high < 0.0) and not each.p_holm <= LEVEL
+    ]
+    if not withheld:
+        return []
+    return [
+        f"{'; '.join(withheld)}: no clear difference, though the interval leaves out 0: of "
+        f"{len(differences)} comparisons made together, Holm's adjusted p is above {LEVEL:g}."
+    ]
 
 
 def tidy(frame: pd.DataFrame, factors: Sequence[str], measures: Sequence[str]) -> pd.DataFrame:
@@ -104,8 +93,7 @@ def joined(parts: Mapping[Key, pd.DataFrame], by: Sequence[str]) -> pd.DataFrame
 def series(frame: pd.DataFrame, keys: Sequence[str]) -> dict[Key, dict[int, float]]:
     """The values of a frame of scores by seed for each combination of ``keys``, in the frame's order."""
     found: dict[Key, dict[int, float]] = {}
-    rows = frame[[*keys, "seed", "value"]].itertuples(index=False, name=None)
-    for *key, seed, value in rows:
+    for *key, seed, value in frame[[*keys, "seed", "value"]].itertuples(index=False, name=None):
         found.setdefault(tuple(key), {})[seed] = value
     return found
 
@@ -151,6 +139,8 @@ def compare(
 ) -> list[Compared]:
     """Each score of each combination of ``by`` less that of the first, on the seeds that both have.
 
+    Holm goes over all differences; an interval holds none that two such numbers cannot have.
+
     Args:
         frame: of scores, with the columns ``by``; the baseline's rows stand first.
         by: the columns that are compared; the others tell the cells apart.
@@ -161,45 +151,32 @@ def compare(
     names = [name for name in frame.columns if name not in (*by, MEASURE, "seed", "value")]
     values = series(frame, [*by, *names, MEASURE])
     contestants = list(dict.fromkeys(key[: len(by)] for key in values))
-    first = {key[len(by) :]: one for key, one in values.items() if key[: len(by)] == contestants[0]}
+    baseline = {key[len(by) :]: each for key, each in values.items() if key[: len(by)] == contestants[0]}
     shared = [
-        (contestant, cell, before, after)
+        (contestant, cell, pair(before, after, range_of(str(cell[-1]))), after)
         for contestant in contestants[0 if with_baseline else 1 :]
-        for cell, before in first.items()
+        for cell, before in baseline.items()
         if not measures or cell[-1] in measures
         for after in [values.get((*contestant, *cell), {})]
         if any(seed in after for seed in before)
     ]
-    changes = differences(
-        [(before, after) for *_, before, after in shared], [range_of(str(cell[-1])) for _, cell, *_ in shared]
-    )
+    adjusted = holm([p_value(paired.difference, 0.0, math.inf) for _, _, paired, _ in shared])
     return [
-        Compared(contestant, cell[:-1], label(names, cell[:-1]), str(cell[-1]), change, after)
-        for (contestant, cell, _, after), change in zip(shared, changes, strict=True)
-    ]
-
-
-def differences(
-    pairs: Sequence[tuple[BySeed, BySeed]], ranges: Sequence[Range] | None = None
-) -> list[Difference]:
-    """The difference of each pair, whose two cells share at least one seed; Holm goes over all pairs.
-
-    ``ranges``: of each pair's measure; an interval holds no difference that two such numbers cannot have.
-    """
-    paired = [
-        pair(first, second, within)
-        for (first, second), within in zip(pairs, ranges or [ANY] * len(pairs), strict=True)
-    ]
-    adjusted = holm([p_value(each.difference, 0.0, math.inf) for each in paired])
-    return [
-        Difference(
-            exact_mean(each.before),
-            exact_mean(each.after),
-            each.difference(1.0 - LEVEL),
-            len(each.before),
-            p_holm,
-            each.outlier_seed,
-            all(a == b or (a != a and b != b) for a, b in zip(each.before, each.after, strict=True)),
+        Compared(
+            contestant,
+            cell[:-1],
+            label(names, cell[:-1]),
+            str(cell[-1]),
+            Difference(
+                exact_mean(paired.before),
+                exact_mean(paired.after),
+                paired.difference(1.0 - LEVEL),
+                len(paired.before),
+                p_holm,
+                paired.outlier_seed,
+                all(a == b or (a != a and b != b) for a, b in zip(paired.before, paired.after, strict=True)),
+            ),
+            after,
         )
-        for each, p_holm in zip(paired, adjusted, strict=True)
+        for (contestant, cell, paired, after), p_holm in zip(shared, adjusted, strict=True)
     ]

@@ -15,10 +15,10 @@ import warnings
 import weakref
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -50,10 +50,7 @@ _EXACTLY: dict[str, Any] = {"float_precision": "round_trip"} if pd.__version__ <
 """floats to their last digit, which is what pandas does unasked since 3.1"""
 
 
-Made = TypeVar("Made")
-
-
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Results:
     """A campaign and what its trials gave."""
 
@@ -70,7 +67,6 @@ class Results:
     """a row for each trial: ``status`` (finished, failed), ``wall_s``, ``simulated_s``, ``finished_utc``"""
     failures: pd.DataFrame
     """a row for each trial that failed, with its ``reason``; no columns if none did"""
-    _made: dict[object, object] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __repr__(self) -> str:
         grid = ", ".join(f"{name}={values}" for name, values in self.definition.grid.items())
@@ -78,12 +74,6 @@ class Results:
             f"<Results of {self.definition.experiment} in {self.directory}: {self.finished} trials"
             f"{f' over {grid}' if grid else ''}; tables: {', '.join(self.tables)}>"
         )
-
-    def once(self, make: Callable[["Results"], Made]) -> Made:
-        """What ``make`` makes of these results, made at its first use and kept."""
-        if make not in self._made:
-            self._made[make] = make(self)
-        return cast(Made, self._made[make])
 
     @property
     def factors(self) -> list[str]:
@@ -121,18 +111,16 @@ class Results:
         Raises:
             InputError: the campaign has no such parameter, and there is no default.
         """
+        given, variants = self.definition.parameters, self.definition.variants
         if parameter in self.definition.grid:
             return frame[parameter]
-        if any(parameter in changes for changes in self.definition.variants.values()):
-            by_name = {
-                name: {**self.definition.parameters, **changes}.get(parameter)
-                for name, changes in self.definition.variants.items()
-            }
-            return frame[VARIANT].map(by_name)
-        if default is None and parameter not in self.definition.parameters:
+        if any(parameter in changes for changes in variants.values()):
+            return frame[VARIANT].map(
+                {name: {**given, **changes}.get(parameter) for name, changes in variants.items()}
+            )
+        if default is None and parameter not in given:
             raise InputError(f"{self.directory / CONFIGURATION}: parameters.{parameter}: missing")
-        value = self.definition.parameters.get(parameter, default)
-        return pd.Series([value] * len(frame), index=frame.index)
+        return pd.Series([given.get(parameter, default)] * len(frame), index=frame.index)
 
     def whole_numbers(self, frame: pd.DataFrame, parameter: str) -> pd.Series:
         """As :meth:`column`. Raises InputError too if they are no whole numbers."""
@@ -158,23 +146,23 @@ class Results:
         Raises:
             InputError: the grid has no such factor.
         """
-        if factor not in self.definition.grid:
-            known = self.factors
+        given, known = self.definition, self.factors
+        if factor not in given.grid:
             raise InputError(
                 f"{self.directory}: the grid has no factor '{factor}'{nearest_name(factor, known)}"
             )
-        return {str(value): self._of_value(factor, value) for value in self.definition.grid[factor]}
+        grid = {name: values for name, values in given.grid.items() if name != factor}
+        variants = {} if factor == VARIANT else given.variants
+        parts = {}
+        for value in given.grid[factor]:
+            parameters = given.parameters_of({factor: value})
+            of_value = replace(given, grid=grid, parameters=parameters, variants=variants)
+            parts[str(value)] = self._part(of_value, factor, value)
+        return parts
 
     def of_seed(self, seed: int) -> "Results":
         """The campaign's trials of one seed."""
         return self._part(replace(self.definition, base_seed=seed, trials=1), "seed", seed)
-
-    def _of_value(self, factor: str, value: Scalar) -> "Results":
-        grid = {name: values for name, values in self.definition.grid.items() if name != factor}
-        parameters = self.definition.parameters_of({factor: value})
-        variants = {} if factor == VARIANT else self.definition.variants
-        changed = replace(self.definition, grid=grid, parameters=parameters, variants=variants)
-        return self._part(changed, factor, value)
 
     def _part(self, definition: Definition, column: str, value: Scalar) -> "Results":
         """The trials with that value in a column, which is there no more unless it is the seed."""
@@ -212,22 +200,19 @@ def load_results(directory: str | Path, tables_of: TablesOf | None = None) -> Re
     """
     directory = Path(directory)
     if (directory / FILE_NAME).exists():
-        return _from_store(directory, tables_of)
+        with contextlib.ExitStack() as held:
+            temporary = temporary_folder(Path(tempfile.gettempdir(), "midnet-bench-tables"))
+            folder = held.enter_context(temporary)
+            with open_store(directory / FILE_NAME) as store:
+                results = results_of(store, directory, folder, tables_of)
+            weakref.finalize(results.tables, held.pop_all().close)
+        return results
     if (directory / CONFIGURATION).exists():
         return _from_files(directory, tables_of)
     raise InputError(
         f"{directory}: there is no campaign here: neither {FILE_NAME} nor {CONFIGURATION}; give the folder "
         "of one, such as results/labyrinth"
     )
-
-
-def _from_store(directory: Path, tables_of: TablesOf | None) -> Results:
-    with contextlib.ExitStack() as held:
-        folder = held.enter_context(temporary_folder(Path(tempfile.gettempdir(), "midnet-bench-tables")))
-        with open_store(directory / FILE_NAME) as store:
-            results = results_of(store, directory, folder, tables_of)
-        weakref.finalize(results.tables, held.pop_all().close)
-    return results
 
 
 def results_of(store: Store, directory: Path, folder: Path, tables_of: TablesOf | None = None) -> Results:
@@ -242,12 +227,13 @@ def results_of(store: Store, directory: Path, folder: Path, tables_of: TablesOf 
     Raises:
         InputError: a trial is damaged or has other tables, or the folder cannot be written.
     """
-    expected = {} if tables_of is None else tables_of(store.definition, directory)
-    written = export_csv(store, folder, expected)
+    definition = store.definition
+    expected = {} if tables_of is None else tables_of(definition, directory)
     files = {
-        path.stem: _File(path, store.definition, expected.get(path.stem), is_checked=True) for path in written
+        path.stem: _File(path, definition, expected.get(path.stem), is_checked=True)
+        for path in export_csv(store, folder, expected)
     }
-    return _results(directory, store.definition, store.runs(), files)
+    return _results(directory, definition, store.runs(), files)
 
 
 def _from_files(directory: Path, tables_of: TablesOf | None) -> Results:
@@ -270,7 +256,13 @@ def _from_files(directory: Path, tables_of: TablesOf | None) -> Results:
     about_trials = {name: files[name] for name in (TIMING, FAILURES) if name in files}
     if tables and (TIMING not in files or files[TIMING].frame.empty):
         raise InputError(f"{directory / TIMING}.csv: missing, or without trials; {RESTORE}")
-    return _results(directory, definition, _provenance(directory / PROVENANCE), tables | about_trials)
+    path = directory / PROVENANCE
+    try:
+        runs = json.loads(read_bounded(path, MOST_JSON_BYTES)) if path.exists() else []
+    except (OSError, RecursionError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+    provenance = [run for run in (runs if isinstance(runs, list) else [runs]) if isinstance(run, dict)]
+    return _results(directory, definition, provenance, tables | about_trials)
 
 
 def _results(
@@ -278,24 +270,11 @@ def _results(
 ) -> Results:
     for note in versions_note(provenance):
         logging.getLogger("midnet_bench").warning("%s: note: %s", directory, note)
-    timing, failures = (files.pop(name, None) for name in (TIMING, FAILURES))
-    empty = pd.DataFrame()
-    return Results(
-        directory,
-        definition,
-        provenance,
-        _Tables({name: partial(getattr, file, "frame") for name, file in files.items()}),
-        empty if timing is None else timing.frame,
-        empty if failures is None else failures.frame,
+    timing, failures = (
+        files.pop(name).frame if name in files else pd.DataFrame() for name in (TIMING, FAILURES)
     )
-
-
-def _provenance(path: Path) -> list[Provenance]:
-    try:
-        runs = json.loads(read_bounded(path, MOST_JSON_BYTES)) if path.exists() else []
-    except (OSError, RecursionError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
-    return [run for run in (runs if isinstance(runs, list) else [runs]) if isinstance(run, dict)]
+    tables = _Tables({name: partial(getattr, file, "frame") for name, file in files.items()})
+    return Results(directory, definition, provenance, tables, timing, failures)
 
 
 @dataclass(frozen=True)
@@ -329,17 +308,12 @@ class _File:
         grid = self.definition.grid
         known = {} if self.table is None else self.table.columns
         # pandas would take a column of texts such as 'false' for booleans
-        texts = {name: "str" for name, column in known.items() if column.kind is str}
+        texts = [name for name, column in known.items() if column.kind is str]
+        kinds = {**dict.fromkeys(texts, "str"), **dict.fromkeys(grid, "category")}
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", pd.errors.DtypeWarning)  # texts among numbers: see _check
-                frame = pd.read_csv(
-                    self.path,
-                    dtype={**texts, **dict.fromkeys(grid, "category")},
-                    keep_default_na=False,
-                    na_values=[""],
-                    **_EXACTLY,
-                )
+                frame = pd.read_csv(self.path, dtype=kinds, keep_default_na=False, na_values=[""], **_EXACTLY)
         except pd.errors.EmptyDataError:
             return pd.DataFrame()
         except (OSError, EOFError, ValueError, zlib.error) as error:  # pandas' own errors are among them
@@ -367,23 +341,21 @@ class _File:
         """Raises InputError unless the columns hold what those of this table do."""
         columns = {"seed": SEED, **table.columns}
         for name, column in columns.items():
-            if name in frame:
-                if (odd := first_invalid(frame[name], column)) is not None:
-                    got = shown(frame[name].tolist()[odd])
-                    raise self._fault(frame, odd, f"column '{name}': {column.wanted} is needed (got {got})")
-            else:
+            if name not in frame:
                 raise InputError(f"{self.path}: the column '{name}' is missing; {RESTORE}")
-        keys = [*self.definition.grid, "seed"]
-        if table.one_row and frame.duplicated(keys).any():
-            odd = int(frame.duplicated(keys).to_numpy().argmax())
-            raise self._fault(frame, odd, "the same trial is there twice")
+            if (row := first_invalid(frame[name], column)) is not None:
+                got = shown(frame[name].tolist()[row])
+                raise self._fault(frame, row, f"column '{name}': {column.wanted} is needed (got {got})")
+        is_repeated = frame.duplicated([*self.definition.grid, "seed"]).to_numpy()
+        if table.one_row and is_repeated.any():
+            raise self._fault(frame, int(is_repeated.argmax()), "the same trial is there twice")
         for name, column in columns.items():
             if column.at_most is not None:
                 limits = frame.get(column.at_most, self.definition.parameters.get(column.at_most))
                 above = (frame[name] > limits).to_numpy()
                 if above.any():
-                    odd = int(above.argmax())
-                    raise self._fault(frame, odd, f"column '{name}': more than {column.at_most}")
+                    what = f"column '{name}': more than {column.at_most}"
+                    raise self._fault(frame, int(above.argmax()), what)
 
     def _fault(self, frame: pd.DataFrame, row: int, what: str) -> InputError:
         key = {name: frame[name].tolist()[row] for name in [*self.definition.grid, "seed"]}
@@ -392,7 +364,8 @@ class _File:
 
 def first_invalid(cells: pd.Series, column: Column) -> int | None:
     """The index of the first cell that a column cannot have; None if there is none."""
-    if column.kind in (int, float) and cells.dtype.kind in "iuf":
+    is_number = column.kind in (int, float)
+    if is_number and cells.dtype.kind in "iuf":
         values = cells.to_numpy(np.float64)
         odd = ~((values >= column.least) & (values <= column.most))
         if column.kind is int:
@@ -407,7 +380,7 @@ def first_invalid(cells: pd.Series, column: Column) -> int | None:
             for value in cells.unique().tolist()
         }
         odd = ~cells.map(is_held).to_numpy(bool)
-        if column.kind in (int, float) and len(odd) and not odd.any():
+        if is_number and len(odd) and not odd.any():
             return 0  # pandas has found a text that Python takes for a number, such as 1_000
     return int(odd.argmax()) if odd.any() else None
 

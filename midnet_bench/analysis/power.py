@@ -2,12 +2,16 @@
 
 Student's t test, two-sided, by the noncentral t distribution: the same statistic as the intervals' but for
 their correction for skewness. Trials are the unit, so the variance is taken from the spread of whole trials,
-and what intruders of one trial share is in it. With separate seeds the test compares two teams of n trials
+and what intruders of one trial share is in it. With separate seeds the test compares two groups of n trials
 each; with common seeds it is the test of n differences seed by seed (items 70 and 71).
+
+In all functions ``variance`` is that of what one trial contributes, in squared units of ``difference``: with
+two ``groups`` (separate seeds) the sum of both, with one (pairs) that of the paired differences.
 """
 
 import math
 from collections.abc import Iterable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,17 +24,11 @@ PILOT = 0.9
 """the confidence at which a pilot's variance is bounded"""
 MAX_TRIALS = 10**9
 
+BySeed = Mapping[int, float]
+
 
 def probability_to_detect(variance: float, difference: float, trials: int, groups: int) -> float:
-    """How probably a test at 5 % finds a true difference.
-
-    Args:
-        variance: of what one trial contributes, in squared units of ``difference``: with two groups the sum
-            of both, with one that of the paired differences.
-        difference: the true one.
-        trials: in each group, at least 2.
-        groups: 2 for separate seeds, 1 for pairs.
-    """
+    """How probably a test at 5 % finds a true difference with so many trials in each group, at least 2."""
     from scipy import stats  # takes a second to import, and tables are made without any power
 
     freedom = groups * (trials - 1)
@@ -42,7 +40,7 @@ def probability_to_detect(variance: float, difference: float, trials: int, group
 
 
 def sample_size(variance: float, difference: float, power: float = POWER, groups: int = 1) -> float:
-    """How many trials show ``difference`` with probability ``power``; the arguments as above.
+    """How many trials show ``difference`` with probability ``power``.
 
     NaN where the variance is; infinite above a thousand million.
     """
@@ -82,14 +80,8 @@ def true_power(
 ) -> tuple[float, float]:
     """Between what the power really is with as many trials as :func:`sample_size` advises; NaN as there.
 
-    The variance is a pilot's: the true one lies within its chi-square interval at 90 %.
-
-    Args:
-        variance: as the pilot has it.
-        freedom: degrees of freedom that the pilot's variance stands on.
-        difference: as above, and so are ``power`` and ``groups``.
-        power: see above.
-        groups: see above.
+    The variance is a pilot's, with so many degrees of freedom: the true one lies within its chi-square
+    interval at 90 %.
     """
     trials = sample_size(variance, difference, power, groups)
     if not math.isfinite(trials):
@@ -103,42 +95,31 @@ def true_power(
     return float(low), float(high)
 
 
-def pilot_note(
-    pilots: Iterable[tuple[Mapping[int, float], Mapping[int, float]]], difference: float, power: float = POWER
-) -> list[str]:
-    """How sure the advice is that two cells' trials give, over all such ``pilots``: a sentence, or none.
-
-    The arguments of each are those of :func:`power_cells`.
-    """
-    found: dict[str, list[tuple[float, float]]] = {"pairs": [], "separate trials": []}
+def pilot_note(pilots: Iterable[tuple[BySeed, BySeed]], difference: float, power: float = POWER) -> list[str]:
+    """How sure the advice is that two cells' trials give, over all such ``pilots``: a sentence, or none."""
+    found: dict[str, list[tuple[float, float]]] = {}
     fewest = math.inf
     for first, second in pilots:
-        paired, separate, freedom = _variances(first, second)
-        common = len(first.keys() & second.keys())
-        for kind, variance, on, groups in (
-            ("pairs", paired, common - 1.0, 1),
-            ("separate trials", separate, freedom, 2),
-        ):
-            low, high = true_power(variance, on, difference, power, groups)
+        paired, separate = _spreads(first, second)
+        for kind, spread, groups in (("pairs", paired, 1), ("separate trials", separate, 2)):
+            low, high = true_power(*spread, difference, power, groups)
             if not math.isnan(low):
-                found[kind].append((low, high))
+                found.setdefault(kind, []).append((low, high))
                 fewest = min(fewest, len(first), len(second))
-    parts = [
-        f"{min(low for low, _ in one):.2f} to {max(high for _, high in one):.2f} with the advised {kind}"
-        for kind, one in found.items()
-        if one
-    ]
-    if not parts:
+    if not found:
         return []
+    parts = [
+        f"{min(low for low, _ in found[kind]):.2f} to {max(high for _, high in found[kind]):.2f} with the "
+        f"advised {kind}"
+        for kind in sorted(found)
+    ]
     return [
         f"The advice stands on {fewest:.0f} trials per team size, which tell the spread only roughly: the "
         f"true power is {' and '.join(parts)} ({100 * PILOT:.0f} % chi-square interval of the variance)."
     ]
 
 
-def power_cells(
-    first: Mapping[int, float], second: Mapping[int, float], difference: float, power: float = POWER
-) -> dict[str, Cell]:
+def power_cells(first: BySeed, second: BySeed, difference: float, power: float = POWER) -> dict[str, Cell]:
     """Sample sizes for a difference between two cells, with separate and with common seeds.
 
     Args:
@@ -147,7 +128,7 @@ def power_cells(
         difference: the true difference, not zero.
         power: the probability of finding it.
     """
-    paired, separate, _ = _variances(first, second)
+    (paired, _), (separate, _) = _spreads(first, second)
     trials, common = min(len(first), len(second)), len(first.keys() & second.keys())
     return {
         "trials": trials,
@@ -160,15 +141,22 @@ def power_cells(
     }
 
 
-def _variances(first: Mapping[int, float], second: Mapping[int, float]) -> tuple[float, float, float]:
-    """Of differences seed by seed; of both cells together, and its degrees of freedom by Satterthwaite."""
+class Spread(NamedTuple):
+    """A variance and the degrees of freedom that it stands on."""
+
+    variance: float
+    freedom: float
+
+
+def _spreads(first: BySeed, second: BySeed) -> tuple[Spread, Spread]:
+    """Of differences seed by seed; of both cells together, by Satterthwaite."""
     common = sorted(first.keys() & second.keys())
-    paired = _variance([second[seed] - first[seed] for seed in common])
+    paired = Spread(_variance([second[seed] - first[seed] for seed in common]), len(common) - 1.0)
     one, other = _variance(list(first.values())), _variance(list(second.values()))
     if math.isnan(one + other):
-        return paired, math.nan, math.nan
+        return paired, Spread(math.nan, math.nan)
     below = one**2 / (len(first) - 1) + other**2 / (len(second) - 1)
-    return paired, one + other, (one + other) ** 2 / below
+    return paired, Spread(one + other, (one + other) ** 2 / below)
 
 
 def _variance(values: list[float]) -> float:

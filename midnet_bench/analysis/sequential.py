@@ -12,7 +12,6 @@ truth: 95 % in the mean, 93 to 98 % at single probabilities, since shares come i
 """
 
 import math
-from collections.abc import Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -26,21 +25,27 @@ LEVEL = 0.05
 BATCH = 40
 """trials between two looks"""
 
+FloatArray = npt.NDArray[np.float64]
 
-class End(NamedTuple):
-    """A way in which the trials may end."""
 
-    stage: int
+class Ends(NamedTuple):
+    """All ways in which the trials may end, (n,) each."""
+
+    stages: npt.NDArray[np.int64]
     """how many batches were run"""
-    successes: int
-    is_above: bool | None
-    """the decision; None: the most trials were run without one"""
+    successes: npt.NDArray[np.int64]
+    sides: npt.NDArray[np.int64]
+    """1 if the decision is that the probability is above the threshold, -1 below, 0 without a decision"""
+    log_ways: FloatArray
+    """logarithm of the number of sequences of trials that lead there"""
 
-    @property
-    def order(self) -> tuple[int, int, int]:
-        """Ends that speak for a higher probability come later."""
-        side = 0 if self.is_above is None else 1 if self.is_above else -1
-        return side, -side * self.stage, self.successes
+    def probabilities(self, p: float) -> FloatArray:
+        """Of each end, where each trial succeeds with the probability ``p``."""
+        failures, logs = self.stages * BATCH - self.successes, self.log_ways
+        with np.errstate(divide="ignore", invalid="ignore"):
+            logs = logs + np.where(self.successes > 0, self.successes * np.log(p), 0.0)
+            logs = logs + np.where(failures > 0, failures * np.log1p(-p), 0.0)
+        return np.exp(logs)
 
 
 class SequentialTest:
@@ -72,14 +77,16 @@ class SequentialTest:
         """
         from scipy.optimize import brentq
 
-        here = End(trials // BATCH, successes, self.decision(successes, trials)).order
-        orders = np.array([end.order for end, _ in self._ends])
-        keys = [tuple(order) for order in orders.tolist()]
-        above = np.array([key > here for key in keys]) + 0.5 * np.array([key == here for key in keys])
+        ends = self._ends
+        # ends that speak for a higher probability come later
+        orders = np.stack((ends.sides, -ends.sides * ends.stages, ends.successes), axis=1).tolist()
+        is_here = (ends.stages == trials // BATCH) & (ends.successes == successes)
+        here = orders[int(is_here.argmax())]
+        above = np.array([(order > here) + 0.5 * (order == here) for order in orders])
 
-        def tail(p: float, shares: npt.NDArray[np.float64]) -> float:
+        def tail(p: float, shares: FloatArray) -> float:
             """The probability of an end that is as extreme, this one counted by half, less half the level."""
-            return float(shares @ _probabilities(self._ends, p)) - LEVEL / 2.0
+            return float(shares @ ends.probabilities(p)) - LEVEL / 2.0
 
         low = 0.0 if successes == 0 else brentq(tail, 0.0, 1.0, (above,))
         high = 1.0 if successes == trials else brentq(tail, 0.0, 1.0, (1.0 - above,))
@@ -104,18 +111,17 @@ class SequentialTest:
         while high - low > 1e-3:
             middle = (low + high) / 2.0
             ends = self._ends_by(middle)
-            decided = np.array([end.is_above is not None for end, _ in ends])
-            chance = float(_probabilities(ends, self.threshold) @ decided)
+            chance = float(ends.probabilities(self.threshold) @ (ends.sides != 0))
             low, high = (low, middle) if chance <= LEVEL else (middle, high)
         return high
 
     @cached_property
-    def _ends(self) -> "list[Way]":
+    def _ends(self) -> Ends:
         return self._ends_by(self._bound)
 
-    def _ends_by(self, bound: float) -> "list[Way]":
+    def _ends_by(self, bound: float) -> Ends:
         """All ways to end with a bound."""
-        ends: list[Way] = []
+        ends: list[tuple[int, int, int, float]] = []
         batch = np.array([math.comb(BATCH, k) for k in range(BATCH + 1)], dtype=np.float64)
         ways = np.ones(1)
         for stage in range(1, self.most // BATCH + 1):
@@ -123,22 +129,8 @@ class SequentialTest:
             for successes in np.flatnonzero(ways).tolist():
                 is_decided = self._log_ratio(successes, trials) >= bound
                 if is_decided or trials >= self.most:
-                    is_above = successes / trials > self.threshold if is_decided else None
-                    ends.append((End(stage, successes, is_above), math.log(ways[successes])))
+                    side = (1 if successes / trials > self.threshold else -1) if is_decided else 0
+                    ends.append((stage, successes, side, math.log(ways[successes])))
                     ways[successes] = 0.0
-        return ends
-
-
-Way = tuple[End, float]
-"""an end, and the logarithm of the number of sequences of trials that lead there"""
-
-
-def _probabilities(ends: Sequence[Way], p: float) -> npt.NDArray[np.float64]:
-    """Of each end, (n,), where each trial succeeds with the probability ``p``."""
-    successes = np.array([end.successes for end, _ in ends])
-    failures = np.array([end.stage * BATCH for end, _ in ends]) - successes
-    logs = np.array([log_ways for _, log_ways in ends])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        logs = logs + np.where(successes > 0, successes * np.log(p), 0.0)
-        logs = logs + np.where(failures > 0, failures * np.log1p(-p), 0.0)
-    return np.exp(logs)
+        stages, successes_of, sides, log_ways = map(np.array, zip(*ends, strict=True))
+        return Ends(stages, successes_of, sides, log_ways)

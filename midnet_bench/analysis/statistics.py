@@ -1,9 +1,8 @@
 """How sure a number is: 95 % intervals over trials, for few trials as for many.
 
-Trials are the unit everywhere. Frames of one trial are 0.2 s apart and intruders of one trial share
-guards and walls, so treating either as independent makes intervals too narrow (items 51, 67).
-
-Two methods, both in closed form; ``benchmarks/coverage.py`` measures how often each holds the truth:
+Trials are the unit everywhere: frames of one trial are 0.2 s apart and its intruders share guards and walls,
+so treating either as independent makes intervals too narrow (items 51, 67). ``benchmarks/coverage.py``
+measures how often the two methods hold the truth:
 
 * a mean, a difference seed by seed, a ratio of sums: Student's t, from five trials on corrected for
   skewness by Hall's transformation (Hall 1992, "On the removal of skewness by transformation");
@@ -11,11 +10,9 @@ Two methods, both in closed form; ``benchmarks/coverage.py`` measures how often 
   quantile (Dean and Pagano 2015). Where all trials are 0 or all are 1 a trial counts as one yes or no.
 
 Two trials cannot tell how far trials spread: an interval takes three. Nor can trials that all give one
-number, unless it is a share.
-
-Sums are exact and rounded once (``math.fsum``), so the order of trials, Python's version and the processor do
-not change them. Two functions are rounded as their library rounds: Student's quantile (SciPy) and the cube
-root (the C library); on another processor the last digits of an interval may differ by them.
+number, unless it is a share. Sums are exact and rounded once (``math.fsum``), so the order of trials,
+Python's version and the processor do not change them; Student's quantile (SciPy) and the cube root (the C
+library) may differ in the last digits on another processor.
 """
 
 import math
@@ -23,12 +20,17 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
 MIN_TRIALS = 3
 """for an interval"""
 MIN_FOR_SKEWNESS = 5
 """three or four numbers show no skewness: theirs is Student's plain interval"""
 WIDE = 1.5
 """times Student's length: from there on the correction for skewness makes an interval wide"""
+RESAMPLES = 10_000
+"""of the seeds, always the same ones"""
 MEAN_METHOD = "95 % intervals: Student's t, corrected for skewness"
 SHARE_METHOD = "95 % intervals: Wilson's score"
 """for titles of tables and figures"""
@@ -37,6 +39,8 @@ OUTLIER_NOTE = (
     "run more seeds."
 )
 """for tables with a column of that name"""
+
+FloatArray = npt.NDArray[np.float64]
 
 
 class Estimate(NamedTuple):
@@ -48,12 +52,17 @@ class Estimate(NamedTuple):
     n: int
     """how many trials it stands on"""
 
+    def times(self, factor: float) -> "Estimate":
+        """The number in another unit."""
+        return Estimate(factor * self.value, factor * self.low, factor * self.high, self.n)
+
 
 Interval = Callable[[float], Estimate]
 """The estimate with its interval at a confidence, such as 0.95."""
 Range = tuple[float, float]
 """the least and the greatest value that a number can have"""
 ANY: Range = (-math.inf, math.inf)
+NOT_NEGATIVE: Range = (0.0, math.inf)
 
 
 def mean(values: Sequence[float], confidence: float = 0.95, within: Range = ANY) -> Estimate:
@@ -66,9 +75,9 @@ def mean(values: Sequence[float], confidence: float = 0.95, within: Range = ANY)
     """
     defined = _defined(values)
     if not defined:
-        return Estimate(math.nan, math.nan, math.nan, 0)
+        return _undefined(0)
     value = exact_mean(defined)
-    below, above = _halls_bounds([one - value for one in defined], max(map(abs, defined)), confidence)
+    below, above = _halls_bounds([each - value for each in defined], max(map(abs, defined)), confidence)
     # NaN comes first: max and min give it back then
     return Estimate(value, max(value - below, within[0]), min(value + above, within[1]), len(defined))
 
@@ -77,8 +86,7 @@ def share(values: Sequence[float], confidence: float = 0.95) -> Estimate:
     """The mean over trials of shares between 0 and 1, and its interval, which lies there too.
 
     Args:
-        values: one per trial, such as its precision or the share of its intruders that were caught; NaN is
-            left out.
+        values: one per trial, such as its precision; NaN is left out.
         confidence: 0.95 for a 95 % interval.
 
     Raises:
@@ -87,13 +95,13 @@ def share(values: Sequence[float], confidence: float = 0.95) -> Estimate:
     defined = _defined(values)
     n = len(defined)
     if n == 0:
-        return Estimate(math.nan, math.nan, math.nan, 0)
+        return _undefined(0)
     least, most = min(defined), max(defined)
     if least < 0.0 or most > 1.0:
         raise ValueError(f"a share lies between 0 and 1, got {least:g} to {most:g}")
     value = exact_mean(defined)
     # the mean of equal numbers may be off by a rounding, and so their variance
-    spread = exact_mean([(one - value) * (one - value) for one in defined]) if least < most else 0.0
+    spread = exact_mean([(each - value) * (each - value) for each in defined]) if least < most else 0.0
     if n < MIN_TRIALS or (spread == 0.0 and 0.0 < value < 1.0):
         return Estimate(value, math.nan, math.nan, n)
     # so many yes-or-no trials would spread as these do
@@ -110,35 +118,17 @@ def paired_difference(
 ) -> Estimate:
     """The mean of second - first over pairs of trials, and its interval as of ``mean``.
 
-    Pairs share a seed, so they share the world, and what a hard world does to both cancels out
-    (common random numbers, item 71). A pair with a NaN is left out. ``within`` is the range of the numbers
-    themselves: two shares differ by 1 at most.
+    Pairs share a seed, so what a hard world does to both cancels out (common random numbers, item 71). A pair
+    with a NaN is left out. ``within`` is the range of the numbers themselves: two shares differ by 1 at most.
 
     Raises:
         ValueError: the two differ in length.
     """
-    if len(first) != len(second):
-        raise ValueError(f"pairs are needed: {len(first)} values against {len(second)}")
+    _check_pairs(first, second)
     most = within[1] - within[0]
-    differences = [after - before for before, after in zip(first, second, strict=True)]
-    return mean(differences, confidence, (-most, most))
-
-
-def outlier(values: Sequence[float]) -> int | None:
-    """The index of the value farthest from the mean, if it makes the interval of ``mean`` wide; else None.
-
-    Wide is more than ``WIDE`` times the length that it has without the correction for skewness. It is so
-    where one value lies far from all others: few trials cannot tell how often such ones come.
-    """
-    estimate, defined = mean(values), _defined(values)
-    if estimate.n < MIN_FOR_SKEWNESS or math.isnan(estimate.low):
-        return None
-    squares = exact_sum((one - estimate.value) * (one - estimate.value) for one in defined)
-    error = math.sqrt(squares / (estimate.n - 1) / estimate.n)
-    if estimate.high - estimate.low <= WIDE * 2.0 * _student(0.95, estimate.n) * error:
-        return None
-    far = [-1.0 if math.isnan(value) else abs(value - estimate.value) for value in values]
-    return far.index(max(far))
+    return mean(
+        [after - before for before, after in zip(first, second, strict=True)], confidence, (-most, most)
+    )
 
 
 class Paired(NamedTuple):
@@ -161,16 +151,30 @@ def pair(first: Mapping[int, float], second: Mapping[int, float], within: Range 
     return Paired(before, after, difference, None if index is None else seeds[index])
 
 
+def outlier(values: Sequence[float]) -> int | None:
+    """The index of the value farthest from the mean, if it makes the interval of ``mean`` wide; else None.
+
+    Wide is more than ``WIDE`` times the length that it has without the correction for skewness. It is so
+    where one value lies far from all others: few trials cannot tell how often such ones come.
+    """
+    estimate, defined = mean(values), _defined(values)
+    if estimate.n < MIN_FOR_SKEWNESS or math.isnan(estimate.low):
+        return None
+    squares = exact_sum((each - estimate.value) * (each - estimate.value) for each in defined)
+    error = math.sqrt(squares / (estimate.n - 1) / estimate.n)
+    if estimate.high - estimate.low <= WIDE * 2.0 * _student(0.95, estimate.n) * error:
+        return None
+    far = [-1.0 if math.isnan(value) else abs(value - estimate.value) for value in values]
+    return far.index(max(far))
+
+
 def outlier_notes(outlier_seeds: Iterable[int | None]) -> list[str]:
     """The note of a table with these in its column ``outlier_seed``; none where no row has one."""
     return [OUTLIER_NOTE] if any(seed is not None for seed in outlier_seeds) else []
 
 
 def ratio_of_sums(
-    numerators: Sequence[float],
-    denominators: Sequence[float],
-    confidence: float = 0.95,
-    within: Range = ANY,
+    numerators: Sequence[float], denominators: Sequence[float], confidence: float = 0.95, within: Range = ANY
 ) -> Estimate:
     """The pooled ratio, sum over sum, and its interval as of ``mean`` on the ratio linearised in each trial.
 
@@ -181,14 +185,15 @@ def ratio_of_sums(
     Raises:
         ValueError: the two differ in length.
     """
-    if len(numerators) != len(denominators):
-        raise ValueError(f"pairs are needed: {len(numerators)} values against {len(denominators)}")
+    _check_pairs(numerators, denominators)
     n, below = len(denominators), exact_sum(denominators)
     each = below / n if n else 0.0
     if not each > 0.0:  # the mean of a denormal sum is 0
-        return Estimate(math.nan, math.nan, math.nan, n)
+        return _undefined(n)
     ratio = exact_sum(numerators) / below
-    deviations = [(one - ratio * other) / each for one, other in zip(numerators, denominators, strict=True)]
+    deviations = [
+        (above - ratio * other) / each for above, other in zip(numerators, denominators, strict=True)
+    ]
     down, up = _halls_bounds(deviations, max(map(abs, numerators)) / each, confidence)
     return Estimate(ratio, max(ratio - down, within[0]), min(ratio + up, within[1]), n)
 
@@ -225,6 +230,52 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return adjusted
 
 
+class Distance(NamedTuple):
+    """A root mean square of differences."""
+
+    value: Estimate
+    """its interval is the percentile bootstrap's at 95 %, which resamples seeds"""
+    least: float
+    """when one seed is left out; NaN of a single seed"""
+    most: float
+
+
+def distance(differences: FloatArray) -> Distance:
+    """How far many numbers are from a paper's: the root mean square of their mean differences over seeds.
+
+    Args:
+        differences: (seeds, numbers), at least one seed; NaN where a number is not defined at a seed.
+    """
+    seeds = len(differences)
+    (value,) = _distances(differences, np.ones((1, seeds)))
+    low = high = least = most = math.nan
+    if seeds > 1:
+        without_one = _distances(differences, 1.0 - np.eye(seeds))
+        least, most = float(without_one.min()), float(without_one.max())
+    if seeds >= MIN_TRIALS and not math.isnan(value):
+        often = np.random.default_rng(1).multinomial(seeds, [1.0 / seeds] * seeds, RESAMPLES)
+        low, high = np.nanquantile(_distances(differences, often.astype(np.float64)), (0.025, 0.975))
+    return Distance(Estimate(float(value), float(low), float(high), seeds), least, most)
+
+
+def _distances(differences: FloatArray, weights: FloatArray) -> FloatArray:
+    """(samples,) with ``weights`` (samples, seeds), how often each seed is in a sample.
+
+    Sums run over seeds and numbers in their order, so that they are the same on every processor.
+    """
+    is_defined = ~np.isnan(differences)
+    shape = (len(weights), differences.shape[1])
+    totals, counts, squares = np.zeros(shape), np.zeros(shape), np.zeros(len(weights))
+    for seed, (numbers, defined) in enumerate(zip(differences, is_defined, strict=True)):
+        totals += weights[:, seed, None] * np.where(defined, numbers, 0.0)
+        counts += weights[:, seed, None] * defined
+    with np.errstate(invalid="ignore"):
+        means = totals / counts
+    for column in means.T:
+        squares += column * column
+    return np.asarray(np.sqrt(squares / shape[1]))
+
+
 def exact_sum(values: Iterable[float]) -> float:
     """The exact sum, rounded once, whatever the order of the values; NaN if it is no float's."""
     try:
@@ -236,6 +287,15 @@ def exact_sum(values: Iterable[float]) -> float:
 def exact_mean(values: Collection[float]) -> float:
     """The mean of at least one value by :func:`exact_sum`."""
     return exact_sum(values) / len(values)
+
+
+def _check_pairs(first: Sequence[float], second: Sequence[float]) -> None:
+    if len(first) != len(second):
+        raise ValueError(f"pairs are needed: {len(first)} values against {len(second)}")
+
+
+def _undefined(n: int) -> Estimate:
+    return Estimate(math.nan, math.nan, math.nan, n)
 
 
 def _defined(values: Sequence[float]) -> list[float]:
@@ -258,13 +318,13 @@ def _halls_bounds(deviations: Sequence[float], size: float, confidence: float) -
     Its inverse at the two quantiles gives the bounds.
     """
     n, rounding = len(deviations), 1e-14 * size
-    spread = exact_sum(one * one for one in deviations)
+    spread = exact_sum(each * each for each in deviations)
     if n < MIN_TRIALS or spread <= n * rounding * rounding:
         return math.nan, math.nan
     deviation = math.sqrt(spread / (n - 1))
     skewness, cubed = 0.0, deviation * deviation * deviation
     if n >= MIN_FOR_SKEWNESS and cubed > 0.0:  # which underflows below 1e-108
-        skewness = exact_mean([one * one * one for one in deviations]) / cubed
+        skewness = exact_mean([each * each * each for each in deviations]) / cubed
     quantile = _student(confidence, n)
     return (
         deviation * _untransformed(quantile / math.sqrt(n), skewness, n),

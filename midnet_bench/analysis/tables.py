@@ -74,34 +74,29 @@ class Table:
         """A pipe table, numbers to the right."""
         # a bar in a cell would begin another one
         cells = [[cell.replace("|", "\\|") for cell in line] for line in [self.heads, *self.cells()]]
-        text = self._tabulated(cells, "pipe") if self.rows else ""
-        return "\n".join([text, *(f"{note}\n" for note in self.notes)])
+        return "\n".join([self._tabulated(cells, "pipe"), *(f"{note}\n" for note in self.notes)])
 
     def to_latex(self) -> str:
         """A tabular that needs the package booktabs; estimates with their intervals."""
-        text = self._tabulated([self.heads, *self.cells()], "latex_booktabs") if self.rows else ""
-        return text + "".join("\n" + note.replace("%", "\\%") + "\n" for note in self.notes)
+        notes = ("\n" + note.replace("%", "\\%") + "\n" for note in self.notes)
+        return self._tabulated([self.heads, *self.cells()], "latex_booktabs") + "".join(notes)
 
     def to_json(self) -> list[dict[str, Any]]:
         """The rows, ready for JSON: an estimate is ``{"value", "low", "high", "n"}``, undefined is None."""
         return [{name: _json(cell) for name, cell in row.items()} for row in self.rows]
 
     def write(self, directory: Path, stem: str | None = None) -> list[Path]:
-        """Write ``stem``.csv, .md and .tex into ``directory``; their paths.
-
-        Args:
-            directory: made if it is not there.
-            stem: ``name`` unless given.
-
+        """Write ``stem``.csv, .md and .tex (``name`` unless given) into a folder; their paths.
 
         Raises:
             InputError: the folder cannot be written.
             MidnetBenchError: there is no room.
         """
         forms = {".csv": self.to_csv(), ".md": self.to_markdown(), ".tex": self.to_latex()}
-        for ending, text in forms.items():
-            write_atomically(directory / f"{stem or self.name}{ending}", text)
-        return [directory / f"{stem or self.name}{ending}" for ending in forms]
+        paths = [directory / f"{stem or self.name}{ending}" for ending in forms]
+        for path, text in zip(paths, forms.values(), strict=True):
+            write_atomically(path, text)
+        return paths
 
     def _flat(self, name: str, cell: Cell) -> list[tuple[str, Scalar]]:
         if not isinstance(cell, Estimate):
@@ -110,22 +105,22 @@ class Table:
         return [(name, float(cell.value)), (low, float(cell.low)), (high, float(cell.high)), (n, cell.n)]
 
     def _tabulated(self, lines: list[list[str]], form: str) -> str:
+        if not self.rows:
+            return ""
         texts = {name for name in self.columns for row in self.rows if isinstance(row.get(name), str)}
         align = ["left" if name in texts else "right" for name in self.columns]
-        text = tabulate(lines[1:], lines[0], form, disable_numparse=True, colalign=align)
-        return f"{text}\n"
+        return f"{tabulate(lines[1:], lines[0], form, disable_numparse=True, colalign=align)}\n"
 
     def _text(self, name: str, cell: Cell) -> str:
-        digits = self.digits.get(name, 3)
         if isinstance(cell, Estimate):
-            value, low, high = (self._text(name, one) for one in cell[:3])
+            value, low, high = (self._text(name, number) for number in cell[:3])
             return value if NOT_DEFINED in (value, low, high) else f"{value} [{low}, {high}]"
         scalar = _scalar(cell)
         if scalar is None:
             return ""
-        if isinstance(scalar, float) and math.isnan(scalar):
-            return NOT_DEFINED
-        return rounded(scalar, digits) if isinstance(scalar, float) else str(scalar)
+        if not isinstance(scalar, float):
+            return str(scalar)
+        return NOT_DEFINED if math.isnan(scalar) else rounded(scalar, self.digits.get(name, 3))
 
 
 def rounded(value: float, digits: int, sign: str = "") -> str:
@@ -144,12 +139,8 @@ def signed(one: Estimate, digits: int = 3) -> str:
 
 def to_json(experiment: str | None, tables: Iterable[Table], **more: Any) -> dict[str, Any]:
     """What ``--json`` prints: the schema, the experiment, the tables by name; ``more`` beside them."""
-    return {
-        "schema": JSON_SCHEMA,
-        "experiment": experiment,
-        "tables": {table.name: table.to_json() for table in tables},
-        **more,
-    }
+    by_name = {table.name: table.to_json() for table in tables}
+    return {"schema": JSON_SCHEMA, "experiment": experiment, "tables": by_name, **more}
 
 
 def _scalar(cell: Scalar | np.generic) -> Scalar:

@@ -42,13 +42,9 @@ def test_the_ways_to_end_are_those_of_all_sequences(monkeypatch: pytest.MonkeyPa
                 chance = math.prod(p if one else 1.0 - p for one in sequence)
                 expected[stage, successes] = expected.get((stage, successes), 0.0) + chance
                 break
-    found = {
-        (end.stage, end.successes): chance
-        for (end, _), chance in zip(
-            test._ends, sequential._probabilities(test._ends, p).tolist(), strict=True
-        )
-    }
-    assert found == pytest.approx(expected)
+    ends = test._ends
+    keys = zip(ends.stages.tolist(), ends.successes.tolist(), strict=True)
+    assert dict(zip(keys, ends.probabilities(p).tolist(), strict=True)) == pytest.approx(expected)
 
 
 def test_without_an_early_end_the_interval_is_the_mid_p_one() -> None:

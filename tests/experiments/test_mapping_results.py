@@ -1,6 +1,7 @@
 """The report of a mapping campaign whose trials were written down, so that every number is known."""
 
 import csv
+import itertools
 import math
 from pathlib import Path
 
@@ -15,12 +16,11 @@ from midnet_bench.campaign.tables import encode_tables
 from midnet_bench.campaign.trial import Outcome, Row, Scalar, TrialResult, TrialSpec
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.mapping.tables import (
-    Maps,
     choice_table,
     health_table,
     measures_table,
-    rows_of,
     speedup_table,
+    teams_of,
     teams_table,
     walls_table,
 )
@@ -87,42 +87,33 @@ def mapping_store(
     return load_results(folder)
 
 
-def gaps_of(found: Results) -> Maps:
-    return rows_of(found, "gaps") if "gaps" in found.tables else {}
-
-
 def test_trials_stand_under_their_arenas_names_and_team_sizes(tmp_path: Path) -> None:
-    found = mapping_store(tmp_path, {}, failed=("map1", 3, 2))
-    maps = rows_of(found, "maps")
-    assert {arena: list(teams) for arena, teams in maps.items()} == {"map1": [1, 3], "My flat": [1, 3]}
-    assert maps["map1"][3]["seed"].tolist() == [1, 3, 4]
+    maps = teams_of(mapping_store(tmp_path, {}, failed=("map1", 3, 2)), "maps")
+    assert list(maps) == [("map1", 1), ("map1", 3), ("My flat", 1), ("My flat", 3)]
+    assert maps["map1", 3]["seed"].tolist() == [1, 3, 4]
 
 
-def test_a_teams_row_says_how_many_finished_and_covered_enough(tmp_path: Path) -> None:
+def test_a_teams_rows_count_what_finished_and_give_walls_in_centimetres(tmp_path: Path) -> None:
     changes: dict[tuple[str, int, int], Row] = {
-        ("map1", 1, 1): {"finished": False, "coverage": 0.9},
+        ("map1", 1, 1): {"finished": False, "coverage": 0.9, "wall_error_m": 0.05},
         ("map1", 1, 2): {"coverage": 0.979},
     }
-    found = mapping_store(tmp_path, changes)
-    first, *_ = teams_table(rows_of(found, "maps")).flat_rows()
+    maps = teams_of(mapping_store(tmp_path, changes), "maps")
+    first, *_ = teams_table(maps).flat_rows()
     assert (first["trials"], first["finished"], first["covered_98_percent"]) == (4, 3, 2)
     assert first["covered_percent"] == pytest.approx(100 * (0.9 + 0.979 + 2 * 0.99) / 4)
     assert (first["time_s"], first["time_s_n"]) == (102.5, 4)
-
-
-def test_walls_are_told_in_centimetres(tmp_path: Path) -> None:
-    found = mapping_store(tmp_path, {("map1", 1, 1): {"wall_error_m": 0.05}})
-    first, *_ = walls_table(rows_of(found, "maps")).flat_rows()
-    assert (first["wall_error_cm"], first["wall_error_cm_low"]) == pytest.approx((2.0, 0.0))
-    assert first["wall_error_cm_high"] > 4.0
-    assert first["occupied_precision"] == pytest.approx(0.96)
-    assert math.isnan(first["occupied_precision_high"]), "the same in all trials"
+    walls, *_ = walls_table(maps).flat_rows()
+    assert (walls["wall_error_cm"], walls["wall_error_cm_low"]) == pytest.approx((2.0, 0.0))
+    assert walls["wall_error_cm_high"] > 4.0
+    assert walls["occupied_precision"] == pytest.approx(0.96)
+    assert math.isnan(walls["occupied_precision_high"]), "the same in all trials"
 
 
 def test_the_ratio_of_times_is_paired_by_seed(tmp_path: Path) -> None:
     changes: dict[tuple[str, int, int], Row] = {("map1", 3, 4): {"time_s": 200.0}}
     found = mapping_store(tmp_path, changes, failed=("map1", 1, 1))
-    ours, flat = speedup_table(rows_of(found, "maps")).flat_rows()
+    ours, flat = speedup_table(teams_of(found, "maps")).flat_rows()
     assert ours["time_ratio"] == pytest.approx((42 + 43 + 200) / (102 + 103 + 104))
     assert (ours["baseline"], ours["faster_seeds"], ours["seeds"]) == (1, 2, 3)
     assert (flat["faster_seeds"], flat["seeds"]) == (4, 4)
@@ -142,26 +133,18 @@ def test_the_map_that_is_kept_is_the_best_of_those_that_are_whole(tmp_path: Path
         ("map1", 1, 1): {"occupied_precision": 1.0, "occupied_recall": 1.0, "finished": False},
         ("map1", 3, 1): {"occupied_precision": 1.0, "occupied_recall": 1.0},
     }
+    for robots, seed in itertools.product((1, 3), SEEDS):
+        changes['{"name": "My flat"}', robots, seed] = {"finished": False}
     found = mapping_store(tmp_path, changes, gap=("map1", 3, 1))
-    rows = choice_table(rows_of(found, "maps"), gaps_of(found)).rows
-    ours = [row for row in rows if row["arena"] == "map1"]
-    assert [(row["choice"], row["robots"], row["seed"]) for row in ours] == [
-        ("chosen", 1, 4),
-        ("2.", 3, 3),
-        ("3.", 1, 3),
-        ("worst", 3, 1),
+    rows = choice_table(teams_of(found, "maps"), teams_of(found, "gaps")).rows
+    assert [(row["arena"], row["choice"], row["robots"], row["seed"]) for row in rows] == [
+        ("map1", "chosen", 1, 4),
+        ("map1", "2.", 3, 3),
+        ("map1", "3.", 1, 3),
+        ("map1", "worst", 3, 1),
     ]
-    assert (ours[0]["gaps_m"], ours[-1]["gaps_m"]) == (0.0, 0.15)
-    assert ours[0]["occupied_f1"] == pytest.approx(2 * 0.97 * 0.99 / 1.96)
-
-
-def test_an_arena_that_nobody_finished_has_no_chosen_map(tmp_path: Path) -> None:
-    changes: dict[tuple[str, int, int], Row] = {
-        ("map1", robots, seed): {"finished": False} for robots in (1, 3) for seed in SEEDS
-    }
-    found = mapping_store(tmp_path, changes)
-    rows = choice_table(rows_of(found, "maps"), gaps_of(found)).rows
-    assert {row["arena"] for row in rows} == {"My flat"}
+    assert (rows[0]["gaps_m"], rows[-1]["gaps_m"]) == (0.0, 0.15)
+    assert rows[0]["occupied_f1"] == pytest.approx(2 * 0.97 * 0.99 / 1.96)
 
 
 def test_the_worst_seed_is_named_and_undefined_numbers_are_left_out(tmp_path: Path) -> None:
@@ -170,7 +153,7 @@ def test_the_worst_seed_is_named_and_undefined_numbers_are_left_out(tmp_path: Pa
         ("map1", 1, 2): {"wall_error_m": math.nan},
     }
     found = mapping_store(tmp_path, changes)
-    rows = measures_table(rows_of(found, "maps")).flat_rows()
+    rows = measures_table(teams_of(found, "maps")).flat_rows()
     mine = {row["measure"]: row for row in rows if (row["arena"], row["robots"]) == ("map1", 1)}
     assert (mine["coverage"]["worst"], mine["coverage"]["worst_seed"]) == (0.5, 3)
     assert (mine["time_s"]["worst"], mine["time_s"]["median"]) == (999.0, 103.0)
@@ -179,7 +162,7 @@ def test_the_worst_seed_is_named_and_undefined_numbers_are_left_out(tmp_path: Pa
 
 def test_the_robots_health_is_pooled_over_a_team(tmp_path: Path) -> None:
     found = mapping_store(tmp_path, {})
-    rows = health_table(rows_of(found, "robots")).rows
+    rows = health_table(teams_of(found, "robots")).rows
     three = rows[1]
     assert (three["robots"], three["robot_trials"], three["recoveries"]) == (3, 12, 24)
     assert three["pose_error_m"] == pytest.approx(0.02)

@@ -31,10 +31,7 @@ def made(seed: int | None) -> dict[str, str]:
     }
     cells = {name: rows(cell) for name, cell in DETECTION.items()}
     maps, robots = (
-        {
-            arena: {size: rows(team) for size, team in teams.items()}
-            for arena, teams in mapping.rows_of(MAPPING, table).items()
-        }
+        {team: rows(own) for team, own in mapping.teams_of(MAPPING, table).items()}
         for table in ("maps", "robots")
     )
     tables: list[Table] = [

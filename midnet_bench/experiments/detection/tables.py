@@ -15,8 +15,8 @@ import pandas as pd
 
 from midnet_bench.analysis import statistics
 from midnet_bench.analysis.compare import tidy
-from midnet_bench.analysis.distance import distance
 from midnet_bench.analysis.frames import Results, records
+from midnet_bench.analysis.statistics import distance
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.analysis.words import team_in_words
 from midnet_bench.campaign.definition import Definition

@@ -1,7 +1,6 @@
 """The labyrinth's figures: the paper's last one, with intervals, and how its points came about."""
 
 from collections.abc import Callable, Mapping
-from functools import partial
 
 from matplotlib.figure import Figure
 
@@ -12,6 +11,8 @@ from midnet_bench.experiments.labyrinth.trials import (
     GUARD,
     INTRUDER,
     Variant,
+    counted,
+    pooled_time,
     variants_of,
     variants_side_by_side,
 )
@@ -48,20 +49,14 @@ def comparison_figures(campaigns: Mapping[str, Results]) -> dict[str, Figure]:
 
 def success_figure(variants: Mapping[str, Variant]) -> Figure:
     """Mean success rate over team size: a panel per number of intruders, a line per variant in each."""
-    counts = sorted({count for one in variants.values() for count in one.intruder_counts})
-    panels = [
-        Panel(
-            axis_label("success_rate"),
-            {
-                name: {robots: one.success(count, robots) for robots in one.team_sizes}
-                for name, one in variants.items()
-                if count in one.intruder_counts
-            },
-            _intruders(count),
-            (-3.0, 103.0),
-        )
-        for count in counts
-    ]
+    panels = []
+    for count in sorted({count for one in variants.values() for count in one.intruder_counts}):
+        lines = {
+            name: {robots: one.success(count, robots) for robots in one.team_sizes}
+            for name, one in variants.items()
+            if count in one.intruder_counts
+        }
+        panels.append(Panel(axis_label("success_rate"), lines, counted(count, "intruder"), (-3.0, 103.0)))
     title = "Intruders caught by size of the team"
     return panel_figure(panels, axis_label("robots"), title, SHARE_METHOD, 3)
 
@@ -71,14 +66,19 @@ def details_figure(one: Variant) -> Figure:
 
     What is 0 in every cell has no panel; the figure says so.
     """
+    cells = {(intruders, robots): cell for intruders, robots, cell in one.cells()}
+    nothing = one.trials[:0]
     by_intruders: dict[str, Callable[[int, int], Estimate]] = {
-        "time to capture, s": partial(one.pooled_time, times="capture_times"),
-        "detected but not caught, %": one.not_caught,
+        "time to capture, s": lambda k, q: pooled_time(cells.get((k, q), nothing), "capture_times"),
+        "detected but not caught, %": lambda k, q: one.percent("detected_not_caught", k, q),
     }
     panels = [
         Panel(
             label,
-            {_intruders(k): {q: estimate(k, q) for q in one.team_sizes} for k in one.intruder_counts},
+            {
+                counted(k, "intruder"): {q: estimate(k, q) for q in one.team_sizes}
+                for k in one.intruder_counts
+            },
         )
         for label, estimate in by_intruders.items()
     ]
@@ -99,7 +99,3 @@ def _is_zero(panel: Panel) -> bool:
     """Whether nothing of it differs from 0, where it is known."""
     values = [estimate.value for points in panel.series.values() for estimate in points.values()]
     return all(value == 0.0 or value != value for value in values)
-
-
-def _intruders(count: int) -> str:
-    return f"{count} intruder{'s' if count > 1 else ''}"

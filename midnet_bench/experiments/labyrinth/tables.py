@@ -2,7 +2,8 @@
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 
 import pandas as pd
 
@@ -10,7 +11,7 @@ from midnet_bench.analysis.claims import Finding, comparison, finding
 from midnet_bench.analysis.compare import MEASURE, SCOPE
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.power import ALPHA, POWER, pilot_note, power_cells
-from midnet_bench.analysis.statistics import SHARE_METHOD, exact_mean, exact_sum, mean, ratio_of_sums
+from midnet_bench.analysis.statistics import NOT_NEGATIVE, SHARE_METHOD, exact_mean, exact_sum, mean
 from midnet_bench.analysis.tables import Cell, Table
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.experiment import Headline
@@ -19,34 +20,29 @@ from midnet_bench.experiments.labyrinth.trials import (
     GUARD,
     INTRUDER,
     Variant,
+    counted,
+    pooled,
+    pooled_time,
     variants_of,
     variants_side_by_side,
 )
 
 PAPER_REAL_TIME_FACTOR = 0.18
 """17 simulated hours in 92 hours, section V.B"""
-
 PAPER_DURATION_S = 17 * 3600 / 500
 """Of a trial at most: "approximately 17 hours" of simulated time for 500, section V.B. Those hours also hold
 what lies between two trials, such as the spawning of up to ten robots."""
-
 COUNTED = ("goals_reached", "goals_given_up", "collisions", "recoveries", "walls_crossed")
 
 Variants = Mapping[str, Variant]
+TableRow = Mapping[str, Cell]
 
 
 def tables(results: Results) -> list[Table]:
     """The tables of a labyrinth campaign."""
     variants = variants_of(results)
-    if not variants:
-        return []
-    return [
-        success_table(variants),
-        cells_table(variants),
-        health_table(variants),
-        speed_table(variants),
-        *metric_tables(results),
-    ]
+    made = (success_table, cells_table, health_table, speed_table) if variants else ()
+    return [*(make(variants) for make in made), *(metric_tables(results) if variants else ())]
 
 
 def headline(results: Results, reference: Results | None = None) -> Headline:
@@ -59,17 +55,14 @@ def headline(results: Results, reference: Results | None = None) -> Headline:
     variants = variants_of(results)
     sentences = []
     for name, one in variants.items():
-        rates = {robots: one.success(None, robots) for robots in one.team_sizes}
-        known = [(robots, rate) for robots, rate in rates.items() if not math.isnan(rate.value)]
-        parts = [
-            f"{robots} robot{'' if robots == 1 else 's'} {rate.value:.0f} %"
-            for robots, rate in (known[:1] + known[-1:] if len(known) > 1 else known)
-        ]
-        if parts:
-            sentences.append(f"{name + ': c' if name else 'C'}aught of all intruders: {', '.join(parts)}.")
+        rates = {robots: one.success(None, robots).value for robots in one.team_sizes}
+        known = [f"{counted(q, 'robot')} {rate:.0f} %" for q, rate in rates.items() if not math.isnan(rate)]
+        if known:
+            ends = known if len(known) == 1 else [known[0], known[-1]]
+            sentences.append(f"{name + ': c' if name else 'C'}aught of all intruders: {', '.join(ends)}.")
     trials = results.definition.trials
     following = (
-        f"{trials} trial{'' if trials == 1 else 's'} per cell say little: --seeds 20 runs the paper's number."
+        f"{counted(trials, 'trial')} per cell say little: --seeds 20 runs the paper's number."
         if trials < 20
         else f"Next: 'midnet-bench verify {results.directory}' checks each claim of the paper."
     )
@@ -83,92 +76,77 @@ def success_table(variants: Variants, name: str = "success_rate") -> Table:
     The last row is over all numbers of intruders; its unit is the seed, because trials of one seed meet
     the same intruders. ``n`` is the fewest trials (or seeds) behind a number of the row.
     """
-    rows: list[Mapping[str, Cell]] = []
-    for variant, one in variants.items():
-        for intruders in [*one.intruder_counts, None]:
-            rates = {
-                f"{robots} robot{'s' if robots > 1 else ''}": one.success(intruders, robots)
-                for robots in one.team_sizes
-            }
-            key: Mapping[str, Cell] = {"intruders": "all" if intruders is None else intruders}
-            least = min(rate.n for rate in rates.values())
-            rows.append({**_named(variants, variant), **key, **rates, "n": least})
+
+    def rows_of(one: Variant) -> Iterator[TableRow]:
+        for intruders, key in _numbers_of_intruders(one):
+            rates = {counted(robots, "robot"): one.success(intruders, robots) for robots in one.team_sizes}
+            yield {**key, **rates, "n": min(rate.n for rate in rates.values())}
+
+    rows = _rows(variants, rows_of)
     title = f"Success rate, percent ({SHARE_METHOD}, over trials)"
-    robots = {column: 1 for row in rows for column in row if column.endswith(("robot", "robots"))}
-    return Table(name, title, rows, robots, beside=("n",))
+    digits = {column: 1 for row in rows for column in row if column.endswith(("robot", "robots"))}
+    return Table(name, title, rows, digits, beside=("n",))
 
 
 def cells_table(variants: Variants) -> Table:
     """A row per cell: rates in percent and times in seconds, each with its 95 % interval."""
-    rows: list[Mapping[str, Cell]] = []
-    for variant, one in variants.items():
+
+    def rows_of(one: Variant) -> Iterator[TableRow]:
         for intruders, robots, cell in one.cells():
-            row: dict[str, Cell] = {
-                **_named(variants, variant),
+            ghosts = cell.assign(ghost_percents=100.0 * cell["ghost_targets"])
+            yield {
                 "intruders": intruders,
                 "robots": robots,
                 "trials": len(cell),
                 "success_rate": one.success(intruders, robots),
-                "detected_not_caught": one.not_caught(intruders, robots),
-                "time_to_detect_s": one.pooled_time(intruders, robots, "detection_times"),
-                "time_to_capture_s": one.pooled_time(intruders, robots, "capture_times"),
-                "duration_s": mean(cell["simulated_s"].tolist(), within=(0.0, math.inf)),
+                "detected_not_caught": one.percent("detected_not_caught", intruders, robots),
+                "time_to_detect_s": pooled_time(cell, "detection_times"),
+                "time_to_capture_s": pooled_time(cell, "capture_times"),
+                "duration_s": mean(cell["simulated_s"].tolist(), within=NOT_NEGATIVE),
+                "ghost_targets": pooled(ghosts, "ghost_percents", "targets", (0.0, 100.0)),
             }
-            ghosts = (100.0 * cell["ghost_targets"]).tolist()
-            row["ghost_targets"] = ratio_of_sums(ghosts, cell["targets"].tolist(), within=(0.0, 100.0))
-            rows.append(row)
-    digits = {"success_rate": 1, "detected_not_caught": 1, "duration_s": 1, "ghost_targets": 1}
-    return Table(
-        "success_rate_cells",
-        f"Labyrinth cells ({SHARE_METHOD}; of times: Student's t, corrected for skewness)",
-        rows,
-        digits,
-        beside=("ghost_targets", "detected_not_caught", "time_to_detect_s"),
-    )
+
+    title = f"Labyrinth cells ({SHARE_METHOD}; of times: Student's t, corrected for skewness)"
+    digits = dict.fromkeys(("success_rate", "detected_not_caught", "duration_s", "ghost_targets"), 1)
+    beside = ("ghost_targets", "detected_not_caught", "time_to_detect_s")
+    return Table("success_rate_cells", title, _rows(variants, rows_of), digits, beside=beside)
 
 
 def health_table(variants: Variants) -> Table:
     """How guards and intruders drove, by team size: per robot and trial, over all numbers of intruders."""
-    rows: list[Mapping[str, Cell]] = []
-    for variant, one in variants.items():
-        for size in one.team_sizes:
-            for role in (GUARD, INTRUDER):
-                robots = one.robots[(one.robots["robots"] == size) & (one.robots["role"] == role)]
-                key = {**_named(variants, variant), "robots": size, "role": role}
-                if len(robots):
-                    rows.append({**key, **_health(robots)})
-    digits = {"goals_reached": 2, "goals_given_up": 2, "recoveries": 2, "metres_per_minute": 1}
-    digits |= {"stuck_percent": 1, "most_stuck_percent": 1}
+
+    def rows_of(one: Variant) -> Iterator[TableRow]:
+        for size, role in itertools.product(one.team_sizes, (GUARD, INTRUDER)):
+            robots = one.robots[(one.robots["robots"] == size) & (one.robots["role"] == role)]
+            if len(robots):
+                present_s = exact_sum(robots["present_s"])
+                yield {
+                    "robots": size,
+                    "role": role,
+                    "robot_trials": len(robots),
+                    "metres_per_minute": 60.0 * _ratio(exact_sum(robots["distance_m"]), present_s),
+                    "stuck_percent": 100.0 * _ratio(exact_sum(robots["stuck_s"]), present_s),
+                    "most_stuck_percent": max(robots["stuck_percent"]),
+                    **{name: exact_mean(robots[name]) for name in COUNTED},
+                }
+
+    digits = dict.fromkeys(("goals_reached", "goals_given_up", "recoveries"), 2)
+    digits |= dict.fromkeys(("metres_per_minute", "stuck_percent", "most_stuck_percent"), 1)
     beside = ("recoveries", "walls_crossed", "robot_trials", "goals_given_up", "most_stuck_percent")
+    rows = _rows(variants, rows_of)
     return Table("labyrinth_health", "Health of the robots", rows, digits, beside=beside)
-
-
-def _health(robots: pd.DataFrame) -> dict[str, Cell]:
-    present_s = exact_sum(robots["present_s"])
-    row: dict[str, Cell] = {
-        "robot_trials": len(robots),
-        "metres_per_minute": 60.0 * _ratio(exact_sum(robots["distance_m"]), present_s),
-        "stuck_percent": 100.0 * _ratio(exact_sum(robots["stuck_s"]), present_s),
-        "most_stuck_percent": max(robots["stuck_percent"]),
-    }
-    return row | {name: exact_mean(robots[name]) for name in COUNTED}
-
-
-def _ratio(part: float, whole: float) -> float:
-    return part / whole if whole else math.nan
 
 
 def speed_table(variants: Variants) -> Table:
     """What a simulated second costs in seconds of one core's time, by the number of robots in the arena."""
     everything = pd.concat([one.trials for one in variants.values()])
     groups = everything.groupby(everything["intruders"] + everything["robots"])
-    every: list[tuple[int | str, pd.DataFrame]] = [(int(str(count)), trials) for count, trials in groups]
-    rows: list[Mapping[str, Cell]] = []
-    for count, trials in [*every, ("all", everything)]:
+    rows: list[TableRow] = []
+    for count, trials in [*((str(count), trials) for count, trials in groups), ("all", everything)]:
         simulated_s, wall_s = exact_sum(trials["simulated_s"]), exact_sum(trials["wall_s"])
         rows.append(
             {
-                "robots_in_arena": count,
+                "robots_in_arena": int(count) if count.isdigit() else count,
                 "trials": len(trials),
                 "simulated_s": simulated_s,
                 "wall_s": wall_s,
@@ -197,35 +175,30 @@ def claims(results: Results) -> list[Finding]:
     if results.definition.parameters.get("arena", "map2") != "map2":
         return []
     return [
-        one._replace(claim=f"{name}: {one.claim}" if name else one.claim)
+        each._replace(claim=f"{name}: {each.claim}" if name else each.claim)
         for name, variant in variants_of(results).items()
-        for one in _claims(variant)
+        for each in _claims(variant)
     ]
 
 
-def _claims(one: Variant) -> list[Finding]:
+def _claims(one: Variant) -> Iterator[Finding]:
+    def change(intruders: int | None, smaller: int, larger: int, rises: bool = True) -> Finding:
+        first, second = (one.by_seed("success_rate", intruders, size) for size in (smaller, larger))
+        against = "all intruders" if intruders is None else counted(intruders, "intruder")
+        verb = "rises" if rises else "falls"
+        claim = f"{against}: the success rate (percent) {verb} from {smaller} to {larger} robots"
+        return comparison(claim, first, second, rises, within=(0.0, 100.0))
+
     up_to_four = [size for size in one.team_sizes if size <= 4]
-    found = []
     if len(up_to_four) > 1:
-        for intruders in one.intruder_counts:
-            found.append(_change(one, intruders, up_to_four[0], up_to_four[-1], rises=True))
-        for smaller, larger in itertools.pairwise(up_to_four):
-            found.append(_change(one, None, smaller, larger, rises=True))
+        yield from (change(intruders, up_to_four[0], up_to_four[-1]) for intruders in one.intruder_counts)
+        yield from (change(None, *sizes) for sizes in itertools.pairwise(up_to_four))
     if {4, 5} <= set(one.team_sizes):
-        counts = [intruders for intruders in one.intruder_counts if intruders in (1, 5)]
-        found += [_change(one, intruders, 4, 5, rises=False) for intruders in counts]
+        yield from (change(k, 4, 5, rises=False) for k in one.intruder_counts if k in (1, 5))
     if one.team_sizes == one.intruder_counts == [1, 2, 3, 4, 5]:
         claim = f"a trial lasts at most {PAPER_DURATION_S:.0f} s on average"
-        found.append(finding(claim, one.duration, -math.inf, PAPER_DURATION_S))
-    return found
-
-
-def _change(one: Variant, intruders: int | None, smaller: int, larger: int, *, rises: bool) -> Finding:
-    first, second = one.rates_by_seed(intruders, smaller), one.rates_by_seed(intruders, larger)
-    against = "all intruders" if intruders is None else f"{intruders} intruder{'s' if intruders > 1 else ''}"
-    verb = "rises" if rises else "falls"
-    claim = f"{against}: the success rate (percent) {verb} from {smaller} to {larger} robots"
-    return comparison(claim, first, second, rises, within=(0.0, 100.0))
+        durations_s = [*one.by_seed("duration_s").values()]
+        yield finding(claim, partial(mean, durations_s, within=NOT_NEGATIVE), -math.inf, PAPER_DURATION_S)
 
 
 def measures(results: Results) -> pd.DataFrame:
@@ -235,17 +208,17 @@ def measures(results: Results) -> pd.DataFrame:
     """
     rows: list[dict[str, object]] = []
 
-    def add(one: Variant, over: Mapping[str, object], measure: str, by_seed: Mapping[int, float]) -> None:
-        for seed, value in by_seed.items():
-            rows.append({**over, **one.factors, "seed": seed, MEASURE: measure, "value": value})
+    def add(over: Mapping[str, object], measure: str, by_seed: Mapping[int, float]) -> None:
+        rows.extend({**over, "seed": seed, MEASURE: measure, "value": by_seed[seed]} for seed in by_seed)
 
     for one in variants_of(results).values():
         for robots in one.team_sizes:
-            add(one, {"robots": robots}, "caught_percent", one.rates_by_seed(None, robots))
-        over = {SCOPE: "all cells"}
-        add(one, over, "caught_percent", one.all_cells_by_seed("success_rate"))
-        add(one, over, "duration_s", one.all_cells_by_seed("duration_s"))
-        add(one, over, "time_to_capture_s", one.capture_time_by_seed())
+            over = {"robots": robots, **one.factors}
+            add(over, "caught_percent", one.by_seed("success_rate", None, robots))
+        over = {SCOPE: "all cells", **one.factors}
+        add(over, "caught_percent", one.by_seed("success_rate"))
+        add(over, "duration_s", one.by_seed("duration_s"))
+        add(over, "time_to_capture_s", one.capture_time_by_seed())
     return pd.concat([pd.DataFrame(rows, dtype=object), metric_measures(results)])
 
 
@@ -262,19 +235,19 @@ def power_table(results: Results, difference: float, robots: tuple[int, int], po
         InputError: a team size without finished trials.
     """
     variants = variants_of(results)
-    rows: list[Mapping[str, Cell]] = []
+    for (name, one), size in itertools.product(variants.items(), robots):
+        if size not in one.team_sizes:
+            where = f"{results.directory}: no finished trials with {size} robots"
+            raise InputError(f"{where} ({name})" if name else where)
     pilots = []
-    for name, one in variants.items():
-        for size in robots:
-            if size not in one.team_sizes:
-                where = f"{results.directory}: no finished trials with {size} robots"
-                raise InputError(f"{where} ({name})" if name else where)
-        for intruders in [*one.intruder_counts, None]:
-            first, second = (one.rates_by_seed(intruders, size) for size in robots)
-            key: Mapping[str, Cell] = {"intruders": "all" if intruders is None else intruders}
-            cells = power_cells(first, second, difference, power)
+
+    def rows_of(one: Variant) -> Iterator[TableRow]:
+        for intruders, key in _numbers_of_intruders(one):
+            first, second = (one.by_seed("success_rate", intruders, size) for size in robots)
             pilots.append((first, second))
-            rows.append({**_named(variants, name), **key, **cells})
+            yield {**key, **power_cells(first, second, difference, power)}
+
+    rows = _rows(variants, rows_of)
     title = (
         f"Trials per team size to show {difference:g} points between {robots[0]} and {robots[1]} robots"
         f" (two-sided {ALPHA:.0%}, power {power:.0%})"
@@ -284,6 +257,19 @@ def power_table(results: Results, difference: float, robots: tuple[int, int], po
     return Table("sample_size", title, rows, digits, notes=notes, beside=("sd", "sd_paired"))
 
 
-def _named(variants: Variants, name: str) -> dict[str, Cell]:
-    """A column for the variant where there are several."""
-    return {"variant": name} if len(variants) > 1 else {}
+def _rows(variants: Variants, rows_of: Callable[[Variant], Iterator[TableRow]]) -> list[TableRow]:
+    """The rows of all variants, with a column for the variant where there are several."""
+    return [
+        {**({"variant": name} if len(variants) > 1 else {}), **row}
+        for name, one in variants.items()
+        for row in rows_of(one)
+    ]
+
+
+def _numbers_of_intruders(one: Variant) -> list[tuple[int | None, TableRow]]:
+    """Each number, then None for all of them; and the column that says so."""
+    return [(count, {"intruders": count}) for count in one.intruder_counts] + [(None, {"intruders": "all"})]
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole else math.nan

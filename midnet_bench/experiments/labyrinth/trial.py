@@ -46,6 +46,18 @@ class Outcome:
             return "caught"
         return "at large" if math.isnan(self.escaped_at_s) else "escaped"
 
+    def row(self, number: int) -> Row:
+        """``intruders.csv``: seconds and metres."""
+        return {
+            "intruder": number,
+            "outcome": self.result,
+            "detected_at_s": self.detected_at_s,
+            "caught_at_s": self.caught_at_s,
+            "escaped_at_s": self.escaped_at_s,
+            "left_at_s": self.left_at_s,
+            "straight_m": math.dist(self.start, self.escape),
+        }
+
 
 class LabyrinthTrial(GuardedArena):
     """Map 2 in motion: intruders head for their escapes, guards patrol and pursue."""
@@ -58,6 +70,7 @@ class LabyrinthTrial(GuardedArena):
         self._doors = doors(self.arena) if parameters.escape_at == "doors" else []
         self._surfaces = surfaces(self.layout)
         self._refuge_rng = stream(seed, "refuge")
+        self._is_oracle = parameters.pursuit.rule == "oracle"
         rule = TeamPursuit(parameters.pursuit.rule, self.prior_map, stream(seed, "pursuit"))
         self.pursuit = Pursuit(self.guards, parameters.pursuit, rule)
         self.recorder = recorder_of(self, parameters)
@@ -87,11 +100,10 @@ class LabyrinthTrial(GuardedArena):
             midnet = self.next_frame(explain or self._test.record)
             if self.recorder is not None:  # before an intruder is taken out
                 number, truths = round(self.fleet.time_s * FRAME_HZ), self.truths()
-                self.recorder.take(
-                    number, midnet, truths, self.in_range(truths), pursuers=self.pursuit.pursuers
-                )
+                in_range = self.in_range(truths)
+                self.recorder.take(number, midnet, truths, in_range, pursuers=self.pursuit.pursuers)
             callback(midnet)
-            self._update_outcomes(midnet)
+            self._update(midnet)
             yield midnet
 
     def truths(self) -> list[TruthObject]:
@@ -107,47 +119,43 @@ class LabyrinthTrial(GuardedArena):
     def _placed(self, mobile_intruders: int | None) -> Layout:
         return layout_of(self._test, self.seed)
 
-    def _update_outcomes(self, midnet: Frame) -> None:
-        """Update the outcomes of this instant, and the goals of the guards.
+    def _update(self, midnet: Frame) -> None:
+        """Update the outcomes of this instant, and the goals of guards and of fleeing intruders.
 
         Outcomes go by the truth. Pursuit gets the boxes alone, but under ``oracle``.
         """
         now_s = self.fleet.time_s
-        is_oracle = self._test.pursuit.rule == "oracle"
-        if not is_oracle:
+        if not self._is_oracle:
             self._see(midnet, now_s)
         for robot in self.present:
-            self._update_outcome(robot, self._boxes_on(robot, midnet), now_s)
+            outcome = self.outcomes[robot.index]
+            boxes = self._boxes_on(robot, midnet)
+            has_arrived = math.dist(self._place(robot), outcome.escape) <= self._test.escape_radius_m
+            if outcome.result == "at large":
+                self._update_at_large(robot, boxes, has_arrived, now_s)
+            is_taken_out = outcome.result == "caught" and self._test.after_capture == "leaves"
+            if is_taken_out or has_arrived:
+                outcome.left_at_s = now_s
+                self.fleet.remove(robot)
         self.pursuit.update(now_s)
         if self._test.evasion == "flee":
             self._flee()
 
-    def _update_outcome(self, robot: MobileRobot, boxes: Sequence[tuple[Box, Guard]], now_s: float) -> None:
-        """The outcome of one intruder now; ``boxes``: those on it, each with its guard."""
-        outcome = self.outcomes[robot.index]
-        has_arrived = math.dist(self._place(robot), outcome.escape) <= self._test.escape_radius_m
-        if outcome.result == "at large":
-            self._update_at_large(robot, boxes, has_arrived, now_s)
-        is_taken_out = outcome.result == "caught" and self._test.after_capture == "leaves"
-        if is_taken_out or has_arrived:
-            outcome.left_at_s = now_s
-            self.fleet.remove(robot)
-
     def _update_at_large(
         self, robot: MobileRobot, boxes: Sequence[tuple[Box, Guard]], has_arrived: bool, now_s: float
     ) -> None:
-        """Update an intruder that is at large: detected, caught or escaped; also for an oracle."""
-        outcome, is_oracle = self.outcomes[robot.index], self._test.pursuit.rule == "oracle"
+        """Whether an intruder is detected, caught or escaped now; ``boxes``: those on it, of which guard."""
+        outcome = self.outcomes[robot.index]
         if boxes:
             outcome.detected_at_s = now_s if math.isnan(outcome.detected_at_s) else outcome.detected_at_s
-            if is_oracle:
+            if self._is_oracle:
                 self.pursuit.detected(robot.index, boxes[0][0].center, now_s)
         catchers = self._catchers(robot, boxes)
         if catchers:
             outcome.caught_at_s, outcome.caught_by = now_s, catchers[0]
         elif has_arrived:
             outcome.escaped_at_s = now_s
-        if is_oracle and outcome.result != "at large":
+        if self._is_oracle and outcome.result != "at large":
             self.pursuit.drop(robot.index)
 
     def _see(self, midnet: Frame, now_s: float) -> None:
@@ -179,14 +187,15 @@ class LabyrinthTrial(GuardedArena):
             return [guard for _, guard in boxes]
         contact_m = 2.0 * self.robot.radius_m  # robots whose centres are this near touch
         reach_m = self._test.capture_distance_m if self._test.capture == "within" else contact_m
-        place = np.array([self._place(robot)])
-        near = [
-            guard
-            for guard in self.guards_alive
-            if math.dist(self._place(guard), self._place(robot)) <= reach_m
-            and not crossed_wall(self._surfaces, np.array([self._place(guard)]), place)[0]
+        place = self._place(robot)
+        near = [(math.dist(self._place(guard), place), guard) for guard in self.guards_alive]
+        reaching = [
+            (gap_m, guard)
+            for gap_m, guard in near
+            if gap_m <= reach_m
+            and not crossed_wall(self._surfaces, np.array([self._place(guard)]), np.array([place]))[0]
         ]
-        return sorted(near, key=lambda guard: math.dist(self._place(guard), self._place(robot)))
+        return [guard for _, guard in sorted(reaching, key=lambda each: each[0])]
 
     def _place(self, robot: MobileRobot) -> Point:
         x, y = self.world.poses()[robot.index, :2].tolist()
@@ -212,11 +221,12 @@ class LabyrinthTrial(GuardedArena):
         for robot in self.present:
             is_close = lengths(guards - self._place(robot)).min() < self._test.flee_radius_m
             escape = self.outcomes[robot.index].escape
-            if is_close and robot.goal in (None, escape):
+            is_fleeing = robot.goal not in (None, escape)
+            if is_close and not is_fleeing:
                 refuges = np.array([self._free.draw(self._refuge_rng) for _ in range(REFUGES)])
                 gaps = lengths(refuges[:, None] - guards[None]).min(axis=1)
                 robot.drive_to(tuple(refuges[int(gaps.argmax())].tolist()))
-            elif not is_close and robot.goal not in (None, escape):
+            elif is_fleeing and not is_close:
                 robot.drive_to(escape)
 
 
@@ -239,26 +249,13 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
         for _ in trial.frames():
             pass
         outcomes = [trial.outcomes[robot.index] for robot in trial.intruders]
-        intruders: list[Row] = [
-            {
-                "intruder": number,
-                "outcome": outcome.result,
-                "detected_at_s": outcome.detected_at_s,
-                "caught_at_s": outcome.caught_at_s,
-                "escaped_at_s": outcome.escaped_at_s,
-                "left_at_s": outcome.left_at_s,
-                "straight_m": math.dist(outcome.start, outcome.escape),
-            }
-            for number, outcome in enumerate(outcomes, 1)
-        ]
         caught = sum(outcome.result == "caught" for outcome in outcomes)
-        duration_s = trial.fleet.time_s
         row: Row = {
             "caught": caught,
             "detected": sum(not math.isnan(outcome.detected_at_s) for outcome in outcomes),
             "escaped": sum(outcome.result == "escaped" for outcome in outcomes),
             "success_rate": 100.0 * caught / len(outcomes),
-            "duration_s": duration_s,
+            "duration_s": trial.fleet.time_s,
             "ended": "time limit" if trial.present or parameters.ends == "time_limit" else "nobody left",
             "patrol_relaxations": trial.patrol.relaxations,
             "targets": trial.targets,
@@ -266,7 +263,7 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
         }
         tables = {
             "trial": [row],
-            "intruders": intruders,
+            "intruders": [outcome.row(number) for number, outcome in enumerate(outcomes, 1)],
             "robots": trial.rows_of_robots(),
             **(trial.recorder.tables() if trial.recorder else {}),
         }
@@ -277,4 +274,4 @@ def run_labyrinth(parameters: LabyrinthParameters, seed: int) -> TrialResult:
         ]
         if parameters.record and captures:
             tables[CAPTURES] = captures
-        return TrialResult(tables, simulated_s=duration_s)
+        return TrialResult(tables, simulated_s=trial.fleet.time_s)

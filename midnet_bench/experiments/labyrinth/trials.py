@@ -1,19 +1,18 @@
 """The trials of a labyrinth campaign as data frames, sorted into cells, and their means with intervals."""
 
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import pandas as pd
 
 from midnet_bench.analysis import statistics
 from midnet_bench.analysis.frames import Results
-from midnet_bench.analysis.statistics import Estimate, exact_mean, exact_sum
+from midnet_bench.analysis.statistics import NOT_NEGATIVE, Estimate, Range, exact_mean, exact_sum
 
 GUARD, INTRUDER = "guard", "intruder"
 CELL = ["intruders", "robots"]
-TRIAL = [*CELL, "seed"]
 
 
 @dataclass(frozen=True)
@@ -23,11 +22,10 @@ class Variant:
     factors: dict[str, object]
     """that choice"""
     trials: pd.DataFrame
-    """A row per trial, by ``intruders``, ``robots`` (security robots) and ``seed``.
-
-    ``success_rate`` (Eq. 11) and ``detected_not_caught`` in percent of the intruders, ``simulated_s`` and
-    ``wall_s``; of the intruders that were detected or caught ``detection_times`` and ``capture_times`` (how
-    many) and ``detection_times_s`` and ``capture_times_s`` (their sums, seconds from the start)."""
+    """A row per trial, by ``intruders``, ``robots`` (security robots) and ``seed``: its row of the table
+    ``trial``, ``detected_not_caught`` (percent), ``simulated_s`` and ``wall_s``; of the intruders that were
+    detected or caught ``detection_times`` and ``capture_times`` (how many) and ``detection_times_s`` and
+    ``capture_times_s`` (their sums, seconds from the start)."""
     robots: pd.DataFrame
     """A row per robot and trial: its row of the table ``robots``, ``present_s`` (its time in the arena),
     ``stuck_percent`` of that time, and ``metres_per_minute``."""
@@ -44,73 +42,69 @@ class Variant:
 
     def cells(self) -> list[tuple[int, int, pd.DataFrame]]:
         """(intruders, security robots, their trials) in ascending order."""
-        return [
-            (intruders, robots, cell)
-            for intruders in self.intruder_counts
-            for robots in self.team_sizes
-            if len(cell := self.cell(intruders, robots))
-        ]
+        return [(*key, cell) for key, cell in self.trials.groupby(CELL)]  # type: ignore[misc]
 
-    def cell(self, intruders: int, robots: int) -> pd.DataFrame:
-        """The trials of one cell, which may be none."""
-        is_there = (self.trials["intruders"] == intruders) & (self.trials["robots"] == robots)
-        return self.trials[is_there]
+    def by_seed(
+        self,
+        column: str,
+        intruders: int | None = None,
+        robots: int | None = None,
+        of: pd.DataFrame | None = None,
+    ) -> dict[int, float]:
+        """The mean of a column by seed, over all numbers of intruders or team sizes that are not given.
 
-    def rates_by_seed(self, intruders: int | None, robots: int) -> dict[int, float]:
-        """Success rate by seed for a team size; over all numbers of intruders if ``intruders`` is None.
+        Trials of one seed share their intruders whatever their number, so over several cells the seed is the
+        unit, and only seeds at which all of them have finished count.
 
-        Trials of one seed share their intruders whatever their number, so over all numbers the seed is the
-        unit: the mean of its rates, for the seeds at which every number of intruders has finished.
+        Args:
+            column: of ``trials``.
+            intruders: how many; all numbers unless given.
+            robots: team size; all unless given.
+            of: rows instead of ``trials``.
         """
-        if intruders is not None:
-            return _by_seed(self.cell(intruders, robots), "success_rate", 1)
-        return self._over_intruders(self.trials, robots, "success_rate")
+        rows, cells = self.trials if of is None else of, 1
+        for name, number, numbers in zip(
+            CELL, (intruders, robots), (self.intruder_counts, self.team_sizes), strict=True
+        ):
+            if number is None:
+                cells *= len(numbers)
+            else:
+                rows = rows[rows[name] == number]
+        return _by_seed(rows[rows.groupby("seed")["seed"].transform("size") == cells], column)
 
-    def health_by_seed(self, role: str, robots: int, column: str) -> dict[int, float]:
-        """The mean of a column of ``robots`` over the robots of one role, as :meth:`rates_by_seed`."""
-        mine = self.robots[(self.robots["role"] == role) & (self.robots["robots"] == robots)]
-        return self._over_intruders(_means(mine, TRIAL, column), robots, column)
+    def percent(self, column: str, intruders: int | None, robots: int) -> Estimate:
+        """The mean over seeds of a percentage of the intruders, with its interval."""
+        values = self.by_seed(column, intruders, robots).values()
+        return statistics.share([value / 100.0 for value in values]).times(100.0)
 
     def success(self, intruders: int | None, robots: int) -> Estimate:
         """The mean success rate of a cell, percent; over all numbers of intruders if that is None."""
-        return _percent(self.rates_by_seed(intruders, robots).values())
+        return self.percent("success_rate", intruders, robots)
 
-    def not_caught(self, intruders: int, robots: int) -> Estimate:
-        """The mean share of intruders that were detected and yet not caught, percent."""
-        return _percent(self.cell(intruders, robots)["detected_not_caught"])
-
-    def pooled_time(self, intruders: int, robots: int, times: str) -> Estimate:
-        """The mean of ``capture_times`` or ``detection_times`` over intruders, seconds; trials are the unit.
-
-        It is the mean of those that were caught (or detected) alone, so a team that catches the hard ones
-        too may look slower; trials without a capture have no part in it.
-        """
-        cell = self.cell(intruders, robots)
-        cell = cell[cell[times] > 0]
-        times_s, number = cell[f"{times}_s"].tolist(), cell[times].tolist()
-        return statistics.ratio_of_sums(times_s, number, within=(0.0, math.inf))
-
-    def duration(self, confidence: float = 0.95) -> Estimate:
-        """How long a trial takes, simulated seconds, mean over all cells; seeds are the unit."""
-        durations_s = [*self.all_cells_by_seed("duration_s").values()]
-        return statistics.mean(durations_s, confidence, within=(0.0, math.inf))
-
-    def all_cells_by_seed(self, column: str) -> dict[int, float]:
-        """The mean of a column of ``trials`` over all cells by seed; seeds that lack a cell are left out."""
-        return _by_seed(self.trials, column, len(self.intruder_counts) * len(self.team_sizes))
+    def health(self, role: str, robots: int, column: str) -> Estimate:
+        """The mean of a column of ``robots`` over seeds, all numbers of intruders together."""
+        mine = self.robots[(self.robots["role"] == role) & (self.robots["robots"] == robots)]
+        per_trial = _means(mine, [*CELL, "seed"], column).reset_index()
+        return statistics.mean([*self.by_seed(column, None, robots, per_trial).values()], within=NOT_NEGATIVE)
 
     def capture_time_by_seed(self) -> dict[int, float]:
         """Seconds from the start, mean over a seed's caught intruders; seeds without any are left out."""
         times_s, times = (_by_seed(self.trials, name) for name in ("capture_times_s", "capture_times"))
         return {seed: times_s[seed] / count for seed, count in times.items() if count}
 
-    def health(self, role: str, robots: int, column: str) -> Estimate:
-        """The mean of a column of ``robots`` over seeds, all numbers of intruders together."""
-        values = self.health_by_seed(role, robots, column).values()
-        return statistics.mean(list(values), within=(0.0, math.inf))
 
-    def _over_intruders(self, trials: pd.DataFrame, robots: int, column: str) -> dict[int, float]:
-        return _by_seed(trials[trials["robots"] == robots], column, len(self.intruder_counts))
+def pooled_time(trials: pd.DataFrame, times: str) -> Estimate:
+    """The mean of ``capture_times`` or ``detection_times`` over intruders, seconds; trials are the unit.
+
+    It is the mean of those that were caught (or detected) alone, so a team that catches the hard ones
+    too may look slower; trials without a capture have no part in it.
+    """
+    return pooled(trials[trials[times] > 0], f"{times}_s", times, NOT_NEGATIVE)
+
+
+def pooled(trials: pd.DataFrame, part: str, whole: str, within: Range) -> Estimate:
+    """The ratio of two columns' sums over trials, with its interval."""
+    return statistics.ratio_of_sums(trials[part].tolist(), trials[whole].tolist(), within=within)
 
 
 def variants_of(results: Results) -> dict[str, Variant]:
@@ -118,7 +112,26 @@ def variants_of(results: Results) -> dict[str, Variant]:
 
     A campaign that varies nothing but the two numbers has one variant, named by the empty text.
     """
-    return results.once(_variants)
+    if results not in _VARIANTS:
+        _VARIANTS[results] = {} if results.table("trial").empty else _variants(results)
+    return _VARIANTS[results]
+
+
+_VARIANTS: WeakKeyDictionary[Results, dict[str, Variant]] = WeakKeyDictionary()
+"""made once for each campaign"""
+
+
+def _variants(results: Results) -> dict[str, Variant]:
+    trials, robots = _trials(results), _robots(results)
+    others = [name for name in results.factors if name not in CELL]
+    return {
+        str(name): Variant(
+            {factor: own[factor].tolist()[0] for factor in others},
+            own.sort_values(CELL, kind="stable"),
+            robots[robots["variant"] == name].sort_values(CELL, kind="stable"),
+        )
+        for name, own in trials.groupby("variant", sort=False)
+    }
 
 
 def variants_side_by_side(campaigns: Mapping[str, Results]) -> dict[str, Variant]:
@@ -130,57 +143,36 @@ def variants_side_by_side(campaigns: Mapping[str, Results]) -> dict[str, Variant
     }
 
 
-def _variants(results: Results) -> dict[str, Variant]:
-    trials = results.table("trial")
-    if trials.empty:
-        return {}
-    trials, robots = _trials(results, trials), _robots(results, trials)
-    return {
-        str(name): Variant(
-            {name: cell[name].tolist()[0] for name in results.factors if name not in CELL},
-            cell.sort_values(CELL, kind="stable"),
-            robots[robots["variant"] == name].sort_values(CELL, kind="stable"),
-        )
-        for name, cell in trials.groupby("variant", sort=False)
-    }
+def counted(number: int, noun: str) -> str:
+    """``1 robot``, ``3 robots``."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
-def _percent(values: Iterable[float]) -> Estimate:
-    """The mean of percentages over trials (or seeds), each a share of the intruders, with its interval."""
-    one = statistics.share([value / 100.0 for value in values])
-    return Estimate(100.0 * one.value, 100.0 * one.low, 100.0 * one.high, one.n)
-
-
-def _trials(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
+def _trials(results: Results) -> pd.DataFrame:
     keys = [*results.factors, "seed"]
-    placed = _placed(results, trials)
-    fates = results.table("intruders")
+    trials, fates = _placed(results, "trial"), results.table("intruders")
     for times, column in (("detection_times", "detected_at_s"), ("capture_times", "caught_at_s")):
-        groups = fates.groupby(keys, sort=False, dropna=False)[column]
-        placed = placed.join(groups.count().rename(times), on=keys)
-        placed = placed.join(
-            groups.agg(lambda values: exact_sum(values.dropna())).rename(f"{times}_s"), on=keys
-        )
-    placed = placed.join(results.timing.set_index(keys)[["simulated_s", "wall_s"]], on=keys)
-    missed = placed["detected"] - placed["caught"]
-    return placed.assign(
-        detected_not_caught=100.0 * missed / placed["intruders"],
-        simulated_s=placed["simulated_s"].fillna(placed["duration_s"]),
+        instants = fates.dropna(subset=[column]).groupby(keys, sort=False)[column]
+        sums = pd.DataFrame({times: instants.size(), f"{times}_s": instants.agg(exact_sum)})
+        trials = trials.join(sums, on=keys).fillna({times: 0, f"{times}_s": 0.0})
+    trials = trials.join(results.timing.set_index(keys)[["simulated_s", "wall_s"]], on=keys)
+    missed = trials["detected"] - trials["caught"]
+    return trials.assign(
+        detected_not_caught=100.0 * missed / trials["intruders"],
+        simulated_s=trials["simulated_s"].fillna(trials["duration_s"]),
     )
 
 
-def _robots(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
+def _robots(results: Results) -> pd.DataFrame:
     """A robot's time in the arena ends when it is taken out, or with the trial."""
     keys = [*results.factors, "seed"]
-    robots, fates = _placed(results, results.table("robots")), results.table("intruders")
+    robots, fates = _placed(results, "robots"), results.table("intruders")
     ends = fates[keys].assign(
-        role=INTRUDER,
-        number=fates.groupby(keys).cumcount(),
-        present_s=fates["left_at_s"],
+        role=INTRUDER, number=fates.groupby(keys).cumcount(), present_s=fates["left_at_s"]
     )
     robots = robots.assign(number=robots.groupby([*keys, "role"]).cumcount())
     robots = robots.merge(ends, how="left", on=[*keys, "role", "number"])
-    robots = robots.join(trials.set_index(keys)["duration_s"], on=keys)
+    robots = robots.join(results.table("trial").set_index(keys)["duration_s"], on=keys)
     present_s = robots["present_s"].fillna(robots["duration_s"])
     defined_s = present_s.where(present_s > 0.0)
     return robots.assign(
@@ -190,26 +182,22 @@ def _robots(results: Results, trials: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def _placed(results: Results, frame: pd.DataFrame) -> pd.DataFrame:
+def _placed(results: Results, table: str) -> pd.DataFrame:
     """A table with its variant and the two numbers, whether or not they are factors of the grid."""
-    return frame.assign(
-        variant=results.other_factors(frame, *CELL),
-        **{name: results.whole_numbers(frame, name) for name in CELL},
-    )
+    frame = results.table(table)
+    numbers = {name: results.whole_numbers(frame, name) for name in CELL}
+    return frame.assign(variant=results.other_factors(frame, *CELL), **numbers)
 
 
-def _by_seed(frame: pd.DataFrame, column: str, rows: int | None = None) -> dict[int, float]:
-    """The mean of a column by seed, where it is known; of seeds with so many rows alone, if that is given."""
-    if rows is not None:
-        frame = frame[frame.groupby("seed")["seed"].transform("size") == rows]
+def _by_seed(frame: pd.DataFrame, column: str) -> dict[int, float]:
+    """The mean of a column by seed, where it is known."""
     means = _means(frame.dropna(subset=[column]), ["seed"], column)
-    return dict(zip(means["seed"].tolist(), means[column].tolist(), strict=True))
+    return dict(zip(means.index.tolist(), means.tolist(), strict=True))
 
 
-def _means(frame: pd.DataFrame, keys: list[str], column: str) -> pd.DataFrame:
-    """A row for each group of rows that agree in the keys, in the order of their first rows: keys and mean.
+def _means(frame: pd.DataFrame, keys: Sequence[str], column: str) -> pd.Series:
+    """The mean of each group of rows that agree in the keys, in the order of their first rows.
 
     Of exact sums: pandas' own change with the order of the rows and with its version.
     """
-    groups = frame.groupby(keys, sort=False, dropna=False)[column]
-    return groups.agg(lambda values: exact_mean(values.tolist())).reset_index()
+    return frame.groupby([*keys], sort=False)[column].agg(lambda values: exact_mean(values.tolist()))

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import MEAN_METHOD
 from midnet_bench.drawing.charts import Panel, panel_figure
-from midnet_bench.experiments.mapping.tables import ENOUGH_COVERAGE, mean_of, rows_of
+from midnet_bench.experiments.mapping.tables import ENOUGH_COVERAGE, mean_of, teams_of
 
 PANELS = {
     "time until no frontier is left, s": {"": "time_s"},
@@ -17,8 +17,9 @@ PANELS = {
 
 def figures(results: Results) -> dict[str, Figure]:
     """``mapping``: each trial as a dot, each team's mean with its 95 % interval over seeds."""
-    panels = []
-    for arena, teams in rows_of(results, "maps").items():
+    maps, panels = teams_of(results, "maps"), []
+    for arena in dict.fromkeys(arena for arena, _ in maps):
+        teams = {size: trials for (place, size), trials in maps.items() if place == arena}
         for label, lines in PANELS.items():
             is_coverage, is_time = ("coverage" in lines.values(), "time_s" in lines.values())
             panels.append(
