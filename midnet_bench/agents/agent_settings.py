@@ -101,10 +101,10 @@ PURSUITS = ExtensionPoint(
     entry_points="midnet_bench.pursuits",
     method="pursue",
     own={
-        "nearest": "midnet_bench.agents.distance_pursuits:Nearest",
-        "all": "midnet_bench.agents.distance_pursuits:All",
-        "assignment": "midnet_bench.agents.distance_pursuits:Assignment",
-        "none": "midnet_bench.agents.distance_pursuits:Nobody",
+        "nearest": "midnet_bench.agents.pursuit:Nearest",
+        "all": "midnet_bench.agents.pursuit:All",
+        "assignment": "midnet_bench.agents.pursuit:Assignment",
+        "none": "midnet_bench.agents.pursuit:Nobody",
         "oracle": None,
     },
 )

@@ -65,36 +65,6 @@ def patrol_points(
     return points
 
 
-class Patrol:
-    """Draws patrol points for a team and counts how often the paper's conditions had to be relaxed."""
-
-    def __init__(self, points: npt.NDArray[np.float64], z_m: float, rng: np.random.Generator) -> None:
-        """``points`` (n, 2), metres: where a patrol point may lie; ``z_m``: Eq. 12."""
-        self.points = points
-        self.z_m = z_m
-        self.relaxations = 0
-        self._rng = rng
-
-    def next_point(self, position: Point, goals_of_others: Sequence[Point]) -> Point:
-        """A random point at least z from ``position`` and from each goal of the others, metres.
-
-        Robots without a goal are left out of ``goals_of_others`` (item 60); distances are straight lines
-        (item 61). One robot at the centre of an arena has no such point at all, so z shrinks by a tenth
-        after every 200 draws that fail, for this draw only (item 59).
-        """
-        keep_away = np.array([position, *goals_of_others], dtype=np.float64)
-        z_m = self.z_m
-        while True:
-            draws = self.points[self._rng.integers(len(self.points), size=DRAWS_PER_RELAXATION)]
-            gaps = draws[:, None, :] - keep_away[None, :, :]
-            good = np.flatnonzero(lengths(gaps).min(axis=1) >= z_m)
-            if len(good):
-                x, y = draws[good[0]]
-                return float(x), float(y)
-            z_m = z_m * RELAXATION if z_m > 0.01 else -math.inf
-            self.relaxations += 1
-
-
 class PatrolRule(Protocol):
     """A class of these is made anew for each trial, and may keep a state.
 
@@ -107,6 +77,37 @@ class PatrolRule(Protocol):
 
         The point should be one of ``points``; a guard gives up what it cannot reach.
         """
+
+
+class Patrol:
+    """The paper's rule: random patrol points. It counts how often its conditions had to be relaxed."""
+
+    def __init__(self, points: npt.NDArray[np.float64], z_m: float, rng: np.random.Generator) -> None:
+        """``points`` (n, 2), metres: where a patrol point may lie; ``z_m``: Eq. 12."""
+        self.points = points
+        self.z_m = z_m
+        self.relaxations = 0
+        self._rng = rng
+
+    def next_point(self, guard: int, team: Sequence[GuardState], time_s: float) -> Point:
+        """A random point at least z from the guard and from each goal of the others, metres, at any time.
+
+        Guards without a goal have no part in it (item 60); distances are straight lines (item 61). One robot
+        at the centre of an arena has no such point at all, so z shrinks by a tenth after every 200 draws that
+        fail, for this draw only (item 59).
+        """
+        goals = [one.goal for i, one in enumerate(team) if i != guard and one.goal is not None]
+        keep_away = np.array([team[guard].place, *goals], dtype=np.float64)
+        z_m = self.z_m
+        while True:
+            draws = self.points[self._rng.integers(len(self.points), size=DRAWS_PER_RELAXATION)]
+            gaps = draws[:, None, :] - keep_away[None, :, :]
+            good = np.flatnonzero(lengths(gaps).min(axis=1) >= z_m)
+            if len(good):
+                x, y = draws[good[0]]
+                return float(x), float(y)
+            z_m = z_m * RELAXATION if z_m > 0.01 else -math.inf
+            self.relaxations += 1
 
 
 class TeamPatrol:

@@ -1,7 +1,8 @@
-"""What guards may pursue, and the guards that a rule sends after it (items 53, 54).
+"""What guards may pursue, the rules that send guards after it, and those that come with the package.
 
-A target is a track of MIDNet's boxes. No truth says whether there is an intruder behind it, whether
-it was caught, or whether two tracks are one intruder.
+A target is a track of MIDNet's boxes. No truth says whether there is an intruder behind it, whether it was
+caught, or whether two tracks are one intruder (items 53, 54). Distances are straight lines between what it
+knows: the estimated poses of the guards, and where the latest boxes of the targets were.
 """
 
 import math
@@ -16,6 +17,13 @@ from midnet_bench.agents.mobile_robot import Guard, GuardState
 from midnet_bench.detectors.tracking import Tracker
 from midnet_bench.geometry import Point
 from midnet_bench.grid import OccupancyGrid
+from midnet_bench.plugins import PluginError
+
+NEAR_M = 0.5
+EMPTY_AFTER_S = 1.0
+"""A target is not there if a pursuer is this near to its place and no box was on it for this long."""
+WITH_ORACLE = "nearest"
+"""the rule that the referee's truth decides for"""
 
 
 @dataclass
@@ -39,6 +47,10 @@ class TargetState(NamedTuple):
     """the guards that pursue it, by their places in the team"""
 
 
+Team = Sequence[GuardState]
+Targets = Mapping[int, TargetState]
+
+
 class PursuitRule(Protocol):
     """Which guard pursues which target. A class of these is made anew for each trial, and may keep a state.
 
@@ -46,9 +58,7 @@ class PursuitRule(Protocol):
     0 free, -1 unknown; the trial's own generator of random numbers.
     """
 
-    def pursue(
-        self, team: Sequence[GuardState], targets: Mapping[int, TargetState], time_s: float
-    ) -> Mapping[int, int]:
+    def pursue(self, team: Team, targets: Targets, time_s: float) -> Mapping[int, int]:
         """For each guard that is to pursue now, its target; the others patrol.
 
         It is called at each frame at which there is a target. Targets that were not seen for a while, or not
@@ -61,9 +71,35 @@ class PursuitRule(Protocol):
         """
 
 
-NEAR_M = 0.5
-EMPTY_AFTER_S = 1.0
-"""A target is not there if a pursuer is this near to its place and no box was on it for this long."""
+class TeamPursuit:
+    """The chosen pursuit rule; what is wrong with it is said by its name."""
+
+    def __init__(self, name: str, prior_map: OccupancyGrid, rng: np.random.Generator) -> None:
+        """``name`` is a pinned value of ``PURSUITS``. Raises PluginError if it cannot be made."""
+        self._name = name
+        self._rule = PURSUITS.make(WITH_ORACLE if PURSUITS.is_made_here(name) else name, prior_map, rng)
+
+    def pursue(self, team: Team, targets: Targets, time_s: float) -> dict[int, int]:
+        """See :class:`PursuitRule`.
+
+        Raises:
+            PluginError: it failed, or named guards or targets that are not there.
+        """
+
+        def refused(what: str) -> PluginError:
+            return PURSUITS.refused(self._name, f"pursue gave {what}")
+
+        with PURSUITS.calling(self._name):
+            given = self._rule.pursue(team, dict(targets), time_s)
+            if not isinstance(given, Mapping):
+                raise refused(f"{type(given).__name__}; give a dict, guards to their targets")
+            for guard, target in given.items():
+                if guard not in range(len(team)):
+                    raise refused(f"a guard {guard!r:.40}; there are 0 to {len(team) - 1}")
+                if target not in targets:
+                    there = ", ".join(map(str, sorted(targets)[:9]))
+                    raise refused(f"guard {guard} a target {target!r:.40}; there are {there}")
+            return {int(guard): int(target) for guard, target in given.items()}
 
 
 class Pursuit:
@@ -110,17 +146,15 @@ class Pursuit:
             self.drop(name)
         if not self.targets:
             return
-        self._send(self._rule.pursue([guard.state for guard in self._guards], self._known(), time_s))
+        targets = {
+            name: TargetState(known.place, known.seen_s, tuple(map(self._guards.index, known.pursuers)))
+            for name, known in self.targets.items()
+        }
+        self._send(self._rule.pursue([guard.state for guard in self._guards], targets, time_s))
         for known in self.targets.values():
             for guard in known.pursuers:
                 if guard.goal is None or math.dist(guard.goal, known.place) >= self._settings.retarget_m:
                     guard.drive_to(known.place)
-
-    def _known(self) -> dict[int, TargetState]:
-        return {
-            name: TargetState(known.place, known.seen_s, tuple(map(self._guards.index, known.pursuers)))
-            for name, known in self.targets.items()
-        }
 
     def _send(self, sent: Mapping[int, int]) -> None:
         """Make the guards' targets those of ``sent``, by their places in the team."""
@@ -146,41 +180,68 @@ class Pursuit:
         return looks and any(math.dist(guard.state.place, known.place) < NEAR_M for guard in known.pursuers)
 
 
-WITH_ORACLE = "nearest"
-"""the rule that the referee's truth decides for"""
+class Nobody:
+    """Guards patrol, whatever they see."""
+
+    def __init__(self, prior_map: OccupancyGrid, rng: np.random.Generator) -> None:
+        pass
+
+    def pursue(self, team: Team, targets: Targets, time_s: float) -> dict[int, int]:
+        """No guard at any time."""
+        return {}
 
 
-class TeamPursuit:
-    """The chosen pursuit rule; what is wrong with it is said by its name."""
+class Nearest(Nobody):
+    """One guard for each target, nearest pairs of a free guard and a free target first (item 54).
 
-    def __init__(self, name: str, prior_map: OccupancyGrid, rng: np.random.Generator) -> None:
-        """``name`` is a pinned value of ``PURSUITS``. Raises PluginError if it cannot be made."""
-        self._name = name
-        self._rule = PURSUITS.make(WITH_ORACLE if PURSUITS.is_made_here(name) else name, prior_map, rng)
+    A guard keeps its target until that is gone.
+    """
 
-    def pursue(
-        self, team: Sequence[GuardState], targets: Mapping[int, TargetState], time_s: float
-    ) -> dict[int, int]:
-        """See :class:`PursuitRule`.
+    def pursue(self, team: Team, targets: Targets, time_s: float) -> dict[int, int]:
+        """Those that pursue already, and new pairs, whatever the time is."""
+        sent = _pursuing(targets)
+        free = [guard for guard in range(len(team)) if guard not in sent]
+        waiting = [target for target, known in targets.items() if not known.pursuers]
+        while free and waiting:
+            guard, target = min(
+                ((guard, target) for guard in free for target in waiting),
+                key=lambda pair: math.dist(team[pair[0]].place, targets[pair[1]].place),
+            )
+            sent[guard] = target
+            free.remove(guard)
+            waiting.remove(target)
+        return sent
 
-        Raises:
-            PluginError: it failed, or named guards or targets that are not there.
-        """
-        with PURSUITS.calling(self._name):
-            given = self._rule.pursue(team, dict(targets), time_s)
-            said = "pursue gave"
-            if not isinstance(given, Mapping):
-                raise PURSUITS.refused(
-                    self._name, f"{said} {type(given).__name__}; give a dict, guards to their targets"
-                )
-            for guard, target in given.items():
-                if guard not in range(len(team)):
-                    raise PURSUITS.refused(
-                        self._name, f"{said} a guard {guard!r:.40}; there are 0 to {len(team) - 1}"
-                    )
-                if target not in targets:
-                    there = ", ".join(map(str, sorted(targets)[:9]))
-                    raise PURSUITS.refused(
-                        self._name, f"{said} guard {guard} a target {target!r:.40}; there are {there}"
-                    )
-            return {int(guard): int(target) for guard, target in given.items()}
+
+class All(Nobody):
+    """Every guard goes after the target that is nearest to it, and keeps to it until that is gone."""
+
+    def pursue(self, team: Team, targets: Targets, time_s: float) -> dict[int, int]:
+        """All guards, whatever the time is."""
+        sent = _pursuing(targets)
+        for guard, (place, _) in enumerate(team):
+            if guard not in sent:
+                sent[guard] = min(targets, key=lambda target: math.dist(place, targets[target].place))
+        return sent
+
+
+class Assignment(Nobody):
+    """As many pairs as there can be with the least total distance, found anew at each frame.
+
+    Kuhn, "The Hungarian method for the assignment problem", Naval Research Logistics Quarterly 2 (1955). A
+    guard may be given another target, or be called off for a guard that came nearer.
+    """
+
+    def pursue(self, team: Team, targets: Targets, time_s: float) -> dict[int, int]:
+        """One target for each guard of the assignment, whatever the time is."""
+        from scipy.optimize import linear_sum_assignment  # which other rules need not
+
+        names = list(targets)
+        gaps_m = np.array([[math.dist(one.place, targets[name].place) for name in names] for one in team])
+        guards, columns = linear_sum_assignment(gaps_m)
+        return {guard: names[column] for guard, column in zip(guards.tolist(), columns.tolist(), strict=True)}
+
+
+def _pursuing(targets: Targets) -> dict[int, int]:
+    """Guards that pursue already, with their targets."""
+    return {guard: target for target, known in targets.items() for guard in known.pursuers}

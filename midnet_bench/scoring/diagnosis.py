@@ -10,11 +10,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.geometry import Box, lengths
+from midnet_bench.geometry import Box, Point, lengths
 from midnet_bench.grid import OccupancyGrid, cell_centers, cell_middles, cells_of, values_at
 from midnet_bench.midnet.detection import OCCUPIED
 from midnet_bench.scoring.error_causes import MISS_CAUSES, UNEXPLAINED
-from midnet_bench.scoring.frame_counts import TruthObject
+from midnet_bench.scoring.frame_counts import TruthObject, touches
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -31,16 +31,10 @@ def ally(guard: int) -> int:
     return _FIRST_ALLY - guard
 
 
-def guard_of(source: int) -> int | None:
-    """The index of the guard that returns came from; None if from none."""
-    return _FIRST_ALLY - source if source <= _FIRST_ALLY else None
-
-
 def source_name(source: int, truths: Sequence[TruthObject]) -> str:
     """In words: ``guard 2``, an intruder's name, ``a wall``; empty for nothing that is known."""
-    guard = guard_of(source)
-    if guard is not None:
-        return f"guard {guard + 1}"
+    if source <= _FIRST_ALLY:
+        return f"guard {_FIRST_ALLY - source + 1}"
     return truths[source].name if source >= 0 else "a wall" if source == WALL else ""
 
 
@@ -62,17 +56,9 @@ class Marks(NamedTuple):
     true: Floats
     """(m, 2) what was met"""
 
-    def where(self, chosen: npt.NDArray[np.bool_]) -> "Marks":
-        """Those of an (m,) mask."""
-        return Marks(
-            self.source[chosen],
-            self.age_s[chosen],
-            self.is_newest[chosen],
-            self.believed[chosen],
-            self.at_true_pose[chosen],
-            self.at_true_range[chosen],
-            self.true[chosen],
-        )
+    def where(self, chosen: Booleans | Ints) -> "Marks":
+        """Those of an (m,) mask, or of these indices."""
+        return Marks._make(column[chosen] for column in self)
 
 
 class SightLines(NamedTuple):
@@ -91,14 +77,14 @@ class GuardView(NamedTuple):
 
     guard: int
     """index in the team"""
-    sensor: tuple[float, float]
+    sensor: Point
     """(x, y) of its LiDAR as it truly is, map frame, metres"""
     lines: Callable[[], SightLines]
     returns: Callable[[int], tuple[Marks, Booleans]]
     """source -> the returns of its last scan that came from there, and which are within the obstacle range"""
     marks: Callable[[], Marks]
     """the marked cells of its costmap; misses need none of them"""
-    shift_m: tuple[float, float]
+    shift_m: Point
     """by which the crop moves its cells on the prior map"""
     window: Box
     """its costmap, map frame, metres"""
@@ -137,39 +123,10 @@ class Cause(NamedTuple):
     """by which error of place: of the pose, the crop, the range, or how far an intruder moved"""
 
 
-def moved(box: Box, by: Sequence[float] | Floats) -> Box:
+def moved(box: Box, by: Point) -> Box:
     """The box elsewhere."""
-    x, y = float(by[0]), float(by[1])
+    x, y = by
     return Box(box.x_min + x, box.y_min + y, box.x_max + x, box.y_max + y)
-
-
-def touches(box: Box, other: Box) -> bool:
-    """Whether they have some area in common, as section V.A asks."""
-    return box.intersection_area(other) > 0.0
-
-
-def cells_left(places: Floats, view: GuardView) -> Floats:
-    """(n, 2) centres of the cells that marks at (m, 2) places give once the prior map is subtracted, metres.
-
-    Cells beyond the prior map are not there, as in section IV.B.1. Nothing where there is no prior map.
-    """
-    prior = view.prior
-    if prior is None or not len(places):
-        return np.empty((0, 2))
-    cells = np.unique((cells_of(prior, places)[:, None] + view.disc[None]).reshape(-1, 2), axis=0)
-    columns, rows = cells.T
-    on = (columns >= 0) & (rows >= 0) & (columns < prior.width) & (rows < prior.height)
-    cells = cells[on]
-    cells = cells[prior.data[cells[:, 1], cells[:, 0]] != OCCUPIED]
-    return np.asarray(prior.origin + (cells + 0.5) * prior.resolution)
-
-
-def touch(cells: Floats, resolution: float, box: Box) -> bool:
-    """Whether one of the square cells about (n, 2) centres has some area in common with the box."""
-    half = resolution / 2.0
-    x, y = cells[:, 0], cells[:, 1]
-    across = (x + half > box.x_min) & (x - half < box.x_max)
-    return bool((across & (y + half > box.y_min) & (y - half < box.y_max)).any())
 
 
 _STAGE = {name: stage for stage, name in enumerate(MISS_CAUSES)}
@@ -180,7 +137,7 @@ _BY_ERROR = {
     "noise": ("range_noise", "misplaced_by_noise"),
     "cut": ("under_prior", "rim"),
 }
-"""what :func:`displacement` says -> the cause of a miss, and that of a box beside its intruder"""
+"""what :func:`_displacement` says -> the cause of a miss, and that of a box beside its intruder"""
 _OFF_GRID = 1
 """a value that no binary grid has"""
 
@@ -215,43 +172,45 @@ def _lost_by(truth: int, truths: Sequence[TruthObject], view: GuardView) -> Caus
         return _unseen(truth, truths, view)
     if not in_reach.any():
         return Cause("beyond_range", view.guard)
-    if not in_reach.all():
-        returns = returns.where(in_reach)
+    returns = returns.where(in_reach)
     age_s = float(returns.age_s.min())
+
+    def lost(name: str, by: str = "", offset_m: float = 0.0) -> Cause:
+        return Cause(name, view.guard, by, age_s, offset_m)
+
     places = returns.believed + view.shift_m
     places = places[_inside(view.window, places)]
     if not len(places):
-        return Cause("outside_window", view.guard, age_s=age_s)
+        return lost("outside_window")
     if view.a is None or view.d is None:
         boxes = [k for k, box in enumerate(view.found) if _inside(box.shrunk(-view.reach_m), places).any()]
         if not boxes:
-            return Cause("not_detected", view.guard, age_s=age_s)
+            return lost("not_detected")
     else:
         on_grid = values_at(view.a.data, view.a, places, _OFF_GRID)
         if (on_grid == _OFF_GRID).all():
-            return Cause("outside_prior", view.guard, age_s=age_s)
+            return lost("outside_prior")
         if not (on_grid == OCCUPIED).any():
-            return Cause("below_threshold", view.guard, age_s=age_s)
-        left = cells_about(view.d, places, view.reach_m)
+            return lost("below_threshold")
+        left = _cells_about(view.d, places, view.reach_m)
         if not len(left):
-            return Cause("under_prior", view.guard, age_s=age_s)
-        whole = [box.shrunk(-view.deflated_m) for box in view.found]
-        boxes = [k for k, box in enumerate(whole) if _inside(box, left).any()]
+            return lost("under_prior")
+        boxes = [k for k, box in enumerate(view.found) if _inside(box.shrunk(-view.deflated_m), left).any()]
         if not boxes:
-            return Cause("too_small", view.guard, age_s=age_s)
+            return lost("too_small")
     on_it = [k for k in boxes if touches(view.found[k], truths[truth].box)]
-    if not on_it and any(touches(view.found[k].shrunk(-view.deflated_m), truths[truth].box) for k in boxes):
-        return Cause("deflated", view.guard, age_s=age_s, offset_m=view.deflated_m)
     if not on_it:
-        name, offset_m = displacement(truth, truths, returns, view)
-        return Cause(_BY_ERROR[name][0], view.guard, age_s=age_s, offset_m=offset_m)
+        if any(touches(view.found[k].shrunk(-view.deflated_m), truths[truth].box) for k in boxes):
+            return lost("deflated", offset_m=view.deflated_m)
+        error, offset_m = _displacement(truth, truths, returns, view)
+        return lost(_BY_ERROR[error][0], offset_m=offset_m)
     allies = [view.taken[k] for k in on_it]
-    if all(taken is not None for taken in allies):
-        return Cause("taken_for_ally", view.guard, f"guard {(allies[0] or 0) + 1}", age_s)
-    return Cause("dropped_by_fusion", view.guard, age_s=age_s)
+    if None not in allies:
+        return lost("taken_for_ally", f"guard {(allies[0] or 0) + 1}")
+    return lost("dropped_by_fusion")
 
 
-def displacement(
+def _displacement(
     truth: int, truths: Sequence[TruthObject], returns: Marks, view: GuardView
 ) -> tuple[str, float]:
     """Which error of place put what is made of an intruder's returns beside it, and how large it is, metres.
@@ -260,60 +219,58 @@ def displacement(
     scan), ``crop``, ``pose`` and ``noise``. It is the largest of those without which a cell lies on the
     intruder. If none is enough alone, it is the largest of them, if a cell does without any. If even then
     none does, it is ``cut``: the prior map covers what else there is of it.
-
-    Args:
-        truth: the index of the intruder.
-        truths: as they are now.
-        returns: of it, of whose cells none lies on it.
-        view: of the guard.
     """
     gone = np.array(truths[truth].center) - view.centers_at_scan()[truth]
-    places = {
-        "delay": returns.believed + view.shift_m + gone,
-        **without_each_error(returns, view),
-        "all": returns.true + gone,
+    half, box = 0.0 if view.prior is None else view.prior.resolution / 2.0, truths[truth].box
+
+    def is_on_it(places: Floats) -> bool:
+        x, y = _cells_left(places, view).T
+        across = (x + half > box.x_min) & (x - half < box.x_max)
+        return bool((across & (y + half > box.y_min) & (y - half < box.y_max)).any())
+
+    errors = {
+        "delay": (float(lengths(gone)), returns.believed + view.shift_m + gone),
+        **_errors_of_place(returns, view),
     }
-    resolution = 0.0 if view.prior is None else view.prior.resolution
-    touching = [
-        name for name, at in places.items() if touch(cells_left(at, view), resolution, truths[truth].box)
-    ]
-    if not touching:
+    enough = [name for name, (_, places) in errors.items() if is_on_it(places)]
+    if not enough and not is_on_it(returns.true + gone):
         return "cut", 0.0
-    lengths_m = {"delay": float(lengths(gone)), **sizes_of_errors(returns, view)}
-    name = max([name for name in touching if name != "all"] or lengths_m, key=lengths_m.__getitem__)
-    return name, lengths_m[name]
+    name = max(enough or errors, key=lambda error: errors[error][0])
+    return name, errors[name][0]
 
 
-def without_each_error(marks: Marks, view: GuardView) -> dict[str, Floats]:
-    """(m, 2) where marks lay on the prior map without one error of place: ``crop``, ``pose``, ``noise``."""
+def _errors_of_place(marks: Marks, view: GuardView) -> dict[str, tuple[float, Floats]]:
+    """By how much each error puts marks off, metres, and (m, 2) where they lay without it, metres."""
+    by_pose, by_noise = (
+        math.fsum(lengths(marks.believed - places).tolist()) / len(marks.believed)
+        for places in (marks.at_true_pose, marks.at_true_range)
+    )
     return {
-        "crop": marks.believed,
-        "pose": marks.at_true_pose + view.shift_m,
-        "noise": marks.at_true_range + view.shift_m,
+        "crop": (float(lengths(np.array(view.shift_m))), marks.believed),
+        "pose": (by_pose, marks.at_true_pose + view.shift_m),
+        "noise": (by_noise, marks.at_true_range + view.shift_m),
     }
 
 
-def sizes_of_errors(marks: Marks, view: GuardView) -> dict[str, float]:
-    """By how much the same errors put marks off, metres; means over the marks."""
-    return {
-        "crop": float(lengths(np.array(view.shift_m))),
-        "pose": _mean(lengths(marks.believed - marks.at_true_pose)),
-        "noise": _mean(lengths(marks.believed - marks.at_true_range)),
-    }
+def _cells_left(places: Floats, view: GuardView) -> Floats:
+    """(n, 2) centres of the cells that marks at (m, 2) places give once the prior map is subtracted, metres.
+
+    Cells beyond the prior map are not there, as in section IV.B.1. Nothing where there is no prior map.
+    """
+    prior = view.prior
+    if prior is None or not len(places):
+        return np.empty((0, 2))
+    cells = np.unique((cells_of(prior, places)[:, None] + view.disc[None]).reshape(-1, 2), axis=0)
+    cells = cells[((cells >= 0) & (cells < (prior.width, prior.height))).all(axis=1)]
+    cells = cells[prior.data[cells[:, 1], cells[:, 0]] != OCCUPIED]
+    return np.asarray(prior.origin + (cells + 0.5) * prior.resolution)
 
 
-def _mean(lengths_m: Floats) -> float:
-    return math.fsum(lengths_m.tolist()) / len(lengths_m)
-
-
-def cells_about(d: OccupancyGrid, places: Floats, reach_m: float) -> Floats:
+def _cells_about(d: OccupancyGrid, places: Floats, reach_m: float) -> Floats:
     """(n, 2) the centres of the cells of D that some of the places reach, map frame, metres."""
     cells = cell_centers(d, d.data > 0)
-    if not len(cells):
-        return cells
     # a mark is the middle of its cell, wherever in it the beam ended
-    middles = cell_middles(d, places)
-    near = lengths(cells[:, None] - middles[None]) <= reach_m + 1e-6
+    near = lengths(cells[:, None] - cell_middles(d, places)[None]) <= reach_m + 1e-6
     return cells[near.any(axis=1)]
 
 
@@ -331,23 +288,23 @@ def _unseen(truth: int, truths: Sequence[TruthObject], view: GuardView) -> Cause
         # a scan of this instant had lost it one stage later
         return Cause("delay" if _inside(view.window, ends).any() else "outside_window", view.guard)
     entry_m = _entry_m(view.sensor, directions, truths[truth].box)
-    before = ranges_m < entry_m
     crossing = np.isfinite(entry_m)
-    if not (crossing & before).any():
+    before = crossing & (ranges_m < entry_m)
+    if not before.any():
         return Cause("between_beams", view.guard)
-    who, counts = np.unique(sources[crossing & before], return_counts=True)
-    source = int(who[counts.argmax()])
+    in_front, counts = np.unique(sources[before], return_counts=True)
+    source = int(in_front[counts.argmax()])
     ends = np.array(view.sensor) + entry_m[crossing, None] * directions[crossing]
     if source == WALL:
         name = "occluded_by_wall"
-    elif guard_of(source) is not None:
+    elif source <= _FIRST_ALLY:
         name = "occluded_by_guard"
     else:
         name = "occluded" if _inside(view.window, ends).any() else "occluded_outside_window"
     return Cause(name, view.guard, source_name(source, truths))
 
 
-def _entry_m(sensor: tuple[float, float], directions: Floats, box: Box) -> Floats:
+def _entry_m(sensor: Point, directions: Floats, box: Box) -> Floats:
     """(n,) metres along each beam to the box; inf for beams that pass it."""
     with np.errstate(divide="ignore", invalid="ignore"):
         low = (np.array(box[:2]) - sensor) / directions
@@ -383,63 +340,48 @@ def false_box_cause(
     source = max(np.unique(marks.source).tolist(), key=lambda each: int(votes[marks.source == each].sum()))
     own = marks.where((marks.source == source) & (votes > 0))
     is_deflated = source >= 0 and touches(detection.shrunk(-view.deflated_m), truths[source].box)
-    name, offset_m = ("deflated", view.deflated_m) if is_deflated else _what(source, own, truths, view)
+    name, offset_m = ("deflated", view.deflated_m) if is_deflated else _made_of(source, own, truths, view)
     return Cause(name, view.guard, source_name(source, truths), float(own.age_s.min()), offset_m)
 
 
 def _marks_of(box: Box, view: GuardView) -> tuple[Marks, Ints]:
     """The marks that a guard's box can be of, and how many of its cells are nearest to each."""
-    marks = view.marks()
-    if not len(marks.source):
-        return marks, np.zeros(0, dtype=np.int64)
-    places = marks.believed + view.shift_m
     box = box.shrunk(-view.deflated_m)
     wide = box.shrunk(-view.reach_m)
-    x, y = places[:, 0], places[:, 1]
-    near = (x >= wide.x_min) & (x <= wide.x_max) & (y >= wide.y_min) & (y <= wide.y_max)
-    marks, places = marks.where(near), places[near]
-    votes = np.zeros(len(places), dtype=np.int64)
-    if not len(places):
+    marks = view.marks()
+    x, y = (marks.believed + view.shift_m).T
+    marks = marks.where((x >= wide.x_min) & (x <= wide.x_max) & (y >= wide.y_min) & (y <= wide.y_max))
+    votes = np.zeros(len(marks.source), dtype=np.int64)
+    if not len(votes):
         return marks, votes
     if view.d is None:
         return marks, votes + 1
     cells = cell_centers(view.d, view.d.data > 0)
-    x, y = cells[:, 0], cells[:, 1]
+    x, y = cells.T
     cells = cells[(x > box.x_min) & (x < box.x_max) & (y > box.y_min) & (y < box.y_max)]
-    middles = cell_middles(view.d, places)
-    distances_m = lengths(cells[:, None] - middles[None])
-    nearest = distances_m.argmin(axis=1)
-    within = distances_m[np.arange(len(cells)), nearest] <= view.reach_m + 1e-6
-    np.add.at(votes, nearest[within], 1)
+    distances_m = lengths(cells[:, None] - cell_middles(view.d, marks.believed + view.shift_m)[None])
+    within = distances_m.min(axis=1) <= view.reach_m + 1e-6
+    np.add.at(votes, distances_m.argmin(axis=1)[within], 1)
     return marks, votes
 
 
-def _what(source: int, own: Marks, truths: Sequence[TruthObject], view: GuardView) -> tuple[str, float]:
+def _made_of(source: int, own: Marks, truths: Sequence[TruthObject], view: GuardView) -> tuple[str, float]:
     """The cause of a box that is mostly of one source, by its marks ``own``; and the error, metres."""
-    if source == WALL:
-        return _of_wall(own, view)
-    if guard_of(source) is not None:
+    if source <= _FIRST_ALLY:
         return ("ally_left" if own.is_newest.any() else "ally_trail"), 0.0
-    if source < 0:
+    if source >= 0 and not own.is_newest.any():
+        truth = truths[source]
+        if all(truth.box.distance_to_point(*point) > view.reach_m for point in own.true.tolist()):
+            return "intruder_trail", float(lengths(own.true - truth.center).min())
+    if view.prior is None or source == NOTHING:
         return UNEXPLAINED, 0.0
-    truth = truths[source]
-    has_left = all(truth.box.distance_to_point(*point) > view.reach_m for point in own.true.tolist())
-    if has_left and not own.is_newest.any():
-        return "intruder_trail", float(lengths(own.true - truth.center).min())
-    if view.prior is None:
-        return UNEXPLAINED, 0.0
-    name, offset_m = displacement(source, truths, own, view)
-    return _BY_ERROR[name][1], offset_m
-
-
-def _of_wall(own: Marks, view: GuardView) -> tuple[str, float]:
-    """Which error put a wall's returns where the prior map does not cover them; and how far, metres."""
-    places = without_each_error(own, view)
-    enough = [name for name, at in places.items() if not len(cells_left(at, view))]
-    if not enough and not len(cells_left(own.true, view)):
-        enough = list(places)  # no error alone, but all of them
-    if view.prior is None or not enough:
-        return ("wall_by_map" if view.prior is not None else UNEXPLAINED), 0.0
-    lengths_m = sizes_of_errors(own, view)
-    name = max(enough, key=lengths_m.__getitem__)
-    return f"wall_by_{name}", lengths_m[name]
+    if source >= 0:
+        error, offset_m = _displacement(source, truths, own, view)
+        return _BY_ERROR[error][1], offset_m
+    # which error put a wall's returns where the prior map does not cover them
+    errors = _errors_of_place(own, view)
+    enough = [name for name, (_, places) in errors.items() if not len(_cells_left(places, view))]
+    if not enough and len(_cells_left(own.true, view)):
+        return "wall_by_map", 0.0
+    name = max(enough or errors, key=lambda error: errors[error][0])  # no error alone, but all of them
+    return f"wall_by_{name}", errors[name][0]

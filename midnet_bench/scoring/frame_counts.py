@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from midnet_bench.geometry import Box
+from midnet_bench.geometry import Box, Point
 
 InRange = Literal["edge", "centre"]
 TruePositives = Literal["every", "one_per_intruder", "surplus_false"]
@@ -26,7 +26,7 @@ class TruthObject(NamedTuple):
     name: str
     box: Box
     """whatever reading of item 45 the caller takes"""
-    center: tuple[float, float]
+    center: Point
     """(x, y)"""
 
 
@@ -67,19 +67,20 @@ class FrameMatch(NamedTuple):
     """for each truth, the detection it is paired with"""
 
 
+def touches(box: Box, other: Box) -> bool:
+    """Whether they have some area in common, as section V.A asks."""
+    return box.intersection_area(other) > 0.0
+
+
 def truths_in_range(
     truths: Sequence[TruthObject],
-    sensors: Sequence[tuple[float, float]],
+    sensors: Sequence[Point],
     range_m: float,
     rule: InRange = "edge",
 ) -> list[bool]:
-    """For each truth, whether it is within laser scan range of at least one sensor (item 46).
+    """For each truth, whether it is within ``range_m`` of at least one sensor (item 46).
 
-    Args:
-        truths: at the frame's instant.
-        sensors: (x, y) of each robot's sensor, map frame, metres.
-        range_m: the usable range; 2.5 m in the paper.
-        rule: ``edge``, the nearest point of the truth's box; or ``centre``.
+    ``sensors``: (x, y) of each robot's, map frame, metres; ``rule``: by its nearest point, or its centre.
     """
     if rule == "centre":
         return [any(math.dist(truth.center, sensor) <= range_m for sensor in sensors) for truth in truths]
@@ -122,52 +123,38 @@ def count_frame(
     Args:
         detections: MIDNet's boxes, map frame, metres.
         truths: the intruders, where they are at the frame's instant.
-        in_range: for each truth, whether missing it counts: :func:`truths_in_range`, and with it
-            whatever else the caller asks for (line of sight, say). A box on an intruder that is out
-            of range is a tp all the same (item 47).
+        in_range: for each truth, whether missing it counts. A box on an intruder that is out of range is a
+            tp all the same (item 47).
         tp_boxes: whether every box on an intruder is a tp, or one box for each intruder, further ones
             being neither tp nor fp (``one_per_intruder``) or fp (``surplus_false``) (item 43).
         match: of these detections and truths, if the caller has it.
     """
     match = match or match_frame(detections, truths)
-    touched_truths = {truth for indices in match.touched for truth in indices}
-    touching = sum(1 for indices in match.touched if indices)
-    errors = [
+    touched = {truth for indices in match.touched for truth in indices}
+    touching = sum(map(bool, match.touched))
+    near = [index for index, counts in enumerate(in_range) if counts]
+    errors_m = [
         math.dist(detections[detection].center, truths[truth].center)
         for detection, truth in enumerate(match.truth_of)
         if truth is not None
     ]
-    counts = FrameCounts(
-        tp=touching,
-        fp=len(detections) - touching,
-        fn=sum(1 for index, counts in enumerate(in_range) if counts and index not in touched_truths),
-        intruders_in_range=sum(in_range),
-        matched=len(errors),
-        duplicates=touching - len(errors),
-        missed=sum(
-            1
-            for counts, detection in zip(in_range, match.detection_of, strict=True)
-            if counts and detection is None
-        ),
-        error_sum_m=math.fsum(errors),
+    surplus = touching - len(errors_m)
+    is_every = tp_boxes == "every"
+    return FrameCounts(
+        tp=touching if is_every else len(errors_m),
+        fp=len(detections) - touching + surplus * (tp_boxes == "surplus_false"),
+        fn=sum(index not in touched for index in near),
+        intruders_in_range=len(near),
+        matched=len(errors_m),
+        duplicates=surplus,
+        missed=sum(match.detection_of[index] is None for index in near),
+        error_sum_m=math.fsum(errors_m),
         gospa_m=gospa([box.center for box in detections], [truth.center for truth in truths], in_range),
     )
-    return counted_as(counts, tp_boxes)
-
-
-def counted_as(counts: FrameCounts, tp_boxes: TruePositives) -> FrameCounts:
-    """Counts of frames, summed or not, in which every box on an intruder is a tp, with tp read as asked."""
-    if tp_boxes == "every":
-        return counts
-    surplus = counts.duplicates if tp_boxes == "surplus_false" else 0
-    return counts._replace(tp=counts.matched, fp=counts.fp + surplus)
 
 
 def gospa(
-    boxes: Sequence[tuple[float, float]],
-    intruders: Sequence[tuple[float, float]],
-    in_range: Sequence[bool],
-    cutoff_m: float = CUTOFF_M,
+    boxes: Sequence[Point], intruders: Sequence[Point], in_range: Sequence[bool], cutoff_m: float = CUTOFF_M
 ) -> float:
     """GOSPA of one frame, metres; 0 where every intruder in range has its box and there is no other.
 
@@ -197,16 +184,12 @@ def gospa(
             for box in boxes
         ]
     )
-    rows, columns = linear_sum_assignment(change)
-    return math.fsum([alone, *change[rows, columns].tolist()])
+    return math.fsum([alone, *change[linear_sum_assignment(change)].tolist()])
 
 
 def total(counts: Iterable[FrameCounts]) -> FrameCounts:
     """The sums over frames, those of metres exact and rounded once; of no frames, zeros."""
-    frames = list(counts)
-    if not frames:
-        return NOTHING
-    *numbers, errors_m, gospas_m = zip(*frames, strict=True)
+    *numbers, errors_m, gospas_m = zip(NOTHING, *counts, strict=True)
     return FrameCounts._make([*map(sum, numbers), math.fsum(errors_m), math.fsum(gospas_m)])
 
 
@@ -220,19 +203,17 @@ class Ratios(NamedTuple):
 
 def precision(tp: float, fp: float) -> float:
     """Eq. 8, tp / (tp + fp); NaN when there was no box."""
-    return _share(tp, fp)
+    return tp / (tp + fp) if tp + fp > 0 else math.nan
 
 
 def recall(tp: float, fn: float) -> float:
     """Eq. 9, tp / (tp + fn); NaN when there was nothing to find."""
-    return _share(tp, fn)
+    return tp / (tp + fn) if tp + fn > 0 else math.nan
 
 
 def f1(precision: float, recall: float) -> float:
     """Eq. 10, the harmonic mean of the two; NaN when either is, or when both are 0 (item 40)."""
-    if math.isnan(precision) or math.isnan(recall) or precision + recall == 0.0:
-        return math.nan
-    return 2.0 * precision * recall / (precision + recall)
+    return 2.0 * precision * recall / (precision + recall) if precision + recall > 0.0 else math.nan
 
 
 def ratios(tp: float, fp: float, fn: float) -> Ratios:
@@ -242,10 +223,6 @@ def ratios(tp: float, fp: float, fn: float) -> Ratios:
     """
     p, r = precision(tp, fp), recall(tp, fn)
     return Ratios(p, r, f1(p, r))
-
-
-def _share(part: float, rest: float) -> float:
-    return part / (part + rest) if part + rest > 0 else math.nan
 
 
 class Causes(NamedTuple):
@@ -278,7 +255,6 @@ class CauseCounter:
     """Counts frame by frame; it remembers where the intruders were in the frame before."""
 
     def __init__(self) -> None:
-        """Before the first frame nothing is known of any intruder."""
         self._before: dict[str, tuple[Box, bool, bool]] = {}
 
     def count(
@@ -302,9 +278,6 @@ class CauseCounter:
             in_window: for each truth, whether some part of it lies in some guard's local costmap.
             opposite: MIDNet's boxes if the robots come in opposite order; None in frames that skip this.
         """
-        found = {index for indices in touched for index in indices}
-        missed = [index for index, counts in enumerate(in_range) if counts and index not in found]
-        false = [box for box, indices in zip(detections, touched, strict=True) if not indices]
         before, self._before = (
             self._before,
             {
@@ -312,27 +285,25 @@ class CauseCounter:
                 for truth, near, inside in zip(truths, in_range, in_window, strict=True)
             },
         )
+        found = {index for indices in touched for index in indices}
+        missed = [index for index, counts in enumerate(in_range) if counts and index not in found]
         seen = in_sight() if missed else ()
-        known = [index for index in missed if truths[index].name in before]
-        old = [box for box, _, _ in before.values()]
+        known = [(index, before[truths[index].name]) for index in missed if truths[index].name in before]
+        false = [box for box, indices in zip(detections, touched, strict=True) if not indices]
+        pairs = itertools.combinations(detections, 2)
         return Causes(
             fn_hidden=sum(not seen[index] for index in missed),
-            fn_new=sum(not before[truths[index].name][1] for index in known),
-            fp_left=sum(any(box.intersection_area(place) > 0.0 for place in old) for box in false),
-            overlapping=int(
-                any(
-                    one.intersection_area(other) > 0.0 for one, other in itertools.combinations(detections, 2)
-                )
-            ),
+            fn_new=sum(not was_near for _, (_, was_near, _) in known),
+            fp_left=sum(any(touches(box, place) for place, _, _ in before.values()) for box in false),
+            overlapping=int(any(touches(one, other) for one, other in pairs)),
             reordered=int(opposite is not None and sorted(opposite) != sorted(detections)),
             looked_at=int(opposite is not None),
             fn_outside_window=sum(not in_window[index] for index in missed),
             fn_hidden_in_window=sum(in_window[index] and not seen[index] for index in missed),
-            fn_new_in_window=sum(in_window[index] and not before[truths[index].name][2] for index in known),
+            fn_new_in_window=sum(in_window[index] and not was_inside for index, (*_, was_inside) in known),
         )
 
 
 def total_causes(causes: Iterable[Causes]) -> Causes:
     """The sums over frames; of no frames, zeros."""
-    frames = list(causes)
-    return Causes(*map(sum, zip(*frames, strict=True))) if frames else NONE
+    return Causes(*map(sum, zip(NONE, *causes, strict=True)))

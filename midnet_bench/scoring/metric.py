@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box
-from midnet_bench.plugins import ExtensionPoint, several
-from midnet_bench.scoring.frame_counts import TruthObject
+from midnet_bench.plugins import ExtensionPoint, PluginError, several
+from midnet_bench.scoring.frame_counts import TruthObject, touches
 from midnet_bench.settings import Scalar
 
 METRICS = ExtensionPoint(
@@ -23,8 +23,8 @@ METRICS = ExtensionPoint(
         "ospa": "midnet_bench.scoring.metrics:Ospa",
         "first_detection": "midnet_bench.scoring.metrics:FirstDetection",
         "idleness": "midnet_bench.scoring.metrics:Idleness",
-        "mot": "midnet_bench.scoring.mot:ClearMot",
-        "events": "midnet_bench.scoring.mot:EventCounts",
+        "mot": "midnet_bench.scoring.metrics:ClearMot",
+        "events": "midnet_bench.scoring.metrics:EventCounts",
     },
     needs={"mot": "motmetrics"},
 )
@@ -50,8 +50,7 @@ def pinned_metrics(value: str) -> str:
 
 MOST = 1e12
 """no value is farther from 0"""
-LONGEST_NAME = 40
-_NAME = re.compile(r"[a-z][a-z0-9_]*")
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,39}")
 
 
 class MetricFrame(NamedTuple):
@@ -74,8 +73,8 @@ class MetricFrame(NamedTuple):
     def touched(self) -> list[list[int]]:
         """For each box the intruders that it covers some area of."""
         return [
-            [i for i, truth in enumerate(self.truths) if box.intersection_area(truth.box) > 0.0]
-            for box in map(Box._make, self.boxes.tolist())
+            [i for i, truth in enumerate(self.truths) if touches(Box._make(box), truth.box)]
+            for box in self.boxes.tolist()
         ]
 
     @property
@@ -155,18 +154,18 @@ class TrialMetrics:
         return {"metrics": rows} if rows else {}
 
     def _checked(self, name: str, method: str, given: Any) -> dict[str, float]:
-        said = f"{method} gave"
+        """What a metric gave, as floats by name. Raises PluginError unless it is."""
+
+        def refused(what: str) -> PluginError:
+            return METRICS.refused(name, f"{method} gave {what}")
+
         if not isinstance(given, Mapping):
-            raise METRICS.refused(name, f"{said} {type(given).__name__}; give a dict, names to numbers")
+            raise refused(f"{type(given).__name__}; give a dict, names to numbers")
         for key, value in given.items():
-            if not (isinstance(key, str) and _NAME.fullmatch(key) and len(key) <= LONGEST_NAME):
-                raise METRICS.refused(
-                    name, f"{said} the name {key!r:.60}; small letters, digits and _ are needed"
-                )
+            if not (isinstance(key, str) and _NAME.fullmatch(key)):
+                raise refused(f"the name {key!r:.60}; small letters, digits and _ are needed")
             if self._owner.setdefault(key, name) != name:
-                raise METRICS.refused(
-                    name, f"{said} '{key}', as {self._owner[key]} does; give it another name"
-                )
+                raise refused(f"'{key}', as {self._owner[key]} does; give it another name")
             if not isinstance(value, Real) or not abs(float(value)) <= MOST:
-                raise METRICS.refused(name, f"{said} {value!r:.60} for '{key}'; a finite number is needed")
+                raise refused(f"{value!r:.60} for '{key}'; a finite number is needed")
         return {key: float(value) for key, value in given.items()}

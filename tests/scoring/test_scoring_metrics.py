@@ -197,7 +197,7 @@ def test_every_file_of_a_list_goes_along_with_a_trial(
 
 def test_identities_that_are_exchanged_are_counted() -> None:
     pytest.importorskip("motmetrics", reason="the extra midnet-bench[mot] is not installed")
-    from midnet_bench.scoring.mot import ClearMot
+    from midnet_bench.scoring.metrics import ClearMot
 
     metric = ClearMot()
     # the boxes' tracks go straight on while the intruders under them change places
@@ -210,7 +210,7 @@ def test_identities_that_are_exchanged_are_counted() -> None:
 
 def test_mot_takes_misses_and_false_boxes_off_and_leaves_out_who_is_out_of_range() -> None:
     pytest.importorskip("motmetrics", reason="the extra midnet-bench[mot] is not installed")
-    from midnet_bench.scoring.mot import ClearMot
+    from midnet_bench.scoring.metrics import ClearMot
 
     metric = ClearMot()
     metric.frame(seen([(0.0, 0.1), (5.0, 0.0)], [(0.0, 0.0), (5.0, 0.0)], [True, False], time_s=0.2))

@@ -1,7 +1,7 @@
 """What sections IV.C and V.A state that a number can judge, each against a detection campaign."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import pandas as pd
@@ -14,11 +14,9 @@ from midnet_bench.experiments.detection.tables import (
     PAPER,
     PAPER_FRAMES,
     SCORES,
-    Team,
-    by_seed,
+    Trials,
     cells_of,
     paper_of,
-    score_over_seeds,
 )
 
 TOLERANCE = 0.05
@@ -40,9 +38,8 @@ RISES = {
     "fn_hidden_in_window": False,
 }
 """column of the scores -> whether it rises from one robot to five, in the paper's words or table"""
-
+TEAMS = dict(zip(PAPER, ("1 robot", "5 robots"), strict=True))
 ONE, FIVE = PAPER
-TEAMS = {ONE: "1 robot", FIVE: "5 robots"}
 CALLED = {
     "f1": "F1",
     "tp": "true positives",
@@ -69,57 +66,58 @@ def claims(results: Results) -> list[Finding]:
     if not paper_of(results.definition):
         return []
     cells = {
-        name: cell.assign(fn_in_window=cell["fn"] - cell["fn_outside_window"])
-        for name, cell in cells_of(results).items()
+        team: cell.rows.assign(fn_in_window=cell.rows["fn"] - cell.rows["fn_outside_window"])
+        for team, cell in cells_of(results).items()
     }
     found = []
-    for name in PAPER:
-        if name in cells:
-            found += [*_scores(name, cells[name]), *_counts(name, cells[name]), *_delay(name, cells[name])]
+    for team in PAPER:
+        if team in cells:
+            found += [
+                *_table(TEAMS[team], PAPER[team], cells[team]),
+                *_delay(TEAMS[team], cells[team]),
+            ]
     if PAPER.keys() <= cells.keys():
-        one, five = cells[ONE], cells[FIVE]
-        found += [_change(one, five, column, rises) for column, rises in RISES.items()]
+        found += [_change(cells[ONE], cells[FIVE], column, rises) for column, rises in RISES.items()]
     if ONE in cells:
         for which, (misses, hidden, _) in MISSES.items():
             claim = f"1 robot: most misses{which} are hidden intruders"
             found.append(finding(claim, _share(cells[ONE], hidden, misses), 0.5, math.inf))
-    if FIVE in cells:
-        found += _fused_list(cells[FIVE])
+    if FIVE in cells:  # section IV.C.2 on the result of Algorithms 3 and 4 (item 35)
+        most = f"in at most {100 * NEVER:.0f} % of the frames"
+        for claim, part, whole in (
+            ("fused boxes overlap", "overlapping", "frames"),
+            ("the order of the robots changes the boxes", "reordered", "looked_at"),
+        ):
+            share = _share(cells[FIVE], part, whole)
+            found.append(finding(f"5 robots: {claim} {most}", share, -math.inf, NEVER))
     return found
 
 
-def _scores(name: Team, cell: pd.DataFrame) -> list[Finding]:
-    """The three ratios of one team."""
+def _table(team: str, paper: Mapping[str, float], rows: pd.DataFrame) -> list[Finding]:
+    """The three ratios of one team, and its three counts per frame (item 41)."""
     found = []
+    cell = Trials(rows)
     for score in SCORES:
-        value = float(PAPER[name][score] or 0.0)
-        claim = f"{TEAMS[name]}: {CALLED.get(score, score)} is {value:.3f}, within {TOLERANCE}"
-        ours = partial(score_over_seeds, cell, score)
+        value = paper[score]
+        claim = f"{team}: {CALLED.get(score, score)} is {value:.3f}, within {TOLERANCE}"
         # no score is above 1: what would lie there accepts all that is high enough
         below = value + TOLERANCE if value + TOLERANCE <= 1.0 else math.inf
-        found.append(finding(claim, ours, value - TOLERANCE, below))
-    return found
-
-
-def _counts(name: Team, cell: pd.DataFrame) -> list[Finding]:
-    """The three counts of one team, per frame (item 41)."""
-    found = []
+        found.append(finding(claim, partial(cell.mean, score), value - TOLERANCE, below))
     for count in COUNTS:
-        value = float(PAPER[name][count] or 0.0) / PAPER_FRAMES
-        within = f"within {100 * COUNT_TOLERANCE:.0f} %"
-        claim = f"{TEAMS[name]}: a frame has {value:.3f} {CALLED[count]}, {within}"
-        ours = partial(mean, (cell[count] / cell["frames"]).tolist(), within=(0.0, math.inf))
+        value = paper[count] / PAPER_FRAMES
+        claim = f"{team}: a frame has {value:.3f} {CALLED[count]}, within {100 * COUNT_TOLERANCE:.0f} %"
+        ours = partial(mean, (rows[count] / rows["frames"]).tolist(), within=(0.0, math.inf))
         found.append(finding(claim, ours, (1.0 - COUNT_TOLERANCE) * value, (1.0 + COUNT_TOLERANCE) * value))
     return found
 
 
-def _delay(name: Team, cell: pd.DataFrame) -> list[Finding]:
+def _delay(team: str, cell: pd.DataFrame) -> list[Finding]:
     """What "is not expected to be significant": misses just come near, false boxes where one just was."""
     shares = {"false positives": ("fp_left", "fp")}
     shares |= {f"misses{which}": (new, misses) for which, (misses, _, new) in MISSES.items()}
     return [
         finding(
-            f"{TEAMS[name]}: at most {100 * MINOR:.0f} % of the {errors} are due to scan delay",
+            f"{team}: at most {100 * MINOR:.0f} % of the {errors} are due to scan delay",
             _share(cell, part, whole),
             -math.inf,
             MINOR,
@@ -128,27 +126,15 @@ def _delay(name: Team, cell: pd.DataFrame) -> list[Finding]:
     ]
 
 
-def _fused_list(cell: pd.DataFrame) -> list[Finding]:
-    """Section IV.C.2 on the result of Algorithms 3 and 4 (item 35)."""
-    overlapping = _share(cell, "overlapping", "frames")
-    reordered = _share(cell, "reordered", "looked_at")
-    most = f"in at most {100 * NEVER:.0f} % of the frames"
-    return [
-        finding(f"5 robots: fused boxes overlap {most}", overlapping, -math.inf, NEVER),
-        finding(f"5 robots: the order of the robots changes the boxes {most}", reordered, -math.inf, NEVER),
-    ]
-
-
 def _change(one: pd.DataFrame, five: pd.DataFrame, column: str, rises: bool) -> Finding:
     """Seed by seed; counts are per frame."""
     is_count = column not in SCORES
     first, second = (
-        by_seed(
+        Trials(
             cell.assign(**{column: cell[column] / cell["frames"]})
             if is_count
-            else cell.dropna(subset=[column]),
-            column,
-        )
+            else cell.dropna(subset=[column])
+        ).by_seed(column)
         for cell in (one, five)
     )
     what, verb = CALLED.get(column, column), "rise" if rises else "fall"

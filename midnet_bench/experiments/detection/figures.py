@@ -7,15 +7,7 @@ from matplotlib.figure import Figure
 from midnet_bench.analysis.frames import Results
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
 from midnet_bench.drawing.charts import STYLES, Panel, Style, axis_label, panel_figure
-from midnet_bench.experiments.detection.tables import (
-    PAPER,
-    SCORES,
-    SHOWN,
-    Team,
-    cells_of,
-    paper_of,
-    score_over_seeds,
-)
+from midnet_bench.experiments.detection.tables import SCORES, SHOWN, Team, cells_of, paper_of
 
 MOST_CELLS = 60
 """that a figure shows one beside the other"""
@@ -32,17 +24,16 @@ def figures(results: Results) -> dict[str, Figure]:
         return {}
     is_lines = len({team.others for team in cells}) <= len(STYLES)
     known = paper_of(results.definition)
-    papers = {team: PAPER[Team(team.robots)] for team in cells if Team(team.robots) in known}
+    papers = {team: known[Team(team.robots)] for team in cells if Team(team.robots) in known}
     panels = []
     for score in SHOWN:
         series: dict[str, dict[int | str, Estimate]] = {}
         for team, cell in [*cells.items()][: None if is_lines else MOST_CELLS]:
             label, place = (team.others or "ours", team.robots) if is_lines else ("ours", _cell(team))
-            series.setdefault(label, {})[place] = score_over_seeds(cell, score)
-        for team, scores in papers.items() if score in SCORES else ():
+            series.setdefault(label, {})[place] = cell.mean(score)
+        for team, printed in papers.items() if score in SCORES else ():
             place = team.robots if is_lines else _cell(team)
-            printed = Estimate(float(str(scores[score])), math.nan, math.nan, 0)
-            series.setdefault("paper", {})[place] = printed
+            series.setdefault("paper", {})[place] = Estimate(printed[score], math.nan, math.nan, 0)
         panels.append(Panel(axis_label(score), series, limits=(0.0, 1.03)))
     title = f"Detection by {'size of the team' if is_lines else 'cell'}"
     styles = {"paper": PAPER_STYLE}

@@ -2,28 +2,17 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 
 import pandas as pd
 
 from midnet_bench.analysis.frames import Results
-from midnet_bench.analysis.statistics import Estimate, exact_sum
+from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Cell, Table, rounded
 from midnet_bench.analysis.words import team_in_words
 from midnet_bench.campaign.trial import Row
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters, result_key
-from midnet_bench.experiments.detection.tables import (
-    HEADS,
-    SCORES,
-    SHOWN,
-    Cells,
-    Team,
-    cells_of,
-    paper_of,
-    score_over_seeds,
-    window_notes,
-)
+from midnet_bench.experiments.detection.tables import HEADS, SCORES, SHOWN, Cells, cells_of, window_notes
 from midnet_bench.experiments.experiment import Headline
 from midnet_bench.experiments.guarded.metric_tables import metric_tables
 
@@ -42,17 +31,13 @@ def headline(results: Results, reference: Results | None = None) -> Headline:
             seeds if the same parameters made them.
     """
     cells = cells_of(results)
-    known = {} if reference is None else reference_cells(results, reference, cells)
-    definition = results.definition
+    known = {} if reference is None else _reference_cells(results, reference, cells)
+    parameters = results.definition.parameters
     seeds = max(map(len, cells.values()))
-    paper = paper_of(definition)
-    table = headline_table(cells, known, paper)
-    scored = definition.parameters.get("frames")
-    frames = "" if scored is None else f", {scored} frames"
-    arena = str(definition.parameters.get("arena", "{"))
+    frames = f", {parameters['frames']} frames" if parameters.get("frames") is not None else ""
+    arena = str(parameters.get("arena", "{"))
     place = "" if arena.startswith("{") else f": {arena}"
-    title = f"Detection test{place}{frames}, {_seeds(next(iter(cells.values())))}"
-    conclusion = [*_verdicts(results, cells, paper), *_misses(results, cells)]
+    title = f"Detection test{place}{frames}, {_seeds(next(iter(cells.values())).rows)}"
     notes = ["F1 one-to-one counts a second box on an intruder as false, the paper as true."]
     if seeds > 1 or known:
         notes += ["±: the wider side of the 95 % interval (t, over seeds)."]
@@ -60,46 +45,45 @@ def headline(results: Results, reference: Results | None = None) -> Headline:
         notes += ["Two seeds give no interval; three do."]
     if known:
         some = next(iter(known.values()))
-        notes += [f'"{len(some)} seeds" is the packaged reference, {_seeds(some)}.']
+        notes += [f'"{len(some)} seeds" is the packaged reference, {_seeds(some.rows)}.']
     following = (
         "One seed says little: --seeds 20 gives intervals of your own."
         if seeds == 1
         else f"Next: 'midnet-bench verify {results.directory}' checks each claim of the paper."
     )
-    return Headline([replace(table, title=title), *metric_tables(results)], conclusion, notes, following)
+    conclusion = [*_verdicts(results, cells), *_misses(results, cells)]
+    return Headline([_scores(title, cells, known), *metric_tables(results)], conclusion, notes, following)
 
 
-def headline_table(cells: Cells, reference: Cells, paper: Mapping[Team, Row]) -> Table:
+def _scores(title: str, cells: Cells, reference: Cells) -> Table:
     """The scores of each cell: ours, the reference's and the paper's, as text for a terminal."""
     rows: list[Mapping[str, Cell]] = []
-    for name, cell in cells.items():
-        sources = {_named(len(cell)): {score: score_over_seeds(cell, score) for score in SHOWN}}
-        if name in reference:
-            known = reference[name]
-            sources[f"{len(known)} seeds"] = {score: score_over_seeds(known, score) for score in SHOWN}
-        texts = {
-            source: {score: _text(one) for score, one in means.items()} for source, means in sources.items()
-        }
-        if name in paper:
-            # blanks in place of an interval, so that digits stand above each other
-            texts["paper"] = {score: _text(_exactly(float(paper[name][score] or 0.0))) for score in SCORES}
-        for source, scores in texts.items():
-            label = team_in_words(str(name)) if source == next(iter(texts)) else ""
-            rows.append({"trial": label, "source": source, **dict.fromkeys(SHOWN, ""), **scores})
+    for team, cell in cells.items():
+        ours = "this seed" if len(cell) == 1 else f"these {len(cell)} seeds"
+        sources = {ours: {score: cell.mean(score) for score in SHOWN}}
+        if team in reference:
+            known = reference[team]
+            sources[f"{len(known)} seeds"] = {score: known.mean(score) for score in SHOWN}
+        if cell.paper is not None:
+            printed = {score: Estimate(cell.paper[score], math.nan, math.nan, 0) for score in SCORES}
+            sources["paper"] = printed
+        for source, scores in sources.items():
+            label = team_in_words(str(team)) if source == ours else ""
+            texts = {score: _text(one) for score, one in scores.items()}
+            rows.append({"trial": label, "source": source, **dict.fromkeys(SHOWN, ""), **texts})
     if len({row["source"] for row in rows}) == 1:  # said in the title
         rows = [{name: cell for name, cell in row.items() if name != "source"} for row in rows]
-    return Table("detection_headline", "Detection test", rows, labels=HEADS)
+    return Table("detection_headline", title, rows, labels=HEADS)
 
 
-def reference_cells(results: Results, reference: Results, cells: Cells) -> Cells:
+def _reference_cells(results: Results, reference: Results, cells: Cells) -> Cells:
     """The reference's cells that the same parameters made as ours, where it has more seeds."""
     found = {}
-    for name, cell in cells_of(reference).items():
-        if name not in cells or len(cells[name]) >= len(cell):
-            continue
-        ours, theirs = (_result_key(campaign, name.robots) for campaign in (results, reference))
-        if ours is not None and ours == theirs:
-            found[name] = cell
+    for team, cell in cells_of(reference).items():
+        if team in cells and len(cells[team]) < len(cell):
+            ours, theirs = (_result_key(campaign, team.robots) for campaign in (results, reference))
+            if ours is not None and ours == theirs:
+                found[team] = cell
     return found
 
 
@@ -114,17 +98,9 @@ def _result_key(results: Results, robots: int) -> DetectionParameters | None:
         return None
 
 
-def _named(seeds: int) -> str:
-    return "this seed" if seeds == 1 else f"these {seeds} seeds"
-
-
-def _seeds(cell: pd.DataFrame) -> str:
-    first, last = cell["seed"].min(), cell["seed"].max()
+def _seeds(rows: pd.DataFrame) -> str:
+    first, last = rows["seed"].min(), rows["seed"].max()
     return f"seed {first}" if first == last else f"seeds {first} to {last}"
-
-
-def _exactly(value: float) -> Estimate:
-    return Estimate(value, math.nan, math.nan, 0)
 
 
 def _text(one: Estimate) -> str:
@@ -136,58 +112,54 @@ def _text(one: Estimate) -> str:
     return f"{rounded(one.value, DIGITS)} {aside:{DIGITS + 2}}"
 
 
-def _plain_teams(results: Results, cells: Cells) -> dict[int, pd.DataFrame]:
-    """The cells by team size, where nothing else differs between them."""
-    if set(results.factors) - {"robots"}:
-        return {}
-    return {name.robots: cell for name, cell in cells.items()}
+def _plain_teams(results: Results, cells: Cells) -> Cells:
+    """The cells, where nothing else than the team's size differs between them."""
+    return {} if set(results.factors) - {"robots"} else cells
 
 
 def _in_words(number: int) -> str:
     return NUMBERS[number] if number < len(NUMBERS) else str(number)
 
 
-def _verdicts(results: Results, cells: Cells, paper: Mapping[Team, Row]) -> list[str]:
+def _verdicts(results: Results, cells: Cells) -> list[str]:
     """The share of the intruders within range that each team finds; of many cells, the best one."""
     teams = _plain_teams(results, cells)
     if not teams or len(teams) > MOST_IN_WORDS:
-        scores = {name: score_over_seeds(cell, "f1_one_to_one").value for name, cell in cells.items()}
-        best = max(scores, key=lambda name: (not math.isnan(scores[name]), scores[name]))
+        scores = {team: cell.mean("f1_one_to_one").value for team, cell in cells.items()}
+        best = max(scores, key=lambda team: (not math.isnan(scores[team]), scores[team]))
         return [f"Of {len(cells)} cells, {best} has the highest one-to-one F1: {scores[best]:.3f}."]
     reach_m = results.definition.parameters.get("obstacle_range_m")
     parts: list[str] = []
-    for robots, cell in teams.items():
-        recall = score_over_seeds(cell, "recall").value
+    for team, cell in teams.items():
+        recall = cell.mean("recall").value
         if math.isnan(recall):
             continue
-        papers = paper.get(Team(robots))
-        beside = "" if papers is None else f" ({'paper: ' if not parts else ''}{_percent(papers['recall'])})"
-        noun = "" if parts else f" robot{'' if robots == 1 else 's'}"
-        verb = "finds" if robots == 1 else "find"
+        paper = "" if parts else "paper: "
+        beside = "" if cell.paper is None else f" ({paper}{_percent(cell.paper['recall'])})"
+        noun = "" if parts else f" robot{'' if team.robots == 1 else 's'}"
+        verb = "finds" if team.robots == 1 else "find"
         within = "" if parts else f" of the intruders within {reach_m or 2.5:g} m"
-        parts.append(f"{_in_words(robots)}{noun} {verb} {_percent(recall)}{within}{beside}")
+        parts.append(f"{_in_words(team.robots)}{noun} {verb} {_percent(recall)}{within}{beside}")
     text = ", ".join(parts)
     return [f"{text[0].upper()}{text[1:]}."] if text else []
 
 
 def _misses(results: Results, cells: Cells) -> list[str]:
     """What most misses of the smallest team that has any come from; without teams, how far costmaps reach."""
-    for robots, cell in _plain_teams(results, cells).items():
-        missed = exact_sum(cell["fn"])
+    for team, cell in _plain_teams(results, cells).items():
+        missed = cell.sum("fn")
         if not missed:
             continue
-        outside, hidden = (
-            exact_sum(cell[name]) / missed for name in ("fn_outside_window", "fn_hidden_in_window")
-        )
+        outside, hidden = (cell.sum(name) / missed for name in ("fn_outside_window", "fn_hidden_in_window"))
         size_m = results.definition.parameters.get("local_size_m")
         costmap = "local costmap" if size_m is None else f"{size_m:g} m costmap"
-        whose, its = ("robot's", "its") if robots == 1 else ("robots'", "their")
-        team = f"{_in_words(robots)} {whose}".capitalize()
+        whose, its = ("robot's", "its") if team.robots == 1 else ("robots'", "their")
+        who = f"{_in_words(team.robots)} {whose}".capitalize()
         return [
-            f"{team} misses: {_percent(outside)} outside {its} {costmap}, {_percent(hidden)} hidden in it."
+            f"{who} misses: {_percent(outside)} outside {its} {costmap}, {_percent(hidden)} hidden in it."
         ]
     return window_notes(results.definition)
 
 
-def _percent(share: Cell) -> str:
-    return f"{100.0 * float(str(share)):.0f} %"
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %"

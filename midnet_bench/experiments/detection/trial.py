@@ -11,11 +11,10 @@ from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.elementary import directions
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.experiments.guarded.frame_trace import FrameTrace
 from midnet_bench.experiments.guarded.ground_truth import fused_by_identity
 from midnet_bench.experiments.guarded.guarded_arena import GuardedArena, ObservedFrame
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
-from midnet_bench.experiments.guarded.record import recorder_of
+from midnet_bench.experiments.guarded.recorder import recorder_of
 from midnet_bench.geometry import Point
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.plugins import PluginError
@@ -74,7 +73,7 @@ class Scorer:
         """by which intruders' boxes are wider than they are"""
         if test.truth_box == "inflated":
             self.margin_m = test.local_costmap.reach_m(test.midnet.thresh_local)
-        self.recorder = recorder_of(trial, test, lambda: FrameTrace(trial, node))
+        self.recorder = recorder_of(trial, test, node)
 
 
 class DetectionTrial(GuardedArena):

@@ -16,9 +16,9 @@ from midnet_bench.campaign.trial import Row
 from midnet_bench.detectors.detector_node import DetectorNode, Sight, detector_nodes
 from midnet_bench.elementary import cos, sin
 from midnet_bench.experiments.guarded.evaders import Evaders
-from midnet_bench.experiments.guarded.ground_truth import ScanCallback, Trial, overrides_of
+from midnet_bench.experiments.guarded.ground_truth import GroundTruthOverride, ScanCallback
 from midnet_bench.experiments.guarded.inputs import EXACT, prior_map_from
-from midnet_bench.experiments.guarded.parameters import FRAME_HZ, OVERRIDING, GuardParameters, Oracle
+from midnet_bench.experiments.guarded.parameters import FRAME_HZ, OVERRIDING, GuardParameters
 from midnet_bench.experiments.guarded.uplink import NetworkModel
 from midnet_bench.experiments.robot_trial import RobotTrial
 from midnet_bench.geometry import Point, Pose2D, wrap_angle
@@ -26,6 +26,7 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.localization.scan_to_map import ScanToMap
 from midnet_bench.localization.ukf import PlanarUkf
 from midnet_bench.midnet.pipeline import Frame, Observation
+from midnet_bench.navigation.navigation_settings import NavigatorSettings
 from midnet_bench.navigation.navigator import Navigator
 from midnet_bench.rng import stream
 from midnet_bench.scoring.frame_counts import TruthObject
@@ -60,37 +61,34 @@ class GuardedArena(RobotTrial):
         self.robot = parameters.simulation.robot_model
         self.layout = replace(self._placed(mobile_intruders), mobile_scale=parameters.mobile_scale)
         self.prior_map = prior_map_from(parameters.prior_map, parameters.arena, parameters.resolution_m)
-        self._scan_to_map = (
-            ScanToMap(self.prior_map, parameters.scan_to_map)
-            if parameters.localization == "ukf+map"
-            else None
-        )
         self.patrol = self._make_patrol()
-        overridden = self._make_nodes((parameters, *variants))
+        tests = (parameters, *variants)
+        nodes = self._make_nodes(tests)
+        self.detector, *self.variant_detectors = nodes
+        self.guards: list[Guard] = []
+        self.intruders: list[MobileRobot] = []
         self._make_robots()
-        super().__init__(
-            self.layout,
-            [*self.guards, *self.intruders],
-            parameters.robot_simulation,
-            seed,
-        )
-        self._evaders = (
-            Evaders(self.layout, self.intruders, self.goal_space(), self.crowd, seed, len(self.guards))
-            if self.arena.has_behaviours
-            else None
-        )
+        super().__init__(self.layout, [*self.guards, *self.intruders], parameters.robot_simulation, seed)
         self._scan_callbacks: list[ScanCallback] = []
-        known = Trial(seed, self.world, self.lidars, self.crowd, self.guards, self.intruders)
-        self._override_of = overrides_of(overridden, known)
+        self._override_of: dict[DetectorNode, GroundTruthOverride] = {}
+        self._override(nodes, tests)
         self._overrides = list(dict.fromkeys(self._override_of.values()))
-        for override in self._overrides:
-            self._on_scan(override.scanned)
+        own = [node.costmaps for node in nodes if node not in self._override_of]
+        for guard in self.guards:
+            # nodes may share a costmap, which takes each scan once
+            guard.detection_costmaps = list(dict.fromkeys(costmaps[guard.index] for costmaps in own))
+        self._evaders: Evaders | None = None
+        if self.arena.has_behaviours:
+            self._evaders = Evaders(
+                self.layout, self.intruders, self.goal_space(), self.crowd, seed, len(self.guards)
+            )
         self.tick_callbacks: list[Callable[[Sequence[MobileRobot]], None]] = []
         """called after each tick with the robots that were due in it"""
         self.frame_callbacks: list[Callable[[Frame], None]] = []
         """called with each frame of ``detector``, before any robot uses it"""
-        self._frame_ticks = self.step_hz // FRAME_HZ
-        self._dying, self._dead = self.guards[: parameters.dying_guards], list[Guard]()
+        self.guards_alive = list(self.guards)
+        """those that have not died"""
+        self._dying = self.guards[: parameters.dying_guards]
         network = parameters.network
         self._network = NetworkModel(network, self.guards, seed) if network.is_used else None
 
@@ -116,7 +114,7 @@ class GuardedArena(RobotTrial):
 
     def advance(self) -> None:
         """Let 0.2 s pass, a frame."""
-        for _ in range(self._frame_ticks):
+        for _ in range(self.step_hz // FRAME_HZ):
             if self._evaders is not None:
                 self._evaders.update(self.world)
             due = self.fleet.step()
@@ -127,7 +125,9 @@ class GuardedArena(RobotTrial):
             for override in self._overrides:
                 override.stepped(due)
             if self._dying and self.fleet.time_s >= self.parameters.dying_after_s - 1e-9:
-                self._let_die()
+                self.guards_alive = self.guards[len(self._dying) :]
+                while self._dying:
+                    self.fleet.stop(self._dying.pop(0))
         for override in self._overrides:
             override.before_frame(self.guards_alive, self.fleet.time_s)
 
@@ -150,9 +150,9 @@ class GuardedArena(RobotTrial):
         override = self._override_of.get(node)
         if override is not None:
             return node.observations(override.poses())
-        if self._network is None:
-            return node.observations(self.guard_poses(), [guard.scan for guard in self.guards])
-        return self._network.received(node, self.fleet.time_s)
+        if self._network is not None:
+            return self._network.received(node, self.fleet.time_s)
+        return node.observations(self.guard_poses(), [guard.scan for guard in self.guards])
 
     def add_scan_callback(self, node: DetectorNode, callback: ScanCallback) -> None:
         """From now on ``callback`` gets each scan that is taken into a node's costmaps."""
@@ -171,11 +171,6 @@ class GuardedArena(RobotTrial):
         clearance_m = max(GOAL_CLEARANCE_M, self.robot.footprint_reach_m)
         return free_space(self.arena, clearance_m, self.layout.stationary)
 
-    @property
-    def guards_alive(self) -> list[Guard]:
-        """Those that have not died."""
-        return [guard for guard in self.guards if guard not in self._dead]
-
     def rows_of_robots(self) -> list[Row]:
         """``robots.csv``: one row per guard and mobile intruder, what each did so far."""
         return [
@@ -191,21 +186,13 @@ class GuardedArena(RobotTrial):
 
     def next_patrol_point(self, robot: MobileRobot) -> Point:
         """Where MIDNet sends a guard that has nothing to do (section V.B)."""
-        if isinstance(self.patrol, TeamPatrol):
-            team = [guard.state for guard in self.guards]
-            return self.patrol.next_point(robot.index, team, self.fleet.time_s)
-        others = [guard.goal for guard in self.guards if guard is not robot and guard.goal is not None]
-        return self.patrol.next_point((robot.pose.x, robot.pose.y), others)
+        team = [guard.state for guard in self.guards]
+        return self.patrol.next_point(robot.index, team, self.fleet.time_s)
 
     def _placed(self, mobile_intruders: int | None) -> Layout:
         """Where everything starts."""
         robots, reach_m = self.parameters.robots, self.robot.body_reach_m
         return place(self.arena, self.seed, robots, mobile_intruders, reach_m)
-
-    def _let_die(self) -> None:
-        for guard in self._dying:
-            self.fleet.stop(guard)
-        self._dead, self._dying = self._dying, []
 
     def _on_scan(self, callback: ScanCallback) -> None:
         if not self._scan_callbacks:
@@ -235,8 +222,8 @@ class GuardedArena(RobotTrial):
             wrap_angle(start.yaw + float(side) * math.radians(off_deg)),
         )
 
-    def _make_nodes(self, tests: Sequence[GuardParameters]) -> dict[DetectorNode, Oracle]:
-        """Make the detector's node of each test; those whose oracle overrides what guards measure."""
+    def _make_nodes(self, tests: Sequence[GuardParameters]) -> list[DetectorNode]:
+        """The detector's node of each test."""
         exact = self.prior_map
         if any(test.oracle == "map" for test in tests):
             exact = prior_map_from(EXACT, self.parameters.arena, self.parameters.resolution_m)
@@ -248,69 +235,51 @@ class GuardedArena(RobotTrial):
             )
             for test in tests
         ]
-        nodes = detector_nodes(sights, self.parameters.robots)
-        self.detector, *self.variant_detectors = nodes
-        pairs = zip(nodes, tests, strict=True)
-        overridden = {node: test.oracle for node, test in pairs if test.oracle in OVERRIDING}
-        self._guards_costmaps = [node.costmaps for node in nodes if node not in overridden]
-        return overridden
+        return detector_nodes(sights, self.parameters.robots)
+
+    def _override(self, nodes: Sequence[DetectorNode], tests: Sequence[GuardParameters]) -> None:
+        """Let the referee take scans in where an oracle overrides them; nodes that share scans share it."""
+        made: dict[int, GroundTruthOverride] = {}
+        for node, test in zip(nodes, tests, strict=True):
+            if test.oracle not in OVERRIDING:
+                continue
+            if id(node.scans) not in made:
+                override = GroundTruthOverride(node, test.oracle, self, self.seed)
+                made[id(node.scans)] = override
+                self._on_scan(override.scanned)
+            self._override_of[node] = made[id(node.scans)]
+
+    def _make_patrol(self) -> Patrol | TeamPatrol:
+        parameters, patrol = self.parameters, self.parameters.patrol
+        start, enclosure_m = self.layout.robots[0], self.arena.enclosure_m
+        clearance_m, reach_m = patrol.clearance_m, self.robot.footprint_reach_m
+        points = patrol_points(self.prior_map, (start.x, start.y), enclosure_m, clearance_m, reach_m)
+        rng = stream(self.seed, "patrol")
+        if not PATROLS.is_made_here(patrol.rule):
+            return TeamPatrol(patrol.rule, points, parameters.robots, rng)
+        z_m = safe_distance(math.hypot(*enclosure_m), parameters.robots, patrol.z_factor)
+        return Patrol(points, z_m, rng)
 
     def _make_robots(self) -> None:
         """Make guards and intruders where the layout has them, guards first."""
         parameters = self.parameters
-        self._pose_filter = parameters.pose_filter
-        self._guard_navigator = parameters.guard_navigator
-        self._intruder_navigator = parameters.intruder_navigator
-        self.guards = [self._make_guard(i, pose) for i, pose in enumerate(self.layout.robots)]
-        first = len(self.guards)
-        self.intruders = [
-            self._make_intruder(first + i, pose) for i, pose in enumerate(self.layout.intruders)
-        ]
+        pose_filter, timeout_s = parameters.pose_filter, parameters.goals.timeout_s
+        scan_to_map = None
+        if parameters.localization == "ukf+map":
+            scan_to_map = ScanToMap(self.prior_map, parameters.scan_to_map)
 
-    def _make_patrol(self) -> Patrol | TeamPatrol:
-        width_m, height_m = self.arena.enclosure_m
-        start = self.layout.robots[0]
-        patrol = self.parameters.patrol
-        points = patrol_points(
-            self.prior_map,
-            (start.x, start.y),
-            (width_m, height_m),
-            patrol.clearance_m,
-            self.robot.footprint_reach_m,
-        )
-        if not PATROLS.is_made_here(patrol.rule):
-            return TeamPatrol(patrol.rule, points, self.parameters.robots, stream(self.seed, "patrol"))
-        z_m = safe_distance(math.hypot(width_m, height_m), self.parameters.robots, patrol.z_factor)
-        return Patrol(points, z_m, stream(self.seed, "patrol"))
+        def parts(start: Pose2D, settings: NavigatorSettings) -> tuple[Navigator, PlanarUkf | None]:
+            ukf = None if pose_filter is None else PlanarUkf(start, pose_filter)
+            return Navigator(self.prior_map, settings), ukf
 
-    def _make_guard(self, index: int, start: Pose2D) -> Guard:
-        name = f"guard {index + 1}"
-        start = self._believed_start(name, start)
-        guard = Guard(
-            index,
-            name,
-            start,
-            Navigator(self.prior_map, self._guard_navigator),
-            self._ukf(start),
-            self.next_patrol_point,
-            self.parameters.goals.timeout_s,
-            self._scan_to_map,
-        )
-        # nodes may share a costmap, which takes each scan once
-        guard.detection_costmaps = list(dict.fromkeys(own[index] for own in self._guards_costmaps))
-        return guard
-
-    def _make_intruder(self, index: int, start: Pose2D) -> MobileRobot:
-        return MobileRobot(
-            index,
-            f"intruder {index - len(self.guards) + 1}",
-            start,
-            Navigator(self.prior_map, self._intruder_navigator),
-            self._ukf(start),
-            lambda robot: None,
-            self.parameters.goals.timeout_s,
-            self._scan_to_map,
-        )
-
-    def _ukf(self, start: Pose2D) -> PlanarUkf | None:
-        return None if self._pose_filter is None else PlanarUkf(start, self._pose_filter)
+        for i, start in enumerate(self.layout.robots):
+            name = f"guard {i + 1}"
+            start = self._believed_start(name, start)
+            own = parts(start, parameters.guard_navigator)
+            self.guards.append(Guard(i, name, start, *own, self.next_patrol_point, timeout_s, scan_to_map))
+        for i, start in enumerate(self.layout.intruders):
+            name, own = f"intruder {i + 1}", parts(start, parameters.intruder_navigator)
+            index = len(self.guards) + i
+            self.intruders.append(
+                MobileRobot(index, name, start, *own, lambda robot: None, timeout_s, scan_to_map)
+            )

@@ -65,27 +65,30 @@ def inline_prior_map(value: str | None, arena: str) -> str:
         InputError: there is no such map, or a digest is not that of this version's map.
     """
     if value is None:
-        has_explored = not arena.startswith("{") and explored_map(arena) is not None
-        if not has_explored:
+        value = EXPLORED if not arena.startswith("{") and explored_map(arena) is not None else EXACT
+        if value == EXACT:
             _note_exact(arena if not arena.startswith("{") else arena_from(arena).name)
-        value = EXPLORED if has_explored else EXACT
     if value == EXACT:
         return value
     if value.startswith("{"):
         _from_text(value)
         return value
-    if value.split(":")[0] in (EXPLORED, WORST):
-        return _named_explored(value, arena)
-    path = Path(value)
+    which, path = value.split(":")[0], Path(value)
+    if which in (EXPLORED, WORST):
+        name = f"{which}:{arena}:{_digest(_explored(which, arena))}"
+        if value not in (which, name):
+            raise InputError(f"prior_map: '{value}' is not the map that this version has, '{name}'")
+        return name
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(
             f"prior_map: {value!r} is neither '{EXPLORED}' nor '{WORST}' nor '{EXACT}' nor the YAML file of"
             " a map"
         )
     try:
-        return _as_text(load_map(path))
+        grid = load_map(path)
     except InputError as error:
         raise InputError(f"prior_map: {error}") from error
+    return _as_text(grid)
 
 
 @cache
@@ -148,16 +151,6 @@ def _check_covers(grid: OccupancyGrid, arena: Arena) -> None:
             f"cover the arena, {width_m:g} x {height_m:g} m about (0, 0); is it this arena's map, and its "
             "origin right?"
         )
-
-
-def _named_explored(value: str, arena: str) -> str:
-    """``explored:ARENA:DIGEST`` of the package's map; the same again if ``value`` is that already."""
-    which = value.split(":")[0]
-    grid = _explored(which, arena)
-    name = f"{which}:{arena}:{_digest(grid)}"
-    if value not in (which, name):
-        raise InputError(f"prior_map: '{value}' is not the map that this version has, '{name}'")
-    return name
 
 
 @lru_cache(maxsize=16)

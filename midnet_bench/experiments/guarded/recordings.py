@@ -64,9 +64,8 @@ def _by_trial(results: Results, table: str) -> dict[Key, pd.DataFrame]:
     frame = results.tables.get(table)
     if frame is None or frame.empty:
         return {}
-    return {
-        _plain(key): rows for key, rows in frame.groupby([*results.factors, "seed"], sort=False, dropna=False)
-    }
+    groups = frame.groupby([*results.factors, "seed"], sort=False, dropna=False)
+    return {_plain(key): rows for key, rows in groups}
 
 
 def _plain(key: Hashable) -> Key:
@@ -84,6 +83,10 @@ def _recording(given: Mapping[str, Scalar], seed: int, tables: Mapping[str, Sequ
     beams = model.lidar.angles_rad[::BEAM_STEP].tolist()
     has_scans = all(len(scan) in (0, len(beams)) for frame in frames for scan in frame.scans_m)
     words: dict[str, int] = {"": 0}
+    window_m, range_m = (
+        float(value) if isinstance(value, int | float) else None  # None where cells differ in it
+        for value in map(given.get, ("local_size_m", "obstacle_range_m"))
+    )
     rows: dict[str, Sequence[Rows]] = {
         "robots": _robots(frames, [is_guard for _, is_guard in team]),
         "truths": [
@@ -112,26 +115,15 @@ def _recording(given: Mapping[str, Scalar], seed: int, tables: Mapping[str, Sequ
             "beams": [_beams(frame) if has_scans else () for frame in frames],
         },
         explained=False,
-        window_m=_length(given, "local_size_m"),
-        range_m=_length(given, "obstacle_range_m"),
+        window_m=window_m,
+        range_m=range_m,
         sensor=model.lidar.mount[:2],
         events=_events(tables["intruders"], tables[CAPTURES]),
-        summary=_summary(tables),
-    )
-
-
-def _length(given: Mapping[str, Scalar], name: str) -> float | None:
-    """A parameter in metres; None where cells differ in it."""
-    value = given.get(name)
-    return float(value) if isinstance(value, int | float) else None
-
-
-def _summary(tables: Mapping[str, Sequence[Row]]) -> str:
-    """What came of a labyrinth trial."""
-    return "".join(
-        f"{trial['caught']} of {len(tables['intruders'])} caught, {trial['escaped']} escaped; "
-        f"{trial['ended']} after {float(str(trial['duration_s'])):.1f} s"
-        for trial in tables["trial"]
+        summary="".join(
+            f"{trial['caught']} of {len(tables['intruders'])} caught, {trial['escaped']} escaped; "
+            f"{trial['ended']} after {float(str(trial['duration_s'])):.1f} s"
+            for trial in tables["trial"]
+        ),
     )
 
 
@@ -201,9 +193,8 @@ def _robot(robot: RecordedRobot, was: Sequence[int], is_guard: bool) -> list[int
 
 
 def _sensors(frame: RecordedFrame) -> Rows:
-    return [
-        [guard, 1, *map(_steps, at)] if at else [guard, *[0] * 4] for guard, at in enumerate(frame.sensors)
-    ]
+    at = enumerate(frame.sensors)
+    return [[guard, 1, *map(_steps, pose)] if pose else [guard, *[0] * 4] for guard, pose in at]
 
 
 def _beams(frame: RecordedFrame) -> Rows:
@@ -214,24 +205,17 @@ def _beams(frame: RecordedFrame) -> Rows:
 
 def _errors(frames: int, errors: Sequence[Row], words: dict[str, int]) -> list[list[list[int]]]:
     rows: list[list[list[int]]] = [[] for _ in range(frames)]
+    names = ("age_s", "offset_m", "x_min_m", "y_min_m", "x_max_m", "y_max_m")
     for error in errors:
-        names = ("age_s", "offset_m", "x_min_m", "y_min_m", "x_max_m", "y_max_m")
         age_s, offset_m, *sides = (float(str(error[name])) for name in names)
         number = int(str(error["frame"]))
         if number < 1:
             raise ValueError(f"frame {number}: is none")
-        rows[number - 1].append(
-            [
-                _number(error["intruder"], words),
-                KINDS.index(str(error["kind"])),
-                _number(error["cause"], words),
-                int(str(error["guard"])),
-                _number(error["by"], words),
-                round(100.0 * age_s),
-                _steps(offset_m),
-                *_sides(sides),
-            ]
-        )
+        who, kind = _number(error["intruder"], words), KINDS.index(str(error["kind"]))
+        cause, guard = _number(error["cause"], words), int(str(error["guard"]))
+        by = _number(error["by"], words)
+        times = (round(100.0 * age_s), _steps(offset_m))
+        rows[number - 1].append([who, kind, cause, guard, by, *times, *_sides(sides)])
     return rows
 
 

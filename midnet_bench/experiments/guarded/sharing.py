@@ -58,18 +58,13 @@ def result_key(parameters: Guarded, keep_thresh_local: bool = False, **changes: 
         if not (keep_thresh_local or deflate_boxes):
             least = _least_cost(parameters.local_costmap, midnet.thresh_local)
             midnet = replace(midnet, thresh_local=least)
-    if parameters.fusion != "paper":
-        unused.add("iou_fuse")
-    if parameters.robots == 1:
-        unused.update(ALLIES_ONLY)
-    if costmap.memory != "decay":
-        costmap = with_defaults(costmap, ("decay_s",))
+    unused.update(("iou_fuse",) * (parameters.fusion != "paper"), ALLIES_ONLY * (parameters.robots == 1))
     return replace(
         parameters,
         preset=GuardParameters.preset,
         prior=prior,
         midnet=with_defaults(midnet, unused),
-        costmap=costmap,
+        costmap=costmap if costmap.memory == "decay" else with_defaults(costmap, ("decay_s",)),
         deflate_boxes=deflate_boxes,
         **changes,
     )
@@ -88,27 +83,16 @@ def _without_idle_oracle(parameters: Guarded) -> Guarded:
     return replace(parameters, oracle="none", **changes)
 
 
+@lru_cache
 def _least_cost(settings: CostmapSettings, thresh: int) -> int:
-    """The least published cost of such a costmap that is ``thresh`` or more."""
-    costs = _published_costs(
-        settings.inflation_radius_m,
+    """The least published cost that cells near an obstacle of such a costmap can have from ``thresh`` on."""
+    from midnet_bench.navigation import costmap  # which takes a compiler
+
+    costs = costmap.inflation_costs(
+        costmap.reach_cells(settings.inflation_radius_m, settings.resolution),
         settings.resolution,
         settings.inscribed_radius_m,
         settings.cost_scaling_factor,
     )
-    return min(cost for cost in costs if cost >= thresh)
-
-
-@lru_cache
-def _published_costs(
-    radius_m: float, resolution: float, inscribed_radius_m: float, cost_scaling: float
-) -> tuple[int, ...]:
-    """The costs that cells near an obstacle can have, published; 100 is the obstacle's."""
-    from midnet_bench.navigation.costmap import (
-        inflation_costs,
-        published,
-        reach_cells,
-    )  # which takes a compiler
-
-    costs = inflation_costs(reach_cells(radius_m, resolution), resolution, inscribed_radius_m, cost_scaling)
-    return tuple(np.unique(published(costs[None, :])).tolist())
+    published = np.unique(costmap.published(costs[None, :]))
+    return int(published[published >= thresh].min())

@@ -13,7 +13,8 @@ from midnet_bench.arena.layout import Layout, place
 from midnet_bench.campaign.trial import Row, TrialResult
 from midnet_bench.experiments.guarded.guarded_arena import GuardedArena
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
-from midnet_bench.experiments.guarded.record import CAPTURES, recorder_of
+from midnet_bench.experiments.guarded.record import CAPTURES
+from midnet_bench.experiments.guarded.recorder import recorder_of
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.geometry import Box, Point, Pose2D, lengths
 from midnet_bench.midnet.pipeline import Frame
