@@ -293,13 +293,11 @@ def test_what_is_rounded_alike_is_none() -> None:
 ADDING = {"sum", "nansum", "mean", "nanmean", "average", "std", "var"}
 WHOLE_NUMBERS = {
     "sum(in_range)",
-    "sum(cell[key])",
-    "sum(trials[count])",
-    *(f"sum(cell['{name}'])" for name in ("boxes", "collisions", "frames", "matched")),
-    *(f"sum(cell['{name}'])" for name in ("missed", "tp")),
+    "sum(map(bool, match.touched))",
+    "sum(self.rows[column])",
     "fleet.groupby(keys, sort=False)['collisions'].sum()",
     "map(sum, numbers)",
-    "map(sum, zip(*frames, strict=True))",
+    "map(sum, zip(NONE, *causes, strict=True))",
 }
 """sums of columns that hold counts: they are exact anyhow"""
 

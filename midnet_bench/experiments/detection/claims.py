@@ -102,7 +102,7 @@ def _table(team: str, paper: Mapping[str, float], rows: pd.DataFrame) -> list[Fi
         claim = f"{team}: {CALLED.get(score, score)} is {value:.3f}, within {TOLERANCE}"
         # no score is above 1: what would lie there accepts all that is high enough
         below = value + TOLERANCE if value + TOLERANCE <= 1.0 else math.inf
-        found.append(finding(claim, partial(cell.mean, score), value - TOLERANCE, below))
+        found.append(finding(claim, partial(cell.estimate, score), value - TOLERANCE, below))
     for count in COUNTS:
         value = paper[count] / PAPER_FRAMES
         claim = f"{team}: a frame has {value:.3f} {CALLED[count]}, within {100 * COUNT_TOLERANCE:.0f} %"

@@ -37,7 +37,7 @@ def _causes(results: Results, errors: pd.DataFrame) -> Table:
             by_seed = part.groupby("seed")["cause"]
             counts = part["cause"].value_counts()
             for cause in sorted(counts.index, key=lambda name: (-counts[name], list(known).index(name))):
-                shares = [float((causes == cause).sum() / len(causes)) for _, causes in by_seed]
+                shares = [int((causes == cause).sum()) / len(causes) for _, causes in by_seed]
                 rows.append(
                     {
                         "trial": str(cell),

@@ -60,10 +60,10 @@ def _scores(title: str, cells: Cells, reference: Cells) -> Table:
     rows: list[Mapping[str, Cell]] = []
     for team, cell in cells.items():
         ours = "this seed" if len(cell) == 1 else f"these {len(cell)} seeds"
-        sources = {ours: {score: cell.mean(score) for score in SHOWN}}
+        sources = {ours: {score: cell.estimate(score) for score in SHOWN}}
         if team in reference:
             known = reference[team]
-            sources[f"{len(known)} seeds"] = {score: known.mean(score) for score in SHOWN}
+            sources[f"{len(known)} seeds"] = {score: known.estimate(score) for score in SHOWN}
         if cell.paper is not None:
             printed = {score: Estimate(cell.paper[score], math.nan, math.nan, 0) for score in SCORES}
             sources["paper"] = printed
@@ -125,13 +125,13 @@ def _verdicts(results: Results, cells: Cells) -> list[str]:
     """The share of the intruders within range that each team finds; of many cells, the best one."""
     teams = _plain_teams(results, cells)
     if not teams or len(teams) > MOST_IN_WORDS:
-        scores = {team: cell.mean("f1_one_to_one").value for team, cell in cells.items()}
+        scores = {team: cell.estimate("f1_one_to_one").value for team, cell in cells.items()}
         best = max(scores, key=lambda team: (not math.isnan(scores[team]), scores[team]))
         return [f"Of {len(cells)} cells, {best} has the highest one-to-one F1: {scores[best]:.3f}."]
     reach_m = results.definition.parameters.get("obstacle_range_m")
     parts: list[str] = []
     for team, cell in teams.items():
-        recall = cell.mean("recall").value
+        recall = cell.estimate("recall").value
         if math.isnan(recall):
             continue
         paper = "" if parts else "paper: "
@@ -147,10 +147,10 @@ def _verdicts(results: Results, cells: Cells) -> list[str]:
 def _misses(results: Results, cells: Cells) -> list[str]:
     """What most misses of the smallest team that has any come from; without teams, how far costmaps reach."""
     for team, cell in _plain_teams(results, cells).items():
-        missed = cell.sum("fn")
+        missed = cell.total("fn")
         if not missed:
             continue
-        outside, hidden = (cell.sum(name) / missed for name in ("fn_outside_window", "fn_hidden_in_window"))
+        outside, hidden = (cell.total(name) / missed for name in ("fn_outside_window", "fn_hidden_in_window"))
         size_m = results.definition.parameters.get("local_size_m")
         costmap = "local costmap" if size_m is None else f"{size_m:g} m costmap"
         whose, its = ("robot's", "its") if team.robots == 1 else ("robots'", "their")

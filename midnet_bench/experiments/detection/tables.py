@@ -77,18 +77,18 @@ class Trials:
     def __len__(self) -> int:
         return len(self.rows)
 
-    def sum(self, column: str) -> float:
+    def total(self, column: str) -> float:
         """Of a column over the seeds; exact, a whole number where the column has such."""
         return exact_sum(self.rows[column]) if column.endswith("_m") else sum(self.rows[column])
 
-    def mean(self, score: str, confidence: float = 0.95) -> Estimate:
+    def estimate(self, score: str, confidence: float = 0.95) -> Estimate:
         """Of one score over the seeds, with its interval; ratios stay between 0 and 1."""
         most = math.inf if score.endswith("_m") else 1.0
         return statistics.mean(self.rows[score].tolist(), confidence, within=(0.0, most))
 
-    def means(self, scores: Sequence[str]) -> dict[str, Cell]:
-        """Of several scores by name, as :meth:`mean`."""
-        return {score: self.mean(score) for score in scores}
+    def estimates(self, scores: Sequence[str]) -> dict[str, Cell]:
+        """Of several scores by name, as :meth:`estimate`."""
+        return {score: self.estimate(score) for score in scores}
 
     def by_seed(self, column: str) -> dict[int, float]:
         """One column by seed."""
@@ -97,8 +97,8 @@ class Trials:
     @property
     def matched_ratios(self) -> dict[str, float]:
         """Precision, recall and F1 by one-to-one matching, of the summed counts."""
-        matched = self.sum("matched")
-        return ratios(matched, self.sum("boxes") - matched, self.sum("missed"))._asdict()
+        matched = self.total("matched")
+        return ratios(matched, self.total("boxes") - matched, self.total("missed"))._asdict()
 
     def counted(self, counting: TruePositives) -> "Trials":
         """With tp, fp and their ratios by one of the two countings; fn is the same in both."""
@@ -170,7 +170,7 @@ def _table(name: str, title: str, cells: Cells, rows_of: Any, **more: Any) -> Ta
 
 def _scores(team: Team, cell: Trials) -> Rows:
     """Counts summed over seeds, ratios of the sums (Eqs. 8 to 10)."""
-    counts = {key: cell.sum(key) for key in ("frames", *COUNTS)}
+    counts = {key: cell.total(key) for key in ("frames", *COUNTS)}
     yield {"trial": str(team), **counts, **ratios(*(counts[key] for key in COUNTS))._asdict()}
 
 
@@ -181,13 +181,13 @@ def _summary(team: Team, cell: Trials) -> Rows:
     have been fused.
     """
     pooled: dict[str, Cell] = {"f1_one_to_one": cell.matched_ratios["f1"]}
-    pooled["gospa_per_frame_m"] = cell.sum("gospa_m") / cell.sum("frames")
+    pooled["gospa_per_frame_m"] = cell.total("gospa_m") / cell.total("frames")
     if "collisions" in cell.rows:
-        pooled["collisions_per_trial"] = cell.sum("collisions") / len(cell)
+        pooled["collisions_per_trial"] = cell.total("collisions") / len(cell)
     (scored,) = _scores(team, cell)
     yield {"trial": str(team), "source": "ours", "seeds": len(cell), **scored, **pooled}
     if len(cell) > 1:
-        means = cell.means((*SCORES, *BESIDE))
+        means = cell.estimates((*SCORES, *BESIDE))
         yield {"trial": str(team), "source": "mean over seeds", "seeds": len(cell), **means}
     if cell.paper is not None:
         yield {"trial": str(team), "source": "paper", "frames": PAPER_FRAMES, **cell.paper}
@@ -195,8 +195,8 @@ def _summary(team: Team, cell: Trials) -> Rows:
 
 def _note_on_duplicates(team: Team, cell: Trials) -> list[str]:
     """A sentence if a good part of the true positives are further boxes on intruders that have one."""
-    found = cell.sum("tp")
-    further = (found - cell.sum("matched")) / found if found else 0.0
+    found = cell.total("tp")
+    further = (found - cell.total("matched")) / found if found else 0.0
     if further <= MANY_DUPLICATES:
         return []
     return [
@@ -207,23 +207,23 @@ def _note_on_duplicates(team: Team, cell: Trials) -> list[str]:
 
 def _to_paste(team: Team, cell: Trials) -> Rows:
     """Ours with intervals and the paper's row, for a paper (LaTeX) or a page."""
-    yield {"trial": team_in_words(str(team)), "source": "ours", "seeds": len(cell), **cell.means(SHOWN)}
+    yield {"trial": team_in_words(str(team)), "source": "ours", "seeds": len(cell), **cell.estimates(SHOWN)}
     if cell.paper is not None:
         yield {"trial": "", "source": "paper", **{score: cell.paper[score] for score in SCORES}}
 
 
 def _matching(team: Team, cell: Trials) -> Rows:
     """The same frames by one-to-one matching: an intruder is found once, further boxes are false."""
-    counts = {key: cell.sum(key) for key in ("matched", "duplicates", "missed")}
+    counts = {key: cell.total(key) for key in ("matched", "duplicates", "missed")}
     matched = counts["matched"]
-    error_m = cell.sum("error_sum_m") / matched if matched else math.nan
+    error_m = cell.total("error_sum_m") / matched if matched else math.nan
     yield {"trial": str(team), **counts, **cell.matched_ratios, "mean_error_m": error_m}
 
 
 def _comparison(team: Team, cell: Trials) -> Rows:
     """Ours beside the paper's: means over seeds with 95 % intervals, and the difference."""
     for score in SCORES:
-        ours, papers = cell.mean(score), math.nan if cell.paper is None else cell.paper[score]
+        ours, papers = cell.estimate(score), math.nan if cell.paper is None else cell.paper[score]
         difference = ours.value - papers
         yield {"trial": str(team), "score": score, "ours": ours, "paper": papers, "difference": difference}
 
@@ -232,9 +232,9 @@ def _counting(team: Team, cell: Trials) -> Rows:
     """By each counting and the paper's: means of the ratios over seeds, and counts per frame."""
     for counting in COUNTINGS:
         trials = cell.counted(counting)
-        sums = {count: trials.sum(count) for count in COUNTS}
-        row = {"trial": str(team), "counting": counting, **trials.means(SCORES)}
-        yield {**row, **_per_frame(sums, cell.sum("frames"))}
+        sums = {count: trials.total(count) for count in COUNTS}
+        row = {"trial": str(team), "counting": counting, **trials.estimates(SCORES)}
+        yield {**row, **_per_frame(sums, cell.total("frames"))}
     if cell.paper is not None:
         printed = {score: cell.paper[score] for score in SCORES}
         yield {"trial": str(team), "counting": "paper", **printed, **_per_frame(cell.paper, PAPER_FRAMES)}
