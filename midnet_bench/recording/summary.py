@@ -13,7 +13,7 @@ from midnet_bench.errors import InputError
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.survey import lag_in_words
 from midnet_bench.recording.fitting.fit import samples_of
-from midnet_bench.recording.fitting.setup_check import NAMES, QUICK_SAMPLES, Proposal, SetBy, verdict
+from midnet_bench.recording.fitting.setup_check import NAMES, QUICK_SAMPLES, Proposal, verdict
 from midnet_bench.recording.inputs import Note, ReplayInputs
 from midnet_bench.recording.plan import Link, RobotPlan, beam_time
 from midnet_bench.recording.recording_settings import ReplaySettings
@@ -54,7 +54,7 @@ def report_fit(inputs: ReplayInputs, robot: RobotPlan, note: Note) -> list[str]:
     if not samples or not (inputs.prior_map.data == 100).any():
         note(f"{robot.name}: nothing can be said of how scans and map fit: no scan with a pose, or no wall")
         return []
-    found = verdict(samples, inputs.prior_map, SetBy(robot.is_mirrored, robot.delay_ns / NS))
+    found = verdict(samples, inputs.prior_map, robot.is_mirrored, robot.delay_ns / NS)
     lines = [f"{robot.name}: {line}" for line in found.lines]
     for line in lines:
         note(line if found.fits else f"does not fit: {line}")
@@ -63,8 +63,7 @@ def report_fit(inputs: ReplayInputs, robot: RobotPlan, note: Note) -> list[str]:
 
 def setup_table(name: str, proposal: Proposal) -> Table:
     """The setup that was found: each parameter with how far it can be changed within noise."""
-    setup = proposal.setup
-    values = (*setup.mount, setup.delay_s, *setup.map_moved)
+    values = (*proposal.mount, proposal.delay_s, *proposal.map_moved)
     rows: list[dict[str, Scalar]] = []
     for parameter, value in zip(NAMES, values, strict=False):
         span = proposal.ranges.get(parameter)
@@ -75,7 +74,7 @@ def setup_table(name: str, proposal: Proposal) -> Table:
             row |= {"less_by": span.below * factor, "more_by": span.above * factor}
             row["sure"] = "no" if span.is_open else "yes"
         rows.append(row)
-    rows.append({"parameter": "mirrored", "value": "yes" if setup.is_mirrored else "no"})
+    rows.append({"parameter": "mirrored", "value": "yes" if proposal.is_mirrored else "no"})
     rows.append({"parameter": "share before", "value": proposal.share_before})
     rows.append({"parameter": "share after", "value": proposal.share_after})
     return Table(f"setup_{name}", f"{name}: the setup by which most returns lie on mapped walls", rows)

@@ -20,7 +20,7 @@ from midnet_bench.io.map_server import save_map
 from midnet_bench.recording.causes import ErrorRow, Explainer
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.fitting.fit import samples_of
-from midnet_bench.recording.fitting.setup_check import Proposal, SetBy, find_setup, line_of, start_of
+from midnet_bench.recording.fitting.setup_check import Proposal, find_setup, line_of, start_of
 from midnet_bench.recording.inputs import Note, ReplayInputs, prepared
 from midnet_bench.recording.ray_counts import RayCounts, Unmapped, unmapped
 from midnet_bench.recording.replay import Replay, ReplayFrame
@@ -266,8 +266,8 @@ def check(files: Sequence[Path], setup: RecordingSetup, note: Note, output: Path
             if not samples:
                 raise InputError(f"{robot.name}: no scan of it has a pose; see 'midnet-bench replay FILE'")
             proposal = found[robot.name] = find_setup(samples, inputs.prior_map)
-            set_by = SetBy(robot.is_mirrored, robot.delay_ns / NS)
-            for line in (line_of(proposal, set_by), *proposal.cannot_tell):
+            found_line = line_of(proposal, robot.is_mirrored, robot.delay_ns / NS)
+            for line in (found_line, *proposal.cannot_tell):
                 note(f"{robot.name}: {line}")
             tables.append(setup_table(robot.name, proposal))
         path = _folder(inputs, output) / SETUP_FILE
@@ -294,8 +294,8 @@ def proposed_setup(inputs: ReplayInputs, found: Mapping[str, Proposal]) -> Recor
         name = robot.carrier if is_team else EVERY
         laser = robot.scan_topic if len(streams) > 1 else name
         mirrored = given.get(robot.scan_topic, given.get(robot.carrier, given.get(EVERY, False)))
-        x, y, yaw = proposal.setup.mount if kinds & {"mount", "turn"} else robot.mount
-        delay_s = robot.delay_ns / NS + (proposal.setup.delay_s if "delay" in kinds else 0.0)
+        x, y, yaw = proposal.mount if kinds & {"mount", "turn"} else robot.mount
+        delay_s = robot.delay_ns / NS + (proposal.delay_s if "delay" in kinds else 0.0)
         values["scan"][name] = streams if len(streams) > 1 else robot.scan_topic
         values["pose"][name] = robot.pose_key
         values["mount"][laser] = [round(x, 3), round(y, 3), round(float(np.degrees(yaw)), 2)]

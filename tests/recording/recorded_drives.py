@@ -1,8 +1,9 @@
 """A room drawn by hand, drives through it with scans cast by hand, and the shared recordings as samples."""
 
+import dataclasses
 import math
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -50,20 +51,28 @@ def moved(grid, x, y):
     return OccupancyGrid(grid.data, grid.resolution, (grid.origin[0] + x, grid.origin[1] + y))
 
 
-def cast(sensor, angles, rng, range_max_m):
-    """(beams,) what a sensor there measures, with a noise of 1 cm."""
-    ways = np.stack((np.cos(sensor.yaw + angles), np.sin(sensor.yaw + angles)), axis=1)[:, None]
-    from_sensor, along = WALLS[:, :2] - sensor[:2], WALLS[:, 2:] - WALLS[:, :2]
+def cast(sensor, angles, discs=(), walls=WALLS):
+    """(beams,) to the first wall or disc (x, y, radius) along each angle of the sensor, inf where none is."""
+    heading = sensor.yaw + angles
+    ways = np.stack((np.cos(heading), np.sin(heading)), axis=1)[:, None]
+    begin, along = walls[:, :2] - sensor[:2], walls[:, 2:] - walls[:, :2]
     cross = ways[..., 0] * along[:, 1] - ways[..., 1] * along[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        ranges = (from_sensor[:, 0] * along[:, 1] - from_sensor[:, 1] * along[:, 0]) / cross
-        share = (from_sensor[:, 0] * ways[..., 1] - from_sensor[:, 1] * ways[..., 0]) / cross
+        ranges = (begin[:, 0] * along[:, 1] - begin[:, 1] * along[:, 0]) / cross
+        share = (begin[:, 0] * ways[..., 1] - begin[:, 1] * ways[..., 0]) / cross
     met = (share >= 0.0) & (share <= 1.0) & (ranges > 0.0)
-    ranges = np.where(met, ranges, np.inf).min(axis=1) + rng.normal(0.0, 0.01, len(angles))
-    return np.where(ranges < range_max_m, ranges, np.inf)
+    found = np.where(met, ranges, np.inf).min(axis=1)
+    for x, y, radius_m in discs:
+        x, y = x - sensor.x, y - sensor.y
+        ahead = ways[:, 0, 0] * x + ways[:, 0, 1] * y
+        aside = radius_m**2 - (x * x + y * y - ahead * ahead)
+        hit = (aside > 0.0) & (ahead > 0.0)
+        found[hit] = np.minimum(found[hit], (ahead - np.sqrt(np.maximum(aside, 0.0)))[hit])
+    return found
 
 
-class Way(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Way:
     """Poses of a drive."""
 
     times_s: np.ndarray
@@ -71,11 +80,11 @@ class Way(NamedTuple):
 
     def at(self, time_s):
         """The pose at an instant, each number by itself."""
-        return Pose2D(*(float(np.interp(time_s, self.times_s, column)) for column in self.unwrapped.T))
+        return Pose2D(*(float(np.interp(time_s, self.times_s, column)) for column in self._columns))
 
-    @property
-    def unwrapped(self):
-        return np.column_stack((self.poses[:, :2], np.unwrap(self.poses[:, 2])))
+    @cached_property
+    def _columns(self):
+        return [*self.poses[:, :2].T, np.unwrap(self.poses[:, 2])]
 
     def near(self, time_s):
         """The recorded poses from a second before an instant to a second after it."""
@@ -86,6 +95,7 @@ class Way(NamedTuple):
         return track
 
 
+@lru_cache
 def way(kind, seconds):
     """The poses of a robot at 50 Hz: one that turns at waypoints, drives straight, or is at rest."""
     x, y, yaw = (0.6, 3.0, 0.2) if kind == "straight" else (1.0, 1.0, 0.6)
@@ -108,31 +118,17 @@ def drive(kind="turns", delay_s=0.0, mount=MOUNT, mirrored=False, beams=360, vie
     track = way(kind, {"turns": 30.0, "straight": 18.0, "rest": 8.0}[kind])
     lidar = LidarGeometry(beams, -view / 2.0, view / beams, 0.12, range_m, BARE)
     angles, rng = lidar.angles_rad * (-1.0 if mirrored else 1.0), stream(1, "scans")
-    return [
-        Sample(
-            round((time_s + delay_s) * NS),
-            cast(track.at(time_s).compose(mount), angles, rng, range_m),
-            lidar,
-            track.near(time_s),
-        )
-        for time_s in np.arange(1.0, track.times_s[-1] - 1.0, 1.0 / 3.0)
-    ]
+    samples = []
+    for time_s in np.arange(1.0, track.times_s[-1] - 1.0, 1.0 / 3.0):
+        ranges_m = cast(track.at(time_s).compose(mount), angles) + rng.normal(0.0, 0.01, len(angles))
+        ranges_m = np.where(ranges_m < range_m, ranges_m, np.inf)
+        samples.append(Sample(round((time_s + delay_s) * NS), ranges_m, lidar, track.near(time_s)))
+    return samples
 
 
 def mounted(samples, mount):
     """The same with the mount set to this."""
-    return [each._replace(lidar=with_mount(each.lidar, mount)) for each in samples]
-
-
-def with_mount(lidar, mount):
-    return LidarGeometry(
-        lidar.beams,
-        lidar.angle_min_rad,
-        lidar.angle_increment_rad,
-        lidar.range_min_m,
-        lidar.range_max_m,
-        mount,
-    )
+    return [each._replace(lidar=dataclasses.replace(each.lidar, mount=mount)) for each in samples]
 
 
 def recorded(name):

@@ -29,12 +29,14 @@ from midnet_bench.recording.files.writer import BagWriter, bag_writer
 from midnet_bench.recording.setup import RecordingSetup
 from midnet_bench.workflows.replay import Replayed, replay
 from tests.cli.command import rows
-from tests.recording.recorded_drives import BARE, MOUNT, WALLS, room, way
+from tests.recording.recorded_drives import BARE, MOUNT, WALLS, cast, room, way
 
 NS = 1_000_000_000
 BEGIN_S = 1_600_000_000.0
 """of all recordings, seconds of the epoch"""
 CONTAINERS = ("ros1", "ros1-bz2", "ros1-lz4", "ros2", "mcap", "csv")
+MOUNT_DEG = [MOUNT.x, MOUNT.y, math.degrees(MOUNT.yaw)]
+"""of the laser of all drives, as a setup has it"""
 LEAD_S = 10.0
 """where on its way the robot is when a recording begins; who is before or behind it goes the same way"""
 
@@ -89,28 +91,6 @@ def middle(discs: Sequence[Disc]) -> tuple[float, float]:
     return sum(one.x for one in discs) / len(discs), sum(one.y for one in discs) / len(discs)
 
 
-def cast(
-    sensor: Pose2D, angles: np.ndarray, discs: Sequence[Disc] = (), walls: np.ndarray = WALLS
-) -> np.ndarray:
-    """(beams,) to the first wall or disc along each angle of the sensor, inf where there is none."""
-    heading = sensor.yaw + angles
-    ways = np.stack((np.cos(heading), np.sin(heading)), axis=1)[:, None]
-    begin, along = walls[:, :2] - sensor[:2], walls[:, 2:] - walls[:, :2]
-    cross = ways[..., 0] * along[:, 1] - ways[..., 1] * along[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ranges = (begin[:, 0] * along[:, 1] - begin[:, 1] * along[:, 0]) / cross
-        share = (begin[:, 0] * ways[..., 1] - begin[:, 1] * ways[..., 0]) / cross
-    met = (share >= 0.0) & (share <= 1.0) & (ranges > 0.0)
-    found = np.where(met, ranges, np.inf).min(axis=1)
-    for one in discs:
-        x, y = one.x - sensor.x, one.y - sensor.y
-        ahead = ways[:, 0, 0] * x + ways[:, 0, 1] * y
-        aside = one.radius_m**2 - (x * x + y * y - ahead * ahead)
-        hit = (aside > 0.0) & (ahead > 0.0)
-        found[hit] = np.minimum(found[hit], (ahead - np.sqrt(np.maximum(aside, 0.0)))[hit])
-    return found
-
-
 def lidar_of(beams: int = 180, view_rad: float = math.tau, range_m: float = 8.0) -> LidarGeometry:
     """Beams that lie evenly over a view about straight ahead."""
     step = view_rad / (beams if view_rad > 6.28 else beams - 1)
@@ -153,30 +133,24 @@ class Drive:
 
     @cached_property
     def _cast(self) -> list[tuple[float, np.ndarray]]:
-        rng, track = np.random.default_rng(self.seed), self.track
+        rng = np.random.default_rng(self.seed)
         angles = self.lidar.angles_rad * (-1.0 if self.upside_down else 1.0)
         found = []
         for time_s in np.arange(0.5, self.seconds, 1.0 / self.rate_hz).tolist():
-            if self.sweep_s:
-                share = np.arange(len(angles)) / len(angles) * self.sweep_s
-                ranges = np.array(
-                    [
-                        cast(
-                            track(time_s + late).compose(self.mount),
-                            angles[k : k + 1],
-                            self.discs(time_s + late),
-                            self.walls,
-                        )[0]
-                        for k, late in enumerate(share.tolist())
-                    ]
-                )
-            else:
-                sensor = track(time_s).compose(self.mount)
-                ranges = cast(sensor, angles, self.discs(time_s), self.walls)
+            share = np.arange(len(angles)) / len(angles) * self.sweep_s
+            parts = (
+                zip(share.tolist(), np.split(angles, len(angles)), strict=True)
+                if self.sweep_s
+                else [(0.0, angles)]
+            )
+            ranges = np.concatenate([self._cast_at(time_s + late, part) for late, part in parts])
             ranges = ranges + rng.normal(0.0, self.noise_m, len(angles))
             ranges[ranges > self.lidar.range_max_m] = np.inf
             found.append((time_s, ranges.astype(np.float32).astype(np.float64)))
         return found
+
+    def _cast_at(self, time_s: float, angles: np.ndarray) -> np.ndarray:
+        return cast(self.track(time_s).compose(self.mount), angles, self.discs(time_s), self.walls)
 
     def poses(self) -> list[tuple[float, Pose2D]]:
         track = self.track
@@ -219,14 +193,16 @@ def scan_messages(
     return found
 
 
-def laser_at(message: Message, stamp_ns: int | None = None, frame: str | None = None) -> Message:
-    """The same scan with another stamp or frame."""
-    head = message.fields["header"]
-    head = {
-        "stamp": head["stamp"] if stamp_ns is None else stamp_ns,
-        "frame_id": head["frame_id"] if frame is None else frame,
-    }
-    return Message(message.kind, {**message.fields, "header": head})
+def edited(said: Said, **fields: Any) -> Said:
+    """The message with other values of some fields."""
+    return said._replace(message=Message(said.message.kind, {**said.message.fields, **fields}))
+
+
+def stamped(said: Said, stamp_ns: int | None = None, frame: str | None = None) -> Said:
+    """The message with another stamp or frame."""
+    head = said.message.fields["header"]
+    stamp = head["stamp"] if stamp_ns is None else stamp_ns
+    return edited(said, header={"stamp": stamp, "frame_id": head["frame_id"] if frame is None else frame})
 
 
 def pose_messages(drive: Drive, kind: str = "pose", topic: str = "/pose") -> list[Said]:
@@ -407,6 +383,27 @@ def replayed(files: Path | Sequence[Path], folder: Path, output: Path | None = N
     done = replay(every, setup, notes.append, lambda share: None, output=output)
     tables = [rows(output / name) for name in ("boxes.csv", "errors.csv")]
     return Result(done, notes, *tables, output)
+
+
+def played(
+    folder: Path,
+    drive: Drive,
+    *,
+    scans: Sequence[Said] | None = None,
+    poses: Sequence[Said] | None = None,
+    more: Sequence[Said] = (),
+    labels: Sequence[tuple[int, float, str, float, float]] = (),
+    grid: OccupancyGrid | None = None,
+    container: str = "mcap",
+    **keys: Any,
+) -> Result:
+    """A drive with its map, mount, scans and poses, or those given, and ``more``, written and replayed."""
+    scans = scan_messages(drive) if scans is None else scans
+    poses = pose_messages(drive) if poses is None else poses
+    if labels:
+        keys["truth"] = str(write_labels(folder / "truth.csv", labels))
+    keys = {"map": str(write_map(folder, grid)), "mount": MOUNT_DEG, **keys}
+    return replayed(write_bag(folder, [*scans, *poses, *more], container), folder, **keys)
 
 
 def apart_m(one: Result, other: Result) -> float:

@@ -9,7 +9,7 @@ from midnet_bench.geometry import LidarGeometry, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import load_map
 from midnet_bench.recording.fitting.fit import Sample, Walls, fit_of
-from midnet_bench.recording.fitting.setup_check import SetBy, find_setup, line_of, verdict
+from midnet_bench.recording.fitting.setup_check import find_setup, line_of, verdict
 from midnet_bench.recording.fitting.setup_search import Returns, Search
 from midnet_bench.recording.poses import PoseTrack
 from tests.recording.recorded_drives import (
@@ -25,9 +25,12 @@ from tests.recording.recorded_drives import (
 )
 
 NAMES = ["intersection", "overtake_red"]
-on_recordings = pytest.mark.skipif(
-    not RECORDINGS.is_dir(), reason="the recordings of others are not beside the checkout"
-)
+
+
+def on_recordings(test):
+    """The test on each of the recordings of others."""
+    there = pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the recordings of others are not here")
+    return pytest.mark.slow(there(pytest.mark.parametrize("name", NAMES)(test)))
 
 
 @pytest.fixture(scope="module")
@@ -122,9 +125,8 @@ def test_a_setup_says_where_the_frame_of_the_poses_lies_in_the_maps(turning, map
     returns = Returns(turning, 20)
     search = Search(returns, Walls(map_of_room), MOUNT)
     values = np.array([*MOUNT, 0.0, 0.3, -0.2, 0.4, 1.0])
-    setup = returns.setup(values, mirrored=False)
     still = returns.place(np.array([*MOUNT, 0.0, 0.0, 0.0, 0.0, 1.0]), mirrored=False)
-    assert setup.map_moved.transform(still) == pytest.approx(returns.place(values, mirrored=False))
+    assert returns.map_moved(values).transform(still) == pytest.approx(returns.place(values, mirrored=False))
     assert search.as_it_is().share > 0.99
 
 
@@ -140,7 +142,7 @@ def test_a_right_setup_fits_and_nothing_is_proposed(kind, beams, view, map_of_ro
     assert told.share > 0.95
     proposal = find_setup(samples, map_of_room)
     assert proposal.kinds == ()
-    assert proposal.setup.mount == pytest.approx(MOUNT)
+    assert proposal.mount == pytest.approx(MOUNT)
 
 
 def test_a_mount_that_was_left_out_is_told_and_found(turning, map_of_room):
@@ -151,7 +153,7 @@ def test_a_mount_that_was_left_out_is_told_and_found(turning, map_of_room):
     proposal = find_setup(turning, map_of_room)
     assert proposal.kinds == ("mount",)
     assert not proposal.alike  # the drive turns
-    assert proposal.setup.mount == pytest.approx(MOUNT, abs=0.02)
+    assert proposal.mount == pytest.approx(MOUNT, abs=0.02)
     assert proposal.share_before < 0.6 < 0.98 < proposal.share_after
     below, above, is_open = proposal.ranges["mount x"]
     assert 0.0 < below < 0.15
@@ -164,17 +166,17 @@ def test_a_scan_delay_of_100_ms_is_found_where_the_drive_turns(view, mount, map_
     samples = mounted(drive(delay_s=0.1, view=view, mount=mount), mount)
     proposal = find_setup(samples, map_of_room)
     assert proposal.kinds == ("delay",)
-    assert proposal.setup.delay_s == pytest.approx(0.1, abs=0.02)
-    assert f"delay_s: {proposal.setup.delay_s:.3f}" in line_of(proposal)
-    already = line_of(proposal, SetBy(delay_s=0.2))
-    assert f"delay_s: {0.2 + proposal.setup.delay_s:.3f}" in already
+    assert proposal.delay_s == pytest.approx(0.1, abs=0.02)
+    assert f"delay_s: {proposal.delay_s:.3f}" in line_of(proposal)
+    already = line_of(proposal, delay_s=0.2)
+    assert f"delay_s: {0.2 + proposal.delay_s:.3f}" in already
 
 
 def test_a_delay_and_a_mount_that_was_left_out_are_found_together(map_of_room):
     proposal = find_setup(drive(delay_s=0.1), map_of_room)
     assert proposal.kinds == ("mount", "delay")
-    assert proposal.setup.delay_s == pytest.approx(0.1, abs=0.02)
-    assert proposal.setup.mount == pytest.approx(MOUNT, abs=0.03)
+    assert proposal.delay_s == pytest.approx(0.1, abs=0.02)
+    assert proposal.mount == pytest.approx(MOUNT, abs=0.03)
 
 
 def test_what_a_straight_drive_or_a_robot_at_rest_cannot_tell_is_said(turning, map_of_room):
@@ -194,19 +196,17 @@ def test_at_rest_a_mount_cannot_be_told_from_a_moved_map(map_of_room):
     assert "or, which this recording cannot tell, if the map is moved" in line_of(proposal)
 
 
-def test_a_mirrored_scan_is_told(map_of_room):
+def test_a_mirrored_scan_and_whole_turns_are_noted(turning, map_of_room):
     samples = mounted(drive(mirrored=True), MOUNT)
     told = verdict(samples, map_of_room)
     assert told.kinds == ("mirror", "mount")
     assert "mirrored: true; mount: [0." in told.lines[0]
-    assert "mirrored: false" in verdict(samples, map_of_room, SetBy(mirrored=True)).lines[0]
-
-
-@pytest.mark.parametrize("degrees", [90, 180])
-def test_whole_turns_are_told(degrees, turning, map_of_room):
-    told = verdict(mounted(turning, MOUNT._replace(yaw=MOUNT.yaw - math.radians(degrees))), map_of_room)
-    assert told.kinds == ("turn",)
-    assert f"turned by {degrees} degrees" in told.lines[0]
+    assert "mirrored: false" in verdict(samples, map_of_room, mirrored=True).lines[0]
+    for degrees in (90, 180):
+        turned = MOUNT._replace(yaw=MOUNT.yaw - math.radians(degrees))
+        told = verdict(mounted(turning, turned), map_of_room)
+        assert told.kinds == ("turn",)
+        assert f"turned by {degrees} degrees" in told.lines[0]
 
 
 def test_a_moved_map_is_told_with_the_start_that_the_poses_have_on_it(turning, map_of_room):
@@ -230,20 +230,15 @@ def test_a_turned_map_and_one_of_another_place_are_told(turning, map_of_room):
     assert "is it the map of this place" in told.lines[0]
 
 
-def test_a_robot_off_the_map_is_told(turning, map_of_room):
+def test_a_robot_off_the_map_and_too_few_returns_are_noted(turning, map_of_room):
     told = verdict(mounted(turning, MOUNT), moved(map_of_room, 60.0, 0.0))
     assert told.kinds[0] == "off the map"
     assert "in 100% of the scans" in told.lines[0]
-
-
-def test_too_few_returns_are_told(turning, map_of_room):
     empty = [each._replace(ranges_m=np.full(360, np.inf)) for each in turning[:3]]
     assert verdict(empty, map_of_room).kinds == ("few returns",)
 
 
-@pytest.mark.slow
 @on_recordings
-@pytest.mark.parametrize("name", NAMES)
 def test_on_recordings_of_others_the_right_setup_raises_no_alarm(name, recordings):
     samples, grid = recordings[name]
     told = verdict(samples, grid)
@@ -253,21 +248,17 @@ def test_on_recordings_of_others_the_right_setup_raises_no_alarm(name, recording
     assert find_setup(samples, grid).kinds == ()
 
 
-@pytest.mark.slow
 @on_recordings
-@pytest.mark.parametrize("name", NAMES)
 def test_on_recordings_of_others_the_mount_comes_back_from_nothing(name, recordings):
     samples, grid = recordings[name]
     proposal = find_setup(mounted(samples, BARE), grid)
     assert proposal.kinds == ("mount",)
-    found = proposal.setup.mount
+    found = proposal.mount
     assert found.distance_to(TRUE_MOUNT) < 0.03
     assert abs(found.yaw - TRUE_MOUNT.yaw) < math.radians(1.0)
 
 
-@pytest.mark.slow
 @on_recordings
-@pytest.mark.parametrize("name", NAMES)
 def test_on_recordings_of_others_each_fault_is_told_in_one_line(name, recordings):
     samples, grid = recordings[name]
     mirrored = [each._replace(ranges_m=each.ranges_m[::-1]) for each in samples]

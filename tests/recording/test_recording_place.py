@@ -20,7 +20,7 @@ from midnet_bench.recording.poses import PoseTrack
 from tests.cli.command import midnet_bench, one_line_of_complaint
 from tests.recording import recordings as made
 from tests.recording.recorded_drives import rectangle, room
-from tests.recording.recordings import Drive, apart_m, replayed
+from tests.recording.recordings import Drive, apart_m, played
 
 DRIVE = Drive(seconds=8.0, movers={"red": made.on_the_way(6.0)})
 ODOM_IN_MAP = Pose2D(6.0, -9.0, 2.5)
@@ -43,33 +43,25 @@ def by_odometry(drive, kind):
 
 @pytest.fixture(scope="module")
 def truly_placed(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("true")
-    keys = {
-        "map": str(made.write_map(folder)),
-        "truth": str(made.write_labels(folder / "truth.csv", DRIVE.labels())),
-    }
-    bag = made.write_bag(folder, [*made.scan_messages(DRIVE), *made.pose_messages(DRIVE)])
-    mount = [DRIVE.mount.x, DRIVE.mount.y, math.degrees(DRIVE.mount.yaw)]
-    return {**keys, "mount": mount}, replayed(bag, folder, **keys, mount=mount)
+    return played(tmp_path_factory.mktemp("true"), DRIVE, labels=DRIVE.labels())
 
 
 @pytest.mark.parametrize("kind", ["tf", "topic"])
 @pytest.mark.parametrize("start", ["found", "about"])
 def test_odometry_is_placed(tmp_path, truly_placed, kind, start):
-    keys, true = truly_placed
-    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *by_odometry(DRIVE, kind)])
     begin = DRIVE.track(0.5)
     about = [begin.x + 0.2, begin.y - 0.15, math.degrees(begin.yaw) + 6.0]
-    placed = replayed(bag, tmp_path, **keys, start="found" if start == "found" else about)
+    start = "found" if start == "found" else about
+    placed = played(tmp_path, DRIVE, poses=by_odometry(DRIVE, kind), labels=DRIVE.labels(), start=start)
     (line,) = [one for one in placed.notes if "began at" in one]
     said = yaml.safe_load(line.split("start: ")[1].split(" on ")[0])
     assert said == pytest.approx([begin.x, begin.y, math.degrees(begin.yaw)], abs=1.0)
     assert math.dist(said[:2], begin[:2]) < 0.05
-    assert placed.score()["recall"] == true.score()["recall"] == 1.0
-    assert apart_m(placed, true) < UNTIL_APART_M
+    assert placed.score()["recall"] == truly_placed.score()["recall"] == 1.0
+    assert apart_m(placed, truly_placed) < UNTIL_APART_M
 
 
-def test_odometry_that_drifts_is_corrected_unless_that_is_off(tmp_path, truly_placed):
+def test_odometry_that_drifts_is_corrected_unless_that_is_off(tmp_path):
     drive = replace(DRIVE, seconds=30.0, movers={})
     begin, turned = drive.track(0.0), 0.02
 
@@ -78,45 +70,36 @@ def test_odometry_that_drifts_is_corrected_unless_that_is_off(tmp_path, truly_pl
         return Pose2D(1.03 * x, 1.03 * y, yaw).compose(Pose2D(0.0, 0.0, turned * time_s / 2.0))
 
     poses = made.pose_messages(replace(drive, pose=drifting), "odometry", "/odom")
-    bag = made.write_bag(tmp_path, [*made.scan_messages(drive), *poses])
-    keys = {key: truly_placed[0][key] for key in ("map", "mount")}
     corrected, plain = (
-        replayed(bag, tmp_path, **keys, **off, start="found").score()["boxes_per_frame"]
+        played(tmp_path, drive, poses=poses, **off, start="found").score()["boxes_per_frame"]
         for off in ({}, {"localize": False})
     )
     assert corrected < 0.05
     assert plain > 0.5
 
 
-def test_without_a_place_the_refusal_names_the_options(tmp_path, truly_placed):
+def test_without_a_place_the_refusal_names_the_options(tmp_path):
     bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *by_odometry(DRIVE, "tf")])
-    said = one_line_of_complaint(
-        midnet_bench("replay", bag, "--map", truly_placed[0]["map"], folder=tmp_path)
-    )
+    arguments = ("replay", bag, "--map", made.write_map(tmp_path), "--preset", "real")
+    said = one_line_of_complaint(midnet_bench(*arguments, folder=tmp_path))
     assert "--place found" in said
     assert "--start" in said
-    arguments = ("replay", bag, "--map", truly_placed[0]["map"], "--preset", "real")
     for option in (("--place", "found"), ("--start", "2.9,3.1,0")):
-        done = midnet_bench(*arguments, *option, folder=tmp_path)
-        assert "began at start: [" in done.stderr
+        assert "began at start: [" in midnet_bench(*arguments, *option, folder=tmp_path).stderr
     both = midnet_bench(*arguments, "--place", "found", "--start", "0,0,0", folder=tmp_path)
     assert "--place" in one_line_of_complaint(both)
     assert "--start 1,2" in one_line_of_complaint(midnet_bench(*arguments, "--start", "1,2", folder=tmp_path))
 
 
-def test_the_map_of_another_place_is_refused(tmp_path):
+def test_a_map_of_another_place_and_a_background_are_refused(tmp_path):
     rows, columns = np.ogrid[:240, :240]
     hall = np.abs(np.hypot(rows - 120, columns - 120) - 100.0) < 1.0
     grid = OccupancyGrid(np.where(hall, 100, 0).astype(np.int8), 0.05, (-2.0, -3.0))
-    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *by_odometry(DRIVE, "tf")])
+    keys = {"poses": by_odometry(DRIVE, "tf"), "mount": {}, "start": "found"}
     with pytest.raises(InputError, match=r"start: robot: no place .*--map"):
-        replayed(bag, tmp_path, map=str(made.write_map(tmp_path, grid)), start="found")
-
-
-def test_a_place_on_a_background_is_refused(tmp_path):
-    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *by_odometry(DRIVE, "tf")])
+        played(tmp_path, DRIVE, grid=grid, **keys)
     with pytest.raises(InputError, match=r"start: .*--map"):
-        replayed(bag, tmp_path, background="first-2", start="found")
+        played(tmp_path, DRIVE, map=None, background="first-2", **keys)
 
 
 def hall_of(side_m):
@@ -140,7 +123,7 @@ def sample_at(number, pose, ranges_m, lidar):
     return Sample(number * NS, ranges_m, lidar, track)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
     side_m=st.floats(5.0, 100.0),
     x=st.floats(-1.5, 1.5),
@@ -161,7 +144,7 @@ def test_the_printed_correction_never_lowers_the_share(side_m, x, y, degrees):
         return
     x, y, yaw_deg = start_of(found)
     moved = Pose2D(x, y, math.radians(yaw_deg)).compose(samples[0].pose.inverse())
-    mount = found.setup.mount if {"mount", "turn"} & set(found.kinds) else Pose2D(0, 0, 0)
+    mount = found.mount if {"mount", "turn"} & set(found.kinds) else Pose2D(0, 0, 0)
     lidar = LidarGeometry(180, -math.pi, math.tau / 180, 0.1, 6.0, mount)
     after = [
         sample_at(number, moved.compose(one.pose), one.ranges_m, lidar) for number, one in enumerate(samples)

@@ -60,13 +60,10 @@ def test_one_value_is_every_robot_s_and_a_name_s_own_counts_more() -> None:
     assert FULL.of_each("delay_s", ["a", "b"]) == {"a": 0.05, "b": 0.05}
     with pytest.raises(InputError, match=r"mount: front: .*did you mean 'frnt'"):
         FULL.of_each("mount", ["frnt"])
+    assert FULL.no_return == {"zero": "nothing"}
     assert by_name(["tf", "a=/a=b"], "--pose") == {EVERY: "tf", "a": "/a=b"}
     with pytest.raises(InputError, match="twice"):
         by_name(["tf", "/pose"], "--pose")
-
-
-def test_a_meaning_of_no_return_is_one_of_two() -> None:
-    assert FULL.no_return == {"zero": "nothing"}
 
 
 def test_the_page_has_every_key_and_its_example_is_a_setup() -> None:

@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -17,8 +18,16 @@ from tests.recording.recordings import Drive
 from tests.recording.test_export import Said, read, stamp_of, transform_of
 
 DRIVE = Drive(seconds=2.0, lidar=made.lidar_of(90), movers={"red": made.on_the_way(6.0)})
-MOUNT = [0.1, 0.02, math.degrees(0.05)]
+MOUNT = made.MOUNT_DEG
 NS = 1_000_000_000
+
+
+def recording_of(
+    folder: Path, *more: made.Said, poses: Sequence[made.Said] | None = None, name: str = "bag"
+) -> Path:
+    """The drive with its map, its poses or these, and more."""
+    poses = made.pose_messages(DRIVE) if poses is None else poses
+    return made.write_bag(folder, [made.map_message(), *made.scan_messages(DRIVE), *poses, *more], name=name)
 
 
 def written(recording: Path, bag: Path, **keys: object) -> tuple[list[Said], list[dict[str, str]]]:
@@ -80,8 +89,7 @@ def test_record_times_and_stamps_are_those_of_the_scans(tmp_path: Path) -> None:
 
 
 def test_who_walks_through_keeps_the_number_of_a_track(tmp_path: Path) -> None:
-    messages = [made.map_message(), *made.scan_messages(DRIVE), *made.pose_messages(DRIVE)]
-    said, _ = written(made.write_bag(tmp_path, messages), tmp_path / "out.mcap", pose="/pose", mount=MOUNT)
+    said, _ = written(recording_of(tmp_path), tmp_path / "out.mcap", pose="/pose", mount=MOUNT)
     frames = [one.message.markers[1:] for one in said if one.topic == "/replay/real/tracks"]
     cubes = [[one for one in frame if one.type == one.CUBE] for frame in frames]
     seen = Counter(one.ns for frame in cubes for one in frame)
@@ -95,9 +103,7 @@ def test_who_walks_through_keeps_the_number_of_a_track(tmp_path: Path) -> None:
 @pytest.mark.parametrize("has_tf", [True, False])
 def test_the_recordings_own_frames_hang_on_the_map(has_tf: bool, tmp_path: Path) -> None:
     fixed = [made.Said("/tf_static", made.ns_of(0.0), made.mount_message(DRIVE), True)] if has_tf else []
-    messages = [made.map_message(), *fixed, *made.scan_messages(DRIVE), *made.pose_messages(DRIVE)]
-    recording = made.write_bag(tmp_path, messages)
-    said, _ = written(recording, tmp_path / "out.mcap", pose="/pose", mount=MOUNT)
+    said, _ = written(recording_of(tmp_path, *fixed), tmp_path / "out.mcap", pose="/pose", mount=MOUNT)
     placed = 0
     for one in said:
         if one.topic != "/tf":
@@ -113,8 +119,8 @@ def test_the_recordings_own_frames_hang_on_the_map(has_tf: bool, tmp_path: Path)
 
 
 def test_a_recording_that_leads_to_the_map_has_its_own_transforms(tmp_path: Path) -> None:
-    messages = [made.map_message(), *made.scan_messages(DRIVE), *made.tf_messages(DRIVE)]
-    said, _ = written(made.write_bag(tmp_path, messages), tmp_path / "out.mcap", pose="tf")
+    recording = recording_of(tmp_path, poses=made.tf_messages(DRIVE))
+    said, _ = written(recording, tmp_path / "out.mcap", pose="tf")
     assert all(len(one.message.transforms) == 1 for one in said if one.topic == "/tf")
 
 
@@ -122,7 +128,7 @@ def test_a_placed_odometry_hangs_on_the_map_where_it_was_placed(tmp_path: Path) 
     moving = made.tf_messages(DRIVE)
     odometry = [one for one in moving if "'map'" not in repr(one.message)]
     assert 0 < len(odometry) < len(moving)
-    recording = made.write_bag(tmp_path, [made.map_message(), *made.scan_messages(DRIVE), *odometry])
+    recording = recording_of(tmp_path, poses=odometry)
     begins = next(iter(DRIVE.poses()))[1]
     start = [begins.x, begins.y, math.degrees(begins.yaw)]
     said, _ = written(recording, tmp_path / "out.mcap", pose="tf", start=start)
@@ -135,8 +141,7 @@ def test_a_placed_odometry_hangs_on_the_map_where_it_was_placed(tmp_path: Path) 
 
 
 def test_places_that_cannot_be_written(tmp_path: Path) -> None:
-    messages = [made.map_message(), *made.scan_messages(DRIVE), *made.pose_messages(DRIVE)]
-    recording = made.write_bag(tmp_path, messages)
+    recording = recording_of(tmp_path)
     before = recording.read_bytes()
     for name in ("bag.mcap", "out.db3", "out.txt"):
         done = midnet_bench(
@@ -146,7 +151,7 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
     assert recording.read_bytes() == before
     (tmp_path / "folder").mkdir()
     inner = recording.rename(tmp_path / "folder" / "part_0.mcap")
-    other = made.write_bag(tmp_path, messages, name="other")
+    other = recording_of(tmp_path, name="other")
     (tmp_path / "setup.yaml").write_text("background: other.mcap\npose: /pose\n")
     for bag, given in ((inner, ("--map", "/map")), (other, ("--setup", "setup.yaml"))):
         before = bag.read_bytes()
@@ -159,8 +164,7 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("way", [["--check"], ["--steps", "3"]])
 def test_a_bag_without_a_replay_is_refused(way: list[str], tmp_path: Path) -> None:
-    messages = [made.map_message(), *made.scan_messages(DRIVE), *made.pose_messages(DRIVE)]
-    recording = made.write_bag(tmp_path, messages)
+    recording = recording_of(tmp_path)
     given = ("replay", recording, "--map", "/map", "--pose", "/pose", "--bag", "o.mcap", *way)
     complaint = one_line_of_complaint(midnet_bench(*given, folder=tmp_path))
     assert "--bag" in complaint

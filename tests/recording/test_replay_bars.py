@@ -8,10 +8,10 @@ import pytest
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from tests.recording import recordings as made
-from tests.recording.recordings import Drive, replayed
+from tests.recording.recordings import Drive, played, replayed
 
 pytestmark = pytest.mark.slow
-MOUNT = [0.1, 0.02, 2.864789]
+MOUNT = made.MOUNT_DEG
 LASERS = {
     "180 half circle": made.lidar_of(181, math.pi, 30.0),
     "270 degrees": made.lidar_of(541, math.radians(270.0), 30.0),
@@ -20,53 +20,39 @@ LASERS = {
 }
 REST = Pose2D(4.2, 3.0, 0.3)
 ROBOTS = {"robot": made.on_the_way(6.0, 0.12)}
+WALK = made.walking((4.8, 3.6), (5.4, 2.6), 0.3, 0.24)
 WALKERS = {
     "thin": made.walking((4.7, 3.0), (5.2, 2.0), 0.8, 0.10),
     "stout": made.walking((4.6, 3.6), (5.0, 4.6), 1.1, 0.15),
 }
 
 
-@pytest.fixture(scope="module")
-def map_file(tmp_path_factory):
-    return str(made.write_map(tmp_path_factory.mktemp("map")))
-
-
-def scored(tmp_path, map_file, drive, **keys):
-    bag = made.write_bag(tmp_path, [*made.scan_messages(drive), *made.pose_messages(drive)])
-    truth = str(made.write_labels(tmp_path / "truth.csv", drive.labels()))
-    found = replayed(bag, tmp_path, map=map_file, mount=MOUNT, truth=truth, **keys)
-    return found.score(), found
-
-
 @pytest.mark.parametrize("laser", LASERS)
 @pytest.mark.parametrize("moves", [True, False])
-def test_robots(laser, moves, tmp_path, map_file):
+def test_robots(laser, moves, tmp_path):
     drive = Drive(seconds=15.0, lidar=LASERS[laser], movers=ROBOTS)
     if not moves:
-        drive = replace(
-            drive, pose=lambda time_s: REST, movers={"robot": made.walking((4.8, 3.6), (5.4, 2.6), 0.3, 0.24)}
-        )
-    score, _ = scored(tmp_path, map_file, drive)
+        drive = replace(drive, pose=lambda time_s: REST, movers={"robot": WALK})
+    score = played(tmp_path, drive, labels=drive.labels()).score()
     assert score["in_range"] > 40
     assert score["recall"] >= 0.95, score
     assert (score["fp"] + score["duplicates"]) / score["frames"] < 0.2, score
 
 
 @pytest.mark.parametrize("laser", LASERS)
-def test_people(laser, tmp_path, map_file):
+def test_people(laser, tmp_path):
     drive = Drive(seconds=15.0, lidar=LASERS[laser], pose=lambda time_s: REST, movers=WALKERS)
-    score, _ = scored(tmp_path, map_file, drive)
+    score = played(tmp_path, drive, labels=drive.labels()).score()
     assert score["in_range"] > 100
     assert score["recall"] >= 0.85, score
     assert score["fp"] / score["frames"] < 0.2, score
 
 
 @pytest.mark.parametrize("laser", LASERS)
-def test_nobody_in_a_mapped_building(laser, tmp_path, map_file):
+def test_nobody_in_a_mapped_building(laser, tmp_path):
     drive = Drive(seconds=20.0, lidar=LASERS[laser], movers={}, noise_m=0.02)
-    bag = made.write_bag(tmp_path, [*made.scan_messages(drive), *made.pose_messages(drive)])
     for settings in ({}, {"obstacle_range_m": 10.0}):
-        found = replayed(bag, tmp_path, map=map_file, mount=MOUNT, settings=settings)
+        found = played(tmp_path, drive, settings=settings)
         assert found.score()["boxes_per_frame"] < 0.2, (settings, found.causes())
 
 
@@ -91,6 +77,3 @@ def test_a_background_of_the_first_seconds_and_of_another_recording(tmp_path):
 def robot_late(time_s):
     """Nobody for ten seconds; then a robot that walks to and fro."""
     return WALK(time_s - 10.0) if time_s >= 10.2 else [made.Disc(100.0, 100.0, 0.1)]
-
-
-WALK = made.walking((4.8, 3.6), (5.4, 2.6), 0.3, 0.24)

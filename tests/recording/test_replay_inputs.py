@@ -7,7 +7,7 @@ import pytest
 from midnet_bench.geometry import Pose2D
 from tests.recording import recordings as made
 from tests.recording.recorded_drives import CELL_M
-from tests.recording.recordings import Drive, apart_m, replayed
+from tests.recording.recordings import Drive, apart_m, played, replayed
 
 
 def slow(kind):
@@ -15,6 +15,7 @@ def slow(kind):
 
 
 DRIVE = Drive(seconds=3.0, movers={"red": made.on_the_way(6.0), "blue": made.standing(2.6, 2.6)})
+MOUNT = made.MOUNT_DEG
 
 
 @pytest.fixture(scope="module")
@@ -27,59 +28,48 @@ def expected(tmp_path_factory, map_file):
     """The boxes of the drive as a table of scans with poses."""
     folder = tmp_path_factory.mktemp("expected")
     table = made.write_scan_table(folder / "drive.csv", DRIVE, with_poses=True)
-    found = replayed(table, folder, map=map_file, mount=[0.1, 0.02, 2.8647889756541160])
+    found = replayed(table, folder, map=map_file, mount=MOUNT)
     assert len(found.boxes) > 30
     return found
 
 
-MOUNT = [0.1, 0.02, 2.8647889756541160]
-
-
 @pytest.mark.parametrize("container", ["ros1", slow("ros1-bz2"), slow("ros1-lz4"), slow("ros2"), "mcap"])
-def test_every_container(container, tmp_path, map_file, expected):
-    bag = made.write_bag(tmp_path, [*made.scan_messages(DRIVE), *made.pose_messages(DRIVE)], container)
-    assert replayed(bag, tmp_path, map=map_file, mount=MOUNT).plain_boxes == expected.plain_boxes
+def test_every_container(container, tmp_path, expected):
+    assert played(tmp_path, DRIVE, container=container).plain_boxes == expected.plain_boxes
 
 
 @pytest.mark.parametrize(
     "kind", [*map(slow, ["odometry", "covariance", "tum", "separate csv", "map topic"]), "tf", "csv"]
 )
 def test_every_source_of_poses(kind, tmp_path, map_file, expected):
-    scans, keys, poses = made.scan_messages(DRIVE), {"mount": MOUNT}, []
+    keys = {}
     if kind in ("odometry", "covariance"):
-        poses = made.pose_messages(DRIVE, kind)
+        keys["poses"] = made.pose_messages(DRIVE, kind)
     elif kind == "tf":
-        poses, keys = made.tf_messages(DRIVE), {}
-    elif kind == "csv":
-        keys["pose"] = str(made.write_pose_table(tmp_path / "poses.csv", DRIVE.poses()))
-    elif kind == "tum":
-        keys["pose"] = str(made.write_tum(tmp_path / "poses.tum", DRIVE.poses()))
+        keys = {"poses": made.tf_messages(DRIVE), "mount": {}, "container": "ros1"}
     elif kind == "map topic":
-        poses, map_file = [*made.pose_messages(DRIVE), made.map_message()], "/map"
-    if kind == "separate csv":
-        keys["pose"] = str(made.write_pose_table(tmp_path / "poses.csv", DRIVE.poses()))
-        bag = made.write_scan_table(tmp_path / "scans.csv", DRIVE)
+        keys = {"more": [made.map_message()], "map": "/map"}
+    elif kind == "tum":
+        keys = {"poses": [], "pose": str(made.write_tum(tmp_path / "poses.tum", DRIVE.poses()))}
     else:
-        bag = made.write_bag(tmp_path, [*scans, *poses], "ros1" if kind == "tf" else "mcap")
-    found = replayed(bag, tmp_path, map=map_file, **keys)
+        keys = {"poses": [], "pose": str(made.write_pose_table(tmp_path / "poses.csv", DRIVE.poses()))}
+    if kind == "separate csv":
+        table = made.write_scan_table(tmp_path / "scans.csv", DRIVE)
+        found = replayed(table, tmp_path, map=map_file, mount=MOUNT, pose=keys["pose"])
+    else:
+        found = played(tmp_path, DRIVE, **keys)
     # an odometry that drifts is not quite between its neighbours
     assert apart_m(found, expected) < (CELL_M * 1.01 if kind == "tf" else 1e-9)
 
 
 @pytest.mark.slow
-def test_a_laser_upside_down_is_mirrored(tmp_path, map_file, expected):
+def test_a_laser_upside_down_is_mirrored(tmp_path):
     turned = replace(DRIVE, upside_down=True)
-    bag = made.write_bag(tmp_path, [*made.scan_messages(turned), *made.tf_messages(turned)])
-    truth = str(made.write_labels(tmp_path / "truth.csv", turned.labels()))
-    by_tf = replayed(bag, tmp_path, map=map_file, truth=truth)
+    by_tf = played(tmp_path, turned, poses=made.tf_messages(turned), mount={}, labels=turned.labels())
     assert any("mirrored" in line for line in by_tf.notes)
-    plain = [*made.scan_messages(turned), *made.pose_messages(turned)]
-    by_flag = replayed(
-        made.write_bag(tmp_path, plain, name="flag"), tmp_path, map=map_file, mount=MOUNT, mirrored=True
-    )
+    by_flag = played(tmp_path, turned, mirrored=True)
     assert apart_m(by_tf, by_flag) < CELL_M * 1.01
-    assert by_tf.score()["recall"] == 1.0
-    assert by_tf.score()["precision"] == 1.0
+    assert (by_tf.score()["recall"], by_tf.score()["precision"]) == (1.0, 1.0)
 
 
 @pytest.mark.slow
@@ -110,36 +100,27 @@ def test_several_robots_in_one_bag_and_in_several_are_the_same(tmp_path, map_fil
     assert len(one.boxes) > 50
     assert without_order(one) == without_order(several)
     # the first bag's clock is 100 s late
+    late_ns = 100 * made.NS
     late = [
-        made.Said(topic, ns + 100 * made.NS, moved(message), kept) for topic, ns, message, kept in messages[0]
+        made.stamped(said, said.message.fields["header"]["stamp"] + late_ns)._replace(
+            record_ns=said.record_ns + late_ns
+        )
+        for said in messages[0]
     ]
     each[0] = made.write_bag(tmp_path, late, "ros1", "later")
-    several = replayed(
-        each, tmp_path, map=map_file, mount={"front": MOUNT, "later": MOUNT}, offset_s={"later": -100}
-    )
+    mounts = {"front": MOUNT, "later": MOUNT}
+    several = replayed(each, tmp_path, map=map_file, mount=mounts, offset_s={"later": -100})
     assert without_order(one) == without_order(several)
 
 
 BACK = Pose2D(-0.4, 0.0, 0.0)
 
 
-def moved(message):
-    head = {**message.fields["header"], "stamp": message.fields["header"]["stamp"] + 100 * made.NS}
-    return message._replace(fields={**message.fields, "header": head})
-
-
-def test_a_geometry_that_changes_in_mid_bag_is_told_and_read(tmp_path, map_file):
-    first = replace(DRIVE, seconds=2.0)
-    second = replace(DRIVE, lidar=made.lidar_of(240))
-    messages = [
-        *made.scan_messages(first),
-        *[one for one in made.scan_messages(second) if one.record_ns >= made.ns_of(2.0)],
-        *made.pose_messages(DRIVE),
-    ]
-    truth = made.write_labels(tmp_path / "truth.csv", DRIVE.labels())
-    found = replayed(
-        made.write_bag(tmp_path, messages), tmp_path, map=map_file, mount=MOUNT, truth=str(truth)
-    )
+def test_a_geometry_that_changes_in_mid_bag_is_noted_and_read(tmp_path):
+    second = made.scan_messages(replace(DRIVE, lidar=made.lidar_of(240)))
+    scans = made.scan_messages(replace(DRIVE, seconds=2.0))
+    scans += [one for one in second if one.record_ns >= made.ns_of(2.0)]
+    found = played(tmp_path, DRIVE, scans=scans, labels=DRIVE.labels())
     assert any("180 to 240 beams" in line for line in found.notes)
     assert found.score()["recall"] == 1.0
     assert found.replayed.faults == []

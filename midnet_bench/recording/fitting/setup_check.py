@@ -22,7 +22,6 @@ from midnet_bench.recording.fitting.setup_search import (
     Candidate,
     Returns,
     Search,
-    Setup,
 )
 from midnet_bench.recording.plan import AT_ORIGIN, Recorded, RobotPlan
 from midnet_bench.recording.setup import EVERY, FOUND, RecordingSetup
@@ -48,15 +47,6 @@ APART_M, APART_RAD = 1.0, math.radians(20.0)
 """Two places that differ by less are one."""
 
 
-class SetBy(NamedTuple):
-    """Values set by the user that add to those found; the samples have the mount."""
-
-    mirrored: bool = False
-    """whether the samples' geometry is mirrored already"""
-    delay_s: float = 0.0
-    """what the samples' times are earlier by than the stamps"""
-
-
 class Range(NamedTuple):
     """How far one parameter can be changed, the others held, within sampling noise of the share."""
 
@@ -72,13 +62,20 @@ class Proposal(NamedTuple):
 
     kinds: tuple[str, ...]
     """what differs from what was set, of "mount", "turn", "mirror", "delay", "map"; empty: nothing"""
-    setup: Setup
+    mount: Pose2D
+    """the sensor in the robot's frame"""
     turned_rad: float
-    """by how much its mount is turned against the one that was set, within [-pi, pi)"""
+    """by how much it is turned against the one that was set, within [-pi, pi)"""
+    is_mirrored: bool
+    """whether the beams go round the other way than the samples' geometry says"""
+    delay_s: float
+    """by how much a scan's time is later than the instant at which it was measured"""
+    map_moved: Pose2D
+    """where the frame of the poses lies in that of the map; all zero where the two are one"""
     share_before: float
     share_after: float
     start: Pose2D
-    """where the robot was at the first scan, in the frame of a map that is moved as the setup says"""
+    """where the robot was at the first scan, in the frame of a map that is moved so"""
     ranges: dict[str, Range] = {}  # noqa: RUF012
     """of the parameters by ``NAMES``; metres, radians, seconds; empty where none is needed"""
     alike: tuple["Proposal", ...] = ()
@@ -109,13 +106,16 @@ class Verdict(NamedTuple):
         return not self.kinds
 
 
-def verdict(samples: Sequence[Sample], grid: OccupancyGrid, set_by: SetBy = SetBy()) -> Verdict:  # noqa: B008
+def verdict(
+    samples: Sequence[Sample], grid: OccupancyGrid, mirrored: bool = False, delay_s: float = 0.0
+) -> Verdict:
     """The findings before a replay, in about a quarter of a second of CPU time.
 
     Args:
         samples: of the whole recording; no more than ``QUICK_SAMPLES`` of them, spread evenly, are used.
         grid: the map, int8, map frame.
-        set_by: for keys that add to what is set already.
+        mirrored: whether the samples' geometry is mirrored already.
+        delay_s: what the samples' times are earlier by than the stamps already.
 
     Raises:
         InputError: the map has no wall.
@@ -142,7 +142,7 @@ def verdict(samples: Sequence[Sample], grid: OccupancyGrid, set_by: SetBy = SetB
     gain = max(best.share - plain.share, best.score - plain.score)
     if best.share >= plain.share + WORTH and gain >= ALARM and best.share >= GOOD:
         proposal = _proposal(search, plain, best, others)
-        lines = (*faults.values(), line_of(proposal, set_by))
+        lines = (*faults.values(), line_of(proposal, mirrored, delay_s))
         return Verdict((*faults, *proposal.kinds), lines, share)
     if share < POOR:
         most = max(best.share, share)
@@ -286,9 +286,19 @@ def _bare(returns: Returns, plain: Candidate, candidate: Candidate) -> Proposal:
     kinds = ("mirror",) * candidate.mirrored + tuple(
         kind for kind, own in ((mount, MOUNT), ("delay", DELAY), ("map", MAP)) if set(own) <= changed
     )
-    setup = returns.setup(candidate.values, candidate.mirrored)
-    start = setup.map_moved.compose(returns.first)
-    return Proposal(kinds, setup, turned_rad, plain.share, candidate.share, start)
+    x, y, yaw, delay_s = candidate.values[:4].tolist()
+    moved = returns.map_moved(candidate.values)
+    return Proposal(
+        kinds,
+        Pose2D(x, y, wrap_angle(yaw)),
+        turned_rad,
+        candidate.mirrored,
+        delay_s,
+        moved,
+        plain.share,
+        candidate.share,
+        moved.compose(returns.first),
+    )
 
 
 def _range(search: Search, best: Candidate, number: int) -> Range:
@@ -354,30 +364,30 @@ def _left_over(
     return float(np.trace(rest) / max(np.trace(own), 1e-12)), by_others
 
 
-def line_of(proposal: Proposal, set_by: SetBy = SetBy()) -> str:  # noqa: B008
-    """What is wrong, the shares before and after, and what corrects it, in one line."""
+def line_of(proposal: Proposal, mirrored: bool = False, delay_s: float = 0.0) -> str:
+    """What is wrong, the shares before and after, and what corrects it; see :func:`verdict`."""
     after = f"{proposal.share_after:.2f}"
     line = f"{proposal.share_before:.2f} of the returns lie on mapped walls, "
     if not proposal.kinds:
         return line + "and no other setup does better"
     if not proposal.is_good:
         return f"{line}and no setup brings more than {after}: is it the map of this place (--map)? {PLACED}"
-    what, keys = _in_words(proposal, set_by)
+    what, keys = _in_words(proposal, mirrored, delay_s)
     line += f"{after} if {what}: {keys}"
     if proposal.alike:
-        what, keys = _in_words(proposal.alike[0], set_by)
+        what, keys = _in_words(proposal.alike[0], mirrored, delay_s)
         line += f"; or, which this recording cannot tell, if {what}"
         line += f": {keys}" if len(line) + len(keys) + 2 < LONGEST_LINE else ""
     return line
 
 
-def _in_words(proposal: Proposal, set_by: SetBy) -> tuple[str, str]:
+def _in_words(proposal: Proposal, mirrored: bool, delay_s: float) -> tuple[str, str]:
     """What is wrong, and the keys of ``setup.yaml`` that make a proposal's setup."""
-    setup, kinds, parts, keys = proposal.setup, proposal.kinds, [], []
-    x, y, yaw = setup.mount
-    if setup.is_mirrored:
+    kinds, parts, keys = proposal.kinds, [], []
+    x, y, yaw = proposal.mount
+    if proposal.is_mirrored:
         parts.append("the scans are mirrored")
-        keys.append(f"mirrored: {'false' if set_by.mirrored else 'true'}")
+        keys.append(f"mirrored: {'false' if mirrored else 'true'}")
     elif "turn" in kinds:
         parts.append(f"the scans are turned by {90 * _quarter_turns(proposal.turned_rad)} degrees")
     elif "mount" in kinds:
@@ -386,11 +396,11 @@ def _in_words(proposal: Proposal, set_by: SetBy) -> tuple[str, str]:
     if {"mount", "turn"} & {*kinds}:
         keys.append(f"mount: [{x:z.3f}, {y:z.3f}, {math.degrees(yaw):z.1f}]")
     if "delay" in kinds:
-        late = "late" if setup.delay_s > 0.0 else "early"
-        parts.append(f"the scans come {abs(setup.delay_s):.2f} s {late}")
-        keys.append(f"delay_s: {set_by.delay_s + setup.delay_s:z.3f}")
+        late = "late" if proposal.delay_s > 0.0 else "early"
+        parts.append(f"the scans come {abs(proposal.delay_s):.2f} s {late}")
+        keys.append(f"delay_s: {delay_s + proposal.delay_s:z.3f}")
     if "map" in kinds:
-        x, y, yaw = setup.map_moved
+        x, y, yaw = proposal.map_moved
         turned = f" and turned by {math.degrees(yaw):.0f} degrees" if abs(yaw) >= math.radians(2.0) else ""
         parts.append(f"the map is moved by x {x:z.2f}, y {y:z.2f} m{turned} against the poses")
         keys.append(f"start: {start_of(proposal)}")
@@ -437,12 +447,12 @@ def placed(
             "onto walls; is it the map of this place (--map), and the mount right (--mount)? Else give "
             "--start X,Y,YAW_DEG"
         )
-    better = search.returns.setup(found.values, False).map_moved
+    better = search.returns.map_moved(found.values)
     x, y, yaw = better.compose(moved).compose(first)
     said = f"[{x:z.2f}, {y:z.2f}, {math.degrees(wrap_angle(yaw)):z.1f}]"
     note(f"{robot.name}: began at start: {said} on the map; {found.share:.2f} of the returns lie on walls")
     for other in others:
-        x, y, yaw = search.returns.setup(other.values, False).map_moved.compose(first)
+        x, y, yaw = search.returns.map_moved(other.values).compose(first)
         note(
             f"{robot.name}: {other.share:.2f} do from [{x:z.2f}, {y:z.2f}, {math.degrees(yaw):z.1f}], too: "
             "the recording does not tell the two apart; --start says which"

@@ -17,7 +17,8 @@ Points = npt.NDArray[np.complex128]
 """(n,) x + iy, metres: a turn is one product, and the work of a search a third"""
 
 MOUNT, DELAY, MAP, FACTOR = (0, 1, 2), (3,), (4, 5, 6), (7,)
-"""numbers of the parameters that a hypothesis may change; see ``Setup``"""
+"""numbers of the parameters that a hypothesis may change: the sensor's x, y, yaw on the robot; by how much a
+scan's time is later than its instant; the map's x, y, yaw; the factor of all ranges"""
 LARGEST_DELAY_S = 0.5
 _DELAY_STEP_S = 0.02
 FAR_M = 1.0
@@ -38,19 +39,6 @@ CORRELATED_BEAMS = 10.0
 """Returns that count as one independent draw: neighbours meet the same wall; see ``ScanToMapSettings``."""
 SLOWEST_MPS = 0.05
 """where returns move more slowly than this over the map, nothing is said of the time"""
-
-
-class Setup(NamedTuple):
-    """What lies between scans, poses and a map."""
-
-    mount: Pose2D
-    """the sensor in the robot's frame"""
-    is_mirrored: bool = False
-    """whether the beams go round the other way than the samples' geometry says"""
-    delay_s: float = 0.0
-    """by how much a scan's time is later than the instant at which it was measured"""
-    map_moved: Pose2D = Pose2D(0.0, 0.0, 0.0)
-    """where the frame of the poses lies in that of the map; all zero where the two are one"""
 
 
 class Returns:
@@ -133,12 +121,11 @@ class Returns:
             row[:] = ways[number]
         return _pairs(points), np.stack((moves.real, moves.imag)).transpose(2, 0, 1)
 
-    def setup(self, values: Floats, mirrored: bool) -> Setup:
-        """The parameters' values as a setup."""
-        x, y, yaw, delay_s, dx, dy, turn, _ = values.tolist()
-        at = _turned(-self.middle[None], turn)[0] + self.middle + (dx, dy)
-        moved = Pose2D(float(at[0]), float(at[1]), wrap_angle(turn))
-        return Setup(Pose2D(x, y, wrap_angle(yaw)), mirrored, delay_s, moved)
+    def map_moved(self, values: Floats) -> Pose2D:
+        """Where the frame of the poses lies in that of the map; all zero where the two are one."""
+        dx, dy, turn = values[4:7].tolist()
+        x, y = (_turned(-self.middle[None], turn)[0] + self.middle + (dx, dy)).tolist()
+        return Pose2D(x, y, wrap_angle(turn))
 
 
 class Candidate(NamedTuple):
