@@ -160,10 +160,9 @@ def node(
     """
     from midnet_bench.campaign.definition import parse_settings
     from midnet_bench.io.map_server import load_map
-    from midnet_bench.recording import ros1_node, ros2_node
+    from midnet_bench.recording import ros_node
     from midnet_bench.recording.live import LiveOptions
     from midnet_bench.recording.recording_settings import ReplaySettings
-    from midnet_bench.recording.ros_node import spin
     from midnet_bench.recording.setup import RecordingSetup, by_name, mount_of
 
     values = parse_settings(settings or [], None)
@@ -180,4 +179,5 @@ def node(
     prior_map = None if map_file is None else load_map(map_file)
     renamed = [name for name in robots if ":=" in name]
     with contextlib.suppress(KeyboardInterrupt):  # the end that a node has
-        spin(ros1_node.Rospy(renamed) if ros == "1" else ros2_node.node_of(renamed), chosen, prior_map)
+        middleware = ros_node.Rospy(renamed) if ros == "1" else ros_node.node_of(renamed)
+        ros_node.spin(middleware, chosen, prior_map)

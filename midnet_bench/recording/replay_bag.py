@@ -13,10 +13,9 @@ from midnet_bench.drawing.palette import EXPLORERS
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Pose2D, Scan
 from midnet_bench.recording.files import ros_messages as ros
-from midnet_bench.recording.files.frame_topics import write_frame
-from midnet_bench.recording.files.layout import write_layout
 from midnet_bench.recording.files.readings import NO_MOTION, NS
 from midnet_bench.recording.files.ros_messages import MAP, Marked, ros_name
+from midnet_bench.recording.files.viewer_topics import write_frame, write_layout
 from midnet_bench.recording.files.writer import BagWriter, bag_writer, format_of
 from midnet_bench.recording.inputs import Note, ReplayInputs
 from midnet_bench.recording.plan import AT_ORIGIN, Link

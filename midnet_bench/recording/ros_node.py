@@ -1,21 +1,52 @@
 """The ``midnet`` node of the paper, of either ROS: a middleware brings bytes, ``live.py`` makes frames.
 
-rosbags unpacks and packs the messages of both.
+rosbags unpacks and packs the messages of both. ROS 1: rospy alone, and none of ROS's message packages. ROS 2:
+rclpy where it can be imported, else the wire itself, DDS, by Cyclone DDS. There the topic ``/scan`` is
+``rt/scan``, and its type ``sensor_msgs::msg::dds_::LaserScan_``.
 """
 
-from collections.abc import Iterator, Mapping
+import importlib
+import logging
+import os
+import queue
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from operator import itemgetter
+from pathlib import Path
 from typing import Any, Protocol
 
+from rosbags.interfaces import Nodetype
+
+from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.recording.files.bags import in_words
 from midnet_bench.recording.files.writer import Types
-from midnet_bench.recording.live import LiveNode, LiveOptions
+from midnet_bench.recording.live import MAP_TOPIC, TF_STATIC, LiveNode, LiveOptions
+
+log = logging.getLogger("midnet_bench")
 
 PUBLISHED = "/midnet/detections"
 KIND = "visualization_msgs/msg/MarkerArray"
 LOOK_EVERY_S = 0.5
 QUEUED = 10_000
 """messages of a topic that wait to be taken, at most"""
+DEBIANS = "/usr/lib/python3/dist-packages"
+"""where Debian puts Python packages for all its Pythons"""
+SCAN = "sensor_msgs/msg/LaserScan"
+LATCHED = (MAP_TOPIC, TF_STATIC)
+"""topics whose last messages come to a node that starts later"""
+LATCHED_KEPT = 100
+MOST_DOMAINS = 232
+"""the ports of a higher one are out of range"""
+LOCAL = """<CycloneDDS><Domain Id="any">
+<General><Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>
+<AllowMulticast>false</AllowMulticast><MaxMessageSize>65500B</MaxMessageSize></General>
+<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>99</MaxAutoParticipantIndex>
+<Peers><Peer Address="localhost"/></Peers></Discovery>
+</Domain></CycloneDDS>"""
+"""of this machine alone, by unicast; CYCLONEDDS_URI says otherwise"""
 
 
 class Middleware(Protocol):
@@ -74,3 +105,291 @@ def spin(middleware: Middleware, options: LiveOptions, prior_map: OccupancyGrid 
         if is_quiet and node.waits_for != reported:
             reported = node.waits_for
             middleware.say(f"midnet waits for {reported}" if reported else "midnet detects")
+
+
+def rospy_module() -> Any:
+    """The module ``rospy``, from Debian's packages if this Python has none of its own. Raises InputError."""
+    try:
+        return importlib.import_module("rospy")
+    except ImportError as error:
+        missing = error
+    if (Path(DEBIANS) / "rospy").is_dir() and DEBIANS not in sys.path:
+        sys.path.append(DEBIANS)  # at the end: what this environment has itself comes before
+        try:
+            return importlib.import_module("rospy")
+        except ImportError as error:
+            missing = error
+    raise InputError(
+        f"node --ros 1: {missing}; install Debian's python3-rospy and use Debian's Python (docs/ros.md)"
+    )
+
+
+class Rospy:
+    """A node of ROS 1."""
+
+    def __init__(self, remappings: Sequence[str]) -> None:
+        """Raises InputError: there is no rospy, or no master answers."""
+        self._rospy, self.types = rospy_module(), Types(1)
+        if not importlib.import_module("rosgraph").is_master_online():
+            raise InputError("node --ros 1: no master answers at ROS_MASTER_URI; start roscore")
+        self._rospy.init_node("midnet", argv=["midnet", *remappings])
+        self._publisher = self._rospy.Publisher(PUBLISHED, self._packed(), queue_size=100)
+        # every connection has a thread of its own; a full queue lets it read no more
+        self._heard: queue.Queue[tuple[str, Any, float]] = queue.Queue(QUEUED)
+
+    def listen(self, topics: Mapping[str, str]) -> None:
+        """Messages of any type are let in: :meth:`unpacked` refuses one of another type."""
+        for topic in topics:
+            self._rospy.Subscriber(topic, self._rospy.AnyMsg, partial(self._put, topic))
+
+    def _put(self, topic: str, raw: Any) -> None:
+        self._heard.put((topic, raw, time.monotonic()))
+
+    def hear(self, timeout_s: float) -> Iterator[tuple[str, Any, float]]:
+        """At most one message."""
+        try:
+            yield self._heard.get(timeout=timeout_s)
+        except queue.Empty:
+            return
+
+    def unpacked(self, raw: Any, topic: str, kind: str) -> Any:
+        """Raises InputError: it is of another type than ``kind``."""
+        given, wanted = raw._connection_header["type"], kind.replace("/msg/", "/")
+        if given != wanted:
+            raise InputError(f"{topic}: it has {given}; {wanted} is needed")
+        return self.types.store.deserialize_ros1(bytes(raw._buff), kind)
+
+    def publish(self, message: Any) -> None:
+        """As bytes that are packed already."""
+        raw = self._rospy.AnyMsg()
+        raw._buff = bytes(self.types.store.serialize_ros1(message, KIND))
+        self._publisher.publish(raw)
+
+    def is_up(self) -> bool:
+        """Until ROS shuts the node down, as Ctrl-C does."""
+        return not self._rospy.is_shutdown()
+
+    def say(self, line: str, is_warning: bool = False) -> None:
+        """On /rosout and the terminal."""
+        (self._rospy.logwarn if is_warning else self._rospy.loginfo)(line)
+
+    def _packed(self) -> Any:
+        """The class of what is published, whose instances hold bytes that are packed already."""
+        definition, digest = self.types.store.generate_msgdef(KIND)
+        named = {"_type": KIND.replace("/msg/", "/"), "_md5sum": digest, "_full_text": definition}
+        return type("MarkerArray", (self._rospy.AnyMsg,), named)
+
+
+def node_of(remappings: Sequence[str]) -> "Rclpy | Dds":
+    """On the ROS 2 that is set up here, else without one.
+
+    Args:
+        remappings: ``FROM:=TO``, as ROS has them on its command lines.
+
+    Raises:
+        InputError: there is neither rclpy nor Cyclone DDS, or it cannot start.
+    """
+    try:
+        rclpy = importlib.import_module("rclpy")
+    except ImportError:
+        return Dds(remappings)
+    return Rclpy(rclpy, remappings)
+
+
+class _Unpacks:
+    """Bytes of ROS 2."""
+
+    def __init__(self) -> None:
+        self.types = Types(2)
+
+    def unpacked(self, raw: bytes, topic: str, kind: str) -> Any:
+        """Little or big endian, as the bytes say."""
+        return self.types.store.deserialize_cdr(raw, kind)
+
+
+class Rclpy(_Unpacks):
+    """A node on rclpy, which takes and gives bytes that are packed already."""
+
+    def __init__(self, rclpy: Any, remappings: Sequence[str]) -> None:
+        super().__init__()
+        self._rclpy, self._qos = rclpy, importlib.import_module("rclpy.qos")
+        self._message = importlib.import_module("rosidl_runtime_py.utilities").get_message
+        rclpy.init(args=["--ros-args", *(part for one in remappings for part in ("-r", one))])
+        self._node = rclpy.create_node("midnet")
+        self._publisher = self._node.create_publisher(self._message(KIND), PUBLISHED, 100)
+        self._heard: list[tuple[str, bytes, float]] = []
+
+    def listen(self, topics: Mapping[str, str]) -> None:
+        """Scans at best effort, the map and what is static also from before."""
+        for topic, kind in topics.items():
+            profile = self._qos.QoSProfile(depth=LATCHED_KEPT if topic in LATCHED else QUEUED)
+            if kind == SCAN:
+                profile.reliability = self._qos.ReliabilityPolicy.BEST_EFFORT
+            if topic in LATCHED:
+                profile.durability = self._qos.DurabilityPolicy.TRANSIENT_LOCAL
+            heard = partial(self._put, topic)
+            self._node.create_subscription(self._message(kind), topic, heard, profile, raw=True)
+
+    def _put(self, topic: str, raw: bytes) -> None:
+        self._heard.append((topic, raw, time.monotonic()))
+
+    def hear(self, timeout_s: float) -> Iterator[tuple[str, Any, float]]:
+        """What one turn of the executor brings."""
+        self._rclpy.spin_once(self._node, timeout_sec=timeout_s)
+        heard, self._heard = self._heard, []
+        yield from heard
+
+    def publish(self, message: Any) -> None:
+        """As bytes."""
+        self._publisher.publish(bytes(self.types.store.serialize_cdr(message, KIND)))
+
+    def is_up(self) -> bool:
+        """Until ROS shuts the node down."""
+        return bool(self._rclpy.ok())
+
+    def say(self, line: str, is_warning: bool = False) -> None:
+        """On /rosout and the terminal."""
+        logger = self._node.get_logger()
+        (logger.warning if is_warning else logger.info)(line)
+
+
+class Dds(_Unpacks):
+    """A participant of ROS 2's network that needs no ROS 2."""
+
+    def __init__(self, remappings: Sequence[str]) -> None:
+        """Raises InputError: no Cyclone DDS, or it cannot start; a remapping or ROS_DOMAIN_ID is none."""
+        super().__init__()
+        try:
+            self._dds = importlib.import_module("cyclonedds.core")
+            domain, self._pub, self._sub, self._topic = (
+                importlib.import_module(f"cyclonedds.{name}") for name in ("domain", "pub", "sub", "topic")
+            )
+        except ImportError as error:
+            raise InputError(
+                f"node --ros 2: {error}; set up your ROS 2, or pip install 'midnet-bench[ros2]' (docs/ros.md)"
+            ) from error
+        self._renamed = dict(map(_remapping, remappings))
+        number = _domain_id()
+        try:
+            # the domain lives as long as its object
+            self._domain = None if "CYCLONEDDS_URI" in os.environ else domain.Domain(number, LOCAL)
+            self._participant = domain.DomainParticipant(number)
+        except self._dds.DDSException as error:
+            raise InputError(f"node --ros 2: DDS cannot start: {error}") from error
+        self._types: dict[str, Any] = {}
+        self._writer = self._pub.DataWriter(self._participant, self._topic_of(PUBLISHED, KIND), self._qos())
+        self._wakes = self._dds.WaitSet(self._participant)
+        self._readers: dict[str, Any] = {}
+
+    def listen(self, topics: Mapping[str, str]) -> None:
+        """Scans at best effort, the map and what is static also from before."""
+        policy, state = self._dds.Policy, self._dds
+        for topic, kind in topics.items():
+            of = [policy.Reliability.BestEffort] if kind == SCAN else []
+            of += [policy.Durability.TransientLocal] if topic in LATCHED else []
+            reader = self._sub.DataReader(self._participant, self._topic_of(topic, kind), self._qos(*of))
+            self._readers[topic] = reader
+            every = state.SampleState.Any | state.ViewState.Any | state.InstanceState.Any
+            self._wakes.attach(self._dds.ReadCondition(reader, every))
+
+    def hear(self, timeout_s: float) -> Iterator[tuple[str, Any, float]]:
+        """All that has come, in the order in which it was sent."""
+        self._wakes.wait(round(timeout_s * 1e9))
+        came = [
+            (sample.sample_info.source_timestamp, topic, sample.packed)
+            for topic, reader in self._readers.items()
+            for sample in reader.take(QUEUED)
+            if isinstance(sample, _Sample)
+        ]
+        arrived_s = time.monotonic()
+        for _, topic, packed in sorted(came, key=itemgetter(0)):
+            yield topic, packed, arrived_s
+
+    def publish(self, message: Any) -> None:
+        """To all that listen now."""
+        self._writer.write(self._types[KIND].of(bytes(self.types.store.serialize_cdr(message, KIND))))
+
+    def is_up(self) -> bool:
+        """Until Ctrl-C."""
+        return True
+
+    def say(self, line: str, is_warning: bool = False) -> None:
+        """On the terminal."""
+        log.log(logging.WARNING if is_warning else logging.INFO, line)
+
+    def _qos(self, *more: Any) -> Any:
+        policy, qos = self._dds.Policy, importlib.import_module("cyclonedds.qos")
+        kept = LATCHED_KEPT if policy.Durability.TransientLocal in more else QUEUED
+        given = [policy.History.KeepLast(kept), policy.DataRepresentation(True, False), *more]
+        if policy.Reliability.BestEffort not in more:
+            given.append(policy.Reliability.Reliable(1_000_000_000))
+        return qos.Qos(*given)
+
+    def _topic_of(self, name: str, kind: str) -> Any:
+        if kind not in self._types:
+            self._types[kind] = of_bytes(idl_type(self.types, kind, {}))
+        return self._topic.Topic(self._participant, f"rt{self._renamed.get(name, name)}", self._types[kind])
+
+
+class _Sample:
+    """What was read: its bytes, as they came. Cyclone DDS adds the sample's own facts."""
+
+    sample_info: Any = None
+
+    def __init__(self, packed: bytes) -> None:
+        self.packed = packed
+
+
+def of_bytes(idl: Any) -> Any:
+    """An IDL type whose instances are bytes, so that malformed ones are met where each costs itself."""
+    idl.deserialize = staticmethod(lambda data, *_, **__: _Sample(bytes(data)))
+    idl.deserialize_key = staticmethod(lambda *_, **__: None)
+    idl.serialize = lambda self, *_, **__: self.packed
+
+    def of(packed: bytes) -> Any:
+        made = idl.__new__(idl)
+        made.packed = packed
+        return made
+
+    idl.of = staticmethod(of)
+    return idl
+
+
+def idl_type(types: Types, kind: str, known: dict[str, Any]) -> Any:
+    """The DDS type of a message, named as ROS 2 names it; ``known``: kind -> type of those made so far."""
+    if kind not in known:
+        idl, wire = importlib.import_module("cyclonedds.idl"), importlib.import_module("cyclonedds.idl.types")
+
+        def of(described: Any) -> Any:
+            node, what = described
+            if node == Nodetype.NAME:
+                return idl_type(types, what, known)
+            if node == Nodetype.BASE:
+                name = what[0]
+                plain = {"string": str, "bool": bool, "octet": wire.byte}
+                return plain.get(name) or getattr(wire, name)
+            each, length = what
+            if node == Nodetype.ARRAY:
+                return wire.array[of(each), length]
+            return wire.sequence[of(each), length] if length else wire.sequence[of(each)]
+
+        package, _, name = kind.split("/")
+        fields = {name: of(described) for name, described in types.store.fielddefs[kind][1]}
+        known[kind] = idl.make_idl_struct(f"{name}_", f"{package}.msg.dds_.{name}_", fields)
+    return known[kind]
+
+
+def _remapping(given: str) -> tuple[str, str]:
+    """``/front/scan:=/scan`` as (from, to), both with a leading slash."""
+    before, _, after = given.partition(":=")
+    if not (before.strip("/") and after.strip("/")):
+        raise InputError(f"{given}: is no remapping; give FROM:=TO, such as /guard_1/scan:=/scan")
+    return f"/{before.lstrip('/')}", f"/{after.lstrip('/')}"
+
+
+def _domain_id() -> int:
+    """ROS_DOMAIN_ID, 0 without it."""
+    given = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not given.isdecimal() or int(given) > MOST_DOMAINS:
+        raise InputError(f"ROS_DOMAIN_ID: {given[:40]!r} is out of range; allowed: 0 to {MOST_DOMAINS}")
+    return int(given)

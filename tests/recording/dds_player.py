@@ -25,7 +25,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 from midnet_bench.recording.files.writer import Types
-from midnet_bench.recording.ros2_node import LATCHED, LOCAL, idl_type, of_bytes
+from midnet_bench.recording.ros_node import LATCHED, LOCAL, idl_type, of_bytes
 
 SPEED = 6.0
 PATIENCE_S = 60.0

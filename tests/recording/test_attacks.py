@@ -24,8 +24,8 @@ import yaml
 
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.experiments import registry
+from midnet_bench.recording.files.records import zstd
 from midnet_bench.recording.files.ros_messages import Message
-from midnet_bench.recording.files.unpacking import zstd
 from midnet_bench.recording.files.writer import bag_writer
 from tests.cli.command import REPOSITORY, Done, midnet_bench, one_line_of_complaint
 from tests.recording import recordings as made

@@ -12,7 +12,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from midnet_bench.campaign.trial import Scalar
-from midnet_bench.recording import ros1_node, ros_node
+from midnet_bench.recording import ros_node
 from midnet_bench.recording.files.writer import Types
 from midnet_bench.recording.live import LiveOptions
 from midnet_bench.recording.recording_settings import ReplaySettings
@@ -98,9 +98,9 @@ def node_of(messages: Sequence[Raw], monkeypatch: pytest.MonkeyPatch) -> Node:
         logwarn=done.warnings.append,
     )
     found = {"rospy": rospy, "rosgraph": SimpleNamespace(is_master_online=lambda: True)}
-    monkeypatch.setattr(ros1_node, "importlib", SimpleNamespace(import_module=found.__getitem__))
-    monkeypatch.setattr(ros1_node, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
-    ros_node.spin(ros1_node.Rospy([]), OPTIONS, None)
+    monkeypatch.setattr(ros_node, "importlib", SimpleNamespace(import_module=found.__getitem__))
+    monkeypatch.setattr(ros_node, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    ros_node.spin(ros_node.Rospy([]), OPTIONS, None)
     return done
 
 

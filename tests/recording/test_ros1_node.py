@@ -19,8 +19,7 @@ from midnet_bench.campaign.trial import Scalar
 from midnet_bench.geometry import Box
 from midnet_bench.recording.live import LiveNode, LiveOptions
 from midnet_bench.recording.recording_settings import ReplaySettings
-from midnet_bench.recording.ros1_node import DEBIANS
-from midnet_bench.recording.ros_node import PUBLISHED
+from midnet_bench.recording.ros_node import DEBIANS, PUBLISHED
 from midnet_bench.workflows.export import export_trial
 from tests.cli.command import REPOSITORY, in_its_own_process, midnet_bench, one_line_of_complaint
 from tests.recording.test_export import read, trials_own
@@ -212,7 +211,7 @@ def test_without_a_master_a_line_says_so(tmp_path: Path) -> None:
 
 
 def test_without_rospy_a_line_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("midnet_bench.recording.ros1_node.DEBIANS", str(tmp_path))
+    monkeypatch.setattr("midnet_bench.recording.ros_node.DEBIANS", str(tmp_path))
     monkeypatch.setitem(sys.modules, "rospy", None)
     assert "python3-rospy" in one_line_of_complaint(
         midnet_bench("node", "--ros", "1", "guard_1", folder=tmp_path)

@@ -10,9 +10,9 @@ from midnet_bench.experiments.guarded.parameters import FRAME_HZ, GuardParameter
 from midnet_bench.geometry import Pose2D
 from midnet_bench.midnet.pipeline import Frame
 from midnet_bench.recording.files import ros_messages as ros
-from midnet_bench.recording.files.frame_topics import write_frame
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.ros_messages import MAP, Marked, ros_name
+from midnet_bench.recording.files.viewer_topics import write_frame
 from midnet_bench.recording.files.writer import BagWriter
 from midnet_bench.scoring.frame_counts import TruthObject
 from midnet_bench.settings import Scalar, leaves

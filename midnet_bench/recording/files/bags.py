@@ -22,10 +22,13 @@ from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.io.checked_yaml import read_yaml
 from midnet_bench.recording.files.readings import KINDS, TF, Reading, Topic, decoded
-from midnet_bench.recording.files.unindexed import MCAP_MAGIC, ROS1_MAGIC, UnindexedMcap, UnindexedRos1
-from midnet_bench.recording.files.unpacking import (
+from midnet_bench.recording.files.records import (
+    MCAP_MAGIC,
+    ROS1_MAGIC,
     ZSTD_MAGIC,
     TooLargeError,
+    UnindexedMcap,
+    UnindexedRos1,
     check_size,
     unpack_file,
     unpacked,
