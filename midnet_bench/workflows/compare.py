@@ -37,23 +37,16 @@ if TYPE_CHECKING:
 
 CAMPAIGN = "campaign"
 """the column of a frame of scores of several campaigns"""
-COLUMNS: tuple[str, ...] = (
-    "trial",
-    "measure",
-    "difference",
-    "low",
-    "high",
-    "n",
-    "seeds",
-    "outlier_seed",
-    "p_holm",
-    "verdict",
+COLUMNS = (
+    *("trial", "measure", "difference", "low", "high", "n", "seeds", "outlier_seed", "p_holm", "verdict"),
+    "setting",
 )
-COLUMNS += ("setting",)
 """of the tables, beside one for each campaign"""
 HOW = f"on the same seeds ({MEAN_METHOD}; verdicts by Holm at 5 %)"
 NAMING_CODE = tuple(seam.option for seam in (DETECTORS, FUSIONS, PATROLS, PURSUITS))
 """factors that are ranked unless others are given"""
+HIDDEN = ("seeds", "p_holm", "outlier_seed")
+"""columns of differences that a terminal may leave out"""
 FEWEST = 3
 """values of a factor whose curve the report draws by itself"""
 MOST_SETTINGS, MAX_SHOWN = 4, 60
@@ -106,26 +99,24 @@ def compare(
         hint = f", or --by {' or --by '.join(only.factors)}" if only.factors else ""
         raise InputError(f"compare: give two or more different folders{hint}")
     if by is None:
-        names = names_of([Path(directory) for directory in directories])
-        campaigns = {
-            name: load_results(path, tables_of) for name, path in zip(names, directories, strict=True)
-        }
+        folders = dict(zip(names_of([Path(one) for one in directories]), directories, strict=True))
+        campaigns = {name: load_results(folder, tables_of) for name, folder in folders.items()}
     else:
         campaigns = _by_value(directories, by, baseline)
-    names = list(campaigns)
+    first, *others = campaigns
     kinds = sorted({results.definition.experiment for results in campaigns.values()})
-    record = experiment_of(campaigns[names[0]])
+    record = experiment_of(campaigns[first])
     if len(kinds) > 1 or record.measures is None:
         raise InputError(
             "compare: give campaigns of one experiment that has main scores, such as detection or labyrinth, "
             f"not {' and '.join(kinds)}"
         )
-    frame = joined({(name,): record.measures(results) for name, results in campaigns.items()}, [CAMPAIGN])
-    differences = _differences_table(record, frame.drop(columns=[by] if by in frame else []), names)
-    for name in names[1:]:
+    frame = _scores(record, {(name,): results for name, results in campaigns.items()}, [CAMPAIGN])
+    differences = _differences(record, frame.drop(columns=[by] if by in frame else []), list(campaigns))
+    for name in others:
         if not any(name in row for row in differences.rows):
-            raise InputError(_nothing_to_pair(frame, names[0], name))
-    tables = [*record.comparison_tables(campaigns), differences, _settings_table(campaigns)]
+            raise InputError(_nothing_to_pair(frame, first, name))
+    tables = [*record.comparison_tables(campaigns), differences, _settings(campaigns)]
     return Comparison(record, campaigns, tables)
 
 
@@ -158,7 +149,7 @@ def _by_value(directories: Sequence[str | Path], by: str, baseline: str | None) 
         if len(alike) != 1:
             what = "several values are called so" if alike else "no such value"
             raise InputError(f"compare: --baseline {baseline}: {what} of {by}{nearest_name(baseline, names)}")
-        names = [*alike, *(name for name in names if name not in alike)]
+        names = list(dict.fromkeys([*alike, *names]))
     return {f"{by}={name}": parts[name] for name in names}
 
 
@@ -169,23 +160,28 @@ def _is_same_number(text: str, other: str) -> bool:
         return False
 
 
+def _scores(record: Experiment, parts: Mapping[Key, Results], by: Sequence[str]) -> pd.DataFrame:
+    """The main scores of parts of campaigns in one frame, with a column ``by`` for each place of the key."""
+    assert record.measures is not None
+    return joined({key: record.measures(part) for key, part in parts.items()}, by)
+
+
 def _nothing_to_pair(frame: pd.DataFrame, first: str, name: str) -> str:
     """Why two campaigns have no trials to compare, and what to run."""
     parts = {one: frame[frame[CAMPAIGN] == one] for one in (first, name)}
     seeds = {one: sorted(set(part["seed"])) for one, part in parts.items()}
     if not seeds[first] or not seeds[name]:
         return f"compare: {name if seeds[first] else first} has no finished trial"
-    if not set(seeds[first]) & set(seeds[name]):
-        texts = {
-            one: f"seed {found[0]}" if len(found) == 1 else f"seeds {found[0]} to {found[-1]}"
-            for one, found in seeds.items()
-        }
-        both = ", ".join(f"{one} has {text}" for one, text in texts.items())
-        return f"nothing to pair: {both}; run {name} with --seed {seeds[first][0]}"
-    names = _cell_columns(frame, [CAMPAIGN])
-    keys = {one: part[names].itertuples(index=False, name=None) for one, part in parts.items()}
-    cells = {one: ", ".join(dict.fromkeys(label(names, key) for key in keys[one]))[:80] for one in keys}
-    return f"nothing to pair: {first} has {cells[first]}; {name} has {cells[name]}"
+    if set(seeds[first]) & set(seeds[name]):
+        names = _cell_columns(frame, [CAMPAIGN])
+        keys = {one: part[names].itertuples(index=False, name=None) for one, part in parts.items()}
+        cells = {one: ", ".join(dict.fromkeys(label(names, key) for key in keys[one]))[:80] for one in keys}
+        return f"nothing to pair: {first} has {cells[first]}; {name} has {cells[name]}"
+    has = ", ".join(
+        f"{one} has seed {found[0]}" if len(found) == 1 else f"{one} has seeds {found[0]} to {found[-1]}"
+        for one, found in seeds.items()
+    )
+    return f"nothing to pair: {has}; run {name} with --seed {seeds[first][0]}"
 
 
 def _cell_columns(frame: pd.DataFrame, by: Sequence[str]) -> list[str]:
@@ -193,41 +189,38 @@ def _cell_columns(frame: pd.DataFrame, by: Sequence[str]) -> list[str]:
     return [str(name) for name in frame if name not in (*by, MEASURE, "seed", "value")]
 
 
-def _difference_cells(record: Experiment, one: Compared) -> dict[str, Cell]:
+def _cells(record: Experiment, one: Compared) -> dict[str, Cell]:
     return analysis.columns_of(one.difference, record.wants_less(one.measure))
 
 
-def _notes(compared: Sequence[Compared], places: Iterable[str] = ()) -> list[str]:
-    """What a reader has to know about differences; ``places`` names each, where Holm's notes are wanted."""
-    changes = [one.difference for one in compared]
+def _notes(compared: Sequence[Compared], names: Iterable[str] = ()) -> list[str]:
+    """What a reader has to know about differences; ``names``: of each, where Holm's notes are wanted."""
+    changes, names = [one.difference for one in compared], list(names)
     notes = outlier_notes(one.outlier_seed for one in changes)
-    return notes + analysis.holm_notes(list(places) or [""] * len(changes), changes) * bool(places)
+    return notes + (analysis.holm_notes(names, changes) if names else [])
 
 
-def _differences_table(record: Experiment, frame: pd.DataFrame, campaigns: Sequence[str]) -> Table:
+def _mean(record: Experiment, measure: str, values: BySeed) -> Estimate:
+    return mean(list(values.values()), within=record.range_of(measure))
+
+
+def _differences(record: Experiment, frame: pd.DataFrame, campaigns: Sequence[str]) -> Table:
     """Means of the first campaign (``campaigns[0]``) and of each other, and their difference, by cell."""
     first = campaigns[0]
     compared = analysis.compare(frame, [CAMPAIGN], record.range_of) if len(frame) else []
-    rows: list[Mapping[str, Cell]] = [
-        {
-            "trial": one.cell,
-            "measure": one.measure,
-            first: one.difference.before,
-            str(one.contestant[0]): one.difference.after,
-            **_difference_cells(record, one),
-        }
-        for one in compared
-    ]
-    places = [
-        f"{one.cell} {in_words(one.measure)}" + f" ({one.contestant[0]})" * (len(campaigns) > 2)
-        for one in compared
-    ]
-    labels = {name: name for name in campaigns}
-    title, notes = f"Differences from {first} {HOW}", _notes(compared, places)
+    rows: list[Mapping[str, Cell]] = []
+    names = []
+    for one in compared:
+        other, change = str(one.contestant[0]), one.difference
+        means = {first: change.before, other: change.after}
+        rows.append({"trial": one.cell, "measure": one.measure, **means, **_cells(record, one)})
+        names.append(f"{one.cell} {in_words(one.measure)}" + f" ({other})" * (len(campaigns) > 2))
+    title, labels = f"Differences from {first} {HOW}", {name: name for name in campaigns}
+    notes = _notes(compared, names)
     return Table("differences", title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=notes, labels=labels)
 
 
-def _settings_table(campaigns: Mapping[str, Results]) -> Table:
+def _settings(campaigns: Mapping[str, Results]) -> Table:
     """A row per setting that is not the same in all campaigns, with its value in each."""
     settings: dict[str, dict[str, str]] = {}
     for name, results in campaigns.items():
@@ -276,17 +269,16 @@ def shown(found: Comparison) -> tuple[list[str], list[Table]]:
 
 def _settings_in_words(settings: Table, first: str, name: str) -> str:
     changed = [
-        row
+        f"{row['setting']} ({row[first]} -> {row[name]})"
         for row in settings.rows
         # of a campaign in parts by a factor, the names of the parts say it
         if row[first] != row[name] and not name.startswith(f"{row['setting']}=")
     ]
     if not changed:
         return "" if settings.rows else "; no setting differs"
-    texts = [f"{row['setting']} ({row[first]} -> {row[name]})" for row in changed[:MOST_SETTINGS]]
-    if more := len(changed) - len(texts):
-        texts.append(f"{more} more (--wide lists them)")
-    return f"; settings that differ: {', '.join(texts)}".replace("(not set)", "not set")
+    if more := len(changed[MOST_SETTINGS:]):
+        changed = [*changed[:MOST_SETTINGS], f"{more} more (--wide lists them)"]
+    return f"; settings that differ: {', '.join(changed)}".replace("(not set)", "not set")
 
 
 def _are_identical(first: Results, other: Results) -> bool:
@@ -310,18 +302,18 @@ def worse(found: Comparison, measure: str) -> list[str]:
     Raises:
         InputError: the experiment has no such main score.
     """
-    known = list(dict.fromkeys(str(row["measure"]) for row in found.differences.rows))
+    rows = found.differences.rows
+    known = list(dict.fromkeys(str(row["measure"]) for row in rows))
     if measure not in known:
         raise InputError(f"compare: --fail-if-worse {measure}: no such score{nearest_name(measure, known)}")
     lines = []
-    for row in found.differences.rows:
-        if row["measure"] == measure and row["verdict"] == WORSE:
-            (name,) = [key for key in list(row)[3:] if key not in COLUMNS]
-            change = row["difference"]
-            assert isinstance(change, Estimate)
-            place = ", ".join(filter(None, (name, str(row["trial"]))))
+    for row in rows:
+        change = row["difference"]
+        if row["measure"] == measure and row["verdict"] == WORSE and isinstance(change, Estimate):
+            (name,) = [name for name in list(found.campaigns)[1:] if name in row]
+            cell = ", ".join(filter(None, (name, str(row["trial"]))))
             interval = f"{change.value:+.3f} [{change.low:+.3f}, {change.high:+.3f}]"
-            lines.append(f"{measure} is worse: {place}: {interval}, p {row['p_holm']:.2g}")
+            lines.append(f"{measure} is worse: {cell}: {interval}, p {row['p_holm']:.2g}")
     return lines
 
 
@@ -343,22 +335,20 @@ def rank(directory: str | Path, of: Sequence[str] = (), rank_by: str | None = No
     record = experiment_of(results)
     if record.measures is None:
         raise InputError(f"{directory}: the experiment '{record.name}' has no main scores to rank by")
+    known = results.factors
     for factor in of:
-        if factor not in results.factors:
-            nearest = nearest_name(factor, results.factors)
+        if factor not in known:
+            nearest = nearest_name(factor, known)
             raise InputError(f"{results.directory}: the grid has no factor '{factor}'{nearest}")
-    factors = [factor for factor in results.factors if factor in (of or NAMING_CODE)]
+    factors = [factor for factor in known if factor in (of or NAMING_CODE)]
     if not factors:
-        others = (
-            f"name a factor: --of {' or --of '.join(results.factors)}" if results.factors else "it has none"
-        )
-        raise InputError(f"{results.directory}: its grid compares no {', '.join(NAMING_CODE)}; {others}")
+        hint = f"name a factor: --of {' or --of '.join(known)}" if known else "it has none"
+        raise InputError(f"{results.directory}: its grid compares no {', '.join(NAMING_CODE)}; {hint}")
     parts: dict[Key, Results] = {(): results}
     for factor in factors:
-        parts = {
-            (*key, name): cell for key, one in parts.items() for name, cell in one.by_value(factor).items()
-        }
-    frame = joined({key: record.measures(part) for key, part in parts.items()}, factors)
+        each = [(key, part.by_value(factor)) for key, part in parts.items()]
+        parts = {(*key, name): cell for key, cells in each for name, cell in cells.items()}
+    frame = _scores(record, parts, factors)
     measures = list(dict.fromkeys(frame["measure"])) if len(frame) else []
     if rank_by is not None and rank_by not in measures:
         raise InputError(f"{directory}: no score '{rank_by}'{nearest_name(rank_by, measures)}")
@@ -378,33 +368,27 @@ def _ranking(
     compared = analysis.compare(frame, factors, record.range_of, [measure], with_baseline=True)
     worlds = list(dict.fromkeys(one.key for one in compared))
     compared = sorted(compared, key=lambda one: worlds.index(one.key))
-    first = compared[0].contestant
-    wants_less = record.wants_less(measure)
+    first, wants_less = compared[0].contestant, record.wants_less(measure)
     rows: list[Mapping[str, Cell]] = []
     for _, world in itertools.groupby(compared, key=lambda one: one.key):
         means = [(_mean(record, measure, one.values), one) for one in world]
         sign = 1.0 if wants_less else -1.0
         means.sort(key=lambda of: (math.isnan(of[0].value), sign * of[0].value, _texts(of[1].contestant)))
         for place, (estimate, one) in enumerate(means, 1):
-            others = {score: values.get((*one.contestant, *one.key, score)) for score in beside}
-            rows.append(
-                {
-                    **({"world": one.cell} if len(worlds) > 1 else {}),
-                    "rank": place,
-                    **dict(zip(factors, _texts(one.contestant, with_pin=False), strict=True)),
-                    measure: estimate,
-                    **_difference_cells(record, one),
-                    **({"verdict": "the first"} if one.contestant == first else {}),
-                    **{score: _mean(record, score, by) for score, by in others.items() if by is not None},
-                }
-            )
+            row: dict[str, Cell] = {"world": one.cell} if len(worlds) > 1 else {}
+            row |= {"rank": place, **dict(zip(factors, _texts(one.contestant, with_pin=False), strict=True))}
+            row |= {measure: estimate, **_cells(record, one)}
+            row |= {"verdict": "the first"} if one.contestant == first else {}
+            for score in beside:
+                if (seeds := values.get((*one.contestant, *one.key, score))) is not None:
+                    row[score] = _mean(record, score, seeds)
+            rows.append(row)
     order = f"Ranked by {in_words(measure)}, {'the lowest' if wants_less else 'the highest'} first"
     title = f"{order}; differences from {' + '.join(_texts(first, with_pin=False))} {HOW}"
-    places = [", ".join(filter(None, (" + ".join(_texts(one.contestant)), one.cell))) for one in compared]
     labels = {score: in_words(score) for score in (measure, *beside)}
-    hidden = ("seeds", "p_holm", "outlier_seed", *beside)
-    name, notes = f"leaderboard_{measure}", _notes(compared, places)
-    return Table(name, title, rows, {"p_holm": 4}, notes=notes, labels=labels, beside=hidden)
+    called = [", ".join(filter(None, (" + ".join(_texts(one.contestant)), one.cell))) for one in compared]
+    name, notes = f"leaderboard_{measure}", _notes(compared, called)
+    return Table(name, title, rows, {"p_holm": 4}, notes=notes, labels=labels, beside=(*HIDDEN, *beside))
 
 
 def _texts(values: Key, with_pin: bool = True) -> list[str]:
@@ -422,11 +406,7 @@ def _without_repeats(
     scores = [*worlds.values()]
     repeated = {world for i, world in enumerate(worlds) if scores[i] in scores[:i]}
     keys = frame[[*names]].itertuples(index=False, name=None)
-    return frame[[tuple(key) not in repeated for key in keys]]
-
-
-def _mean(record: Experiment, measure: str, values: BySeed) -> Estimate:
-    return mean(list(values.values()), within=record.range_of(measure))
+    return frame[[key not in repeated for key in keys]]
 
 
 def write_ranking(directory: str | Path, tables: Sequence[Table], page: Path) -> None:
@@ -466,12 +446,15 @@ def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figur
         values = ", ".join(map(str, results.definition.grid[x]))
         raise InputError(f"{key}: its values are no numbers ({values[:60]})")
     record = experiment_of(results)
-    panels = _main_scores(record, results, x)
+    panels: Mapping[str, Curves] = {}
+    if record.measures is not None:
+        parts: dict[Key, Results] = {(float(name),): part for name, part in results.by_value(x).items()}
+        panels = _curves(_scores(record, parts, [x]), x, label)
     if y is not None:
-        names = list(panels)
+        main = list(panels)
         panels = panels if y in panels else _number_columns(results, x)
         if y not in panels:
-            nearest = nearest_name(y, [*names, *panels])
+            nearest = nearest_name(y, [*main, *panels])
             raise InputError(f"{results.directory}: --y {y}: no such column{nearest}")
         panels = {y: panels[y]}
     if not panels:
@@ -521,27 +504,26 @@ def compared_values(results: Results) -> tuple[Table, "Figure"] | None:
     record, preset = experiment_of(results), results.definition.compare
     if preset is None or record.measures is None or not results.finished:
         return None
-    baseline = str(preset.baseline)
-    parts = results.by_value(preset.by)
-    ordered = {name: parts[name] for name in [baseline, *parts]}
-    frame = joined({(name,): record.measures(part) for name, part in ordered.items()}, [preset.by])
+    baseline, parts = str(preset.baseline), results.by_value(preset.by)
+    ordered = list(dict.fromkeys([baseline, *parts]))
+    frame = _scores(record, {(name,): parts[name] for name in ordered}, [preset.by])
     compared = analysis.compare(frame, [preset.by], record.range_of, preset.measures, with_baseline=True)
     rows: list[Mapping[str, Cell]] = []
     means: dict[str, dict[str, dict[str, Estimate]]] = {}
     for one in compared:
         value, change = str(one.contestant[0]), one.difference
         if value != baseline:
-            place = {preset.by: value, "trial": one.cell, "measure": one.measure}
+            row = {preset.by: value, "trial": one.cell, "measure": one.measure}
             pair = {"baseline": change.before, "value": change.after}
-            rows.append({**place, **pair, **_difference_cells(record, one)})
+            rows.append({**row, **pair, **_cells(record, one)})
         estimate = _mean(record, one.measure, one.values)
         means.setdefault(one.measure, {}).setdefault(one.cell, {})[value] = estimate
     name, title = f"differences_by_{preset.by}", f"Differences from {baseline} {HOW}"
-    hidden = ("seeds", "p_holm", "outlier_seed", "value", "baseline")
+    hidden = (*HIDDEN, "value", "baseline")
     table = Table(name, title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=_notes(compared), beside=hidden)
     from midnet_bench.drawing.charts import values_figure
 
-    return table, values_figure(list(ordered), means, preset.by)
+    return table, values_figure(ordered, means, preset.by)
 
 
 def _is_numeric(results: Results, factor: str) -> bool:
@@ -549,28 +531,20 @@ def _is_numeric(results: Results, factor: str) -> bool:
     return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
 
 
-def _main_scores(record: Experiment, results: Results, x: str) -> Mapping[str, Curves]:
-    if record.measures is None:
-        return {}
-    parts = {(float(name),): record.measures(part) for name, part in results.by_value(x).items()}
-    return _curves(joined(parts, [x]), x, label)  # type: ignore[arg-type]
-
-
 def _number_columns(results: Results, x: str) -> Mapping[str, Curves]:
     """Every number of the tables with a row for each trial."""
     found: dict[str, Curves] = {}
     key = [*results.factors, "seed"]
     for frame in results.tables.values():
-        if not set(key) <= set(frame) or frame.duplicated(key).any():
-            continue
-        numbers = [str(name) for name in frame if frame[name].dtype.kind in "iuf" and name not in key]
-        frame = frame.assign(**{x: frame[x].astype(float)})
-        scores = joined({(): analysis.tidy(frame, results.factors, numbers)}, [])
-        found.update(_curves(scores, x, lambda names, values: ", ".join(map(factor_text, names, values))))
+        if set(key) <= set(frame) and not frame.duplicated(key).any():
+            numbers = [str(name) for name in frame if frame[name].dtype.kind in "iuf" and name not in key]
+            frame = frame.assign(**{x: frame[x].astype(float)})
+            scores = joined({(): analysis.tidy(frame, results.factors, numbers)}, [])
+            found |= _curves(scores, x, lambda names, values: ", ".join(map(factor_text, names, values)))
     return found
 
 
-def _curves(frame: pd.DataFrame, x: str, named: Callable[[Sequence[str], Key], str]) -> Mapping[str, Curves]:
+def _curves(frame: pd.DataFrame, x: str, named: Callable[[Sequence[str], Key], str]) -> dict[str, Curves]:
     """A frame of scores as the curves of each measure; points from left to right."""
     names = _cell_columns(frame, [x])
     found: dict[str, dict[str, dict[float, BySeed]]] = {}
@@ -578,7 +552,7 @@ def _curves(frame: pd.DataFrame, x: str, named: Callable[[Sequence[str], Key], s
     for (at, *others, measure), values in sorted(points.items(), key=lambda point: float(str(point[0][0]))):
         curves = found.setdefault(str(measure), {})
         curves.setdefault(named(names, tuple(others)), {})[float(str(at))] = values
-    return found
+    return dict(found)
 
 
 def compare_exactly(run: Path, golden: Path | None = None, *, update: bool = False) -> tuple[list[str], str]:
@@ -648,9 +622,9 @@ def _platform() -> Provenance:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         lines = []
-    flags = next((line for line in lines if line.startswith(("flags", "Features"))), None)
+    flags = next((line for line in lines if line.startswith(("flags", "Features"))), "")
     # numerical libraries choose their code by what the processor can do
-    digest = "" if not lines else hashlib.sha256((flags or "").encode()).hexdigest()[:16]
+    digest = hashlib.sha256(flags.encode()).hexdigest()[:16] if lines else ""
     return {key: here[key] for key in SAME_PLATFORM} | {"processor_flags": digest}
 
 
