@@ -98,19 +98,34 @@ def test_a_trial_runs_on_an_engine_of_ones_own(folder: Path) -> None:
     assert '"stub.py:World#' in (folder / "out" / "configuration.json").read_text()
 
 
-def test_an_engine_that_fails_costs_its_own_trials_and_is_named(folder: Path) -> None:
+FAILING = {
+    "engine": (
+        "grid: {engine: [stub.py:World, 'lost.py:World(slip=0.1)']}",
+        "lost.py:World(slip=0.1)#",
+        "poses: a number of a robot that is there is not finite",
+    ),
+    "detector": (
+        "grid: {detector: [midnet, mine.py:Failing]}",
+        "mine.py:Failing#",
+        "RuntimeError: the lens is dirty",
+    ),
+}
+"""extension point -> a grid with a plug-in that fails, its name, and why"""
+
+
+@pytest.mark.parametrize("point", FAILING)
+def test_one_that_fails_costs_its_own_trials_and_is_named(point: str, folder: Path) -> None:
+    grid, name, reason = FAILING[point]
     stub = (folder / "stub.py").read_text()
     (folder / "lost.py").write_text(stub.replace("return self.states", "return self.states / 0.0"))
-    (folder / "two.yaml").write_text(
-        "experiment: detection\ntrials: 1\nparameters: {frames: 2, robots: 1}\n"
-        "grid: {engine: [stub.py:World, 'lost.py:World(slip=0.1)']}\n"
-    )
+    parameters = "{engine: fast, frames: 2, robots: 1}" if point != "engine" else "{frames: 2, robots: 1}"
+    (folder / "two.yaml").write_text(f"experiment: detection\ntrials: 1\nparameters: {parameters}\n{grid}\n")
     done = midnet_bench("run", "two.yaml", "-o", "out", "--jobs", "1", folder=folder)
     assert done.returncode == 1
     assert len(rows(folder / "out" / "scores.csv")) == 1
     (failure,) = rows(folder / "out" / "failures.csv")
-    assert "engine lost.py:World(slip=0.1)#" in str(failure)
-    assert "poses: a number of a robot that is there is not finite" in str(failure)
+    assert f"{point} {name}" in str(failure)
+    assert reason in str(failure)
 
 
 def test_parts_stand_in_a_campaign_s_grid(folder: Path) -> None:
@@ -169,19 +184,6 @@ def test_a_pursuit_of_ones_own_stands_in_a_grid_and_one_that_fails_costs_its_own
     (failure,) = rows(folder / "out" / "failures.csv")
     assert "pursuit mine.py:Lost#" in str(failure)
     assert "pursue gave a guard 3; there are 0 to 2" in str(failure)
-
-
-def test_one_that_fails_costs_its_own_trials_and_is_named(folder: Path) -> None:
-    (folder / "two.yaml").write_text(
-        "experiment: detection\ntrials: 1\nparameters: {engine: fast, frames: 4, robots: 1}\n"
-        "grid: {detector: [midnet, mine.py:Failing]}\n"
-    )
-    done = midnet_bench("run", "two.yaml", "-o", "out", "--jobs", "1", folder=folder)
-    assert done.returncode == 1
-    assert len(rows(folder / "out" / "scores.csv")) == 1
-    (failure,) = rows(folder / "out" / "failures.csv")
-    assert "RuntimeError: the lens is dirty" in str(failure)
-    assert "detector mine.py:Failing#" in str(failure)
 
 
 @pytest.mark.parametrize(

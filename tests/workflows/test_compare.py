@@ -8,14 +8,27 @@ from midnet_bench.campaign.trial import Row, Scalar
 from midnet_bench.errors import InputError
 from midnet_bench.workflows.compare import compare, names_of, worse
 from midnet_bench.workflows.report import write_comparison
-from tests.stores import detection_store, labyrinth_store
+from tests.stores import Caught, detection_store, labyrinth_store
 
-SMALL = {"intruders": [1, 2], "robots": [1, 2]}
+SMALL: dict[str, list[Scalar]] = {"intruders": [1, 2], "robots": [1, 2]}
 
 
 def one_robot(folder: Path, precision: dict[int, float]) -> Path:
     """Trials of one robot, whose precision at each seed is given."""
     return detection_store(folder, {1: {seed: (value, 0.5, math.nan) for seed, value in precision.items()}})
+
+
+def labyrinth_in(
+    folder: Path,
+    caught: Caught = lambda i, r, s: i,
+    *,
+    seeds: int = 2,
+    grid: dict[str, list[Scalar]] = SMALL,
+    by_engine: dict[str, int] | None = None,
+) -> Path:
+    folder.mkdir(parents=True)
+    labyrinth_store(folder / "campaign.sqlite", caught, seeds=seeds, grid=grid, by_engine=by_engine).close()
+    return folder
 
 
 def compared(*directories: Path, output: Path | None = None) -> dict[str, Table]:
@@ -61,25 +74,22 @@ def test_a_seed_that_makes_an_interval_wide_is_named_and_no_interval_leaves_what
 
 def test_the_values_of_a_factor_are_paired_by_seed(tmp_path: Path) -> None:
     """One campaign over both engines says what two campaigns say, each on one of them."""
-    grid: dict[str, list[Scalar]] = {"engine": ["bullet", "fast"], **SMALL}
     caught = {"bullet": 1, "fast": 0}
-    one = tmp_path / "one"
-    one.mkdir()
-    store = labyrinth_store(one / "campaign.sqlite", lambda i, r, s: 0, seeds=3, grid=grid, by_engine=caught)
-    store.close()
-    for engine, number in caught.items():
-        folder = tmp_path / f"engine={engine}"
-        folder.mkdir()
-        labyrinth_store(folder / "campaign.sqlite", lambda i, r, s, n=number: n, seeds=3, grid=SMALL).close()
+    both = {"engine": [*caught], **SMALL}
+    one = labyrinth_in(tmp_path / "one", seeds=3, grid=both, by_engine=caught)
+    bullet, fast = (
+        labyrinth_in(tmp_path / f"engine={engine}", lambda i, r, s, n=number: n, seeds=3)
+        for engine, number in caught.items()
+    )
     together = {table.name: table for table in compare([one], by="engine").tables}
-    apart = compared(tmp_path / "engine=bullet", tmp_path / "engine=fast")
+    apart = compared(bullet, fast)
     assert str(together["differences"].flat_rows()) == str(apart["differences"].flat_rows())  # NaN is NaN
     assert {row["difference"] for row in together["differences"].flat_rows()} == {-75.0, 20.0}
     assert [row["setting"] for row in together["settings"].rows] == ["engine"]
     for by, folders, told in (
         ("robot", [one], "no factor 'robot'; did you mean 'robots'"),
         ("engine", [one, one], "give one folder"),
-        ("engine", [tmp_path / "engine=fast"], "no factor 'engine'"),
+        ("engine", [fast], "no factor 'engine'"),
     ):
         with pytest.raises(InputError, match=told):
             compare(folders, by=by)
@@ -140,10 +150,10 @@ def test_a_verdict_says_which_campaign_is_better(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_labyrinths_get_their_figure_and_differences_over_all_intruders(tmp_path: Path) -> None:
-    folders = [tmp_path / "all", tmp_path / "half"]
-    for folder, caught in zip(folders, (lambda i, r, s: i, lambda i, r, s: i // 2), strict=True):
-        folder.mkdir()
-        labyrinth_store(folder / "campaign.sqlite", caught, seeds=4, grid=SMALL).close()
+    folders = [
+        labyrinth_in(tmp_path / "all", lambda i, r, s: i, seeds=4),
+        labyrinth_in(tmp_path / "half", lambda i, r, s: i // 2, seeds=4),
+    ]
     table = compared(*folders, output=tmp_path / "out")["differences"]
     rows = {(row["trial"], row["measure"]): row["difference"] for row in table.flat_rows()}
     # one of one missed, and one of two; caught ones are gone after 20 s, escaped ones after 60 s
@@ -155,9 +165,7 @@ def test_labyrinths_get_their_figure_and_differences_over_all_intruders(tmp_path
 
 def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
     first = one_robot(tmp_path / "first", {1: 0.9})
-    labyrinth = tmp_path / "labyrinth"
-    labyrinth.mkdir()
-    labyrinth_store(labyrinth / "campaign.sqlite", lambda i, r, s: i, seeds=1, grid=SMALL).close()
+    labyrinth = labyrinth_in(tmp_path / "labyrinth")
     with pytest.raises(InputError, match="not detection and labyrinth"):
         compare([first, labyrinth])
     for folders in ([first], [first, first], [first, tmp_path / "other" / ".." / "first"]):
@@ -193,19 +201,8 @@ def test_a_folder_called_as_a_column_does_not_replace_it(tmp_path: Path) -> None
 
 
 def test_labyrinths_of_one_folder_name_get_different_names(tmp_path: Path) -> None:
-    folders = [tmp_path / "one" / "maze", tmp_path / "two" / "maze"]
-    for folder in folders:
-        folder.mkdir(parents=True)
-        labyrinth_store(folder / "campaign.sqlite", lambda i, r, s: i, seeds=2, grid=SMALL).close()
-    rates = compared(*folders)["success_comparison"]
-    assert {row["variant"] for row in rates.rows} == {"one/maze", "two/maze"}
-
-
-def test_nothing_is_written_unless_a_folder_is_given(tmp_path: Path) -> None:
-    folders = [one_robot(tmp_path / name, {1: 0.9}) for name in ("a", "b")]
-    before = sorted(tmp_path.rglob("*"))
-    compare(folders)
-    assert sorted(tmp_path.rglob("*")) == before
+    rates = compared(*(labyrinth_in(tmp_path / name / "maze") for name in ("one", "two")))
+    assert {row["variant"] for row in rates["success_comparison"].rows} == {"one/maze", "two/maze"}
 
 
 def test_the_settings_that_differ_are_named(tmp_path: Path) -> None:

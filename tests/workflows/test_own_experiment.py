@@ -8,7 +8,7 @@ import pytest
 from midnet_bench.campaign.definition import load_campaign, resolve
 from midnet_bench.campaign.runner import run_campaign
 from midnet_bench.experiments import registry
-from tests.cli.command import midnet_bench
+from tests.cli.command import worked
 
 DRIFT = '''
 """How far a walker drifts."""
@@ -90,8 +90,7 @@ def project(tmp_path: Path) -> Path:
 
 
 def test_an_experiment_in_its_own_file_runs_reports_plots_and_verifies(project: Path) -> None:
-    run = midnet_bench("run", "walking.yaml", "--json", folder=project)
-    assert run.returncode == 0, run.stderr
+    run = worked("run", "walking.yaml", "--json", folder=project)
     told = json.loads(run.stdout)
     assert (told["schema"], told["experiment"]) == (1, "walk.py:WALK")
     short, long = told["tables"]["drift"]
@@ -103,21 +102,20 @@ def test_an_experiment_in_its_own_file_runs_reports_plots_and_verifies(project: 
     assert expected | {"configuration.json", "provenance.json"} <= {path.name for path in results.iterdir()}
 
     first = {path.name: path.read_bytes() for path in results.iterdir() if path.suffix != ".sqlite"}
-    assert midnet_bench("report", results, folder=Path("/")).returncode == 0
+    worked("report", results, folder=Path("/"))
     assert {path.name: path.read_bytes() for path in results.iterdir() if path.suffix != ".sqlite"} == first
-    drawn = midnet_bench("report", results, "-o", project / "figures", folder=project)
-    assert (drawn.returncode, len(drawn.stdout.split())) == (0, 2)
-    verified = midnet_bench("verify", results, "--json", folder=project)
-    assert verified.returncode == 0, verified.stderr
+    drawn = worked("report", results, "-o", project / "figures", folder=project)
+    assert len(drawn.stdout.split()) == 2
+    verified = worked("verify", results, "--json", folder=project)
     assert {row["verdict"] for row in json.loads(verified.stdout)["tables"]["claims"]} == {"reproduced"}
 
     # the files alone do as well: in a clone that has no store
     (results / "campaign.sqlite").unlink()
-    assert midnet_bench("verify", results, "--json", "--trust", folder=project).stdout == verified.stdout
+    assert worked("verify", results, "--json", "--trust", folder=project).stdout == verified.stdout
 
 
 def test_a_plan_of_it_has_no_path_of_this_machine(project: Path) -> None:
-    planned = midnet_bench("run", "walking.yaml", "--dry-run", "--json", folder=project)
+    planned = worked("run", "walking.yaml", "--dry-run", "--json", folder=project)
     told = json.loads(planned.stdout)
     assert told["experiment"] == "walk.py:WALK"
     assert told["tables"]["plan"][0]["to_run"] == 6
@@ -129,21 +127,19 @@ def test_an_interrupted_campaign_of_it_goes_on_where_it_stopped(project: Path) -
     some = load_campaign(project / "walking.yaml").model_copy(update={"trials": 2})
     assert run_campaign(resolve(some, registry), project / "results" / "walking", jobs=1).ran == 4
 
-    again = midnet_bench("run", "walking.yaml", "--json", folder=project)
-    assert again.returncode == 0, again.stderr
+    again = worked("run", "walking.yaml", "--json", folder=project)
     assert again.stderr.startswith("4 of 6 trials are")
 
     run_campaign(whole, project / "results" / "at once", jobs=1)
-    assert midnet_bench("report", "results/at once", folder=project).returncode == 0
+    worked("report", "results/at once", folder=project)
     parts, at_once = (project / "results" / name / "walks.csv" for name in ("walking", "at once"))
     assert parts.read_bytes() == at_once.read_bytes()
 
 
 def test_two_campaigns_of_it_are_compared(project: Path) -> None:
     for name, bias_m in (("slow", 0.5), ("fast", 0.75)):
-        done = midnet_bench("run", "walking.yaml", "--set", f"bias_m={bias_m}", "-o", name, folder=project)
-        assert done.returncode == 0, done.stderr
-    told = json.loads(midnet_bench("compare", "slow", "fast", "--json", folder=project).stdout)
+        worked("run", "walking.yaml", "--set", f"bias_m={bias_m}", "-o", name, folder=project)
+    told = json.loads(worked("compare", "slow", "fast", "--json", folder=project).stdout)
     first, _ = told["tables"]["differences"]
     assert first["difference"]["value"] == pytest.approx(10 * 0.25)
     assert told["tables"]["settings"] == [{"setting": "bias_m", "slow": "0.5", "fast": "0.75"}]

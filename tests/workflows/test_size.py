@@ -11,7 +11,7 @@ from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.free_space import doors
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import layout_of
-from tests.cli.command import Done, midnet_bench, one_line_of_complaint
+from tests.cli.command import midnet_bench, one_line_of_complaint, worked
 
 QUICK = ("--within", 4, "--trials", 40, "-q")
 
@@ -24,21 +24,13 @@ def room(folder: Path, *, closed: bool = False) -> str:
     if closed:
         cv2.rectangle(plan, (150, 110), (235, 190), 0, 8)
     cv2.imwrite(str(folder / "plan.png"), plan)
-    made = midnet_bench(
-        "arena", "from-image", "plan.png", "--resolution", 0.02, "-o", "room.yaml", folder=folder
-    )
-    assert made.returncode == 0, made.stderr
+    worked("arena", "from-image", "plan.png", "--resolution", 0.02, "-o", "room.yaml", folder=folder)
     return "room.yaml"
-
-
-def size(folder: Path, *arguments: object) -> Done:
-    return midnet_bench("size", *arguments, folder=folder)
 
 
 def test_the_answer_is_the_smallest_team_that_reaches_the_probability(tmp_path: Path) -> None:
     arena = room(tmp_path)
-    done = size(tmp_path, arena, *QUICK, "--probability", 0.5, "-o", "answer", "--json")
-    assert done.returncode == 0, done.stderr
+    done = worked("size", arena, *QUICK, "--probability", 0.5, "-o", "answer", "--json", folder=tmp_path)
     found = json.loads(done.stdout)["tables"]
     teams = {row["robots"]: row for row in found["size"]}
     enough = [robots for robots, row in teams.items() if row["enough"] == "yes"]
@@ -53,11 +45,11 @@ def test_the_answer_is_the_smallest_team_that_reaches_the_probability(tmp_path: 
 
 
 def test_the_same_question_again_runs_nothing_and_gives_the_same_bytes(tmp_path: Path) -> None:
-    first = size(tmp_path, "empty", *QUICK, "--probability", 0.3, "-o", "answer")
+    asked = ("size", "empty", *QUICK, "--probability", 0.3, "-o", "answer")
+    first = worked(*asked, folder=tmp_path)
     before = {path: path.read_bytes() for path in (tmp_path / "answer").glob("*.*")}
     stores = {path: path.read_bytes() for path in (tmp_path / "answer").glob("*/campaign.sqlite")}
-    again = size(tmp_path, "empty", *QUICK, "--probability", 0.3, "-o", "answer")
-    assert (again.returncode, again.stdout) == (0, first.stdout)
+    assert worked(*asked, folder=tmp_path).stdout == first.stdout
     assert before == {path: path.read_bytes() for path in (tmp_path / "answer").glob("*.*")}
     assert stores == {path: path.read_bytes() for path in stores}
 
@@ -75,18 +67,18 @@ def test_the_same_question_again_runs_nothing_and_gives_the_same_bytes(tmp_path:
     ],
 )
 def test_wrong_questions_get_one_line(arguments: tuple[object, ...], named: str, tmp_path: Path) -> None:
-    assert named in one_line_of_complaint(size(tmp_path, "map1", "-q", *arguments))
+    assert named in one_line_of_complaint(midnet_bench("size", "map1", "-q", *arguments, folder=tmp_path))
 
 
 def test_a_building_with_a_closed_room_is_refused_before_any_trial(tmp_path: Path) -> None:
-    complaint = one_line_of_complaint(size(tmp_path, room(tmp_path, closed=True), *QUICK))
+    asked = ("size", room(tmp_path, closed=True), *QUICK)
+    complaint = one_line_of_complaint(midnet_bench(*asked, folder=tmp_path))
     assert "cannot be guarded" in complaint
     assert not (tmp_path / "results").exists()
 
 
 def test_a_dry_run_says_the_cost_and_runs_nothing(tmp_path: Path) -> None:
-    done = size(tmp_path, "office", "--dry-run")
-    assert done.returncode == 0
+    done = worked("size", "office", "--dry-run", folder=tmp_path)
     assert "if the answer is clear" in done.stderr
     assert not (tmp_path / "results").exists()
 

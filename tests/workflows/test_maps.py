@@ -1,4 +1,4 @@
-"""A recorded log becomes a map, without a simulator."""
+"""Maps as files: explored, and of a recorded log, which needs no simulator."""
 
 import subprocess
 import sys
@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from midnet_bench.drawing.growth import MapHistory
+from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.geometry import Pose2D
 from midnet_bench.io.map_server import load_map
 from midnet_bench.io.scan_logs import LoggedScan, ScanLog, half_circle
 from midnet_bench.mapping.log_mapping import MappingResult, map_scans
-from midnet_bench.workflows.maps import log_snapshot, write_trajectory
+from midnet_bench.workflows.maps import MapFiles, explore, log_snapshot, write_trajectory
 
 SIDE_M = 6.0
 TURNS = 9
@@ -99,3 +100,42 @@ def test_a_clock_that_is_wrong_gives_a_numbered_trajectory(stamp_s: float, what:
         == f"room.log: scan 5: the clock {what}; trajectory.tum has the numbers of scans in place of stamps"
     )
     assert np.loadtxt(path)[:, 0].tolist() == list(range(1, TURNS + 1))
+
+
+ROOM = """
+name: room
+plane_m: [5, 4]
+enclosure_m: [4, 3]
+wall_thickness_m: 0.15
+wall_height_m: 0.5
+walls: [[[-2, -1.5], [2, -1.5], [2, 1.5], [-2, 1.5], [-2, -1.5]]]
+"""
+
+
+def test_progress_is_the_share_of_what_can_be_known(tmp_path: Path) -> None:
+    (tmp_path / "room.yaml").write_text(ROOM)
+    parameters = MappingParameters(arena=str(tmp_path / "room.yaml"), robots=2, time_limit_s=2)
+    told: list[tuple[float, float]] = []
+    made = explore(parameters, 1, tmp_path / "made", clip=False, progress=lambda *of: told.append(of))
+    times_s, known = zip(*told, strict=True)
+    assert times_s == pytest.approx([1.0, 2.0, 2.0])
+    assert list(known) == sorted(known)
+    assert 0.3 < known[0] <= known[-1] <= 1.0
+    assert made.scores is not None
+    assert known[-1] == pytest.approx(made.scores.rows[0]["coverage"], abs=0.02)
+    np.testing.assert_array_equal(load_map(made.files[0]).data, made.grid.data)
+
+
+@pytest.mark.parametrize(
+    ("output", "names"),
+    [
+        ("flat", ("map.yaml", "map_binary.yaml", "robots.csv")),
+        ("new/flat.yml", ("flat.yml", "flat_binary.yml", "flat_robots.csv")),
+    ],
+)
+def test_a_folder_gets_plain_names_and_a_named_map_has_its_name_on_all(
+    output: str, names: tuple[str, ...], tmp_path: Path
+) -> None:
+    files = MapFiles.at(tmp_path / output)
+    assert files.map.parent.is_dir()
+    assert (files.map.name, files.binary.name, files.named("robots.csv").name) == names
