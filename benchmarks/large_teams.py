@@ -17,8 +17,8 @@ import numpy.typing as npt
 from midnet_bench.arena.arena import load_arena
 from midnet_bench.arena.layout import TEAM
 from midnet_bench.campaign.trial import Row
-from midnet_bench.detectors.box_fusion import ious
 from midnet_bench.detectors.detector_node import TeamFusion
+from midnet_bench.detectors.fusions import ious
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import FREE, BoxArray
@@ -187,4 +187,4 @@ def _sorted(boxes: BoxArray) -> BoxArray:
 
 def _overlapping(boxes: BoxArray) -> int:
     """How many boxes have some area in common with another one."""
-    return int(np.count_nonzero(np.count_nonzero(ious(boxes, boxes) > 0.0, axis=1) > 1))
+    return int(np.count_nonzero(np.count_nonzero(ious(boxes[:, None], boxes) > 0.0, axis=1) > 1))

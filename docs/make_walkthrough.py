@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import midnet_bench as mb
-from midnet_bench.drawing.canvas import png_of
-from midnet_bench.drawing.steps import draw_fusion, draw_views, tree_of
+from midnet_bench.drawing.painter import png_of
+from midnet_bench.drawing.stills import draw_fusion, draw_views, tree_of
 from midnet_bench.experiments.guarded.guarded_arena import ObservedFrame
 from midnet_bench.grid import OccupancyGrid
 

@@ -692,19 +692,19 @@ DETECTORS = ExtensionPoint(
     method="detect",
     own={
         "midnet": None,
-        "subtraction": "midnet_bench.detectors.map_subtraction:MapSubtraction",
-        "clusters": "midnet_bench.detectors.clusters:CircleClusters",
-        "background": "midnet_bench.detectors.background:RunningMean",
+        "subtraction": "midnet_bench.detectors.baselines:MapSubtraction",
+        "clusters": "midnet_bench.detectors.baselines:CircleClusters",
+        "background": "midnet_bench.detectors.baselines:RunningMean",
     },
 )
-"""see ``detectors/detector.py``"""
+"""see ``detectors/baselines.py``"""
 FUSIONS = ExtensionPoint(
     option="fusion",
     entry_points="midnet_bench.fusions",
     method="fuse",
     own={
         "paper": None,
-        **{name: f"midnet_bench.detectors.alternative_fusions:{kind}" for name, kind in _FUSIONS.items()},
+        **{name: f"midnet_bench.detectors.fusions:{kind}" for name, kind in _FUSIONS.items()},
     },
 )
-"""see ``detectors/box_fusion.py``"""
+"""see ``detectors/fusions.py``"""

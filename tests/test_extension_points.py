@@ -57,11 +57,11 @@ def test_a_file_is_known_by_its_name_and_a_digest_of_its_bytes(mine: Path) -> No
 
 
 def test_an_installed_package_is_known_by_its_version() -> None:
-    pinned = FUSIONS.pinned("midnet_bench.detectors.alternative_fusions:NoFusion")
-    assert pinned.startswith("midnet_bench.detectors.alternative_fusions:NoFusion")
+    pinned = FUSIONS.pinned("midnet_bench.detectors.fusions:NoFusion")
+    assert pinned.startswith("midnet_bench.detectors.fusions:NoFusion")
     assert FUSIONS.make(pinned).fuse([], 0.0).shape == (0, 4)
     with pytest.raises(InputError, match="what is here is"):
-        FUSIONS.pinned("midnet_bench.detectors.alternative_fusions:NoFusion@99.9")
+        FUSIONS.pinned("midnet_bench.detectors.fusions:NoFusion@99.9")
 
 
 HELPED = """

@@ -7,8 +7,6 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.detectors.box_fusion import Fusion
-from midnet_bench.detectors.detector import Detector
 from midnet_bench.detectors.evidence import WallEvidence
 from midnet_bench.errors import InputError, MidnetBenchError
 from midnet_bench.geometry import Box, LidarGeometry, Pose2D, Scan
@@ -85,39 +83,28 @@ class TeamFusion:
         if self._fusion is None:
             self._fusion = FUSIONS.make(self._name)
         every = np.concatenate(found)[team.kept]
-        lists = [every[team.starts[i] : team.starts[i + 1]] for i in range(len(found))]
-        boxes = fused(self._fusion, self._name, lists, time_s)
-        robots = np.repeat(np.arange(len(lists)), [len(own) for own in lists])
+        boxes = fused(self._fusion, self._name, np.split(every, team.starts[1 : len(found)]), time_s)
         if not len(every):
             return boxes, [0] * len(boxes)
         from scipy.spatial import KDTree  # a quarter of a second, which no trial of the paper's fusion needs
 
+        robots = np.repeat(np.arange(len(found)), np.diff(team.starts)[: len(found)])
         _, nearest = KDTree(_centres(every)).query(_centres(boxes))
         return boxes, robots[nearest].tolist()
 
 
-class AskedOnce:
-    """A detector for one trial, or for several that see the same: it is called once for each frame."""
+class _CachedDetector:
+    """A detector for one trial, or for several that see the same: called once for each frame, in order."""
 
-    def __init__(self, name: str, prior_map: OccupancyGrid, range_m: float) -> None:
-        """Nothing is made before the first frame, so that what fails then costs only trials that ask.
-
-        Args:
-            name: a pinned value of ``DETECTORS`` that names another one than MIDNet's own.
-            prior_map: int8, 100 occupied, map frame.
-            range_m: up to which an intruder has to be found.
-        """
-        self._name, self._arguments = name, (prior_map, range_m)
+    def __init__(self, name: str, *arguments: Any) -> None:
+        """``name``: a pinned value of ``DETECTORS``, made when it is first called."""
+        self._name, self._arguments = name, arguments
         self._detector: Any = None
         self._time_s = math.nan
         self._found: list[BoxArray] | MidnetBenchError = []
 
     def found(self, observations: Sequence[Observation], time_s: float) -> list[BoxArray]:
-        """For each robot (n, 4) boxes, map frame, metres; frames must come in order.
-
-        Raises:
-            PluginError: it cannot be made, it failed, or it gave what are no boxes.
-        """
+        """As :func:`detected`, which raises, too."""
         if time_s != self._time_s:
             self._time_s = time_s
             try:
@@ -146,27 +133,28 @@ class DetectorNode:
         ``like``: a node that sees the same by the same local costmaps, to share them and its scans, and its
         detector if that is the same, too.
         """
-        self.prior = binary_prior(prior_map, settings)
-        midnet = settings.midnet_settings
-        area_m2 = midnet.return_area_m2
-        shares = WallEvidence(prior_map, area_m2).shares if area_m2 > 0.0 else None
-        self.midnet = MIDNet(self.prior, midnet, shares)
         self._settings = settings
-        local_costmap = settings.local_costmap
-        self.costmaps: list[RollingCostmap] = (
-            [RollingCostmap(local_costmap, prior_map.origin) for _ in range(robots)]
-            if like is None
-            else like.costmaps
+        self.prior = binary_prior(prior_map, settings)
+        midnet, costmap = settings.midnet_settings, settings.local_costmap
+        area_m2 = midnet.return_area_m2
+        self.midnet = MIDNet(
+            self.prior, midnet, WallEvidence(prior_map, area_m2).shares if area_m2 > 0.0 else None
         )
+        self.costmaps: list[RollingCostmap]
         """by robot, map frame"""
-        self._detector: AskedOnce | None = None
+        self.scans: list[Scan | None]
+        """by robot, the last one that :meth:`observe` took"""
+        if like is None:
+            self.costmaps = [RollingCostmap(costmap, prior_map.origin) for _ in range(robots)]
+            self.scans = [None] * robots
+        else:
+            self.costmaps, self.scans = like.costmaps, like.scans
+        self._detector: _CachedDetector | None = None
         if like is not None and like._settings.detector == settings.detector:
             self._detector = like._detector
         elif not DETECTORS.is_made_here(settings.detector):
             fixed = prior_map.with_data(_fixed(prior_map.data))
-            self._detector = AskedOnce(settings.detector, fixed, local_costmap.obstacle_range_m)
-        self.scans: list[Scan | None] = [None] * robots if like is None else like.scans
-        """by robot, the last one that :meth:`observe` took"""
+            self._detector = _CachedDetector(settings.detector, fixed, costmap.obstacle_range_m)
         self._fusion = TeamFusion(self.midnet, settings.fusion)
         self.is_the_papers = self._detector is None and self._fusion.is_the_papers
         """whether section IV is done as it is written, and no frame depends on an earlier one"""
@@ -276,10 +264,10 @@ def _check(pose: Pose2D, ranges_m: npt.NDArray[np.float64], lidar: LidarGeometry
         raise InputError(f"scan: LiDAR {lidar}: its angles, mount and limits must be numbers")
 
 
-def _read_only(told: Observation) -> Observation:
-    costmap = told.costmap.with_data(_fixed(told.costmap.data))
-    scan = told.scan and told.scan._replace(ranges_m=_fixed(told.scan.ranges_m))
-    return Observation(told.pose, costmap, scan)
+def _read_only(observation: Observation) -> Observation:
+    costmap = observation.costmap.with_data(_fixed(observation.costmap.data))
+    scan = observation.scan and observation.scan._replace(ranges_m=_fixed(observation.scan.ranges_m))
+    return Observation(observation.pose, costmap, scan)
 
 
 def _fixed(array: npt.NDArray[Number]) -> npt.NDArray[Number]:
@@ -288,17 +276,20 @@ def _fixed(array: npt.NDArray[Number]) -> npt.NDArray[Number]:
     return view
 
 
+def _centres(boxes: BoxArray) -> BoxArray:
+    return (boxes[:, :2] + boxes[:, 2:]) / 2.0
+
+
 def binary_prior(prior_map: OccupancyGrid, settings: DetectorSettings) -> OccupancyGrid:
     """The grid that MIDNet subtracts, uint8, 0 occupied: global costmap, then Eq. 1 (section II.A)."""
     costs = static_costs(prior_map, settings.prior_costmap)
     return costs.with_data(binary_map(costs.data, settings.prior.thresh, settings.prior.unknown))
 
 
-def detected(detector: Detector, name: str, observations: Sequence[Observation]) -> list[BoxArray]:
+def detected(detector: Any, name: str, observations: Sequence[Observation]) -> list[BoxArray]:
     """For each robot (n, 4) boxes, map frame, metres, by ``detector``, which ``DETECTORS`` knows as ``name``.
 
-    Raises:
-        PluginError: it failed, or gave what are no boxes of each robot.
+    Raises PluginError: it failed, or gave what are no boxes of each robot.
     """
     with DETECTORS.calling(name):
         found = list(detector.detect(observations))
@@ -308,40 +299,35 @@ def detected(detector: Detector, name: str, observations: Sequence[Observation])
             f"detect gave {len(found)} lists of boxes for {len(observations)} robots; "
             "give one for each, empty where there is nothing",
         )
-    return [checked_boxes(own, DETECTORS, name) for own in found]
+    return [_checked_boxes(own, DETECTORS, name) for own in found]
 
 
-def fused(fusion: Fusion, name: str, lists: Sequence[BoxArray], time_s: float) -> BoxArray:
+def fused(fusion: Any, name: str, lists: Sequence[BoxArray], time_s: float) -> BoxArray:
     """(n, 4) boxes of the team, map frame, metres, by ``fusion``, which ``FUSIONS`` knows as ``name``.
 
-    Raises:
-        PluginError: it failed, or gave what are no boxes.
+    Raises PluginError: it failed, or gave what are no boxes.
     """
     with FUSIONS.calling(name):
         boxes = fusion.fuse(lists, time_s)
-    return checked_boxes(boxes, FUSIONS, name)
+    return _checked_boxes(boxes, FUSIONS, name)
 
 
-def _centres(boxes: BoxArray) -> BoxArray:
-    return (boxes[:, :2] + boxes[:, 2:]) / 2.0
-
-
-def checked_boxes(given: object, seam: ExtensionPoint, name: str) -> BoxArray:
-    """``given`` by code of ``seam`` as (n, 4) float64. Raises PluginError if they are no boxes."""
-    said = f"{seam.method} gave"
+def _checked_boxes(given: object, plugin: ExtensionPoint, name: str) -> BoxArray:
+    """``given`` by code of ``plugin`` as (n, 4) float64. Raises PluginError if they are no boxes."""
+    gave = f"{plugin.method} gave"
     try:
         boxes = np.array(given, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise seam.refused(name, f"{said} no numbers: {' '.join(str(error).split())}") from error
+        raise plugin.refused(name, f"{gave} no numbers: {' '.join(str(error).split())}") from error
     if boxes.size == 0:
         return np.empty((0, 4))
     if boxes.ndim != 2 or boxes.shape[1] != 4:
-        raise seam.refused(name, f"{said} an array of shape {boxes.shape}; boxes have the shape (n, 4)")
+        raise plugin.refused(name, f"{gave} an array of shape {boxes.shape}; boxes have the shape (n, 4)")
     if not np.isfinite(boxes).all():
         wrong = boxes[~np.isfinite(boxes).all(axis=1)][0]
-        raise seam.refused(name, f"{said} a box that is not finite: {wrong}")
+        raise plugin.refused(name, f"{gave} a box that is not finite: {wrong}")
     empty = (boxes[:, :2] >= boxes[:, 2:]).any(axis=1)
     if empty.any():
         needed = "x_min < x_max and y_min < y_max are needed"
-        raise seam.refused(name, f"{said} a box without area: {boxes[empty][0]}; {needed}")
+        raise plugin.refused(name, f"{gave} a box without area: {boxes[empty][0]}; {needed}")
     return boxes

@@ -2,12 +2,12 @@
 
 import math
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
-from midnet_bench.detectors.map_subtraction import wall_distances
 from midnet_bench.geometry import Scan
-from midnet_bench.grid import OccupancyGrid, values_at
+from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, values_at
 
 MARGIN_M = 0.08
 """about a wall whose returns lie on it: a cell and a half of 5 cm"""
@@ -25,6 +25,13 @@ WIDTH_M = 0.03
 """from which on the distance to the next beam says no more: far beams are few, not sure"""
 STEPS = 1024
 """shares are rounded down to whole parts of so many, so that any order of adding them gives the same"""
+
+
+def wall_distances(prior_map: OccupancyGrid) -> OccupancyGrid:
+    """float32 metres from each cell's centre to that of the nearest wall cell of an int8 map."""
+    free = (prior_map.data < OCCUPIED_FROM).astype(np.uint8)
+    cells = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return prior_map.with_data(cells * np.float32(prior_map.resolution))
 
 
 class WallEvidence:

@@ -1,7 +1,4 @@
-"""Charts of numbers: series that colour-blind readers tell apart, estimates with intervals, axis labels.
-
-By matplotlib, Agg only: no window, no global state.
-"""
+"""Charts of numbers by matplotlib, Agg only: no window, no global state."""
 
 import contextlib
 import io
@@ -12,6 +9,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from matplotlib import rc_context, rcParamsDefault
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -19,16 +17,19 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.patches import Polygon
 from matplotlib.ticker import MaxNLocator
 
 from midnet_bench.analysis.statistics import MEAN_METHOD, Estimate
 from midnet_bench.analysis.tables import Cell, Table
+from midnet_bench.drawing.scene import Floats
 from midnet_bench.errors import InputError
 
-DPI = 200
-FONT_PT = 9
+DPI, FONT_PT = 200, 9
 DODGE = 0.08
 """between neighbouring series, as a share of the gap between places along x"""
+LABELLED = 12
+"""so many entrances at most have their share beside them"""
 METADATA: Mapping[str, dict[str, None]] = {
     "png": {"Software": None},
     "svg": {"Date": None},
@@ -37,8 +38,6 @@ METADATA: Mapping[str, dict[str, None]] = {
 """format of a figure -> what is left out of its file, or its bytes would differ"""
 FORMATS = ("png", "svg")
 """written unless other formats are given"""
-
-
 LONGEST = 44
 """characters of an explanation that fits an axis"""
 AXIS_LABELS = {
@@ -113,20 +112,15 @@ def add_estimates(
 ) -> None:
     """A line through estimates at places along x, each with its interval as a bar."""
     values, lows, highs = (np.array([e[part] for e in estimates]) for part in range(3))
-    axes.errorbar(
-        places,
-        values,
-        # where all trials are alike the value may lie outside its interval, by a rounding
-        yerr=np.maximum(0.0, [values - lows, highs - values]),
-        label=label,
-        color=style.color,
-        marker=style.marker,
-        linestyle=style.dash,
-        markersize=5,
-        linewidth=1.3,
-        elinewidth=0.8,
-        capsize=2,
-    )
+    # where all trials are alike the value may lie outside its interval, by a rounding
+    bars = np.maximum(0.0, [values - lows, highs - values])
+    look: dict[str, Any] = {
+        "color": style.color,
+        "marker": style.marker,
+        "linestyle": style.dash,
+        "label": label,
+    }
+    axes.errorbar(places, values, bars, markersize=5, linewidth=1.3, elinewidth=0.8, capsize=2, **look)
 
 
 class Panel(NamedTuple):
@@ -355,3 +349,69 @@ def chart_files(figure: Figure, formats: Sequence[str] = FORMATS) -> dict[str, b
             figure.savefig(buffer, format=name, dpi=DPI, metadata=METADATA[name])
             files[f".{name}"] = buffer.getvalue()
     return files
+
+
+@own_style()
+def times_figure(
+    times_s: Mapping[int, Sequence[float]], within_s: float, probability: float, done: str
+) -> Figure:
+    """The share of trials in which the intruder was found by each time, a step line for each team size.
+
+    Args:
+        times_s: team size -> a time for each trial, NaN if it was not found.
+        within_s: where the time ends.
+        probability: the threshold, a grey line.
+        done: ``found`` or ``caught``.
+    """
+    figure = chart(5.6, 3.6)
+    axes = figure.add_subplot()
+    for (robots, times), style in zip(times_s.items(), cycle(STYLES)):
+        at = np.sort([time for time in times if not np.isnan(time)])
+        shares = np.arange(len(at) + 1) / len(times)
+        x, y = [0.0, *at.tolist(), within_s], [*shares.tolist(), shares[-1]]
+        label = f"{robots} guard{'s' * (robots != 1)}, {len(times)} trials"
+        axes.step(x, y, where="post", color=style.color, linestyle=style.dash, linewidth=1.4, label=label)
+    axes.axhline(probability, color="#999999", linewidth=0.8)
+    axes.set(xlim=(0.0, within_s), ylim=(0.0, 1.02), xlabel="time since the intruder entered, s")
+    axes.set_ylabel(f"intruders {done}, share of trials")
+    axes.legend(fontsize=FONT_PT - 1, frameon=False, loc="best")
+    light_grid(axes)
+    return figure
+
+
+@own_style()
+def entrances_figure(
+    walls: Sequence[Floats], places: pd.DataFrame, robots: int, within_s: float, done: str
+) -> Figure:
+    """The building with a dot for each start of an intruder, coloured by how long the guards took.
+
+    Args:
+        walls: outlines, (n, 2) each, metres.
+        places: ``x_m``, ``y_m``, ``share``, ``median_s``, ``trials`` of each.
+        robots: the team's size.
+        within_s: the end of the colours' scale; places where most are not found are red crosses.
+        done: ``found`` or ``caught``.
+    """
+    corners = np.concatenate(list(walls))
+    low, high = corners.min(axis=0) - 0.4, corners.max(axis=0) + 0.4
+    width, height = high - low
+    figure = chart(6.4, max(2.4, min(8.0, 5.2 * height / width)))
+    axes = figure.add_subplot()
+    for outline in walls:
+        axes.add_patch(Polygon(outline, facecolor="#444444", edgecolor="none"))
+    late, few = places["median_s"].isna(), len(places) <= LABELLED
+    dots = axes.scatter(
+        places["x_m"][~late], places["y_m"][~late], c=places["median_s"][~late], s=60 if few else 22,
+        cmap="viridis", vmin=0.0, vmax=within_s, edgecolors="white", linewidths=0.5, zorder=3,
+    )  # fmt: skip
+    axes.scatter(places["x_m"][late], places["y_m"][late], c="#D55E00", marker="x", s=45, zorder=3)
+    for x, y, share in zip(places["x_m"], places["y_m"], places["share"], strict=True):
+        if few:
+            text = f"{100 * share:.0f} %"
+            axes.annotate(text, (x, y), xytext=(6, 6), textcoords="offset points", fontsize=FONT_PT)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x, m", ylabel="y, m")
+    guards = f"{robots} guard{'s' * (robots != 1)}"
+    axes.set_title(f"When {guards} have {done} an intruder that starts here", fontsize=FONT_PT)
+    label = f"median time, s (cross: most not within {within_s:g} s)"
+    figure.colorbar(dots, ax=axes, label=label, shrink=0.8)
+    return figure

@@ -1,18 +1,33 @@
-"""How a map grew, in an exploration or along a recorded log: snapshots, a page of six of them, a film."""
+"""Maps: one with its robots' paths, and how it grew in an exploration or along a log: a page, a film."""
 
 import zlib
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from midnet_bench.drawing import legend
-from midnet_bench.drawing.canvas import Canvas, Picture, blank_page, paint_floor_plan, paint_robot, write
-from midnet_bench.drawing.palette import EXPLORERS, FAINT_INK, INK, RGB, WHITE
+from midnet_bench.drawing.films import HEIGHT, HOLD_S, WIDTH, mp4_file
+from midnet_bench.drawing.painter import (
+    MARGIN_M,
+    Canvas,
+    Entry,
+    Picture,
+    blank_page,
+    burger,
+    outline,
+    paint_floor_plan,
+    paint_robot,
+    swatch,
+    tiles,
+    write,
+    write_legend,
+)
+from midnet_bench.drawing.palette import EXPLORERS, FAINT_INK, RGB, TRUTH, WHITE
 from midnet_bench.drawing.scene import Floats, FloorPlan
-from midnet_bench.drawing.video import mp4_file
+from midnet_bench.drawing.stills import LABEL_PX, plot_page
 from midnet_bench.geometry import Box, Point, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.robots.burger import BURGER
@@ -23,20 +38,12 @@ FREE, UNKNOWN, WALL = range(len(SHADES))
 _CODES = np.repeat(np.array([FREE, WALL, UNKNOWN], dtype=np.uint8), (65, 63, 128))
 """of each value of a map's cell, -1 and below at the end as in its bytes"""
 
-WIDTH, HEIGHT = 1280, 720
-LAST_PICTURE_S = 2.0
-"""how long a film stands still at its end"""
-
 SNAPSHOTS, COLUMNS = 6, 3
-TILE_PX, GAP_PX, HEAD_PX, CAPTION_PX = 480, 12, 44, 26
-MIN_TILE_PX = 240
-
-ARENA_MARGIN_M = 0.25
+TILE_PX, MIN_TILE_PX, GAP_PX, HEAD_PX, CAPTION_PX = 480, 240, 12, 44, 26
 EXPLORATION_PICTURES_PER_S, LOG_PICTURES_PER_S = 20, 10
-SPEEDS = (1, 2, 4, 8, 16, 32, 64, 128, 256)
-MAX_FILM_S = 30.0
-
-MIN_MARGIN_M, MARGIN_SHARE = 0.25, 0.02
+SPEEDS, MAX_FILM_S = (1, 2, 4, 8, 16, 32, 64, 128, 256), 30.0
+MAP_MARGIN_M, MIN_MARGIN_M, MARGIN_SHARE = 0.3, 0.25, 0.02
+"""around the known part of a map; around a growing one, or so much of its longest side"""
 MAP_TOP, SECOND_LINE, LEGEND_LEFT = 80, 46, 330
 
 
@@ -126,6 +133,45 @@ def _between(one: Floats, two: Floats, share: float) -> Floats:
     return one + share * step
 
 
+def draw_map(
+    grid: OccupancyGrid, paths: Sequence[Floats], title: str, walls: Sequence[Floats] = ()
+) -> Picture:
+    """The known part of a map, and all true walls, with each robot's path on it, metres of the map frame.
+
+    Args:
+        grid: int8, 100 occupied, 0 free, -1 unknown.
+        paths: of each robot, (k, 3) or (k, 2) poses in driving order.
+        title: stands above.
+        walls: outlines of the true walls, (n, 2) each, where they are known.
+    """
+    corners = np.array([*known_corners(grid), *(corner for wall in walls for corner in wall)])
+    view = Box(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()).shrunk(-MAP_MARGIN_M)
+    ends = np.array([path[-1] if path.shape[1] == 3 else (*path[-1], 0.0) for path in paths]).reshape(-1, 3)
+    driven = [path[:, :2] for path in paths]
+    snapshot = MapSnapshot(0.0, 0.0, grid, np.empty((0, 3)), ends, [], driven)
+    truth = [outline(TRUTH, "true walls")] if walls else []
+    entries = [*CELLS, *truth, (_path_mark, "a robot's path, start (ring) and end")]
+
+    def paint(picture: Picture) -> None:
+        paint_map(picture, view, snapshot)
+        canvas = Canvas(picture, view, LABEL_PX)
+        for wall in walls:
+            canvas.polygon(wall, None, TRUTH)
+        for robot, path in enumerate(driven):
+            canvas.circle(path[0].tolist(), 5.0 / canvas.scale, color_of(robot), 2)
+
+    return plot_page(view, [title], entries, paint)
+
+
+def known_corners(grid: OccupancyGrid) -> Floats:
+    """(2, 2) the lower left and the upper right corner of the known cells, or of a grid without any."""
+    rows, columns = np.nonzero(grid.data >= 0)
+    if not len(rows):
+        return np.array(grid.extent).reshape(2, 2)
+    cells = [(columns.min(), rows.min()), (columns.max() + 1, rows.max() + 1)]
+    return np.array(grid.origin) + grid.resolution * np.array(cells)
+
+
 def paint_map(picture: Picture, view: Box, snapshot: MapSnapshot) -> None:
     """Fill ``picture``, (height, width, 3), with a map, paths, goals, and robots where they believe to be.
 
@@ -155,7 +201,7 @@ class Growth:
     def __init__(self, history: MapHistory, heading: str, plan: FloorPlan | None = None) -> None:
         """``plan``: the arena that was explored; None of a log, whose clock counts scans."""
         self._history, self._heading, self._plan = history, heading, plan
-        self._view = history.view() if plan is None else plan.view(ARENA_MARGIN_M)
+        self._view = history.view() if plan is None else plan.view(MARGIN_M)
 
     def page(self) -> Picture:
         """(height, width, 3) snapshots from the first to the last, evenly spread, each under its caption.
@@ -173,11 +219,11 @@ class Growth:
         height_px = min(max(round(TILE_PX * aspect), MIN_TILE_PX), TILE_PX)
         across, down = TILE_PX + GAP_PX, height_px + GAP_PX + CAPTION_PX
         page = blank_page(COLUMNS * across + GAP_PX, HEAD_PX + -(-len(shown) // COLUMNS) * down)
-        write(page, GAP_PX, 10, self._heading, 20, INK, bold=True)
-        for place, clock in enumerate(shown):
+        write(page, GAP_PX, 10, self._heading, 20, bold=True)
+        places = tiles(len(shown), COLUMNS, across, down, GAP_PX, HEAD_PX)
+        for clock, (left, top) in zip(shown, places, strict=True):
             snapshot = self._history.at(clock)
-            left, top = GAP_PX + place % COLUMNS * across, HEAD_PX + place // COLUMNS * down
-            write(page, left, top, ": ".join(self._words(snapshot)), 16, INK)
+            write(page, left, top, ": ".join(self._words(snapshot)), 16)
             top += CAPTION_PX
             paint_map(page[top : top + height_px, left : left + TILE_PX], view, snapshot)
         return page
@@ -195,8 +241,8 @@ class Growth:
             heading, rate, map_px = f"{heading}; {speed} x real time", EXPLORATION_PICTURES_PER_S, WIDTH // 2
             clocks = [*np.arange(clocks[0], clocks[-1], speed / rate).tolist(), clocks[-1]]
         blank = blank_page(WIDTH, HEIGHT)
-        write(blank, GAP_PX, 10, heading, 20, INK, bold=True)
-        legend.write_beside(blank, legend.beside(entries, LEGEND_LEFT, WIDTH, 13), SECOND_LINE + 9, 0, 13)
+        write(blank, GAP_PX, 10, heading, 20, bold=True)
+        write_legend(blank, entries, LEGEND_LEFT, SECOND_LINE + 9, 0, 13, right=WIDTH)
         if self._plan is not None:
             paint_floor_plan(Canvas(blank[MAP_TOP:, map_px:], self._view), self._plan)
         with mp4_file(path, WIDTH, HEIGHT, rate) as append:
@@ -207,10 +253,10 @@ class Growth:
                     truth = Canvas(picture[MAP_TOP:, map_px:], self._view)
                     _paint_robots(truth, snapshot.poses, snapshot.model)
                 now, known = self._words(snapshot)
-                write(picture, WIDTH - GAP_PX, 10, now, 20, INK, bold=True, before=1.0)
-                write(picture, GAP_PX, SECOND_LINE, known, 16, INK)
+                write(picture, WIDTH - GAP_PX, 10, now, 20, bold=True, before=1.0)
+                write(picture, GAP_PX, SECOND_LINE, known, 16)
                 append(picture)
-            for _ in range(round(LAST_PICTURE_S * rate)):
+            for _ in range(round(HOLD_S * rate)):
                 append(picture)
 
     def _words(self, snapshot: MapSnapshot) -> tuple[str, str]:
@@ -240,14 +286,20 @@ def _paint_robots(canvas: Canvas, poses: Floats, model: RobotModel) -> None:
             canvas.label((x, y), str(robot + 1), color_of(robot), 14, -14)
 
 
-CELLS: tuple[legend.Entry, ...] = (
-    legend.swatch(SHADES[WALL], "occupied"),
-    legend.swatch(SHADES[FREE], "free", FAINT_INK),
-    legend.swatch(SHADES[UNKNOWN], "unknown"),
+def _path_mark(canvas: Canvas) -> None:
+    canvas.line([(-6.0, 0.0), (6.0, 0.0)], color_of(0), 2)
+    canvas.circle((-6.0, 0.0), 4.0, color_of(0), 2)
+    canvas.circle((6.0, 0.0), 4.0, color_of(0), -1)
+
+
+CELLS: tuple[Entry, ...] = (
+    swatch(SHADES[WALL], "occupied"),
+    swatch(SHADES[FREE], "free", FAINT_INK),
+    swatch(SHADES[UNKNOWN], "unknown"),
 )
-ENTRIES: tuple[legend.Entry, ...] = (
+ENTRIES: tuple[Entry, ...] = (
     *CELLS,
-    (legend.burger(color_of(0)), "robot, on the map where it believes to be"),
+    (burger(color_of(0)), "robot, on the map where it believes to be"),
     (lambda canvas: canvas.line([(-14.0, 0.0), (12.0, 0.0)], color_of(0), 2), "its path"),
     (lambda canvas: canvas.cross((0.0, 0.0), color_of(0)), "its goal"),
 )

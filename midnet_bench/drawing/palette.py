@@ -1,4 +1,4 @@
-"""The colours of every picture: Okabe and Ito's, which colour-blind readers tell apart, on wood and floor."""
+"""The colours and words of every picture: Okabe and Ito's colours, for colour-blind readers, on wood."""
 
 RGB = tuple[int, int, int]
 
@@ -17,7 +17,7 @@ GUARD_RANGE: RGB = (160, 208, 238)
 """paler still: the usable range of LiDARs, which overlap"""
 INTRUDER: RGB = (213, 94, 0)
 INTRUDER_FAINT: RGB = (244, 190, 150)
-"""stationary intruders, plans and escapes of mobile ones: the same family"""
+"""stationary intruders"""
 DETECTION: RGB = (0, 158, 115)
 FALSE_DETECTION: RGB = (170, 40, 130)
 """Okabe and Ito's purple, darker, so that thin lines are seen on white"""
@@ -30,6 +30,12 @@ EXPLORERS: tuple[RGB, ...] = (GUARD, (230, 159, 0), DETECTION, FALSE_DETECTION, 
 """the first robot that maps, the second and so on, then from the first again"""
 TRUTH: RGB = INTRUDER
 """true walls, thin over a map"""
+
+TRUE_POSITIVE = "true positive"
+DUPLICATE = "second box on one intruder"
+FALSE_POSITIVE = "false positive"
+MISS = "missed intruder, in range"
+NO_ERROR = "out of range: no error"
 
 
 def hexadecimal(color: RGB) -> str:

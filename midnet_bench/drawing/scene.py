@@ -1,4 +1,4 @@
-"""What the pictures of a guarded trial show, as plain data: drawing needs no trial and no simulator."""
+"""What the pictures of a guarded trial show, as plain data; metres, map frame."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -26,13 +26,13 @@ BURGER_LENGTH_M = float(np.ptp([x for x, _ in BURGER.body]))
 
 
 def body_at(pose: Pose2D, enlarged: float = 1.0, model: RobotModel = BURGER) -> Floats:
-    """(n, 2) the outline of a robot at ``pose``, ``enlarged`` times its true size; metres, map frame."""
+    """(n, 2) the outline of a robot at ``pose``, ``enlarged`` times its true size."""
     return pose.transform(np.array(model.body) * enlarged)
 
 
 @dataclass(frozen=True)
 class FloorPlan:
-    """What never moves in an arena; metres, map frame."""
+    """What never moves in an arena."""
 
     title: str
     """which trial it is, in a line"""
@@ -43,8 +43,7 @@ class FloorPlan:
     stationary: list[Floats]
     """the outline of each stationary intruder, (n, 2)"""
     ground: OccupancyGrid | None = None
-    """int8: 100 occupied, 0 free, -1 unknown: the floor of a place known by its map alone; else all of
-    ``enclosure`` is floor"""
+    """int8 map whose free cells are floor, of a place known by its map alone; else all of ``enclosure``"""
     shown: Box | None = None
     """what pictures show; unless given, all of the place"""
 
@@ -57,7 +56,7 @@ class FloorPlan:
         return cls(f"{arena.name}, seed {seed}", Box(-x, -y, x, y), walls, stationary)
 
     def hides(self, point: Point) -> bool:
-        """Whether (x, y), metres, lies in a stationary intruder, under which goals are not drawn."""
+        """Whether a point lies in a stationary intruder, under which goals are not drawn."""
         return any(
             cv2.pointPolygonTest(outline.astype(np.float32), point, False) >= 0 for outline in self.stationary
         )
@@ -66,8 +65,7 @@ class FloorPlan:
         """What a picture from above shows, ``margin_m`` around it: ``shown``, or enclosure and walls."""
         if self.shown is not None:
             return self.shown.shrunk(-margin_m)
-        enclosure = np.array(self.enclosure).reshape(2, 2)
-        corners = np.concatenate([enclosure, *self.walls, *self.stationary])
+        corners = np.concatenate([np.array(self.enclosure).reshape(2, 2), *self.walls, *self.stationary])
         return Box(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist()).shrunk(-margin_m)
 
 
@@ -95,7 +93,7 @@ class Setup:
     """whether pictures show the returns of the guards' LiDARs"""
 
     def window(self, guard: "Robot") -> Box:
-        """A guard's local costmap: a square about its believed position, along the map's axes, metres."""
+        """A guard's local costmap: a square about its believed position."""
         return Box.square(guard.believed.x, guard.believed.y, self.local_size_m)
 
 
@@ -107,22 +105,22 @@ class Robot:
     """counted from 1, guards and intruders apart"""
     is_guard: bool
     pose: Pose2D
-    """true pose, map frame"""
+    """true pose"""
     believed: Pose2D
-    """pose by its own localization, map frame"""
+    """pose by its own localization"""
     goal: Point | None
     plan: Floats | None
-    """(n, 2) its path to the goal, metres, map frame"""
+    """(n, 2) its path to the goal"""
     model: RobotModel = BURGER
 
     @property
     def outline(self) -> Floats:
-        """(n, 2) its body from above, map frame, metres."""
+        """(n, 2) its body from above."""
         return body_at(self.pose, model=self.model)
 
     @property
     def sensor(self) -> Point:
-        """(x, y) of its LiDAR."""
+        """Where its LiDAR is."""
         return self.pose.compose(self.model.lidar.mount)[:2]
 
 
@@ -144,7 +142,7 @@ class Truth:
     """One intruder that is there, stationary or mobile."""
 
     outlines: Sequence[Floats]
-    """(n, 2) each: its body from above, of a person both legs, map frame, metres"""
+    """(n, 2) each: its body from above, of a person both legs"""
     is_found: bool
     """whether a detection touches it"""
     in_range: bool
@@ -152,7 +150,7 @@ class Truth:
 
     @property
     def is_missed(self) -> bool:
-        """Whether it should have been found and was not: a false negative."""
+        """Whether it is a false negative."""
         return self.in_range and not self.is_found
 
     @property
@@ -166,7 +164,7 @@ class Chase:
     """How far the guards are in a trial that is about catching."""
 
     intruders: int
-    """that there were when it began"""
+    """when it began"""
     caught: int
     escaped: int
     events: Sequence[str] = ()
@@ -175,7 +173,7 @@ class Chase:
 
 @dataclass(frozen=True)
 class Scene:
-    """A trial at one instant, map frame, metres. Intruders that were caught or have escaped are not in it."""
+    """A trial at one instant. Intruders that were caught or have escaped are not in it."""
 
     time_s: float
     frame: int
@@ -194,7 +192,7 @@ class Scene:
     so_far: Ratios | None = None
     """precision and recall of all frames up to this one, in a trial that is about finding"""
     scans: Sequence[Floats] = ()
-    """(n, 2) of each guard: the returns of its last scan, from where it took itself to be; metres"""
+    """(n, 2) of each guard: the returns of its last scan, placed by its believed pose"""
     is_labelled: bool = True
     """whether it is known where intruders are"""
 
@@ -206,20 +204,20 @@ class Scene:
             return f"caught {self.chase.caught} of {self.chase.intruders}{escaped}"
         if not self.is_labelled:
             return f"{len(self.detections)} detection{'s' * (len(self.detections) != 1)}, no labels"
-        near = [truth for truth in self.truths if truth.in_range]
-        found = f"found {sum(truth.is_found for truth in near)} of {len(near)}" if near else "no intruder"
-        return f"{found} in range, {sum(one.is_false for one in self.detections)} false"
+        near = [truth.is_found for truth in self.truths if truth.in_range]
+        found = f"found {sum(near)} of {len(near)}" if near else "no intruder"
+        return f"{found} in range, {sum(detection.is_false for detection in self.detections)} false"
 
     @property
     def remark(self) -> str:
-        """What is said beside the counter: the last catch or escape, or the scores so far; or nothing."""
+        """What is written beside the counter: the last catch or escape, or the scores so far; or nothing."""
         if self.chase is not None:
             return self.chase.events[-1] if self.chase.events else ""
         if self.so_far is None:
             return ""
-        named = {"recall": self.so_far.recall, "precision": self.so_far.precision}
-        told = [f"{name} {value:.2f}" for name, value in named.items() if not math.isnan(value)]
-        return f"so far: {', '.join(told)}" if told else ""
+        scores = {"recall": self.so_far.recall, "precision": self.so_far.precision}
+        known = [f"{name} {value:.2f}" for name, value in scores.items() if not math.isnan(value)]
+        return f"so far: {', '.join(known)}" if known else ""
 
     @property
     def guards(self) -> list[Robot]:

@@ -19,15 +19,21 @@ from midnet_bench.geometry import Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.midnet_settings import Align, Unknown
 
+BinaryArray = npt.NDArray[np.uint8]
+BoxArray = npt.NDArray[np.float64]
+"""(n, 4): x_min, y_min, x_max, y_max of each box, metres, map frame"""
+Floats = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
 OCCUPIED = 0
 """black, where something is"""
 FREE = 255
 """white, where nothing is, or nothing is known"""
+RESOLUTION_TOLERANCE = 1e-4
+"""saved maps round their resolution to six decimals, ROS messages to 32 bits"""
 
-INT8 = np.dtype(np.int8)
 
-
-def binary_map(costs: npt.NDArray[np.int8], thresh: int, unknown: Unknown = "free") -> npt.NDArray[np.uint8]:
+def binary_map(costs: npt.NDArray[np.int8], thresh: int, unknown: Unknown = "free") -> BinaryArray:
     """The grid E of Eq. 1, uint8 of the costs' shape: 0 where cost >= ``thresh``, else 255.
 
     Eq. 1 leaves -1 (unknown) out; the text beside it calls such a cell free (item 4).
@@ -38,25 +44,18 @@ def binary_map(costs: npt.NDArray[np.int8], thresh: int, unknown: Unknown = "fre
         unknown: what a cell of cost -1 becomes.
 
     Raises:
-        ValueError: the costs are not int8 (as uint8, unknown would read 255 and count as occupied).
+        InputError: the costs are not int8 (as uint8, unknown would read 255 and count as occupied).
     """
-    if costs.dtype != INT8:
-        raise ValueError(f"costs are {costs.dtype}; int8 is needed, where -1 means unknown")
+    if costs.dtype != np.int8:
+        raise InputError(
+            f"costmap: its values are {costs.dtype}; int8 is needed, as costmap_2d publishes them:"
+            " 0 to 100, and -1 where nothing is known"
+        )
     free = costs < np.int8(thresh)
     if unknown == "occupied":
         free &= costs >= 0
     grid = free.view(np.uint8)
     return np.negative(grid, out=grid)  # of bytes: 1 becomes 255
-
-
-BinaryArray = npt.NDArray[np.uint8]
-BoxArray = npt.NDArray[np.float64]
-"""(n, 4): x_min, y_min, x_max, y_max of each box, metres, map frame"""
-Floats = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-
-# saved maps round their resolution to six decimals, ROS messages to 32 bits
-RESOLUTION_TOLERANCE = 1e-4
 
 
 class Window(NamedTuple):
@@ -81,25 +80,15 @@ class Crop(NamedTuple):
     y2_gmap: int
 
     @property
-    def width(self) -> int:
-        """Cells along x."""
-        return self.x2_lmap - self.x1_lmap
-
-    @property
-    def height(self) -> int:
-        """Cells along y."""
-        return self.y2_lmap - self.y1_lmap
-
-    @property
     def is_empty(self) -> bool:
         """Whether the window has no cell on the prior map."""
         return self.x1_lmap == self.x2_lmap
 
-    def of_local(self, data: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    def of_local(self, data: BinaryArray) -> BinaryArray:
         """The covered part of the local grid, a view."""
         return data[self.y1_lmap : self.y2_lmap, self.x1_lmap : self.x2_lmap]
 
-    def of_prior(self, data: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    def of_prior(self, data: BinaryArray) -> BinaryArray:
         """The covered part of the prior map, a view."""
         return data[self.y1_gmap : self.y2_gmap, self.x1_gmap : self.x2_gmap]
 
@@ -118,8 +107,7 @@ def window_around(cell: tuple[int, int], width: int, height: int) -> Window:
 
     Half of an odd size is rounded down: [c - w // 2, c - w // 2 + w) (item 16).
     """
-    x1 = cell[0] - width // 2
-    y1 = cell[1] - height // 2
+    x1, y1 = cell[0] - width // 2, cell[1] - height // 2
     return Window(x1, y1, x1 + width, y1 + height)
 
 
@@ -172,9 +160,7 @@ def crop_to_prior(costmap: OccupancyGrid, prior: OccupancyGrid, pose: Pose2D, al
     Raises:
         InputError: the two grids differ in resolution (item 19).
     """
-    if costmap.resolution != prior.resolution and not math.isclose(
-        costmap.resolution, prior.resolution, rel_tol=RESOLUTION_TOLERANCE
-    ):
+    if not math.isclose(costmap.resolution, prior.resolution, rel_tol=RESOLUTION_TOLERANCE):
         raise InputError(
             f"costmap: resolution {costmap.resolution:g} m differs from the prior map's"
             f" {prior.resolution:g} m; give both the same"
@@ -207,11 +193,11 @@ def foreground(a: BinaryArray, c: BinaryArray) -> BinaryArray:
 def bounding_boxes(
     d: BinaryArray, first_cell: tuple[int, int], prior: OccupancyGrid, min_area_cells: int = 1
 ) -> BoxArray:
-    """The upright rectangle around the outer contour of each blob of D: (n, 4) x_min, y_min, x_max, y_max.
+    """The upright rectangle around the outer contour of each blob of D: (n, 4), metres, map frame.
 
-    Metres, map frame. A box spans the outer edges of its cells, so one cell is one resolution wide (item 24).
-    Edges are counted from the prior map's origin: two robots that find the same cells give equal boxes. Blobs
-    are 8-connected. What lies in a hole is left out: a hollow blob is one object (item 22). The blob that
+    A box spans the outer edges of its cells, so one cell is one resolution wide (item 24). Edges are
+    counted from the prior map's origin: two robots that find the same cells give equal boxes. Blobs are
+    8-connected. What lies in a hole is left out: a hollow blob is one object (item 22). The blob that
     starts in the highest row comes first.
 
     Args:

@@ -20,7 +20,6 @@ from midnet_bench.midnet.detection import BoxArray, Indices
 from midnet_bench.midnet.midnet_settings import AllyRemove
 
 FIRST, BEST, ALL = range(3)
-"""the same as numbers"""
 REMOVE: dict[AllyRemove, int] = {"first": FIRST, "best": BEST, "all": ALL}
 
 # metres make boxes of whole cells differ in the last bits; a tie in cells stays a tie (item 37)
@@ -40,6 +39,18 @@ class TeamBoxes(NamedTuple):
     """for each robot, where its boxes in ``kept`` begin, and where the last one's end"""
     removed: Indices
     """(k, 2): an ally's index and the box that was taken for it, in the order of removal"""
+
+
+class Call(NamedTuple):
+    """What a call of Algorithm 3 came to."""
+
+    left: list[int]
+    """indices of the boxes in its list"""
+    lost: list[list[int]]
+    """[box, the box that stays in its place]"""
+
+
+NOTHING: Indices = np.empty((0, 2), np.int64)
 
 
 def ally_squares(poses: Sequence[Pose2D], diameter_m: float) -> BoxArray:
@@ -108,16 +119,19 @@ def remove_ally_detections(
 
 
 @njit
-def fuse_detections(s1: Indices, s2: Indices, boxes: BoxArray, threshold: float) -> Indices:
+def fuse_detections(s1: Indices, s2: Indices, boxes: BoxArray, threshold: float) -> tuple[Indices, Indices]:
     """Algorithm 4, Fuse Detections: ``s2``, with the boxes of ``s1`` in place of smaller ones or behind.
 
     Each box i of ``s1`` is compared with those of ``s2`` up to the first j with IoU >= t. If i has the
     larger area it takes j's place, else it is dropped; without such a j it is appended. (The paper
     appends to an undefined L; S is meant, item 33.) Boxes are compared with ``s2`` as it came, so a
     second i can push out one that had just taken j's place, though the two may not even touch.
+
+    Returns:
+        The fused list; and (k, 2) each box that is lost, with the one that stays in its place.
     """
-    fused = np.concatenate((s2, s1))
-    length = len(s2)
+    fused, length = np.concatenate((s2, s1)), len(s2)
+    lost, losses = np.empty((len(s1), 2), np.int64), 0
     for i in s1:
         match = -1
         for place in range(len(s2)):
@@ -127,13 +141,24 @@ def fuse_detections(s1: Indices, s2: Indices, boxes: BoxArray, threshold: float)
         if match < 0:
             fused[length] = i
             length += 1
-        elif area(boxes[i]) > area(boxes[s2[match]]) * (1.0 + ROUNDING):
+            continue
+        j = s2[match]
+        if area(boxes[i]) > area(boxes[j]) * (1.0 + ROUNDING):
             fused[match] = i
-    return fused[:length]
+            lost[losses] = j, i
+        else:
+            lost[losses] = i, j
+        losses += 1
+    return fused[:length], lost[:losses]
 
 
 def divide_and_conquer(
-    lists: Sequence[Indices], left: int, right: int, boxes: BoxArray, threshold: float
+    lists: Sequence[Indices],
+    left: int,
+    right: int,
+    boxes: BoxArray,
+    threshold: float,
+    calls: dict[tuple[int, int], Call] | None = None,
 ) -> Indices:
     """Algorithm 3, Divide and Conquer: the lists ``left`` to ``right`` fused in pairs, up a binary tree.
 
@@ -146,13 +171,18 @@ def divide_and_conquer(
         right: r, the last list's index, inclusive.
         boxes: of the whole team.
         threshold: t, 0 < t <= 1.
+        calls: takes what each call came to, by (l, r), unless None.
     """
     if left == right:
-        return lists[left]
-    middle = (left + right) // 2
-    first = divide_and_conquer(lists, left, middle, boxes, threshold)
-    second = divide_and_conquer(lists, middle + 1, right, boxes, threshold)
-    return fuse_detections(second, first, boxes, threshold)
+        fused, lost = lists[left], NOTHING
+    else:
+        middle = (left + right) // 2
+        first = divide_and_conquer(lists, left, middle, boxes, threshold, calls)
+        second = divide_and_conquer(lists, middle + 1, right, boxes, threshold, calls)
+        fused, lost = fuse_detections(second, first, boxes, threshold)
+    if calls is not None:
+        calls[left, right] = Call(fused.tolist(), lost.tolist())
+    return fused
 
 
 def fuse_team(

@@ -12,13 +12,11 @@ from midnet_bench.geometry import Box, Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.detection import (
     FREE,
-    INT8,
     OCCUPIED,
     BinaryArray,
     BoxArray,
     Crop,
     Floats,
-    Indices,
     binary_map,
     bounding_boxes,
     common_occupancy,
@@ -120,6 +118,7 @@ class _Grids(NamedTuple):
     b: BinaryArray
     c: BinaryArray
     d: BinaryArray
+    found: BoxArray
 
 
 class MIDNet:
@@ -155,13 +154,12 @@ class MIDNet:
         """
         if not observations:
             return Frame([], [], Explanation([], []) if explain else None)
-        grids = [self._grids(observation) for observation in observations]  # IV.A to IV.B.2
-        found = [self._boxes(one, seen) for one, seen in zip(grids, observations, strict=True)]  # IV.B.3, B.4
-        robots, squares, team = self._fuse(found, [one.pose for one in observations], allies)  # IV.C
+        grids = [self._detect(observation) for observation in observations]  # IV.A, IV.B
+        poses = [observation.pose for observation in observations]
+        team = self.team_of([one.found for one in grids], poses, allies)  # IV.C
+        detections = [Box._make(box) for box in team.detections.tolist()]
         return Frame(
-            [Box._make(box) for box in team.detections.tolist()],
-            team.found_by.tolist(),
-            self._explain(grids, found, robots, squares, team) if explain else None,
+            detections, team.found_by.tolist(), self._explain(grids, poses, allies, team) if explain else None
         )
 
     def found_by_each(self, observations: Sequence[Observation]) -> list[BoxArray]:
@@ -169,93 +167,62 @@ class MIDNet:
 
         Raises InputError as :meth:`update` does. ``fused`` of this is what ``update`` gives.
         """
-        return [self._boxes(self._grids(one), one) for one in observations]
+        return [self._detect(observation).found for observation in observations]
 
     def fused(self, found: Sequence[BoxArray], poses: Sequence[Pose2D]) -> list[Box]:
-        """Section IV.C alone: the team's detections from the boxes of each robot and its latest pose.
-
-        Which settings ``found`` was made by does not matter here, so those of section IV.C can be compared
-        on the same boxes.
-        """
-        if not found:
-            return []
-        return [Box._make(box) for box in self.team_of(found, poses).detections.tolist()]
+        """Section IV.C alone: the team's detections from the boxes of each robot and its latest pose."""
+        return [Box._make(box) for box in self.team_of(found, poses).detections.tolist()] if found else []
 
     def team_of(
         self, found: Sequence[BoxArray], poses: Sequence[Pose2D], allies: Sequence[Ally] = ()
     ) -> TeamBoxes:
         """As :meth:`fused`, with what Algorithm 2 left and took; at least one robot."""
-        _, _, team = self._fuse(found, poses, allies)
-        return team
-
-    def _fuse(
-        self, found: Sequence[BoxArray], poses: Sequence[Pose2D], allies: Sequence[Ally]
-    ) -> tuple[Indices, BoxArray, TeamBoxes]:
-        """The robot of each box, each robot's square as an ally, and what is left of the boxes."""
         settings = self.settings
+        squares, remove = self._squares(poses, allies), REMOVE[settings.ally_remove]
         robots = np.repeat(np.arange(len(found)), [len(own) for own in found])
-        squares = ally_squares(poses, settings.ally_diameter_m)
+        return fuse_team(np.concatenate(found), robots, squares, settings.iou_ally, remove, settings.iou_fuse)
+
+    def _squares(self, poses: Sequence[Pose2D], allies: Sequence[Ally]) -> BoxArray:
+        squares = ally_squares(poses, self.settings.ally_diameter_m)
         if allies:
             squares = np.concatenate((squares, *(ally_squares([pose], side_m) for pose, side_m in allies)))
-        team = fuse_team(
-            np.concatenate(found),
-            robots,
-            squares,
-            settings.iou_ally,
-            REMOVE[settings.ally_remove],
-            settings.iou_fuse,
-        )
-        return robots, squares, team
+        return squares
 
-    def _grids(self, observation: Observation) -> _Grids:
-        """Sections IV.A, IV.B.1 and IV.B.2 for one robot. Raises InputError: a costmap that is not int8."""
-        costmap, settings = observation.costmap, self.settings
-        if costmap.data.dtype != INT8:
-            raise InputError(
-                f"costmap: its values are {costmap.data.dtype}; int8 is needed, as costmap_2d publishes them:"
-                " 0 to 100, and -1 where nothing is known"
-            )
-        crop = crop_to_prior(costmap, self.prior, observation.pose, settings.align)  # Alg. 1, Eqs. 2 to 4
-        a = crop.of_local(binary_map(costmap.data, settings.thresh_local, settings.unknown))  # Eq. 1
-        b = crop.of_prior(self.prior.data)
-        if crop.is_empty:
-            return _Grids(crop, a, b, a, a)
-        c = common_occupancy(a, b)  # Eq. 5
-        return _Grids(crop, a, b, c, foreground(a, c))  # Eq. 6
-
-    def _boxes(self, grids: _Grids, observation: Observation) -> BoxArray:
-        """Sections IV.B.3 and IV.B.4 for one robot; then, if asked for, only boxes with returns in them."""
-        settings, crop, scan = self.settings, grids.crop, observation.scan
-        boxes = bounding_boxes(grids.d, (crop.x1_gmap, crop.y1_gmap), self.prior, settings.min_area_cells)
+    def _detect(self, observation: Observation) -> _Grids:
+        """Sections IV.A and IV.B for one robot; then, if asked for, only boxes with returns in them."""
+        costmap, settings, prior = observation.costmap, self.settings, self.prior
+        local = binary_map(costmap.data, settings.thresh_local, settings.unknown)  # Eq. 1
+        crop = crop_to_prior(costmap, prior, observation.pose, settings.align)  # Algorithm 1, Eqs. 2 to 4
+        a, b = crop.of_local(local), crop.of_prior(prior.data)
+        c = a if crop.is_empty else common_occupancy(a, b)  # Eq. 5
+        d = a if crop.is_empty else foreground(a, c)  # Eq. 6
+        boxes = bounding_boxes(d, (crop.x1_gmap, crop.y1_gmap), prior, settings.min_area_cells)  # IV.B.3, B.4
         if settings.min_returns and len(boxes):
+            scan = observation.scan
             points = np.empty((0, 2)) if scan is None else scan.returns(math.inf)[1]
             shares = np.ones(len(points)) if scan is None or self._shares is None else self._shares(scan)
             boxes = with_returns(boxes, points, shares, settings.min_returns)
-        return shrunk(boxes, settings.deflate_boxes_m) if settings.deflate_boxes_m > 0.0 else boxes
+        if settings.deflate_boxes_m > 0.0:
+            boxes = shrunk(boxes, settings.deflate_boxes_m)
+        return _Grids(crop, a, b, c, d, boxes)
 
     def _explain(
-        self,
-        grids: Sequence[_Grids],
-        boxes: Sequence[BoxArray],
-        robots: Indices,
-        squares: BoxArray,
-        team: TeamBoxes,
+        self, grids: Sequence[_Grids], poses: Sequence[Pose2D], allies: Sequence[Ally], team: TeamBoxes
     ) -> Explanation:
         """The intermediates with their place in the map frame."""
-        found = [Box._make(box) for own in boxes for box in own.tolist()]
-        views = []
+        every = [
+            Detection(Box._make(box), robot) for robot, one in enumerate(grids) for box in one.found.tolist()
+        ]
+        (x_0, y_0), resolution, views = self.prior.origin, self.prior.resolution, []
         for robot, one in enumerate(grids):
-            crop, resolution = one.crop, self.prior.resolution
-            corner = (
-                self.prior.origin[0] + crop.x1_gmap * resolution,
-                self.prior.origin[1] + crop.y1_gmap * resolution,
-            )
-            a, b, c, d = (OccupancyGrid(data, resolution, corner) for data in (one.a, one.b, one.c, one.d))
-            own = [found[k] for k in np.flatnonzero(robots == robot)]
-            kept = [found[k] for k in team.kept[team.starts[robot] : team.starts[robot + 1]]]
-            views.append(RobotView(crop, a, b, c, d, own, kept))
-        removed = []
-        for ally, k in team.removed.tolist():
-            share = Box._make(squares[ally].tolist()).iou(found[k])
-            removed.append(RemovedAlly(Detection(found[k], int(robots[k])), ally, share))
+            corner = (x_0 + one.crop.x1_gmap * resolution, y_0 + one.crop.y1_gmap * resolution)
+            arrays = (one.a, one.b, one.c, one.d)
+            a, b, c, d = (OccupancyGrid(data, resolution, corner) for data in arrays)
+            own = [Box._make(box) for box in one.found.tolist()]
+            kept = [every[k].box for k in team.kept[team.starts[robot] : team.starts[robot + 1]]]
+            views.append(RobotView(one.crop, a, b, c, d, own, kept))
+        squares = [Box._make(square) for square in self._squares(poses, allies).tolist()]
+        removed = [
+            RemovedAlly(every[k], ally, squares[ally].iou(every[k].box)) for ally, k in team.removed.tolist()
+        ]
         return Explanation(views, removed)

@@ -2,16 +2,19 @@
 
 import base64
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from midnet_bench.analysis.statistics import Estimate
 from midnet_bench.analysis.tables import Table
-from midnet_bench.drawing import palette, signs
-from midnet_bench.page.funnel import MEANINGS, Funnel
-from midnet_bench.page.recording import COLUMNS, SCAN_COLUMNS, Recording, packed
+from midnet_bench.drawing import palette
+from midnet_bench.page.recording import COLUMNS, KINDS, SCAN_COLUMNS, Recording, packed
+from midnet_bench.scoring.error_causes import FALSE_CAUSES, MISS_CAUSES
 
 FOLDER = Path(__file__).parent
 MOST_BYTES = 9_900_000
@@ -22,52 +25,31 @@ LONG_TEXT = 40
 """characters of a cell that may take several lines"""
 MOST_SHOWN = 300
 """characters of a parameter's value"""
-LIGHT = {
-    "paper": palette.WHITE,
-    "ink": palette.INK,
-    "soft": (85, 85, 85),
-    "line": (221, 221, 221),
-    "edge": palette.FAINT_INK,
-    "raised": (243, 243, 240),
-    "link": palette.GUARD,
-    "on-guard": palette.WHITE,
-    "floor": palette.FLOOR,
-    "ground": palette.GROUND,
-    "wood": palette.WOOD,
-    "faint-ink": palette.FAINT_INK,
-    "guard": palette.GUARD,
-    "guard-faint": palette.GUARD_FAINT,
-    "intruder": palette.INTRUDER,
-    "intruder-faint": palette.INTRUDER_FAINT,
-    "guard-range": palette.GUARD_RANGE,
-    "detection": palette.DETECTION,
-    "false-detection": palette.FALSE_DETECTION,
-    "missed": palette.MISSED,
+COLOURS: Mapping[str, tuple[palette.RGB, palette.RGB]] = {
+    "paper": (palette.WHITE, (22, 24, 27)),
+    "ink": (palette.INK, (232, 230, 225)),
+    "soft": ((85, 85, 85), (170, 168, 162)),
+    "line": ((221, 221, 221), (54, 57, 62)),
+    "edge": (palette.FAINT_INK, (110, 113, 118)),
+    "raised": ((243, 243, 240), (36, 39, 43)),
+    "link": (palette.GUARD, palette.GUARD_FAINT),
+    "on-guard": (palette.WHITE, palette.INK),
+    "floor": (palette.FLOOR, (34, 37, 41)),
+    "ground": (palette.GROUND, (16, 18, 20)),
+    "wood": (palette.WOOD, (124, 100, 72)),
+    "faint-ink": (palette.FAINT_INK, (150, 150, 150)),
+    "guard": (palette.GUARD, palette.GUARD_FAINT),
+    "guard-faint": (palette.GUARD_FAINT, (60, 140, 190)),
+    "intruder": (palette.INTRUDER, (240, 130, 50)),
+    "intruder-faint": (palette.INTRUDER_FAINT, (112, 66, 34)),
+    "guard-range": (palette.GUARD_RANGE, (38, 84, 112)),
+    "detection": (palette.DETECTION, (30, 190, 145)),
+    "false-detection": (palette.FALSE_DETECTION, (226, 120, 196)),
+    "missed": (palette.MISSED, (255, 255, 255)),
 }
-DARK = {
-    **LIGHT,
-    "paper": (22, 24, 27),
-    "ink": (232, 230, 225),
-    "soft": (170, 168, 162),
-    "line": (54, 57, 62),
-    "edge": (110, 113, 118),
-    "raised": (36, 39, 43),
-    "link": palette.GUARD_FAINT,
-    "on-guard": palette.INK,
-    "floor": (34, 37, 41),
-    "ground": (16, 18, 20),
-    "wood": (124, 100, 72),
-    "faint-ink": (150, 150, 150),
-    "guard": palette.GUARD_FAINT,
-    "guard-faint": (60, 140, 190),
-    "intruder": (240, 130, 50),
-    "intruder-faint": (112, 66, 34),
-    "detection": (30, 190, 145),
-    "guard-range": (38, 84, 112),
-    "false-detection": (226, 120, 196),
-    "missed": (255, 255, 255),
-}
-"""the same hues on a dark ground: each colour keeps its meaning"""
+"""on a light page and on a dark one: each colour keeps its meaning"""
+CHAPTERS = ["results", "verdicts", "causes", "counterfactuals", "player", "figures", "tables", "provenance"]
+"""in their order; the first and the last are always there"""
 
 
 class Layer(NamedTuple):
@@ -79,8 +61,6 @@ class Layer(NamedTuple):
     is_on: bool
 
 
-CHAPTERS = ["results", "verdicts", "causes", "counterfactuals", "player", "figures", "tables", "provenance"]
-"""in their order; the first and the last are always there"""
 LAYERS = (
     Layer("boxes", "boxes and errors", "color: var(--detection)", True),
     Layer("window", "local costmaps, LiDAR range", "color: var(--guard); border-width: 1px", True),
@@ -91,20 +71,81 @@ LAYERS = (
     Layer("goals", "goals, pursuits", "color: var(--guard); border-width: 2px 0 0", True),
     Layer("names", "numbers and causes", "color: var(--ink); border-width: 0 0 2px", True),
 )
-
-
 LEGEND = (
-    (signs.TRUE_POSITIVE, '<rect class="box" x="3" y="3" width="14" height="14"/>'),
-    (signs.DUPLICATE, '<rect class="box dashed" x="3" y="3" width="14" height="14"/>'),
-    (signs.FALSE_POSITIVE, '<path class="false" d="M3 3h14v14h-14zM3 3l14 14M17 3l-14 14"/>'),
+    (palette.TRUE_POSITIVE, '<rect class="box" x="3" y="3" width="14" height="14"/>'),
+    (palette.DUPLICATE, '<rect class="box dashed" x="3" y="3" width="14" height="14"/>'),
+    (palette.FALSE_POSITIVE, '<path class="false" d="M3 3h14v14h-14zM3 3l14 14M17 3l-14 14"/>'),
     (
-        signs.MISS,
+        palette.MISS,
         '<path class="missed" d="M3 10v7h6M11 17h6v-6M17 9v-6h-6"/><circle class="disc" cx="4" cy="4" r="4"/>'
         '<path class="mark" d="M4 1.5v3M4 5.6v1"/>',
     ),
-    (signs.NO_ERROR, '<circle class="ring" cx="10" cy="10" r="7"/>'),
+    (palette.NO_ERROR, '<circle class="ring" cx="10" cy="10" r="7"/>'),
 )
 """words and an SVG of 20 by 20 for each sign, those of the pictures"""
+
+MISSES, FALSE_BOXES = "misses", "false boxes"
+MEANINGS: Mapping[str, Mapping[str, str]] = {MISSES: MISS_CAUSES, FALSE_BOXES: FALSE_CAUSES}
+"""a side of the funnel -> cause -> what it means"""
+KIND, CAUSE, GUARD, WHO = (COLUMNS["errors"].index(name) for name in ("kind", "cause", "guard", "who"))
+
+
+class Example(NamedTuple):
+    """Where in a recorded trial a cause is seen."""
+
+    trial: int
+    """place of the trial on the page"""
+    frame: int
+    """counted from 1"""
+    frames: int
+    """how long the same error lasts"""
+
+
+@dataclass
+class Funnel:
+    """Where detections are lost: the errors of recorded trials by cause, which :meth:`add` counts."""
+
+    counts: Counter[tuple[str, str, str]] = field(default_factory=Counter)
+    """(side, cause, cell) -> errors"""
+    examples: dict[tuple[str, str], Example] = field(default_factory=dict)
+    """(side, cause) -> where it lasts longest"""
+    cells: list[str] = field(default_factory=list)
+
+    def add(self, recording: Recording, trial: int) -> None:
+        """Count a trial's errors; ``trial``: its place on the page."""
+        if recording.cell not in self.cells:
+            self.cells.append(recording.cell)
+        frames_of: dict[tuple[str, str, int, int], list[int]] = {}
+        for frame, errors in enumerate(recording.frames["errors"], 1):
+            for error in errors:
+                side = MISSES if KINDS[error[KIND]] == "miss" else FALSE_BOXES
+                cause = recording.words[error[CAUSE] - 1]
+                self.counts[side, cause, recording.cell] += 1
+                frames_of.setdefault((side, cause, error[GUARD], error[WHO]), []).append(frame)
+        for (side, cause, _, _), frames in frames_of.items():
+            distinct = np.unique(frames)
+            runs = np.split(distinct, np.flatnonzero(np.diff(distinct) > 1) + 1)
+            longest = max(runs, key=len).tolist()
+            known = self.examples.get((side, cause))
+            if known is None or len(longest) > known.frames:
+                # in its middle the cause is plainest
+                example = Example(trial, longest[0] + len(longest) // 2, len(longest))
+                self.examples[side, cause] = example
+
+    def total(self, side: str, cell: str, cause: str | None = None) -> int:
+        """How many errors a cell has, of a cause if one is given."""
+        return sum(
+            count
+            for (of_side, of_cause, of_cell), count in self.counts.items()
+            if (of_side, of_cell) == (side, cell) and cause in (None, of_cause)
+        )
+
+    def causes(self, side: str) -> list[str]:
+        """Those that occur, the commonest first."""
+        totals: Counter[str] = Counter()
+        for (of_side, cause, _), count in self.counts.items():
+            totals[cause] += count if of_side == side else 0
+        return [cause for cause, count in totals.most_common() if count]
 
 
 class Picture(NamedTuple):
@@ -189,6 +230,8 @@ def _rendered(
     places = {trial.place: number for number, trial in enumerate(kept)}
     sides = [_side(funnel, side, places) for side in MEANINGS if funnel.causes(side)]
     figures = [_figure(one) for one in content.pictures if {".png", ".svg"} & one.files.keys()]
+    names = ("page.css", "trial.js", "player.js")
+    sources = {name: (FOLDER / name).read_text(encoding="utf-8") for name in names}
     page = {
         **vars(content),
         "headline": [_shown(table) for table in content.headline],
@@ -202,9 +245,9 @@ def _rendered(
         "tables": [_shown(table) for table in content.tables],
         "provenance": [list(_flat(run)) for run in content.provenance],
         "configuration": list(_flat(content.configuration)),
-        "colours": {"light": Markup(_variables(LIGHT)), "dark": Markup(_variables(DARK))},
-        "style": Markup(_source("page.css")),
-        "script": Markup(_source("trial.js") + _source("player.js")),
+        "colours": {"light": Markup(_variables(0)), "dark": Markup(_variables(1))},
+        "style": Markup(sources["page.css"]),
+        "script": Markup(sources["trial.js"] + sources["player.js"]),
     }
     page["chapters"] = [name for name in CHAPTERS if name in ("results", "provenance") or page[name]]
     environment = Environment(
@@ -216,12 +259,8 @@ def _rendered(
     return environment.get_template("report.html.j2").render(page=page)
 
 
-def _source(name: str) -> str:
-    return (FOLDER / name).read_text(encoding="utf-8")
-
-
-def _variables(colours: Mapping[str, palette.RGB]) -> str:
-    return " ".join(f"--{name}: {palette.hexadecimal(colour)};" for name, colour in colours.items())
+def _variables(theme: int) -> str:
+    return " ".join(f"--{name}: {palette.hexadecimal(pair[theme])};" for name, pair in COLOURS.items())
 
 
 def _player(kept: Sequence[_Packed], with_scans: set[int], recorded: int) -> dict[str, Any]:
@@ -230,21 +269,19 @@ def _player(kept: Sequence[_Packed], with_scans: set[int], recorded: int) -> dic
     data = {f"trial-{number}": trial.frames for number, trial in enumerate(kept)}
     data |= {f"scans-{number}": trial.scans for number, trial in enumerate(kept) if trial.place in with_scans}
     head = {"trials": [trial.head for trial in kept], "columns": COLUMNS, "scanColumns": SCAN_COLUMNS}
-    left_out = [
-        f"{recorded - len(kept)} of {recorded} recorded trials, those with the fewest errors, are left out"
-        if len(kept) < recorded
-        else "",
-        f"{len(with_scans)} of {len(kept)} trials have their scans here, those with the most errors first"
-        if len(with_scans) < len(kept)
-        else "",
-    ]
-    told = "; ".join(filter(None, left_out))
+    left_out = []
+    if len(kept) < recorded:
+        fewest = f"{recorded - len(kept)} of {recorded} recorded trials, those with the fewest errors,"
+        left_out.append(f"{fewest} are left out")
+    if len(with_scans) < len(kept):
+        most = f"{len(with_scans)} of {len(kept)} trials have their scans here"
+        left_out.append(f"{most}, those with the most errors first")
     return {
         "head": htmlsafe_json_dumps(head, separators=(",", ":")),
         "data": list(data.items()),
         "layers": LAYERS,
         "legend": LEGEND,
-        "left_out": f"To keep the page below 10 MB: {told}." if told else "",
+        "left_out": f"To keep the page below 10 MB: {'; '.join(left_out)}." if left_out else "",
     }
 
 
@@ -313,16 +350,17 @@ def _verdicts(claims: Table) -> str:
 def _figure(picture: Picture) -> dict[str, Any]:
     kinds = {".svg": "image/svg+xml", ".png": "image/png"}  # a browser shows no PDF as a picture
     ending = min(kinds.keys() & picture.files, key=lambda one: len(picture.files[one]))
-    kind = kinds[ending]
-    series = list(dict.fromkeys(str(row["series"]) for row in picture.data.rows if row.get("series")))
-    series = series or list(dict.fromkeys(str(row["panel"]) for row in picture.data.rows if row.get("panel")))
-    alt = f"Figure {picture.name.replace('_', ' ')}"
+    image = base64.b64encode(picture.files[ending]).decode()
+    labels = [
+        list(dict.fromkeys(str(row[column]) for row in picture.data.rows if row.get(column)))
+        for column in ("series", "panel")
+    ]
+    series = ", ".join(labels[0] or labels[1])
+    where = f": {series}; its data are below it" if series else "; its data are below"
     return {
         "name": picture.name,
-        "source": f"data:{kind};base64,{base64.b64encode(picture.files[ending]).decode()}",
-        "alt": f"{alt}: {', '.join(series)}; its data are below it"
-        if series
-        else f"{alt}; its data are below",
+        "source": f"data:{kinds[ending]};base64,{image}",
+        "alt": f"Figure {picture.name.replace('_', ' ')}{where}",
         "data": _shown(picture.data),
     }
 

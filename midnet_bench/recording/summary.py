@@ -8,7 +8,7 @@ import numpy as np
 
 from midnet_bench.analysis.tables import Table
 from midnet_bench.campaign.trial import Scalar
-from midnet_bench.detectors.events import Event, Events
+from midnet_bench.detectors.tracking import Event, Events
 from midnet_bench.errors import InputError
 from midnet_bench.recording.files.readings import NS
 from midnet_bench.recording.files.survey import lag_in_words

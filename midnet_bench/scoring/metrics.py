@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-from midnet_bench.detectors.events import Events
+from midnet_bench.detectors.tracking import Events
 from midnet_bench.detectors.tracking import Tracker
 from midnet_bench.geometry import Box, lengths
 from midnet_bench.scoring.metric import MetricFrame
@@ -150,7 +150,7 @@ class ClearMot:
 
 
 class EventCounts:
-    """What a guard reads: events, and how many an hour are false (``detectors/events.py``)."""
+    """What a guard reads: events, and how many an hour are false (``detectors/tracking.py``)."""
 
     def __init__(self) -> None:
         self._events = Events()

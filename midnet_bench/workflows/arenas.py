@@ -15,7 +15,7 @@ from midnet_bench.arena.floor_plan import arena_yaml, centred, cropped, dark_cel
 from midnet_bench.arena.free_space import cells_near
 from midnet_bench.arena.layout import ROBOT_CLEARANCE_M, TEAM, Layout, place, robot_starts
 from midnet_bench.arena.prior_maps import render_exact
-from midnet_bench.drawing.canvas import png_of
+from midnet_bench.drawing.painter import png_of
 from midnet_bench.drawing.scene import FloorPlan, Robot, Scene, Setup
 from midnet_bench.drawing.stills import draw_arena
 from midnet_bench.elementary import directions

@@ -17,10 +17,9 @@ from midnet_bench.arena.prior_maps import resampled
 from midnet_bench.campaign.provenance import Provenance, collect, now_utc
 from midnet_bench.campaign.tables import csv_text
 from midnet_bench.campaign.trial import Row, Scalar
-from midnet_bench.drawing.canvas import png_of
-from midnet_bench.drawing.growth import Growth, MapHistory, MapSnapshot
+from midnet_bench.drawing.growth import Growth, MapHistory, MapSnapshot, draw_map
+from midnet_bench.drawing.painter import png_of
 from midnet_bench.drawing.scene import FloorPlan
-from midnet_bench.drawing.stills import draw_map
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.guarded.inputs import EXACT, arena_from, prior_map_from

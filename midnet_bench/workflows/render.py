@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from midnet_bench.campaign.trial import Scalar
-from midnet_bench.drawing.canvas import png_of
+from midnet_bench.drawing.films import trial_video
+from midnet_bench.drawing.painter import png_of
 from midnet_bench.drawing.scene import Scene, Setup
 from midnet_bench.drawing.stills import draw_arena, draw_detections, draw_grids
-from midnet_bench.drawing.trial_video import trial_video
 from midnet_bench.errors import InputError
 from midnet_bench.experiments import registry
 from midnet_bench.io.files import write_atomically

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from midnet_bench.analysis.tables import Table
-from midnet_bench.detectors.events import Events
+from midnet_bench.detectors.tracking import Events
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Box, Scan
 from midnet_bench.io.files import cannot_be_written, temporary_path, write_atomically

@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from midnet_bench.drawing.films import trial_video
 from midnet_bench.drawing.scene import Detection, Floats, FloorPlan, Robot, Scene, Setup, Truth
-from midnet_bench.drawing.trial_video import trial_video
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.recording.inputs import ReplayInputs

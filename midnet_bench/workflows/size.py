@@ -352,8 +352,7 @@ def _starts(question: Question, arena: Arena, team: Team) -> dict[int, Point]:
 
 def write(answer: Answer, arena: Arena, directory: Path) -> list[Path]:
     """Write the tables and both figures into a folder; their paths."""
-    from midnet_bench.drawing.charts import chart_files
-    from midnet_bench.drawing.sizes import entrances_figure, times_figure
+    from midnet_bench.drawing.charts import chart_files, entrances_figure, times_figure
 
     written = [*answer.table.write(directory), *answer.places.write(directory)]
     question = answer.question

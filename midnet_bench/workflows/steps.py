@@ -6,11 +6,12 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
-from midnet_bench.drawing.canvas import png_of
-from midnet_bench.drawing.steps import Node, Tree, draw_fusion, draw_views, tree_of
+from midnet_bench.drawing.painter import png_of
+from midnet_bench.drawing.stills import Tree, draw_fusion, draw_views, tree_of
 from midnet_bench.errors import InputError
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.files import write_atomically
+from midnet_bench.midnet.fusion import Call
 from midnet_bench.midnet.midnet_settings import MIDNetSettings
 from midnet_bench.midnet.pipeline import Explanation, Observation
 from midnet_bench.recording.inputs import prepared
@@ -168,9 +169,9 @@ def _page(frame: ExplainedFrame, guard: int, tree: Tree | None) -> str:
     ]
     if tree is not None:
         fused = "; ".join(
-            f"guards {first + 1} to {last + 1}: {_lost(tree, node)}"
-            for (first, last), node in tree.nodes.items()
-            if node.lost
+            f"guards {first + 1} to {last + 1}: {_lost(tree, call)}"
+            for (first, last), call in tree.nodes.items()
+            if call.lost
         )
         team += [
             "<b>The tree (Algorithm 3).</b> The list of guards is halved until each part is one guard. Then "
@@ -195,5 +196,5 @@ def _page(frame: ExplainedFrame, guard: int, tree: Tree | None) -> str:
 """
 
 
-def _lost(tree: Tree, node: Node) -> str:
-    return ", ".join(f"{tree.names[k]} into {tree.names[j]}" for k, j in node.lost)
+def _lost(tree: Tree, call: Call) -> str:
+    return ", ".join(f"{tree.names[k]} into {tree.names[j]}" for k, j in call.lost)

@@ -107,4 +107,4 @@ def test_what_comes_from_outside_is_watched(tmp_path, monkeypatch: pytest.Monkey
         with pytest.raises(PluginError, match=says):
             patrol.next_point(0, [GuardState((0.0, 0.0), None)], 0.0)
     with pytest.raises(InputError, match="expected a class with a method 'next_point'"):
-        PATROLS.pinned("midnet_bench.detectors.alternative_fusions:NoFusion")
+        PATROLS.pinned("midnet_bench.detectors.fusions:NoFusion")

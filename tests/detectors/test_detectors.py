@@ -6,11 +6,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from midnet_bench.detectors.background import RunningMean
-from midnet_bench.detectors.clusters import CircleClusters
-from midnet_bench.detectors.detector import groups_of
+from midnet_bench.detectors.baselines import CircleClusters, MapSubtraction, RunningMean, cut_around
 from midnet_bench.detectors.evidence import WallEvidence
-from midnet_bench.detectors.map_subtraction import MapSubtraction
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D, Scan
 from midnet_bench.grid import OccupancyGrid
@@ -119,11 +116,14 @@ def test_the_background_swallows_what_stands_still_and_map_subtraction_does_not(
     assert {other for _, other in counts} == {1}
 
 
-def test_groups_are_cut_at_gaps_and_go_round() -> None:
-    points = np.array([[0.0, 0.0], [0.1, 0.0], [1.0, 0.0], [1.1, 0.0], [0.0, 0.1]])
-    assert [len(group) for group in groups_of(points, 0.3)] == [2, 3]
-    assert [len(group) for group in groups_of(points[:2], 0.3)] == [2]
-    assert groups_of(points[:0], 0.3) == []
+def test_groups_are_cut_where_returns_are_apart_and_go_round() -> None:
+    for apart, groups in (
+        ([0, 0, 1, 0, 1], [[2, 3], [4, 0, 1]]),
+        ([1, 0, 1, 0, 0], [[0, 1], [2, 3, 4]]),
+        ([0, 0], [[0, 1]]),
+        ([], []),
+    ):
+        assert [group.tolist() for group in cut_around(np.array(apart, bool))] == groups
 
 
 def test_clusters_refuse_an_incidence_below_the_angle_between_beams() -> None:

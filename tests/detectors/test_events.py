@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from midnet_bench.detectors.events import GROUP_M, KEPT_S, Events
+from midnet_bench.detectors.tracking import GROUP_M, KEPT_S, Events
 from midnet_bench.geometry import Box
 
 

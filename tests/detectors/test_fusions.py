@@ -8,15 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from midnet_bench.detectors.alternative_fusions import (
+from midnet_bench.detectors.fusions import (
     CentreDistance,
     ConnectedComponents,
+    Fusion,
     KalmanTracks,
     NoFusion,
     NonMaximumSuppression,
     WeightedBoxes,
+    ious,
 )
-from midnet_bench.detectors.box_fusion import Fusion, ious
 from midnet_bench.geometry import Box
 
 Boxes = npt.NDArray[np.float64]
@@ -90,7 +91,7 @@ def test_overlaps_of_all_pairs_are_those_of_each_pair() -> None:
     some = np.hstack((corners, corners + rng.uniform(0.1, 1, (12, 2))))
     plain = [Box(*one) for one in some.tolist()]
     wanted = [[one.iou(other) for other in plain] for one in plain]
-    np.testing.assert_allclose(ious(some, some), wanted, atol=1e-12)
+    np.testing.assert_allclose(ious(some[:, None], some), wanted, atol=1e-12)
 
 
 @pytest.mark.parametrize("make", ALL)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from midnet_bench.drawing.canvas import Canvas
 from midnet_bench.drawing.growth import Growth, MapHistory, MapSnapshot, paint_map, percent
+from midnet_bench.drawing.painter import Canvas
 from midnet_bench.drawing.scene import FloorPlan
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from midnet_bench.drawing import legend, stills
-from midnet_bench.drawing.canvas import Canvas, Labels, Picture, paint_detection, text_mask, write
+from midnet_bench.drawing import painter, stills
+from midnet_bench.drawing.films import MAP_LEFT, MAP_PX, MAP_TOP, ScenePainter, Storyboard
+from midnet_bench.drawing.growth import MAP_MARGIN_M, draw_map, known_corners
+from midnet_bench.drawing.painter import FOREGROUND, MARGIN_M, SHADES, Canvas, Labels, Picture, WorldPanel
 from midnet_bench.drawing.palette import (
     DETECTION,
     FALSE_DETECTION,
@@ -22,11 +24,8 @@ from midnet_bench.drawing.palette import (
     RGB,
     WOOD,
 )
-from midnet_bench.drawing.panels import FOREGROUND, MARGIN_M, SHADES, WorldPanel
 from midnet_bench.drawing.scene import Chase, Detection, Scene, Setup, Truth, body_at
-from midnet_bench.drawing.signs import CORNERS, RING, place_of
-from midnet_bench.drawing.stills import draw_arena, draw_detections, draw_grids, draw_map, known_corners
-from midnet_bench.drawing.trial_video import MAP_LEFT, MAP_PX, MAP_TOP, ScenePainter, Storyboard
+from midnet_bench.drawing.stills import draw_arena, draw_detections, draw_grids
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.pipeline import Explanation
@@ -68,7 +67,7 @@ def color_at(canvas: Canvas, *at: float) -> RGB:
     return red, green, blue
 
 
-def texts(entries: list[legend.Entry]) -> str:
+def texts(entries: list[painter.Entry]) -> str:
     return "; ".join(text for _, text in entries)
 
 
@@ -161,7 +160,7 @@ def test_a_legend_has_what_is_in_the_picture() -> None:
     assert any(found.is_false and found.box.intersection_area(GHOST) > 0.0 for found in SCENE.detections)
 
     def shown(scene: Scene) -> str:
-        return texts([*legend.of_world(SETUP, [scene]), *legend.of_detections([scene])])
+        return texts([*painter.world_legend(SETUP, [scene]), *painter.detection_legend([scene])])
 
     assert {"mobile intruder", "stationary intruder"} <= set(shown(SCENE).split("; "))
     assert "false positive" in shown(SCENE)
@@ -175,9 +174,9 @@ def test_a_legend_has_what_is_in_the_picture() -> None:
     assert "false positive" not in shown(right)
     assert "out of range" not in shown(right)
     assert f"costmap {SETUP.local_size_m:g} m, LiDAR {SETUP.usable_range_m:g} m" in shown(SCENE)
-    whole = texts([*legend.of_world(SETUP), *legend.of_detections()]).split("; ")
+    whole = texts([*painter.world_legend(SETUP), *painter.detection_legend()]).split("; ")
     assert len(set(whole)) == len(whole), "two entries say the same"
-    assert "LiDAR returns" in texts(legend.of_world(replace(SETUP, shows_scans=True)))
+    assert "LiDAR returns" in texts(painter.world_legend(replace(SETUP, shows_scans=True)))
 
 
 def test_detections_are_in_their_colours_over_the_true_outlines() -> None:
@@ -198,7 +197,7 @@ def test_a_map_shows_walls_path_and_truth() -> None:
     path = np.array([(1.0, 1.0), (1.0, 2.0)])
     wall = np.array([(3.5, 0.5), (3.6, 0.5), (3.6, 1.5), (3.5, 1.5)])
     page = draw_map(grid, [path], "a map", [wall])
-    view = Box(0.0, 0.0, 4.0, 3.0).shrunk(-stills.MAP_MARGIN_M)
+    view = Box(0.0, 0.0, 4.0, 3.0).shrunk(-MAP_MARGIN_M)
     rows, columns = stills.plot_area(view, 1)
     canvas = Canvas(page[rows, columns], view)
 
@@ -245,10 +244,10 @@ def test_an_intruder_without_a_detection_has_a_sign_that_says_whether_it_is_an_e
 
 def test_signs_differ_in_shape_and_a_person_has_one_about_both_legs() -> None:
     legs = [np.array([(x, 0.0), (x + 0.1, 0.0), (x + 0.1, 0.1), (x, 0.1)]) for x in (0.0, 0.4)]
-    middle, half = place_of(Truth(legs, False, True), 0.02, 0.1)
+    middle, half = painter.sign_box(Truth(legs, False, True), 0.02, 0.1)
     assert (*middle, *half) == pytest.approx((0.25, 0.05, 0.27, 0.1))
-    assert all(len(np.unique(np.round(np.abs(stroke).max(axis=1), 6))) == 1 for stroke in CORNERS)
-    assert np.hypot(*np.concatenate(RING).T) == pytest.approx(1.0)
+    assert all(len(np.unique(np.round(np.abs(stroke).max(axis=1), 6))) == 1 for stroke in painter.CORNERS)
+    assert np.hypot(*np.concatenate(painter.RING).T) == pytest.approx(1.0)
 
 
 def test_a_further_box_is_dashed_and_a_false_one_crossed() -> None:
@@ -256,7 +255,7 @@ def test_a_further_box_is_dashed_and_a_false_one_crossed() -> None:
     inked = {}
     for name, marks in (("own", (False, False)), ("further", (False, True)), ("false", (True, False))):
         canvas = Canvas(np.full((200, 200, 3), 255, dtype=np.uint8), Box(-1.0, -1.0, 1.0, 1.0))
-        paint_detection(canvas, Detection(box, 1, *marks))
+        painter.paint_detection(canvas, Detection(box, 1, *marks))
         inked[name] = (canvas.picture < 128).any(axis=2)
     assert inked["own"][50, 55:145].all()
     assert 0.3 < inked["further"][50, 55:145].mean() < 0.9
@@ -323,10 +322,10 @@ def test_row_0_of_a_grid_is_painted_at_the_bottom() -> None:
 
 
 def test_text_is_cut_off_at_the_edges_and_has_one_height() -> None:
-    assert text_mask("gyp", 16).shape[0] == text_mask("ace", 16).shape[0]
+    assert painter.text_mask("gyp", 16).shape[0] == painter.text_mask("ace", 16).shape[0]
     picture = np.zeros((20, 30, 3), dtype=np.uint8)
     for left, top in ((-10, -5), (25, 15), (100, 100)):
-        write(picture, left, top, "8888", 16, (200, 100, 50))
+        painter.write(picture, left, top, "8888", 16, (200, 100, 50))
     assert picture.max(axis=(0, 1)).tolist() == [200, 100, 50]
 
 

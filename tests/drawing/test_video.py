@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from midnet_bench.drawing.video import mp4_file
+from midnet_bench.drawing.films import mp4_file
 from midnet_bench.errors import InputError, MidnetBenchError
 
 

@@ -1,68 +1,54 @@
 """Section IV.C on lists of boxes, one list for each robot: what the tests say things in."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from midnet_bench.geometry import Box, Pose2D
-from midnet_bench.midnet.detection import BoxArray
 from midnet_bench.midnet.fusion import (
     REMOVE,
     AllyRemove,
-    TeamBoxes,
     ally_squares,
     divide_and_conquer,
     fuse_detections,
     fuse_team,
 )
-from tests.midnet.plain_fusion import AllyRemoval, Detection, RemovedAlly
+from midnet_bench.midnet.pipeline import Detection
 
 
-def rows(boxes: Sequence[Box]) -> BoxArray:
-    return np.array(boxes, np.float64).reshape(-1, 4)
+class AllyRemoval(NamedTuple):
+    kept: list[list[Detection]]
+    removed: list[tuple[Detection, int]]
+    """and the ally"""
 
 
-def fused_team(
-    poses: Sequence[Pose2D],
-    lists: Sequence[Sequence[Box]],
-    diameter_m: float,
-    iou_ally: float,
-    remove: AllyRemove,
-    iou_fuse: float,
-) -> TeamBoxes:
-    robots = np.repeat(np.arange(len(lists)), [len(own) for own in lists])
-    boxes = rows([box for own in lists for box in own])
-    return fuse_team(boxes, robots, ally_squares(poses, diameter_m), iou_ally, REMOVE[remove], iou_fuse)
+def of(robot: int, *boxes: Box) -> list[Detection]:
+    return [Detection(box, robot) for box in boxes]
+
+
+def rows(detections: Sequence[Detection]) -> np.ndarray:
+    return np.array([one.box for one in detections], np.float64).reshape(-1, 4)
 
 
 def remove_ally_detections(
     poses: Sequence[Pose2D],
-    detections: Sequence[Sequence[Detection]],
-    diameter_m: float,
-    threshold: float,
+    lists: Sequence[Sequence[Detection]],
+    di: float,
+    t: float,
     remove: AllyRemove = "first",
 ) -> AllyRemoval:
-    team = fused_team(
-        poses, [[one.box for one in own] for own in detections], diameter_m, threshold, remove, 1.0
-    )
-    flat = [one for own in detections for one in own]
-    kept = [
-        [flat[k] for k in team.kept[begin:end]]
-        for begin, end in zip(team.starts, team.starts[1:], strict=False)
-    ]
-    squares = [Box.square(pose.x, pose.y, diameter_m) for pose in poses]
-    return AllyRemoval(
-        kept, [RemovedAlly(flat[k], i, squares[i].iou(flat[k].box)) for i, k in team.removed.tolist()]
-    )
+    flat = [one for own in lists for one in own]
+    robots = np.array([one.robot for one in flat], np.int64)
+    team = fuse_team(rows(flat), robots, ally_squares(poses, di), t, REMOVE[remove], 1.0)
+    kept = [[flat[k] for k in team.kept[i:j]] for i, j in zip(team.starts, team.starts[1:], strict=False)]
+    return AllyRemoval(kept, [(flat[k], ally) for ally, k in team.removed.tolist()])
 
 
 def fuse(s1: Sequence[Detection], s2: Sequence[Detection], threshold: float) -> list[Detection]:
     """Algorithm 4."""
-    both = [*s1, *s2]
-    indices = np.arange(len(both))
-    found = fuse_detections(
-        indices[: len(s1)], indices[len(s1) :], rows([one.box for one in both]), threshold
-    )
+    both, indices = [*s1, *s2], np.arange(len(s1) + len(s2))
+    found, _ = fuse_detections(indices[: len(s1)], indices[len(s1) :], rows(both), threshold)
     return [both[k] for k in found]
 
 
@@ -70,5 +56,4 @@ def conquer(lists: Sequence[Sequence[Detection]], left: int, right: int, thresho
     """Algorithm 3."""
     flat = [one for own in lists for one in own]
     indices = np.split(np.arange(len(flat)), np.cumsum([len(own) for own in lists])[:-1])
-    boxes = rows([one.box for one in flat])
-    return [flat[k] for k in divide_and_conquer(indices, left, right, boxes, threshold)]
+    return [flat[k] for k in divide_and_conquer(indices, left, right, rows(flat), threshold)]

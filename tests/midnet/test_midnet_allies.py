@@ -1,13 +1,12 @@
-import copy
+"""Algorithm 2, on boxes of whole cells."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.geometry import Box, Pose2D
-from midnet_bench.midnet.fusion import ally_squares
-from tests.midnet.plain_fusion import Detection
-from tests.midnet.teams import remove_ally_detections
+from midnet_bench.midnet.fusion import AllyRemove, ally_squares, iou
+from tests.midnet.teams import AllyRemoval, Detection, of, remove_ally_detections, rows
 
 FAR = Pose2D(50.0, 50.0, 0.0)
 
@@ -18,104 +17,89 @@ def cell_boxes(draw: st.DrawFn, side: int = 12) -> Box:
     return Box(x1, y1, draw(st.integers(x1 + 1, side)), draw(st.integers(y1 + 1, side)))
 
 
-def detections(*lists: list[Box]) -> list[list[Detection]]:
-    return [[Detection(box, robot) for box in boxes] for robot, boxes in enumerate(lists)]
-
-
 def test_ally_box_is_the_square_about_the_robot_however_it_is_turned() -> None:
     squares = ally_squares([Pose2D(1.0, -2.0, 0.7), FAR], 0.5)
     assert squares.tolist() == [[0.75, -2.25, 1.25, -1.75], [49.75, 49.75, 50.25, 50.25]]
 
 
-def test_ally_is_removed_from_the_list_of_the_one_who_sees_it() -> None:
+def test_ally_is_removed_from_the_list_of_the_one_that_sees_it() -> None:
     ally, intruder = Box(0.9, 0.9, 1.1, 1.1), Box(3.0, 3.0, 3.4, 3.4)
     poses = [Pose2D(-1.0, 0.0, 0.0), Pose2D(1.0, 1.0, 0.0)]
-    result = remove_ally_detections(poses, detections([ally, intruder], [intruder]), 0.21, 0.1)
-    assert result.kept == detections([intruder], [intruder])
-    (removed,) = result.removed
-    assert removed.detection == Detection(ally, 0)
-    assert removed.ally == 1
-    assert removed.iou == pytest.approx(0.04 / 0.0441)
+    result = remove_ally_detections(poses, [of(0, ally, intruder), of(1, intruder)], 0.21, 0.1)
+    assert result == ([of(0, intruder), of(1, intruder)], [(Detection(ally, 0), 1)])
 
 
 def test_robot_does_not_remove_its_own_detections_for_its_own_pose() -> None:
-    here = Box(-0.1, -0.1, 0.1, 0.1)
-    assert remove_ally_detections([Pose2D(0, 0, 0)], detections([here]), 0.21, 0.1).kept == detections([here])
+    here = [of(0, Box(-0.1, -0.1, 0.1, 0.1))]
+    assert remove_ally_detections([Pose2D(0, 0, 0)], here, 0.21, 0.1).kept == here
 
 
-def test_one_box_per_ally_and_observer_goes_and_the_options_take_others() -> None:
+@pytest.mark.parametrize(("remove", "kept"), [("first", (1, 2)), ("best", (0, 2)), ("all", (2,))])
+def test_one_box_per_ally_and_observer_goes_and_the_options_take_others(
+    remove: AllyRemove, kept: tuple[int, ...]
+) -> None:
     # the ally's square is (0, 0)-(1, 1): a poor match first, the best second, and one below t
-    poor, best, below = Box(0.5, 0.0, 1.5, 1.0), Box(0.0, 0.0, 1.0, 0.9), Box(0.9, 0.9, 1.9, 1.9)
-    poses = [FAR, Pose2D(0.5, 0.5, 0.0)]
-    seen = detections([poor, best, below], [])
-
-    def kept(remove: str) -> list[Box]:
-        return [one.box for one in remove_ally_detections(poses, seen, 1.0, 0.1, remove).kept[0]]
-
-    assert kept("first") == [best, below]
-    assert kept("best") == [poor, below]
-    assert kept("all") == [below]
+    seen = of(0, Box(0.5, 0.0, 1.5, 1.0), Box(0.0, 0.0, 1.0, 0.9), Box(0.9, 0.9, 1.9, 1.9))
+    result = remove_ally_detections([FAR, Pose2D(0.5, 0.5, 0.0)], [seen, []], 1.0, 0.1, remove)
+    assert result.kept[0] == [seen[k] for k in kept]
 
 
-def test_iou_of_exactly_t_is_the_ally() -> None:
-    half = Box(0.0, 0.0, 1.0, 0.5)
-    poses = [FAR, Pose2D(0.5, 0.5, 0.0)]
-    assert remove_ally_detections(poses, detections([half], []), 1.0, 0.5).kept[0] == []
-    assert remove_ally_detections(poses, detections([half], []), 1.0, 0.51).kept[0] != []
+@pytest.mark.parametrize(("t", "left"), [(0.5, 0), (0.51, 1)])
+def test_iou_of_exactly_t_is_the_ally(t: float, left: int) -> None:
+    half = of(0, Box(0.0, 0.0, 1.0, 0.5))
+    result = remove_ally_detections([FAR, Pose2D(0.5, 0.5, 0.0)], [half, []], 1.0, t)
+    assert len(result.kept[0]) == left
 
 
-def as_the_paper_writes_it(poses: list[Pose2D], d: list[list[Box]], di: float, t: float) -> list[list[Box]]:
-    """Algorithm 2 word for word, on lists that it changes."""
-    robots = list(range(len(poses)))
-    for i in robots:
-        others = list(robots)
-        others.remove(i)
-        b = Box(poses[i].x - di / 2, poses[i].y - di / 2, poses[i].x + di / 2, poses[i].y + di / 2)
-        for j in others:
-            for k in d[j]:
-                if b.iou(k) >= t:
-                    d[j].remove(k)
-                    break
-    return d
+def as_the_paper_writes_it(
+    poses: list[Pose2D], lists: list[list[Detection]], di: float, t: float, remove: AllyRemove
+) -> AllyRemoval:
+    """Algorithm 2 word for word, on lists that it changes; the paper's own is ``first``."""
+    removed = []
+    for i, pose in enumerate(poses):
+        b = Box(pose.x - di / 2, pose.y - di / 2, pose.x + di / 2, pose.y + di / 2)
+        for j, own in enumerate(lists):
+            matches = [k for k in own if i != j and b.iou(k.box) >= t]
+            if remove == "best":
+                matches.sort(key=lambda k: -b.iou(k.box))
+            for k in matches if remove == "all" else matches[:1]:
+                own.remove(k)
+                removed.append((k, i))
+    return AllyRemoval(lists, removed)
 
 
 POSES = st.builds(Pose2D, st.integers(0, 12), st.integers(0, 12), st.just(0.0))
-TEAMS = st.lists(st.tuples(POSES, st.lists(cell_boxes(), max_size=4, unique=True)), min_size=1, max_size=4)
+TEAMS = st.lists(st.tuples(POSES, st.lists(cell_boxes(), max_size=4, unique=True)), min_size=1, max_size=6)
+REMOVES = st.sampled_from(["first", "best", "all"])
 
 
-@given(TEAMS)
-def test_first_is_algorithm_2_and_the_inputs_stay_as_they_are(team: list[tuple[Pose2D, list[Box]]]) -> None:
-    poses, boxes = [pose for pose, _ in team], [found for _, found in team]
-    seen = detections(*boxes)
-    before = copy.deepcopy(seen)
-    result = remove_ally_detections(poses, seen, 3.0, 0.2)
-    assert [[one.box for one in own] for own in result.kept] == as_the_paper_writes_it(poses, boxes, 3.0, 0.2)
-    assert seen == before
+def detections(team: list[tuple[Pose2D, list[Box]]]) -> list[list[Detection]]:
+    return [of(robot, *found) for robot, (_, found) in enumerate(team)]
 
 
-@given(TEAMS, POSES, st.integers(0, 4), st.sampled_from(["first", "best", "all"]))
+@given(TEAMS, REMOVES)
+def test_it_is_algorithm_2(team: list[tuple[Pose2D, list[Box]]], remove: AllyRemove) -> None:
+    poses = [pose for pose, _ in team]
+    result = remove_ally_detections(poses, detections(team), 3.0, 0.2, remove)
+    assert result == as_the_paper_writes_it(poses, detections(team), 3.0, 0.2, remove)
+
+
+@given(TEAMS, POSES, st.integers(0, 4), REMOVES)
 def test_another_ally_never_adds_a_detection_to_any_robots_list(
-    team: list[tuple[Pose2D, list[Box]]], ally: Pose2D, index: int, remove: str
+    team: list[tuple[Pose2D, list[Box]]], ally: Pose2D, index: int, remove: AllyRemove
 ) -> None:
-    poses, seen = [pose for pose, _ in team], detections(*(found for _, found in team))
-    without = remove_ally_detections(poses, seen, 3.0, 0.2, remove).kept
-    index = min(index, len(poses))
-    poses.insert(index, ally)
-    seen.insert(index, [])
-    with_ally = remove_ally_detections(poses, seen, 3.0, 0.2, remove).kept
-    del with_ally[index]
-    for fewer, more in zip(with_ally, without, strict=True):
-        assert set(fewer) <= set(more)
+    without = remove_ally_detections([pose for pose, _ in team], detections(team), 3.0, 0.2, remove).kept
+    index = min(index, len(team))
+    larger = [*team[:index], (ally, []), *team[index:]]
+    kept = remove_ally_detections([pose for pose, _ in larger], detections(larger), 3.0, 0.2, remove).kept
+    del kept[index]
+    for fewer, more in zip(kept, without, strict=True):
+        assert {one.box for one in fewer} <= {one.box for one in more}
 
 
-@given(TEAMS, st.sampled_from(["first", "best", "all"]))
-def test_each_box_is_kept_or_removed_once_and_removed_boxes_reach_t(
-    team: list[tuple[Pose2D, list[Box]]], remove: str
-) -> None:
-    poses, seen = [pose for pose, _ in team], detections(*(found for _, found in team))
-    result = remove_ally_detections(poses, seen, 3.0, 0.2, remove)
-    together = [one for own in result.kept for one in own] + [gone.detection for gone in result.removed]
-    assert sorted(together) == sorted(one for own in seen for one in own)
-    for gone in result.removed:
-        assert gone.ally != gone.detection.robot
-        assert gone.iou >= 0.2
+@given(st.lists(cell_boxes(), min_size=2, max_size=6))
+def test_iou_of_arrays_is_eq_7_of_boxes(boxes: list[Box]) -> None:
+    array = rows(of(0, *boxes)) * 0.05
+    scaled = [Box(*row) for row in array.tolist()]
+    for i, box in enumerate(scaled):
+        assert [iou(array[i], other) for other in array] == [box.iou(other) for other in scaled]

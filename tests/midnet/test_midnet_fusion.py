@@ -2,19 +2,15 @@
 
 from fractions import Fraction
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from midnet_bench.geometry import Box
-from tests.midnet.plain_fusion import Detection
-from tests.midnet.teams import conquer, fuse
+from tests.midnet.teams import Detection, conquer, fuse, of
 
 T = 0.1
-
-
-def of(robot: int, *boxes: Box) -> list[Detection]:
-    return [Detection(box, robot) for box in boxes]
 
 
 def boxes_in(detections: list[Detection]) -> list[Box]:
@@ -30,18 +26,17 @@ LARGE = Box(0, 0, 5, 4)
 ELSEWHERE = Box(20, 0, 24, 4)
 
 
-def test_larger_box_of_the_first_list_takes_the_place_of_the_smaller() -> None:
-    fused = fuse(of(1, LARGE), of(0, ELSEWHERE, SMALL), T)
-    assert fused == [*of(0, ELSEWHERE), *of(1, LARGE)]
-
-
-def test_smaller_or_equal_box_of_the_first_list_is_dropped() -> None:
-    assert fuse(of(1, SMALL), of(0, LARGE), T) == of(0, LARGE)
-    assert fuse(of(1, SMALL), of(0, SMALL), T) == of(0, SMALL)
-
-
-def test_box_without_a_partner_is_appended() -> None:
-    assert fuse(of(1, ELSEWHERE), of(0, SMALL), T) == [*of(0, SMALL), *of(1, ELSEWHERE)]
+@pytest.mark.parametrize(
+    ("s1", "s2", "fused"),
+    [
+        ([LARGE], [ELSEWHERE, SMALL], [(0, ELSEWHERE), (1, LARGE)]),  # takes the place of the smaller
+        ([SMALL], [LARGE], [(0, LARGE)]),
+        ([SMALL], [SMALL], [(0, SMALL)]),
+        ([ELSEWHERE], [SMALL], [(0, SMALL), (1, ELSEWHERE)]),  # no partner
+    ],
+)
+def test_algorithm_4_by_hand(s1: list[Box], s2: list[Box], fused: list[tuple[int, Box]]) -> None:
+    assert fuse(of(1, *s1), of(0, *s2), T) == [Detection(box, robot) for robot, box in fused]
 
 
 def test_iou_of_exactly_t_fuses_and_less_does_not() -> None:
@@ -53,14 +48,9 @@ def test_iou_of_exactly_t_fuses_and_less_does_not() -> None:
 
 @given(st.integers(-200, 200), st.integers(-200, 200))
 def test_equal_cells_tie_wherever_they_lie_on_the_map(column: int, row: int) -> None:
-    def cells(x1: int, y1: int, x2: int, y2: int) -> Box:
-        return Box(
-            *(-4.03 + 0.05 * (c + column) for c in (x1, x2)), *(1.0 + 0.05 * (r + row) for r in (y1, y2))
-        )
-
-    def box(x1: int, y1: int, x2: int, y2: int) -> Box:
-        x_min, x_max, y_min, y_max = cells(x1, y1, x2, y2)
-        return Box(x_min, y_min, x_max, y_max)
+    def box(*cells: int) -> Box:
+        moved = np.add(cells, (column, row, column, row))
+        return Box(*np.add((-4.03, 1.0, -4.03, 1.0), 0.05 * moved).tolist())
 
     # 16 cells each, so j stays; 2 of 20 cells in common, exactly t
     assert fuse_all([box(0, 0, 4, 4)], [box(1, 0, 5, 4)]) == of(0, box(0, 0, 4, 4))
@@ -88,17 +78,12 @@ def test_a_single_robot_keeps_its_overlapping_boxes() -> None:
 A, B, C = Box(0, 0, 4, 4), Box(2, 0, 8, 4), Box(6, 0, 10, 4)
 
 
-def test_number_of_detections_depends_on_the_order_of_the_robots() -> None:
+def test_result_depends_on_the_order_of_the_robots_and_can_hold_boxes_that_overlap() -> None:
     # B meets A, then C meets B: one box. But if A and C are joined first, B takes A's place and stops
     # looking at its first match, and C stays beside it.
     assert boxes_in(fuse_all([A], [B], [C])) == [B]
     assert boxes_in(fuse_all([A], [C], [B])) == [B, C]
-
-
-def test_result_can_hold_boxes_that_overlap_by_more_than_t() -> None:
-    left = boxes_in(fuse_all([A], [C], [B]))
-    assert left[0].iou(left[1]) == pytest.approx(0.25)
-    assert left[0].iou(left[1]) >= T
+    assert B.iou(C) == pytest.approx(0.25)
 
 
 def test_fusing_a_list_with_itself_can_change_it() -> None:
@@ -185,12 +170,7 @@ def tree_of_the_paper(lists: list[list[Cells]], left: int, right: int) -> list[C
 
 @given(LISTS)
 def test_robots_are_fused_in_the_order_of_algorithm_3(lists: list[list[Cells]]) -> None:
-    fused = fuse_all(*([in_metres(cells) for cells in own] for own in lists))
-    assert boxes_in(fused) == [in_metres(cells) for cells in tree_of_the_paper(lists, 0, len(lists) - 1)]
-
-
-@given(LISTS)
-def test_every_detection_is_a_box_of_the_robot_that_it_names(lists: list[list[Cells]]) -> None:
     found = [[in_metres(cells) for cells in own] for own in lists]
-    for detection in fuse_all(*found):
-        assert detection.box in found[detection.robot]
+    fused = fuse_all(*found)
+    assert boxes_in(fused) == [in_metres(cells) for cells in tree_of_the_paper(lists, 0, len(lists) - 1)]
+    assert all(detection.box in found[detection.robot] for detection in fused)

@@ -13,8 +13,7 @@ import pytest
 from midnet_bench.analysis.frames import load_results
 from midnet_bench.analysis.tables import Table
 from midnet_bench.experiments.registry import experiment_of, tables_of
-from midnet_bench.page.funnel import FALSE_BOXES, MISSES, Funnel
-from midnet_bench.page.page import Content, report_page
+from midnet_bench.page.page import FALSE_BOXES, MISSES, Content, Funnel, report_page
 from midnet_bench.page.recording import Recording
 from midnet_bench.workflows.report import PAGE, write_report
 from tests.stores import labyrinth_store

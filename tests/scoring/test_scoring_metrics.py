@@ -192,7 +192,7 @@ def test_every_file_of_a_list_goes_along_with_a_trial(
     pinned = pinned_metrics("mine.py:Mine; ospa; other.py:Mine(word=b)")
     assert {source.name for source in code_in([pinned]).values()} == {"mine.py", "other.py"}
     with pytest.raises(InputError, match="expected a class with a method 'frame'"):
-        METRICS.pinned("midnet_bench.detectors.alternative_fusions:NoFusion")
+        METRICS.pinned("midnet_bench.detectors.fusions:NoFusion")
 
 
 def test_identities_that_are_exchanged_are_counted() -> None:

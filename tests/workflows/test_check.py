@@ -14,7 +14,7 @@ from tests.simulation.scenes import OWN_ENGINE, OWN_ROBOT
 HEAD = """
 import itertools, os, random, time
 import numpy as np
-from midnet_bench.detectors.map_subtraction import MapSubtraction
+from midnet_bench.detectors.baselines import MapSubtraction
 
 class Base(MapSubtraction):
     def __init__(self, prior_map, range_m):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from midnet_bench.drawing.canvas import Canvas, paint_floor_plan
+from midnet_bench.drawing.painter import Canvas, paint_floor_plan
 from midnet_bench.drawing.palette import FLOOR, GROUND
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid

@@ -1,19 +1,56 @@
-"""The fusions to compare Algorithms 3 and 4 with."""
+"""``Fusion``: what makes one list of the robots' boxes; and those to compare Algorithms 3 and 4 with."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from midnet_bench.detectors.box_fusion import all_of, ious, pair_ious
-from midnet_bench.detectors.tracking import Tracker
+from midnet_bench.detectors.tracking import Tracker, most_pairs
 from midnet_bench.geometry import lengths, mean_point
 from midnet_bench.midnet.detection import BoxArray
+
+
+class Fusion(Protocol):
+    """A class of these is made anew for each trial, of its own options, and may remember what it saw."""
+
+    def fuse(self, found: Sequence[BoxArray], time_s: float) -> npt.ArrayLike:
+        """The team's boxes of one frame.
+
+        Args:
+            found: for each robot (n, 4) boxes without its allies: x_min, y_min, x_max, y_max, map frame,
+                metres. They must stay as they are.
+            time_s: of the frame, more at each call.
+
+        Returns:
+            (n, 4) boxes, or an empty list.
+        """
+
+
+def ious(some: BoxArray, others: BoxArray) -> npt.NDArray[np.float64]:
+    """(...) Eq. 7 of (..., 4) boxes with others; shapes are broadcast."""
+    low = np.maximum(some[..., :2], others[..., :2])
+    high = np.minimum(some[..., 2:], others[..., 2:])
+    both = np.clip(high - low, 0.0, None).prod(axis=-1)
+    return np.asarray(both / (_areas(some) + _areas(others) - both))
+
+
+def _areas(boxes: BoxArray) -> npt.NDArray[np.float64]:
+    return np.asarray((boxes[..., 2:] - boxes[..., :2]).prod(axis=-1))
+
+
+def centres(boxes: BoxArray) -> BoxArray:
+    """(n, 2) of (n, 4) boxes."""
+    return (boxes[:, :2] + boxes[:, 2:]) / 2.0
+
+
+def all_of(found: Sequence[BoxArray]) -> BoxArray:
+    """The boxes of all robots, the largest first and then by their corners, whatever the robots' order is."""
+    boxes = np.concatenate([*found, np.empty((0, 4))])
+    return boxes[np.lexsort((*boxes.T[::-1], -_areas(boxes)))]
 
 
 class NoFusion:
@@ -36,7 +73,7 @@ class NonMaximumSuppression:
     def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
         """The boxes that nothing larger takes out, whatever the time is."""
         boxes = all_of(found)
-        overlap = ious(boxes, boxes) >= self._iou
+        overlap = ious(boxes[:, None], boxes) >= self._iou
         kept: list[int] = []
         for i in range(len(boxes)):
             if not overlap[i, kept].any():
@@ -71,10 +108,9 @@ class ConnectedComponents:
         """(n, 2) indices of the boxes that overlap enough, or lie near enough."""
         # two boxes with a common area have centres nearer than the longest side, along each axis
         reach_m = float((boxes[:, 2:] - boxes[:, :2]).max()) + self._gap_m
-        tree = KDTree(_centres(boxes))
-        near = tree.query_pairs(reach_m, p=np.inf, output_type="ndarray")
+        near = KDTree(centres(boxes)).query_pairs(reach_m, p=np.inf, output_type="ndarray")
         some, others = boxes[near[:, 0]], boxes[near[:, 1]]
-        are_one = pair_ious(some, others) >= self._iou
+        are_one = ious(some, others) >= self._iou
         if self._gap_m > 0.0:
             gaps_m = np.maximum(some[:, :2], others[:, :2]) - np.minimum(some[:, 2:], others[:, 2:])
             are_one |= lengths(np.maximum(gaps_m, 0.0)) <= self._gap_m
@@ -96,7 +132,7 @@ class WeightedBoxes:
         members: list[list[BoxArray]] = []
         means = np.empty((0, 4))
         for box in all_of(found):
-            overlap = ious(box[None], means)[0]
+            overlap = ious(box, means)
             if len(overlap) and overlap.max() >= self._iou:
                 best = int(overlap.argmax())
                 members[best].append(box)
@@ -120,12 +156,8 @@ class CentreDistance:
         """One box for each thing, whatever the time is."""
         team, weights = np.empty((0, 4)), np.empty(0)
         for own in found:
-            gaps = lengths(_centres(team)[:, None] - _centres(own)[None])
-            # a pair within reach is worth more than all distances together, so most pairs come first
-            worth = np.where(gaps <= self._gap_m, self._gap_m * (1 + min(gaps.shape)) - gaps, 0.0)
-            rows, columns = linear_sum_assignment(worth, maximize=True)
-            near = worth[rows, columns] > 0.0
-            rows, columns = rows[near], columns[near]
+            gaps = lengths(centres(team)[:, None] - centres(own)[None])
+            rows, columns = most_pairs(gaps, self._gap_m)
             share = weights[rows, None]
             team[rows] = (team[rows] * share + own[columns]) / (share + 1.0)
             weights[rows] += 1.0
@@ -133,18 +165,6 @@ class CentreDistance:
             team = np.concatenate((team, own[alone]))
             weights = np.concatenate((weights, np.ones(len(alone))))
         return team
-
-
-def _centres(boxes: BoxArray) -> BoxArray:
-    return (boxes[:, :2] + boxes[:, 2:]) / 2.0
-
-
-@dataclass
-class _Seen:
-    box: BoxArray
-    """(4,) the last one"""
-    seen_s: float
-    times: int = 1
 
 
 class KalmanTracks:
@@ -156,20 +176,20 @@ class KalmanTracks:
 
     def __init__(self, hits: int = 3, keep_s: float = 0.5, iou: float = 0.1) -> None:
         self._hits, self._keep_s = hits, keep_s
-        self._components = ConnectedComponents(iou)
-        self._tracker = Tracker()
-        self._seen: dict[int, _Seen] = {}
+        self._components, self._tracker = ConnectedComponents(iou), Tracker()
+        self._seen: dict[int, tuple[BoxArray, float, int]] = {}
+        """track -> its last box, when that was, how many it had"""
 
     def fuse(self, found: Sequence[BoxArray], time_s: float) -> BoxArray:
         """The boxes of the tracks that are reported."""
         boxes = self._components.fuse(found, time_s)
-        centres = [tuple(centre) for centre in _centres(boxes).tolist()]
-        for number, box in zip(self._tracker.update(centres, time_s), boxes, strict=True):
-            times = self._seen[number].times + 1 if number in self._seen else 1
-            self._seen[number] = _Seen(box, time_s, times)
-        for number, seen in list(self._seen.items()):
-            if time_s - seen.seen_s > self._keep_s + 1e-9:
+        places = [(x, y) for x, y in centres(boxes).tolist()]
+        for number, box in zip(self._tracker.update(places, time_s), boxes, strict=True):
+            times = self._seen[number][2] if number in self._seen else 0
+            self._seen[number] = (box, time_s, times + 1)
+        for number, (_, seen_s, _) in list(self._seen.items()):
+            if time_s - seen_s > self._keep_s + 1e-9:
                 self._tracker.drop(number)
                 del self._seen[number]
-        told = [seen.box for seen in self._seen.values() if seen.times >= self._hits]
-        return np.array(told, dtype=np.float64).reshape(-1, 4)
+        reported = [box for box, _, times in self._seen.values() if times >= self._hits]
+        return np.array(reported, dtype=np.float64).reshape(-1, 4)
