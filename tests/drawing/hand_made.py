@@ -1,6 +1,5 @@
 """Scenes made by hand, without a simulator, and MIDNet's true answer to what the guards in them would see."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -66,11 +65,6 @@ def setup_and_scene(arena_name: str = "map1", seed: int = 7) -> tuple[Setup, Sce
         for number, (outline, body) in enumerate(zip(outlines, bodies, strict=True))
     ]
     return setup, Scene(5.0, 25, robots, detections, truths, frame.explanation)
-
-
-def without_explanation(scene: Scene) -> Scene:
-    """The scene as a detector gives it that does not explain itself."""
-    return replace(scene, explanation=None)
 
 
 def layout_of(arena_name: str = "map1", seed: int = 7) -> Layout:

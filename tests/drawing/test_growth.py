@@ -3,9 +3,20 @@
 import numpy as np
 import pytest
 
-from midnet_bench.drawing.growth import Growth, MapHistory, MapSnapshot, paint_map, percent
+from midnet_bench.drawing.growth import (
+    MAP_MARGIN_M,
+    Growth,
+    MapHistory,
+    MapSnapshot,
+    draw_map,
+    known_corners,
+    paint_map,
+    percent,
+)
 from midnet_bench.drawing.painter import Canvas
+from midnet_bench.drawing.palette import GUARD, INTRUDER
 from midnet_bench.drawing.scene import FloorPlan
+from midnet_bench.drawing.stills import plot_area
 from midnet_bench.geometry import Box
 from midnet_bench.grid import OccupancyGrid
 
@@ -112,3 +123,36 @@ def test_a_log_of_few_snapshots_makes_a_smaller_page(history: MapHistory) -> Non
 
 def test_nothing_is_called_complete_that_is_not() -> None:
     assert (percent(0.99996), percent(1.0), percent(0.5)) == ("99.9 %", "100.0 %", "50.0 %")
+
+
+def test_a_map_shows_walls_path_and_truth() -> None:
+    data = np.zeros((60, 80), dtype=np.int8)
+    data[:, 0] = 100
+    data[40:, 40:] = -1
+    grid = OccupancyGrid(data, 0.05, (0.0, 0.0))
+    path = np.array([(1.0, 1.0), (1.0, 2.0)])
+    wall = np.array([(3.5, 0.5), (3.6, 0.5), (3.6, 1.5), (3.5, 1.5)])
+    page = draw_map(grid, [path], "a map", [wall])
+    view = Box(0.0, 0.0, 4.0, 3.0).shrunk(-MAP_MARGIN_M)
+    rows, columns = plot_area(view, 1)
+    canvas = Canvas(page[rows, columns], view)
+
+    def near(x: float, y: float) -> list[list[int]]:
+        row, column = np.floor(canvas.pixels((x, y))).astype(int)[::-1].tolist()
+        around = canvas.picture[row - 1 : row + 2, column - 1 : column + 2].reshape(-1, 3)
+        return [[int(value) for value in color] for color in around]
+
+    assert [40, 40, 40] in near(0.025, 1.0)
+    assert near(2.0, 0.5) == [[255, 255, 255]] * 9
+    assert near(3.0, 2.5) == [[205, 205, 205]] * 9
+    assert list(GUARD) in near(1.0, 1.5)
+    assert min(abs(red - INTRUDER[0]) + abs(blue - INTRUDER[2]) for red, _, blue in near(3.5, 1.0)) < 100
+
+
+def test_the_known_part_of_a_map_is_what_a_picture_shows() -> None:
+    data = np.full((20, 30), -1, dtype=np.int8)
+    data[5, 10] = 0
+    data[7, 12] = 100
+    assert known_corners(OccupancyGrid(data, 0.5, (-1.0, 2.0))).tolist() == [[4.0, 4.5], [5.5, 6.0]]
+    nothing = OccupancyGrid(np.full((2, 4), -1, dtype=np.int8), 0.5, (0.0, 0.0))
+    assert known_corners(nothing).tolist() == [[0.0, 0.0], [2.0, 1.0]]

@@ -116,7 +116,7 @@ from midnet_bench.drawing.scene import Demo
 from midnet_bench.experiments.experiment import Experiment
 from midnet_bench.io.parameters import Parameters
 from midnet_bench.settings import option
-from tests.drawing.hand_made import setup_and_scene, without_explanation
+from tests.drawing.hand_made import setup_and_scene
 
 @dataclass(frozen=True)
 class StillParameters(Parameters):
@@ -125,7 +125,7 @@ class StillParameters(Parameters):
 @contextmanager
 def demo(parameters, seed):
     setup, scene = setup_and_scene("map1", seed)
-    scene = without_explanation(scene)
+    scene = replace(scene, explanation=None)
     scenes = (replace(scene, frame=number) for number in range(1, parameters.frames + 1))
     yield Demo(setup, parameters.frames, scenes)
 

@@ -1,18 +1,23 @@
-"""A video is there in full or not at all."""
+"""A film is there in full or not at all; a storyboard has the scenes that tell the most."""
 
 import os
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from midnet_bench.drawing.films import mp4_file
+from midnet_bench.drawing.films import Storyboard, mp4_file
+from midnet_bench.drawing.scene import Chase, Scene
 from midnet_bench.errors import InputError, MidnetBenchError
+from tests.drawing.hand_made import setup_and_scene
+
+SETUP, SCENE = setup_and_scene()
 
 
-def write_40_pictures(path: Path, fails_at: int | None = None, side_px: int = 640) -> None:
+def write_40_pictures(path: Path, fails_at: int | None = None, side_px: int = 320) -> None:
     rng = np.random.default_rng(1)
     with mp4_file(path, side_px, side_px, 10.0) as append:
         for number in range(40):
@@ -57,7 +62,7 @@ def test_a_place_that_cannot_be_written_is_wrong_input(tmp_path: Path) -> None:
 def test_ffmpeg_that_fails_is_told_in_a_line(tmp_path: Path) -> None:
     # half a pixel of colour: yuv420p takes even sizes only
     with pytest.raises(MidnetBenchError, match="cannot be written") as told:
-        write_40_pictures(tmp_path / "odd.mp4", side_px=641)
+        write_40_pictures(tmp_path / "odd.mp4", side_px=321)
     assert not isinstance(told.value, InputError)
     assert "\n" not in str(told.value)
     assert list(tmp_path.iterdir()) == []
@@ -76,3 +81,33 @@ def test_a_full_disk_is_no_wrong_input(tmp_path: Path) -> None:
         assert list(disk.iterdir()) == []
     finally:
         subprocess.run(["umount", str(disk)], check=True)
+
+
+@pytest.mark.parametrize("frames", [1, 5, 12, 13, 48, 49, 50, 333])
+def test_a_storyboard_spreads_its_scenes_evenly(frames: int) -> None:
+    board = Storyboard(SETUP)
+    for number in range(1, frames + 1):
+        board.offer(Scene(number / 5.0, number, [], [], []))
+    numbers = [scene.frame for scene in board.chosen()]
+    assert len(numbers) == min(frames, 6)
+    assert numbers[0] == 1
+    assert numbers[-1] == frames
+    if len(numbers) > 1:
+        gaps = np.diff(numbers)
+        assert gaps.min() > 0
+        assert gaps.max() <= 0.4 * frames + 1
+    if frames in (5, 13):
+        assert board.page().shape[1] == 3 * (400 + 14) + 14
+        assert board.page().shape[0] > 2 * 400
+
+
+def test_a_storyboard_shows_each_catch_and_ends_with_the_outcome() -> None:
+    board = Storyboard(SETUP)
+    events = {78: "intruder 1 caught by guard 2, 15.6 s", 203: "intruder 2 escaped, 40.6 s"}
+    for number in range(1, 204):
+        told = [text for frame, text in events.items() if frame <= number]
+        board.offer(replace(SCENE, time_s=number / 5.0, frame=number, chase=Chase(2, 0, 0, told)))
+    chosen = board.chosen()
+    assert {78, 203} <= {scene.frame for scene in chosen}
+    assert chosen[-1].remark == events[203]
+    assert len(chosen) == 6
