@@ -13,6 +13,12 @@ def characters(drawing: str) -> npt.NDArray[np.str_]:
     return np.array([list(line.ljust(width)) for line in reversed(lines)])
 
 
+def side_by_side(drawings: str) -> list[str]:
+    """The drawings that stand beside each other, blanks between them."""
+    lines = [line.split() for line in drawings.split("\n") if line.strip()]
+    return ["\n".join(rows) for rows in zip(*lines, strict=True)]
+
+
 def binary(drawing: str) -> npt.NDArray[np.uint8]:
     """A binary grid: ``#`` is 0, all else 255."""
     return np.where(characters(drawing) == "#", 0, 255).astype(np.uint8)

@@ -13,7 +13,7 @@ from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.midnet.midnet_settings import Unknown
 from midnet_bench.midnet.pipeline import MIDNet, MIDNetSettings, Observation
-from tests.midnet.ascii_maps import binary, costs, draw
+from tests.midnet.ascii_maps import binary, costs, draw, side_by_side
 
 # a room of 12 x 9 cells of half a metre, its lower left corner at (-3, -2)
 ROOM = OccupancyGrid(
@@ -46,18 +46,18 @@ def observe(column: int, row: int, drawing: str) -> Observation:
     return Observation(room_cell(column, row), OccupancyGrid(costs(drawing), 0.5, (0.0, 0.0)))
 
 
-# the robot is in cell (3, 2) of the room, so the local grid begins at cell (0, 0)
-LEFT = observe(
-    3,
-    2,
+SEEN = side_by_side(
     """
-    #......
-    #...##.
-    #...##.
-    #......
-    #######
-    """,
+    #......   .......   .......   ..#....
+    #...##.   .##....   .###...   ..#..##
+    #...##.   .##....   .###...   ..#..##
+    #......   .......   .......   ..#####
+    #######   #######   #######   .......
+    """
 )
+# the robots are in cells (3, 2), (6, 2) twice and (1, 1) of the room, so LEFT begins at cell (0, 0)
+PLACES = ((3, 2), (6, 2), (6, 2), (1, 1))
+LEFT, RIGHT, LARGER, CORNER = (observe(*at, drawing) for at, drawing in zip(PLACES, SEEN, strict=True))
 INTRUDER = Box(-1.0, -1.0, 0.0, 0.0)
 
 
@@ -69,40 +69,19 @@ def test_intruder_is_boxed_in_metres_and_walls_are_not() -> None:
 
 
 def test_every_intermediate_is_there_on_demand() -> None:
-    over_the_corner = observe(
-        1,
-        1,
-        """
-        ..#....
-        ..#..##
-        ..#..##
-        ..#####
-        .......
-        """,
-    )
-    frame = MIDNet(ROOM, SETTINGS).update([over_the_corner], explain=True)
+    frame = MIDNet(ROOM, SETTINGS).update([CORNER], explain=True)
     assert frame.explanation is not None
     (view,) = frame.explanation.views
     assert view.crop == (2, 1, 7, 5, 0, 0, 5, 4)
-    assert draw(view.a.data) == [
-        "#....",
-        "#..##",
-        "#..##",
-        "#####",
-    ]
-    assert draw(view.b.data) == [
-        "#....",
-        "#....",
-        "#....",
-        "#####",
-    ]
-    assert draw(view.c.data) == draw(view.b.data)
-    assert draw(view.d.data, mark=255) == [
-        ".....",
-        "...##",
-        "...##",
-        ".....",
-    ]
+    # A, B, C and D
+    drawn = """
+        #....   #....   #....   .....
+        #..##   #....   #....   ...##
+        #..##   #....   #....   ...##
+        #####   #####   #####   .....
+    """
+    marked = ((view.a, 0), (view.b, 0), (view.c, 0), (view.d, 255))
+    assert ["\n".join(draw(grid.data, mark)) for grid, mark in marked] == side_by_side(drawn)
     for grid in (view.a, view.b, view.c, view.d):
         assert (grid.origin, grid.resolution) == (ROOM.origin, 0.5)
     assert view.found == view.kept == frame.detections == [Box(-1.5, -1.5, -0.5, -0.5)]
@@ -114,61 +93,25 @@ def test_grids_of_an_explanation_lie_where_the_crop_is() -> None:
     assert frame.explanation.views[0].d.origin == (0.0, -0.5)  # cell (6, 3)
 
 
-def test_intruder_that_two_robots_see_is_one_detection() -> None:
-    right = observe(
-        6,
-        2,
-        """
-        .......
-        .##....
-        .##....
-        .......
-        #######
-        """,
-    )
-    larger = observe(
-        6,
-        2,
-        """
-        .......
-        .###...
-        .###...
-        .......
-        #######
-        """,
-    )
-    midnet = MIDNet(ROOM, SETTINGS)
-    assert midnet.update([LEFT, right]).detections == [INTRUDER]
-    assert midnet.update([LEFT, right]).robots == [0]
-
-    frame = midnet.update([LEFT, larger])
-    assert (frame.detections, frame.robots) == ([Box(-1.0, -1.0, 0.5, 0.0)], [1])
+@pytest.mark.parametrize(
+    ("other", "box", "robot"), [(RIGHT, INTRUDER, 0), (LARGER, Box(-1.0, -1.0, 0.5, 0.0), 1)]
+)
+def test_intruder_that_two_robots_see_is_one_detection(other: Observation, box: Box, robot: int) -> None:
+    frame = MIDNet(ROOM, SETTINGS).update([LEFT, other])
+    assert (frame.detections, frame.robots) == ([box], [robot])
 
 
 def test_ally_is_no_intruder() -> None:
-    ally = observe(
-        7,
-        2,
+    seen, nothing = side_by_side(
         """
-        .....
-        .....
-        .....
-        .....
-        #####
-        """,
-    )
-    watching = observe(
-        5,
-        2,
+        .....   .....
+        .....   .....
+        ....#   .....
+        .....   .....
+        #####   #####
         """
-        .....
-        .....
-        ....#
-        .....
-        #####
-        """,
     )
-    midnet = MIDNet(ROOM, SETTINGS)
+    watching, ally, midnet = observe(5, 2, seen), observe(7, 2, nothing), MIDNet(ROOM, SETTINGS)
     assert midnet.update([watching]).detections == [Box(0.5, -1.0, 1.0, -0.5)]
     frame = midnet.update([watching, ally], explain=True)
     assert frame.detections == []
@@ -223,28 +166,16 @@ def test_settings_reach_their_steps() -> None:
 def test_each_threshold_has_its_own_step() -> None:
     # one cell of the ally shows in a box of two: IoU 1/2 with its square; the other robot sees half of
     # the intruder: IoU 1/2 again
-    watching = observe(
-        5,
-        2,
+    left, right = side_by_side(
         """
-        .....
-        ##...
-        ...##
-        .....
-        #####
-        """,
-    )
-    ally = observe(
-        7,
-        2,
+        .....   .......
+        ##...   #......
+        ...##   .......
+        .....   .......
+        #####   #######
         """
-        .......
-        #......
-        .......
-        .......
-        #######
-        """,
     )
+    watching, ally = observe(5, 2, left), observe(7, 2, right)
     assert ROOM.center_of(7, 2) == (0.75, -0.75)
 
     def detections(iou_ally: float, iou_fuse: float) -> list[Box]:
