@@ -474,11 +474,11 @@ def sweep(results: Results, x: str, y: str | None = None) -> tuple[Table, "Figur
     ]
     title = f"Scores by {x} ({MEAN_METHOD}, over seeds)"
     table = Table(f"{y or 'scores'}_by_{x}", title, rows, bounds={"mean": ("low", "high", "seeds")})
-    from midnet_bench.drawing.charts import axis_label, curves_figure
+    from midnet_bench.drawing.charts import axis_label, scores_figure
 
     leaf = leaves(record.model).get(x)
     ranges = {measure: record.range_of(measure) for measure in means}
-    return table, curves_figure(axis_label(x, leaf.help if leaf else ""), panels, means, ranges)
+    return table, scores_figure(axis_label(x, leaf.help if leaf else ""), means, panels, ranges)
 
 
 def sweeps(results: Results) -> list[tuple[Table, "Figure"]]:
@@ -521,9 +521,9 @@ def compared_values(results: Results) -> tuple[Table, "Figure"] | None:
     name, title = f"differences_by_{preset.by}", f"Differences from {baseline} {HOW}"
     hidden = (*HIDDEN, "value", "baseline")
     table = Table(name, title, rows, {"p_holm": 4}, bounds=BOUNDS, notes=_notes(compared), beside=hidden)
-    from midnet_bench.drawing.charts import values_figure
+    from midnet_bench.drawing.charts import scores_figure
 
-    return table, values_figure(ordered, means, preset.by)
+    return table, scores_figure(preset.by, means, baseline=baseline)
 
 
 def _is_numeric(results: Results, factor: str) -> bool:

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from midnet_bench.arena.arena import load_arena
-from midnet_bench.arena.layout import Layout, place
+from midnet_bench.arena.layout import place
 from midnet_bench.arena.prior_maps import render_exact
 from midnet_bench.drawing.scene import Detection, FloorPlan, Robot, Scene, Setup, Truth
 from midnet_bench.geometry import Box, Pose2D
@@ -65,11 +65,6 @@ def setup_and_scene(arena_name: str = "map1", seed: int = 7) -> tuple[Setup, Sce
         for number, (outline, body) in enumerate(zip(outlines, bodies, strict=True))
     ]
     return setup, Scene(5.0, 25, robots, detections, truths, frame.explanation)
-
-
-def layout_of(arena_name: str = "map1", seed: int = 7) -> Layout:
-    """Where the intruders of ``setup_and_scene`` stand."""
-    return place(load_arena(arena_name), seed, GUARDS)
 
 
 def _robot(number: int, is_guard: bool, pose: Pose2D) -> Robot:

@@ -28,7 +28,7 @@ from midnet_bench.drawing.stills import draw_arena, draw_detections, draw_grids
 from midnet_bench.geometry import Box, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.scoring.frame_counts import Ratios
-from tests.drawing.hand_made import GHOST, layout_of, setup_and_scene
+from tests.drawing.hand_made import GHOST, setup_and_scene
 
 BESIDE = (Pose2D(-0.05, 0.045, 0.0), Pose2D(-0.05, -0.045, 0.0))
 """points of a Burger's body on both sides of the line that shows its heading; a box's edge may hide one"""
@@ -77,8 +77,8 @@ def test_walls_robots_and_intruders_are_shown_where_they_are(kind: str) -> None:
     for robot in SCENE.robots:
         color = GUARD if robot.is_guard else INTRUDER
         assert color in [color_at(world, *robot.pose.compose(point)[:2]) for point in BESIDE]
-    places = [solid.pose.compose(Pose2D(0.15, 0.1, 0.0))[:2] for solid in layout_of().stationary]
-    assert INTRUDER_FAINT in [color_at(world, *place) for place in places]
+    places = [0.4 * outline.mean(axis=0) + 0.6 * outline[0] for outline in SETUP.plan.stationary]
+    assert INTRUDER_FAINT in [color_at(world, *place.tolist()) for place in places]
     assert (world.picture == FLOOR).all(axis=2).any()
 
 
