@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-from midnet_bench.detectors.tracking import Events
-from midnet_bench.detectors.tracking import Tracker
+from midnet_bench.detectors.tracking import Events, Tracker
 from midnet_bench.geometry import Box, lengths
 from midnet_bench.scoring.metric import MetricFrame
 
