@@ -12,29 +12,28 @@ from midnet_bench.compiled import njit
 from midnet_bench.elementary import atan2, cos_sin, directions, hypot
 from midnet_bench.geometry import LidarGeometry, Pose2D, wrap_angle
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.localization.localization_settings import ScanToMapSettings
 
 FloatArray = npt.NDArray[np.float64]
 
 
+MIN_BEAMS = 30
+"""A fit to fewer beams that end on walls is not believed."""
+MIN_SHARE, MIN_SHARE_RECORDED = 0.5, 0.3
+"""Nor one to a smaller share of the returns; maps of recordings lack more of what stands in a building."""
+CORRELATED_BEAMS = 10.0
+"""So many beams of a wall count as one."""
+UNSEEN_DEVIATION = 1.0
+"""Standard deviation, metres and radians, of what no beam constrains."""
 WIDE_M, NARROW_M = 0.15, 0.04
 """Distance to a wall at which a beam counts a quarter: at first, and, after halvings, in the end.
 
 It does not end below one cell: a wall is not known better than that.
 """
-
-
 GATE = 3.0
 """A beam that ends this many such distances from any wall has met something that the map does not have."""
-
-
 MAX_ROUNDS = 20
-
-
 SETTLED_STEP = 1e-4
 """metres and radians: a shorter last step ends the search"""
-
-
 MIN_INFORMATION = 0.05
 """A direction that no larger share of the beams on walls constrains counts as unseen.
 
@@ -65,9 +64,9 @@ class ScanToMap:
     or a heading surer than that place at the beams' reach, however often the filter takes such a match.
     """
 
-    def __init__(self, prior_map: OccupancyGrid, settings: ScanToMapSettings | None = None) -> None:
+    def __init__(self, prior_map: OccupancyGrid, min_share: float = MIN_SHARE) -> None:
         """``prior_map`` int8 (100 occupied, 0 free, -1 unknown), map frame; exact or explored."""
-        self._settings = settings or ScanToMapSettings()
+        self._min_share = min_share
         # Around an explored map, whose outer walls are its last cells, beams end a little outside.
         margin = math.ceil(GATE * WIDE_M / prior_map.resolution) + 1
         cells = np.pad(prior_map.data, margin, constant_values=-1)
@@ -102,12 +101,10 @@ class ScanToMap:
         x, y = self._first_center
         start = np.array([pose.x - x, pose.y - y, pose.yaw])
         fitted, terms = fit(self._distances_m, self._cell_m, ends, start)
-        settings = self._settings
-        if terms.beams < max(settings.min_beams, settings.min_share * len(ends)):
+        if terms.beams < max(MIN_BEAMS, self._min_share * len(ends)):
             return None
-        variance = settings.correlated_beams * max(terms.variance_m2, self._cell_m * self._cell_m / 12.0)
-        unseen = settings.unseen_deviation * settings.unseen_deviation
-        covariance = _inverse(terms.hessian / variance + np.eye(3) / unseen)
+        variance = CORRELATED_BEAMS * max(terms.variance_m2, self._cell_m * self._cell_m / 12.0)
+        covariance = _inverse(terms.hessian / variance + np.eye(3) / (UNSEEN_DEVIATION * UNSEEN_DEVIATION))
         reach_m = max(math.sqrt(np.mean(np.square(ends).sum(axis=1))), self._cell_m)
         covariance += np.square(np.diag((self._cell_m, self._cell_m, self._cell_m / reach_m))) / 12.0
         dx, dy, yaw = fitted.tolist()
@@ -117,8 +114,7 @@ class ScanToMap:
 @functools.lru_cache(maxsize=16)
 def _directions(geometry: LidarGeometry) -> FloatArray:
     """(beams, 2) unit vectors, robot frame."""
-    angles = geometry.angles_rad + geometry.mount.yaw
-    return directions(angles)
+    return directions(geometry.angles_rad + geometry.mount.yaw)
 
 
 @njit

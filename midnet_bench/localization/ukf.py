@@ -13,7 +13,11 @@ from midnet_bench.localization.localization_settings import UkfSettings
 
 FloatArray = npt.NDArray[np.float64]
 
-
+PROCESS_NOISE = (0.05, 0.05, 0.06, 0.025, 0.025, 0.02)
+"""Variances that x, y, yaw, vx, vy, vyaw gain per second: robot_localization's default diagonal for the six
+states that its ``two_d_mode`` leaves free."""
+INITIAL_VARIANCE, BETA, KAPPA = 1e-9, 2.0, 0.0
+"""robot_localization, initial_estimate_covariance, beta and kappa"""
 MIN_VARIANCE = 1e-9
 """A smaller measurement variance, 0 included, is raised to this, as robot_localization does."""
 
@@ -53,7 +57,7 @@ class PlanarUkf:
         """A robot at rest at ``initial``, its pose in the map frame; a ``UkfTeam`` steps it."""
         self.settings = settings
         self._state = np.array([initial.x, initial.y, initial.yaw, 0.0, 0.0, 0.0])
-        self._covariance = settings.initial_variance * np.eye(6)
+        self._covariance = INITIAL_VARIANCE * np.eye(6)
 
     @property
     def pose(self) -> Pose2D:
@@ -94,18 +98,11 @@ class UkfTeam:
         """(n, 6, 6)"""
         for row, each in enumerate(filters):
             each._state, each._covariance = self.states[row], self.covariances[row]
-        self._process_noise = np.array(settings.process_noise)
         self._change_lasts = 1.0 if settings.twist_is_mean else 0.5
-        self._scale = settings.alpha * settings.alpha * (6 + settings.kappa)
-        self._mean_weights, self._covariance_weights = _merwe_weights(settings)
-        vx, vy, wheel_rate = (max(variance, MIN_VARIANCE) for variance in settings.twist_variance)
-        yaw = max(settings.imu_yaw_variance, MIN_VARIANCE)
-        gyro_rate = max(settings.imu_yaw_rate_variance, MIN_VARIANCE)
-        # Two independent readings of one quantity are one reading, weighted by trust: the same estimate,
-        # and S stays well conditioned where both variances are tiny.
-        self._gyro_share = wheel_rate / (wheel_rate + gyro_rate)
-        self._twist_and_imu_noise = np.diag([yaw, vx, vy, gyro_rate * self._gyro_share])
-        self._variances = np.array([yaw, vx, vy, wheel_rate, gyro_rate])
+        self._sigma = _sigma_weights(settings.alpha)
+        vx, vy, wheel_rate = settings.twist_variance
+        variances = [settings.imu_yaw_variance, vx, vy, wheel_rate, settings.imu_yaw_rate_variance]
+        self._variances = np.maximum(variances, MIN_VARIANCE)
 
     def step(self, rows: npt.NDArray[np.int64], twists: FloatArray, imus: FloatArray, dt_s: float) -> None:
         """Let ``dt_s`` > 0 seconds pass for the filters of ``rows``, given the newest sensor readings.
@@ -115,52 +112,35 @@ class UkfTeam:
         """
         if not dt_s > 0.0:
             raise ValueError(f"dt_s must be positive, got {dt_s}")
+        lasts_s = self._change_lasts * dt_s
         step_filters(
-            rows,
-            self.states,
-            self.covariances,
-            twists,
-            imus,
-            dt_s,
-            self._gyro_share,
-            self._process_noise,
-            self._change_lasts * dt_s,
-            self._scale,
-            self._mean_weights,
-            self._covariance_weights,
-            self._twist_and_imu_noise,
-            self._variances,
+            rows, self.states, self.covariances, twists, imus, dt_s, lasts_s, self._sigma, self._variances
         )
 
 
-def _merwe_weights(settings: UkfSettings) -> tuple[FloatArray, FloatArray]:
-    """((13,), (13,)) weights of mean and covariance, the centre point first."""
-    squared = settings.alpha * settings.alpha
-    spread = squared * (6 + settings.kappa) - 6
+_Sigma = tuple[float, FloatArray, FloatArray]
+"""the spread of the sigma points, n + lambda; (13,) weights of mean and covariance, the centre point first"""
+
+
+def _sigma_weights(alpha: float) -> _Sigma:
+    scale = alpha * alpha * (6 + KAPPA)
+    spread = scale - 6
     mean = np.full(13, 0.5 / (6 + spread))
     covariance = mean.copy()
     mean[0] = spread / (6 + spread)
-    covariance[0] = spread / (6 + spread) + (1 - squared + settings.beta)
-    return mean, covariance
+    covariance[0] = spread / (6 + spread) + (1 - alpha * alpha + BETA)
+    return scale, mean, covariance
 
 
 @njit
 def predicted(
-    state: FloatArray,
-    covariance: FloatArray,
-    per_second: FloatArray,
-    dt_s: float,
-    lasts_s: float,
-    scale: float,
-    wm: FloatArray,
-    wc: FloatArray,
+    state: FloatArray, covariance: FloatArray, dt_s: float, lasts_s: float, sigma: _Sigma
 ) -> tuple[FloatArray, FloatArray]:
     """(6,) state and (6, 6) covariance ``dt_s`` later: the unscented transform of constant body velocity.
 
-    ``scale``: the spread of the sigma points, n + lambda; ``wm``, ``wc``: (13,) weights of mean and
-    covariance, the centre point first; ``per_second``, ``lasts_s``: as for ``step_noise``. Raises LinAlgError
-    where the covariance is not positive definite.
+    ``lasts_s``: as for ``step_noise``. Raises LinAlgError where the covariance is not positive definite.
     """
+    scale, wm, wc = sigma
     size = len(state)
     root = lower_root(scale * covariance)
     points = np.empty((2 * size + 1, size))
@@ -180,7 +160,7 @@ def predicted(
         points[i, 2] += points[i, 5] * dt_s
         for k in range(size):
             mean[k] += wm[i] * points[i, k]
-    spread = step_noise(state[2], per_second, dt_s, lasts_s)
+    spread = step_noise(state[2], dt_s, lasts_s)
     for i in range(len(points)):
         for j in range(size):
             weighted = wc[i] * (points[i, j] - mean[j])
@@ -197,24 +177,23 @@ def step_filters(
     twists: FloatArray,
     imus: FloatArray,
     dt_s: float,
-    gyro_share: float,
-    per_second: FloatArray,
     lasts_s: float,
-    scale: float,
-    wm: FloatArray,
-    wc: FloatArray,
-    noise: FloatArray,
+    sigma: _Sigma,
     variances: FloatArray,
 ) -> None:
     """Predict and correct the filters of ``rows`` in place; arguments as for ``predicted``.
 
-    ``gyro_share``: the gyroscope's weight beside the wheels' turn rate; ``noise``: (4, 4) of the measured
-    yaw, vx, vy (a 0 that stands in for the wheels' constraint) and vyaw; ``variances``: as for
-    ``corrected_value_by_value``.
+    ``variances``: (5,) of the measured yaw, vx, vy (a 0 that stands in for the wheels' constraint) and of the
+    wheels' and the gyroscope's vyaw.
     """
+    # Two independent readings of one quantity are one reading, weighted by trust: the same estimate, and the
+    # innovation's covariance stays well conditioned where both variances are tiny.
+    gyro_share = variances[3] / (variances[3] + variances[4])
+    noise = np.diag(variances[:4])
+    noise[3, 3] = variances[4] * gyro_share
     measured = np.zeros(4)
     for row in rows:
-        state, covariance = predicted(states[row], covariances[row], per_second, dt_s, lasts_s, scale, wm, wc)
+        state, covariance = predicted(states[row], covariances[row], dt_s, lasts_s, sigma)
         if not math.isfinite(twists[row, 0] + twists[row, 1] + imus[row, 0] + imus[row, 1]):
             states[row], covariances[row] = corrected_value_by_value(
                 state, covariance, twists[row], imus[row], variances
@@ -235,9 +214,8 @@ def corrected_value_by_value(
 ) -> tuple[FloatArray, FloatArray]:
     """(6,) state and (6, 6) covariance after what is finite of (2,) ``twist`` and (2,) or more ``imu``.
 
-    ``variances``: (5,) of the measured yaw, vx, vy and of the wheels' and the gyroscope's vyaw. Their errors
-    are independent, so one after the other is the same as all at once. vy is a part of the twist, and is left
-    out with all of it.
+    Their errors are independent, so one after the other is the same as all at once. vy is a part of the
+    twist, and is left out with all of it. ``variances``: as for ``step_filters``.
     """
     near = state[2] + (imu[0] - state[2] + math.pi) % (2.0 * math.pi) - math.pi
     sideways = 0.0 if math.isfinite(twist[0]) or math.isfinite(twist[1]) else math.nan
@@ -250,8 +228,8 @@ def corrected_value_by_value(
 
 
 @njit
-def step_noise(yaw_rad: float, per_second: FloatArray, dt_s: float, lasts_s: float) -> FloatArray:
-    """(6, 6): what a step of ``dt_s`` adds to the covariance; ``per_second``: (6,) variances.
+def step_noise(yaw_rad: float, dt_s: float, lasts_s: float) -> FloatArray:
+    """(6, 6): what a step of ``dt_s`` adds to the covariance.
 
     A change of velocity moves the robot, along its heading, for the ``lasts_s`` of the step that it acts in.
     """
@@ -267,9 +245,9 @@ def step_noise(yaw_rad: float, per_second: FloatArray, dt_s: float, lasts_s: flo
     for i in range(6):
         for j in range(6):
             for k in range(3):
-                noise[i, j] += reach[i, k] * (dt_s * per_second[3 + k]) * reach[j, k]
+                noise[i, j] += reach[i, k] * (dt_s * PROCESS_NOISE[3 + k]) * reach[j, k]
     for k in range(3):
-        noise[k, k] += dt_s * per_second[k]
+        noise[k, k] += dt_s * PROCESS_NOISE[k]
     return noise
 
 

@@ -1,6 +1,6 @@
-"""costmap_2d: an obstacle layer fed by scans, inflation, and the rolling and global costmaps made of them.
+"""costmap_2d: obstacles by scans, inflation, and the rolling and global costmaps made of them.
 
-Costs and their published values first, then the layers and the costmaps, last the compiled loops.
+Costs and their published values first, then the costmaps, last the compiled loops.
 """
 
 import math
@@ -30,7 +30,7 @@ LETHAL = 254
 NO_INFORMATION = 255
 
 
-def corner_array(footprint: Footprint) -> npt.NDArray[np.float64]:
+def corner_array(footprint: Footprint) -> Floats:
     """(N, 2) float64 corners, metres."""
     return np.array(footprint, dtype=np.float64).reshape(-1, 2)
 
@@ -39,9 +39,7 @@ def _published_values() -> npt.NDArray[np.int8]:
     table = np.zeros(256, dtype=np.int8)
     graded = np.arange(1, INSCRIBED)
     table[graded] = 1 + 97 * (graded - 1) // 251
-    table[INSCRIBED] = 99
-    table[LETHAL] = OCCUPIED
-    table[NO_INFORMATION] = UNKNOWN
+    table[INSCRIBED:] = 99, OCCUPIED, UNKNOWN
     return table
 
 
@@ -74,26 +72,26 @@ def reach_cells(radius_m: float, resolution: float) -> int:
     return max(0, math.ceil(round(radius_m / resolution, 9)))
 
 
-class _Inflation:
-    """Inflates a grid of lethal, free and unknown cells with one costmap's parameters."""
+class Inflation:
+    """Inflates grids of lethal, free and unknown cells as one costmap does."""
 
     def __init__(self, settings: CostmapSettings) -> None:
-        self.reach = reach_cells(settings.inflation_radius_m, settings.resolution)
-        self._costs = inflation_costs(
-            self.reach, settings.resolution, settings.inscribed_radius_m, settings.cost_scaling_factor
-        )
+        s = settings
+        self.reach = reach_cells(s.inflation_radius_m, s.resolution)
+        self._costs = inflation_costs(self.reach, s.resolution, s.inscribed_radius_m, s.cost_scaling_factor)
 
     def __call__(self, base: Cells) -> Cells:
+        """(H, W) uint8 costs of ``base``."""
         return np.asarray(inflate(base, self._costs, self.reach))
 
 
-class ObstacleLayer:
-    """Cells that are free (0), an obstacle (254) or unseen (255), on a lattice that never moves.
+class Costmap(ABC):
+    """The obstacles that scans mark, on a lattice that never moves, and their inflation.
 
-    The layer's lower-left corner lies ``column``, ``row`` whole cells from ``lattice_origin``, so that two
-    grids of one lattice always differ by whole cells. Marks stay until a beam passes, the footprint covers
-    them, they leave the window, they outlive ``memory_s`` or ``clear_outside`` takes them. Points are kept in
-    double precision, where ROS has 32-bit floats.
+    The lower-left corner lies ``column``, ``row`` whole cells from ``lattice_origin``, so that two grids of
+    one lattice always differ by whole cells. Marks stay until a beam passes, the footprint covers them, they
+    leave the window, they outlive ``memory_s`` or ``clear_outside`` takes them. Points are kept in double
+    precision, where ROS has 32-bit floats.
     """
 
     def __init__(
@@ -101,10 +99,11 @@ class ObstacleLayer:
     ) -> None:
         self.settings = settings
         self.lattice_origin = lattice_origin
-        self.column = 0
-        self.row = 0
+        self.column = self.row = 0
+        self._inflated = Inflation(settings)
         self._unseen = NO_INFORMATION if settings.track_unknown else FREE_SPACE
-        self.cells: Cells = np.full((height, width), self._unseen, dtype=np.uint8)
+        self.marks: Cells = np.full((height, width), self._unseen, dtype=np.uint8)
+        """(H, W) uint8: free (0), an obstacle (254) or unseen (255)"""
         self.remembers_for_ever = math.isinf(settings.memory_s)
         """whether a mark stays until a beam passes it, however old it is"""
         self._marked_at_s = np.full((height, width), -math.inf)
@@ -115,15 +114,24 @@ class ObstacleLayer:
         self._lattice = (float(lattice_origin[0]), float(lattice_origin[1]), float(settings.resolution))
 
     @property
+    @abstractmethod
+    def costs(self) -> Cells:
+        """(H, W) uint8 costs, row 0 lowest y, up to date. Not to be written to."""
+
+    @property
     def origin(self) -> tuple[float, float]:
         """(x, y) of the lower-left corner, metres."""
-        return (
-            self.lattice_origin[0] + self.column * self.settings.resolution,
-            self.lattice_origin[1] + self.row * self.settings.resolution,
-        )
+        (x, y), resolution = self.lattice_origin, self.settings.resolution
+        return x + self.column * resolution, y + self.row * resolution
+
+    @property
+    def extent(self) -> Box:
+        """Where it lies, in its own frame, metres."""
+        (x, y), (height, width) = self.origin, self.marks.shape
+        return Box(x, y, x + width * self.settings.resolution, y + height * self.settings.resolution)
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
-        """A point in cells from the lower-left corner of this layer, not rounded."""
+        """A point in cells from the lower-left corner, not rounded."""
         column, row = self.to_lattice(x, y)
         return column - self.column, row - self.row
 
@@ -132,35 +140,32 @@ class ObstacleLayer:
         resolution = self.settings.resolution
         return (x - self.lattice_origin[0]) / resolution, (y - self.lattice_origin[1]) / resolution
 
-    def move_to(self, column: int, row: int, width: int, height: int) -> None:
-        """Cover another rectangle of the lattice; what leaves is forgotten, what enters is unseen."""
-        if (column, row) == (self.column, self.row) and self.cells.shape == (height, width):
-            return
-        self.cells = _moved(self.cells, column - self.column, row - self.row, width, height, self._unseen)
-        if not self.remembers_for_ever:
-            self._marked_at_s = _moved(
-                self._marked_at_s, column - self.column, row - self.row, width, height, -math.inf
-            )
-        self.column, self.row = column, row
-
     def update(
-        self,
-        pose: Pose2D,
-        sensor_pose: Pose2D,
-        ranges_m: npt.NDArray[np.float64],
-        geometry: LidarGeometry,
-        time_s: float,
+        self, pose: Pose2D, sensor_pose: Pose2D, ranges_m: Floats, geometry: LidarGeometry, time_s: float
     ) -> None:
-        """Take one scan: clear along all beams, then mark all hits, then free the footprint."""
+        """Take one scan: clear along all beams, then mark all hits, then free the footprint.
+
+        ``pose`` and ``sensor_pose``: the robot's base and its LiDAR at the scan's instant, in the costmap's
+        frame. ``ranges_m``: (B,), inf or NaN where nothing came back.
+
+        Raises:
+            ValueError: a pose is not finite, or the ranges are not one for each beam.
+        """
+        pose.require_finite()
+        sensor_pose.require_finite()
         if ranges_m.shape != (geometry.beams,):
             raise ValueError(f"{ranges_m.shape} ranges of a LiDAR with {geometry.beams} beams")
         settings = self.settings
-        if not self.remembers_for_ever:
-            self._age(time_s)
+        self._follow(pose)
+        if settings.memory_s == 0.0:
+            self.marks.fill(self._unseen)
+        elif not self.remembers_for_ever:
+            is_old = self._marked_at_s < time_s - settings.memory_s
+            self.marks[(self.marks == LETHAL) & is_old] = FREE_SPACE
         if len(self._marked) < len(ranges_m):
             self._marked = np.empty(len(ranges_m), dtype=np.int64)
         count = integrate_scan(
-            self.cells,
+            self.marks,
             self._lattice,
             (self.column, self.row),
             sensor_pose[:],  # without names, which numba would look at anew at every call
@@ -175,96 +180,36 @@ class ObstacleLayer:
         )
         if not self.remembers_for_ever:
             self._marked_at_s.reshape(-1)[self._marked[:count]] = time_s
+        self._invalidate(sensor_pose)
 
     def clear_outside(self, x: float, y: float, side_m: float) -> None:
-        """Forget everything outside the square of side ``side_m`` centred on (x, y), bounds excluded.
+        """Forget obstacles (never a static map) outside the square of side ``side_m`` around (x, y), metres.
 
-        The layer itself is addressed, not a name: move_base's clearing recovery looks for ``obstacles``,
-        TurtleBot3's layer is called ``obstacle_layer``, and so the original clears nothing.
+        The bounds are excluded. move_base's clearing recovery looks for a layer named ``obstacles``,
+        TurtleBot3's is called ``obstacle_layer``, and so the original clears nothing.
         """
         half = side_m / 2.0
         x0, y0 = (int(value) for value in self.to_cells(x - half, y - half))
         x1, y1 = (int(value) for value in self.to_cells(x + half, y + half))
         kept = (slice(max(y0 + 1, 0), max(y1, 0)), slice(max(x0 + 1, 0), max(x1, 0)))
-        cleared = np.full_like(self.cells, self._unseen)
-        cleared[kept] = self.cells[kept]
-        self.cells = cleared
-
-    def _age(self, time_s: float) -> None:
-        memory_s = self.settings.memory_s
-        if memory_s == 0.0:
-            self.cells.fill(self._unseen)
-        else:
-            self.cells[(self.cells == LETHAL) & (self._marked_at_s < time_s - memory_s)] = FREE_SPACE
-
-
-@njit
-def _moved(
-    old: npt.NDArray[Any], columns: int, rows: int, width: int, height: int, unseen: float
-) -> npt.NDArray[Any]:
-    """(height, width): what ``old`` holds from (columns, rows) on, and ``unseen`` beyond it."""
-    new = np.full((height, width), unseen, dtype=old.dtype)
-    x0, x1 = max(columns, 0), min(columns + width, old.shape[1])
-    for y in range(max(rows, 0), min(rows + height, old.shape[0])):
-        for x in range(x0, x1):
-            new[y - rows, x - columns] = old[y, x]
-    return new
-
-
-class Costmap(ABC):
-    """What both costmaps share: an obstacle layer that scans and clearing change, and its inflation."""
-
-    def __init__(self, settings: CostmapSettings, layer: ObstacleLayer) -> None:
-        self.settings = settings
-        self.layer = layer
-        self._inflation = _Inflation(settings)
-
-    @property
-    @abstractmethod
-    def costs(self) -> Cells:
-        """(H, W) uint8 costs, row 0 lowest y, up to date. Not to be written to."""
-
-    @property
-    def origin(self) -> tuple[float, float]:
-        """(x, y) of the lower-left corner, metres."""
-        return self.layer.origin
-
-    @property
-    def extent(self) -> Box:
-        """Where it lies, in its own frame, metres."""
-        (x, y), (height, width) = self.layer.origin, self.layer.cells.shape
-        return Box(x, y, x + width * self.settings.resolution, y + height * self.settings.resolution)
-
-    def update(
-        self,
-        pose: Pose2D,
-        sensor_pose: Pose2D,
-        ranges_m: npt.NDArray[np.float64],
-        geometry: LidarGeometry,
-        time_s: float,
-    ) -> None:
-        """Take one scan into the obstacle layer.
-
-        ``pose`` and ``sensor_pose``: the robot's base and its LiDAR at the scan's instant, in the costmap's
-        frame. ``ranges_m``: (B,), inf or NaN where nothing came back.
-
-        Raises:
-            ValueError: a pose is not finite, or the ranges are not one for each beam.
-        """
-        pose.require_finite()
-        sensor_pose.require_finite()
-        self._follow(pose)
-        self.layer.update(pose, sensor_pose, ranges_m, geometry, time_s)
-        self._invalidate(sensor_pose)
-
-    def clear_outside(self, x: float, y: float, side_m: float) -> None:
-        """Forget the obstacle layer (never a static map) outside a square centred on (x, y), metres."""
-        self.layer.clear_outside(x, y, side_m)
+        cleared = np.full_like(self.marks, self._unseen)
+        cleared[kept] = self.marks[kept]
+        self.marks = cleared
         self._invalidate()
 
     def published(self) -> OccupancyGrid:
         """The costmap as nav_msgs has it: int8, 0 to 100 and -1."""
         return OccupancyGrid(published(self.costs), self.settings.resolution, self.origin)
+
+    def _move_to(self, column: int, row: int, width: int, height: int) -> None:
+        """Cover another rectangle of the lattice; what leaves is forgotten, what enters is unseen."""
+        by = column - self.column, row - self.row
+        if by == (0, 0) and self.marks.shape == (height, width):
+            return
+        self.marks = _moved(self.marks, *by, width, height, self._unseen)
+        if not self.remembers_for_ever:
+            self._marked_at_s = _moved(self._marked_at_s, *by, width, height, -math.inf)
+        self.column, self.row = column, row
 
     @abstractmethod
     def _follow(self, pose: Pose2D) -> None:
@@ -276,7 +221,7 @@ class Costmap(ABC):
 
 
 class RollingCostmap(Costmap):
-    """A square window that follows its robot: an obstacle layer and its inflation, no static map.
+    """A square window that follows its robot, without a static map.
 
     The window always lies on the lattice of ``lattice_origin`` (a prior map's origin, say). With
     ``settings.centered`` the robot's cell c (by floor) is the middle one and the window is
@@ -286,51 +231,46 @@ class RollingCostmap(Costmap):
     """
 
     def __init__(self, settings: CostmapSettings, lattice_origin: tuple[float, float] = (0.0, 0.0)) -> None:
-        side = self._side_cells = settings.size_cells
-        super().__init__(settings, ObstacleLayer(settings, side, side, lattice_origin))
+        super().__init__(settings, settings.size_cells, settings.size_cells, lattice_origin)
         self._costs: Cells | None = None
 
     @property
     def costs(self) -> Cells:
         """(n, n) uint8 costs, row 0 lowest y; computed on first use after an update. Not to be written to."""
         if self._costs is None:
-            self._costs = self._inflation(self.layer.cells)
+            self._costs = self._inflated(self.marks)
         return self._costs
 
     def _follow(self, pose: Pose2D) -> None:
-        self.layer.move_to(*self._window(pose), self._side_cells, self._side_cells)
+        n = len(self.marks)
+        x, y = self.to_lattice(pose.x, pose.y)
+        if self.settings.centered:
+            column, row = math.floor(x) - n // 2, math.floor(y) - n // 2
+        else:
+            half = (n - 0.5) / 2.0
+            column, row = self.column + int(x - half - self.column), self.row + int(y - half - self.row)
+        self._move_to(column, row, n, n)
 
     def _invalidate(self, sensor_pose: Pose2D | None = None) -> None:
         self._costs = None
 
-    def _window(self, pose: Pose2D) -> tuple[int, int]:
-        """Column and row of the lattice at which the window is to begin."""
-        n = self._side_cells
-        x, y = self.layer.to_lattice(pose.x, pose.y)
-        if self.settings.centered:
-            return math.floor(x) - n // 2, math.floor(y) - n // 2
-        column, row, half = self.layer.column, self.layer.row, (n - 0.5) / 2.0
-        return column + int(x - half - column), row + int(y - half - row)
-
 
 class GlobalCostmap(Costmap):
-    """The costmap of a whole map: static layer, obstacle layer, inflation.
+    """The costmap of a whole map: a static layer below the obstacles.
 
-    Scans are taken into the obstacle layer at once, but the inflation around them waits until ``costs`` is
-    asked for, and then only the rectangle that scans have touched since is done again.
+    Scans mark at once, but the inflation around them waits until ``costs`` is read, and then only the
+    rectangle that scans have touched since is done again: most scans are never planned over.
     """
 
     def __init__(self, settings: CostmapSettings, static_map: OccupancyGrid) -> None:
-        layer = ObstacleLayer(settings, static_map.width, static_map.height, static_map.origin)
-        super().__init__(settings, layer)
-        self._scan_cells = 1 + reach_cells(
-            max(settings.raytrace_range_m, settings.obstacle_range_m), settings.resolution
-        )
+        super().__init__(settings, static_map.width, static_map.height, static_map.origin)
+        farthest_m = max(settings.raytrace_range_m, settings.obstacle_range_m)
+        self._scan_cells = 1 + reach_cells(farthest_m, settings.resolution)
         self.set_static(static_map)
         self._touched = (0, 0, 0, 0)  # without any obstacle the costs are the static ones
 
     def set_static(self, static_map: OccupancyGrid) -> None:
-        """Put another static map (int8, -1 to 100) below the obstacle layer; marks stay where they are.
+        """Put another static map (int8, -1 to 100) below the obstacles; marks stay where they are.
 
         The map may have grown or moved by whole cells, as a map under construction does. Raises InputError
         for another resolution.
@@ -340,13 +280,11 @@ class GlobalCostmap(Costmap):
                 f"prior map: resolution {static_map.resolution} differs from the global costmap's "
                 f"{self.settings.resolution}; set both to the same"
             )
-        x, y = self.layer.to_cells(*static_map.origin)
-        column, row = self.layer.column + round(x), self.layer.row + round(y)
-        self.layer.move_to(column, row, static_map.width, static_map.height)
-        self.static, self.static_costs = _static_costs(
-            _int8(static_map).tobytes(), static_map.data.shape, self.settings
-        )
-        """what the costs would be without any obstacle layer"""
+        x, y = self.to_cells(*static_map.origin)
+        self._move_to(self.column + round(x), self.row + round(y), static_map.width, static_map.height)
+        cells = _int8(static_map).tobytes()
+        self.static, self.static_costs = _static_costs(cells, static_map.data.shape, self.settings)
+        """what the costs would be without any obstacle"""
         self._costs = self.static_costs.copy()
         self._touched = (0, 0, static_map.width, static_map.height)
 
@@ -355,32 +293,28 @@ class GlobalCostmap(Costmap):
         """(H, W) uint8 costs, row 0 lowest y, up to date. Not to be written to."""
         x0, y0, x1, y1 = self._touched
         if x0 < x1 and y0 < y1:
-            reach = self._inflation.reach
+            reach = self._inflated.reach
             outer = self._clipped(x0 - 2 * reach, y0 - 2 * reach, x1 + 2 * reach, y1 + 2 * reach)
             inner = self._clipped(x0 - reach, y0 - reach, x1 + reach, y1 + reach)
-            inflated = self._inflation(combined(self.static[_box(outer)], self.layer.cells[_box(outer)]))
+            costs = self._inflated(combined(self.static[_box(outer)], self.marks[_box(outer)]))
             dx, dy = inner[0] - outer[0], inner[1] - outer[1]
-            self._costs[_box(inner)] = inflated[dy : dy + inner[3] - inner[1], dx : dx + inner[2] - inner[0]]
+            self._costs[_box(inner)] = costs[dy : dy + inner[3] - inner[1], dx : dx + inner[2] - inner[0]]
             self._touched = (0, 0, 0, 0)
         return self._costs
 
     def is_open_between(self, start: tuple[float, float], end: tuple[float, float]) -> bool:
         """Whether no wall of the static map crosses the straight line between two points of it, metres."""
-        return bool(is_open_line(self.static, *self.layer.to_cells(*start), *self.layer.to_cells(*end)))
+        return bool(is_open_line(self.static, *self.to_cells(*start), *self.to_cells(*end)))
 
     def _follow(self, pose: Pose2D) -> None:
         """The costmap of a whole map stays."""
 
     def _invalidate(self, sensor_pose: Pose2D | None = None) -> None:
-        if sensor_pose is not None and self.layer.remembers_for_ever:
-            x, y = self.layer.to_cells(sensor_pose.x, sensor_pose.y)
-            column, row, reach = math.floor(x), math.floor(y), self._scan_cells
-            self._touch(column - reach, row - reach, column + reach + 1, row + reach + 1)
-        else:
-            self._touch(0, 0, self.static.shape[1], self.static.shape[0])
-
-    def _touch(self, x0: int, y0: int, x1: int, y1: int) -> None:
-        box = self._clipped(x0, y0, x1, y1)
+        box = (0, 0, self.static.shape[1], self.static.shape[0])
+        if sensor_pose is not None and self.remembers_for_ever:
+            column, row = map(math.floor, self.to_cells(sensor_pose.x, sensor_pose.y))
+            reach = self._scan_cells
+            box = self._clipped(column - reach, row - reach, column + reach + 1, row + reach + 1)
         old = self._touched
         if old[0] < old[2] and old[1] < old[3]:
             box = (min(box[0], old[0]), min(box[1], old[1]), max(box[2], old[2]), max(box[3], old[3]))
@@ -388,12 +322,8 @@ class GlobalCostmap(Costmap):
 
     def _clipped(self, x0: int, y0: int, x1: int, y1: int) -> tuple[int, int, int, int]:
         height, width = self.static.shape
-        return (
-            min(max(x0, 0), width),
-            min(max(y0, 0), height),
-            min(max(x1, 0), width),
-            min(max(y1, 0), height),
-        )
+        x0, x1 = min(max(x0, 0), width), min(max(x1, 0), width)
+        return x0, min(max(y0, 0), height), x1, min(max(y1, 0), height)
 
 
 def static_layer(static_map: OccupancyGrid, track_unknown: bool) -> Cells:
@@ -421,20 +351,33 @@ def _static_costs(cells: bytes, shape: tuple[int, int], settings: CostmapSetting
     """Two of ``shape``, read-only: a map's static layer and its inflation, the same for a whole team."""
     data = np.frombuffer(cells, dtype=np.int8).reshape(shape)
     layer = static_layer(OccupancyGrid(data, settings.resolution, (0.0, 0.0)), settings.track_unknown)
-    costs = _Inflation(settings)(layer)
+    costs = Inflation(settings)(layer)
     layer.flags.writeable = costs.flags.writeable = False
     return layer, costs
 
 
 def static_costs(static_map: OccupancyGrid, settings: CostmapSettings) -> OccupancyGrid:
     """The published global costmap (int8) of a map without any scan: what the prior map is cut from."""
-    costs = _Inflation(settings)(static_layer(static_map, settings.track_unknown))
+    costs = Inflation(settings)(static_layer(static_map, settings.track_unknown))
     return static_map.with_data(published(costs))
 
 
 def _box(bounds: tuple[int, int, int, int]) -> tuple[slice, slice]:
     x0, y0, x1, y1 = bounds
     return slice(y0, y1), slice(x0, x1)
+
+
+@njit
+def _moved(
+    old: npt.NDArray[Any], columns: int, rows: int, width: int, height: int, unseen: float
+) -> npt.NDArray[Any]:
+    """(height, width): what ``old`` holds from (columns, rows) on, and ``unseen`` beyond it."""
+    new = np.full((height, width), unseen, dtype=old.dtype)
+    x0, x1 = max(columns, 0), min(columns + width, old.shape[1])
+    for y in range(max(rows, 0), min(rows + height, old.shape[0])):
+        for x in range(x0, x1):
+            new[y - rows, x - columns] = old[y, x]
+    return new
 
 
 @njit

@@ -41,6 +41,10 @@ BLOCKED = 254
 _ESCAPE_CELLS = 3
 """how far a start without potential (a robot that touches an inflated obstacle) looks for one"""
 
+_REPLAN_PERIOD_S = 1.0
+"""Least time between two potentials: move_base plans from the costs each time, which takes time."""
+_CHANGE_RADIUS_M = 0.3
+"""An obstacle so near to the plan that comes or goes calls for another potential."""
 _POCKET_M2 = 1.0
 """A goal from which the potential reaches less floor than this is closed in."""
 
@@ -54,22 +58,13 @@ class GlobalPlanner:
     move_base, at the price of a trace each time and a potential once in several seconds.
     """
 
-    def __init__(
-        self,
-        costmap: GlobalCostmap,
-        allow_unknown: bool,
-        goal_tolerance_m: float,
-        wave_period_s: float,
-        change_radius_m: float,
-    ) -> None:
+    def __init__(self, costmap: GlobalCostmap, goal_tolerance_m: float) -> None:
         self._costmap = costmap
-        self._allow_unknown = allow_unknown
         self._goal_tolerance_m = goal_tolerance_m
-        self._period_s = wave_period_s
-        self._change_cells = reach_cells(change_radius_m, costmap.settings.resolution)
+        self._change_cells = reach_cells(_CHANGE_RADIUS_M, costmap.settings.resolution)
         self._tight_cost = _cost_at(costmap.settings, radii(costmap.settings.footprint)[1])
         self._potential: Potential | None = None
-        self._obstacles_then = costmap.layer.cells
+        self._obstacles_then = costmap.marks
         self._computed_at_s: float | None = None
         self._doubted = False
         self.is_covered = False
@@ -82,7 +77,7 @@ class GlobalPlanner:
         self.is_covered = False
 
     def invalidate_plan(self) -> None:
-        """Ask for another potential as soon as ``wave_period_s`` allows: the plan could not be followed."""
+        """Ask for another potential as soon as the period allows: the plan could not be followed."""
         self._doubted = True
 
     def plan(self, goal: tuple[float, float], pose: Pose2D, time_s: float, until_m: float) -> Plan | None:
@@ -90,26 +85,22 @@ class GlobalPlanner:
         path = self._potential.path_from(pose.x, pose.y, until_m) if self._potential else None
         if path is not None and not self._doubted and not self._changed_near(path):
             return path
-        if self._computed_at_s is not None and time_s - self._computed_at_s < self._period_s:
+        if self._computed_at_s is not None and time_s - self._computed_at_s < _REPLAN_PERIOD_S:
             return path
         self._compute_potential(goal, pose, time_s)
         return self._potential.path_from(pose.x, pose.y, until_m) if self._potential else None
 
     def is_blocked(self, goal: tuple[float, float], costs: Cells) -> bool:
         """Whether no plan can end in the goal's own cell: off the map, on its border, or in collision."""
-        x, y = self._costmap.layer.to_cells(*goal)
+        x, y = self._costmap.to_cells(*goal)
         height, width = costs.shape
         if not (1.0 <= x < width - 1 and 1.0 <= y < height - 1):
             return True
-        cost = int(costs[int(y), int(x)])
-        return cost >= INSCRIBED and not (cost == NO_INFORMATION and self._allow_unknown)
+        return int(costs[int(y), int(x)]) in (INSCRIBED, LETHAL)
 
     def is_walled_off(self, goal: tuple[float, float], pose: Pose2D) -> bool:
         """Whether the static map alone, without any obstacle layer, has no way from the robot to the goal."""
-        costs = OccupancyGrid(
-            self._costmap.static_costs, self._costmap.settings.resolution, self._costmap.origin
-        )
-        potential = potential_to(goal, costs, near=(pose.x, pose.y), allow_unknown=self._allow_unknown)
+        potential = potential_to(goal, self._grid(self._costmap.static_costs), near=(pose.x, pose.y))
         return potential is None or potential.path_from(pose.x, pose.y) is None
 
     def whole_plan(self, pose: Pose2D) -> Plan | None:
@@ -117,27 +108,23 @@ class GlobalPlanner:
         return self._potential.path_from(pose.x, pose.y) if self._potential else None
 
     def _compute_potential(self, goal: tuple[float, float], pose: Pose2D, time_s: float) -> None:
-        costmap = self._costmap
-        costs = OccupancyGrid(costmap.costs, costmap.settings.resolution, costmap.origin)
-        self._potential = potential_to(
-            goal,
-            costs,
-            near=(pose.x, pose.y),
-            allow_unknown=self._allow_unknown,
-            tolerance_m=self._goal_tolerance_m,
-        )
-        self._obstacles_then = costmap.layer.cells.copy()
+        costs = self._grid(self._costmap.costs)
+        self._potential = potential_to(goal, costs, near=(pose.x, pose.y), tolerance_m=self._goal_tolerance_m)
+        self._obstacles_then = self._costmap.marks.copy()
         self._computed_at_s = time_s
         self.is_covered = self._has_no_room_at(goal)
         # A goal that plans end beside is looked at again as often as the period allows.
         self._doubted = self._potential is not None and self._potential.goal != goal
+
+    def _grid(self, costs: Cells) -> OccupancyGrid:
+        return OccupancyGrid(costs, self._costmap.settings.resolution, self._costmap.origin)
 
     def _has_no_room_at(self, goal: tuple[float, float]) -> bool:
         """Whether a scanned obstacle lies within the circumscribed radius of the goal, or all round it.
 
         A LiDAR sees an obstacle's skin only, so what stands on a goal may leave free cells inside.
         """
-        x, y = self._costmap.layer.to_cells(*goal)
+        x, y = self._costmap.to_cells(*goal)
         height, width = self._costmap.static_costs.shape
         if self._potential is None or not (0.0 <= x < width and 0.0 <= y < height):
             return self.is_blocked(goal, self._costmap.costs)
@@ -149,7 +136,7 @@ class GlobalPlanner:
         return bool(reached * cell_m * cell_m < _POCKET_M2)
 
     def _changed_near(self, path: Plan) -> bool:
-        now, then = self._costmap.layer.cells, self._obstacles_then
+        now, then = self._costmap.marks, self._obstacles_then
         if now.shape != then.shape:
             return True
         return bool(
@@ -217,7 +204,6 @@ def potential_to(
     costs: OccupancyGrid,
     near: tuple[float, float] | None = None,
     margin_m: float = 2.0,
-    allow_unknown: bool = True,
     tolerance_m: float = 0.0,
 ) -> Potential | None:
     """The potential of ``goal`` over a costmap's costs (uint8); None when the goal's cell is blocked.
@@ -229,7 +215,7 @@ def potential_to(
     column, row = costs.cell_at(*goal)
     if not (0 < column < costs.width - 1 and 0 < row < costs.height - 1):
         return None
-    traversal = traversal_costs(costs.data, allow_unknown)
+    traversal = traversal_costs(costs.data)
     if traversal[row, column] >= BLOCKED:
         found = _nearest_open(traversal, column, row, int(tolerance_m / costs.resolution))
         if found is None:
@@ -257,23 +243,22 @@ def _nearest_open(traversal: Cells, column: int, row: int, radius: int) -> tuple
     return int(columns[nearest]) + x0, int(rows[nearest]) + y0
 
 
-def traversal_costs(costs: Cells, allow_unknown: bool = True) -> Cells:
+def traversal_costs(costs: Cells) -> Cells:
     """(H, W) uint8 cost of entering each cell: 50 to 251, 254 where blocked, as the outer ring is."""
-    traversal = np.asarray(cv2.LUT(costs, _TRAVERSAL[allow_unknown]), dtype=np.uint8)
+    traversal = np.asarray(cv2.LUT(costs, _TRAVERSAL), dtype=np.uint8)
     traversal[0] = traversal[-1] = BLOCKED
     traversal[:, 0] = traversal[:, -1] = BLOCKED
     return traversal
 
 
-def _traversal_table(allow_unknown: bool) -> Cells:
+def _traversal_table() -> Cells:
     cost = np.arange(256)
     table = np.where(cost < INSCRIBED, NEUTRAL + 4 * cost // 5, BLOCKED).astype(np.uint8)
-    if allow_unknown:
-        table[NO_INFORMATION] = UNSEEN
+    table[NO_INFORMATION] = UNSEEN  # navfn, allow_unknown
     return table
 
 
-_TRAVERSAL = {allowed: _traversal_table(allowed) for allowed in (False, True)}
+_TRAVERSAL = _traversal_table()
 
 
 @njit

@@ -61,7 +61,7 @@ class LocalPlanner(ABC):
 
     def turn_is_legal(self, costmap: RollingCostmap, pose: Pose2D, turn_radps: float) -> bool:
         """Whether turning on the spot at this rate for ``sim_time_s`` keeps the outline off obstacles."""
-        x, y = costmap.layer.to_cells(pose.x, pose.y)
+        x, y = costmap.to_cells(pose.x, pose.y)
         angle = float(turn_radps) * self._sim_time_s
         return bool(turn_is_free(costmap.costs, x, y, float(pose.yaw), angle, self._footprint_cells))
 
@@ -78,7 +78,7 @@ class LocalPlanner(ABC):
             self._gridded = costs, plan
             if clears_footprint:
                 costs = costs.copy()
-                at = (*costmap.layer.to_cells(pose.x, pose.y), pose.yaw)
+                at = (*costmap.to_cells(pose.x, pose.y), pose.yaw)
                 clear_polygon(costs, placed(self._footprint_cells, at))
             resolution, robot = costmap.settings.resolution, (pose.x, pose.y)
             self._newest_grids = local_grids(costs, plan, costmap.origin, resolution, robot, forward_m)

@@ -18,11 +18,10 @@ Footprint = Outline
 
 def padded(footprint: Footprint, padding_m: float) -> Footprint:
     """Each coordinate moved away from zero by ``padding_m``; a zero stays (costmap_2d's rule)."""
-
-    def grown(value: float) -> float:
-        return value + math.copysign(padding_m, value) if value else value
-
-    return tuple((grown(x), grown(y)) for x, y in footprint)
+    corners = [
+        [value + math.copysign(padding_m, value) if value else value for value in c] for c in footprint
+    ]
+    return tuple((x, y) for x, y in corners)
 
 
 COSTMAP_PADDING_M = 0.01
@@ -291,7 +290,7 @@ class DwaSettings(Settings):
     """Parameters of DWAPlannerROS.
 
     What never acts on a Burger is left out: the y axis, footprint scaling above 0.25 m/s, twirling, and
-    ``use_dwa: false`` (that is Trajectory Rollout's way of sampling).
+    ``use_dwa: false`` (that is Trajectory Rollout's way of sampling). What no option sets stands in ``dwa``.
     """
 
     limits: LocalPlannerLimits = group(LocalPlannerLimits(), "limits")
@@ -303,11 +302,6 @@ class DwaSettings(Settings):
         source="turtlebot3 1.0.0: dwa_local_planner_params_burger.yaml, sim_time; with 0.2.1's 3.5 s guards "
         "give up 40 of 139 goals, not 0 of 188",
     )
-    sim_granularity_m: float = fixed(0.025, "package: dwa_local_planner, sim_granularity")
-    angular_sim_granularity_rad: float = fixed(0.1, "package: dwa_local_planner, angular_sim_granularity")
-    vx_samples: int = fixed(20, "turtlebot3: dwa_local_planner_params.yaml, vx_samples")
-    vth_samples: int = fixed(40, "turtlebot3: dwa_local_planner_params.yaml, vtheta_samples")
-    path_distance_bias: float = fixed(32.0, "turtlebot3: dwa_local_planner_params.yaml, path_distance_bias")
     goal_distance_bias: float = option(
         20.0,
         "Weight of the distance from the local goal.",
@@ -324,74 +318,20 @@ class DwaSettings(Settings):
         source="turtlebot3 1.0.0: dwa_local_planner_params_burger.yaml, occdist_scale; 0.2.1's 0.04 as "
         "goal_distance_bias",
     )
-    forward_point_distance_m: float = fixed(
-        0.325, "turtlebot3: dwa_local_planner_params.yaml, forward_point_distance"
-    )
-    oscillation_reset_dist_m: float = fixed(
-        0.05, "turtlebot3: dwa_local_planner_params.yaml, oscillation_reset_dist"
-    )
-    oscillation_reset_angle_rad: float = fixed(0.2, "package: dwa_local_planner, oscillation_reset_angle")
 
 
-_BASE = "base_local_planner_params.yaml"
-_UNUSED = "ours: off unless controller=trajectory_rollout"
-
-
-@dataclass(frozen=True)
-class TrajectoryRolloutSettings(Settings):
-    """Parameters of TrajectoryPlannerROS (dwa false, meter_scoring false, no heading scoring).
-
-    TurtleBot3's base_local_planner_params.yaml, which no launch file loads, does not carry a Burger round a
-    corner as it is: at 0.08 m/s a step of 0.05 m looks no farther than the start, and 0.6 rad/s2 is a fifth
-    of what the robot does.
-    """
-
-    limits: LocalPlannerLimits = group(
-        LocalPlannerLimits(
-            max_vel_x_mps=0.18,
-            min_vel_x_mps=0.08,
-            max_vel_trans_mps=0.18,
-            min_vel_trans_mps=0.08,
-            max_vel_theta_radps=1.0,
-            min_vel_theta_radps=1.0,
-            xy_goal_tolerance_m=0.10,
-            yaw_goal_tolerance_rad=0.05,
-        ),
-        "limits",
-        only=(),
-        sources={
-            "max_vel_x_mps": f"turtlebot3: {_BASE}, max_vel_x",
-            "min_vel_x_mps": f"turtlebot3: {_BASE}, min_vel_x",
-            "max_vel_trans_mps": f"turtlebot3: {_BASE}, max_vel_x",
-            "min_vel_trans_mps": f"turtlebot3: {_BASE}, min_vel_x",
-            "max_vel_theta_radps": f"turtlebot3: {_BASE}, max_vel_theta",
-            "min_vel_theta_radps": f"turtlebot3: {_BASE}, min_in_place_vel_theta",
-            "acc_lim_x_mps2": f"{_UNUSED}; as DWA's",
-            "acc_lim_theta_radps2": f"{_UNUSED}; as DWA's, the file's 0.6 is too slow for corners",
-            "xy_goal_tolerance_m": f"turtlebot3: {_BASE}, xy_goal_tolerance",
-            "yaw_goal_tolerance_rad": f"turtlebot3: {_BASE}, yaw_goal_tolerance",
-        },
-    )
-    """``min_vel_theta_radps`` is min_in_place_vel_theta"""
-    sim_time_s: float = fixed(
-        1.5, f"{_UNUSED}; as DWA's, with the file's 0.8 s a slow robot looks no farther than its start"
-    )
-    sim_granularity_m: float = fixed(
-        0.025, "package: base_local_planner, sim_granularity; the file's 0.05 m as sim_time"
-    )
-    angular_sim_granularity_rad: float = fixed(0.025, "package: base_local_planner, angular_sim_granularity")
-    vx_samples: int = fixed(18, "turtlebot3: base_local_planner_params.yaml, vx_samples")
-    vtheta_samples: int = fixed(20, "turtlebot3: base_local_planner_params.yaml, vtheta_samples")
-    path_distance_bias: float = fixed(0.6, "package: base_local_planner, pdist_scale")
-    goal_distance_bias: float = fixed(0.8, "package: base_local_planner, gdist_scale")
-    occdist_scale: float = fixed(
-        0.05, f"{_UNUSED}; with the package's 0.01 a robot cuts corners until it is stuck"
-    )
-    heading_lookahead_m: float = fixed(0.325, "package: base_local_planner, heading_lookahead")
-    oscillation_reset_dist_m: float = fixed(0.05, "package: base_local_planner, oscillation_reset_dist")
-    escape_vel_mps: float = fixed(-0.1, "package: base_local_planner, escape_vel")
-    escape_reset_dist_m: float = fixed(0.10, "package: base_local_planner, escape_reset_dist")
-    escape_reset_theta_rad: float = fixed(math.pi / 2, "package: base_local_planner, escape_reset_theta")
+TRAJECTORY_ROLLOUT_LIMITS = LocalPlannerLimits(
+    max_vel_x_mps=0.18,
+    min_vel_x_mps=0.08,
+    max_vel_trans_mps=0.18,
+    min_vel_trans_mps=0.08,
+    max_vel_theta_radps=1.0,
+    min_vel_theta_radps=1.0,
+    xy_goal_tolerance_m=0.10,
+    yaw_goal_tolerance_rad=0.05,
+)
+"""TurtleBot3's base_local_planner_params.yaml, whose min_vel_x, max_vel_theta, min_in_place_vel_theta and
+tolerances these are; its accelerations are DWA's, as the file's 0.6 rad/s2 is too slow for corners."""
 
 
 @dataclass(frozen=True)
@@ -404,9 +344,8 @@ class NavigatorSettings(Settings):
         source="turtlebot3: turtlebot3_navigation.launch, base_local_planner",
     )
     dwa: DwaSettings = group(DwaSettings(), "DWA", prefix="dwa_")
-    trajectory_rollout: TrajectoryRolloutSettings = group(
-        TrajectoryRolloutSettings(), "Trajectory Rollout", prefix="rollout_"
-    )
+    rollout_limits: LocalPlannerLimits = TRAJECTORY_ROLLOUT_LIMITS
+    """the limits of Trajectory Rollout, whose other numbers stand in its file"""
     local_costmap: CostmapSettings = group(
         burger_local(),
         "local costmap",
@@ -423,7 +362,6 @@ class NavigatorSettings(Settings):
     )
     bare_footprint: Footprint = BURGER.footprint
     """the robot's outline without padding: what a robot that is stuck may still move with"""
-    allow_unknown: bool = fixed(True, "package: navfn, allow_unknown")
     goal_tolerance_m: float = option(
         0.5,
         "A goal that a scanned obstacle covers is approached up to this distance (navfn's "
@@ -444,7 +382,6 @@ class NavigatorSettings(Settings):
         source="turtlebot3 1.0.0: move_base_params.yaml, planner_frequency; with 0.2.1's 2 Hz bodies touch "
         "12 times in 100 labyrinth trials",
     )
-    planner_patience_s: float = fixed(1.0, "turtlebot3: move_base_params.yaml, planner_patience")
     controller_patience_s: float = option(
         15.0,
         "Without a legal velocity for this long, a recovery begins.",
@@ -454,16 +391,6 @@ class NavigatorSettings(Settings):
         source="turtlebot3 1.0.0: move_base_params.yaml, controller_patience; after 0.2.1's 1.0 s a recovery"
         " would come before DWA's way off",
     )
-    oscillation_timeout_s: float = fixed(10.0, "turtlebot3: move_base_params.yaml, oscillation_timeout")
-    oscillation_distance_m: float = fixed(0.2, "turtlebot3: move_base_params.yaml, oscillation_distance")
-    conservative_reset_dist_m: float = fixed(
-        0.1, "turtlebot3: move_base_params.yaml, conservative_reset_dist"
-    )
-    aggressive_reset_dist_m: float = fixed(1.84, "package: move_base, 4 x circumscribed_radius")
-    wave_period_s: float = fixed(
-        1.0, "ours: a plan from the costs takes time; changes near the plan call for one at once"
-    )
-    change_radius_m: float = fixed(0.3, "ours: move_base plans from the costs each time")
 
     def of_robot(self, robot: RobotModel) -> "NavigatorSettings":
         """The same for another robot than a Burger: its outlines, and limits within what it can do."""
@@ -472,27 +399,24 @@ class NavigatorSettings(Settings):
             footprint = padded(robot.footprint, _MARGIN_M)
             return replace(costmap, footprint=footprint, inscribed_radius_m=radii(footprint)[0])
 
-        rollout = self.trajectory_rollout
         return replace(
             self,
             bare_footprint=robot.footprint,
             local_costmap=wide(self.local_costmap),
             global_costmap=wide(self.global_costmap),
             dwa=replace(self.dwa, limits=self.dwa.limits.of_robot(robot)),
-            trajectory_rollout=replace(rollout, limits=rollout.limits.within(robot)),
+            rollout_limits=self.rollout_limits.within(robot),
         )
 
     @property
-    def local_planner(self) -> DwaSettings | TrajectoryRolloutSettings:
-        """The settings of the chosen controller."""
-        return self.dwa if self.controller == "dwa" else self.trajectory_rollout
+    def limits(self) -> LocalPlannerLimits:
+        """Those of the chosen controller."""
+        return self.dwa.limits if self.controller == "dwa" else self.rollout_limits
 
     def at_speed(self, top_mps: float) -> "NavigatorSettings":
         """The settings of a robot whose top speed is ``top_mps``."""
         return replace(
             self,
             dwa=replace(self.dwa, limits=self.dwa.limits.at_speed(top_mps)),
-            trajectory_rollout=replace(
-                self.trajectory_rollout, limits=self.trajectory_rollout.limits.at_speed(top_mps)
-            ),
+            rollout_limits=self.rollout_limits.at_speed(top_mps),
         )

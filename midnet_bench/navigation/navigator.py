@@ -8,16 +8,11 @@ import numpy.typing as npt
 
 from midnet_bench.geometry import STOP, Command, LidarGeometry, Pose2D, lengths, wrap_angle
 from midnet_bench.grid import OccupancyGrid
-from midnet_bench.navigation.costmap import (
-    LETHAL,
-    GlobalCostmap,
-    RollingCostmap,
-    corner_array,
-)
+from midnet_bench.navigation.costmap import LETHAL, GlobalCostmap, RollingCostmap, corner_array
 from midnet_bench.navigation.dwa import DwaPlanner
 from midnet_bench.navigation.global_planner import GlobalPlanner
 from midnet_bench.navigation.local_planner import LocalPlanner, Plan, turn_is_free
-from midnet_bench.navigation.navigation_settings import DwaSettings, Footprint, NavigatorSettings
+from midnet_bench.navigation.navigation_settings import Footprint, NavigatorSettings
 from midnet_bench.navigation.trajectory_rollout import TrajectoryRolloutPlanner
 from midnet_bench.robots.burger import LDS_01
 
@@ -37,6 +32,11 @@ class _State(enum.Enum):
     CLEARING = enum.auto()
 
 
+PLANNER_PATIENCE_S, OSCILLATION_TIMEOUT_S, OSCILLATION_DISTANCE_M = 1.0, 10.0, 0.2
+"""turtlebot3, move_base_params.yaml, planner_patience, oscillation_timeout and oscillation_distance"""
+CLEARED_OUTSIDE_M = (0.1, None, 1.84, None)
+"""Of the recoveries in turn: outside of what square the costmaps are cleared; None: a turn on the spot.
+turtlebot3, move_base_params.yaml, conservative_reset_dist; move_base, 4 x circumscribed_radius."""
 _NEAR_S = 10.0
 """For so much longer than the straight way takes may a robot be near its goal and not reach it. Without such
 a limit robots were near 478 goals that they reached, 7 of them for longer than 15 s in all, and near 16 that
@@ -65,13 +65,7 @@ class Navigator:
         self.settings = settings = settings or NavigatorSettings()
         self.local_costmap = RollingCostmap(settings.local_costmap, prior.origin)
         self.global_costmap = GlobalCostmap(settings.global_costmap, prior)
-        self._global_planner = GlobalPlanner(
-            self.global_costmap,
-            settings.allow_unknown,
-            settings.goal_tolerance_m,
-            settings.wave_period_s,
-            settings.change_radius_m,
-        )
+        self._global_planner = GlobalPlanner(self.global_costmap, settings.goal_tolerance_m)
         self._period_s = 1.0 / settings.controller_frequency_hz
         self.local_planner = _local_planner(settings, self._period_s)
         self._window_m = settings.local_costmap.size_m / 2.0
@@ -195,7 +189,7 @@ class Navigator:
             self._checked_on_map = True
             if self._global_planner.is_walled_off(goal, pose):
                 self._abort()
-        elif time_s - self._planning_since_s > self.settings.planner_patience_s:
+        elif time_s - self._planning_since_s > PLANNER_PATIENCE_S:
             if self._recovery_index > 0 and self._global_planner.is_covered:
                 self._abort()
             else:
@@ -243,11 +237,11 @@ class Navigator:
 
     def _oscillates(self, pose: Pose2D, time_s: float) -> bool:
         """Whether the robot has stayed within the oscillation distance for too long."""
-        if pose.distance_to(self._moved_from) >= self.settings.oscillation_distance_m:
+        if pose.distance_to(self._moved_from) >= OSCILLATION_DISTANCE_M:
             self._moved_from, self._moved_at_s = pose, time_s
             if self._trigger is _State.CLEARING:
                 self._recovery_index = 0
-        return time_s - self._moved_at_s > self.settings.oscillation_timeout_s
+        return time_s - self._moved_at_s > OSCILLATION_TIMEOUT_S
 
     def _is_kept_off(self, goal: tuple[float, float], pose: Pose2D) -> bool:
         """Whether the robot has been near the goal for too long, or has driven too far for it.
@@ -276,21 +270,19 @@ class Navigator:
         self._state = _State.CLEARING
 
     def _recover(self, pose: Pose2D, time_s: float) -> Command:
-        settings = self.settings
-        if self._recovery_index >= 4:
+        if self._recovery_index >= len(CLEARED_OUTSIDE_M):
             self._abort()
             return STOP
         command: Command | None = None
-        if self._recovery_index in (0, 2):
-            conservative = self._recovery_index == 0
-            side_m = settings.conservative_reset_dist_m if conservative else settings.aggressive_reset_dist_m
+        side_m = CLEARED_OUTSIDE_M[self._recovery_index]
+        if side_m is not None:
             self.local_costmap.clear_outside(pose.x, pose.y, side_m)
             self.global_costmap.clear_outside(pose.x, pose.y, side_m)
             self._global_planner.reset()
             self.recoveries += 1
         else:
             if self._rotation is None:
-                local = settings.local_costmap
+                local = self.settings.local_costmap
                 self._rotation = RotateRecovery(local.footprint, local.resolution, pose.yaw)
                 self.recoveries += 1
             command = self._rotation.command(self.local_costmap, pose)
@@ -308,10 +300,10 @@ class Navigator:
 
 
 def _local_planner(settings: NavigatorSettings, period_s: float) -> LocalPlanner:
-    chosen, costmap = settings.local_planner, settings.local_costmap
-    if isinstance(chosen, DwaSettings):
-        return DwaPlanner(chosen, costmap.footprint, settings.bare_footprint, costmap.resolution, period_s)
-    return TrajectoryRolloutPlanner(chosen, costmap.footprint, costmap.resolution)
+    footprint, resolution = settings.local_costmap.footprint, settings.local_costmap.resolution
+    if settings.controller == "dwa":
+        return DwaPlanner(settings.dwa, footprint, settings.bare_footprint, resolution, period_s)
+    return TrajectoryRolloutPlanner(settings.rollout_limits, footprint, resolution)
 
 
 class StopRotate:
@@ -398,7 +390,7 @@ class RotateRecovery:
         left = 2.0 * math.pi - self._turned_rad
         if left <= _TOLERANCE_RAD:
             return None
-        x, y = costmap.layer.to_cells(pose.x, pose.y)
+        x, y = costmap.to_cells(pose.x, pose.y)
         if not turn_is_free(costmap.costs, x, y, float(pose.yaw), left, self._footprint_cells):
             return None
         speed = math.sqrt(2.0 * _ACCELERATION_RADPS2 * left)
@@ -423,7 +415,7 @@ def compile_kernels() -> None:
         RotateRecovery(local.footprint, local.resolution, pose.yaw).command(navigator.local_costmap, pose)
         navigator.local_costmap.published()
         # Shut in on all sides, DWA looks for a way off after two seconds.
-        navigator.local_costmap.layer.cells.fill(LETHAL)
+        navigator.local_costmap.marks.fill(LETHAL)
         navigator.local_costmap.clear_outside(pose.x, pose.y, 2.0 * local.size_m)
         for tick in range(16, 46):
             navigator.control(pose, STOP, 0.1 * tick)

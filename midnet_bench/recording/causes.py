@@ -17,8 +17,7 @@ from midnet_bench.detectors import evidence
 from midnet_bench.detectors.detector_node import DetectorNode
 from midnet_bench.geometry import Box, Pose2D, Scan
 from midnet_bench.grid import UNKNOWN, OccupancyGrid, cells_of, values_at
-from midnet_bench.localization.localization_settings import RECORDED
-from midnet_bench.localization.scan_to_map import ScanToMap
+from midnet_bench.localization.scan_to_map import MIN_SHARE_RECORDED, ScanToMap
 from midnet_bench.midnet.detection import bounding_boxes
 from midnet_bench.midnet.pipeline import Frame, RobotView
 from midnet_bench.recording.files.readings import NS
@@ -282,7 +281,7 @@ class Explainer:
 
     def _matched_pose(self, robot: int, scan: Scan) -> Pose2D | None:
         """The pose by which a robot's scan lies best on the map; None if the scan cannot be matched."""
-        self._matcher = self._matcher or ScanToMap(self._map, RECORDED)
+        self._matcher = self._matcher or ScanToMap(self._map, MIN_SHARE_RECORDED)
         if robot not in self._matched or self._matched[robot][0] is not scan:
             found = self._matcher.match(scan.pose, scan.ranges_m, scan.lidar)
             self._matched[robot] = scan, None if found is None else found[0]

@@ -115,7 +115,7 @@ def test_a_mate_that_stands_in_the_room_does_not_become_a_wall() -> None:
     assert occupied[0] > 0
     assert occupied[1] == 0
     # the navigator has to keep clear of it all the same
-    column, row = (math.floor(v) for v in robot.navigator.global_costmap.layer.to_cells(place.x, place.y))
+    column, row = (math.floor(v) for v in robot.navigator.global_costmap.to_cells(place.x, place.y))
     assert (robot.navigator.global_costmap.costs[row - 4 : row + 5, column - 4 : column + 5] == 254).any()
 
 

@@ -16,7 +16,7 @@ from midnet_bench.experiments.detection.trial import DetectionTrial, run_detecti
 from midnet_bench.experiments.registry import run_trial
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.io.map_server import save_map
-from midnet_bench.navigation.navigation_settings import TrajectoryRolloutSettings
+from midnet_bench.navigation.navigation_settings import TRAJECTORY_ROLLOUT_LIMITS
 from midnet_bench.scoring.frame_counts import Causes
 
 
@@ -80,13 +80,13 @@ def test_causes_are_parts_of_the_errors_and_a_hidden_intruder_is_none_where_sigh
 
 @pytest.mark.slow
 def test_trajectory_rollout_drives_at_its_own_speeds() -> None:
-    own = TrajectoryRolloutSettings().limits
+    own = TRAJECTORY_ROLLOUT_LIMITS
     parameters = DetectionParameters.of(
         robots=1, frames=75, controller="trajectory_rollout", intruder_speed_mps=0.1
     )
     with DetectionTrial(parameters, 3) as trial:
-        assert trial.guards[0].navigator.settings.local_planner.limits == own
-        slower = trial.intruders[0].navigator.settings.local_planner.limits
+        assert trial.guards[0].navigator.settings.limits == own
+        slower = trial.intruders[0].navigator.settings.limits
         assert (slower.max_vel_x_mps, slower.max_vel_theta_radps) == (0.1, own.max_vel_theta_radps)
         assert slower.min_vel_x_mps == pytest.approx(own.min_vel_x_mps * 0.1 / own.max_vel_x_mps)
         speeds = [trial.guards[0].velocity[0] for _ in trial.frames()]

@@ -312,7 +312,7 @@ def test_of_every_mark_is_known_which_return_made_it(options: Options) -> None:
         assert trace is not None
         for _ in trial.frames():
             for guard, costmap in enumerate(trial.detector.costmaps):
-                marked = np.count_nonzero(costmap.layer.cells == LETHAL)
+                marked = np.count_nonzero(costmap.marks == LETHAL)
                 assert len(trace.marks(guard).source) == marked > 0
 
 

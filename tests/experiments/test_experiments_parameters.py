@@ -20,7 +20,6 @@ from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial
 from midnet_bench.experiments.mapping.parameters import MappingParameters
 from midnet_bench.experiments.mapping.trial import ExplorationTrial
 from midnet_bench.experiments.registry import names, parameters_model
-from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.navigation.navigation_settings import LocalPlannerLimits
 from midnet_bench.settings import all_values, leaves
 from midnet_bench.workflows.readings import READINGS, readings_of
@@ -83,7 +82,7 @@ def test_what_several_parts_share_reaches_each_of_them() -> None:
     assert explorers.slam.resolution_m == explorers.explorer_navigator.global_costmap.resolution == 0.1
 
 
-def test_the_pose_filter_suits_its_odometry_unless_told() -> None:
+def test_the_pose_filter_suits_its_odometry() -> None:
     filters = [
         DetectionParameters.from_flat({"odometry": odometry}).pose_filter for odometry in ("world", "encoder")
     ]
@@ -92,8 +91,6 @@ def test_the_pose_filter_suits_its_odometry_unless_told() -> None:
         (1e-4, 1e-4, 1e-2),
     ]
     assert [one.twist_is_mean for one in filters if one is not None] == [False, True]
-    told = UkfSettings(vy_variance=0.5).suited_to("encoder")
-    assert told.twist_variance == (1e-4, 0.5, 1e-2)
 
 
 def test_values_that_do_not_go_together_are_told_before_any_trial() -> None:

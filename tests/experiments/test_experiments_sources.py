@@ -12,6 +12,8 @@ import pytest
 from midnet_bench.experiments.detection.parameters import DetectionParameters
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.mapping.parameters import MappingParameters
+from midnet_bench.navigation import dwa, navigator, trajectory_rollout
+from midnet_bench.navigation.navigation_settings import TRAJECTORY_ROLLOUT_LIMITS
 from midnet_bench.recording.recording_settings import ReplaySettings
 from midnet_bench.settings import SOURCES, Leaf, Settings, all_values
 from midnet_bench.workflows.readings import READINGS
@@ -89,6 +91,33 @@ RELEASES: Mapping[str, Mapping[str, Mapping[str, float | str]]] = {
 }
 """release -> file -> key -> value, read in the files, not in the code"""
 
+CONSTANTS: Mapping[str, Mapping[str, float]] = {
+    "move_base_params.yaml": {
+        "planner_patience": navigator.PLANNER_PATIENCE_S,
+        "oscillation_timeout": navigator.OSCILLATION_TIMEOUT_S,
+        "oscillation_distance": navigator.OSCILLATION_DISTANCE_M,
+        "conservative_reset_dist": navigator.CLEARED_OUTSIDE_M[0] or 0.0,
+    },
+    "dwa_local_planner_params.yaml": {
+        "vx_samples": dwa.VX_SAMPLES,
+        "vtheta_samples": dwa.VTH_SAMPLES,
+        "path_distance_bias": dwa.PATH_DISTANCE_BIAS,
+        "forward_point_distance": dwa.FORWARD_POINT_DISTANCE_M,
+        "oscillation_reset_dist": dwa.OSCILLATION_RESET_DIST_M,
+    },
+    "base_local_planner_params.yaml": {
+        "max_vel_x": TRAJECTORY_ROLLOUT_LIMITS.max_vel_x_mps,
+        "min_vel_x": TRAJECTORY_ROLLOUT_LIMITS.min_vel_x_mps,
+        "max_vel_theta": TRAJECTORY_ROLLOUT_LIMITS.max_vel_theta_radps,
+        "min_in_place_vel_theta": TRAJECTORY_ROLLOUT_LIMITS.min_vel_theta_radps,
+        "xy_goal_tolerance": TRAJECTORY_ROLLOUT_LIMITS.xy_goal_tolerance_m,
+        "yaw_goal_tolerance": TRAJECTORY_ROLLOUT_LIMITS.yaw_goal_tolerance_rad,
+        "vx_samples": trajectory_rollout.VX_SAMPLES,
+        "vtheta_samples": trajectory_rollout.VTHETA_SAMPLES,
+    },
+}
+"""file of release 0.2.1 -> key -> value that no option sets"""
+
 
 @pytest.mark.parametrize("parameters", EVERY)
 def test_every_option_has_a_source(parameters: type[Settings]) -> None:
@@ -124,6 +153,9 @@ def test_values_that_name_a_file_of_turtlebot3_are_the_files() -> None:
             value = RELEASES[release][file][name]
             assert leaf.default == value or str(value).startswith(f"{leaf.default}_"), (key, value)
             read[release].add((file, name))
+    for file, constants in CONSTANTS.items():
+        assert constants == {name: RELEASES["turtlebot3"][file][name] for name in constants}
+        read["turtlebot3"] |= {(file, name) for name in constants}
     assert read == {
         release: {(file, name) for file, values in files.items() for name in values}
         for release, files in RELEASES.items()

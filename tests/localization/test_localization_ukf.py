@@ -9,7 +9,7 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
 from midnet_bench.geometry import Imu, Odometry, Pose2D, wrap_angle
 from midnet_bench.localization.localization_settings import UkfSettings
-from midnet_bench.localization.ukf import PlanarUkf, UkfTeam
+from midnet_bench.localization.ukf import BETA, INITIAL_VARIANCE, KAPPA, PROCESS_NOISE, PlanarUkf, UkfTeam
 from midnet_bench.rng import stream
 
 DT_S = 0.1
@@ -152,6 +152,10 @@ def test_an_hour_of_driving_stays_finite_and_positive_definite():
     assert abs(wrap_angle(ukf.pose.yaw - yaw)) < 0.05
 
 
+TRUSTED = UkfSettings((4e-4, 1e-4, 1e-2), imu_yaw_variance=1e-4, imu_yaw_rate_variance=1e-3)
+NOWHERE = Pose2D(9.0, 9.0, 9.0)
+
+
 class PlainUkf:
     """The unscented transform and the textbook correction written out, with the two yaw rates kept apart."""
 
@@ -200,23 +204,16 @@ class PlainUkf:
 
 @pytest.mark.parametrize(("twist_is_mean", "change_lasts_s"), [(False, 0.05), (True, 0.1)])
 def test_steps_agree_with_a_plain_filter_that_fuses_message_by_message(twist_is_mean, change_lasts_s):
-    settings = UkfSettings(
-        vx_variance=4e-4,
-        vy_variance=1e-4,
-        vyaw_variance=1e-2,
-        imu_yaw_variance=1e-4,
-        imu_yaw_rate_variance=1e-3,
-        twist_is_mean=twist_is_mean,
-    )
+    settings = replace(TRUSTED, twist_is_mean=twist_is_mean)
     ukf = Robot(Pose2D(1.0, -2.0, 0.5), settings)
-    plain = PlainUkf([1.0, -2.0, 0.5, 0.0, 0.0, 0.0], settings.initial_variance, 1.0, 2.0, 0.0)
+    plain = PlainUkf([1.0, -2.0, 0.5, 0.0, 0.0, 0.0], INITIAL_VARIANCE, 1.0, 2.0, 0.0)
     rng = stream(0, "steps")
     yaw = 0.5
     for _ in range(12):
         v, w, gyro = rng.uniform(-0.2, 0.2), rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0)
         yaw += w * DT_S
         ukf.step(Odometry(Pose2D(9.0, 9.0, 9.0), v, w), Imu(yaw, gyro, 0.0), DT_S)
-        plain.predict(DT_S, settings.process_noise, change_lasts_s)
+        plain.predict(DT_S, PROCESS_NOISE, change_lasts_s)
         plain.correct([v, 0.0, w], np.diag(settings.twist_variance), [3, 4, 5])
         plain.correct([yaw, gyro], np.diag([1e-4, 1e-3]), [2, 5])
         np.testing.assert_allclose([*ukf.pose], [*plain.x[:2], wrap_angle(plain.x[2])], atol=1e-9)
@@ -231,16 +228,6 @@ def test_steps_agree_with_a_plain_filter_that_fuses_message_by_message(twist_is_
     np.testing.assert_allclose(ukf.covariance, plain.P, atol=1e-9)
 
 
-TRUSTED = UkfSettings(
-    vx_variance=4e-4,
-    vy_variance=1e-4,
-    vyaw_variance=1e-2,
-    imu_yaw_variance=1e-4,
-    imu_yaw_rate_variance=1e-3,
-)
-NOWHERE = Pose2D(9.0, 9.0, 9.0)
-
-
 def assert_equal(ukf, plain):
     np.testing.assert_allclose([*ukf.pose], [*plain.x[:2], wrap_angle(plain.x[2])], atol=1e-9)
     np.testing.assert_allclose(ukf.covariance, plain.P, atol=1e-9)
@@ -249,7 +236,7 @@ def assert_equal(ukf, plain):
 def test_values_that_are_no_numbers_are_left_out():
     """Whatever is finite of the five values is taken, with the weights that it has beside the others."""
     ukf = Robot(Pose2D(1.0, -2.0, 0.5), TRUSTED)
-    plain = PlainUkf([1.0, -2.0, 0.5, 0.0, 0.0, 0.0], TRUSTED.initial_variance, 1.0, 2.0, 0.0)
+    plain = PlainUkf([1.0, -2.0, 0.5, 0.0, 0.0, 0.0], INITIAL_VARIANCE, 1.0, 2.0, 0.0)
     rng = stream(0, "holes")
     places, variances = np.array([3, 5, 2, 5]), np.array([4e-4, 1e-2, 1e-4, 1e-3])
     for holes in range(32):
@@ -258,7 +245,7 @@ def test_values_that_are_no_numbers_are_left_out():
         is_there = np.array([holes >> k & 1 == 0 for k in range(4)])
         v, w, yaw, gyro = np.where(is_there, values, rng.choice([math.nan, math.inf, -math.inf], 4))
         ukf.step(Odometry(NOWHERE, v, w), Imu(yaw, gyro, 0.0), DT_S)
-        plain.predict(DT_S, TRUSTED.process_noise, 0.05)
+        plain.predict(DT_S, PROCESS_NOISE, 0.05)
         if is_there[:2].any():  # the sideways 0 comes and goes with the twist
             plain.correct([0.0], np.array([[1e-4]]), [4])
         if is_there.any():
@@ -351,23 +338,25 @@ def test_compiled_steps_are_filterpys_own(source):
     def step_noise(yaw):
         turn = np.array([[math.cos(yaw), -math.sin(yaw), 0], [math.sin(yaw), math.cos(yaw), 0], [0, 0, 1]])
         reach = np.vstack([lasts_s * turn, np.eye(3)])
-        noise = DT_S * np.array(settings.process_noise)
+        noise = DT_S * np.array(PROCESS_NOISE)
         return reach @ np.diag(noise[3:]) @ reach.T + np.diag([*noise[:3], 0, 0, 0])
 
-    points = MerweScaledSigmaPoints(6, settings.alpha, settings.beta, settings.kappa)
+    points = MerweScaledSigmaPoints(6, settings.alpha, BETA, KAPPA)
     reference = UnscentedKalmanFilter(6, 4, DT_S, hx=lambda state: state[2:], fx=moved, points=points)
-    reference.P = settings.initial_variance * np.eye(6)
+    reference.P = INITIAL_VARIANCE * np.eye(6)
     ours = Robot(Pose2D(0.0, 0.0, 0.0), settings)
-    reference.R = ours.team._twist_and_imu_noise
-    assert ours.team._mean_weights.tobytes() == points.Wm.tobytes()
-    assert ours.team._covariance_weights.tobytes() == points.Wc.tobytes()
+    yaw_variance, vx, vy, wheels, gyro = ours.team._variances
+    share = wheels / (wheels + gyro)
+    reference.R = np.diag([yaw_variance, vx, vy, gyro * share])
+    assert ours.team._sigma[1].tobytes() == points.Wm.tobytes()
+    assert ours.team._sigma[2].tobytes() == points.Wc.tobytes()
     rng = np.random.default_rng(3)
     for step in drive([(0.2, 0.4)] * 40 + [(0.1, -0.6)] * 40):
         odometry = Odometry(step.pose, step.v + rng.normal(0, 0.01), step.w + rng.normal(0, 0.1))
         imu = noisy_imu(step.pose, step.w, rng)
         reference.Q = step_noise(reference.x[2])
         reference.predict()
-        rate = odometry.angular_radps + ours.team._gyro_share * (imu.yaw_rate_radps - odometry.angular_radps)
+        rate = odometry.angular_radps + share * (imu.yaw_rate_radps - odometry.angular_radps)
         yaw = reference.x[2] + wrap_angle(imu.yaw_rad - reference.x[2])
         reference.update(np.array([yaw, odometry.linear_mps, 0.0, rate]))
         ours.step(odometry, imu, DT_S)

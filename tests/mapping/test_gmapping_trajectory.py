@@ -6,12 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.relations import (
-    Relation,
-    read_dense_odometry,
-    read_relations,
-    relations_error,
-)
+from benchmarks.relations import Relation, read_dense_odometry, read_relations, relations_error
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import Pose2D
 from midnet_bench.io.trajectory import Trajectory

@@ -13,10 +13,10 @@ from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.costmap import (
     LETHAL,
     GlobalCostmap,
+    Inflation,
     RollingCostmap,
     clear_line,
     clear_polygon,
-    inflate,
     is_open_line,
 )
 from midnet_bench.navigation.navigation_settings import CostmapSettings
@@ -37,10 +37,7 @@ def look(
 def marked(costmap: RollingCostmap | GlobalCostmap) -> list[tuple[int, int]]:
     """(column, row) of the lethal cells, counted from the lattice's origin."""
     rows, columns = np.nonzero(costmap.costs == 254)
-    return [
-        (int(c) + costmap.layer.column, int(r) + costmap.layer.row)
-        for c, r in zip(columns, rows, strict=True)
-    ]
+    return [(int(c) + costmap.column, int(r) + costmap.row) for c, r in zip(columns, rows, strict=True)]
 
 
 def empty_map(cells: int = 20, value: int = 0) -> OccupancyGrid:
@@ -163,29 +160,29 @@ def test_a_cleared_line_is_bresenhams(dx: int, dy: int, limit: int) -> None:
 def test_the_robot_frees_the_cells_it_stands_on() -> None:
     square = ((-0.1, -0.1), (-0.1, 0.1), (0.1, 0.1), (0.1, -0.1))
     costmap = GlobalCostmap(dataclasses.replace(BARE, footprint=square, footprint_clearing=True), empty_map())
-    costmap.layer.cells[:] = 254
+    costmap.marks[:] = 254
     look(costmap, [math.inf], pose=Pose2D(0.525, 0.525, 0.0))
-    rows, columns = np.nonzero(costmap.layer.cells == 0)
+    rows, columns = np.nonzero(costmap.marks == 0)
     assert set(zip(columns, rows, strict=True)) == {(c, r) for c in range(8, 13) for r in range(8, 13)}
 
 
 def test_a_turned_footprint_frees_its_own_shape() -> None:
     square = ((-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2), (0.2, -0.2))
     costmap = GlobalCostmap(dataclasses.replace(BARE, footprint=square, footprint_clearing=True), empty_map())
-    costmap.layer.cells[:] = 254
+    costmap.marks[:] = 254
     look(costmap, [math.inf], pose=Pose2D(0.525, 0.525, math.pi / 4))
-    widths = (costmap.layer.cells == 0).sum(axis=1).tolist()
+    widths = (costmap.marks == 0).sum(axis=1).tolist()
     # A square on its tip: half a diagonal is 5.66 cells, so the tips lie in rows 4 and 16.
     assert widths == [0] * 4 + [1, 3, 5, 7, 9, 11, 13, 11, 9, 7, 5, 3, 1] + [0] * 3
 
 
 def test_a_footprint_partly_off_the_map_frees_nothing() -> None:
     costmap = GlobalCostmap(dataclasses.replace(BARE, footprint_clearing=True), empty_map())
-    costmap.layer.cells[:] = 254
+    costmap.marks[:] = 254
     look(costmap, [math.inf], pose=Pose2D(0.05, 0.5, 0.0))
-    assert (costmap.layer.cells == 254).all()
+    assert (costmap.marks == 254).all()
     look(costmap, [math.inf], pose=Pose2D(0.5, 0.5, 0.0))
-    assert (costmap.layer.cells == 0).any()
+    assert (costmap.marks == 0).any()
 
 
 def test_the_static_map_stays_under_the_footprint() -> None:
@@ -221,7 +218,7 @@ def window_offsets(xs: list[float], centered: bool) -> list[float]:
     offsets = []
     for x in xs:
         look(costmap, [math.inf], pose=Pose2D(x, 0.0, 0.0))
-        offsets.append(x / 0.05 - costmap.layer.column)
+        offsets.append(x / 0.05 - costmap.column)
     return offsets
 
 
@@ -240,7 +237,7 @@ def test_a_centered_window_has_the_robot_in_its_middle_cell(xs: list[float]) -> 
         look(costmap, [math.inf], pose=Pose2D(x, -x, 0.0))
         lattice = OccupancyGrid(np.zeros((1, 1), dtype=np.int8), 0.05, (0.013, -0.4))
         column, row = lattice.cell_at(x, -x)
-        assert (costmap.layer.column, costmap.layer.row) == (column - 10, row - 10)
+        assert (costmap.column, costmap.row) == (column - 10, row - 10)
         assert costmap.origin == pytest.approx((0.013 + (column - 10) * 0.05, -0.4 + (row - 10) * 0.05))
 
 
@@ -315,9 +312,9 @@ def test_a_footprint_at_a_pose_that_is_no_number_frees_nothing() -> None:
 
 
 def full_costs(costmap: GlobalCostmap) -> npt.NDArray[np.uint8]:
-    static, seen = costmap.static, costmap.layer.cells
+    static, seen = costmap.static, costmap.marks
     base = np.where((static == 255) | ((seen != 255) & (seen > static)), seen, static).astype(np.uint8)
-    return np.asarray(inflate(base, costmap._inflation._costs, costmap._inflation.reach))
+    return Inflation(costmap.settings)(base)
 
 
 @pytest.mark.parametrize("track_unknown", [False, True])
@@ -352,7 +349,7 @@ def test_marks_decay_everywhere_in_a_global_costmap() -> None:
 
 def test_clearing_keeps_what_lies_strictly_inside_the_square() -> None:
     costmap = GlobalCostmap(BARE, empty_map(40))
-    costmap.layer.cells[:] = 254
+    costmap.marks[:] = 254
     costmap.clear_outside(1.025, 1.025, 0.5)
     kept = marked(costmap)
     # 1.025 -+ 0.25 lie in cells 15 and 25; both are outside.

@@ -55,7 +55,6 @@ def test_costs_become_traversal_costs_with_a_blocked_border() -> None:
     costs = open_floor(3, 8)
     costs[1, 1:7] = [0, 1, 100, 252, 253, 255]
     assert traversal_costs(costs)[1].tolist() == [254, 50, 50, 130, 251, 254, 253, 254]
-    assert traversal_costs(costs, allow_unknown=False)[1, 6] == 254
     assert (traversal_costs(costs)[[0, 2]] == 254).all()
 
 
@@ -196,13 +195,12 @@ def test_a_robot_in_an_inflated_cell_finds_its_way_out() -> None:
     assert potential.path_from(4.5, 10.5) is None
 
 
-def test_unknown_cells_are_crossed_only_when_allowed() -> None:
+def test_unknown_cells_are_crossed() -> None:
     costs = open_floor(20, 20)
     costs[:, 9:11] = 255
-    for allowed in (True, False):
-        potential = potential_to((15.5, 10.5), grid_of(costs), allow_unknown=allowed)
-        assert potential is not None
-        assert (potential.path_from(3.5, 10.5) is not None) is allowed
+    potential = potential_to((15.5, 10.5), grid_of(costs))
+    assert potential is not None
+    assert potential.path_from(3.5, 10.5) is not None
 
 
 def test_a_wave_that_ends_near_the_robot_gives_the_same_way() -> None:

@@ -23,9 +23,9 @@ from midnet_bench.navigation.local_planner import (
     velocity_samples,
 )
 from midnet_bench.navigation.navigation_settings import (
+    TRAJECTORY_ROLLOUT_LIMITS,
     DwaSettings,
     LocalPlannerLimits,
-    TrajectoryRolloutSettings,
     burger_local,
 )
 from midnet_bench.navigation.navigator import StopRotate
@@ -319,7 +319,7 @@ def test_dwa_finds_nothing_when_the_way_is_walled_off_in_the_window() -> None:
     plan = straight_plan(1.01, 2.02)
     costmap = room(1.01, 2.02, ahead_m=0.6)
     # A wall across the whole window hides the local goal.
-    costmap.layer.cells[:, costmap.layer.cells.shape[1] // 2 + 12] = 254
+    costmap.marks[:, costmap.marks.shape[1] // 2 + 12] = 254
     costmap.clear_outside(1.0, 2.0, 9.0)
     assert dwa().command(costmap, plan, Pose2D(1.01, 2.02, 0.0), Command(0.2, 0.0)) is None
 
@@ -327,10 +327,10 @@ def test_dwa_finds_nothing_when_the_way_is_walled_off_in_the_window() -> None:
 def wedged() -> RollingCostmap:
     """Obstacles at both flanks, under the padded outline but not the bare one; one ahead, none behind."""
     costmap = room(1.025, 2.025)
-    column, row = (int(value) for value in costmap.layer.to_cells(1.025, 2.025))
+    column, row = (int(value) for value in costmap.to_cells(1.025, 2.025))
     for side in (-3, 3):
-        costmap.layer.cells[row + side, column - 1 : column + 2] = 254
-    costmap.layer.cells[row - 1 : row + 2, column + 2] = 254
+        costmap.marks[row + side, column - 1 : column + 2] = 254
+    costmap.marks[row - 1 : row + 2, column + 2] = 254
     costmap.clear_outside(1.0, 2.0, 9.0)
     return costmap
 
@@ -349,18 +349,14 @@ def test_a_wedged_robot_backs_off_after_standing_for_two_seconds() -> None:
     assert planner.command(costmap, plan, pose, Command(0.0, 0.0)) is None
 
 
-WITHIN_REACH = (0.0, 0.0, (0.5, -0.22, 0.22), (5.0, -1.6, 1.6), (5, 5))
-"""a robot at rest that can have any velocity after one period, and five samples of each"""
-
-
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_an_escape_ends_farther_from_obstacles_than_any_other_legal_motion(seed: int) -> None:
     costs, _, _, start = scene(seed)
     speeds, turns = velocity_samples(-0.22, 0.22, 5), velocity_samples(-1.6, 1.6, 5)
     s = scales(0.0)
-    best, lowest = (False, 0.0, 0.0), int(costs[int(start[1]), int(start[0])])
-    for v, w in itertools.product(speeds, turns):
+    best, lowest = -1, int(costs[int(start[1]), int(start[0])])
+    for sample, (v, w) in enumerate(itertools.product(speeds, turns)):
         n = math.ceil(max(abs(v) * s.steps_per_mps, abs(w) * s.steps_per_radps))
         if n == 0 or (abs(v) + 1e-4 < s.min_vel_trans and abs(w) + 1e-4 < s.min_vel_theta):
             continue
@@ -373,15 +369,16 @@ def test_an_escape_ends_farther_from_obstacles_than_any_other_legal_motion(seed:
                 y += v * s.cells_per_m * math.sin(yaw) * s.sim_time / n
                 yaw += w * s.sim_time / n
         if legal and costs[int(y), int(x)] < lowest:
-            best, lowest = (True, v, w), int(costs[int(y), int(x)])
-    assert dwa_kernels.escape(costs, start, *WITHIN_REACH, FOOTPRINT, tuple(s)) == best
+            best, lowest = sample, int(costs[int(y), int(x)])
+    assert dwa_kernels.escape(costs, start, speeds, turns, FOOTPRINT, s) == best
 
 
 @pytest.mark.parametrize("start", [(-0.1, 20.0), (20.0, 1e6), (math.nan, 20.0), (20.0, math.inf)])
 def test_an_escape_from_off_the_window_is_none(start: tuple[float, float]) -> None:
     """Found as a read outside the array, which ended the process."""
     costs = np.full((SIZE, SIZE), 100, dtype=np.uint8)
-    assert not dwa_kernels.escape(costs, (*start, 0.3), *WITHIN_REACH, FOOTPRINT, tuple(scales(0.5)))[0]
+    turns = velocity_samples(-1.6, 1.6, 5)
+    assert dwa_kernels.escape(costs, (*start, 0.3), turns, turns, FOOTPRINT, scales(0.5)) == -1
 
 
 def test_a_swing_forbids_the_old_direction_until_the_robot_has_moved() -> None:
@@ -401,6 +398,10 @@ def test_a_swing_forbids_the_old_direction_until_the_robot_has_moved() -> None:
 # Trajectory Rollout
 
 
+ROBOT = (1.0, 2.0, 20.0)
+"""accelerations, and the cells of a metre"""
+
+
 def rollout_total(
     costs: Costs,
     grids: npt.NDArray[np.int32],
@@ -408,10 +409,10 @@ def rollout_total(
     velocity: tuple[float, float],
     speed: float,
     turn: float,
-    s: trajectory_rollout_kernels.RolloutParameters,
 ) -> tuple[float, tuple[float, float, float]]:
-    n = max(1, int(max(abs(speed) * s.sim_time * s.steps_per_m, abs(turn) * s.steps_per_radps) + 0.5))
-    dt = s.sim_time / n
+    s, (acc_x, acc_theta, cells_per_m) = trajectory_rollout_kernels, ROBOT
+    n = max(1, int(max(abs(speed) * s.SIM_TIME_S * 40.0, abs(turn) * 40.0) + 0.5))
+    dt = s.SIM_TIME_S / n
     (x, y, yaw), (v, w) = start, velocity
     worst, path, goal = 0, 0, 0
     for _ in range(n):
@@ -424,12 +425,12 @@ def rollout_total(
         path, goal = (int(grids[k, int(y) + 1, int(x) + 1]) for k in (PATH, GOAL))
         if path >= costs.size or goal >= costs.size:
             return -2.0, (x, y, yaw)
-        v += float(np.clip(speed - v, -s.acc_x * dt, s.acc_x * dt))
-        w += float(np.clip(turn - w, -s.acc_theta * dt, s.acc_theta * dt))
-        x += v * s.cells_per_m * math.cos(yaw) * dt
-        y += v * s.cells_per_m * math.sin(yaw) * dt
+        v += float(np.clip(speed - v, -acc_x * dt, acc_x * dt))
+        w += float(np.clip(turn - w, -acc_theta * dt, acc_theta * dt))
+        x += v * cells_per_m * math.cos(yaw) * dt
+        y += v * cells_per_m * math.sin(yaw) * dt
         yaw += w * dt
-    return s.path * path + s.goal * goal + s.occupied * worst, (x, y, yaw)
+    return s.PATH_DISTANCE_BIAS * path + s.GOAL_DISTANCE_BIAS * goal + s.OCCDIST_SCALE * worst, (x, y, yaw)
 
 
 @pytest.mark.slow
@@ -438,16 +439,13 @@ def rollout_total(
 def test_the_rollout_search_picks_what_scoring_every_rollout_picks(seed: int) -> None:
     rng = np.random.default_rng(seed + 2)
     costs, grids, _, start = scene(seed)
-    s = trajectory_rollout_kernels.RolloutParameters(
-        1.0, 2.0, 1.2, 40.0, 8.0, 20.0, 1.5, 1.0, 1 / 64, 0.325, 0.8
-    )
     velocity = (rng.uniform(0.0, 0.2), rng.uniform(-1.0, 1.0))
     speeds, turns = np.linspace(0.05, 0.2, 4), np.linspace(-1.0, 1.0, 6)
     sides = (bool(rng.random() < 0.8), bool(rng.random() < 0.8))
     best, chosen = -1.0, (0.0, 0.0)
     for speed in speeds:
         for turn in (0.0, *turns[:-1]):
-            total, _ = rollout_total(costs, grids, start, velocity, speed, turn, s)
+            total, _ = rollout_total(costs, grids, start, velocity, speed, turn)
             if total >= 0 and (best < 0 or total < best):
                 best, chosen = total, (speed, turn)
     nearest = math.inf
@@ -455,7 +453,7 @@ def test_the_rollout_search_picks_what_scoring_every_rollout_picks(seed: int) ->
         if abs(turn) <= turns[1] - turns[0] or not sides[0 if turn > 0 else 1]:
             continue
         limited = math.copysign(max(abs(turn), 0.8), turn)
-        total, (x, y, yaw) = rollout_total(costs, grids, start, velocity, 0.0, limited, s)
+        total, (x, y, yaw) = rollout_total(costs, grids, start, velocity, 0.0, limited)
         if total < 0 or (best >= 0 and total > best):
             continue
         x, y = x + 6.5 * math.cos(yaw), y + 6.5 * math.sin(yaw)
@@ -463,18 +461,18 @@ def test_the_rollout_search_picks_what_scoring_every_rollout_picks(seed: int) ->
             nearest = grids[GOAL, int(y) + 1, int(x) + 1]
             best, chosen = total, (0.0, limited)
     cost, speed, turn = trajectory_rollout_kernels.search_rollouts(
-        costs, grids, start, velocity, speeds, turns, sides, FOOTPRINT, s
+        costs, grids, start, velocity, speeds, turns, sides, 0.8, FOOTPRINT, ROBOT
     )
     assert cost == best
     assert (speed, turn) == chosen
 
 
 def test_trajectory_rollout_backs_away_from_a_collision_and_then_goes_on() -> None:
-    planner = TrajectoryRolloutPlanner(TrajectoryRolloutSettings(), burger_local().footprint, 0.05)
+    planner = TrajectoryRolloutPlanner(TRAJECTORY_ROLLOUT_LIMITS, burger_local().footprint, 0.05)
     costmap = room(1.01, 2.02)
     plan = straight_plan(1.01, 2.02)
-    column, row = (int(value) for value in costmap.layer.to_cells(1.08, 2.02))
-    costmap.layer.cells[row - 4 : row + 5, column] = 254
+    column, row = (int(value) for value in costmap.to_cells(1.08, 2.02))
+    costmap.marks[row - 4 : row + 5, column] = 254
     costmap.clear_outside(1.0, 2.0, 9.0)
     assert planner.command(costmap, plan, Pose2D(1.01, 2.02, 0.0), Command(0.0, 0.0)) == (-0.1, 0.0)
     free = room(1.01, 2.02)

@@ -133,12 +133,12 @@ def test_a_moving_robot_is_avoided() -> None:
 def test_a_ghost_that_closes_the_way_is_cleared() -> None:
     world = enclosure(4.0, Box(1.9, 0.0, 2.0, 1.4), Box(1.9, 2.6, 2.0, 4.0))
     robot = Robot(Navigator(world.occupancy()), Pose2D(0.6, 0.6, 0.0))
-    layer = robot.navigator.global_costmap.layer
-    row0, row1 = (int(layer.to_cells(0.0, y)[1]) for y in (1.4, 2.6))
-    column = int(layer.to_cells(1.95, 0.0)[0])
+    costmap = robot.navigator.global_costmap
+    row0, row1 = (int(costmap.to_cells(0.0, y)[1]) for y in (1.4, 2.6))
+    column = int(costmap.to_cells(1.95, 0.0)[0])
     robot.navigator.set_goal(3.4, 0.6)
     # Marks right across the only doorway, of something that is gone.
-    layer.cells[row0:row1, column : column + 2] = 254
+    costmap.marks[row0:row1, column : column + 2] = 254
     robot.navigator.global_costmap.clear_outside(2.0, 2.0, 9.0)
     drive(world, [robot], 60.0, sigma_m=0.01)
     assert robot.navigator.status is Status.SUCCEEDED
@@ -229,8 +229,8 @@ def test_a_turn_recovery_ends_after_one_turn_or_before_a_collision() -> None:
         turned += 0.1 * command.angular_radps
         pose = pose._replace(yaw=math.remainder(pose.yaw + 0.1 * command.angular_radps, 2 * math.pi))
     assert turned == pytest.approx(2 * math.pi, abs=0.11)
-    column, row = (int(value) for value in navigator.local_costmap.layer.to_cells(2.0 - 0.135, 2.0))
-    navigator.local_costmap.layer.cells[row, column] = 254
+    column, row = (int(value) for value in navigator.local_costmap.to_cells(2.0 - 0.135, 2.0))
+    navigator.local_costmap.marks[row, column] = 254
     navigator.local_costmap.clear_outside(2.0, 2.0, 9.0)
     turn = RotateRecovery(local.footprint, local.resolution, math.pi / 2)
     assert turn.command(navigator.local_costmap, Pose2D(2.0, 2.0, math.pi / 2)) is None
@@ -269,10 +269,6 @@ def test_a_map_under_construction_can_be_exchanged_while_driving() -> None:
 
     drive(known, [robot], 40.0, on_tick=grow)
     assert robot.navigator.status is Status.SUCCEEDED
-    strict = dataclasses.replace(settings, allow_unknown=False)
-    refusing = Navigator(grid.with_data(partly), strict)
-    refusing.set_goal(3.2, 2.0)
-    assert refusing.status is Status.ABORTED
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf])
@@ -319,7 +315,14 @@ for module in pkgutil.iter_modules(room.__path__):
     signatures = dict(line.split() for line in run.stdout.splitlines())
     # Those that others call have none of their own when they come from the cache.
     assert set(signatures.values()) <= {"0", "1"}
-    called = ["best_velocity", "changed_near", "clear_polygon", "escape", "inflate", "integrate_scan"]
+    called = [
+        "best_velocity",
+        "changed_near",
+        "clear_polygon",
+        "escape_velocity",
+        "inflate",
+        "integrate_scan",
+    ]
     called += ["local_grids", "path_down", "placed", "propagate", "roll_out", "search_rollouts"]
     called += ["turn_is_free"]
     assert [name for name in called if signatures[name] != "1"] == []

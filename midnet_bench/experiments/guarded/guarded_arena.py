@@ -266,7 +266,7 @@ class GuardedArena(RobotTrial):
         pose_filter, timeout_s = parameters.pose_filter, parameters.goals.timeout_s
         scan_to_map = None
         if parameters.localization == "ukf+map":
-            scan_to_map = ScanToMap(self.prior_map, parameters.scan_to_map)
+            scan_to_map = ScanToMap(self.prior_map)
 
         def parts(start: Pose2D, settings: NavigatorSettings) -> tuple[Navigator, PlanarUkf | None]:
             ukf = None if pose_filter is None else PlanarUkf(start, pose_filter)

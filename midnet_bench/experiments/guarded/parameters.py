@@ -16,7 +16,7 @@ from midnet_bench.experiments.guarded.inputs import (
     inline_prior_map,
 )
 from midnet_bench.io.parameters import Parameters
-from midnet_bench.localization.localization_settings import ScanToMapSettings, UkfSettings
+from midnet_bench.localization.localization_settings import UkfSettings
 from midnet_bench.midnet.midnet_settings import MIDNetSettings, PriorMapSettings
 from midnet_bench.navigation.navigation_settings import MIDNET_SOURCES, CostmapSettings, NavigatorSettings
 from midnet_bench.plugins import DETECTORS, FUSIONS
@@ -189,7 +189,6 @@ class GuardParameters(Parameters):
     simulation: SimulationSettings = group(SimulationSettings(), "simulation")
     network: NetworkSettings = group(NetworkSettings(), "network")
     ukf: UkfSettings = group(UkfSettings(), "pose filter", prefix="ukf_")
-    scan_to_map: ScanToMapSettings = group(ScanToMapSettings(), "scan to map")
     navigator: NavigatorSettings = group(NavigatorSettings(), "navigator")
     patrol: PatrolSettings = group(PatrolSettings(), "patrol")
     goals: GoalSettings = group(GoalSettings(), "goals")

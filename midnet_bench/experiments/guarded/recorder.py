@@ -230,8 +230,8 @@ class FrameTrace:
     def _add_scan(self, guard: Guard, scan: Scan, true: beams_met.NoiseFreeScan) -> None:
         index, number = guard.index, self._counts[guard.index]
         self._counts[index] += 1
-        layer = self._node.costmaps[index].layer
-        self._scans[index][number] = TracedScan(self._trial, scan, true, (layer.column, layer.row))
+        costmap = self._node.costmaps[index]
+        self._scans[index][number] = TracedScan(self._trial, scan, true, (costmap.column, costmap.row))
         if number % FORGET_EVERY == 0:
             self._forget(index)
 
@@ -278,8 +278,9 @@ class FrameTrace:
     def marks(self, guard: int) -> Marks:
         """The marked cells of a guard's costmap; those of which nothing is known are left out."""
         self._put(guard)
-        layer = self._node.costmaps[guard].layer
-        cells = np.argwhere(layer.cells == LETHAL)[:, ::-1] + (layer.column, layer.row) + self._margin
+        costmap = self._node.costmaps[guard]
+        corner = np.array([costmap.column, costmap.row])
+        cells = np.argwhere(costmap.marks == LETHAL)[:, ::-1] + corner + self._margin
         place, _ = self._place(guard, cells)
         numbers, beams = self._scan[place], self._beam[place]
         newest, scans = self._counts[guard] - 1, self._scans[guard]
@@ -340,10 +341,10 @@ class FrameTrace:
         """By how much the crop moves a guard's cells on the prior map, x and y, metres."""
         if crop.is_empty:
             return 0.0, 0.0
-        layer, resolution = self._node.costmaps[guard].layer, self._settings.resolution
+        costmap, resolution = self._node.costmaps[guard], self._settings.resolution
         return (
-            (crop.x1_gmap - crop.x1_lmap - layer.column) * resolution,
-            (crop.y1_gmap - crop.y1_lmap - layer.row) * resolution,
+            (crop.x1_gmap - crop.x1_lmap - costmap.column) * resolution,
+            (crop.y1_gmap - crop.y1_lmap - costmap.row) * resolution,
         )
 
 

@@ -58,12 +58,7 @@ class MappingParameters(Parameters):
             "odometry.slip_m_per_sqrt_m": _UNPUBLISHED,
         },
     )
-    ukf: UkfSettings = group(
-        UkfSettings(),
-        "pose filter",
-        prefix="ukf_",
-        sources=dict.fromkeys(("vx_variance", "vy_variance", "vyaw_variance"), _UNPUBLISHED),
-    )
+    ukf: UkfSettings = group(UkfSettings(), "pose filter", prefix="ukf_")
     gmapping: GmappingSettings = group(
         BURGER_UKF,
         "GMapping",

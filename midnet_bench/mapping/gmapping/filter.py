@@ -158,10 +158,7 @@ def noise_deviations(increment: Pose2D, settings: GmappingSettings) -> npt.NDArr
 
 
 def move_particles(
-    poses: npt.NDArray[np.float64],
-    increment: Pose2D,
-    settings: GmappingSettings,
-    rng: np.random.Generator,
+    poses: npt.NDArray[np.float64], increment: Pose2D, settings: GmappingSettings, rng: np.random.Generator
 ) -> npt.NDArray[np.float64]:
     """(N, 3) poses after the increment with Gaussian noise of its own for each particle.
 

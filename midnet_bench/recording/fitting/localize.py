@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from midnet_bench.geometry import Pose2D, Scan, wrap_angle
 from midnet_bench.grid import OCCUPIED_FROM, OccupancyGrid, cells_of
-from midnet_bench.localization.localization_settings import RECORDED
-from midnet_bench.localization.scan_to_map import ScanToMap
+from midnet_bench.localization.scan_to_map import MIN_SHARE_RECORDED, ScanToMap
 from midnet_bench.recording.fitting.fit import Walls
 
 Floats = npt.NDArray[np.float64]
@@ -65,7 +64,7 @@ class Localizer:
     def __init__(self, grid: OccupancyGrid, settings: LocalizerSettings | None = None) -> None:
         """``grid``: int8, map frame. Raises InputError: it has no wall."""
         self._settings = settings or LocalizerSettings()
-        self._matcher, self._walls = ScanToMap(grid, RECORDED), Walls(grid)
+        self._matcher, self._walls = ScanToMap(grid, MIN_SHARE_RECORDED), Walls(grid)
         self._thickness_m = _thickness(grid)
         self._recorded: Pose2D | None = None
         self._pose = Pose2D(0.0, 0.0, 0.0)

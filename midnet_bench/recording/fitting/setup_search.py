@@ -36,7 +36,7 @@ LONGEST_STEP_M = 0.3
 SEEN = 0.01
 """A direction that no larger share of the returns constrains stays as it is: beside a wall, at rest."""
 CORRELATED_BEAMS = 10.0
-"""Returns that count as one independent draw: neighbours meet the same wall; see ``ScanToMapSettings``."""
+"""Returns that count as one independent draw: neighbours meet the same wall (``ScanToMap``)."""
 SLOWEST_MPS = 0.05
 """where returns move more slowly than this over the map, nothing is said of the time"""
 

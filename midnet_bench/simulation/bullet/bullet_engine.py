@@ -11,13 +11,7 @@ from midnet_bench.compiled import njit
 from midnet_bench.elementary import atan2, cos_sin
 from midnet_bench.geometry import Command, Solid
 from midnet_bench.robots.model import RobotModel
-from midnet_bench.simulation.bullet.body import (
-    add_floor,
-    add_obstacle,
-    add_solids,
-    load_robot,
-    move_obstacle,
-)
+from midnet_bench.simulation.bullet.body import add_floor, add_obstacle, add_solids, load_robot, move_obstacle
 from midnet_bench.simulation.bullet.client import Client, bullet
 from midnet_bench.simulation.engine import Beams
 
