@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Iterator
+from itertools import islice
 from typing import NamedTuple
 
 import cv2
@@ -111,14 +112,14 @@ def rectangles(dark: Cells) -> Iterator[Rectangle]:
         wide = _grown(dark, row, column)
         left, low, right, high = _grown(dark.T, column, row)
         candidates: tuple[Rectangle, ...] = (wide, (low, left, high, right))
-        low, left, high, right = max(candidates, key=lambda one: int(missing[_cells(one)].sum()))
+        low, left, high, right = max(candidates, key=lambda one: int(_part(missing, one).sum()))
         missing[low:high, left:right] = False
         yield low, left, high, right
 
 
-def _cells(rectangle: Rectangle) -> tuple[slice, slice]:
+def _part(cells: Cells, rectangle: Rectangle) -> Cells:
     low, left, high, right = rectangle
-    return slice(low, high), slice(left, right)
+    return cells[low:high, left:right]
 
 
 def _grown(dark: Cells, row: int, column: int) -> Rectangle:
@@ -179,23 +180,19 @@ def arena_yaml(dark: OccupancyGrid, name: str, heading: list[str]) -> str:
     Raises:
         InputError: there is no wall or no floor, or the walls take too many rectangles.
     """
-    blocks: list[Rectangle] = []
-    for rectangle in rectangles(dark.data):
-        blocks.append(rectangle)
-        if len(blocks) > MOST_BLOCKS:
-            raise InputError(
-                f"its walls take more than {MOST_BLOCKS} rectangles; shrink the image, or draw slanted and "
-                "ragged walls plainer"
-            )
+    blocks = list(islice(rectangles(dark.data), MOST_BLOCKS + 1))
+    if len(blocks) > MOST_BLOCKS:
+        raise InputError(
+            f"its walls take more than {MOST_BLOCKS} rectangles; shrink the image, or draw slanted and "
+            "ragged walls plainer"
+        )
     if not blocks:
         raise InputError("there is no wall in it: nothing is dark")
     x, y = start_of_guards(dark)
     (left, low), side = dark.origin, dark.resolution
-    lines = [
-        f"  - [{_metres(left + c0 * side)}, {_metres(low + r0 * side)}, "
-        f"{_metres(left + c1 * side)}, {_metres(low + r1 * side)}]"
-        for r0, c0, r1, c1 in blocks
-    ]
+    corners = (
+        (left + c0 * side, low + r0 * side, left + c1 * side, low + r1 * side) for r0, c0, r1, c1 in blocks
+    )
     wide_m, high_m = dark.width * side, dark.height * side
     return "\n".join(
         [
@@ -217,7 +214,7 @@ def arena_yaml(dark: OccupancyGrid, name: str, heading: list[str]) -> str:
             "  count: 2",
             "  clear_of_robots_m: 1.0",
             "blocks:                   # rectangles of wall: x_min, y_min, x_max, y_max",
-            *lines,
+            *(f"  - [{', '.join(map(_metres, block))}]" for block in corners),
             "",
         ]
     )

@@ -1,6 +1,7 @@
 """``Layout``: an arena as one seed draws it, with all robots at their starts."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,9 +81,8 @@ def place(
         raise InputError(f"intruders: must not be negative (got {wanted})")
     _check_reach(arena, robots, wanted, reach_m)
     starts = robot_starts(arena, robots)
-    all_starts = np.array(
-        [(p.x, p.y) for size in {*range(1, TEAM + 1), robots} for p in robot_starts(arena, size)]
-    )
+    sizes = {*range(1, TEAM + 1), robots}
+    all_starts = _points([pose for size in sizes for pose in robot_starts(arena, size)])
     stationary = arena.placed_solids() + _draw_stationary(arena, seed, all_starts)
     _check_robot_starts(arena, starts, arena.wall_solids() + stationary, max(ROBOT_CLEARANCE_M, reach_m))
     mobile = _draw_mobile(arena, seed, wanted, stationary, all_starts)
@@ -121,7 +121,7 @@ def _check_reach(arena: Arena, robots: int, intruders: int, reach_m: float) -> N
 def _check_robot_starts(
     arena: Arena, starts: tuple[Pose2D, ...], solids: tuple[Solid, ...], clearance_m: float
 ) -> None:
-    points = np.array([(pose.x, pose.y) for pose in starts])
+    points = _points(starts)
     if min(float(solid.distance_to(points).min()) for solid in solids) < clearance_m:
         raise InputError(
             f"arena '{arena.name}': robots: {len(starts)} starts {arena.robots.spacing_m:g} m apart "
@@ -132,18 +132,15 @@ def _check_robot_starts(
 def _draw_stationary(arena: Arena, seed: int, starts: npt.NDArray[np.float64]) -> tuple[Solid, ...]:
     spec = arena.stationary_intruders
     rng = stream(seed, "arena", "stationary")
-    fixed = arena.placed_solids()
-    walls = arena.wall_solids()
+    standing = arena.wall_solids() + arena.placed_solids()
     for _ in range(_RESTARTS):
         drawn: tuple[Solid, ...] = ()
         for _ in range(_TRIES):
             if len(drawn) == spec.count:
                 return drawn
             solid = _draw_solid(spec, arena, rng)
-            if (
-                solid.distance_to(starts).min() >= spec.clear_of_robots_m
-                and gap_m(solid, walls + fixed + drawn) >= spec.clearance_m
-            ):
+            is_clear = solid.distance_to(starts).min() >= spec.clear_of_robots_m
+            if is_clear and gap_m(solid, standing + drawn) >= spec.clearance_m:
                 drawn = (*drawn, solid)
     raise InputError(
         f"arena '{arena.name}': stationary_intruders.count: no room for {spec.count} with seed {seed}; "
@@ -156,7 +153,7 @@ def _draw_solid(spec: StationaryIntruders, arena: Arena, rng: np.random.Generato
     length, width = rng.uniform(spec.size_m[0], spec.size_m[1], size=2).tolist()
     half_x, half_y = arena.enclosure_m[0] / 2.0, arena.enclosure_m[1] / 2.0
     x, y = rng.uniform(-half_x, half_x), rng.uniform(-half_y, half_y)
-    pose = Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
+    pose = _facing_anywhere((float(x), float(y)), rng)
     return Solid(kind, pose, length, length if kind == "cylinder" else width, spec.height_m)
 
 
@@ -169,13 +166,11 @@ def _draw_mobile(
     free = free_space(arena, spec.clearance_m, stationary)
     poses: list[Pose2D] = []
     for number in range(count):
-        rng = stream(seed, "intruders", number)
-        others = np.array([(pose.x, pose.y) for pose in poses]).reshape(-1, 2)
-        for _ in range(_TRIES):
-            point = free.draw(rng)
-            fits = lengths(starts - point).min() >= spec.clear_of_robots_m
-            if fits and np.all(lengths(others - point) >= spec.spacing_m):
-                poses.append(Pose2D(*point, float(rng.uniform(-math.pi, math.pi))))
+        rng, others = stream(seed, "intruders", number), _points(poses)
+        for point in (free.draw(rng) for _ in range(_TRIES)):
+            is_clear = lengths(starts - point).min() >= spec.clear_of_robots_m
+            if is_clear and np.all(lengths(others - point) >= spec.spacing_m):
+                poses.append(_facing_anywhere(point, rng))
                 break
         else:
             raise InputError(
@@ -197,26 +192,18 @@ def _place_others(
         key = f"arena '{arena.name}': other_intruders.{group_number}"
         free = free_space(arena, group.radius_m + OTHERS_MARGIN_M, stationary)
         for number in range(group.count):
-            rng = stream(seed, "others", group_number, number)
-            taken = np.array([(other.pose.x, other.pose.y) for other in others]).reshape(-1, 2)
+            rng, given = stream(seed, "others", group_number, number), group.starts_m[number : number + 1]
+            taken = _points([other.pose for other in others])
             gaps_m = np.array([other.group.radius_m + group.radius_m for other in others])
-            if number < len(group.starts_m):
-                tries = [group.starts_m[number]]
-                least_m = group.radius_m + ROBOT_CLEARANCE_M
-            else:
-                tries = [free.draw(rng) for _ in range(_TRIES)]
-                least_m = group.clear_of_robots_m
-            for x, y in tries:
-                if (
-                    free.contains(x, y)
-                    and lengths(starts - (x, y)).min() >= least_m
-                    and np.all(lengths(taken - (x, y)) > gaps_m)
-                ):
-                    others.append(OtherIntruder(group, Pose2D(x, y, float(rng.uniform(-math.pi, math.pi)))))
+            least_m = group.radius_m + ROBOT_CLEARANCE_M if given else group.clear_of_robots_m
+            for point in given or [free.draw(rng) for _ in range(_TRIES)]:
+                is_clear = free.contains(*point) and lengths(starts - point).min() >= least_m
+                if is_clear and np.all(lengths(taken - point) > gaps_m):
+                    others.append(OtherIntruder(group, _facing_anywhere(point, rng)))
                     break
             else:
-                if number < len(group.starts_m):
-                    x, y = group.starts_m[number]
+                if given:
+                    ((x, y),) = given
                     raise InputError(
                         f"{key}.starts_m.{number}: ({x:g}, {y:g}) is too near to a wall, a guard's start "
                         f"or another intruder with seed {seed}, or out of reach; move it"
@@ -226,3 +213,12 @@ def _place_others(
                     "clear_of_robots_m"
                 )
     return tuple(others)
+
+
+def _points(poses: Sequence[Pose2D]) -> npt.NDArray[np.float64]:
+    """(n, 2) x, y."""
+    return np.array([(pose.x, pose.y) for pose in poses]).reshape(-1, 2)
+
+
+def _facing_anywhere(point: tuple[float, float], rng: np.random.Generator) -> Pose2D:
+    return Pose2D(*point, float(rng.uniform(-math.pi, math.pi)))

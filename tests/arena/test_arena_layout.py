@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from midnet_bench.arena.arena import load_arena
+from midnet_bench.arena.arena import Arena, load_arena
 from midnet_bench.arena.layout import place, robot_starts
 from midnet_bench.errors import InputError
 from midnet_bench.geometry import gap_m
@@ -16,33 +16,29 @@ def points(poses) -> np.ndarray:
     return np.array([(pose.x, pose.y) for pose in poses])
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_every_seed_leaves_everybody_room_in_map_1(seed: int) -> None:
-    layout = place(MAP1, seed, robots=5)
-    assert (len(layout.stationary), len(layout.robots), len(layout.intruders)) == (3, 5, 5)
-    walls = MAP1.wall_solids()
-    for number, solid in enumerate(layout.stationary):
-        assert 0.4 <= solid.length_m <= 1.0
-        assert 0.4 <= solid.width_m <= 1.0
-        others = layout.stationary[:number] + layout.stationary[number + 1 :]
-        assert gap_m(solid, walls + others) >= 0.499
-        assert solid.distance_to(points(layout.robots)).min() >= 1.0
-    starts, intruders = points(layout.robots), points(layout.intruders)
-    assert np.abs(intruders).max() < 3.0
-    assert min(solid.distance_to(intruders).min() for solid in layout.solids) >= 0.3 - 1e-9
-    assert np.hypot(*(starts[:, None] - intruders[None]).T).min() >= 1.0
-    apart = np.hypot(*(intruders[:, None] - intruders[None]).T)
-    assert apart[~np.eye(5, dtype=bool)].min() >= 0.6
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_every_seed_leaves_everybody_room_in_map_2(seed: int) -> None:
-    layout = place(MAP2, seed, robots=5)
-    intruders = points(layout.intruders)
-    assert layout.stationary == ()
-    assert np.abs(intruders).max() < 10.0
-    assert min(solid.distance_to(intruders).min() for solid in layout.solids) >= 0.3 - 1e-9
-    assert np.hypot(*intruders.T).min() > 2.5, "nobody starts in the court"
+@pytest.mark.parametrize(
+    ("arena", "solids", "half_m"), [(MAP1, 3, 3.0), (MAP2, 0, 10.0)], ids=["map1", "map2"]
+)
+def test_every_seed_leaves_everybody_room(arena: Arena, solids: int, half_m: float) -> None:
+    walls = arena.wall_solids()
+    for layout in (place(arena, seed, robots=5) for seed in SEEDS):
+        assert (len(layout.stationary), len(layout.robots)) == (solids, 5)
+        starts, intruders = points(layout.robots), points(layout.intruders)
+        for number, solid in enumerate(layout.stationary):
+            assert 0.4 <= solid.length_m <= 1.0
+            assert 0.4 <= solid.width_m <= 1.0
+            others = layout.stationary[:number] + layout.stationary[number + 1 :]
+            assert gap_m(solid, walls + others) >= 0.499
+            assert solid.distance_to(starts).min() >= 1.0
+        assert len(intruders) == arena.mobile_intruders.count
+        assert np.abs(intruders).max() < half_m
+        assert min(solid.distance_to(intruders).min() for solid in layout.solids) >= 0.3 - 1e-9
+        assert (
+            np.hypot(*(starts[:, None] - intruders[None]).T).min() >= arena.mobile_intruders.clear_of_robots_m
+        )
+        assert arena is MAP1 or np.hypot(*intruders.T).min() > 2.5, "nobody starts in the court"
+        apart = np.hypot(*(intruders[:, None] - intruders[None]).T)
+        assert apart[~np.eye(len(intruders), dtype=bool)].min() >= 0.6
 
 
 @pytest.mark.parametrize("arena", [MAP1, MAP2], ids=["map1", "map2"])
@@ -54,16 +50,13 @@ def test_the_team_s_size_changes_no_intruder(arena) -> None:
         assert [len(layout.robots) for layout in layouts] == [1, 2, 3, 4, 5]
 
 
-def test_fewer_intruders_are_the_first_of_more() -> None:
-    five = place(MAP2, 3, 2)
-    assert place(MAP2, 3, 2, mobile_intruders=2).intruders == five.intruders[:2]
-    assert place(MAP2, 3, 2, mobile_intruders=0).intruders == ()
-
-
-def test_a_seed_repeats_and_another_differs() -> None:
-    assert place(MAP1, 7, 5) == place(MAP1, 7, 5)
-    assert place(MAP1, 7, 5).stationary != place(MAP1, 8, 5).stationary
-    assert place(MAP1, 7, 5).intruders != place(MAP1, 8, 5).intruders
+def test_a_seed_repeats_another_differs_and_fewer_intruders_are_the_first_of_more() -> None:
+    first, again, other = (place(MAP1, seed, 5) for seed in (7, 7, 8))
+    assert first == again
+    assert first.stationary != other.stationary
+    assert first.intruders != other.intruders
+    assert place(MAP1, 7, 5, mobile_intruders=2).intruders == first.intruders[:2]
+    assert place(MAP1, 7, 5, mobile_intruders=0).intruders == ()
 
 
 @pytest.mark.parametrize("robots", [2, 3, 4, 5, 8])

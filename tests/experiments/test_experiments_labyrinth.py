@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from midnet_bench.campaign.trial import Row
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.labyrinth.parameters import LabyrinthParameters
 from midnet_bench.experiments.labyrinth.trial import LabyrinthTrial, run_labyrinth
@@ -28,13 +29,19 @@ def corridor(**changes: object) -> LabyrinthParameters:
         "prior_map": "exact",
         "escape_distance_m": 7.5,
         "time_limit_s": 90.0,
+        "engine": "fast",
     }
     return LabyrinthParameters.of(**{**values, **changes})
 
 
-def test_a_guard_in_the_way_catches_who_has_to_pass() -> None:
-    tables = run_labyrinth(corridor(), 1).tables
-    row, intruder = tables["trial"][0], tables["intruders"][0]
+@pytest.fixture(scope="module")
+def leaves() -> dict[str, list[Row]]:
+    """The tables of a trial whose intruder leaves when it is caught."""
+    return run_labyrinth(corridor(), 1).tables
+
+
+def test_a_guard_in_the_way_catches_who_has_to_pass(leaves: dict[str, list[Row]]) -> None:
+    row, intruder = leaves["trial"][0], leaves["intruders"][0]
     assert (row["caught"], row["escaped"], row["success_rate"]) == (1, 0, 100.0)
     assert 0.0 < float(intruder["detected_at_s"]) <= float(intruder["caught_at_s"]) == row["duration_s"]
     assert math.isnan(float(intruder["escaped_at_s"]))
@@ -53,8 +60,9 @@ def test_nobody_is_caught_by_a_guard_that_cannot_come_close_enough() -> None:
     assert row["success_rate"] == 0.0
 
 
-def test_a_caught_intruder_that_drives_on_is_caught_once_and_keeps_the_trial_going() -> None:
-    leaves = run_labyrinth(corridor(), 1).tables
+def test_a_caught_intruder_that_drives_on_is_caught_once_and_keeps_the_trial_going(
+    leaves: dict[str, list[Row]],
+) -> None:
     drives_on = run_labyrinth(corridor(after_capture="drives_on"), 1).tables
     (first,), (second,) = leaves["intruders"], drives_on["intruders"]
     assert first["left_at_s"] == first["caught_at_s"] == second["caught_at_s"]
@@ -76,15 +84,19 @@ def test_an_intruder_that_waits_stands_until_then() -> None:
         assert moved_m > 0.1
 
 
-def test_a_trial_may_go_on_when_nobody_is_left() -> None:
-    row = run_labyrinth(corridor(ends="time_limit", time_limit_s=60.0), 1).tables["trial"][0]
-    assert (row["caught"], row["duration_s"], row["ended"]) == (1, 60.0, "time limit")
+@pytest.mark.parametrize(("time_limit_s", "caught"), [(60.0, 1), (2.0, 0)])
+def test_a_trial_may_go_on_to_the_time_limit_which_is_no_success(time_limit_s: float, caught: int) -> None:
+    row = run_labyrinth(corridor(ends="time_limit", time_limit_s=time_limit_s), 1).tables["trial"][0]
+    assert (row["caught"], row["duration_s"], row["ended"]) == (caught, time_limit_s, "time limit")
+    assert row["success_rate"] == 100.0 * caught
 
 
 def test_intruders_escape_by_a_door_far_enough_or_else_by_the_farthest() -> None:
     west, east = (-10.0, 5.0), (10.0, -5.0)
     for seed, least_m in ((1, 12.0), (2, 3.0), (3, 60.0)):
-        parameters = LabyrinthParameters.of(intruders=5, escape_at="doors", escape_distance_m=least_m)
+        parameters = LabyrinthParameters.of(
+            intruders=5, escape_at="doors", escape_distance_m=least_m, engine="fast"
+        )
         with LabyrinthTrial(parameters, seed) as trial:
             for outcome in trial.outcomes.values():
                 taken, other = sorted((west, east), key=lambda door: math.dist(door, outcome.escape))
@@ -177,13 +189,6 @@ def test_lies_of_the_referee_move_no_robot() -> None:
     assert all((one == other).all() for one, other in zip(honest, lied, strict=True))
 
 
-def test_the_time_limit_ends_a_trial_and_is_no_success() -> None:
-    row = run_labyrinth(corridor(time_limit_s=2.0), 1).tables["trial"][0]
-    assert row["ended"] == "time limit"
-    assert row["duration_s"] == pytest.approx(2.0)
-    assert row["success_rate"] == 0.0
-
-
 def test_who_reaches_his_escape_is_gone() -> None:
     with LabyrinthTrial(corridor(capture="contact", pursuit="none"), 4) as trial:
         for _ in trial.frames():
@@ -207,6 +212,6 @@ def test_the_labyrinth_is_repeatable_and_its_cells_share_their_worlds() -> None:
 
 @pytest.mark.slow
 def test_a_fleeing_intruder_keeps_away_longer() -> None:
-    still = run_labyrinth(corridor(evasion="none", engine="fast"), 2).tables["trial"][0]
-    fleeing = run_labyrinth(corridor(evasion="flee", flee_radius_m=2.5, engine="fast"), 2).tables["trial"][0]
+    still = run_labyrinth(corridor(evasion="none"), 2).tables["trial"][0]
+    fleeing = run_labyrinth(corridor(evasion="flee", flee_radius_m=2.5), 2).tables["trial"][0]
     assert float(fleeing["duration_s"]) > float(still["duration_s"])

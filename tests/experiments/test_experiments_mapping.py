@@ -34,7 +34,7 @@ CELLAR = {
 
 
 def hall(arena: object = HALL, **changes: object) -> MappingParameters:
-    return MappingParameters.of(**{"arena": json.dumps(arena), "particles": 10, **changes})
+    return MappingParameters.of(**{"arena": json.dumps(arena), "particles": 10, "engine": "fast", **changes})
 
 
 def explore(parameters: MappingParameters, seed: int) -> tuple[Exploration, list[Snapshot]]:

@@ -1,5 +1,7 @@
 """Which prior map a trial gets: explored, exact, or a file's."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -68,18 +70,23 @@ def test_another_explored_map_makes_other_trials(packaged: Path, monkeypatch: py
         DetectionParameters.of(prior_map=old.prior_map)
 
 
-def test_an_arena_without_an_explored_map_says_how_to_make_one(packaged: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"midnet-bench map empty.*--map.*exact"):
-        DetectionParameters.of(arena="empty", prior_map="explored")
-    own = tmp_path / "own.yaml"
-    own.write_text(load_arena("empty").model_dump_json(), encoding="utf-8")
-    with pytest.raises(InputError, match=r"midnet-bench map ARENA\.yaml"):
-        DetectionParameters.of(arena=str(own), prior_map="explored")
-
-
-def test_a_wrong_arena_is_reported_before_its_map(packaged: Path) -> None:
-    with pytest.raises(InputError, match="map9"):
-        DetectionParameters.of(arena="map9", prior_map="explored")
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        (partial(DetectionParameters.of, arena="empty"), r"midnet-bench map empty.*--map.*exact"),
+        (partial(DetectionParameters.of, arena="own.yaml"), r"midnet-bench map ARENA\.yaml"),
+        (partial(DetectionParameters.of, arena="map9"), "map9"),
+        (LabyrinthParameters.of, "midnet-bench map map2"),
+    ],
+    ids=["packaged arena", "own arena", "no arena", "labyrinth"],
+)
+def test_an_arena_without_an_explored_map_says_how_to_make_one(
+    packaged: Path, monkeypatch: pytest.MonkeyPatch, parameters: Callable[..., object], said: str
+) -> None:
+    monkeypatch.chdir(packaged)
+    Path("own.yaml").write_text(load_arena("empty").model_dump_json(), encoding="utf-8")
+    with pytest.raises(InputError, match=said):
+        parameters(prior_map="explored")
 
 
 def test_each_arena_of_a_campaign_has_its_own_explored_map(packaged: Path) -> None:
@@ -91,11 +98,6 @@ def test_each_arena_of_a_campaign_has_its_own_explored_map(packaged: Path) -> No
     one, two = str(value).split(" | ")
     assert one.startswith("explored:map1:")
     assert two.startswith("explored:empty:")
-
-
-def test_the_labyrinths_own_arena_decides(packaged: Path) -> None:
-    with pytest.raises(InputError, match="midnet-bench map map2"):
-        LabyrinthParameters.of(prior_map="explored")
 
 
 @pytest.mark.parametrize("unknown", ["free", "occupied"])

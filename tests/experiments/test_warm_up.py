@@ -11,7 +11,7 @@ import pytest
 from midnet_bench import compiled
 from midnet_bench.campaign.definition import Campaign, ResolvedCampaign, resolve
 from midnet_bench.campaign.runner import plan
-from midnet_bench.experiments import registry, warm_up
+from midnet_bench.experiments import campaigns, registry
 from midnet_bench.experiments.guarded.parameters import SECONDS_PER_SIMULATED_SECOND, START_S
 
 
@@ -28,14 +28,14 @@ def test_each_engine_is_compiled_for_once(monkeypatch: pytest.MonkeyPatch, tmp_p
         for call in compiled.after_compiling:
             call()
 
-    monkeypatch.setattr(warm_up, "_run_short", run_short)
+    monkeypatch.setattr(campaigns, "_run_short", run_short)
     shown: list[tuple[int, int]] = []
     resolved = campaign(engine=["fast", "bullet"], robots=[1, 3])
     for _ in range(2):
-        warm_up.compile_ahead(resolved, lambda done, total: shown.append((done, total)))
+        campaigns.compile_ahead(resolved, lambda done, total: shown.append((done, total)))
     assert ran == [("detection", "fast"), ("detection", "bullet")]
-    assert shown == [(1, warm_up.LOOPS)] * 2
-    warm_up.compile_ahead(campaign("labyrinth", engine=["fast"]))
+    assert shown == [(1, campaigns.LOOPS)] * 2
+    campaigns.compile_ahead(campaign("labyrinth", engine=["fast"]))
     assert ran[2:] == [("labyrinth", "fast")]
 
 
@@ -49,17 +49,17 @@ def test_what_fails_is_left_to_the_trials_and_tried_again(
         calls.append(name)
         raise ValueError("broken")
 
-    monkeypatch.setattr(warm_up, "_run_short", fail)
+    monkeypatch.setattr(campaigns, "_run_short", fail)
     for _ in range(2):
-        warm_up.compile_ahead(campaign())
+        campaigns.compile_ahead(campaign())
     assert calls == ["detection"] * 2
 
 
 def test_every_experiment_of_ours_has_a_short_trial() -> None:
-    for name, short in warm_up.SHORT.items():
+    for name, short in campaigns.SHORT.items():
         model = registry.experiment(name).model
         assert model.parse(short, name).expected_wall_s < model().expected_wall_s
-    assert list(warm_up.SHORT) == registry.names()[: len(warm_up.SHORT)]
+    assert list(campaigns.SHORT) == registry.names()[: len(campaigns.SHORT)]
 
 
 def test_an_estimate_knows_frames_robots_and_engine(tmp_path: Path) -> None:
