@@ -1,12 +1,22 @@
-"""Files of the package that a reader opens to follow one control cycle of a robot, and one MIDNet frame.
+"""Files of the package that a reader opens to follow a control cycle, a MIDNet frame, and a command.
 
 Run it as ``python -m benchmarks.files_opened``. A file counts when a function of it runs, by a trace of
 every Python call; ``__init__`` files do not. Compiled loops are not seen as calls: they stand beside what
 calls them. ``NUMBA_DISABLE_JIT=1`` before the command shows them too, and takes minutes. What loads them from
 the cache is no part of a cycle or a frame: all were called before.
+
+The command is ``detection`` with one cell: one robot, ten frames, one seed, ``--jobs 1``, PyBullet,
+``thresh_local=90``. It runs in a fresh process, of which every function of the package counts that is called
+in its main thread, from the command line to the report. A move is a call of a function in another file than
+the one called before it. The trial itself runs in a worker and does not count, nor does what draws its arena
+again for the pictures (``arena.layout.place``); comprehensions and generators count as part of their
+function, and what runs while modules are imported does not count.
 """
 
+import json
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -82,6 +92,62 @@ def midnet_frame() -> set[str]:
     return opened
 
 
+CELL = ("--engine", "bullet", "--robots", "1", "--frames", "10", "--set", "thresh_local=90")
+COMMAND = ("detection", *CELL, "--seeds", "1", "--jobs", "1", "-q", "-o")
+INNER = ("<lambda>", "<genexpr>", "<listcomp>", "<setcomp>", "<dictcomp>", "<module>")
+
+
+def command() -> tuple[set[str], int]:
+    """The files that a command with one cell enters, and how often it moves between them."""
+    program = "from benchmarks.files_opened import print_command; print_command()"
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("compiles", "counts"):
+            done = subprocess.run(
+                [sys.executable, "-c", program, f"{folder}/{name}"],
+                capture_output=True,
+                text=True,
+                check=True,
+            )
+    found = json.loads(done.stdout.splitlines()[-1])
+    return set(found["files"]), found["moves"]
+
+
+def print_command() -> None:
+    """Run the command in this process; its folder is the first argument. Prints files and moves as JSON."""
+    from midnet_bench.cli import main as command_line
+
+    files: set[str] = set()
+    moves, last, depth = 0, "", 0
+    prefix = f"{PACKAGE}/"
+
+    def profile(frame: FrameType, event: str, argument: object) -> None:
+        nonlocal moves, last, depth
+        code = frame.f_code
+        if event == "return" and depth:
+            depth -= 1
+        if event != "call" or not code.co_filename.startswith(prefix):
+            depth += bool(depth) and event == "call"
+            return
+        name = code.co_filename.removeprefix(prefix)
+        if depth or (name, code.co_name) == ("arena/layout.py", "place"):
+            depth += 1
+        elif name.endswith(".py") and not name.endswith("__init__.py") and code.co_name not in INNER:
+            moves += name != last
+            last = name
+            files.add(name)
+
+    sys.argv = ["midnet-bench", *COMMAND, sys.argv[1]]
+    sys.setprofile(profile)
+    try:
+        command_line()
+    except SystemExit as end:
+        if end.code:
+            raise
+    finally:
+        sys.setprofile(None)
+    print(json.dumps({"files": sorted(files), "moves": moves}))
+
+
 def main() -> None:
     cycle = control_cycle()
     software = {name for name in cycle if not name.startswith(WORLD)}
@@ -93,6 +159,10 @@ def main() -> None:
         print(f"{title}: {len(files)} files")
         for name in sorted(files):
             print(f"  {name}")
+    entered, moves = command()
+    print(f"a command of one cell, outside the trial: {len(entered)} files, {moves} moves")
+    for name in sorted(entered):
+        print(f"  {name}")
 
 
 if __name__ == "__main__":

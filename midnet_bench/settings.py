@@ -121,6 +121,12 @@ class Settings:
         Raises:
             InputError: an unknown key, or a value that is out of range.
         """
+        return cast(
+            Self, _of_flat(cast(Any, cls), tuple((key, type(one), one) for key, one in values.items()))
+        )
+
+    @classmethod
+    def _of_flat(cls, values: Mapping[str, Scalar]) -> Self:
         known = leaves(cls)
         tree: dict[str, Any] = {}
         for key, value in values.items():
@@ -251,6 +257,12 @@ def without_effect(
 def _plain(value: float) -> str:
     """A bound without an exponent where it is a whole number below a thousand million."""
     return f"{value:.0f}" if abs(value) < 1e9 and value == int(value) else f"{value:g}"
+
+
+@functools.lru_cache(maxsize=1000)
+def _of_flat(settings: type[Settings], values: tuple[tuple[str, type, Scalar], ...]) -> Settings:
+    """Settings never change, so that equal values are checked once."""
+    return settings._of_flat({key: value for key, _, value in values})
 
 
 @functools.cache

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from midnet_bench.errors import InputError
 from midnet_bench.experiments.detection.parameters import DetectionParameters
-from midnet_bench.io.parameters import Parameters, can_be, flat_model
+from midnet_bench.io.parameters import Parameters, flat_model, impossible
 from midnet_bench.settings import Settings, all_values, fixed, group, leaves, like, option, without_effect
 
 
@@ -218,7 +218,7 @@ def test_an_unknown_key_of_a_trial_is_refused() -> None:
 
 
 def test_a_number_among_choices_is_of_its_kind() -> None:
-    assert can_be(DetectionParameters, "lidar_hz", 5)
-    assert not can_be(DetectionParameters, "lidar_hz", 3)
-    assert not can_be(DetectionParameters, "frames", "5")
-    assert can_be(DetectionParameters, "align", "as in a later version")
+    good = {"lidar_hz": 5, "align": "as in a later version"}
+    assert impossible(DetectionParameters, good) is None
+    assert impossible(DetectionParameters, {**good, "lidar_hz": 3}) == "lidar_hz"
+    assert impossible(DetectionParameters, {**good, "frames": "5"}) == "frames"

@@ -123,7 +123,9 @@ class Campaign(Spec):
         if not isinstance(section, Mapping):
             return {} if section is None else section
         return {
-            key: [*map(reference_to, value)] if isinstance(value, list) else reference_to(value)
+            key: [reference_to(one) if callable(one) else one for one in value]
+            if isinstance(value, list)
+            else (reference_to(value) if callable(value) else value)
             for key, value in section.items()
         }
 

@@ -290,7 +290,7 @@ def check_values(experiment: str, given: "Mapping[str, Values | None]", option: 
         InputError: names the option, the value and what is allowed.
     """
     from midnet_bench.experiments.registry import parameters_model
-    from midnet_bench.io.parameters import can_be
+    from midnet_bench.io.parameters import impossible
     from midnet_bench.settings import leaves
 
     model = parameters_model(experiment)
@@ -303,7 +303,7 @@ def check_values(experiment: str, given: "Mapping[str, Values | None]", option: 
             raise InputError(f"{named} does not go with '{experiment}', which has no such parameter")
         for value in values if isinstance(values, list) else [values]:
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            if is_number and known[key].range and not can_be(model, key, value):
+            if is_number and known[key].range and impossible(model, {key: value}):
                 gap = "" if option.endswith("=") else " "
                 raise InputError(f"{named}{gap}{value}: must be {known[key].range}")
 

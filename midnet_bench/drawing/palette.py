@@ -1,5 +1,7 @@
 """The colours and words of every picture: Okabe and Ito's colours, for colour-blind readers, on wood."""
 
+import functools
+
 RGB = tuple[int, int, int]
 
 WHITE: RGB = (255, 255, 255)
@@ -38,6 +40,7 @@ MISS = "missed intruder, in range"
 NO_ERROR = "out of range: no error"
 
 
+@functools.cache
 def hexadecimal(color: RGB) -> str:
     """``#rrggbb``, as matplotlib takes it."""
     return "#{:02x}{:02x}{:02x}".format(*color)

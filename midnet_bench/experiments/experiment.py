@@ -8,6 +8,7 @@ by an entry point of the group ``midnet_bench.experiments``.
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from midnet_bench.plugins import load_reference
@@ -141,7 +142,7 @@ class Experiment:
         """Whether it draws a campaign's results in a way of its own."""
         return self.figures is not _no_figures
 
-    @property
+    @cached_property
     def model(self) -> "type[Parameters]":
         """The class of the parameters, imported if ``parameters`` is a reference."""
         model = load_reference(self.parameters) if isinstance(self.parameters, str) else self.parameters

@@ -87,19 +87,24 @@ def tables_of(definition: "Definition", directory: "Path") -> "Tables":
         InputError: as :func:`experiment_in`, or the definition gives a parameter what it cannot be.
     """
     from midnet_bench.campaign.definition import SEVERAL
-    from midnet_bench.io.parameters import can_be
+    from midnet_bench.io.parameters import impossible
     from midnet_bench.settings import leaves
 
     found = experiment_in(definition, directory)
     model, known = found.model, leaves(found.model)
-    fixed = [(name, value) for name, value in definition.parameters.items() if name in known]
-    grid = [(name, value) for name, values in definition.grid.items() if name != VARIANT for value in values]
-    for name, value in [*((name, value) for name, value in fixed if SEVERAL not in str(value)), *grid]:
-        if name not in known:
-            raise InputError(f"{directory}: the grid's '{name}' is no parameter of '{found.name}'")
-        if not can_be(model, name, value):
-            allowed = known[name].allowed
-            raise InputError(f"{directory}: {name} cannot be {shown(value)}; allowed: {allowed}")
+    fixed = {
+        name: value
+        for name, value in definition.parameters.items()
+        if name in known and SEVERAL not in str(value)
+    }
+    grid = [{name: value} for name, values in definition.grid.items() if name != VARIANT for value in values]
+    for values in [fixed, *grid]:
+        for name in values:
+            if name not in known:
+                raise InputError(f"{directory}: the grid's '{name}' is no parameter of '{found.name}'")
+        if key := impossible(model, values):
+            allowed = known[key].allowed
+            raise InputError(f"{directory}: {key} cannot be {shown(values[key])}; allowed: {allowed}")
     return found.columns
 
 

@@ -1,6 +1,5 @@
 """``Parameters``: an experiment's settings as the flat keys of a campaign file and of ``--set``."""
 
-import contextlib
 import functools
 from collections.abc import Mapping
 from typing import Any, Self, cast
@@ -58,13 +57,18 @@ class Parameters(Settings):
         return {key: leaf.default for key, leaf in leaves(cls).items()}
 
 
-def can_be(parameters: type[Settings], key: str, value: Scalar) -> bool:
-    """Whether an option can have a value; of a text, any."""
-    with contextlib.suppress(ValidationError):
-        if isinstance(value, str):
-            return leaves(parameters)[key].kind not in (bool, int, float)
-        return bool(flat_model(parameters).model_validate({key: value}, strict=True))
-    return False
+def impossible(parameters: type[Settings], values: Mapping[str, Scalar]) -> str | None:
+    """The first key of an option that cannot have its value, or None; an option of text can have any."""
+    known = leaves(parameters)
+    plain = {key: value for key, value in values.items() if not isinstance(value, str)}
+    for key in values:
+        if key not in plain and known[key].kind in (bool, int, float):
+            return key
+    try:
+        flat_model(parameters).model_validate(plain, strict=True)
+    except ValidationError as error:
+        return str(error.errors()[0]["loc"][0])
+    return None
 
 
 def flat_model(parameters: type[Settings]) -> type[Spec]:

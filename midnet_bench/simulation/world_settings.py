@@ -1,5 +1,6 @@
 """What can be set of the simulated world and its sensors; nothing here needs the simulator."""
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -200,9 +201,14 @@ class SimulationSettings(Settings):
 
     def with_robot_of(self, values: Mapping[str, Scalar]) -> "SimulationSettings":
         """The same with the robot of some flat keys, or as it is if they name none."""
-        return replace(self, robot=str(values.get("robot", self.robot)))
+        return replace(self, robot=str(values["robot"])) if "robot" in values else self
 
     @property
     def robot_model(self) -> RobotModel:
         """What all robots are."""
-        return ROBOTS.make(ROBOTS.pinned(self.robot))
+        return _own_robot(self.robot) if self.robot in ROBOTS.own else ROBOTS.make(ROBOTS.pinned(self.robot))
+
+
+@functools.cache
+def _own_robot(name: str) -> RobotModel:
+    return ROBOTS.make(name)
