@@ -252,7 +252,10 @@ def digest() -> str:
 
 def _sources() -> dict[str, bytes]:
     """Module -> source, of each module with a compiled loop and of all that these import of this package."""
-    paths = {_module(path): path for path in PACKAGE.rglob("*.py")}
+    paths = {
+        ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in PACKAGE.rglob("*.py")
+    }
     sources: dict[str, bytes] = {}
     unread = []
     for name, path in paths.items():
@@ -268,11 +271,6 @@ def _sources() -> dict[str, bytes]:
                     sources[name] = paths[name].read_bytes()
                     unread.append(sources[name])
     return sources
-
-
-def _module(path: Path) -> str:
-    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
 def _private(path: Path) -> Path | None:

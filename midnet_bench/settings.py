@@ -126,20 +126,6 @@ class Settings:
         )
 
     @classmethod
-    def _of_flat(cls, values: Mapping[str, Scalar]) -> Self:
-        known = leaves(cls)
-        tree: dict[str, Any] = {}
-        for key, value in values.items():
-            if key not in known:
-                raise InputError(f"{key}: unknown key{nearest_name(key, known)}")
-            *path, name = known[key].path
-            branch = tree
-            for step in path:
-                branch = branch.setdefault(step, {})
-            branch[name] = value
-        return cast(Self, _changed(cls.defaults_with(values), tree))
-
-    @classmethod
     def defaults_with(cls, values: Mapping[str, Scalar]) -> Self:
         """The settings with all defaults; a subclass may let some of these go by ``values``, by flat keys."""
         return cls.usual()
@@ -262,7 +248,17 @@ def _plain(value: float) -> str:
 @functools.lru_cache(maxsize=1000)
 def _of_flat(settings: type[Settings], values: tuple[tuple[str, type, Scalar], ...]) -> Settings:
     """Settings never change, so that equal values are checked once."""
-    return settings._of_flat({key: value for key, _, value in values})
+    known = leaves(settings)
+    tree: dict[str, Any] = {}
+    for key, _, value in values:
+        if key not in known:
+            raise InputError(f"{key}: unknown key{nearest_name(key, known)}")
+        *path, name = known[key].path
+        branch = tree
+        for step in path:
+            branch = branch.setdefault(step, {})
+        branch[name] = value
+    return _changed(settings.defaults_with({key: value for key, _, value in values}), tree)
 
 
 @functools.cache

@@ -92,11 +92,8 @@ def tables_of(definition: "Definition", directory: "Path") -> "Tables":
 
     found = experiment_in(definition, directory)
     model, known = found.model, leaves(found.model)
-    fixed = {
-        name: value
-        for name, value in definition.parameters.items()
-        if name in known and SEVERAL not in str(value)
-    }
+    there = definition.parameters.items()
+    fixed = {name: value for name, value in there if name in known and SEVERAL not in str(value)}
     grid = [{name: value} for name, values in definition.grid.items() if name != VARIANT for value in values]
     for values in [fixed, *grid]:
         for name in values:
