@@ -223,8 +223,7 @@ def _distributions(folders: tuple[tuple[str, int], ...]) -> dict[str, list[str]]
     for one in importlib.metadata.distributions():
         try:
             named = (one.read_text("top_level.txt") or "").split()
-            tops = named or {file.parts[0].partition(".")[0] for file in one.files or []}
-            for top in tops:
+            for top in named or {file.parts[0].partition(".")[0] for file in one.files or []}:
                 found.setdefault(top, []).append(one.metadata["Name"])
         except Exception:  # a damaged distribution offers nothing
             continue
@@ -346,8 +345,7 @@ def _source_of(value: Any) -> str:
 
 
 def _names_in(code: CodeType) -> set[str]:
-    inner = [const for const in code.co_consts if isinstance(const, CodeType)]
-    return {*code.co_names}.union(*map(_names_in, inner))
+    return {*code.co_names}.union(*(_names_in(one) for one in code.co_consts if isinstance(one, CodeType)))
 
 
 def take_sources(handed: Mapping[str, Source]) -> None:
@@ -358,8 +356,8 @@ def take_sources(handed: Mapping[str, Source]) -> None:
 def code_in(values: Iterable[Scalar]) -> dict[str, Source]:
     """The files that pinned values name, which :func:`take_sources` takes in another process."""
     texts = [VALUE.fullmatch(one) for value in values if isinstance(value, str) for one in several(value)]
-    digests = {found["pin"] for found in texts if found is not None and found["mark"] == "#"}
-    return {digest: _KNOWN[digest] for digest in sorted(digests & _KNOWN.keys())}
+    digests = {found["pin"] for found in texts if found and found["mark"] == "#"} & _KNOWN.keys()
+    return {digest: _KNOWN[digest] for digest in sorted(digests)}
 
 
 def several(value: str) -> list[str]:
@@ -519,8 +517,9 @@ class ExtensionPoint:
                 raise InputError(f"{self.option}: {choice.place} needs {library}: pip install '{extra}'")
             if choice.options:  # importing it takes a while
                 if self.own[choice.place] is None:
-                    keys = "goes by keys; 'midnet-bench parameters' lists them"
-                    raise self._refusal(choice, f"'{choice.place}' {keys}")
+                    raise self._refusal(
+                        choice, f"'{choice.place}' goes by keys; 'midnet-bench parameters' lists them"
+                    )
                 self._class(choice)
             return str(choice)
         try:
@@ -670,8 +669,9 @@ def _loaded(reference: str) -> str | None:
 
 def _scalar(text: str) -> Scalar:
     """A number, true, false, null, or the text as it stands."""
-    if text in ("true", "false", "null"):
-        return {"true": True, "false": False, "null": None}[text]
+    words = {"true": True, "false": False, "null": None}
+    if text in words:
+        return words[text]
     for kind in (int, float):
         with contextlib.suppress(ValueError):
             return kind(text)
