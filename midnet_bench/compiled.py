@@ -84,10 +84,8 @@ def _compiled(options: dict[str, Any], function: F) -> F:
     return dispatcher
 
 
-class _Interpreted(threading.local):
-    """Whether Python runs a loop of this thread already."""
-
-    inside = False
+_running = threading.local()
+"""``inside``: whether Python runs a loop of this thread already"""
 
 
 def _interpreted(function: F) -> F:
@@ -99,21 +97,18 @@ def _interpreted(function: F) -> F:
 
     @wraps(function)
     def run(*arguments: Any, **named: Any) -> Any:
-        if _RUNNING.inside:
+        if getattr(_running, "inside", False):
             return function(*arguments, **named)
         import numpy as np
 
-        _RUNNING.inside = True
+        _running.inside = True
         try:
             with np.errstate(all="ignore"):
                 return _converted(function(*_converted(arguments, True), **named), False)
         finally:
-            _RUNNING.inside = False
+            _running.inside = False
 
     return cast(F, run)
-
-
-_RUNNING = _Interpreted()
 
 
 def _converted(value: Any, is_given: bool) -> Any:
