@@ -1,143 +1,253 @@
-import numpy as np
+"""Which guard pursues what: rules on hand-made teams and on random ones, and targets that come and go."""
 
-from midnet_bench.agents.agent_settings import PursuitSettings
-from midnet_bench.agents.mobile_robot import Guard
-from midnet_bench.agents.pursuit import Pursuit, TeamPursuit
-from midnet_bench.geometry import Pose2D
+import itertools
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from midnet_bench.agents.agent_settings import PURSUITS, PursuitSettings
+from midnet_bench.agents.mobile_robot import Guard, GuardState
+from midnet_bench.agents.pursuit import Pursuit, TargetState, TeamPursuit
+from midnet_bench.errors import InputError
+from midnet_bench.geometry import Point, Pose2D
 from midnet_bench.grid import OccupancyGrid
 from midnet_bench.navigation.navigator import Navigator
+from midnet_bench.plugins import PluginError
 
 FLOOR = OccupancyGrid(np.zeros((200, 200), np.int8), 0.05, (-5.0, -5.0))
+RULES = [name for name in PURSUITS.own if not PURSUITS.is_made_here(name)]
+
+Team = list[GuardState]
+Targets = dict[int, TargetState]
 
 
-def guards(*places: tuple[float, float]) -> list[Guard]:
-    return [
+def rule(name: str) -> TeamPursuit:
+    return TeamPursuit(name, FLOOR, np.random.default_rng(1))
+
+
+def team_at(*xs: float) -> Team:
+    return [GuardState((x, 0.0), None) for x in xs]
+
+
+def targets_at(**xs: float) -> Targets:
+    """Targets nobody pursues yet, by numbers such as ``t7``."""
+    return {int(name[1:]): TargetState((x, 0.0), 0.2, ()) for name, x in xs.items()}
+
+
+@pytest.mark.parametrize(
+    ("name", "sent"),
+    [
+        # the pair that is nearest of all takes guard 1 away from target 4, 2 m off
+        ("nearest", {1: 3, 0: 4}),
+        ("assignment", {0: 3, 1: 4}),
+        ("all", {0: 3, 1: 3}),
+        ("none", {}),
+    ],
+)
+def test_each_rule_sends_two_guards_after_two_targets_in_its_way(name: str, sent: dict[int, int]) -> None:
+    team, targets = team_at(0.0, 3.0), targets_at(t3=2.0, t4=5.0)
+    assert rule(name).pursue(team, targets, 0.2) == sent
+
+
+def test_a_pursuer_stays_with_its_target_unless_guards_are_assigned_anew() -> None:
+    team = team_at(0.0, 3.0)
+    targets = targets_at(t3=2.9)
+    targets[3] = targets[3]._replace(pursuers=(0,))
+    assert rule("nearest").pursue(team, targets, 0.4) == {0: 3}
+    assert rule("all").pursue(team, targets, 0.4) == {0: 3, 1: 3}
+    assert rule("assignment").pursue(team, targets, 0.4) == {1: 3}
+
+
+places = st.tuples(st.floats(-10, 10), st.floats(-10, 10))
+
+
+@st.composite
+def situations(draw: st.DrawFn) -> tuple[Team, Targets]:
+    """Up to five guards and targets; some guards pursue already, several of them one target perhaps."""
+    team = [GuardState(place, None) for place in draw(st.lists(places, min_size=1, max_size=5))]
+    seen = draw(st.dictionaries(st.integers(0, 99), places, min_size=1, max_size=5))
+    of_guard = [draw(st.sampled_from([None, *seen])) for _ in team]
+    pursuers = {name: tuple(i for i, one in enumerate(of_guard) if one == name) for name in seen}
+    return team, {name: TargetState(place, 1.0, pursuers[name]) for name, place in seen.items()}
+
+
+@given(situation=situations())
+def test_each_rule_gives_the_same_again_and_sends_whom_it_says(situation: tuple[Team, Targets]) -> None:
+    team, targets = situation
+    sent = {name: rule(name).pursue(team, targets, 1.0) for name in RULES}
+    assert sent == {name: rule(name).pursue(team, targets, 1.0) for name in RULES}
+    before = {guard: name for name, known in targets.items() for guard in known.pursuers}
+    assert sent["nearest"].items() >= before.items() <= sent["all"].items()
+    # no free guard is left where a target waits
+    new = [name for guard, name in sent["nearest"].items() if guard not in before]
+    waiting = [name for name, known in targets.items() if not known.pursuers]
+    assert len(set(new)) == len(new) == min(len(team) - len(before), len(waiting))
+    assert set(new) <= set(waiting)
+    # under 'all' every guard pursues, and a free one what is nearest to it
+    assert set(sent["all"]) == set(range(len(team)))
+    for guard, name in sent["all"].items():
+        gaps = {known.place: math.dist(team[guard].place, known.place) for known in targets.values()}
+        assert guard in before or gaps[targets[name].place] == min(gaps.values())
+
+
+@given(situation=situations())
+def test_no_other_pairs_have_a_shorter_way_than_those_assigned(situation: tuple[Team, Targets]) -> None:
+    team, targets = situation
+    sent = rule("assignment").pursue(team, targets, 1.0)
+    count = min(len(team), len(targets))
+    assert len(set(sent.values())) == len(sent) == count
+
+    def way_m(pairs: Iterable[tuple[int, int]]) -> float:
+        return math.fsum(math.dist(team[guard].place, targets[target].place) for guard, target in pairs)
+
+    least = min(
+        way_m(zip(guards, names, strict=True))
+        for guards in itertools.combinations(range(len(team)), count)
+        for names in itertools.permutations(targets, count)
+    )
+    assert way_m(sent.items()) == pytest.approx(least, abs=1e-9)
+
+
+HEAD = "class Mine:\n    def __init__(self, prior_map, rng): pass\n"
+
+
+@pytest.mark.parametrize(
+    ("gives", "says"),
+    [
+        ("[0]", "pursue gave list; give a dict"),
+        ("None", "pursue gave NoneType; give a dict"),
+        ("{2: 7}", "pursue gave a guard 2; there are 0 to 1"),
+        ("{-1: 7}", "pursue gave a guard -1; there are 0 to 1"),
+        ("{'guard 1': 7}", "pursue gave a guard 'guard 1'; there are 0 to 1"),
+        ("{0: 8}", "pursue gave guard 0 a target 8; there are 7"),
+        ("{0: None}", "pursue gave guard 0 a target None; there are 7"),
+        ("{0: [7]}", "TypeError: unhashable type: 'list'"),
+        ("self.nothing", "AttributeError: 'Mine' object has no attribute 'nothing'"),
+    ],
+)
+def test_what_comes_from_outside_is_watched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, gives: str, says: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(HEAD + f"    def pursue(self, team, targets, time_s): return {gives}\n")
+    name = PURSUITS.pinned("mine.py:Mine")
+    with pytest.raises(PluginError) as caught:
+        rule(name).pursue(team_at(0.0, 1.0), targets_at(t7=2.0), 0.2)
+    assert says in str(caught.value)
+    assert str(caught.value).startswith(f"pursuit {name}: ")
+
+
+def test_a_class_for_another_seam_is_refused() -> None:
+    with pytest.raises(InputError, match="expected a class with a method 'pursue'"):
+        PURSUITS.pinned("midnet_bench.detectors.alternative_fusions:NoFusion")
+
+
+def pursuing(rule_name: str, *places: Point) -> tuple[Pursuit, list[Guard]]:
+    team = [
         Guard(i, f"guard {i}", Pose2D(x, y, 0.0), Navigator(FLOOR), None, lambda robot: None, 30.0)
         for i, (x, y) in enumerate(places)
     ]
+    return Pursuit(team, PursuitSettings(rule=rule_name), rule(rule_name)), team
 
 
-def pursuing(team: list[Guard], rule: str = "nearest") -> Pursuit:
-    return Pursuit(team, PursuitSettings(rule=rule), TeamPursuit(rule, FLOOR, np.random.default_rng(1)))
+NEAR = 1.0 + 0.9 * PursuitSettings().retarget_m
+Step = tuple[float, dict[int, Point], list[Point | None]]
 
 
-def test_the_nearest_guard_goes_and_the_others_patrol() -> None:
-    team = guards((-3.0, 0.0), (1.0, 0.0), (3.0, 3.0))
-    pursuit = pursuing(team)
-    pursuit.detected(7, (2.0, 0.0), 0.2)
-    pursuit.update(0.2)
-    assert [guard.goal for guard in team] == [None, (2.0, 0.0), None]
+@pytest.mark.parametrize(
+    ("rule_name", "places", "steps"),
+    [
+        pytest.param(
+            "nearest",
+            [(-3.0, 0.0), (1.0, 0.0), (3.0, 3.0)],
+            [(0.2, {7: (2.0, 0.0)}, [None, (2.0, 0.0), None])],
+            id="the nearest guard goes and the others patrol",
+        ),
+        pytest.param(
+            "nearest",
+            [(-3.0, 0.0), (0.0, 0.0)],
+            [(0.2, {7: (1.0, 0.0), 8: (2.0, 0.0)}, [(2.0, 0.0), (1.0, 0.0)])],
+            id="two targets get a guard each",
+        ),
+        pytest.param(
+            "nearest",
+            [(0.0, 0.0), (3.0, 0.0)],
+            [
+                (0.2, {7: (1.0, 0.0)}, [(1.0, 0.0), None]),
+                (0.4, {7: (NEAR, 0.0)}, [(1.0, 0.0), None]),
+                (0.6, {7: (3.0, 0.1)}, [(3.0, 0.1), None]),
+            ],
+            id="a pursuer stays on its target and follows it",
+        ),
+        pytest.param(
+            "nearest",
+            [(0.0, 0.0)],
+            [(0.2, {7: (1.0, 0.0)}, [(1.0, 0.0)]), (3.2, {}, [(1.0, 0.0)]), (3.4, {}, [None])],
+            id="a target out of sight is given up",
+        ),
+        pytest.param(
+            "all",
+            [(-3.0, 0.0), (3.0, 0.0)],
+            [(0.2, {7: (-2.0, 0.0), 8: (2.0, 0.0)}, [(-2.0, 0.0), (2.0, 0.0)])],
+            id="every guard goes after the nearest one",
+        ),
+        pytest.param("none", [(0.0, 0.0)], [(0.2, {7: (1.0, 0.0)}, [None])], id="no guard goes"),
+        pytest.param(
+            "assignment",
+            [(0.0, 0.0), (-3.0, 0.0)],
+            [(0.2, {7: (1.0, 0.0)}, [(1.0, 0.0), None]), (0.4, {7: (-2.0, 0.0)}, [None, (-2.0, 0.0)])],
+            id="a guard that is called off has no goal and its target goes to another",
+        ),
+        pytest.param(
+            "assignment",
+            [(0.0, 0.0), (4.0, 0.0)],
+            [
+                (0.2, {7: (1.0, 0.0), 8: (3.0, 0.0)}, [(1.0, 0.0), (3.0, 0.0)]),
+                (0.4, {7: (3.0, 1.0), 8: (1.0, 1.0)}, [(1.0, 1.0), (3.0, 1.0)]),
+            ],
+            id="two guards exchange their targets",
+        ),
+    ],
+)
+def test_guards_get_and_lose_goals_frame_by_frame(
+    rule_name: str, places: list[Point], steps: list[Step]
+) -> None:
+    pursuit, team = pursuing(rule_name, *places)
+    for time_s, seen, goals in steps:
+        for target, place in seen.items():
+            pursuit.detected(target, place, time_s)
+        pursuit.update(time_s)
+        assert [guard.goal for guard in team] == goals
 
 
-def test_two_targets_get_a_guard_each() -> None:
-    team = guards((-3.0, 0.0), (0.0, 0.0))
-    pursuit = pursuing(team)
+def test_a_target_that_is_dropped_frees_its_pursuer_alone() -> None:
+    pursuit, team = pursuing("nearest", (0.0, 0.0), (4.0, 0.0))
     pursuit.detected(7, (1.0, 0.0), 0.2)
-    pursuit.detected(8, (2.0, 0.0), 0.2)
-    pursuit.update(0.2)
-    assert [guard.goal for guard in team] == [(2.0, 0.0), (1.0, 0.0)]
-
-
-def test_a_pursuer_stays_on_his_target_and_follows_it() -> None:
-    team = guards((0.0, 0.0), (3.0, 0.0))
-    pursuit = pursuing(team)
-    pursuit.detected(7, (1.0, 0.0), 0.2)
-    pursuit.update(0.2)
-    pursuit.detected(7, (1.0 + 0.9 * PursuitSettings().retarget_m, 0.0), 0.4)
-    pursuit.update(0.4)
-    assert team[0].goal == (1.0, 0.0)
-    pursuit.detected(7, (3.0, 0.1), 0.6)
-    pursuit.update(0.6)
-    assert [guard.goal for guard in team] == [(3.0, 0.1), None]
-
-
-def test_a_target_out_of_sight_is_given_up() -> None:
-    team = guards((0.0, 0.0))
-    pursuit = pursuing(team)
-    pursuit.detected(7, (1.0, 0.0), 0.2)
-    pursuit.update(0.2)
-    pursuit.update(3.2)
-    assert team[0].goal is not None
-    pursuit.update(3.4)
-    assert team[0].goal is None
-    assert not pursuit.targets
-
-
-def test_everybody_goes_after_the_nearest_one_under_all() -> None:
-    team = guards((-3.0, 0.0), (3.0, 0.0))
-    pursuit = pursuing(team, "all")
-    pursuit.detected(7, (-2.0, 0.0), 0.2)
-    pursuit.detected(8, (2.0, 0.0), 0.2)
-    pursuit.update(0.2)
-    assert [guard.goal for guard in team] == [(-2.0, 0.0), (2.0, 0.0)]
-
-
-def test_nobody_goes_under_none() -> None:
-    team = guards((0.0, 0.0))
-    pursuit = pursuing(team, "none")
-    pursuit.detected(7, (1.0, 0.0), 0.2)
-    pursuit.update(0.2)
-    assert team[0].goal is None
-
-
-def test_a_caught_target_frees_his_pursuer() -> None:
-    team = guards((0.0, 0.0))
-    pursuit = pursuing(team)
-    pursuit.detected(7, (1.0, 0.0), 0.2)
+    pursuit.detected(8, (3.0, 0.0), 0.2)
     pursuit.update(0.2)
     pursuit.drop(7)
-    assert team[0].goal is None
+    assert [guard.goal for guard in team] == [None, (3.0, 0.0)]
 
 
 def test_a_box_here_and_there_is_one_target_and_one_far_off_another() -> None:
-    pursuit = pursuing(guards((0.0, 0.0)))
+    pursuit, _ = pursuing("nearest", (0.0, 0.0))
     assert pursuit.see([(1.0, 0.0)], 0.2) == [0]
     assert pursuit.see([(4.0, 0.0), (1.05, 0.0)], 0.4) == [1, 0]
     assert sorted(pursuit.targets) == [0, 1]
 
 
-def test_a_pursuer_that_finds_the_place_empty_gives_its_target_up() -> None:
-    team = guards((0.0, 0.0))
-    pursuit = pursuing(team)
-    pursuit.see([(0.4, 0.0)], 0.2)
-    pursuit.update(0.2)
-    pursuit.update(1.0)
-    assert pursuit.targets
-    pursuit.update(1.4)
-    assert not pursuit.targets
-    assert team[0].goal is None
-
-
-def test_a_pursuer_that_is_still_on_its_way_keeps_its_target() -> None:
-    team = guards((0.0, 0.0))
-    pursuit = pursuing(team)
-    pursuit.see([(3.0, 0.0)], 0.2)
-    pursuit.update(0.2)
-    pursuit.update(3.0)
-    assert team[0].goal == (3.0, 0.0)
-
-
-def test_a_guard_that_the_rule_calls_off_has_no_goal_and_its_target_goes_to_another() -> None:
-    team = guards((0.0, 0.0), (-3.0, 0.0))
-    pursuit = pursuing(team, "assignment")
-    pursuit.detected(7, (1.0, 0.0), 0.2)
-    pursuit.update(0.2)
-    assert [guard.goal for guard in team] == [(1.0, 0.0), None]
-    pursuit.detected(7, (-2.0, 0.0), 0.4)
-    pursuit.update(0.4)
-    assert [guard.goal for guard in team] == [None, (-2.0, 0.0)]
-
-
-def test_two_guards_exchange_their_targets_if_the_rule_says_so() -> None:
-    team = guards((0.0, 0.0), (4.0, 0.0))
-    pursuit = pursuing(team, "assignment")
-    pursuit.detected(7, (1.0, 0.0), 0.2)
-    pursuit.detected(8, (3.0, 0.0), 0.2)
-    pursuit.update(0.2)
-    assert [guard.goal for guard in team] == [(1.0, 0.0), (3.0, 0.0)]
-    pursuit.detected(7, (3.0, 1.0), 0.4)
-    pursuit.detected(8, (1.0, 1.0), 0.4)
-    pursuit.update(0.4)
-    assert [guard.goal for guard in team] == [(1.0, 1.0), (3.0, 1.0)]
-    pursuit.drop(8)
-    assert [guard.goal for guard in team] == [None, (3.0, 1.0)]
+def test_a_pursuer_that_finds_the_place_empty_gives_it_up_and_one_on_its_way_does_not() -> None:
+    for place, has_target in (((0.4, 0.0), False), ((3.0, 0.0), True)):
+        pursuit, (guard,) = pursuing("nearest", (0.0, 0.0))
+        pursuit.see([place], 0.2)
+        pursuit.update(0.2)
+        pursuit.update(1.0)
+        assert pursuit.targets
+        pursuit.update(1.4)
+        assert bool(pursuit.targets) == has_target
+        assert guard.goal == (place if has_target else None)
