@@ -1,6 +1,6 @@
 """The detection test of section V.A: which intruders are seen, frame by frame."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -15,7 +15,7 @@ from midnet_bench.experiments.guarded.ground_truth import fused_by_identity
 from midnet_bench.experiments.guarded.guarded_arena import GuardedArena, ObservedFrame
 from midnet_bench.experiments.guarded.parameters import FRAME_HZ
 from midnet_bench.experiments.guarded.recorder import recorder_of
-from midnet_bench.geometry import Point
+from midnet_bench.geometry import Point, Solid
 from midnet_bench.midnet.pipeline import Observation
 from midnet_bench.plugins import PluginError
 from midnet_bench.rng import stream
@@ -30,9 +30,10 @@ from midnet_bench.scoring.frame_counts import (
     ratios,
     total,
     total_causes,
+    touches,
     truths_in_range,
 )
-from midnet_bench.simulation.sensors import SOLID, NoiseBlocks
+from midnet_bench.simulation.sensors import SOLID
 
 ON_SURFACE_M = 0.05
 """A noisy return this near to a stationary intruder is one of its own; walls are farther off."""
@@ -68,6 +69,8 @@ class Scorer:
         self.sight = trial.lidars.noise([stream(trial.seed, "sight", guard.name) for guard in trial.guards])
         """the noise of the beams that decide what is in sight"""
         self.causes = CauseCounter()
+        self.counted: list[tuple[FrameCounts, Causes]] = []
+        """of each frame of a whole trial"""
         self.counts_hidden = test.counts_hidden
         self.margin_m = 0.0
         """by which intruders' boxes are wider than they are"""
@@ -90,9 +93,8 @@ class DetectionTrial(GuardedArena):
             f"stationary {number}": solid.bounding_box()
             for number, solid in enumerate(self.layout.stationary, 1)
         }
-        self._newest_bodies: list[TruthObject] = []
-        self._bodies_at = -1
-        """the tick of these bodies"""
+        self._newest_bodies: tuple[int, list[TruthObject]] = (-1, [])
+        """and the tick at which they were there"""
         self._goal_rngs = {robot.index: stream(seed, "goals", robot.name) for robot in self.intruders}
         self.own = Scorer(self, parameters, self.detector)
         """of these ``parameters``"""
@@ -128,13 +130,19 @@ class DetectionTrial(GuardedArena):
         opposite = None
         if frame.number % OPPOSITE_EVERY == 0 and len(self.guards) > 1 and scorer.test.oracle != "fusion":
             opposite = scorer.node.detect_in_opposite_order(self.observations(scorer.node))
+
+        def in_sight() -> list[bool]:
+            """True where hidden intruders do not count as missed."""
+            return self._in_sight(scorer) if scorer.counts_hidden else [True] * len(frame.truths)
+
+        windows = [scorer.node.window(guard) for guard in range(len(self.guards))]
         return scorer.causes.count(
             frame.midnet.detections,
             frame.truths,
             frame.match.touched,
             frame.in_range,
-            partial(self._all_in_sight, scorer),
-            self._in_window(scorer.node, frame.truths),
+            in_sight,
+            [any(touches(window, truth.box) for window in windows) for truth in frame.truths],
             opposite,
         )
 
@@ -156,53 +164,42 @@ class DetectionTrial(GuardedArena):
         range_m = scorer.test.costmap.obstacle_range_m
         in_range = truths_in_range(self._bodies(), self.sensor_positions(), range_m, scorer.test.in_range)
         if not scorer.counts_hidden:
-            seen = self._in_sight(range_m, scorer.sight)
+            seen = self._in_sight(scorer)
             in_range = [near and is_seen for near, is_seen in zip(in_range, seen, strict=True)]
         return in_range
 
     def _bodies(self) -> list[TruthObject]:
-        if self._bodies_at != self.world.tick:
+        if self._newest_bodies[0] != self.world.tick:
             mobile = {robot.name: self.lidars.outline(robot.index) for robot in self.intruders}
             others = {member.name: member.extent() for member in self.crowd.members}
             boxes = self._stationary | mobile | others
-            self._newest_bodies = [TruthObject(name, box, box.center) for name, box in boxes.items()]
-            self._bodies_at = self.world.tick
-        return self._newest_bodies
+            bodies = [TruthObject(name, box, box.center) for name, box in boxes.items()]
+            self._newest_bodies = self.world.tick, bodies
+        return self._newest_bodies[1]
 
-    def result(self, frames: Sequence[FrameCounts], causes: Sequence[Causes], scorer: Scorer) -> TrialResult:
+    def result(self, scorer: Scorer) -> TrialResult:
         """The tables of a trial that is over, from the counts of all its frames by one detector."""
-        rows: list[Row] = [{"frame": i + 1, **counts._asdict()} for i, counts in enumerate(frames)]
+        frames = [counts for counts, _ in scorer.counted]
         summed = total(frames)
         scores: Row = {
             "frames": len(frames),
             **summed._asdict(),
             **ratios(summed.tp, summed.fp, summed.fn)._asdict(),
-            **total_causes(causes)._asdict(),
+            **total_causes(causes for _, causes in scorer.counted)._asdict(),
             "patrol_relaxations": self.patrol.relaxations,
         }
-        tables = {
+        tables: dict[str, list[Row]] = {
             "scores": [scores],
-            "frames": rows,
+            "frames": [{"frame": number, **counts._asdict()} for number, counts in enumerate(frames, 1)],
             "robots": self.rows_of_robots(),
             **(scorer.recorder.tables() if scorer.recorder else {}),
         }
         return TrialResult(tables, simulated_s=len(frames) / FRAME_HZ)
 
-    def _all_in_sight(self, scorer: Scorer) -> list[bool]:
-        """For each truth, whether a beam meets it within range; True if others do not count."""
-        if not scorer.counts_hidden:
-            return [True] * (len(self._stationary) + len(self.intruders) + len(self.crowd.members))
-        return self._in_sight(scorer.test.costmap.obstacle_range_m, scorer.sight)
-
-    def _in_window(self, node: DetectorNode, truths: Sequence[TruthObject]) -> list[bool]:
-        """For each truth, whether some guard's local costmap reaches it."""
-        windows = [node.window(guard) for guard in range(len(self.guards))]
-        return [any(window.intersection_area(truth.box) > 0.0 for window in windows) for truth in truths]
-
-    def _in_sight(self, range_m: float, sight: NoiseBlocks) -> list[bool]:
+    def _in_sight(self, scorer: Scorer) -> list[bool]:
         """For each truth, whether a beam of some guard would meet it within range at this instant."""
-        guards = [guard.index for guard in self.guards]
-        ranges_m, bodies = self.lidars.scan_and_bodies(guards, sight)
+        range_m, guards = scorer.test.costmap.obstacle_range_m, [guard.index for guard in self.guards]
+        ranges_m, bodies = self.lidars.scan_and_bodies(guards, scorer.sight)
         near = ranges_m <= range_m
         ranges_m = np.where(near, ranges_m, 0.0)  # infinity has no place on a beam along an axis
         met = set(bodies[near].tolist())
@@ -210,14 +207,15 @@ class DetectionTrial(GuardedArena):
         ways = directions(beams.reshape(-1)).reshape(*beams.shape, 2)
         ends = np.array(self.sensor_positions())[:, None] + ranges_m[..., None] * ways
         hits = ends[near & (bodies == SOLID)]
-        stationary = [
-            bool((solid.distance_to(hits) < ON_SURFACE_M).any()) for solid in self.layout.stationary
+
+        def is_hit(solids: Iterable[Solid]) -> bool:
+            return any(bool((solid.distance_to(hits) < ON_SURFACE_M).any()) for solid in solids)
+
+        return [
+            *(is_hit([solid]) for solid in self.layout.stationary),
+            *(robot.index in met for robot in self.intruders),
+            *(is_hit(member.solids()) for member in self.crowd.members),
         ]
-        others = [
-            any(bool((solid.distance_to(hits) < ON_SURFACE_M).any()) for solid in member.solids())
-            for member in self.crowd.members
-        ]
-        return stationary + [robot.index in met for robot in self.intruders] + others
 
     def _random_goal(self, robot: MobileRobot) -> Point:
         return self._free.draw(self._goal_rngs[robot.index])
@@ -236,8 +234,6 @@ def run_together(tests: Sequence[DetectionParameters], seed: int) -> list[TrialR
     # the motion is the same for all; with the first one's costmap there is one less to keep
     moving = replace(tests[0], detector="midnet", fusion="paper", record=False)
     with DetectionTrial(moving, seed, tests) as trial:
-        frames: list[list[FrameCounts]] = [[] for _ in tests]
-        causes: list[list[Causes]] = [[] for _ in tests]
         failures: dict[int, Exception] = {}
         for number in range(1, moving.frames + 1):
             trial.advance()
@@ -246,8 +242,7 @@ def run_together(tests: Sequence[DetectionParameters], seed: int) -> list[TrialR
                     continue
                 try:
                     frame = trial.scored(number, scorer)
-                    causes[index].append(trial.causes(frame, scorer))
-                    frames[index].append(frame.counts)
+                    scorer.counted.append((frame.counts, trial.causes(frame, scorer)))
                 except Exception as error:  # other detectors' trials go on
                     failures[index] = error
             if len(failures) == len(tests):
@@ -255,7 +250,7 @@ def run_together(tests: Sequence[DetectionParameters], seed: int) -> list[TrialR
         results: list[TrialResult | Exception] = []
         for index, scorer in enumerate(trial.scorers):
             try:
-                results.append(failures.get(index) or trial.result(frames[index], causes[index], scorer))
+                results.append(failures.get(index) or trial.result(scorer))
             except PluginError as error:  # of a metric, at the end
                 results.append(error)
         return results
