@@ -144,7 +144,7 @@ def test_what_comes_from_outside_is_watched(
 
 def test_a_class_for_another_seam_is_refused() -> None:
     with pytest.raises(InputError, match="expected a class with a method 'pursue'"):
-        PURSUITS.pinned("midnet_bench.detectors.alternative_fusions:NoFusion")
+        PURSUITS.pinned("midnet_bench.detectors.fusions:NoFusion")
 
 
 def pursuing(rule_name: str, *places: Point) -> tuple[Pursuit, list[Guard]]:
