@@ -154,19 +154,15 @@ class ReplaySettings(Settings):
 
     def in_words(self, increment_rad: float) -> list[str]:
         """What the thresholds mean in metres, a line each, for a LiDAR with beams so far apart."""
-        cell_m = self.costmap.resolution
-        reach_m, grown_m = self.local_reach_m, self.prior_reach_m
+        cell_m, reach_m, grown_m = self.costmap.resolution, self.local_reach_m, self.prior_reach_m
+        least = self.midnet.min_returns
         side_m = cell_m * (2 * math.floor(reach_m / cell_m + 1e-9) + 1)
         lines = [
             f"a return counts from {grown_m:.2f} m off a mapped wall; cells about it reach {reach_m:.2f} m, "
             f"so the tolerance to errors of pose, map and range is {grown_m - reach_m:.2f} m (cells of "
             f"{cell_m:g} m)",
             f"one return alone makes a box of {side_m:.2f} m; a box needs "
-            + (
-                f"{self.midnet.min_returns} returns"
-                if self.midnet.min_returns
-                else "no return of the last scan"
-            ),
+            + (f"{least} returns" if least else "no return of the last scan"),
             f"window {self.costmap.size_m:.3g} m, range {self.range_m:g} m, marks: {self.costmap.memory}",
         ]
         if self.return_area_m2:

@@ -127,6 +127,11 @@ class Drive:
     def discs(self, time_s: float) -> list[Disc]:
         return [disc for mover in self.movers.values() for disc in mover(time_s)]
 
+    @property
+    def times_s(self) -> list[float]:
+        """Of the scans, seconds since the beginning."""
+        return np.arange(0.5, self.seconds, 1.0 / self.rate_hz).tolist()
+
     def scans(self) -> list[tuple[float, np.ndarray]]:
         """Seconds since the beginning, and (beams,) ranges, inf where nothing came back."""
         return self._cast
@@ -136,7 +141,7 @@ class Drive:
         rng = np.random.default_rng(self.seed)
         angles = self.lidar.angles_rad * (-1.0 if self.upside_down else 1.0)
         found = []
-        for time_s in np.arange(0.5, self.seconds, 1.0 / self.rate_hz).tolist():
+        for time_s in self.times_s:
             share = np.arange(len(angles)) / len(angles) * self.sweep_s
             parts = (
                 zip(share.tolist(), np.split(angles, len(angles)), strict=True)
@@ -161,10 +166,9 @@ class Drive:
 
     def labels(self, *names: str) -> list[tuple[int, float, str, float, float]]:
         """(scan index, t, id, x, y) of movers at each scan; all of them if none is named."""
-        times = [time_s for time_s, _ in self.scans()]
         return [
             (index, BEGIN_S + time_s, name, *middle(self.movers[name](time_s)))
-            for index, time_s in enumerate(times)
+            for index, time_s in enumerate(self.times_s)
             for name in names or self.movers
         ]
 

@@ -61,6 +61,7 @@ def test_odometry_is_placed(tmp_path, truly_placed, kind, start):
     assert apart_m(placed, truly_placed) < UNTIL_APART_M
 
 
+@pytest.mark.slow
 def test_odometry_that_drifts_is_corrected_unless_that_is_off(tmp_path):
     drive = replace(DRIVE, seconds=30.0, movers={})
     begin, turned = drive.track(0.0), 0.02
@@ -123,7 +124,8 @@ def sample_at(number, pose, ranges_m, lidar):
     return Sample(number * NS, ranges_m, lidar, track)
 
 
-@settings(max_examples=20, deadline=None)
+@pytest.mark.slow
+@settings(max_examples=30, deadline=None)
 @given(
     side_m=st.floats(5.0, 100.0),
     x=st.floats(-1.5, 1.5),

@@ -47,7 +47,9 @@ def boxes_of(message: object) -> list[tuple[float, ...]]:
     return found
 
 
-@pytest.mark.parametrize("name", ["out.mcap", "out.bag", "out"])
+@pytest.mark.parametrize(
+    "name", ["out.mcap", *(pytest.param(name, marks=pytest.mark.slow) for name in ("out.bag", "out"))]
+)
 def test_boxes_of_a_trial_go_round(name: str, tmp_path: Path) -> None:
     trial = tmp_path / "trial.mcap"
     export_trial("detection", {"robots": 3, "frames": 10, "engine": "fast"}, 3, trial)

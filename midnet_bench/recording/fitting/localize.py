@@ -49,16 +49,13 @@ class LocalizerSettings:
 class Localizer:
     """One robot's poses in the map, from its recorded motion and from its scans; it keeps no history.
 
-    The recorded poses give the motion from scan to scan, as odometry would, and where it began; so poses of
-    odometry and of motion capture are treated alike, and an offset of theirs is found. The motion is taken as
-    it is: ``PlanarUkf`` would predict it from velocities and hold the sideways one to 0, but the point that
-    poses are recorded of need not lie on an axle. All is linear but for the turn, so that a Kalman filter
-    does what the unscented one would.
+    A Kalman filter: recorded poses, of odometry or motion capture, give the motion from scan to scan and
+    where it began. ``PlanarUkf`` would hold the sideways velocity to 0, but the point that poses are recorded
+    of need not lie on an axle.
 
-    What is off in a match of ``ScanToMap`` is much the same in the next: the walls are drawn too thick in the
-    same places, and the sensor's ranges are all short or all long. So the filter has six states, the pose and
-    the matches' own bias, which loses its hold as the robot moves on (a Gauss-Markov process over
-    ``bias_lasts_m``): no number of matches makes a pose surer than the walls are.
+    What is off in a match of ``ScanToMap`` is much the same in the next: walls are drawn too thick, ranges
+    all short or all long. So three of the six states are the matches' own bias, which loses its hold as the
+    robot moves on (a Gauss-Markov process): no number of matches makes a pose surer than the walls are.
     """
 
     def __init__(self, grid: OccupancyGrid, settings: LocalizerSettings | None = None) -> None:

@@ -38,6 +38,8 @@ one, and as it is fewer than the other lie on walls, the map is taken for one of
 PLACED = "Odometry takes --place found"
 FEW_RETURNS = 100
 LONGEST_LINE = 300
+AGAIN_M = 0.15
+"""A refinement of what was refined on fewer returns begins so narrow."""
 ALIKE = 0.02
 """Of two changes that differ in no more of what they do to the returns, neither can be preferred."""
 LARGEST_INTERVAL = {**dict.fromkeys((0, 1, 4, 5), 1.0), **dict.fromkeys((2, 6), 0.5), 3: 0.5}
@@ -183,7 +185,7 @@ def find_setup(samples: Sequence[Sample], grid: OccupancyGrid) -> Proposal:
     many = spread(samples, FULL_SAMPLES)
     fine = Search(Returns(many, FULL_BEAMS), walls, many[0].lidar.mount)
     plain = fine.as_it_is()
-    best, *others = (_again(fine, each, each.changed) for each in (best, *others))
+    best, *others = (fine.refined(each, each.changed, AGAIN_M) for each in (best, *others))
     if best.share < plain.share + WORTH:
         best, others = plain, []
     best = _more(fine, best)
@@ -235,13 +237,6 @@ def _quarter_turns(angle_rad: float) -> int:
     return (round(angle_rad / (math.pi / 2.0)) + 1) % 4 - 1
 
 
-def _again(search: Search, candidate: Candidate, changed: tuple[int, ...]) -> Candidate:
-    """The same, refined on this search's returns in those of its parameters."""
-    if changed:
-        return search.refined(candidate, changed, wide_m=0.15)
-    return search.candidate(candidate.changed, candidate.values, candidate.mirrored)
-
-
 def _more(search: Search, best: Candidate) -> Candidate:
     """``best`` with whatever else brings ``WORTH`` more, one thing after the other.
 
@@ -259,7 +254,7 @@ def _more(search: Search, best: Candidate) -> Candidate:
         values = best.values.copy()
         values[3] = search.refined(best, tuple(sorted({*best.changed, *MAP}))).values[3]
         timed = search.candidate(best.changed, values, best.mirrored)
-        best = _again(search, timed, tuple(k for k in best.changed if k != 3))
+        best = search.refined(timed, tuple(k for k in best.changed if k != 3), AGAIN_M)
     for changed in (MOUNT, MAP):
         wider = search.refined(best, tuple(sorted({*best.changed, *changed})))
         if not set(changed) <= set(best.changed) and _is_worth(best, wider):
@@ -472,7 +467,7 @@ def _refined(search: Search) -> Candidate:
 def _anywhere(search: Search) -> tuple[Candidate, list[Candidate]]:
     """The best place of all, and another one that is as good within noise, if there is one."""
     every = sorted(search.places(), key=lambda each: -each.score)
-    best = search.refined(every[0], MAP, wide_m=0.15)
+    best = search.refined(every[0], MAP, AGAIN_M)
     least = best.score - max(WORTH, search.noise)
 
     def is_apart(other: Candidate) -> bool:

@@ -167,9 +167,8 @@ class Search:
 
     def turned(self, mirrored: bool) -> Candidate:
         """Another mount, turned by any angle; ``mirrored``: and the beams the other way round."""
-        starts = np.tile(self._start, (_TURN_STEPS, 1))
-        starts[:, 2] += np.arange(_TURN_STEPS) * (2.0 * math.pi / _TURN_STEPS)
-        scores = self._coarse(starts, mirrored)
+        turns = np.arange(_TURN_STEPS, dtype=np.float64) * (2.0 * math.pi / _TURN_STEPS)
+        starts, scores = self._coarse(2, turns[:, None], mirrored)
         best = int(np.argmax(scores))
         apart = np.abs((np.arange(_TURN_STEPS) - best + _TURN_STEPS // 2) % _TURN_STEPS - _TURN_STEPS // 2)
         second = int(np.argmax(np.where(apart > 4, scores, -1.0)))
@@ -179,24 +178,21 @@ class Search:
     def moved(self) -> Candidate:
         """The map moved by up to about ``FAR_M`` along x and y, and turned a little."""
         steps = np.linspace(-FAR_M, FAR_M, 9)
-        starts = np.tile(self._start, (len(steps) ** 2, 1))
-        starts[:, 4:6] = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-        order = np.argsort(-self._coarse(starts), kind="stable")
-        return self._best(MAP, [starts[k] for k in order[:2]])
+        starts, scores = self._coarse(4, np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2))
+        return self._best(MAP, [starts[k] for k in np.argsort(-scores, kind="stable")[:2]])
 
     def late(self) -> Candidate:
         """The scans late or early."""
-        starts = np.tile(self._start, (21, 1))
-        starts[:, 3] = np.linspace(-LARGEST_DELAY_S, LARGEST_DELAY_S, 21)
-        return self._best(DELAY, [starts[np.argmax(self._coarse(starts))]])
+        starts, scores = self._coarse(3, np.linspace(-LARGEST_DELAY_S, LARGEST_DELAY_S, 21)[:, None])
+        return self._best(DELAY, [starts[np.argmax(scores)]])
 
     def places(self, mirrored: bool = False) -> list[Candidate]:
         """The map moved by any distance and turned by any angle: the best overlaps, three turns apart."""
         return self._tried(MAP, self._overlaps(mirrored), mirrored)
 
     def refined(self, start: Candidate, changed: tuple[int, ...], wide_m: float = WIDE_M) -> Candidate:
-        """The best setup near ``start`` of those that differ from it in ``changed``."""
-        values = self._refine(start.values, changed, start.mirrored, wide_m)
+        """The best setup near ``start`` of those that differ from it in ``changed``, on these returns."""
+        values = self._refine(start.values, changed, start.mirrored, wide_m) if changed else start.values
         return self.candidate(tuple(sorted({*start.changed, *changed})), values, start.mirrored)
 
     def information(self, candidate: Candidate) -> Floats:
@@ -214,9 +210,12 @@ class Search:
         refined = [self._refine(start, changed, mirrored, WIDE_M) for start in starts]
         return [self.candidate(changed, values, mirrored) for values in refined]
 
-    def _coarse(self, starts: Floats, mirrored: bool = False) -> Floats:
+    def _coarse(self, first: int, added: Floats, mirrored: bool = False) -> tuple[Floats, Floats]:
+        """(n, 8) starts with (n, k) values added from parameter ``first`` on, and what each is worth."""
+        starts = np.tile(self._start, (len(added), 1))
+        starts[:, first : first + added.shape[1]] += added
         placed = (self.returns.place(values, mirrored) for values in starts)
-        return np.array([_score(self.walls.distances(points), COARSE_M) for points in placed])
+        return starts, np.array([_score(self.walls.distances(points), COARSE_M) for points in placed])
 
     def _refine(self, start: Floats, changed: tuple[int, ...], mirrored: bool, wide_m: float) -> Floats:
         """Gauss-Newton on the distances to the nearest walls, with weights as in ``ScanToMap``."""
